@@ -1,0 +1,164 @@
+"""The command line: the unloading study of Rey & Bleyer, section 4.2.3, with options."""
+
+import argparse
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import matplotlib
+import matplotlib.pyplot as plt
+
+from jaxstab.contact import Contact, Load, MeanDisplacement, MeanGap
+from jaxstab.elasticity import HalfSpace
+from jaxstab.files import save_sweep
+from jaxstab.grid import Grid
+from jaxstab.plots import stability_curve
+from jaxstab.potentials import Exponential, Gaussian, NoAdhesion, Potential, Rational
+from jaxstab.results import RESULTS, VERDICTS, labels
+from jaxstab.stability import ProximalIteration
+from jaxstab.surfaces import self_affine
+from jaxstab.sweeps import Sweep, sweep
+
+LAWS = {"exponential": Exponential, "gaussian": Gaussian, "rational": Rational}
+LOADS = {"gap": MeanGap, "displacement": MeanDisplacement}
+# Eigenvalues to about five digits: ample for their signs, at half the time of the default.
+STABILITY_TOLERANCE = {"float64": 1e-6, "float32": 1e-5}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the study that the arguments describe, print its table and write its files."""
+    options = _parser().parse_args(arguments)
+    jax.config.update("jax_enable_x64", options.precision == "float64")
+    matplotlib.use("Agg")
+    try:
+        contact, load = _contact(options), _loads(options)
+        folder = _new_folder(options.output)
+        print(_summary(options, contact))
+        solver = ProximalIteration(STABILITY_TOLERANCE[options.precision])
+        result = sweep(contact, load, order=options.order, stability_solver=solver, progress=True)
+    except ValueError as error:
+        raise SystemExit(f"jaxstab: {error}") from error
+    print(_table(result))
+    _draw(result, folder / "unloading.png")
+    save_sweep(folder / "unloading.npz", contact, result)
+    print(f"\nFigure and data are in {folder.resolve()}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="jaxstab",
+        description="Unload a self-affine rough surface from an adhesive elastic half space, and "
+        "judge the stability of every state on the way (Rey & Bleyer, section 4.2.3).",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    surface = parser.add_argument_group("surface (cut-offs in waves per side of the unit cell)")
+    surface.add_argument("--size", type=int, default=128, help="points along a side")
+    surface.add_argument("--seed", type=int, default=0, help="which surface")
+    surface.add_argument("--hurst", type=float, default=0.8, help="Hurst exponent")
+    surface.add_argument("--k-low", type=float, default=2, help="lower cut-off")
+    surface.add_argument("--k-rolloff", type=float, default=2, help="roll-off")
+    surface.add_argument("--k-high", type=float, default=32, help="upper cut-off")
+    surface.add_argument("--rms-height", type=float, default=0.1, help="rms height")
+    solid = parser.add_argument_group("solid and adhesion")
+    solid.add_argument("--youngs-modulus", type=float, default=1e-3, help="E")
+    solid.add_argument("--poisson-ratio", type=float, default=0.0, help="nu")
+    choices = [*LAWS, "none"]
+    solid.add_argument("--potential", choices=choices, default="exponential", help="law")
+    solid.add_argument("--surface-energy", type=float, default=1e-2, help="gamma")
+    solid.add_argument("--range", type=float, default=1.0, help="rho")
+    loads = parser.add_argument_group("loads")
+    loads.add_argument("--load", choices=[*LOADS], default="gap", help="the mean of what")
+    loads.add_argument("--first", type=float, default=1e-5, help="first load")
+    loads.add_argument("--last", type=float, default=2 + 1e-5, help="last load")
+    loads.add_argument("--number", type=int, default=21, help="number of loads")
+    orders = ["continuation", "independent"]
+    loads.add_argument("--order", choices=orders, default=orders[0], help="where each load starts")
+    run = parser.add_argument_group("run")
+    run.add_argument("--precision", choices=["float64", "float32"], default="float64", help="type")
+    default = Path("results")
+    run.add_argument("--output", type=Path, default=default, help="folder; runs are numbered in it")
+    return parser
+
+
+def _contact(options: argparse.Namespace) -> Contact:
+    grid = Grid(options.size)
+    heights = self_affine(
+        grid,
+        jax.random.key(options.seed),
+        hurst=options.hurst,
+        k_low=options.k_low,
+        k_rolloff=options.k_rolloff,
+        k_high=options.k_high,
+        rms_height=options.rms_height,
+    )
+    solid = HalfSpace(grid, options.youngs_modulus, options.poisson_ratio)
+    return Contact(solid, heights, _potential(options))
+
+
+def _potential(options: argparse.Namespace) -> Potential:
+    if options.potential == "none":
+        return NoAdhesion()
+    return LAWS[options.potential](options.surface_energy, options.range)
+
+
+def _loads(options: argparse.Namespace) -> Load:
+    if options.number < 1:
+        raise ValueError(f"--number is {options.number}: give at least one load.")
+    return LOADS[options.load](jnp.linspace(options.first, options.last, options.number))
+
+
+def _new_folder(parent: Path) -> Path:
+    """Make and return the first of parent/1, parent/2, ... that does not exist."""
+    number = 1
+    while True:
+        folder = parent / str(number)
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        else:
+            return folder
+
+
+def _summary(options: argparse.Namespace, contact: Contact) -> str:
+    law = options.potential
+    if law != "none":
+        law += f", gamma = {options.surface_energy:g}, rho = {options.range:g}"
+    return (
+        f"Self-affine surface {options.seed}, {options.size} x {options.size} points, "
+        f"rms height {options.rms_height:g}\n"
+        f"Half space, E = {options.youngs_modulus:g}, nu = {options.poisson_ratio:g}; "
+        f"adhesion: {law}; {contact.heights.dtype}\n"
+    )
+
+
+def _table(result: Sweep) -> str:
+    """Return one line for each load."""
+    equilibrium, stability = result.equilibrium, result.stability
+    steps = equilibrium.num_steps, stability.cone.num_steps
+    columns = {
+        f"{type(result.load).__name__}": [f"{x:.5f}" for x in result.load.value],
+        "mean pressure": [f"{x:+.4e}" for x in equilibrium.mean_pressure],
+        "contact area": [f"{100 * x:.2f} %" for x in equilibrium.contact_area],
+        "cone eigenvalue": [f"{x:+.4e}" for x in stability.cone.eigenvalue],
+        "verdict": [str(x) for x in labels(VERDICTS, stability.verdict)],
+        "steps": [f"{x} + {y}" for x, y in zip(*steps, strict=True)],
+        "solvers": [str(x) for x in labels(RESULTS, stability.cone.result)],
+    }
+    widths = {name: max(map(len, [name, *cells])) for name, cells in columns.items()}
+    rows = zip(*columns.values(), strict=True)
+    lines = [columns.keys(), *rows]
+    texts = ["  ".join(map(str.rjust, line, widths.values())) for line in lines]
+    return "\n".join([texts[0], "-" * len(texts[0]), *texts[1:]])
+
+
+def _draw(result: Sweep, path: Path) -> None:
+    """Draw the two panels of Rey & Bleyer's fig. 12."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    stability_curve(result, "mean_pressure", axes=left)
+    stability_curve(result, "contact_area", axes=right)
+    figure.savefig(path, dpi=150)
+
+
+if __name__ == "__main__":
+    main()

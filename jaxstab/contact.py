@@ -1,0 +1,200 @@
+"""The contact problem: its energy, its derivatives, its optimality conditions and its loads.
+
+The state is the gap g = u - h >= 0, which is exactly zero where the surfaces touch. Without the
+cell's area, as in Rey & Bleyer's eq. 15, the energy is u.Ku / 2 + sum f(g); its gradient is
+K u + f'(g) and its Hessian A = K + D with D = diag f''(g).
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Bool, Float
+
+from jaxstab.checks import cast, parameter, require, require_finite
+from jaxstab.elasticity import FieldMap, Solid
+from jaxstab.grid import Grid
+from jaxstab.potentials import Potential, as_module, curvature, energy_density, slope
+
+
+class Load(eqx.Module):
+    """What holds the surfaces together: it prescribes the mean gap of a contact."""
+
+    value: eqx.AbstractVar[Float[Array, "..."]]
+
+    @abstractmethod
+    def mean_gap(self, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
+        """Return the mean gap over this surface [length]."""
+
+
+class MeanDisplacement(Load):
+    """A prescribed mean(u) [length]: one value, or an array of them for a sweep."""
+
+    value: Float[Array, "..."] = eqx.field(converter=parameter)
+
+    def mean_gap(self, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
+        """Return mean(u) - mean(h) [length]."""
+        return self.value.astype(heights.dtype) - jnp.mean(heights)
+
+
+class MeanGap(Load):
+    """A prescribed mean(g) [length] (Rey & Bleyer, eq. 4): one value, or an array for a sweep."""
+
+    value: Float[Array, "..."] = eqx.field(converter=parameter)
+
+    def mean_gap(self, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
+        """Return the prescribed value [length]."""
+        return self.value.astype(heights.dtype)
+
+
+class Contact(eqx.Module):
+    """A rigid rough surface against an elastic solid, with adhesion between them.
+
+    Its fields, and all that is computed with them, have the precision of `heights`.
+
+    Arguments:
+        solid: the elastic solid.
+        heights: h at the points of the solid's grid [length]; summits touch first.
+        potential: adhesive energy per area as a scalar function of the gap, twice differentiable
+            for every gap >= 0: a law of `jaxstab.potentials`, any `equinox.Module`, or a bare
+            function.
+
+    Raises:
+        ValueError: for heights of another shape than the grid or not finite, and for a potential
+            that is not scalar to scalar, or not finite at zero gap with its two derivatives.
+    """
+
+    solid: Solid
+    heights: Float[Array, " *grid"]
+    potential: Potential
+
+    def __init__(self, solid: Solid, heights: ArrayLike, potential: Potential):
+        self.heights = parameter(heights)
+        if self.heights.shape != solid.grid.shape:
+            raise ValueError(
+                f"heights have shape {self.heights.shape}, the solid's grid {solid.grid.shape}: "
+                "build both on the same grid."
+            )
+        require_finite("heights", self.heights)
+        dtype = self.heights.dtype
+        self.solid = cast(solid, dtype)
+        self.potential = as_module(potential, dtype)
+        touching = jnp.zeros((1,), dtype)
+        for name, derivative in (
+            ("", energy_density),
+            (" slope", slope),
+            (" curvature", curvature),
+        ):
+            value = derivative(self.potential, touching)[0]
+            cure = "a potential must be finite at contact, and so must its first two derivatives."
+            require(f"The potential's{name} value at zero gap", value, jnp.isfinite(value), cure)
+
+    @property
+    def grid(self) -> Grid:
+        """The grid of the surface."""
+        return self.solid.grid
+
+    @property
+    def is_valid(self) -> Bool[Array, ""]:
+        """Whether heights are finite and the stiffness finite and not negative."""
+        multiplier = self.solid.multiplier
+        is_stiff = (multiplier >= 0) & jnp.isfinite(multiplier)
+        return jnp.all(jnp.isfinite(self.heights)) & jnp.all(is_stiff)
+
+    def gap(self, displacement: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        """Return g = u - h (Rey & Bleyer, eq. 2) [length]."""
+        return displacement - self.heights
+
+    def displacement(self, gap: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        """Return u = g + h [length]."""
+        return gap + self.heights
+
+    def energy(self, gap: Float[Array, " *grid"]) -> Float[Array, ""]:
+        """Return the potential energy of the surface (Rey & Bleyer, eq. 5) [energy]."""
+        elastic = self.solid.energy(self.displacement(gap))
+        adhesive = jnp.sum(energy_density(self.potential, gap)) * self.grid.cell_area
+        return elastic + adhesive
+
+    @property
+    def gradient(self) -> FieldMap:
+        """The map from a gap to K u + f'(g) [pressure], K prepared once, here."""
+        stiffness = self.solid.stiffness
+
+        def gradient(gap: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+            return stiffness(self.displacement(gap)) + slope(self.potential, gap)
+
+        return gradient
+
+    def curvature(self, gap: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        """Return f''(g), the diagonal of D (Rey & Bleyer, eq. 24) [pressure/length]."""
+        return curvature(self.potential, gap)
+
+    def hessian(self, gap: Float[Array, " *grid"]) -> FieldMap:
+        """Return the operator A = K + D (Rey & Bleyer, eq. 24) [pressure/length]."""
+        stiffness, diagonal = self.solid.stiffness, self.curvature(gap)
+        return lambda perturbation: stiffness(perturbation) + diagonal * perturbation
+
+    @property
+    def conforming_pressure(self) -> Float[Array, ""]:
+        """Rms elastic pressure that full contact takes, |K h| [pressure]: the problem's scale."""
+        pressure = self.solid.pressure(self.heights - jnp.mean(self.heights))
+        return jnp.sqrt(jnp.mean(pressure**2))
+
+    def balance(self, gap: Float[Array, " *grid"]) -> "Balance":
+        """Return how far a gap, nowhere negative, is from equilibrium."""
+        return self.balance_at_mean(jnp.mean(gap))(gap)
+
+    def balance_at_mean(
+        self, mean_gap: Float[Array, ""]
+    ) -> Callable[[Float[Array, " *grid"]], "Balance"]:
+        """Return `balance` for gaps of one mean, all that they share prepared once, here."""
+        stiffness = self.solid.stiffness
+        smallest_scale = self.conforming_pressure / 10
+        # Without its mean, which K ignores, the displacement loses fewer digits.
+        centred = self.heights - jnp.mean(self.heights) - mean_gap
+
+        def balance(gap: Float[Array, " *grid"]) -> Balance:
+            elastic = stiffness(gap + centred)
+            attraction = slope(self.potential, gap)
+            is_free = gap > 0
+            gradient = elastic + attraction
+            free_count = jnp.maximum(total(is_free.astype(gap.dtype)), 1)
+            net = gradient - total(jnp.where(is_free, gradient, 0)) / free_count
+            free_norm = total(jnp.where(is_free, net, 0) ** 2)
+            pulled_norm = total(jnp.where(is_free, 0, jnp.minimum(net, 0)) ** 2)
+            scale = jnp.sqrt(total(elastic**2 + attraction**2) / gap.size)
+            scale = jnp.maximum(scale, smallest_scale)
+            residual = jnp.sqrt((free_norm + pulled_norm) / gap.size)
+            residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
+            return Balance(elastic, net, free_norm, pulled_norm, residual)
+
+        return balance
+
+
+class Balance(eqx.Module):
+    """How far a gap is from equilibrium (Rey & Bleyer, eqs. 9 and 10).
+
+    Equilibrium asks that the net pressure K u + p0 + f'(g) vanish where g > 0 and not be negative
+    where g = 0, with p0 the mean of -(K u + f') over the free points. The residual is the rms of
+    what is missed, over that of (K u, f') or over a tenth of that of K h, whichever is larger.
+
+    Attributes:
+        elastic: K u, of zero mean [pressure].
+        net: K u + p0 + f'(g) [pressure].
+        free_norm: sum of net^2 over the free points [pressure^2].
+        pulled_norm: sum of net^2 over the contact points where it is negative [pressure^2].
+        residual: the relative optimality residual.
+    """
+
+    elastic: Float[Array, " *grid"]
+    net: Float[Array, " *grid"]
+    free_norm: Float[Array, ""]
+    pulled_norm: Float[Array, ""]
+    residual: Float[Array, ""]
+
+
+def total(field: Float[Array, " *grid"]) -> Float[Array, ""]:
+    """Return the sum of a field; as a product with ones, which on the CPU is the fastest way."""
+    ones = jnp.ones(field.shape[-1:], field.dtype)
+    return jnp.sum(jnp.matmul(field, ones, precision="highest"))

@@ -1,0 +1,133 @@
+"""Elastic solids with a flat periodic surface, given by their multiplier in Fourier space.
+
+The elastic pressure is p = K u, with K diagonal in Fourier space (Rey & Bleyer, eq. 12). Its
+multiplier is zero at q = 0: the mean of the displacement is a rigid motion set by the load, and
+the mean of the pressure follows from equilibrium.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxstab.checks import parameter, require, require_positive
+from jaxstab.functions import as_pytree
+from jaxstab.grid import Grid
+
+FieldMap = Callable[[Float[Array, " *grid"]], Float[Array, " *grid"]]
+
+
+class Solid(eqx.Module):
+    """An elastic solid: anything with a Fourier multiplier from displacement to pressure."""
+
+    grid: eqx.AbstractVar[Grid]
+
+    @abstractmethod
+    def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
+        """Return the multiplier K(|q|) at wavenumbers |q| > 0 [pressure/length]."""
+
+    @property
+    def multiplier(self) -> Float[Array, " *modes"]:
+        """K(|q|) on the half spectrum of the grid [pressure/length], zero at q = 0."""
+        q = self.grid.wavenumbers
+        # The second `where` keeps a formula that is singular at q = 0 out of the derivatives.
+        return jnp.where(q > 0, self.stiffness_at(jnp.where(q > 0, q, jnp.max(q))), 0)
+
+    @property
+    def max_stiffness(self) -> Float[Array, ""]:
+        """Largest eigenvalue of K: the stiffness of the grid's stiffest wave [pressure/length]."""
+        return jnp.max(self.multiplier)
+
+    @property
+    def stiffness(self) -> FieldMap:
+        """The operator K, its multiplier computed once, here."""
+        return self._apply(self.multiplier)
+
+    def pressure(self, displacement: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        """Return the elastic pressure p = K u of zero mean (Rey & Bleyer, eq. 12) [pressure]."""
+        return self.stiffness(displacement)
+
+    def displacement(self, pressure: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        """Return the displacement of zero mean under a pressure (Rey & Bleyer, eq. 11) [length]."""
+        multiplier = self.multiplier
+        moves = multiplier > 0
+        return self._apply(jnp.where(moves, 1 / jnp.where(moves, multiplier, 1), 0))(pressure)
+
+    def energy(self, displacement: Float[Array, " *grid"]) -> Float[Array, ""]:
+        """Return the elastic energy u.Ku / 2 over the surface [energy]."""
+        density = displacement * self.pressure(displacement) / 2
+        return jnp.sum(density) * self.grid.cell_area.astype(density.dtype)
+
+    def _apply(self, multiplier: Float[Array, " *modes"]) -> FieldMap:
+        shape = self.grid.shape
+
+        def apply(field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+            modes = multiplier.astype(field.dtype) * jnp.fft.rfftn(field)
+            return jnp.fft.irfftn(modes, s=shape)
+
+        return apply
+
+
+class HalfSpace(Solid):
+    """An isotropic elastic half space: K = E* |q| / 2, E* = E / (1 - nu^2) (Westergaard).
+
+    Arguments:
+        grid: the grid of its surface.
+        youngs_modulus: E [pressure].
+        poisson_ratio: nu.
+
+    Raises:
+        ValueError: if E is not positive, or nu outside (-1, 0.5].
+    """
+
+    grid: Grid
+    youngs_modulus: Float[Array, ""]
+    poisson_ratio: Float[Array, ""]
+
+    def __init__(self, grid: Grid, youngs_modulus: ArrayLike, poisson_ratio: ArrayLike = 0.0):
+        self.grid = grid
+        self.youngs_modulus = parameter(youngs_modulus)
+        self.poisson_ratio = parameter(poisson_ratio)
+        require_positive("Young's modulus", self.youngs_modulus)
+        nu = self.poisson_ratio
+        require("Poisson's ratio", nu, (nu > -1) & (nu <= 0.5), "it must lie in (-1, 0.5].")
+
+    @property
+    def contact_modulus(self) -> Float[Array, ""]:
+        """E* = E / (1 - nu^2) [pressure]."""
+        return self.youngs_modulus / (1 - self.poisson_ratio**2)
+
+    def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
+        """Return E* |q| / 2 [pressure/length]."""
+        return self.contact_modulus * wavenumbers / 2
+
+
+class Spectral(Solid):
+    """A solid of any stiffness: K = function(|q|), for instance a layer on a rigid base.
+
+    Arguments:
+        grid: the grid of its surface.
+        function: maps |q| > 0 [1/length] to the stiffness [pressure/length], array to array; a
+            function or an `equinox.Module`. Its value at q = 0 is never used.
+
+    Raises:
+        ValueError: if the stiffness is not positive and finite on the grid.
+    """
+
+    grid: Grid
+    function: Callable[[Array], Array]
+
+    def __init__(self, grid: Grid, function: Callable[[Array], Array]):
+        self.grid = grid
+        wavenumbers = grid.wavenumbers
+        self.function = as_pytree(
+            function, jax.ShapeDtypeStruct(wavenumbers.shape, wavenumbers.dtype)
+        )
+        require_positive("The stiffness of a wave", self.multiplier.ravel()[1:])
+
+    def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
+        """Return function(|q|) [pressure/length]."""
+        return self.function(wavenumbers)

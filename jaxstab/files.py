@@ -1,0 +1,56 @@
+"""Results on disk."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxstab.contact import Contact
+from jaxstab.results import RESULTS, VERDICTS, labels
+from jaxstab.sweeps import Sweep
+
+
+def save_sweep(path: str | Path, contact: Contact, sweep: Sweep) -> Path:
+    """Write a sweep as NumPy's `.npz`: one array for each quantity, loads along the first axis.
+
+    Arguments:
+        path: the file; it must not exist yet.
+        contact: the contact problem, whose grid and heights are written too.
+        sweep: its results.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        ValueError: if the name does not end in .npz.
+        FileExistsError: if the file exists.
+    """
+    path = Path(path)
+    if path.suffix != ".npz":
+        raise ValueError(f"{path} does not end in .npz.")
+    equilibrium, cone = sweep.equilibrium, sweep.stability.cone
+    arrays: dict[str, Any] = {
+        "load_kind": type(sweep.load).__name__,
+        "lengths": contact.grid.lengths,
+        "heights": contact.heights,
+        "load": sweep.load.value,
+        "gap": equilibrium.gap,
+        "pressure": equilibrium.pressure,
+        "reaction": equilibrium.reaction,
+        "mean_pressure": equilibrium.mean_pressure,
+        "contact_area": equilibrium.contact_area,
+        "energy": equilibrium.energy,
+        "equilibrium_residual": equilibrium.residual,
+        "equilibrium_steps": equilibrium.num_steps,
+        "equilibrium_result": labels(RESULTS, equilibrium.result),
+        "cone_eigenvalue": cone.eigenvalue,
+        "cone_error": cone.error,
+        "cone_mode": cone.mode,
+        "cone_residual": cone.residual,
+        "cone_steps": cone.num_steps,
+        "cone_result": labels(RESULTS, cone.result),
+        "verdict": labels(VERDICTS, sweep.stability.verdict),
+    }
+    with path.open("xb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+    return path

@@ -1,0 +1,84 @@
+"""Periodic grids in one and two dimensions.
+
+Points lie at x_i = i L / n, wave vectors at q = 2 pi k / L; fields are real, so only the
+half spectrum of `rfftn` is kept.
+"""
+
+import math
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxstab.checks import parameter, require_positive
+
+
+class Grid(eqx.Module):
+    """A periodic grid of points on a line or a rectangle.
+
+    Arguments:
+        shape: number of points along each side; one integer n means an n x n square.
+        lengths: side lengths [length], all 1 by default.
+
+    Raises:
+        ValueError: for other than one or two sides, fewer than 2 points along a side, or
+            lengths that are not positive.
+    """
+
+    shape: tuple[int, ...] = eqx.field(static=True)
+    lengths: Float[Array, " sides"]
+
+    def __init__(self, shape: int | Sequence[int], lengths: Sequence[float] | ArrayLike = 1.0):
+        self.shape = (
+            (int(shape),) * 2 if isinstance(shape, int | np.integer) else tuple(map(int, shape))
+        )
+        if len(self.shape) not in (1, 2) or min(self.shape, default=0) < 2:
+            raise ValueError(
+                f"Grid shape is {shape}: give one side (a line) or two, with 2 points or more each."
+            )
+        sides = parameter(jnp.asarray(lengths))
+        if sides.ndim > 1 or (sides.ndim == 1 and sides.size != len(self.shape)):
+            raise ValueError(f"Grid lengths are {lengths}: give one for each side of {self.shape}.")
+        self.lengths = jnp.broadcast_to(sides, (len(self.shape),))
+        require_positive("A grid length", self.lengths)
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return math.prod(self.shape)
+
+    @property
+    def spacing(self) -> Float[Array, " sides"]:
+        """Distance between neighbouring points along each side [length]."""
+        return self.lengths / jnp.array(self.shape)
+
+    @property
+    def cell_area(self) -> Float[Array, ""]:
+        """Area that one point stands for [length^2]; on a line, its length [length]."""
+        return jnp.prod(self.spacing)
+
+    @property
+    def coordinates(self) -> tuple[Float[Array, " *grid"], ...]:
+        """Coordinates of every point [length], one array for each side."""
+        sides = [jnp.arange(n) * dx for n, dx in zip(self.shape, self.spacing, strict=True)]
+        return tuple(jnp.meshgrid(*sides, indexing="ij"))
+
+    @property
+    def wavenumbers(self) -> Float[Array, " *modes"]:
+        """Norm |q| = 2 pi |k / L| of every wave vector of `rfftn` [1/length]."""
+        *full, half = self.shape
+        waves = [np.fft.fftfreq(n, 1 / n) for n in full] + [np.fft.rfftfreq(half, 1 / half)]
+        sides = [2 * jnp.pi * k / length for k, length in zip(waves, self.lengths, strict=True)]
+        return jnp.sqrt(sum(q**2 for q in jnp.meshgrid(*sides, indexing="ij")))
+
+    @property
+    def mode_multiplicity(self) -> Float[np.ndarray, " *modes"]:
+        """How many modes of the full spectrum each mode of `rfftn` stands for: 1 or 2."""
+        half = self.shape[-1]
+        column = np.full(half // 2 + 1, 2.0)
+        column[0] = 1
+        if half % 2 == 0:
+            column[-1] = 1
+        return np.broadcast_to(column, (*self.shape[:-1], column.size))

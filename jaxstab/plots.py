@@ -1,0 +1,229 @@
+"""Figures: each function draws into a Matplotlib `Axes`, its own or a given one, and returns it."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Array, Float
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.image import AxesImage
+
+from jaxstab.contact import Contact, MeanDisplacement, MeanGap
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.grid import Grid
+from jaxstab.potentials import Potential, energy_density, slope
+from jaxstab.results import VERDICTS
+from jaxstab.stability import Eigenpair
+from jaxstab.sweeps import Sweep
+
+
+def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
+    """Draw the heights h: a map, or a profile on a line."""
+    return _field(contact.grid, contact.heights, "height h [length]", "cividis", axes)
+
+
+def gap(contact: Contact, equilibrium: Equilibrium, *, axes: Axes | None = None) -> Axes:
+    """Draw the gap g: a map, or a profile on a line."""
+    return _field(contact.grid, equilibrium.gap, "gap g [length]", "viridis", axes)
+
+
+def pressure(contact: Contact, equilibrium: Equilibrium, *, axes: Axes | None = None) -> Axes:
+    """Draw the elastic pressure p, positive in compression: a map, or a profile on a line."""
+    label = "elastic pressure p [pressure]"
+    return _field(contact.grid, equilibrium.pressure, label, "RdBu_r", axes, centred=True)
+
+
+def contact_map(contact: Contact, equilibrium: Equilibrium, *, axes: Axes | None = None) -> Axes:
+    """Draw where the surfaces touch, in black (Rey & Bleyer, fig. 8)."""
+    axes = _axes(axes)
+    touches = np.asarray(equilibrium.in_contact)
+    x, *y = (np.asarray(side) for side in contact.grid.coordinates)
+    if y:
+        colours, norm = ListedColormap(["white", "black"]), BoundaryNorm([0, 0.5, 1], 2)
+        _map(axes, contact.grid, touches, cmap=colours, norm=norm)
+    else:
+        axes.fill_between(x, touches, step="mid", color="black")
+        axes.set(xlabel="x [length]", yticks=[0, 1], yticklabels=["apart", "in contact"])
+    axes.set_title(f"contact area {100 * float(equilibrium.contact_area):.1f} %")
+    return axes
+
+
+def mode(contact: Contact, pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
+    """Draw a mode of unit norm: a map, or a profile on a line (Rey & Bleyer, fig. 9)."""
+    axes = _field(contact.grid, pair.mode, "mode x [1]", "RdBu_r", axes, centred=True)
+    axes.set_title(rf"$\lambda$ = {float(pair.eigenvalue):.4g} [pressure/length]")
+    return axes
+
+
+def mode_cut(
+    contact: Contact,
+    pair: Eigenpair,
+    equilibrium: Equilibrium | None = None,
+    *,
+    row: int | None = None,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw a mode along x at one row of y, and where that row is in contact.
+
+    Arguments:
+        contact: the contact problem, on a two-dimensional grid.
+        pair: the eigenpair whose mode to draw.
+        equilibrium: shades the points in contact if given.
+        row: index along y, by default the middle of the cell (Rey & Bleyer, fig. 4b).
+        axes: where to draw.
+
+    Raises:
+        ValueError: on a line, which has no rows.
+    """
+    if len(contact.grid.shape) != 2:
+        raise ValueError("A mode on a line has no rows: draw it with jaxstab.plots.mode.")
+    axes = _axes(axes)
+    row = contact.grid.shape[1] // 2 if row is None else row
+    x, y = (np.asarray(side) for side in contact.grid.coordinates)
+    axes.plot(x[:, row], np.asarray(pair.mode)[:, row], ".-")
+    axes.axhline(0, color="0.6", linewidth=0.8)
+    if equilibrium is not None:
+        touches = np.asarray(equilibrium.in_contact)[:, row]
+        across = axes.get_xaxis_transform()
+        axes.fill_between(
+            x[:, row], 0, 1, where=touches, transform=across, color="0.88", label="in contact"
+        )
+        axes.legend()
+    axes.set(xlabel="x [length]", ylabel="mode x [1]", title=f"at y = {y[0, row]:.4g}")
+    return axes
+
+
+def potential(
+    laws: Potential | Sequence[Potential],
+    gaps: Float[Array, " gaps"],
+    *,
+    labels: Sequence[str] | None = None,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw interaction laws f(g) (Rey & Bleyer, fig. 7a).
+
+    Arguments:
+        laws: one or more functions of the gap.
+        gaps: where to draw them [length].
+        labels: their names, by default those of their classes.
+        axes: where to draw.
+    """
+    return _laws(energy_density, "energy per area f(g)", laws, gaps, labels, axes)
+
+
+def force(
+    laws: Potential | Sequence[Potential],
+    gaps: Float[Array, " gaps"],
+    *,
+    labels: Sequence[str] | None = None,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw the attraction f'(g) of interaction laws (Rey & Bleyer, fig. 7b)."""
+    return _laws(slope, "attraction f'(g) [pressure]", laws, gaps, labels, axes)
+
+
+def convergence(pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
+    """Draw the indicators of the eigensolver over its steps (Rey & Bleyer, fig. 5)."""
+    axes = _axes(axes)
+    for name, values in pair.history.values.items():
+        label = "projected residual" if name == "residual" else rf"$\{name}$"
+        axes.semilogy(pair.history.steps, values, label=label)
+    axes.set(xlabel="step", ylabel="indicator [1]")
+    axes.legend()
+    return axes
+
+
+def stability_curve(
+    sweep: Sweep,
+    quantity: Literal["mean_pressure", "contact_area", "energy"] = "mean_pressure",
+    *,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw a quantity over the load, with filled markers where it is stable (Rey & Bleyer, 12).
+
+    Arguments:
+        sweep: the states.
+        quantity: a field of `Equilibrium` that is one number for each load.
+        axes: where to draw.
+
+    Raises:
+        ValueError: for a quantity that cannot be drawn.
+    """
+    axes = _axes(axes)
+    if quantity not in _CURVES:
+        raise ValueError(f"quantity is {quantity!r}: choose one of {', '.join(_CURVES)}.")
+    load, values = np.asarray(sweep.load.value), np.asarray(getattr(sweep.equilibrium, quantity))
+    axes.plot(load, values, color="0.8", linewidth=1, zorder=1)
+    for name, face in _MARKERS.items():
+        chosen = np.asarray(sweep.stability.verdict == getattr(VERDICTS, name))
+        if chosen.any():
+            marks = axes.scatter(load[chosen], values[chosen], label=name.replace("_", " "))
+            marks.set(facecolors=face, edgecolors="C0")
+    axes.set(xlabel=_LOADS[type(sweep.load)], ylabel=_CURVES[quantity])
+    axes.legend()
+    return axes
+
+
+_MARKERS = {"stable": "C0", "held_by_contact": "lightblue", "unstable": "C3", "undecided": "white"}
+_CURVES = {
+    "mean_pressure": "mean pressure $p_0$ [pressure]",
+    "contact_area": "contact area [1]",
+    "energy": "energy [energy]",
+}
+_LOADS = {MeanDisplacement: "mean displacement $u_0$ [length]", MeanGap: "mean gap $g_0$ [length]"}
+
+
+def _axes(axes: Axes | None) -> Axes:
+    return plt.subplots(layout="constrained")[1] if axes is None else axes
+
+
+def _field(
+    grid: Grid,
+    field: Float[Array, " *grid"],
+    label: str,
+    colours: str,
+    axes: Axes | None,
+    centred: bool = False,
+) -> Axes:
+    """Draw a field as a map with a colour bar, or on a line as a profile."""
+    axes = _axes(axes)
+    values = np.asarray(field)
+    if values.ndim == 1:
+        axes.plot(np.asarray(grid.coordinates[0]), values)
+        axes.set(xlabel="x [length]", ylabel=label)
+        return axes
+    limit = np.abs(values).max() if centred else None
+    image = _map(axes, grid, values, cmap=colours, vmin=limit and -limit, vmax=limit)
+    axes.figure.colorbar(image, ax=axes, label=label)
+    return axes
+
+
+def _map(axes: Axes, grid: Grid, values: np.ndarray, **style: Any) -> AxesImage:
+    width, height = (float(length) for length in grid.lengths)
+    # The first index runs along x, and each point stands in the middle of its pixel.
+    dx, dy = (float(spacing) / 2 for spacing in grid.spacing)
+    extent = (-dx, width - dx, -dy, height - dy)
+    image = axes.imshow(values.T, origin="lower", extent=extent, interpolation="nearest", **style)
+    axes.set(xlabel="x [length]", ylabel="y [length]")
+    return image
+
+
+def _laws(
+    derivative: Callable[[Potential, Float[Array, " gaps"]], Float[Array, " gaps"]],
+    ylabel: str,
+    laws: Potential | Sequence[Potential],
+    gaps: Float[Array, " gaps"],
+    labels: Sequence[str] | None,
+    axes: Axes | None,
+) -> Axes:
+    axes = _axes(axes)
+    laws = [laws] if callable(laws) else list(laws)
+    labels = [type(law).__name__ for law in laws] if labels is None else labels
+    for law, label in zip(laws, labels, strict=True):
+        axes.plot(np.asarray(gaps), np.asarray(derivative(law, gaps)), label=label)
+    axes.axhline(0, color="0.6", linewidth=0.8)
+    axes.set(xlabel="gap g [length]", ylabel=ylabel)
+    axes.legend()
+    return axes

@@ -1,0 +1,127 @@
+"""Interaction laws: scalar functions of the gap that return an energy per area.
+
+Derivatives are taken by automatic differentiation only, so that a law is one formula.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxstab.checks import cast, parameter, require, require_positive
+from jaxstab.functions import as_pytree
+
+Potential = Callable[[Float[Array, ""]], Float[Array, ""]]
+
+
+class _RangedLaw(eqx.Module):
+    """A law with a surface energy [energy/area] and a range [length]."""
+
+    surface_energy: Float[Array, ""]
+    length: Float[Array, ""]
+
+    def __init__(self, surface_energy: ArrayLike, length: ArrayLike):
+        self.surface_energy = parameter(surface_energy)
+        self.length = parameter(length)
+        energy = self.surface_energy
+        finite = (energy >= 0) & jnp.isfinite(energy)
+        require("The surface energy", energy, finite, "it must be finite and not negative.")
+        require_positive("The length of the potential", self.length)
+
+
+class Exponential(_RangedLaw):
+    """f(g) = -gamma exp(-g / rho) (Rey & Bleyer, eq. 45).
+
+    Arguments:
+        surface_energy: gamma [energy/area].
+        length: rho, the range [length].
+
+    Raises:
+        ValueError: if gamma is negative or rho is not positive.
+    """
+
+    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the energy per area at a gap [length]."""
+        return -self.surface_energy * jnp.exp(-gap / self.length)
+
+
+class Gaussian(_RangedLaw):
+    """f(g) = -gamma exp(-g^2 / (2 rho^2)) (Rey & Bleyer, eq. 46).
+
+    Arguments:
+        surface_energy: gamma [energy/area].
+        length: rho, the range [length].
+
+    Raises:
+        ValueError: if gamma is negative or rho is not positive.
+    """
+
+    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the energy per area at a gap [length]."""
+        return -self.surface_energy * jnp.exp(-((gap / self.length) ** 2) / 2)
+
+
+class Rational(_RangedLaw):
+    """f(g) = -gamma / (1 + g^2 / rho^2) (Rey & Bleyer, eq. 47), a long-range law.
+
+    Arguments:
+        surface_energy: gamma [energy/area].
+        length: rho, the range [length].
+
+    Raises:
+        ValueError: if gamma is negative or rho is not positive.
+    """
+
+    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the energy per area at a gap [length]."""
+        return -self.surface_energy / (1 + (gap / self.length) ** 2)
+
+
+class NoAdhesion(eqx.Module):
+    """f(g) = 0: contact without adhesion."""
+
+    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+        """Return zero energy per area at any gap [length]."""
+        return jnp.zeros_like(gap)
+
+
+def as_module(potential: Potential, dtype: Any) -> Potential:
+    """Return `potential` as a pytree of arrays that acts on gaps of `dtype`.
+
+    Raises:
+        ValueError: if it does not map a scalar gap to a real scalar.
+    """
+    if not callable(potential):
+        raise ValueError(f"The potential is {potential!r}: give a function of the gap.")
+    gap = jax.ShapeDtypeStruct((), dtype)
+    potential = as_pytree(cast(potential, dtype), gap)
+    value = jax.eval_shape(potential, gap)
+    is_scalar = getattr(value, "shape", None) == ()
+    if not (is_scalar and jnp.issubdtype(value.dtype, jnp.floating)):
+        raise ValueError(
+            f"The potential maps a scalar gap to {value}: it must return one real scalar, the "
+            "energy per area. (It is applied point by point; its parameters must be scalars too.)"
+        )
+    return potential
+
+
+def energy_density(potential: Potential, gap: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    """Return f(g) at every point [energy/area]."""
+    return _pointwise(potential, gap)
+
+
+def slope(potential: Potential, gap: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    """Return f'(g), the attraction, at every point [pressure]."""
+    return _pointwise(jax.grad(potential), gap)
+
+
+def curvature(potential: Potential, gap: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    """Return f''(g) at every point [pressure/length]."""
+    return _pointwise(jax.grad(jax.grad(potential)), gap)
+
+
+def _pointwise(function: Potential, gap: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    return jnp.vectorize(function)(gap).astype(gap.dtype)

@@ -1,0 +1,16 @@
+"""Hertz (1881): a rigid paraboloid on an elastic half space, without adhesion.
+
+K. L. Johnson, *Contact Mechanics* (1985), section 4.2.
+"""
+
+import numpy as np
+
+
+def contact_radius(force: float, radius: float, contact_modulus: float) -> float:
+    """Return a = (3 F R / (4 E*))^(1/3) [length]."""
+    return float(np.cbrt(3 * force * radius / (4 * contact_modulus)))
+
+
+def peak_pressure(force: float, radius: float, contact_modulus: float) -> float:
+    """Return p = 3 F / (2 pi a^2), in the middle of the contact [pressure]."""
+    return 3 * force / (2 * np.pi * contact_radius(force, radius, contact_modulus) ** 2)

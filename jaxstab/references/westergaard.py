@@ -1,0 +1,46 @@
+"""Westergaard (1939): a rigid sinusoid on an elastic half space, without adhesion, as line contact.
+
+h = A cos(2 pi x / L). K. L. Johnson, *Contact Mechanics* (1985), section 13.2.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def full_contact_pressure(amplitude: float, length: float, contact_modulus: float) -> float:
+    """Return p* = pi E* A / L, the mean pressure at which contact becomes full [pressure]."""
+    return np.pi * contact_modulus * amplitude / length
+
+
+def contact_fraction(
+    mean_pressure: float, amplitude: float, length: float, contact_modulus: float
+) -> float:
+    """Return 2 a / L = (2 / pi) asin(sqrt(p / p*)), the part of the period in contact."""
+    ratio = mean_pressure / full_contact_pressure(amplitude, length, contact_modulus)
+    return float(2 / np.pi * np.arcsin(np.sqrt(ratio)))
+
+
+def pressure(
+    x: NDArray[np.float64],
+    mean_pressure: float,
+    amplitude: float,
+    length: float,
+    contact_modulus: float,
+) -> NDArray[np.float64]:
+    """Return p(x) = 2 p cos(s) sqrt(sin(s_a)^2 - sin(s)^2) / sin(s_a)^2 in contact, 0 elsewhere.
+
+    Arguments:
+        x: distance from a crest [length].
+        mean_pressure: p [pressure].
+        amplitude: A [length].
+        length: the period L [length].
+        contact_modulus: E* [pressure].
+
+    Returns:
+        The pressure [pressure]; s = pi x / L and s_a is its value at the edge of contact.
+    """
+    edge = contact_fraction(mean_pressure, amplitude, length, contact_modulus) * np.pi / 2
+    sine = np.sin(np.pi * x / length)
+    under_root = np.maximum(np.sin(edge) ** 2 - sine**2, 0)
+    shape = np.abs(np.cos(np.pi * x / length)) * np.sqrt(under_root) / np.sin(edge) ** 2
+    return 2 * mean_pressure * shape

@@ -1,0 +1,79 @@
+"""What a solver or an assessment can say, and how a failure is raised."""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Bool
+
+from jaxstab.checks import is_traced
+
+Tree = TypeVar("Tree")
+
+
+class RESULTS(eqx.Enumeration):
+    """How a solve ended: a name, and what to make of it."""
+
+    successful = "successful: the tolerance was reached"
+    max_steps_reached = (
+        "max_steps_reached: the step limit came before the tolerance. Raise the solver's "
+        "`max_steps`, loosen its `tolerance`, or start nearer to the solution"
+    )
+    stagnated = (
+        "stagnated: the residual stopped falling before it reached the tolerance. Either the "
+        "tolerance is finer than the precision can hold (loosen it, or use float64), or the solver "
+        "is caught between states (start elsewhere, for instance from a neighbouring load)"
+    )
+    nonfinite = (
+        "nonfinite: a NaN or an infinity appeared. Check that the potential and its two "
+        "derivatives are finite for every gap >= 0, and that no input is NaN"
+    )
+    invalid_contact = (
+        "invalid_contact: the heights are not finite, or the solid has a stiffness that is "
+        "negative or not finite. Use a modulus > 0 and a Poisson's ratio in (-1, 0.5]"
+    )
+    infeasible_load = (
+        "infeasible_load: a mean gap must be positive and finite, as the surfaces cannot enter "
+        "each other. Raise the load above full contact: a mean displacement above the mean height"
+    )
+    no_equilibrium = (
+        "no_equilibrium: there was no converged equilibrium to assess. Look at the result of the "
+        "equilibrium"
+    )
+
+
+class VERDICTS(eqx.Enumeration):
+    """What is known of the stability of an equilibrium."""
+
+    stable = "stable: every admissible perturbation raises the energy"
+    held_by_contact = "held_by_contact: stable to small perturbations only, thanks to the contact"
+    unstable = "unstable: an admissible perturbation lowers the energy"
+    undecided = "undecided: what was computed proves neither stability nor instability"
+
+
+def labels(enumeration: type[eqx.Enumeration], items: eqx.Enumeration) -> np.ndarray:
+    """Return the names of one member or of an array of members of an enumeration."""
+    (codes,), tree = jax.tree.flatten(items)
+    members = [jax.tree.unflatten(tree, [code]) for code in np.asarray(codes).reshape(-1, 1)]
+    names = [enumeration[member][2:-2].partition(":")[0] for member in members]
+    return np.reshape(names, np.shape(codes))
+
+
+class SolverError(RuntimeError):
+    """A solver did not reach its tolerance; the message says why and what to try."""
+
+
+def throw_failure(result: RESULTS, tree: Tree, describe: Callable[[], str]) -> Tree:
+    """Return `tree`, or raise if `result` is not successful.
+
+    Outside of JAX transformations the error is a `SolverError` that begins with `describe()`;
+    inside, one of Equinox's runtime errors, raised if any lane failed.
+    """
+    failed: Bool[Array, ...] = result != RESULTS.successful
+    if is_traced(failed):
+        return result.error_if(tree, failed)
+    if failed:
+        raise SolverError(f"{describe()}: {RESULTS[result]}.")
+    return tree

@@ -1,0 +1,148 @@
+"""Equilibrium and stability at many loads: all at once, or each from the one before."""
+
+from contextlib import nullcontext
+from functools import partial
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxstab.contact import Contact, Load
+from jaxstab.equilibrium import Equilibrium, PolonskyKeerRey
+from jaxstab.equilibrium.equilibrate import find_equilibrium, undeformed_gap
+from jaxstab.progress import LaneReport, advance_to, progress_bar
+from jaxstab.results import RESULTS, throw_failure
+from jaxstab.stability import ProximalIteration, Stability
+from jaxstab.stability.assess import judge
+
+
+class Sweep(eqx.Module):
+    """Equilibria at many loads and their stability; every field has a leading axis of loads.
+
+    Attributes:
+        load: the loads.
+        equilibrium: the equilibrium at each load.
+        stability: the stability of each.
+    """
+
+    load: Load
+    equilibrium: Equilibrium
+    stability: Stability
+
+
+def sweep(
+    contact: Contact,
+    load: Load,
+    *,
+    order: Literal["independent", "continuation"] = "independent",
+    equilibrium_solver: PolonskyKeerRey | None = None,
+    stability_solver: ProximalIteration | None = None,
+    initial: Float[Array, " *grid"] | None = None,
+    key: PRNGKeyArray | None = None,
+    progress: bool = False,
+    throw: bool = False,
+) -> Sweep:
+    """Return the equilibrium and its stability at each of many loads.
+
+    Arguments:
+        contact: the contact problem.
+        load: a load that holds a one-dimensional array of values.
+        order: "independent" solves all loads together, each from the same start;
+            "continuation" one after another, each from the last equilibrium found (Rey & Bleyer,
+            section 4.2.3).
+        equilibrium_solver: the algorithm for equilibria, `PolonskyKeerRey()` by default.
+        stability_solver: the algorithm for eigenvalues, `ProximalIteration()` by default.
+        initial: the gap to start from [length], as in `equilibrate`.
+        key: the random key of the eigensolver's start, as in `assess_stability`.
+        progress: show a progress bar.
+        throw: raise if any load fails; otherwise each load carries its own `result`, and one that
+            fails leaves the others as they would have been.
+
+    Returns:
+        The results, stacked along a leading axis of loads.
+
+    Raises:
+        ValueError: for a single load, or an order that does not exist.
+        SolverError: if `throw` and a load failed.
+    """
+    if load.value.ndim != 1:
+        raise ValueError(
+            f"sweep takes a one-dimensional array of loads, but {type(load).__name__} holds one "
+            f"of shape {load.value.shape}: use jaxstab.equilibrate for a single load."
+        )
+    if order not in ("independent", "continuation"):
+        raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
+    if initial is not None and initial.shape != contact.grid.shape:
+        raise ValueError(
+            f"The initial gap has shape {initial.shape}, the grid {contact.grid.shape}."
+        )
+    equilibrium_solver = PolonskyKeerRey() if equilibrium_solver is None else equilibrium_solver
+    stability_solver = ProximalIteration() if stability_solver is None else stability_solver
+    key = jax.random.key(0) if key is None else key
+
+    solve = _solve_together if order == "independent" else _solve_in_turn
+    # Solved together, every lane ends twice: at its equilibrium and at its eigenvalue.
+    units = load.value.size * (2 if order == "independent" else 1)
+    with progress_bar(units, "solve") if progress else nullcontext():
+        result = solve(
+            contact, load, equilibrium_solver, stability_solver, initial, key, progress=progress
+        )
+    return _throw_failures(result) if throw else result
+
+
+@partial(jax.jit, static_argnames="progress")
+def _solve_together(
+    contact: Contact,
+    load: Load,
+    equilibrium_solver: PolonskyKeerRey,
+    stability_solver: ProximalIteration,
+    initial: Float[Array, " *grid"] | None,
+    key: PRNGKeyArray,
+    progress: bool,
+) -> Sweep:
+    reports = (LaneReport(0), LaneReport(load.value.size)) if progress else (None, None)
+
+    def solve(load: Load) -> Sweep:
+        equilibrium = find_equilibrium(contact, load, equilibrium_solver, initial, reports[0])
+        stability = judge(contact, equilibrium, stability_solver, key, reports[1])
+        return Sweep(load, equilibrium, stability)
+
+    return jax.vmap(solve)(load)
+
+
+@partial(jax.jit, static_argnames="progress")
+def _solve_in_turn(
+    contact: Contact,
+    load: Load,
+    equilibrium_solver: PolonskyKeerRey,
+    stability_solver: ProximalIteration,
+    initial: Float[Array, " *grid"] | None,
+    key: PRNGKeyArray,
+    progress: bool,
+) -> Sweep:
+    def solve(last: Float[Array, " *grid"], step: tuple[Array, Load]) -> tuple[Array, Sweep]:
+        index, load = step
+        start = jnp.where(jnp.isnan(last), undeformed_gap(contact, load), last)
+        equilibrium = find_equilibrium(contact, load, equilibrium_solver, start)
+        stability = judge(contact, equilibrium, stability_solver, key)
+        if progress:
+            advance_to(index + 1)
+        found = equilibrium.result == RESULTS.successful
+        return jnp.where(found, equilibrium.gap, last), Sweep(load, equilibrium, stability)
+
+    # NaN says that there is no last equilibrium yet.
+    none = jnp.full_like(contact.heights, jnp.nan)
+    last = none if initial is None else initial.astype(none.dtype)
+    _, result = jax.lax.scan(solve, last, (jnp.arange(load.value.size), load))
+    return result
+
+
+def _throw_failures(result: Sweep) -> Sweep:
+    codes = result.stability.cone.result
+    worst = RESULTS.where(
+        jnp.all(codes == RESULTS.successful), RESULTS.successful, RESULTS.no_equilibrium
+    )
+    failed = jnp.sum(codes != RESULTS.successful)
+    return throw_failure(worst, result, lambda: f"{int(failed)} loads of the sweep failed")
