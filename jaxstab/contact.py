@@ -150,7 +150,8 @@ class Contact(eqx.Module):
     ) -> Callable[[Float[Array, " *grid"]], "Balance"]:
         """Return `balance` for gaps of one mean, all that they share prepared once, here."""
         stiffness = self.solid.stiffness
-        smallest_scale = self.conforming_pressure / 10
+        eps = float(jnp.finfo(self.heights.dtype).eps)
+        smallest_scale = self.conforming_pressure * max(1e-3, 1e6 * eps)
         # Without its mean, which K ignores, the displacement loses fewer digits.
         centred = self.heights - jnp.mean(self.heights) - mean_gap
 
@@ -177,7 +178,8 @@ class Balance(eqx.Module):
 
     Equilibrium asks that the net pressure K u + p0 + f'(g) vanish where g > 0 and not be negative
     where g = 0, with p0 the mean of -(K u + f') over the free points. The residual is the rms of
-    what is missed, over that of (K u, f') or over a tenth of that of K h, whichever is larger.
+    what is missed over that of (K u, f'), or over a thousandth of that of K h where this is larger
+    (in single precision, which cannot resolve less, a tenth).
 
     Attributes:
         elastic: K u, of zero mean [pressure].

@@ -27,7 +27,7 @@ class _Closure(eqx.Module):
         return eqx.combine(self.captured, self.rest)(argument)
 
 
-def as_pytree(function: Any, argument: Any) -> Callable[..., Any]:
+def as_pytree(function: Any, argument: Any) -> Any:
     """Return `function`, to be called on arrays like `argument`, as a pytree of arrays."""
     if isinstance(function, eqx.Module):
         return function

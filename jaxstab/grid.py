@@ -36,7 +36,7 @@ class Grid(eqx.Module):
         )
         if len(self.shape) not in (1, 2) or min(self.shape, default=0) < 2:
             raise ValueError(
-                f"Grid shape is {shape}: give one side (a line) or two, with 2 points or more each."
+                f"Grid shape is {self.shape}: give one side (a line) or two, of 2 points or more."
             )
         sides = parameter(jnp.asarray(lengths))
         if sides.ndim > 1 or (sides.ndim == 1 and sides.size != len(self.shape)):
@@ -70,8 +70,9 @@ class Grid(eqx.Module):
         """Norm |q| = 2 pi |k / L| of every wave vector of `rfftn` [1/length]."""
         *full, half = self.shape
         waves = [np.fft.fftfreq(n, 1 / n) for n in full] + [np.fft.rfftfreq(half, 1 / half)]
-        sides = [2 * jnp.pi * k / length for k, length in zip(waves, self.lengths, strict=True)]
-        return jnp.sqrt(sum(q**2 for q in jnp.meshgrid(*sides, indexing="ij")))
+        sides = zip(waves, self.lengths, strict=True)
+        components = [2 * jnp.pi * k.astype(length.dtype) / length for k, length in sides]
+        return jnp.sqrt(sum(q**2 for q in jnp.meshgrid(*components, indexing="ij")))
 
     @property
     def mode_multiplicity(self) -> Float[np.ndarray, " *modes"]:

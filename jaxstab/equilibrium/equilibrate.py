@@ -108,10 +108,12 @@ def find_equilibrium(
     gap = _feasible_gap(start.astype(contact.heights.dtype), mean_gap)
     gap = jnp.where(is_feasible & contact.is_valid, gap, jnp.nan)
     iteration = solver.solve(contact, gap, report)
-    result = RESULTS.where(is_feasible, iteration.result, RESULTS.infeasible_load)
+    gap, balance = iteration.state.gap, iteration.state.balance
+    energy = contact.energy(gap)
+    result = RESULTS.where(jnp.isfinite(energy), iteration.result, RESULTS.nonfinite)
+    result = RESULTS.where(is_feasible, result, RESULTS.infeasible_load)
     result = RESULTS.where(contact.is_valid, result, RESULTS.invalid_contact)
 
-    gap, balance = iteration.state.gap, iteration.state.balance
     in_contact = gap == 0
     reaction = jnp.where(in_contact, balance.net, 0)
     mean_pressure = jnp.mean(reaction - slope(contact.potential, gap))
@@ -124,7 +126,7 @@ def find_equilibrium(
         in_contact=in_contact,
         mean_pressure=mean_pressure,
         contact_area=jnp.mean(in_contact, dtype=gap.dtype),
-        energy=contact.energy(gap),
+        energy=energy,
         residual=iteration.residual,
         num_steps=iteration.num_steps,
         result=result,

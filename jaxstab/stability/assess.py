@@ -22,8 +22,8 @@ class Eigenpair(eqx.Module):
         eigenvalue: lambda = x.Ax / x.x, without the factor 1/2 of Rey & Bleyer's eq. 26
             [pressure/length]; +inf where no perturbation is admissible.
         mode: x, of unit Euclidean norm; zero where no perturbation is admissible.
-        residual: the projected residual |x - P(x - (A x - lambda x) / beta)|, beta a bound on |A|.
-        error: beta times the residual: how far the eigenvalue is from one of A's, to first order
+        residual: the projected residual |x - P(x - (A x - lambda x) / b)|, b a bound on |A|.
+        error: b times the residual: how far the eigenvalue is from one of A's, to first order
             [pressure/length].
         num_steps: steps that the solver took.
         result: a member of `RESULTS`: how the solver ended.
@@ -135,7 +135,10 @@ def _smallest_eigenpair(
     start = unit_vector(cone, jax.random.normal(key, gap.shape, gap.dtype))
     start = jnp.where(is_equilibrium, start, jnp.nan)
     iteration = solver.solve(operator, bound, cone, start, report)
-    eigenvalue, mode, residual = admissible_pair(operator, bound, cone, iteration.state.x)
+    eigenvalue, mode, _ = admissible_pair(operator, bound, cone, iteration.state.x)
+    # One projected gradient step sets to exactly zero what the contact holds.
+    moved = mode - (operator(mode) - eigenvalue * mode) / bound
+    eigenvalue, mode, residual = admissible_pair(operator, bound, cone, moved)
     return Eigenpair(
         eigenvalue=jnp.where(cone.is_trivial, jnp.inf, eigenvalue),
         mode=mode,

@@ -1,11 +1,13 @@
 """Algorithm 1 of Rey & Bleyer: a primal-dual proximal iteration for the cone eigenvalue.
 
-It departs from the text in five places. The eigenvalue is the Rayleigh quotient, not z, which
+It departs from the text in six places. The eigenvalue is the Rayleigh quotient, not z, which
 multiplies the constraint of zero mean. The start is a random admissible vector, since e has no
 component in the admissible space. The loop ends on the projected residual, since neither epsilon
-nor eta measures optimality. As the problem is not convex, the answer is a local minimiser. And y
-and z come from one projection onto both constraints together, z by one Newton step of it: apart,
-as in (36) and (37), they cycle near full contact. Without contact the two are the same.
+nor eta measures optimality. As the problem is not convex, the answer is a local minimiser. And
+because the iteration can cycle where few points are free, y and z come from one projection onto
+both constraints together, z by one Newton step of it, where (36) and (37) project onto each
+apart; and beta grows from the bound on |A| to twice that in full contact. Without contact both
+are as in the text.
 """
 
 from collections.abc import Mapping
@@ -38,8 +40,8 @@ class ProximalIteration(IterativeSolver):
     """Algorithm 1 with tau = 1 / beta and sigma = beta / 2 (Rey & Bleyer, eqs. 34 to 39).
 
     Arguments:
-        tolerance: the projected residual |x - P(x - (A x - lambda x) / beta)| of a unit vector to
-            reach, P the projection onto the cone and beta a bound on |A|; by default 1e-7 in
+        tolerance: the projected residual |x - P(x - (A x - lambda x) / b)| of a unit vector to
+            reach, P the projection onto the cone and b the bound on |A|; by default 1e-7 in
             float64 and 1e-5 in float32.
         max_steps: the step limit, 200 000 by default.
     """
@@ -63,15 +65,16 @@ class ProximalIteration(IterativeSolver):
 
         Arguments:
             operator: A [pressure/length].
-            bound: beta, not below the norm of A [pressure/length].
+            bound: not below the norm of A [pressure/length].
             cone: where perturbations must lie.
             start: the first x.
             report: called as the loop goes on.
         """
+        beta = bound * (1 + jnp.mean(cone.in_contact, dtype=bound.dtype))
 
         def step(state: _State) -> _State:
             # tau sigma = 1/2.
-            x = state.x - operator(state.x) / bound - (state.y + state.z) / 2
+            x = state.x - operator(state.x) / beta - (state.y + state.z) / 2
             x = x / jnp.sqrt(total(x**2))
             pulled = state.y + 2 * x - state.x
             z_change = cone.newton_step(pulled)

@@ -1,0 +1,32 @@
+"""Problems that several tests share."""
+
+import jax
+import matplotlib
+import pytest
+
+import jaxstab as js
+
+jax.config.update("jax_enable_x64", True)
+matplotlib.use("Agg")
+
+
+@pytest.fixture(scope="session")
+def hertz():
+    """The adhesive paraboloid of Rey & Bleyer's section 4.1."""
+    grid = js.Grid(32)
+    heights = js.surfaces.paraboloid(grid, radius=2.0)
+    return js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(10.0, 1.0))
+
+
+@pytest.fixture(scope="session")
+def unloading():
+    """A small version of the rough contact of Rey & Bleyer's section 4.2.3."""
+    return rough_contact(32, js.potentials.Exponential(1e-2, 1.0), youngs_modulus=1e-3)
+
+
+def rough_contact(n, potential, youngs_modulus=1.0, seed=0, rms_height=0.1):
+    grid = js.Grid(n)
+    heights = js.surfaces.self_affine(
+        grid, jax.random.key(seed), k_high=min(32, n // 4), rms_height=rms_height
+    )
+    return js.Contact(js.HalfSpace(grid, youngs_modulus), heights, potential)

@@ -1,0 +1,115 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import rough_contact
+
+import jaxstab as js
+
+POTENTIALS = [
+    js.potentials.Exponential(0.3, 0.2),
+    js.potentials.Gaussian(0.3, 0.2),
+    js.potentials.Rational(0.3, 0.2),
+    js.potentials.NoAdhesion(),
+]
+
+
+@pytest.fixture(scope="module", params=POTENTIALS, ids=lambda law: type(law).__name__)
+def contact(request):
+    return rough_contact(16, request.param)
+
+
+@pytest.fixture(scope="module")
+def gap():
+    return jnp.abs(jax.random.normal(jax.random.key(1), (16, 16)))
+
+
+def test_gap_and_displacement_are_inverse(contact, gap):
+    np.testing.assert_allclose(contact.gap(contact.displacement(gap)), gap)
+    np.testing.assert_allclose(contact.displacement(gap), gap + contact.heights)
+
+
+def test_the_gradient_is_that_of_the_energy(contact, gap):
+    by_autodiff = jax.grad(contact.energy)(gap) / contact.grid.cell_area
+    np.testing.assert_allclose(contact.gradient(gap), by_autodiff, atol=1e-10)
+
+
+def test_the_hessian_is_the_derivative_of_the_gradient(contact, gap):
+    perturbation = jax.random.normal(jax.random.key(2), gap.shape)
+    _, by_autodiff = jax.jvp(contact.gradient, (gap,), (perturbation,))
+    np.testing.assert_allclose(contact.hessian(gap)(perturbation), by_autodiff, atol=1e-9)
+
+
+def test_the_energy_is_that_of_equation_15_times_the_cell_area(contact, gap):
+    n = gap.size
+    stiffness = jax.vmap(contact.solid.stiffness)(jnp.eye(n).reshape(n, *gap.shape))
+    u = np.asarray(contact.displacement(gap)).ravel()
+    elastic = u @ np.asarray(stiffness).reshape(n, n) @ u / 2
+    adhesive = sum(float(contact.potential(g)) for g in gap.ravel())
+    expected = (elastic + adhesive) * contact.grid.cell_area
+    np.testing.assert_allclose(contact.energy(gap), expected)
+
+
+def test_the_residual_sees_every_way_to_miss_equilibrium(hertz):
+    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2))
+    exact = equilibrium.gap
+    assert hertz.balance(exact).residual <= 1e-8
+    # Unbalanced where free.
+    assert hertz.balance(exact * (1 + 1e-3 * hertz.grid.coordinates[0])).residual > 1e-6
+    # Held apart where contact should be.
+    lifted = jnp.where(equilibrium.in_contact, 1e-3, exact)
+    assert hertz.balance(lifted).residual > 1e-3
+    # Stuck together where the surfaces should part.
+    stuck = jnp.where(exact < 0.05, 0.0, exact)
+    assert (stuck == 0).sum() > equilibrium.in_contact.sum()
+    assert hertz.balance(stuck).residual > 1e-3
+
+
+def test_the_residual_does_not_depend_on_units():
+    def residual(length, pressure):
+        grid = js.Grid(32, length)
+        heights = js.surfaces.self_affine(
+            grid, jax.random.key(0), k_high=8, rms_height=0.1 * length
+        )
+        law = js.potentials.Exponential(0.3 * pressure * length, 0.2 * length)
+        contact = js.Contact(js.HalfSpace(grid, pressure), heights, law)
+        return contact.balance(jnp.maximum(0.1 * length - heights, 0)).residual
+
+    np.testing.assert_allclose(residual(1e-6, 1e9), residual(1.0, 1.0), rtol=1e-9)
+
+
+def test_flat_surfaces_without_adhesion_are_in_balance():
+    grid = js.Grid(8)
+    contact = js.Contact(
+        js.HalfSpace(grid, 1.0), jnp.full(grid.shape, 0.1), js.potentials.NoAdhesion()
+    )
+    assert contact.balance(jnp.full(grid.shape, 0.3)).residual == 0
+
+
+def test_loads_prescribe_the_mean_gap():
+    heights = jnp.array([[0.5, 1.5], [0.0, 2.0]])
+    assert js.MeanDisplacement(3.0).mean_gap(heights) == 2.0
+    assert js.MeanGap(3.0).mean_gap(heights) == 3.0
+
+
+@pytest.mark.parametrize(
+    ("heights", "message"),
+    [
+        (jnp.zeros((8, 9)), r"shape \(8, 9\).*grid \(8, 8\)"),
+        (jnp.zeros(64), r"shape \(64,\).*grid \(8, 8\)"),
+        (jnp.zeros((8, 8)).at[2, 3].set(jnp.nan), r"1 NaN or infinite.*\(2, 3\): nan.*Mask"),
+        (jnp.zeros((8, 8)).at[0, 1].set(-jnp.inf), r"\(0, 1\): -inf"),
+    ],
+)
+def test_heights_that_cannot_be_used_are_refused(heights, message):
+    with pytest.raises(ValueError, match=message):
+        js.Contact(js.HalfSpace(js.Grid(8), 1.0), heights, js.potentials.NoAdhesion())
+
+
+def test_a_contact_takes_the_precision_of_its_heights():
+    contact = rough_contact(8, js.potentials.Exponential(0.3, 0.2))
+    single = js.Contact(contact.solid, contact.heights.astype(jnp.float32), lambda gap: -0.3 * gap)
+    for contact in (single, js.Contact(single.solid, single.heights, POTENTIALS[0])):
+        gap = jnp.ones(contact.grid.shape, jnp.float32)
+        fields = contact.gradient(gap), contact.curvature(gap), contact.energy(gap)
+        assert all(field.dtype == jnp.float32 for field in fields)

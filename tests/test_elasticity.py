@@ -1,0 +1,83 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxstab as js
+
+GRIDS = [js.Grid((12,), (2.0,)), js.Grid((9, 6), (1.0, 3.0)), js.Grid((8, 7))]
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+def test_a_wave_is_as_stiff_as_westergaard_says(grid):
+    solid = js.HalfSpace(grid, youngs_modulus=3.0, poisson_ratio=0.4)
+    x, length = grid.coordinates[0], grid.lengths[0]
+    wave = jnp.cos(2 * jnp.pi * 2 * x / length)
+    modulus = 3.0 / (1 - 0.4**2)
+    expected = modulus * np.pi * 2 / length * wave
+    np.testing.assert_allclose(solid.pressure(wave), expected, atol=1e-12)
+    # Mean square of a cosine: 1/2.
+    area = float(jnp.prod(grid.lengths))
+    energy = 0.5 * modulus * np.pi * 2 / length * 0.5 * area
+    np.testing.assert_allclose(solid.energy(wave), energy)
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+def test_displacement_undoes_pressure_but_for_the_mean(grid):
+    solid = js.HalfSpace(grid, 2.0, 0.3)
+    field = jax.random.normal(jax.random.key(0), grid.shape)
+    back = solid.displacement(solid.pressure(field))
+    np.testing.assert_allclose(back, field - field.mean(), atol=1e-12)
+
+
+def test_the_operator_equals_a_dense_circulant_matrix():
+    grid = js.Grid((10,))
+    solid = js.HalfSpace(grid, 1.0)
+    dense = jax.vmap(solid.pressure)(jnp.eye(10))
+    np.testing.assert_allclose(dense, dense.T, atol=1e-12)
+    eigenvalues = np.linalg.eigvalsh(dense)
+    waves = np.abs(np.fft.fftfreq(10, 1 / 10))
+    np.testing.assert_allclose(eigenvalues, np.sort(np.pi * waves), atol=1e-10)
+    np.testing.assert_allclose(solid.max_stiffness, np.pi * 5)
+
+
+def test_a_thick_layer_is_a_half_space_and_a_thin_one_a_foundation():
+    grid = js.Grid((16, 16))
+    half_space = js.HalfSpace(grid, 1.0)
+
+    def layer(thickness):
+        # The shape of a layer that slides on a rigid base: E* q / 2 for short waves, flat for long.
+        return js.Spectral(grid, lambda q: q / 2 / jnp.tanh(q * thickness))
+
+    wave = jnp.cos(2 * jnp.pi * grid.coordinates[1])
+    np.testing.assert_allclose(layer(10.0).pressure(wave), half_space.pressure(wave))
+    np.testing.assert_allclose(layer(1e-4).pressure(wave), wave / 2e-4, rtol=1e-6, atol=1e-9)
+    assert layer(1e-4).multiplier[0, 0] == 0
+
+
+def test_a_stiffness_that_closes_over_a_traced_value_can_be_differentiated():
+    grid = js.Grid((16,))
+    wave = jnp.cos(2 * jnp.pi * grid.coordinates[0])
+
+    def energy(factor):
+        return js.Spectral(grid, lambda q: factor * q).energy(wave)
+
+    gradient = jax.grad(energy)(2.0)
+    np.testing.assert_allclose(gradient, energy(1.0))
+
+
+@pytest.mark.parametrize("modulus", [0.0, -1.0, np.nan, np.inf])
+def test_a_modulus_that_is_not_positive_is_refused(modulus):
+    with pytest.raises(ValueError, match=f"Young's modulus is {modulus}.*positive"):
+        js.HalfSpace(js.Grid(8), modulus)
+
+
+@pytest.mark.parametrize("ratio", [-1.0, 0.51, 1.0, np.nan])
+def test_a_poisson_ratio_outside_its_range_is_refused(ratio):
+    with pytest.raises(ValueError, match=rf"Poisson's ratio is {ratio}.*\(-1, 0.5\]"):
+        js.HalfSpace(js.Grid(8), 1.0, ratio)
+
+
+def test_a_stiffness_that_is_not_positive_is_refused():
+    with pytest.raises(ValueError, match="stiffness of a wave"):
+        js.Spectral(js.Grid(8), lambda q: q - 10.0)

@@ -1,0 +1,263 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.optimize
+from conftest import rough_contact
+
+import jaxstab as js
+from jaxstab.references import hertz as hertz_solution
+from jaxstab.references import westergaard
+
+
+def check_optimality(contact, equilibrium, tolerance):
+    """Assert equations 9 and 10 field by field, on the equilibrium that is returned."""
+    pressure, reaction, gap = (
+        np.asarray(x) for x in (equilibrium.pressure, equilibrium.reaction, equilibrium.gap)
+    )
+    attraction = np.asarray(jax.vmap(jax.vmap(jax.grad(contact.potential)))(equilibrium.gap))
+    scale = np.sqrt(np.mean(pressure**2 + attraction**2))
+    error = np.sqrt(np.mean((pressure + attraction - reaction) ** 2))
+    assert error <= tolerance * scale
+    assert gap.min() >= 0
+    assert reaction.min() >= -tolerance * scale * np.sqrt(gap.size)
+    assert not (reaction * gap).any()
+    assert not reaction[~np.asarray(equilibrium.in_contact)].any()
+    np.testing.assert_allclose(pressure.mean(), equilibrium.mean_pressure, rtol=1e-6)
+    np.testing.assert_allclose((reaction - attraction).mean(), equilibrium.mean_pressure)
+    elastic = np.asarray(contact.solid.pressure(equilibrium.displacement))
+    np.testing.assert_allclose(pressure - pressure.mean(), elastic, atol=1e-6 * scale)
+
+
+def test_hertz_with_contact(hertz):
+    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2))
+    assert equilibrium.in_contact.sum() == 121
+    np.testing.assert_allclose(equilibrium.contact_area, 121 / 1024)
+    np.testing.assert_allclose(equilibrium.displacement.mean(), 1.2)
+    assert equilibrium.result == js.RESULTS.successful
+    assert equilibrium.residual <= 1e-8
+    check_optimality(hertz, equilibrium, 1e-7)
+
+
+def test_hertz_without_contact(hertz):
+    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.302))
+    assert not equilibrium.in_contact.any()
+    np.testing.assert_allclose(equilibrium.gap.min(), 0.9201, atol=5e-5)
+
+
+@pytest.mark.parametrize("shape", [(24,), (8, 6)])
+def test_the_equilibrium_is_the_minimum_that_scipy_finds(shape):
+    grid = js.Grid(shape)
+    heights = js.surfaces.self_affine(
+        grid, jax.random.key(0), k_low=1, k_rolloff=1, k_high=3, rms_height=0.1
+    )
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.02, 0.2))
+    equilibrium = js.equilibrate(contact, js.MeanGap(0.08))
+    assert 0 < equilibrium.in_contact.sum() < grid.size
+
+    energy = jax.jit(jax.value_and_grad(lambda gap: contact.energy(gap.reshape(shape))))
+    found = scipy.optimize.minimize(
+        lambda gap: tuple(map(np.asarray, energy(gap))),
+        np.full(grid.size, 0.08),
+        jac=True,
+        method="SLSQP",
+        bounds=[(0, None)] * grid.size,
+        constraints={"type": "eq", "fun": lambda gap: gap.mean() - 0.08},
+        options={"maxiter": 1000, "ftol": 1e-15},
+    )
+    np.testing.assert_allclose(equilibrium.energy, found.fun, rtol=1e-7)
+    np.testing.assert_allclose(equilibrium.gap.ravel(), found.x, atol=1e-4)
+
+
+def westergaard_errors(shape, mean_gap):
+    grid = js.Grid(shape)
+    heights = js.surfaces.sinusoid(grid, amplitude=0.05)
+    solid = js.HalfSpace(grid, 1.0, 0.3)
+    contact = js.Contact(solid, heights, js.potentials.NoAdhesion())
+    equilibrium = js.equilibrate(contact, js.MeanGap(mean_gap))
+    problem = (float(equilibrium.mean_pressure), 0.05, 1.0, float(solid.contact_modulus))
+    area = westergaard.contact_fraction(*problem)
+    x = np.asarray(grid.coordinates[0])
+    exact = westergaard.pressure(np.minimum(x, 1 - x), *problem)
+    pressure = np.asarray(equilibrium.pressure)
+    error = np.sqrt(np.mean((pressure - exact) ** 2) / np.mean(exact**2))
+    return abs(float(equilibrium.contact_area) - area) / area, error, pressure.max() / exact.max()
+
+
+@pytest.mark.parametrize("shape", [(512,), (512, 4)])
+@pytest.mark.parametrize("mean_gap", [0.01, 0.03])
+def test_westergaards_sinusoid(shape, mean_gap):
+    area_error, pressure_error, peak = westergaard_errors(shape, mean_gap)
+    assert area_error < 0.01
+    assert pressure_error < 0.01
+    assert peak == pytest.approx(1, abs=0.01)
+
+
+def test_westergaards_pressure_converges_as_the_grid_is_refined():
+    # Averaged over gaps, since the error depends on where the edge falls between points.
+    gaps = np.linspace(0.01, 0.03, 9)
+    errors = [np.mean([westergaard_errors((n,), g)[1] for g in gaps]) for n in (64, 256, 1024)]
+    assert errors[2] < errors[1] < errors[0]
+    # First order at least: 16 times finer, 8 times better.
+    assert errors[2] < errors[0] / 8
+
+
+def hertz_errors(n):
+    """Return relative errors of contact area and peak pressure at a force a = 0.05 would take."""
+    radius, contact_radius = 1.0, 0.05
+    grid = js.Grid(n)
+    heights = js.surfaces.paraboloid(grid, radius)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.NoAdhesion())
+    # Load by trial: the mean gap that gives the Hertzian radius lies near that of the undeformed
+    # surface, mean(r^2) / (2 R), less the approach a^2 / R.
+    mean_gap = float(-heights.mean()) - contact_radius**2 / radius
+    equilibrium = js.equilibrate(contact, js.MeanGap(mean_gap))
+    force = float(equilibrium.reaction.sum() * grid.cell_area)
+    area = np.pi * hertz_solution.contact_radius(force, radius, 1.0) ** 2
+    peak = hertz_solution.peak_pressure(force, radius, 1.0)
+    return (
+        abs(float(equilibrium.contact_area) - area) / area,
+        abs(float(equilibrium.reaction.max()) - peak) / peak,
+    )
+
+
+def test_hertz_small_contact():
+    coarse, fine = hertz_errors(256), hertz_errors(512)
+    assert max(coarse) < 0.03
+    assert max(fine) < 0.03
+    assert sum(fine) < sum(coarse)
+
+
+PAPERS_CASES = [
+    (js.potentials.Exponential(1.0, 0.1), 0.8),
+    (js.potentials.Gaussian(1.0, 0.1), 0.105),
+    (js.potentials.Rational(1.0, 0.1), 0.65),
+]
+
+
+@pytest.mark.parametrize(("potential", "displacement"), PAPERS_CASES)
+def test_the_papers_rough_cases_converge(potential, displacement):
+    contact = rough_contact(256, potential)
+    equilibrium = js.equilibrate(contact, js.MeanDisplacement(displacement))
+    assert equilibrium.residual <= 1e-8
+    check_optimality(contact, equilibrium, 1e-7)
+
+
+def test_a_start_decides_between_branches(hertz):
+    load = js.MeanDisplacement(1.302)
+    apart = js.equilibrate(hertz, load)
+    touching = js.equilibrate(hertz, js.MeanDisplacement(1.2))
+    together = js.equilibrate(hertz, load, initial=touching)
+    assert together.in_contact.any()
+    assert not apart.in_contact.any()
+    again = js.equilibrate(hertz, load, initial=together.gap)
+    assert again.num_steps == 0
+    np.testing.assert_allclose(again.gap, together.gap, rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(33,), (17, 24)])
+def test_lines_rectangles_and_odd_grids(shape):
+    grid = js.Grid(shape, tuple(n / 16 for n in shape))
+    heights = js.surfaces.self_affine(
+        grid, jax.random.key(1), k_low=1, k_rolloff=1, k_high=6, rms_height=0.1
+    )
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.01, 0.1))
+    equilibrium = js.equilibrate(contact, js.MeanGap(0.1))
+    assert equilibrium.in_contact.any()
+    assert contact.balance(equilibrium.gap).residual <= 1.1e-8
+
+
+def test_detached_surfaces_without_adhesion_carry_nothing():
+    contact = rough_contact(32, js.potentials.NoAdhesion())
+    equilibrium = js.equilibrate(contact, js.MeanGap(1.0))
+    assert not equilibrium.in_contact.any()
+    np.testing.assert_allclose(equilibrium.mean_pressure, 0)
+    np.testing.assert_allclose(equilibrium.displacement, equilibrium.displacement.mean())
+
+
+def test_nearly_full_contact():
+    contact = rough_contact(32, js.potentials.Exponential(1e-2, 1.0), youngs_modulus=1e-3)
+    equilibrium = js.equilibrate(contact, js.MeanGap(1e-5))
+    assert equilibrium.contact_area > 0.95
+    assert equilibrium.residual <= 1e-8
+
+
+def test_single_precision_reaches_its_tolerance():
+    double = rough_contact(64, js.potentials.Exponential(0.01, 0.1))
+    single = js.Contact(double.solid, double.heights.astype(jnp.float32), double.potential)
+    load = js.MeanGap(0.1)
+    equilibrium = js.equilibrate(single, load)
+    assert equilibrium.gap.dtype == equilibrium.energy.dtype == jnp.float32
+    assert equilibrium.residual <= 1e-4
+    reference = js.equilibrate(double, load)
+    np.testing.assert_allclose(equilibrium.mean_pressure, reference.mean_pressure, rtol=1e-3)
+    np.testing.assert_allclose(equilibrium.gap, reference.gap, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("load", "message"),
+    [
+        (js.MeanGap(0.0), r"MeanGap\(0\).*infeasible_load.*positive"),
+        (js.MeanGap(-0.1), r"MeanGap\(-0.1\), a mean gap of -0.1.*infeasible_load"),
+        (js.MeanDisplacement(-1.0), r"MeanDisplacement\(-1\), a mean gap of -0.958.*infeasible"),
+        (js.MeanGap(np.inf), "inf.*infeasible_load"),
+        (js.MeanGap(np.nan), "nan.*infeasible_load"),
+    ],
+)
+def test_a_load_without_equilibrium_raises_or_is_coded(hertz, load, message):
+    with pytest.raises(js.SolverError, match=message):
+        js.equilibrate(hertz, load)
+    equilibrium = js.equilibrate(hertz, load, throw=False)
+    assert equilibrium.result == js.RESULTS.infeasible_load
+    assert np.isnan(equilibrium.gap).all()
+    assert np.isnan(equilibrium.mean_pressure)
+
+
+def test_an_array_of_loads_is_refused(hertz):
+    with pytest.raises(ValueError, match=r"one load.*\(3,\).*sweep"):
+        js.equilibrate(hertz, js.MeanGap(jnp.ones(3)))
+
+
+def test_an_initial_gap_of_another_shape_is_refused(hertz):
+    with pytest.raises(ValueError, match=r"\(4, 4\).*\(32, 32\)"):
+        js.equilibrate(hertz, js.MeanGap(1.0), initial=jnp.ones((4, 4)))
+
+
+def test_a_step_limit_raises_or_is_coded(hertz):
+    load, solver = js.MeanDisplacement(1.2), js.PolonskyKeerRey(max_steps=5)
+    with pytest.raises(js.SolverError, match=r"after 5 steps.*residual of.*max_steps_reached"):
+        js.equilibrate(hertz, load, solver)
+    equilibrium = js.equilibrate(hertz, load, solver, throw=False)
+    assert equilibrium.result == js.RESULTS.max_steps_reached
+    assert equilibrium.num_steps == 5
+
+
+def test_a_tolerance_beyond_the_precision_ends_with_a_code(hertz):
+    equilibrium = js.equilibrate(
+        hertz, js.MeanDisplacement(1.2), js.PolonskyKeerRey(tolerance=1e-30), throw=False
+    )
+    assert equilibrium.result == js.RESULTS.stagnated
+    assert equilibrium.residual < 1e-12
+
+
+def test_a_potential_that_turns_nan_is_coded(hertz):
+    contact = js.Contact(hertz.solid, hertz.heights, lambda gap: jnp.sqrt(0.5 - gap))
+    equilibrium = js.equilibrate(contact, js.MeanGap(0.6), throw=False)
+    assert equilibrium.result == js.RESULTS.nonfinite
+
+
+@pytest.mark.parametrize("options", [{"tolerance": 0.0}, {"tolerance": np.nan}, {"max_steps": 0}])
+def test_solver_settings_that_make_no_sense_are_refused(options):
+    with pytest.raises(ValueError, match="must be positive"):
+        js.PolonskyKeerRey(**options)
+
+
+def test_contacts_built_from_traced_nonsense_are_coded(hertz):
+    @jax.jit
+    def result(modulus, heights):
+        contact = js.Contact(js.HalfSpace(hertz.grid, modulus), heights, hertz.potential)
+        return js.equilibrate(contact, js.MeanGap(1.3), throw=False).result
+
+    assert result(1.0, hertz.heights) == js.RESULTS.successful
+    assert result(-1.0, hertz.heights) == js.RESULTS.invalid_contact
+    assert result(1.0, hertz.heights.at[0, 0].set(jnp.nan)) == js.RESULTS.invalid_contact

@@ -1,0 +1,55 @@
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxstab as js
+
+SHAPES = [(8,), (9,), (8, 8), (9, 7), (6, 9), (7, 4)]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_wavenumbers_differentiate_a_plane_wave(shape):
+    lengths = tuple(1.0 + 0.3 * i for i in range(len(shape)))
+    grid = js.Grid(shape, lengths)
+    waves = [1, 2][: len(shape)]
+    phase = sum(
+        2 * jnp.pi * k * x / length
+        for k, x, length in zip(waves, grid.coordinates, lengths, strict=True)
+    )
+    field = jnp.sin(phase)
+    laplacian = jnp.fft.irfftn(-(grid.wavenumbers**2) * jnp.fft.rfftn(field), s=shape)
+    squared = sum((2 * np.pi * k / length) ** 2 for k, length in zip(waves, lengths, strict=True))
+    np.testing.assert_allclose(laplacian, -squared * field, atol=1e-9 * squared)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_mode_multiplicity_counts_every_mode_of_the_full_spectrum(shape):
+    grid = js.Grid(shape)
+    assert grid.mode_multiplicity.sum() == grid.size
+    field = np.random.default_rng(0).normal(size=shape)
+    parseval = np.sum(grid.mode_multiplicity * np.abs(np.fft.rfftn(field)) ** 2) / grid.size
+    np.testing.assert_allclose(parseval, np.sum(field**2))
+
+
+def test_coordinates_and_cell_area_of_a_rectangle():
+    grid = js.Grid((4, 5), (2.0, 10.0))
+    x, y = grid.coordinates
+    np.testing.assert_allclose(x[:, 0], [0, 0.5, 1, 1.5])
+    np.testing.assert_allclose(y[0], [0, 2, 4, 6, 8])
+    assert grid.cell_area == 1.0
+    assert js.Grid(16).shape == (16, 16)
+    assert js.Grid((1024,), (1.0,)).size == 1024
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (((4, 4, 4),), r"\(4, 4, 4\).*one side"),
+        ((1,), r"\(1, 1\).*2 points"),
+        (((4, 4), (1.0, -2.0)), "-2.*positive"),
+        (((4, 4), (1.0, 2.0, 3.0)), "one for each side"),
+    ],
+)
+def test_a_grid_that_makes_no_sense_is_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        js.Grid(*arguments)

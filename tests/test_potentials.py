@@ -1,0 +1,78 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxstab as js
+from jaxstab.potentials import curvature, energy_density, slope
+
+GAPS = jnp.linspace(0.0, 3.0, 25).reshape(5, 5)
+# f, f' and f'' written out by hand, at gamma = 2, rho = 0.7.
+CLOSED_FORMS = {
+    js.potentials.Exponential: (
+        lambda s: -2 * np.exp(-s),
+        lambda s: 2 / 0.7 * np.exp(-s),
+        lambda s: -2 / 0.7**2 * np.exp(-s),
+    ),
+    js.potentials.Gaussian: (
+        lambda s: -2 * np.exp(-(s**2) / 2),
+        lambda s: 2 / 0.7 * s * np.exp(-(s**2) / 2),
+        lambda s: 2 / 0.7**2 * (1 - s**2) * np.exp(-(s**2) / 2),
+    ),
+    js.potentials.Rational: (
+        lambda s: -2 / (1 + s**2),
+        lambda s: 2 / 0.7 * 2 * s / (1 + s**2) ** 2,
+        lambda s: 2 / 0.7**2 * (2 - 6 * s**2) / (1 + s**2) ** 3,
+    ),
+}
+
+
+@pytest.mark.parametrize("law", CLOSED_FORMS)
+def test_laws_and_their_derivatives_match_the_formulae_of_the_paper(law):
+    potential = law(surface_energy=2.0, length=0.7)
+    scaled = np.asarray(GAPS) / 0.7
+    derivatives = (energy_density, slope, curvature)
+    for derivative, formula in zip(derivatives, CLOSED_FORMS[law], strict=True):
+        np.testing.assert_allclose(derivative(potential, GAPS), formula(scaled), atol=1e-12)
+
+
+def test_no_adhesion_has_no_energy_force_or_curvature():
+    for derivative in (energy_density, slope, curvature):
+        assert not derivative(js.potentials.NoAdhesion(), GAPS).any()
+
+
+@pytest.mark.parametrize(("energy", "length"), [(-1.0, 1.0), (np.nan, 1.0), (1.0, 0.0)])
+def test_parameters_that_make_no_sense_are_refused(energy, length):
+    with pytest.raises(ValueError, match=r"(surface energy|length of the potential) is"):
+        js.potentials.Exponential(energy, length)
+
+
+def contact_with(potential):
+    grid = js.Grid(4)
+    return js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(grid.shape), potential)
+
+
+@pytest.mark.parametrize(
+    ("potential", "message"),
+    [
+        (lambda gap: jnp.array([gap, gap]), "must return one real scalar"),
+        (lambda gap: 1j * gap, "must return one real scalar"),
+        (lambda gap: (gap, gap), "must return one real scalar"),
+        (lambda gap: 1 / gap, "value at zero gap is inf"),
+        (lambda gap: jnp.log(gap), "value at zero gap is -inf"),
+        (lambda gap: jnp.sqrt(gap), "slope value at zero gap is inf"),
+        (lambda gap: gap**1.5, "curvature value at zero gap is inf"),
+        (3.0, "give a function of the gap"),
+    ],
+)
+def test_a_potential_that_cannot_be_used_is_refused(potential, message):
+    with pytest.raises(ValueError, match=message):
+        contact_with(potential)
+
+
+def test_a_potential_may_branch_on_the_scalar_gap():
+    def law(gap):
+        return jax.lax.cond(gap < 1, lambda g: -((1 - g) ** 3), lambda g: 0 * g, gap)
+
+    np.testing.assert_allclose(energy_density(law, GAPS), -(np.maximum(1 - GAPS, 0) ** 3))
+    np.testing.assert_allclose(curvature(law, GAPS), -6 * np.maximum(1 - GAPS, 0), atol=1e-12)

@@ -1,0 +1,229 @@
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import rough_contact
+
+import jaxstab as js
+from jaxstab.stability.cones import AdmissibleCone
+
+
+def dense_hessian(contact, gap):
+    n = gap.size
+    columns = jax.vmap(contact.hessian(gap))(jnp.eye(n).reshape(n, *gap.shape))
+    return np.asarray(columns).reshape(n, n)
+
+
+def smallest_on_zero_mean(matrix):
+    """Return the smallest eigenvalue on the space of zero mean, by dense algebra."""
+    n = len(matrix)
+    basis = np.linalg.qr(np.column_stack([np.ones(n), np.eye(n)[:, 1:]]))[0][:, 1:]
+    return np.linalg.eigvalsh(basis.T @ matrix @ basis)[0]
+
+
+def check_admissible(pair, in_contact):
+    mode = np.asarray(pair.mode)
+    np.testing.assert_allclose(np.linalg.norm(mode), 1)
+    assert abs(mode.sum()) < 1e-10
+    assert mode[np.asarray(in_contact)].min(initial=0) >= 0
+
+
+def test_hertz_with_contact_has_the_papers_eigenvalue(hertz):
+    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2))
+    stability = js.assess_stability(hertz, equilibrium)
+    assert stability.cone.eigenvalue == pytest.approx(-4.5537, abs=5e-4)
+    check_admissible(stability.cone, equilibrium.in_contact)
+    assert stability.verdict == js.VERDICTS.undecided
+    assert stability.lower_bound is None
+    assert stability.critical is None
+
+
+def test_hertz_on_the_papers_grid_has_the_papers_eigenvalue():
+    x = jnp.linspace(0, 1, 32)
+    heights = -((x[:, None] - 0.5) ** 2 + (x - 0.5) ** 2) / 4
+    solid = js.HalfSpace(js.Grid(32), 1.0)
+    contact = js.Contact(solid, heights, js.potentials.Exponential(10.0, 1.0))
+    equilibrium = js.equilibrate(contact, js.MeanDisplacement(1.2))
+    stability = js.assess_stability(contact, equilibrium)
+    assert stability.cone.eigenvalue == pytest.approx(-4.5512, abs=5e-4)
+
+
+def test_hertz_without_contact_equals_a_dense_eigensolver(hertz):
+    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.302))
+    stability = js.assess_stability(hertz, equilibrium)
+    assert stability.cone.eigenvalue == pytest.approx(0.1634, abs=5e-5)
+    exact = smallest_on_zero_mean(dense_hessian(hertz, equilibrium.gap))
+    assert stability.cone.eigenvalue == pytest.approx(exact, abs=1e-6)
+    assert stability.verdict == js.VERDICTS.stable
+    assert stability.cone.error < 1e-4
+
+
+def state_with(gap):
+    """Return a state with any gap, as if it were in equilibrium."""
+    anchor = js.equilibrate(rough_contact(16, js.potentials.NoAdhesion()), js.MeanGap(1.0))
+    return eqx.tree_at(lambda state: (state.gap, state.in_contact), anchor, (gap, gap == 0))
+
+
+def random_state(seed, touching):
+    """Return a state with a random gap, and so a random D."""
+    keys = jax.random.split(jax.random.key(seed))
+    gap = jax.random.uniform(keys[0], (16, 16), minval=0.01)
+    return state_with(jnp.where(jax.random.uniform(keys[1], gap.shape) < touching, 0.0, gap))
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+@pytest.mark.parametrize("strength", [0.1, 10.0])
+def test_without_contact_it_equals_a_dense_eigensolver_for_any_curvature(seed, strength):
+    contact = rough_contact(16, lambda gap: -strength * jnp.cos(3 * gap))
+    state = random_state(seed, 0)
+    pair = js.assess_stability(contact, state).cone
+    exact = smallest_on_zero_mean(dense_hessian(contact, state.gap))
+    assert pair.eigenvalue == pytest.approx(exact, rel=1e-6)
+    check_admissible(pair, state.in_contact)
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+@pytest.mark.parametrize("touching", [0.05, 0.5, 0.95])
+def test_with_contact_the_answer_is_admissible_and_optimal(seed, touching):
+    contact = rough_contact(16, lambda gap: -jnp.cos(3 * gap))
+    state = random_state(seed, touching)
+    pair = js.assess_stability(contact, state).cone
+    check_admissible(pair, state.in_contact)
+    matrix = dense_hessian(contact, state.gap)
+    mode = np.asarray(pair.mode).ravel()
+    np.testing.assert_allclose(mode @ matrix @ mode, pair.eigenvalue, rtol=1e-9)
+    # Optimality on the cone, by hand: A x - lambda x balances z e + y, y >= 0 where x = 0.
+    free = mode > 0
+    free |= ~np.asarray(state.in_contact).ravel()
+    force = matrix @ mode - float(pair.eigenvalue) * mode
+    multiplier = force[free].mean()
+    scale = np.abs(np.linalg.eigvalsh(matrix)).max()
+    assert np.linalg.norm(force[free] - multiplier) < 1e-6 * scale
+    assert (force[~free] - multiplier).min(initial=0) > -1e-6 * scale
+    # Nor is it above what the contact allows, or below what it could not forbid.
+    assert smallest_on_zero_mean(matrix) <= pair.eigenvalue + 1e-9 * scale
+
+
+def test_the_projection_is_the_nearest_admissible_field():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        in_contact = rng.random((6, 7)) < rng.random()
+        cone = AdmissibleCone(jnp.asarray(in_contact))
+        field = rng.normal(size=in_contact.shape)
+        projected = np.asarray(cone.project(jnp.asarray(field)))
+        assert abs(projected.sum()) < 1e-12
+        assert projected[in_contact].min(initial=0) >= 0
+        # field - projected = s + y, with one s everywhere and y <= 0 only where x touches zero.
+        rest = field - projected
+        moving = (projected > 0) | ~in_contact
+        shift = rest[moving].mean() if moving.any() else rest.max()
+        np.testing.assert_allclose(rest[moving], shift, atol=1e-12)
+        assert (rest[~moving] <= shift + 1e-12).all()
+
+
+def test_full_contact_admits_no_perturbation_and_is_stable(hertz):
+    stability = js.assess_stability(hertz, state_with(jnp.zeros((32, 32))))
+    assert stability.cone.eigenvalue == np.inf
+    assert not stability.cone.mode.any()
+    assert stability.verdict == js.VERDICTS.stable
+
+
+def test_one_free_point_can_still_sink_while_its_neighbours_lift():
+    contact = rough_contact(8, lambda gap: -jnp.exp(-gap))
+    state = state_with(jnp.zeros((8, 8)).at[3, 4].set(0.5))
+    pair = js.assess_stability(contact, state).cone
+    check_admissible(pair, state.in_contact)
+    assert pair.mode[3, 4] < 0
+    assert pair.result == js.RESULTS.successful
+
+
+@pytest.mark.parametrize("mean_gap", [1e-5, 1e-3])
+def test_it_converges_near_full_contact(unloading, mean_gap):
+    equilibrium = js.equilibrate(unloading, js.MeanGap(mean_gap))
+    assert 0.9 < equilibrium.contact_area < 1
+    stability = js.assess_stability(unloading, equilibrium)
+    assert stability.cone.eigenvalue > 0
+    assert stability.verdict == js.VERDICTS.stable
+
+
+def test_histories_show_all_indicators_falling(hertz):
+    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2))
+    pair = js.assess_stability(hertz, equilibrium).cone
+    steps = np.asarray(pair.history.steps)
+    records = int(np.isfinite(steps).sum())
+    assert steps[records - 1] == pair.num_steps
+    for name in ("residual", "epsilon", "eta"):
+        values = np.asarray(pair.history.values[name])
+        assert np.isfinite(values[:records]).all()
+        assert np.isnan(values[records:]).all()
+        assert values[records - 1] < 1e-4 * values[:3].max()
+    assert pair.residual <= pair.history.values["residual"][records - 1] <= 1e-7
+
+
+def test_the_answer_does_not_depend_on_units(hertz):
+    def assess(length, pressure):
+        grid = js.Grid(32, length)
+        law = js.potentials.Exponential(10.0 * pressure * length, length)
+        heights = js.surfaces.paraboloid(grid, 2.0 * length)
+        contact = js.Contact(js.HalfSpace(grid, pressure), heights, law)
+        equilibrium = js.equilibrate(contact, js.MeanDisplacement(1.2 * length))
+        return equilibrium, js.assess_stability(contact, equilibrium).cone
+
+    equilibrium, pair = assess(1e-6, 1e9)
+    reference = js.equilibrate(hertz, js.MeanDisplacement(1.2))
+    assert equilibrium.num_steps == reference.num_steps
+    np.testing.assert_allclose(equilibrium.gap / 1e-6, reference.gap, atol=1e-8)
+    assert pair.eigenvalue / 1e15 == pytest.approx(-4.5537, abs=5e-4)
+
+
+def test_single_precision_gives_the_same_sign(hertz):
+    single = js.Contact(hertz.solid, hertz.heights.astype(jnp.float32), hertz.potential)
+    for displacement, eigenvalue in ((1.2, -4.5537), (1.31, None)):
+        load = js.MeanDisplacement(displacement)
+        pair = js.assess_stability(single, js.equilibrate(single, load)).cone
+        exact = js.assess_stability(hertz, js.equilibrate(hertz, load)).cone
+        assert pair.mode.dtype == jnp.float32
+        assert pair.eigenvalue == pytest.approx(float(exact.eigenvalue), rel=0.02)
+        assert eigenvalue is None or pair.eigenvalue == pytest.approx(eigenvalue, rel=1e-3)
+
+
+def test_a_step_limit_raises_or_is_coded(hertz):
+    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.302))
+    solver = js.ProximalIteration(max_steps=50)
+    with pytest.raises(js.SolverError, match=r"after 50 steps.*residual is.*max_steps_reached"):
+        js.assess_stability(hertz, equilibrium, solver)
+    stability = js.assess_stability(hertz, equilibrium, solver, throw=False)
+    assert stability.cone.result == js.RESULTS.max_steps_reached
+    assert stability.verdict == js.VERDICTS.undecided
+
+
+def test_a_failed_equilibrium_is_not_assessed(hertz):
+    failed = js.equilibrate(hertz, js.MeanGap(-1.0), throw=False)
+    with pytest.raises(js.SolverError, match="no_equilibrium"):
+        js.assess_stability(hertz, failed)
+    stability = js.assess_stability(hertz, failed, throw=False)
+    assert stability.cone.result == js.RESULTS.no_equilibrium
+    assert stability.verdict == js.VERDICTS.undecided
+    assert np.isnan(stability.cone.eigenvalue)
+
+
+def test_an_equilibrium_of_another_grid_is_refused(hertz, unloading):
+    other = js.equilibrate(rough_contact(16, js.potentials.NoAdhesion()), js.MeanGap(1.0))
+    with pytest.raises(ValueError, match=r"\(16, 16\).*\(32, 32\)"):
+        js.assess_stability(hertz, other)
+
+
+def test_a_mode_that_is_claimed_to_lower_the_energy_does(unloading):
+    """Second differences of the energy along the mode equal the eigenvalue."""
+    equilibrium = js.equilibrate(unloading, js.MeanGap(0.5))
+    pair = js.assess_stability(unloading, equilibrium).cone
+    assert pair.eigenvalue < 0
+    amplitude = 1e-4 / float(jnp.abs(pair.mode).max())
+    area = float(unloading.grid.cell_area)
+
+    def energy(t):
+        return float(unloading.energy(equilibrium.gap + t * pair.mode)) / area
+
+    second = (energy(amplitude) - 2 * energy(0) + energy(-amplitude)) / amplitude**2
+    assert second == pytest.approx(float(pair.eigenvalue), rel=1e-3)

@@ -1,0 +1,116 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxstab as js
+from jaxstab import surfaces
+
+
+def test_a_paraboloid_has_its_summit_in_the_middle():
+    grid = js.Grid((32, 16), (1.0, 0.5))
+    heights = surfaces.paraboloid(grid, radius=2.0)
+    assert heights[16, 8] == 0
+    assert heights.max() == 0
+    np.testing.assert_allclose(heights[0, 0], -(0.5**2 + 0.25**2) / 4)
+
+
+@pytest.mark.parametrize("shape", [(64,), (33, 48)])
+def test_statistics_of_a_sinusoid_are_those_of_calculus(shape):
+    grid = js.Grid(shape, (2.0,) * len(shape))
+    heights = surfaces.sinusoid(grid, amplitude=0.3, waves=(3, 4)[: len(shape)])
+    q = 2 * np.pi / 2.0 * np.linalg.norm((3, 4)[: len(shape)])
+    rms = 0.3 / np.sqrt(2)
+    np.testing.assert_allclose(surfaces.rms_height(heights), rms)
+    np.testing.assert_allclose(surfaces.rms_slope(grid, heights), rms * q)
+    np.testing.assert_allclose(surfaces.rms_curvature(grid, heights), rms * q**2 / len(shape))
+
+
+@pytest.mark.parametrize("shape", [(512,), (64, 64), (63, 80)])
+@pytest.mark.parametrize("exponent", ["field", "paper"])
+def test_a_self_affine_surface_has_what_was_asked_for(shape, exponent):
+    grid = js.Grid(shape)
+    key = jax.random.key(3)
+    options = {"k_low": 2, "k_rolloff": 4, "k_high": 16, "exponent": exponent}
+    by_height = surfaces.self_affine(grid, key, rms_height=0.1, **options)
+    by_slope = surfaces.self_affine(grid, key, rms_slope=0.2, **options)
+    np.testing.assert_allclose(surfaces.rms_height(by_height), 0.1)
+    np.testing.assert_allclose(surfaces.rms_slope(grid, by_slope), 0.2)
+    np.testing.assert_allclose(by_height.mean(), 0, atol=1e-15)
+    np.testing.assert_allclose(by_height / by_height.max(), by_slope / by_slope.max(), atol=1e-10)
+    spectrum = np.abs(np.fft.rfftn(by_height))
+    waves = np.asarray(grid.wavenumbers) / (2 * np.pi)
+    outside = (waves < 2 - 1e-6) | (waves > 16 + 1e-6)
+    assert spectrum[outside].max() < 1e-12 * spectrum.max()
+
+
+@pytest.mark.parametrize(("exponent", "slope"), [("field", -3.6), ("paper", -2.8)])
+def test_the_spectrum_falls_with_the_exponent_asked_for(exponent, slope):
+    grid = js.Grid(256)
+
+    def density(key):
+        heights = surfaces.self_affine(
+            grid, key, hurst=0.8, k_low=1, k_rolloff=4, k_high=100, rms_height=1, exponent=exponent
+        )
+        return surfaces.power_spectrum(grid, heights).density
+
+    mean = np.asarray(jax.vmap(density)(jax.random.split(jax.random.key(0), 16)).mean(0))
+    k = np.arange(1, mean.size + 1)
+    fit = np.polyfit(np.log(k[9:80]), np.log(mean[9:80]), 1)
+    assert fit[0] == pytest.approx(slope, abs=0.05)
+    # The plateau below the roll-off is as high as the power law there.
+    assert mean[:3].mean() == pytest.approx(np.exp(np.polyval(fit, np.log(4))), rel=0.2)
+
+
+@pytest.mark.parametrize("grid", [js.Grid((50,), (3.0,)), js.Grid((20, 33), (2.0, 5.0))])
+def test_the_power_spectrum_sums_to_the_mean_square_height(grid):
+    heights = jax.random.normal(jax.random.key(0), grid.shape)
+    spectrum = surfaces.power_spectrum(grid, heights)
+    area = jnp.prod(grid.lengths)
+    total = jnp.sum(spectrum.density * spectrum.num_waves) / area
+    np.testing.assert_allclose(total, surfaces.rms_height(heights) ** 2, rtol=0.02)
+    assert spectrum.num_waves.sum() <= grid.size - 1
+
+
+def test_one_key_gives_one_surface_at_every_resolution():
+    key = jax.random.key(5)
+    coarse = surfaces.self_affine(js.Grid(64), key, k_high=16, rms_height=0.1)
+    fine = surfaces.self_affine(js.Grid(192), key, k_high=16, rms_height=0.1)
+    np.testing.assert_allclose(fine[::3, ::3], coarse, atol=1e-14)
+    other = surfaces.self_affine(js.Grid(64), jax.random.key(6), k_high=16, rms_height=0.1)
+    assert abs(np.corrcoef(coarse.ravel(), other.ravel())[0, 1]) < 0.5
+
+
+def test_surfaces_can_be_drawn_in_batches_and_differentiated():
+    grid = js.Grid(32)
+    keys = jax.random.split(jax.random.key(0), 3)
+    draw = jax.vmap(lambda key: surfaces.self_affine(grid, key, k_high=8, rms_height=0.1))
+    batch = draw(keys)
+    single = surfaces.self_affine(grid, keys[1], k_high=8, rms_height=0.1)
+    np.testing.assert_allclose(batch[1], single, atol=1e-14)
+
+    def slope(hurst):
+        heights = surfaces.self_affine(grid, keys[0], hurst=hurst, k_high=8, rms_height=0.1)
+        return surfaces.rms_slope(grid, heights)
+
+    step = 1e-6
+    difference = (slope(0.5 + step) - slope(0.5 - step)) / (2 * step)
+    np.testing.assert_allclose(jax.grad(slope)(0.5), difference, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "exactly one of rms_height and rms_slope"),
+        ({"rms_height": 1.0, "rms_slope": 1.0}, "exactly one"),
+        ({"rms_height": -1.0}, "-1.0.*positive"),
+        ({"rms_height": 1.0, "hurst": 1.5}, r"Hurst exponent is 1.5.*\[0, 1\]"),
+        ({"rms_height": 1.0, "k_low": 8, "k_rolloff": 4}, "ascend"),
+        ({"rms_height": 1.0, "k_high": 17}, "k_high is 17.*resolves 16"),
+        ({"rms_height": 1.0, "k_low": 1.1, "k_rolloff": 1.2, "k_high": 1.3}, "widen"),
+        ({"rms_height": 1.0, "exponent": "other"}, 'choose "field" or "paper"'),
+    ],
+)
+def test_a_surface_that_cannot_be_drawn_is_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        surfaces.self_affine(js.Grid(32), jax.random.key(0), **{"k_high": 8, **options})
