@@ -140,9 +140,15 @@ def _solve_in_turn(
 
 
 def _throw_failures(result: Sweep) -> Sweep:
-    codes = result.stability.cone.result
-    worst = RESULTS.where(
-        jnp.all(codes == RESULTS.successful), RESULTS.successful, RESULTS.no_equilibrium
+    failed = result.stability.cone.result != RESULTS.successful
+    first = jax.tree.map(lambda leaf: leaf[jnp.argmax(failed)], result)
+    code, cone_code = first.equilibrium.result, first.stability.cone.result
+    code = RESULTS.where(code == RESULTS.successful, cone_code, code)
+    return throw_failure(
+        code,
+        result,
+        lambda: (
+            f"{int(failed.sum())} of {failed.size} loads failed, the first at "
+            f"{type(first.load).__name__}({float(first.load.value):.6g})"
+        ),
     )
-    failed = jnp.sum(codes != RESULTS.successful)
-    return throw_failure(worst, result, lambda: f"{int(failed)} loads of the sweep failed")

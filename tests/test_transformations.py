@@ -1,0 +1,176 @@
+"""Everything public under plain `jax.jit` and `jax.vmap`, and without needless compilation."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxstab as js
+
+LOAD = js.MeanGap(0.1)
+ENERGIES = jnp.array([0.005, 0.01, 0.02])
+
+
+@pytest.fixture(scope="module")
+def solid():
+    return js.HalfSpace(js.Grid(16), 1.0)
+
+
+@pytest.fixture(scope="module")
+def heights(solid):
+    return js.surfaces.self_affine(solid.grid, jax.random.key(0), k_high=4, rms_height=0.1)
+
+
+def named_law(energy):
+    return js.potentials.Exponential(energy, 0.1)
+
+
+def bare_law(energy):
+    return lambda gap: -energy * jnp.exp(-gap / 0.1)
+
+
+def solve(contact, load=LOAD):
+    equilibrium = js.equilibrate(contact, load, throw=False)
+    solver = js.ProximalIteration(tolerance=1e-5)
+    return equilibrium, js.assess_stability(contact, equilibrium, solver, throw=False)
+
+
+def check(result, contact, load=LOAD):
+    equilibrium, stability = result
+    expected_equilibrium, expected_stability = solve(contact, load)
+    assert expected_equilibrium.result == js.RESULTS.successful
+    np.testing.assert_allclose(equilibrium.gap, expected_equilibrium.gap, atol=1e-9)
+    expected = expected_stability.cone.eigenvalue
+    np.testing.assert_allclose(stability.cone.eigenvalue, expected, rtol=1e-6)
+    assert equilibrium.result == js.RESULTS.successful
+
+
+def lane(tree, i):
+    return jax.tree.map(lambda leaf: leaf[i], tree)
+
+
+@pytest.mark.parametrize("law", [named_law, bare_law])
+def test_a_contact_is_an_argument_of_plain_jit(solid, heights, law):
+    contact = js.Contact(solid, heights, law(0.01))
+    check(jax.jit(solve)(contact, LOAD), contact)
+
+
+@pytest.mark.parametrize("law", [named_law, bare_law])
+def test_a_potential_parameter_can_be_vmapped(solid, heights, law):
+    batch = jax.vmap(lambda energy: solve(js.Contact(solid, heights, law(energy))))(ENERGIES)
+    for i, energy in enumerate(ENERGIES):
+        check(lane(batch, i), js.Contact(solid, heights, named_law(energy)))
+
+
+@pytest.mark.parametrize("law", [named_law, bare_law])
+def test_a_batch_of_contacts_can_be_made_and_then_solved(solid, heights, law):
+    contacts = jax.vmap(lambda energy: js.Contact(solid, heights, law(energy)))(ENERGIES)
+    batch = jax.vmap(solve)(contacts)
+    check(lane(batch, 2), js.Contact(solid, heights, named_law(ENERGIES[2])))
+
+
+def test_surfaces_loads_and_moduli_can_be_vmapped(solid, heights):
+    surfaces = jnp.stack([heights, heights[::-1], heights.T * 0.8])
+    by_surface = jax.vmap(lambda h: solve(js.Contact(solid, h, named_law(0.01))))(surfaces)
+    check(lane(by_surface, 2), js.Contact(solid, surfaces[2], named_law(0.01)))
+
+    contact = js.Contact(solid, heights, named_law(0.01))
+    loads = js.MeanGap(jnp.array([0.05, 0.1, 0.2]))
+    by_load = jax.vmap(solve, in_axes=(None, 0))(contact, loads)
+    check(lane(by_load, 0), contact, js.MeanGap(0.05))
+
+    def with_modulus(modulus):
+        stiff = js.HalfSpace(solid.grid, modulus, 0.3)
+        return solve(js.Contact(stiff, heights, bare_law(0.01)))
+
+    by_modulus = jax.vmap(with_modulus)(jnp.array([1.0, 2.0]))
+    stiff = js.HalfSpace(solid.grid, 2.0, 0.3)
+    check(lane(by_modulus, 1), js.Contact(stiff, heights, named_law(0.01)))
+
+
+def test_a_failed_lane_leaves_the_others_identical(solid, heights):
+    contact = js.Contact(solid, heights, named_law(0.01))
+    good, bad = (js.MeanGap(jnp.array([0.05, value, 0.2])) for value in (0.1, -0.1))
+    run = jax.vmap(solve, in_axes=(None, 0))
+    (expected, _), (actual, stability) = run(contact, good), run(contact, bad)
+    assert lane(actual, 1).result == js.RESULTS.infeasible_load
+    assert lane(stability, 1).cone.result == js.RESULTS.no_equilibrium
+    for i in (0, 2):
+        np.testing.assert_array_equal(actual.gap[i], expected.gap[i])
+
+
+def test_throw_works_under_jit(solid, heights):
+    contact = js.Contact(solid, heights, named_law(0.01))
+    run = jax.jit(lambda value: js.equilibrate(contact, js.MeanGap(value)).mean_pressure)
+    assert jnp.isfinite(run(0.1))
+    with pytest.raises(Exception, match="infeasible_load"):
+        run(-0.1)
+
+
+class CountingLaw(eqx.Module):
+    """A law that counts how often it is traced."""
+
+    energy: jax.Array
+    traces: list = eqx.field(static=True)
+
+    def __call__(self, gap):
+        self.traces.append(None)
+        return -self.energy * jnp.exp(-gap / 0.1)
+
+    def __hash__(self):
+        return id(self.traces)
+
+
+class Tally(list):
+    """A list that compares and hashes by identity, to be a static field."""
+
+    __hash__ = object.__hash__
+    __eq__ = object.__eq__
+
+
+def test_new_values_do_not_compile_again(solid, heights):
+    traces = Tally()
+
+    def run(energy, modulus, load, tolerance):
+        stiff = js.HalfSpace(solid.grid, modulus)
+        contact = js.Contact(stiff, heights * load, CountingLaw(jnp.asarray(energy), traces))
+        before = len(traces)
+        equilibrium = js.equilibrate(contact, js.MeanGap(load), js.PolonskyKeerRey(tolerance))
+        solver = js.ProximalIteration(tolerance, max_steps=50)
+        js.assess_stability(contact, equilibrium, solver, throw=False)
+        loads = js.MeanGap(load * jnp.ones(2))
+        js.sweep(contact, loads, stability_solver=solver)
+        return len(traces) - before
+
+    assert run(0.01, 1.0, 0.1, 1e-6) > 0
+    assert run(0.02, 2.0, 0.2, 1e-5) == 0
+
+
+def test_a_bare_function_of_traced_values_does_not_compile_again(solid, heights):
+    traces = []
+
+    @jax.jit
+    def pressure(energy):
+        traces.append(None)
+        contact = js.Contact(solid, heights, bare_law(energy))
+        return js.equilibrate(contact, LOAD, throw=False).mean_pressure
+
+    values = [pressure(energy) for energy in (0.01, 0.02, 0.03)]
+    assert len(traces) == 1
+    assert len({float(value) for value in values}) == 3
+
+
+def test_the_same_function_object_does_not_compile_again(solid, heights):
+    traces = []
+
+    def law(gap):
+        traces.append(None)
+        return -0.01 * jnp.exp(-gap / 0.1)
+
+    contact = js.Contact(solid, heights, law)
+    js.equilibrate(contact, LOAD)
+    again = js.Contact(solid, 0.9 * heights, law)
+    before = len(traces)
+    js.equilibrate(again, LOAD)
+    assert len(traces) == before
