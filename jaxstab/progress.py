@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 _bars: list[tqdm] = []
 
