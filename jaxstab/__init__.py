@@ -7,10 +7,16 @@ contact*, whose equation numbers the documentation quotes.
 from importlib.metadata import version
 
 from jaxstab import files, plots, potentials, surfaces
-from jaxstab.contact import Contact, MeanDisplacement, MeanGap
+from jaxstab.contact import Contact
 from jaxstab.elasticity import HalfSpace, Spectral
-from jaxstab.equilibrium import Equilibrium, PolonskyKeerRey, equilibrate
+from jaxstab.equilibrium import (
+    Equilibrium,
+    PolonskyKeerRey,
+    PreconditionedConjugateGradient,
+    equilibrate,
+)
 from jaxstab.grid import Grid
+from jaxstab.loads import MeanDisplacement, MeanGap, MeanPressure
 from jaxstab.results import RESULTS, VERDICTS, SolverError
 from jaxstab.stability import Eigenpair, ProximalIteration, Stability, assess_stability
 from jaxstab.sweeps import Sweep, sweep
@@ -27,7 +33,9 @@ __all__ = [
     "HalfSpace",
     "MeanDisplacement",
     "MeanGap",
+    "MeanPressure",
     "PolonskyKeerRey",
+    "PreconditionedConjugateGradient",
     "ProximalIteration",
     "SolverError",
     "Spectral",

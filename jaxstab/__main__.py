@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import matplotlib
 import matplotlib.pyplot as plt
 
-from jaxstab.contact import Contact, Load, MeanDisplacement, MeanGap
+from jaxstab.contact import Contact
 from jaxstab.elasticity import HalfSpace
 from jaxstab.files import save_sweep
 from jaxstab.grid import Grid
+from jaxstab.loads import Load, MeanDisplacement, MeanGap
 from jaxstab.plots import stability_curve
 from jaxstab.potentials import Exponential, Gaussian, NoAdhesion, Potential, Rational
 from jaxstab.results import RESULTS, VERDICTS, labels

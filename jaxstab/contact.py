@@ -1,11 +1,10 @@
-"""The contact problem: its energy, its derivatives, its optimality conditions and its loads.
+"""The contact problem: its energy, its derivatives and its optimality conditions.
 
 The state is the gap g = u - h >= 0, which is exactly zero where the surfaces touch. Without the
 cell's area, as in Rey & Bleyer's eq. 15, the energy is u.Ku / 2 + sum f(g); its gradient is
 K u + f'(g) and its Hessian A = K + D with D = diag f''(g).
 """
 
-from abc import abstractmethod
 from collections.abc import Callable
 
 import equinox as eqx
@@ -14,38 +13,9 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab.checks import cast, parameter, require, require_finite
 from jaxstab.elasticity import FieldMap, Solid
-from jaxstab.grid import Grid
+from jaxstab.grid import Grid, total
+from jaxstab.loads import Control
 from jaxstab.potentials import Potential, as_module, curvature, energy_density, slope
-
-
-class Load(eqx.Module):
-    """What holds the surfaces together: it prescribes the mean gap of a contact."""
-
-    value: eqx.AbstractVar[Float[Array, "..."]]
-
-    @abstractmethod
-    def mean_gap(self, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
-        """Return the mean gap over this surface [length]."""
-
-
-class MeanDisplacement(Load):
-    """A prescribed mean(u) [length]: one value, or an array of them for a sweep."""
-
-    value: Float[Array, "..."] = eqx.field(converter=parameter)
-
-    def mean_gap(self, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
-        """Return mean(u) - mean(h) [length]."""
-        return self.value.astype(heights.dtype) - jnp.mean(heights)
-
-
-class MeanGap(Load):
-    """A prescribed mean(g) [length] (Rey & Bleyer, eq. 4): one value, or an array for a sweep."""
-
-    value: Float[Array, "..."] = eqx.field(converter=parameter)
-
-    def mean_gap(self, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
-        """Return the prescribed value [length]."""
-        return self.value.astype(heights.dtype)
 
 
 class Contact(eqx.Module):
@@ -141,30 +111,22 @@ class Contact(eqx.Module):
         pressure = self.solid.pressure(self.heights - jnp.mean(self.heights))
         return jnp.sqrt(jnp.mean(pressure**2))
 
-    def balance(self, gap: Float[Array, " *grid"]) -> "Balance":
-        """Return how far a gap, nowhere negative, is from equilibrium."""
-        return self.balance_at_mean(jnp.mean(gap))(gap)
-
-    def balance_at_mean(
-        self, mean_gap: Float[Array, ""]
-    ) -> Callable[[Float[Array, " *grid"]], "Balance"]:
-        """Return `balance` for gaps of one mean, all that they share prepared once, here."""
+    def balance(self, control: Control) -> Callable[[Float[Array, " *grid"]], "Balance"]:
+        """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
         stiffness = self.solid.stiffness
         eps = float(jnp.finfo(self.heights.dtype).eps)
         smallest_scale = self.conforming_pressure * max(1e-3, 1e6 * eps)
-        # Without its mean, which K ignores, the displacement loses fewer digits.
-        centred = self.heights - jnp.mean(self.heights) - mean_gap
+        heights = self.heights - jnp.mean(self.heights)
 
         def balance(gap: Float[Array, " *grid"]) -> Balance:
-            elastic = stiffness(gap + centred)
+            # Without its mean, which K ignores, the displacement loses fewer digits.
+            elastic = stiffness(gap - total(gap) / gap.size + heights)
             attraction = slope(self.potential, gap)
             is_free = gap > 0
-            gradient = elastic + attraction
-            free_count = jnp.maximum(total(is_free.astype(gap.dtype)), 1)
-            net = gradient - total(jnp.where(is_free, gradient, 0)) / free_count
+            net = control.net_pressure(elastic + attraction, is_free)
             free_norm = total(jnp.where(is_free, net, 0) ** 2)
             pulled_norm = total(jnp.where(is_free, 0, jnp.minimum(net, 0)) ** 2)
-            scale = jnp.sqrt(total(elastic**2 + attraction**2) / gap.size)
+            scale = jnp.sqrt(total((net - attraction) ** 2 + attraction**2) / gap.size)
             scale = jnp.maximum(scale, smallest_scale)
             residual = jnp.sqrt((free_norm + pulled_norm) / gap.size)
             residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
@@ -177,9 +139,9 @@ class Balance(eqx.Module):
     """How far a gap is from equilibrium (Rey & Bleyer, eqs. 9 and 10).
 
     Equilibrium asks that the net pressure K u + p0 + f'(g) vanish where g > 0 and not be negative
-    where g = 0, with p0 the mean of -(K u + f') over the free points. The residual is the rms of
-    what is missed over that of (K u, f'), or over a thousandth of that of K h where this is larger
-    (in single precision, which cannot resolve less, a tenth).
+    where g = 0. The residual is the rms of what is missed over that of (K u + p0, f'), or over a
+    thousandth of that of K h where this is larger (in single precision, which cannot resolve less,
+    a tenth).
 
     Attributes:
         elastic: K u, of zero mean [pressure].
@@ -194,9 +156,3 @@ class Balance(eqx.Module):
     free_norm: Float[Array, ""]
     pulled_norm: Float[Array, ""]
     residual: Float[Array, ""]
-
-
-def total(field: Float[Array, " *grid"]) -> Float[Array, ""]:
-    """Return the sum of a field; as a product with ones, which on the CPU is the fastest way."""
-    ones = jnp.ones(field.shape[-1:], field.dtype)
-    return jnp.sum(jnp.matmul(field, ones, precision="highest"))

@@ -83,3 +83,9 @@ class Grid(eqx.Module):
         if half % 2 == 0:
             column[-1] = 1
         return np.broadcast_to(column, (*self.shape[:-1], column.size))
+
+
+def total(field: Float[Array, " *grid"]) -> Float[Array, ""]:
+    """Return the sum of a field; as a product with ones, which on the CPU is the fastest way."""
+    ones = jnp.ones(field.shape[-1:], field.dtype)
+    return jnp.sum(jnp.matmul(field, ones, precision="highest"))

@@ -10,9 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.image import AxesImage
 
-from jaxstab.contact import Contact, MeanDisplacement, MeanGap
+from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.grid import Grid
+from jaxstab.loads import MeanDisplacement, MeanGap, MeanPressure
 from jaxstab.potentials import Potential, energy_density, slope
 from jaxstab.results import VERDICTS
 from jaxstab.stability import Eigenpair
@@ -129,7 +130,8 @@ def convergence(pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
     axes = _axes(axes)
     for name, values in pair.history.values.items():
         label = "projected residual" if name == "residual" else rf"$\{name}$"
-        axes.semilogy(pair.history.steps, values, label=label)
+        # At the start epsilon and eta are zero by construction.
+        axes.semilogy(pair.history.steps[1:], values[1:], label=label)
     axes.set(xlabel="step", ylabel="indicator [1]")
     axes.legend()
     return axes
@@ -172,7 +174,11 @@ _CURVES = {
     "contact_area": "contact area [1]",
     "energy": "energy [energy]",
 }
-_LOADS = {MeanDisplacement: "mean displacement $u_0$ [length]", MeanGap: "mean gap $g_0$ [length]"}
+_LOADS = {
+    MeanDisplacement: "mean displacement $u_0$ [length]",
+    MeanGap: "mean gap $g_0$ [length]",
+    MeanPressure: "mean pressure $p_0$ [pressure]",
+}
 
 
 def _axes(axes: Axes | None) -> Axes:

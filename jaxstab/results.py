@@ -38,6 +38,10 @@ class RESULTS(eqx.Enumeration):
         "infeasible_load: a mean gap must be positive and finite, as the surfaces cannot enter "
         "each other. Raise the load above full contact: a mean displacement above the mean height"
     )
+    pulled_off = (
+        "pulled_off: no equilibrium was found at this tensile load, which drew the surfaces apart "
+        "for good. Pull less, start from a state in contact, or prescribe the mean gap instead"
+    )
     no_equilibrium = (
         "no_equilibrium: there was no converged equilibrium to assess. Look at the result of the "
         "equilibrium"

@@ -9,9 +9,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jaxstab.contact import Contact, Load
-from jaxstab.equilibrium import Equilibrium, PolonskyKeerRey
-from jaxstab.equilibrium.equilibrate import find_equilibrium, undeformed_gap
+from jaxstab.contact import Contact
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.equilibrate import Solver, default_solver, find_equilibrium
+from jaxstab.loads import Load
 from jaxstab.progress import LaneReport, advance_to, progress_bar
 from jaxstab.results import RESULTS, throw_failure
 from jaxstab.stability import ProximalIteration, Stability
@@ -37,7 +38,7 @@ def sweep(
     load: Load,
     *,
     order: Literal["independent", "continuation"] = "independent",
-    equilibrium_solver: PolonskyKeerRey | None = None,
+    equilibrium_solver: Solver | None = None,
     stability_solver: ProximalIteration | None = None,
     initial: Float[Array, " *grid"] | None = None,
     key: PRNGKeyArray | None = None,
@@ -52,7 +53,7 @@ def sweep(
         order: "independent" solves all loads together, each from the same start;
             "continuation" one after another, each from the last equilibrium found (Rey & Bleyer,
             section 4.2.3).
-        equilibrium_solver: the algorithm for equilibria, `PolonskyKeerRey()` by default.
+        equilibrium_solver: the algorithm for equilibria, by default that of `equilibrate`.
         stability_solver: the algorithm for eigenvalues, `ProximalIteration()` by default.
         initial: the gap to start from [length], as in `equilibrate`.
         key: the random key of the eigensolver's start, as in `assess_stability`.
@@ -78,8 +79,8 @@ def sweep(
         raise ValueError(
             f"The initial gap has shape {initial.shape}, the grid {contact.grid.shape}."
         )
-    equilibrium_solver = PolonskyKeerRey() if equilibrium_solver is None else equilibrium_solver
-    stability_solver = ProximalIteration() if stability_solver is None else stability_solver
+    equilibrium_solver = equilibrium_solver or default_solver(load)
+    stability_solver = stability_solver or ProximalIteration()
     key = jax.random.key(0) if key is None else key
 
     solve = _solve_together if order == "independent" else _solve_in_turn
@@ -96,7 +97,7 @@ def sweep(
 def _solve_together(
     contact: Contact,
     load: Load,
-    equilibrium_solver: PolonskyKeerRey,
+    equilibrium_solver: Solver,
     stability_solver: ProximalIteration,
     initial: Float[Array, " *grid"] | None,
     key: PRNGKeyArray,
@@ -116,7 +117,7 @@ def _solve_together(
 def _solve_in_turn(
     contact: Contact,
     load: Load,
-    equilibrium_solver: PolonskyKeerRey,
+    equilibrium_solver: Solver,
     stability_solver: ProximalIteration,
     initial: Float[Array, " *grid"] | None,
     key: PRNGKeyArray,
@@ -124,7 +125,8 @@ def _solve_in_turn(
 ) -> Sweep:
     def solve(last: Float[Array, " *grid"], step: tuple[Array, Load]) -> tuple[Array, Sweep]:
         index, load = step
-        start = jnp.where(jnp.isnan(last), undeformed_gap(contact, load), last)
+        fresh = load.control(contact.heights).starting_gap(contact.heights)
+        start = jnp.where(jnp.isnan(last), fresh, last)
         equilibrium = find_equilibrium(contact, load, equilibrium_solver, start)
         stability = judge(contact, equilibrium, stability_solver, key)
         if progress:

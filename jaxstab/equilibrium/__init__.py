@@ -2,5 +2,6 @@
 
 from jaxstab.equilibrium.equilibrate import Equilibrium, equilibrate
 from jaxstab.equilibrium.polonsky_keer_rey import PolonskyKeerRey
+from jaxstab.equilibrium.preconditioned import PreconditionedConjugateGradient
 
-__all__ = ["Equilibrium", "PolonskyKeerRey", "equilibrate"]
+__all__ = ["Equilibrium", "PolonskyKeerRey", "PreconditionedConjugateGradient", "equilibrate"]

@@ -7,11 +7,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxstab.contact import Contact, Load
+from jaxstab.contact import Contact
 from jaxstab.equilibrium.polonsky_keer_rey import PolonskyKeerRey
+from jaxstab.equilibrium.preconditioned import PreconditionedConjugateGradient
 from jaxstab.iterate import Report
+from jaxstab.loads import GapControl, Load, MeanPressure
 from jaxstab.potentials import slope
 from jaxstab.results import RESULTS, throw_failure
+
+Solver = PolonskyKeerRey | PreconditionedConjugateGradient
 
 
 class Equilibrium(eqx.Module):
@@ -49,7 +53,7 @@ class Equilibrium(eqx.Module):
 def equilibrate(
     contact: Contact,
     load: Load,
-    solver: PolonskyKeerRey | None = None,
+    solver: Solver | None = None,
     *,
     initial: Float[Array, " *grid"] | Equilibrium | None = None,
     throw: bool = True,
@@ -62,8 +66,9 @@ def equilibrate(
     Arguments:
         contact: the contact problem.
         load: what is prescribed, a single value.
-        solver: the algorithm, `PolonskyKeerRey()` by default.
-        initial: a gap [length] or an equilibrium to start from, moved to the load's mean gap; by
+        solver: the algorithm; by default `PolonskyKeerRey()` where the load holds the mean gap,
+            `PreconditionedConjugateGradient()` where it holds the mean pressure.
+        initial: a gap [length] or an equilibrium to start from, brought under the load; by
             default the undeformed solid, cut where it meets the surface.
         throw: raise where the solver fails; otherwise look at `result`. Under vmap the failure of
             one lane raises for all, so choose False there.
@@ -86,7 +91,7 @@ def equilibrate(
         raise ValueError(
             f"The initial gap has shape {initial.shape}, the grid {contact.grid.shape}."
         )
-    solver = PolonskyKeerRey() if solver is None else solver
+    solver = solver or default_solver(load)
     equilibrium = find_equilibrium(contact, load, solver, initial)
     if not throw:
         return equilibrium
@@ -97,21 +102,22 @@ def equilibrate(
 def find_equilibrium(
     contact: Contact,
     load: Load,
-    solver: PolonskyKeerRey,
+    solver: Solver,
     initial: Float[Array, " *grid"] | None,
     report: Report | None = None,
 ) -> Equilibrium:
     """Do what `equilibrate` does, on checked arguments and without raising."""
-    mean_gap = load.mean_gap(contact.heights)
-    is_feasible = (mean_gap > 0) & jnp.isfinite(mean_gap)
-    start = undeformed_gap(contact, load) if initial is None else initial
-    gap = _feasible_gap(start.astype(contact.heights.dtype), mean_gap)
-    gap = jnp.where(is_feasible & contact.is_valid, gap, jnp.nan)
-    iteration = solver.solve(contact, gap, report)
+    control = load.control(contact.heights)
+    start = control.starting_gap(contact.heights) if initial is None else initial
+    gap = control.restore(jnp.maximum(start.astype(contact.heights.dtype), 0))
+    gap = jnp.where(control.is_feasible & contact.is_valid, gap, jnp.nan)
+    iteration = solver.solve(contact, control, gap, report)
     gap, balance = iteration.state.gap, iteration.state.balance
     energy = contact.energy(gap)
     result = RESULTS.where(jnp.isfinite(energy), iteration.result, RESULTS.nonfinite)
-    result = RESULTS.where(is_feasible, result, RESULTS.infeasible_load)
+    has_escaped = control.has_escaped(gap, slope(contact.potential, gap), contact.curvature(gap))
+    result = RESULTS.where(has_escaped, RESULTS.pulled_off, result)
+    result = RESULTS.where(control.is_feasible, result, RESULTS.infeasible_load)
     result = RESULTS.where(contact.is_valid, result, RESULTS.invalid_contact)
 
     in_contact = gap == 0
@@ -133,23 +139,17 @@ def find_equilibrium(
     )
 
 
-def undeformed_gap(contact: Contact, load: Load) -> Float[Array, " *grid"]:
-    """Return the gap of the undeformed solid, negative where it would enter the surface."""
-    return load.mean_gap(contact.heights) + jnp.mean(contact.heights) - contact.heights
-
-
-def _feasible_gap(
-    gap: Float[Array, " *grid"], mean_gap: Float[Array, ""]
-) -> Float[Array, " *grid"]:
-    """Return a gap that is nowhere negative and has the mean gap."""
-    gap = jnp.maximum(gap, 0)
-    return gap * (mean_gap / jnp.mean(gap))
+def default_solver(load: Load) -> Solver:
+    """Return the reference solver where it can hold the load."""
+    holds_pressure = isinstance(load, MeanPressure)
+    return PreconditionedConjugateGradient() if holds_pressure else PolonskyKeerRey()
 
 
 def _describe(contact: Contact, equilibrium: Equilibrium) -> str:
     load = equilibrium.load
+    control = load.control(contact.heights)
+    held = f", a mean gap of {control.mean_gap:.6g}," if isinstance(control, GapControl) else ""
     return (
-        f"No equilibrium found at {type(load).__name__}({float(load.value):.6g}), a mean gap of "
-        f"{float(load.mean_gap(contact.heights)):.6g}, after {int(equilibrium.num_steps)} steps "
-        f"with a relative residual of {float(equilibrium.residual):.3g}"
+        f"No equilibrium found at {type(load).__name__}({load.value:.6g}){held} after "
+        f"{equilibrium.num_steps} steps with a relative residual of {equilibrium.residual:.3g}"
     )

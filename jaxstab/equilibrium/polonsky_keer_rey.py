@@ -11,7 +11,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxstab.contact import Balance, Contact, total
+from jaxstab.contact import Balance, Contact
+from jaxstab.grid import total
 from jaxstab.iterate import (
     Indicators,
     Iteration,
@@ -19,6 +20,7 @@ from jaxstab.iterate import (
     Report,
     optional_parameter,
 )
+from jaxstab.loads import Control
 
 
 class _State(eqx.Module):
@@ -29,7 +31,7 @@ class _State(eqx.Module):
 
 
 class PolonskyKeerRey(IterativeSolver):
-    """Projected conjugate gradients on the gap at a prescribed mean (Rey et al., 2017).
+    """Projected conjugate gradients on the gap at a prescribed mean gap (Rey et al., 2017).
 
     It differs from the original in two places. The step length along a direction t is
     <q, t> / <t, (K + D) t>, and falls back to the original's <q, t> / <t, K t> where the
@@ -49,13 +51,26 @@ class PolonskyKeerRey(IterativeSolver):
     patience: ClassVar[int] = 1_000
 
     def solve(
-        self, contact: Contact, gap: Float[Array, " *grid"], report: Report | None = None
+        self,
+        contact: Contact,
+        control: Control,
+        gap: Float[Array, " *grid"],
+        report: Report | None = None,
     ) -> Iteration[_State]:
-        """Iterate from a feasible gap to an equilibrium of the same mean gap."""
+        """Iterate from a gap that meets the load to an equilibrium of the same mean gap.
+
+        Raises:
+            ValueError: for a load that does not hold the mean gap.
+        """
+        if not control.fixes_mean:
+            raise ValueError(
+                "PolonskyKeerRey holds the mean gap only: under MeanPressure use "
+                "PreconditionedConjugateGradient."
+            )
         stiffness = contact.solid.stiffness
         max_stiffness = contact.solid.max_stiffness
-        mean_gap = jnp.mean(gap)
-        balance_of = contact.balance_at_mean(mean_gap)
+        mean_gap = total(gap) / gap.size
+        balance_of = contact.balance(control)
 
         def step(state: _State) -> _State:
             is_free, net = state.gap > 0, state.balance.net

@@ -43,9 +43,10 @@ class Stability(eqx.Module):
     """What is known of the stability of an equilibrium.
 
     Attributes:
-        cone: the smallest eigenvalue found on V0+, where perturbations have zero mean and do not
-            enter the surface (Rey & Bleyer, eq. 26). Positive means stable; negative proves
-            nothing where contact presses, since lifting off then costs energy at first order.
+        cone: the smallest eigenvalue found on V0+, where perturbations do not enter the surface
+            and, under a prescribed mean gap, have zero mean (Rey & Bleyer, eq. 26). Positive means
+            stable; negative proves nothing where contact presses, since lifting off then costs
+            energy at first order.
         lower_bound: that among all perturbations of zero mean; not computed yet.
         critical: that on the critical cone; not computed yet.
         verdict: a member of `VERDICTS`.
@@ -92,7 +93,7 @@ def assess_stability(
             f"{contact.grid.shape}: assess it with the contact that it came from (and a sweep with "
             "jaxstab.sweep or jax.vmap)."
         )
-    solver = ProximalIteration() if solver is None else solver
+    solver = solver or ProximalIteration()
     key = jax.random.key(0) if key is None else key
     stability = judge(contact, equilibrium, solver, key)
     if not throw:
@@ -110,7 +111,8 @@ def judge(
 ) -> Stability:
     """Do what `assess_stability` does, on checked arguments and without raising."""
     is_equilibrium = equilibrium.result == RESULTS.successful
-    cone = AdmissibleCone(equilibrium.in_contact)
+    fixes_mean = equilibrium.load.control(contact.heights).fixes_mean
+    cone = AdmissibleCone(equilibrium.in_contact, fixes_mean)
     pair = _smallest_eigenpair(contact, equilibrium, solver, cone, key, is_equilibrium, report)
     is_stable = (pair.result == RESULTS.successful) & (pair.eigenvalue > pair.error)
     verdict = VERDICTS.where(is_stable, VERDICTS.stable, VERDICTS.undecided)

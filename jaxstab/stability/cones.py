@@ -9,30 +9,34 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxstab.contact import total
+from jaxstab.grid import total
 
 
 class AdmissibleCone(eqx.Module):
-    """V0+: fields of zero mean that are not negative in contact (Rey & Bleyer, eqs. 18 and 26).
+    """V0+: fields that are not negative in contact (Rey & Bleyer, eqs. 18 and 26).
 
     Attributes:
         in_contact: where perturbations must not be negative.
+        fixes_mean: whether they must have zero mean too, as under a prescribed mean gap.
     """
 
     in_contact: Bool[Array, " *grid"]
+    fixes_mean: bool = eqx.field(static=True, default=True)
 
     @property
     def is_trivial(self) -> Bool[Array, ""]:
-        """Whether zero is the only admissible perturbation, as in full contact."""
-        return jnp.all(self.in_contact)
+        """Whether zero is the only admissible perturbation, as in full contact at a mean gap."""
+        return jnp.all(self.in_contact) & self.fixes_mean
 
     def project(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         """Return the nearest field of the cone.
 
         It is x - s, cut at zero in contact, with the shift s that makes its mean zero: the root
         of a convex, decreasing, piecewise linear function. Newton's method climbs to it from the
-        left without passing it, and ends on it exactly.
+        left without passing it, and ends on it exactly. Where the mean is free, s is zero.
         """
+        if not self.fixes_mean:
+            return self._cut(field)
 
         def climb(state: tuple[Array, Array]) -> tuple[Array, Array]:
             shift, _ = state
@@ -46,6 +50,8 @@ class AdmissibleCone(eqx.Module):
 
     def newton_step(self, field: Float[Array, " *grid"]) -> Float[Array, ""]:
         """Return the first Newton step towards the shift that projects a field."""
+        if not self.fixes_mean:
+            return jnp.zeros((), field.dtype)
         cut = self._cut(field)
         num_moving = total(jnp.where((cut > 0) | ~self.in_contact, 1, 0).astype(field.dtype))
         return total(cut) / jnp.maximum(num_moving, 1)

@@ -17,8 +17,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxstab.contact import total
 from jaxstab.elasticity import FieldMap
+from jaxstab.grid import total
 from jaxstab.iterate import (
     Indicators,
     Iteration,

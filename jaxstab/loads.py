@@ -1,0 +1,181 @@
+"""Loads, and what each of them asks of a gap.
+
+A load holds either the mean gap, and then the mean pressure p0 follows from equilibrium, or the
+mean pressure, and then the mean gap does. Solvers see it as a `Control`, prepared for one surface.
+"""
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxstab.checks import parameter
+from jaxstab.grid import total
+
+Field = Float[Array, " *grid"]
+Mask = Bool[Array, " *grid"]
+
+
+class Control(eqx.Module):
+    """What a load asks of the gap of one surface.
+
+    Attributes:
+        fixes_mean: whether perturbations under the load have zero mean.
+    """
+
+    fixes_mean: ClassVar[bool]
+
+    @property
+    @abstractmethod
+    def is_feasible(self) -> Bool[Array, ""]:
+        """Whether any gap meets the load."""
+
+    @abstractmethod
+    def starting_gap(self, heights: Field) -> Field:
+        """Return the gap of the undeformed solid, negative where it would enter the surface."""
+
+    @abstractmethod
+    def restore(self, gap: Field) -> Field:
+        """Return a gap that meets the load, near to one that is nowhere negative."""
+
+    @abstractmethod
+    def net_pressure(self, gradient: Field, is_free: Mask) -> Field:
+        """Return K u + p0 + f'(g) from K u + f'(g) [pressure]."""
+
+    @abstractmethod
+    def project(self, field: Field, is_moving: Mask) -> Field:
+        """Return the nearest perturbation of the moving points that the load allows."""
+
+    @abstractmethod
+    def work(self, change: Field) -> Field:
+        """Return the work done against the load by a change of the gap [energy/area]."""
+
+    @abstractmethod
+    def has_escaped(self, gap: Field, attraction: Field, curvature: Field) -> Bool[Array, ""]:
+        """Whether the load has pulled the surfaces apart for good; f' and f'' are given."""
+
+
+class GapControl(Control):
+    """The mean gap is held at a value [length]."""
+
+    fixes_mean: ClassVar[bool] = True
+
+    mean_gap: Float[Array, ""]
+
+    @property
+    def is_feasible(self) -> Bool[Array, ""]:
+        """Whether the mean gap is positive and finite."""
+        return (self.mean_gap > 0) & jnp.isfinite(self.mean_gap)
+
+    def starting_gap(self, heights: Field) -> Field:
+        """Return g0 + mean(h) - h."""
+        return self.mean_gap + jnp.mean(heights) - heights
+
+    def restore(self, gap: Field) -> Field:
+        """Return the gap shifted towards its mean, cut at zero, and scaled by what is left."""
+        is_free = gap > 0
+        shift = (total(gap) - self.mean_gap * gap.size) / _count(is_free, gap)
+        # Upwards, the shift would undo the last step at first order: leave that to the scaling.
+        gap = jnp.where(is_free, jnp.maximum(gap - jnp.maximum(shift, 0), 0), 0)
+        return gap * (self.mean_gap * gap.size / total(gap))
+
+    def net_pressure(self, gradient: Field, is_free: Mask) -> Field:
+        """Return the gradient less its mean over the free points, which is -p0."""
+        return gradient - total(jnp.where(is_free, gradient, 0)) / _count(is_free, gradient)
+
+    def project(self, field: Field, is_moving: Mask) -> Field:
+        """Return the field less its mean over the moving points, zero elsewhere."""
+        mean = total(jnp.where(is_moving, field, 0)) / _count(is_moving, field)
+        return jnp.where(is_moving, field - mean, 0)
+
+    def work(self, change: Field) -> Field:
+        """Return zero: the mean gap does not move."""
+        return jnp.zeros_like(change)
+
+    def has_escaped(self, gap: Field, attraction: Field, curvature: Field) -> Bool[Array, ""]:
+        """Return False: the mean gap is held."""
+        return jnp.array(False)
+
+
+class PressureControl(Control):
+    """The mean pressure is held at p0, positive in compression [pressure]."""
+
+    fixes_mean: ClassVar[bool] = False
+
+    mean_pressure: Float[Array, ""]
+
+    @property
+    def is_feasible(self) -> Bool[Array, ""]:
+        """Whether the pressure is finite."""
+        return jnp.isfinite(self.mean_pressure)
+
+    def starting_gap(self, heights: Field) -> Field:
+        """Return the gap at which half of the surface would be in contact."""
+        return jnp.mean(heights) - heights
+
+    def restore(self, gap: Field) -> Field:
+        """Return the gap itself: any that is not negative will do."""
+        return gap
+
+    def net_pressure(self, gradient: Field, is_free: Mask) -> Field:
+        """Return the gradient plus p0."""
+        return gradient + self.mean_pressure
+
+    def project(self, field: Field, is_moving: Mask) -> Field:
+        """Return the field at the moving points, zero elsewhere."""
+        return jnp.where(is_moving, field, 0)
+
+    def work(self, change: Field) -> Field:
+        """Return p0 times the change of the gap."""
+        return self.mean_pressure * change
+
+    def has_escaped(self, gap: Field, attraction: Field, curvature: Field) -> Bool[Array, ""]:
+        """Whether no point touches, and all are far out on the falling side of the attraction."""
+        is_weak = (attraction < -1e-3 * self.mean_pressure) & (curvature <= 0)
+        return jnp.all((gap > 0) & is_weak)
+
+
+class Load(eqx.Module):
+    """What holds the surfaces together: one value, or an array of values for a sweep."""
+
+    value: eqx.AbstractVar[Float[Array, "..."]]
+
+    @abstractmethod
+    def control(self, heights: Field) -> Control:
+        """Return what the load asks of the gap over this surface."""
+
+
+class MeanDisplacement(Load):
+    """A prescribed mean(u) [length]: one value, or an array of them for a sweep."""
+
+    value: Float[Array, "..."] = eqx.field(converter=parameter)
+
+    def control(self, heights: Field) -> GapControl:
+        """Hold the mean gap at mean(u) - mean(h)."""
+        return GapControl(self.value.astype(heights.dtype) - jnp.mean(heights))
+
+
+class MeanGap(Load):
+    """A prescribed mean(g) [length] (Rey & Bleyer, eq. 4): one value, or an array for a sweep."""
+
+    value: Float[Array, "..."] = eqx.field(converter=parameter)
+
+    def control(self, heights: Field) -> GapControl:
+        """Hold the mean gap at the value."""
+        return GapControl(self.value.astype(heights.dtype))
+
+
+class MeanPressure(Load):
+    """A prescribed p0 [pressure], positive in compression: one value, or an array for a sweep."""
+
+    value: Float[Array, "..."] = eqx.field(converter=parameter)
+
+    def control(self, heights: Field) -> PressureControl:
+        """Hold the mean pressure at the value."""
+        return PressureControl(self.value.astype(heights.dtype))
+
+
+def _count(mask: Mask, like: Field) -> Float[Array, ""]:
+    return jnp.maximum(total(mask.astype(like.dtype)), 1)

@@ -1,0 +1,157 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import rough_contact
+from test_equilibrium import check_optimality
+from test_stability import dense_hessian
+
+import jaxstab as js
+from jaxstab.references import westergaard
+
+SOLVER = js.PreconditionedConjugateGradient()
+LAWS = [
+    js.potentials.NoAdhesion(),
+    js.potentials.Exponential(0.01, 0.1),
+    js.potentials.Gaussian(0.02, 0.1),
+    js.potentials.Rational(0.02, 0.1),
+]
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+@pytest.mark.parametrize("mean_gap", [1e-3, 0.1, 1.0])
+def test_it_finds_the_state_that_the_reference_solver_finds(law, mean_gap):
+    contact, load = rough_contact(32, law), js.MeanGap(mean_gap)
+    equilibrium = js.equilibrate(contact, load, SOLVER)
+    reference = js.equilibrate(contact, load)
+    assert equilibrium.num_steps <= reference.num_steps
+    np.testing.assert_allclose(equilibrium.gap, reference.gap, atol=1e-7)
+    np.testing.assert_array_equal(equilibrium.in_contact, reference.in_contact)
+    if equilibrium.in_contact.any():
+        check_optimality(contact, equilibrium, 1e-7)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_energy_never_rises_even_with_strong_adhesion(seed):
+    contact = rough_contact(32, js.potentials.Exponential(0.3, 0.1), seed=seed)
+    control = js.MeanGap(0.2).control(contact.heights)
+    start = control.restore(jnp.maximum(control.starting_gap(contact.heights), 0))
+    iteration = SOLVER.solve(contact, control, start)
+    assert iteration.result == js.RESULTS.successful
+    energies = np.asarray(iteration.history.values["energy"])[: int(iteration.num_steps) + 1]
+    assert (np.diff(energies) <= 1e-12 * np.abs(energies).max()).all()
+    area = float(contact.grid.cell_area)
+    final = float(contact.energy(iteration.state.gap)) / area
+    assert energies[-1] == pytest.approx(final, rel=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_it_ends_at_a_minimum_not_at_a_saddle(seed):
+    contact = rough_contact(16, js.potentials.Gaussian(1.0, 0.1), seed=seed)
+    equilibrium = js.equilibrate(contact, js.MeanGap(0.12), SOLVER)
+    free = ~np.asarray(equilibrium.in_contact).ravel()
+    matrix = dense_hessian(contact, equilibrium.gap)[np.ix_(free, free)]
+    n = len(matrix)
+    basis = np.linalg.qr(np.column_stack([np.ones(n), np.eye(n)[:, 1:]]))[0][:, 1:]
+    assert np.linalg.eigvalsh(basis.T @ matrix @ basis)[0] > -1e-6
+
+
+def test_its_steps_hardly_grow_with_the_grid():
+    def steps(n):
+        grid = js.Grid(n)
+        heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=8, rms_slope=0.1)
+        contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.NoAdhesion())
+        load = js.MeanGap(js.surfaces.rms_height(heights))
+        return int(js.equilibrate(contact, load, SOLVER).num_steps)
+
+    assert steps(256) <= 1.5 * steps(64)
+
+
+def test_units_change_neither_steps_nor_fields():
+    def solve(length, pressure):
+        grid = js.Grid(32, length)
+        heights = js.surfaces.self_affine(
+            grid, jax.random.key(0), k_high=8, rms_height=0.1 * length
+        )
+        law = js.potentials.Exponential(0.02 * pressure * length, 0.1 * length)
+        contact = js.Contact(js.HalfSpace(grid, pressure), heights, law)
+        return js.equilibrate(contact, js.MeanGap(0.1 * length), SOLVER)
+
+    reduced, metric = solve(1.0, 1.0), solve(1e-6, 1e9)
+    assert metric.num_steps == reduced.num_steps
+    np.testing.assert_allclose(metric.gap / 1e-6, reduced.gap, atol=1e-10)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+def test_pressure_control_returns_to_the_state_that_gap_control_found(law):
+    contact = rough_contact(32, law)
+    by_gap = js.equilibrate(contact, js.MeanGap(0.05), SOLVER)
+    near = by_gap.gap * (1 + 0.02 * jnp.cos(2 * jnp.pi * contact.grid.coordinates[0]))
+    load = js.MeanPressure(by_gap.mean_pressure)
+    by_pressure = js.equilibrate(contact, load, initial=near)
+    np.testing.assert_allclose(by_pressure.gap, by_gap.gap, atol=1e-6)
+    np.testing.assert_allclose(by_pressure.mean_pressure, by_gap.mean_pressure, rtol=1e-6)
+
+
+def test_a_sinusoid_closes_at_westergaards_pressure():
+    grid = js.Grid((256,))
+    heights = js.surfaces.sinusoid(grid, 0.05)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.NoAdhesion())
+    closing = westergaard.full_contact_pressure(0.05, 1.0, 1.0)
+    areas = [
+        js.equilibrate(contact, js.MeanPressure(factor * closing)).contact_area
+        for factor in (0.5, 0.99, 1.01)
+    ]
+    assert areas[0] == pytest.approx(0.5, abs=0.01)
+    assert areas[1] < 1
+    assert areas[2] == 1
+
+
+def test_a_load_past_pull_off_is_announced():
+    contact = rough_contact(32, js.potentials.Exponential(0.01, 0.1))
+    strongest = 0.01 / 0.1
+    with pytest.raises(js.SolverError, match=r"MeanPressure\(-0.11\).*pulled_off.*Pull less"):
+        js.equilibrate(contact, js.MeanPressure(-1.1 * strongest))
+    held = js.equilibrate(contact, js.MeanPressure(-0.01 * strongest))
+    assert held.in_contact.any()
+    assert held.mean_pressure == pytest.approx(-0.001, rel=1e-6)
+    adhesionless = rough_contact(32, js.potentials.NoAdhesion())
+    apart = js.equilibrate(adhesionless, js.MeanPressure(-1e-6), throw=False)
+    assert apart.result == js.RESULTS.pulled_off
+
+
+def test_the_reference_solver_refuses_a_pressure():
+    contact = rough_contact(16, js.potentials.NoAdhesion())
+    with pytest.raises(ValueError, match="PreconditionedConjugateGradient"):
+        js.equilibrate(contact, js.MeanPressure(0.1), js.PolonskyKeerRey())
+    coded = js.equilibrate(contact, js.MeanPressure(jnp.nan), throw=False)
+    assert coded.result == js.RESULTS.infeasible_load
+
+
+def test_under_a_pressure_perturbations_need_no_zero_mean(hertz):
+    by_gap = js.equilibrate(hertz, js.MeanDisplacement(1.302))
+    load = js.MeanPressure(by_gap.mean_pressure)
+    held = js.equilibrate(hertz, load, initial=by_gap, throw=False)
+    exact = np.linalg.eigvalsh(dense_hessian(hertz, held.gap))[0]
+    pair = js.assess_stability(hertz, held, throw=False).cone
+    if held.result == js.RESULTS.successful and not held.in_contact.any():
+        assert pair.eigenvalue == pytest.approx(exact, rel=1e-6)
+
+    stiff = rough_contact(16, js.potentials.Exponential(1e-3, 0.5))
+    state = js.equilibrate(stiff, js.MeanPressure(-1e-3 / 0.5 / 50))
+    pair = js.assess_stability(stiff, state).cone
+    assert pair.mode[np.asarray(state.in_contact)].min(initial=0) >= 0
+    assert abs(float(pair.mode.mean())) > 1e-6
+
+
+def test_loads_of_pressure_can_be_swept():
+    contact = rough_contact(32, js.potentials.Exponential(0.01, 0.1))
+    loads = js.MeanPressure(jnp.array([0.05, 0.01, 0.0, -1.0]))
+    quick = js.ProximalIteration(1e-4)
+    for order in ("independent", "continuation"):
+        swept = js.sweep(contact, loads, order=order, stability_solver=quick)
+        codes = swept.equilibrium.result
+        assert (codes == js.RESULTS.successful).tolist() == [True, True, True, False]
+        assert (codes == js.RESULTS.pulled_off).tolist() == [False, False, False, True]
+        area = swept.equilibrium.contact_area
+        assert area[0] > area[1] > area[2] > 0
