@@ -119,6 +119,7 @@ class IterativeSolver(eqx.Module):
             report: called at each check with whether this lane has ended; under vmap it sees all
                 lanes at once.
         """
+        state = _refuse_derivatives(state)
         first = measure(state)
         precision = first["residual"].dtype.name
         default = self.default_tolerance.get(precision, max(self.default_tolerance.values()))
@@ -157,3 +158,17 @@ class IterativeSolver(eqx.Module):
         result = RESULTS.where(loop.residual <= tolerance, RESULTS.successful, result)
         result = RESULTS.where(jnp.isfinite(loop.residual), result, RESULTS.nonfinite)
         return Iteration(loop.state, loop.residual, loop.num_steps, result, loop.history)
+
+
+@jax.custom_jvp
+def _refuse_derivatives(state: State) -> State:
+    """Return `state`: derivatives of the loop would be those of its steps, not of its answer."""
+    return state
+
+
+@_refuse_derivatives.defjvp
+def _raise(primals: tuple[State], tangents: tuple[State]) -> tuple[State, State]:
+    raise NotImplementedError(
+        "jaxstab's solvers cannot be differentiated: take finite differences of their results, "
+        "or apply jax.lax.stop_gradient to what goes in."
+    )

@@ -174,3 +174,14 @@ def test_the_same_function_object_does_not_compile_again(solid, heights):
     before = len(traces)
     js.equilibrate(again, LOAD)
     assert len(traces) == before
+
+
+@pytest.mark.parametrize("law", [named_law, bare_law])
+@pytest.mark.parametrize("transform", [jax.grad, jax.jacfwd])
+def test_derivatives_are_refused_rather_than_wrong(solid, heights, law, transform):
+    def pressure(energy):
+        contact = js.Contact(solid, heights, law(energy))
+        return js.equilibrate(contact, LOAD, throw=False).mean_pressure
+
+    with pytest.raises(NotImplementedError, match="cannot be differentiated"):
+        transform(pressure)(0.01)
