@@ -14,12 +14,12 @@ _bars: list[tqdm] = []
 
 
 @contextmanager
-def progress_bar(total: int, unit: str) -> Iterator[None]:
+def progress_bar(total: int, unit: str) -> Iterator[tqdm]:
     """Show a bar of `total` units that `advance_to` moves, until the block ends."""
     with tqdm(total=total, unit=unit) as bar:
         _bars.append(bar)
         try:
-            yield
+            yield bar
             jax.effects_barrier()
             _move(total)
         finally:

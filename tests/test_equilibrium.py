@@ -175,6 +175,13 @@ def test_detached_surfaces_without_adhesion_carry_nothing():
     np.testing.assert_allclose(equilibrium.displacement, equilibrium.displacement.mean())
 
 
+def test_detached_surfaces_converge_in_single_precision():
+    contact = rough_contact(64, js.potentials.Exponential(1e-4, 0.1))
+    single = js.Contact(contact.solid, contact.heights.astype(jnp.float32), contact.potential)
+    equilibrium = js.equilibrate(single, js.MeanGap(1.0))
+    assert not equilibrium.in_contact.any()
+
+
 def test_nearly_full_contact():
     contact = rough_contact(32, js.potentials.Exponential(1e-2, 1.0), youngs_modulus=1e-3)
     equilibrium = js.equilibrate(contact, js.MeanGap(1e-5))
@@ -240,8 +247,11 @@ def test_a_tolerance_beyond_the_precision_ends_with_a_code(hertz):
     assert equilibrium.residual < 1e-12
 
 
-def test_a_potential_that_turns_nan_is_coded(hertz):
-    contact = js.Contact(hertz.solid, hertz.heights, lambda gap: jnp.sqrt(0.5 - gap))
+@pytest.mark.parametrize(
+    "law", [lambda gap: jnp.sqrt(0.5 - gap), lambda gap: jnp.where(gap > 0.5, jnp.nan, -gap)]
+)
+def test_a_potential_that_turns_nan_is_coded(hertz, law):
+    contact = js.Contact(hertz.solid, hertz.heights, law)
     equilibrium = js.equilibrate(contact, js.MeanGap(0.6), throw=False)
     assert equilibrium.result == js.RESULTS.nonfinite
 

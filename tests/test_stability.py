@@ -83,6 +83,15 @@ def test_without_contact_it_equals_a_dense_eigensolver_for_any_curvature(seed, s
     check_admissible(pair, state.in_contact)
 
 
+def test_adhesion_that_outweighs_the_stiffness_everywhere_does_not_upset_it():
+    contact = rough_contact(16, lambda gap: -200 * jnp.exp(-gap))
+    state = random_state(3, 0)
+    pair = js.assess_stability(contact, state).cone
+    exact = smallest_on_zero_mean(dense_hessian(contact, state.gap))
+    assert contact.solid.max_stiffness < 50 < -exact
+    assert pair.eigenvalue == pytest.approx(exact, rel=1e-6)
+
+
 @pytest.mark.parametrize("seed", range(1, 6))
 @pytest.mark.parametrize("touching", [0.05, 0.5, 0.95])
 def test_with_contact_the_answer_is_admissible_and_optimal(seed, touching):
@@ -195,6 +204,21 @@ def test_a_step_limit_raises_or_is_coded(hertz):
         js.assess_stability(hertz, equilibrium, solver)
     stability = js.assess_stability(hertz, equilibrium, solver, throw=False)
     assert stability.cone.result == js.RESULTS.max_steps_reached
+    assert stability.verdict == js.VERDICTS.undecided
+
+
+def test_a_verdict_needs_an_error_smaller_than_the_eigenvalue(hertz):
+    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.302))
+    stability = js.assess_stability(hertz, equilibrium, js.ProximalIteration(tolerance=5e-3))
+    assert 0 < stability.cone.eigenvalue < stability.cone.error
+    assert stability.verdict == js.VERDICTS.undecided
+
+
+def test_a_verdict_needs_a_solver_that_converged(hertz):
+    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.302))
+    solver = js.ProximalIteration(tolerance=1e-30, max_steps=10_000)
+    stability = js.assess_stability(hertz, equilibrium, solver, throw=False)
+    assert stability.cone.error < 1e-6 < stability.cone.eigenvalue
     assert stability.verdict == js.VERDICTS.undecided
 
 
