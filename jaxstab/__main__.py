@@ -37,7 +37,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(_summary(options, contact))
         solver = ProximalIteration(STABILITY_TOLERANCE[options.precision])
         result = sweep(contact, load, order=options.order, stability_solver=solver, progress=True)
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         raise SystemExit(f"jaxstab: {error}") from error
     print(_table(result))
     _draw(result, folder / "unloading.png")
@@ -137,6 +137,7 @@ def _table(result: Sweep) -> str:
     """Return one line for each load."""
     equilibrium, stability = result.equilibrium, result.stability
     steps = equilibrium.num_steps, stability.cone.num_steps
+    results = (labels(RESULTS, x.result) for x in (equilibrium, stability.cone))
     columns = {
         f"{type(result.load).__name__}": [f"{x:.5f}" for x in result.load.value],
         "mean pressure": [f"{x:+.4e}" for x in equilibrium.mean_pressure],
@@ -144,7 +145,7 @@ def _table(result: Sweep) -> str:
         "cone eigenvalue": [f"{x:+.4e}" for x in stability.cone.eigenvalue],
         "verdict": [str(x) for x in labels(VERDICTS, stability.verdict)],
         "steps": [f"{x} + {y}" for x, y in zip(*steps, strict=True)],
-        "solvers": [str(x) for x in labels(RESULTS, stability.cone.result)],
+        "solvers": [x if x != "successful" else y for x, y in zip(*results, strict=True)],
     }
     widths = {name: max(map(len, [name, *cells])) for name, cells in columns.items()}
     rows = zip(*columns.values(), strict=True)

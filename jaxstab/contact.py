@@ -67,10 +67,8 @@ class Contact(eqx.Module):
 
     @property
     def is_valid(self) -> Bool[Array, ""]:
-        """Whether heights are finite and the stiffness finite and not negative."""
-        multiplier = self.solid.multiplier
-        is_stiff = (multiplier >= 0) & jnp.isfinite(multiplier)
-        return jnp.all(jnp.isfinite(self.heights)) & jnp.all(is_stiff)
+        """Whether heights are finite and the solid is a possible one, also where traced."""
+        return jnp.all(jnp.isfinite(self.heights)) & self.solid.is_valid
 
     def gap(self, displacement: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         """Return g = u - h (Rey & Bleyer, eq. 2) [length]."""

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab.checks import parameter, require, require_positive
 from jaxstab.functions import as_pytree
@@ -35,6 +35,12 @@ class Solid(eqx.Module):
         q = self.grid.wavenumbers
         # The second `where` keeps a formula that is singular at q = 0 out of the derivatives.
         return jnp.where(q > 0, self.stiffness_at(jnp.where(q > 0, q, jnp.max(q))), 0)
+
+    @property
+    def is_valid(self) -> Bool[Array, ""]:
+        """Whether the stiffness is finite and nowhere negative, also where it is traced."""
+        multiplier = self.multiplier
+        return jnp.all((multiplier >= 0) & jnp.isfinite(multiplier))
 
     @property
     def max_stiffness(self) -> Float[Array, ""]:
@@ -91,6 +97,9 @@ class HalfSpace(Solid):
         self.grid = grid
         self.youngs_modulus = parameter(youngs_modulus)
         self.poisson_ratio = parameter(poisson_ratio)
+        for value in (self.youngs_modulus, self.poisson_ratio):
+            if value.shape != ():
+                raise ValueError(f"An elastic constant has shape {value.shape}: use jax.vmap.")
         require_positive("Young's modulus", self.youngs_modulus)
         nu = self.poisson_ratio
         require("Poisson's ratio", nu, (nu > -1) & (nu <= 0.5), "it must lie in (-1, 0.5].")
@@ -99,6 +108,12 @@ class HalfSpace(Solid):
     def contact_modulus(self) -> Float[Array, ""]:
         """E* = E / (1 - nu^2) [pressure]."""
         return self.youngs_modulus / (1 - self.poisson_ratio**2)
+
+    @property
+    def is_valid(self) -> Bool[Array, ""]:
+        """Whether E is positive and finite and nu in (-1, 0.5], also where they are traced."""
+        modulus, nu = self.youngs_modulus, self.poisson_ratio
+        return (modulus > 0) & jnp.isfinite(modulus) & (nu > -1) & (nu <= 0.5)
 
     def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
         """Return E* |q| / 2 [pressure/length]."""

@@ -68,11 +68,17 @@ class Grid(eqx.Module):
     @property
     def wavenumbers(self) -> Float[Array, " *modes"]:
         """Norm |q| = 2 pi |k / L| of every wave vector of `rfftn` [1/length]."""
+        sides = zip(self.waves, self.lengths, strict=True)
+        squared = sum((2 * jnp.pi * k.astype(length.dtype) / length) ** 2 for k, length in sides)
+        # Two `where`s keep the derivative of the root at zero out of those of the lengths.
+        return jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)
+
+    @property
+    def waves(self) -> tuple[Float[np.ndarray, " *modes"], ...]:
+        """Number of waves k along each side of every wave vector of `rfftn`."""
         *full, half = self.shape
-        waves = [np.fft.fftfreq(n, 1 / n) for n in full] + [np.fft.rfftfreq(half, 1 / half)]
-        sides = zip(waves, self.lengths, strict=True)
-        components = [2 * jnp.pi * k.astype(length.dtype) / length for k, length in sides]
-        return jnp.sqrt(sum(q**2 for q in jnp.meshgrid(*components, indexing="ij")))
+        axes = [np.fft.fftfreq(n, 1 / n) for n in full] + [np.fft.rfftfreq(half, 1 / half)]
+        return tuple(np.meshgrid(*axes, indexing="ij"))
 
     @property
     def mode_multiplicity(self) -> Float[np.ndarray, " *modes"]:

@@ -119,7 +119,6 @@ class IterativeSolver(eqx.Module):
             report: called at each check with whether this lane has ended; under vmap it sees all
                 lanes at once.
         """
-        state = _refuse_derivatives(state)
         first = measure(state)
         precision = first["residual"].dtype.name
         default = self.default_tolerance.get(precision, max(self.default_tolerance.values()))
@@ -161,12 +160,12 @@ class IterativeSolver(eqx.Module):
 
 
 @jax.custom_jvp
-def _refuse_derivatives(state: State) -> State:
-    """Return `state`: derivatives of the loop would be those of its steps, not of its answer."""
-    return state
+def refuse_derivatives(tree: State) -> State:
+    """Return `tree`: derivatives of a loop would be those of its steps, not of its answer."""
+    return tree
 
 
-@_refuse_derivatives.defjvp
+@refuse_derivatives.defjvp
 def _raise(primals: tuple[State], tangents: tuple[State]) -> tuple[State, State]:
     raise NotImplementedError(
         "jaxstab's solvers cannot be differentiated: take finite differences of their results, "

@@ -177,5 +177,14 @@ class MeanPressure(Load):
         return PressureControl(self.value.astype(heights.dtype))
 
 
+def require_load(load: Load) -> None:
+    """Raise `TypeError` if `load` is not one."""
+    if not isinstance(load, Load):
+        raise TypeError(
+            f"The load is {load!r}: say what it prescribes, with MeanDisplacement, MeanGap or "
+            "MeanPressure."
+        )
+
+
 def _count(mask: Mask, like: Field) -> Float[Array, ""]:
     return jnp.maximum(total(mask.astype(like.dtype)), 1)

@@ -97,7 +97,8 @@ def as_module(potential: Potential, dtype: Any) -> Potential:
     if not callable(potential):
         raise ValueError(f"The potential is {potential!r}: give a function of the gap.")
     gap = jax.ShapeDtypeStruct((), dtype)
-    potential = as_pytree(cast(potential, dtype), gap)
+    if isinstance(potential, eqx.Module):
+        potential = cast(potential, dtype)
     value = jax.eval_shape(potential, gap)
     is_scalar = getattr(value, "shape", None) == ()
     if not (is_scalar and jnp.issubdtype(value.dtype, jnp.floating)):
@@ -105,7 +106,7 @@ def as_module(potential: Potential, dtype: Any) -> Potential:
             f"The potential maps a scalar gap to {value}: it must return one real scalar, the "
             "energy per area. (It is applied point by point; its parameters must be scalars too.)"
         )
-    return potential
+    return as_pytree(potential, gap)
 
 
 def energy_density(potential: Potential, gap: Float[Array, " *grid"]) -> Float[Array, " *grid"]:

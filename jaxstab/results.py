@@ -51,7 +51,7 @@ class RESULTS(eqx.Enumeration):
 class VERDICTS(eqx.Enumeration):
     """What is known of the stability of an equilibrium."""
 
-    stable = "stable: every admissible perturbation raises the energy"
+    stable = "stable: the smallest eigenvalue found on the admissible perturbations is positive"
     held_by_contact = "held_by_contact: stable to small perturbations only, thanks to the contact"
     unstable = "unstable: an admissible perturbation lowers the energy"
     undecided = "undecided: what was computed proves neither stability nor instability"

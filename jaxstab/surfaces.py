@@ -46,7 +46,7 @@ def sinusoid(
         Heights [length], of zero mean.
 
     Raises:
-        ValueError: if there is not one number of waves for each side, or their sum is zero.
+        ValueError: if there is not one number of waves for each side, or all are zero.
     """
     waves = (1,) + (0,) * (len(grid.shape) - 1) if waves is None else waves
     if len(waves) != len(grid.shape) or not any(waves):
@@ -74,7 +74,7 @@ def self_affine(
     k_low <= k <= k_rolloff, C (k / k_rolloff)^-s up to k_high, and 0 elsewhere, with k the number
     of waves per longest side of the cell; C is set by the one of `rms_height` and `rms_slope`
     that is given, which this very surface has exactly. The noise belongs to the waves, not to the
-    points: one key gives one surface, on every grid that resolves it.
+    points: one key gives one surface in each precision, on every grid that resolves it.
 
     Arguments:
         grid: the grid.
@@ -155,15 +155,21 @@ class PowerSpectrum(eqx.Module):
 
 
 def power_spectrum(grid: Grid, heights: Float[Array, " *grid"]) -> PowerSpectrum:
-    """Return the radial power spectrum of a surface, up to the corner of its spectrum."""
-    fundamental = 2 * jnp.pi / jnp.max(grid.lengths)
+    """Return the radial power spectrum of a surface, up to the corner of its spectrum.
+
+    Arguments:
+        grid: the grid; its lengths must be known, since they decide the number of rings.
+        heights: the surface [length].
+    """
+    longest = np.max(np.asarray(grid.lengths))
+    fundamental = 2 * np.pi / longest
+    finest = np.linalg.norm(longest / (2 * np.asarray(grid.spacing)))
+    num_rings = int(finest) + 2
     ring = jnp.round(grid.wavenumbers / fundamental).astype(int)
-    # Waves along the longest side have at most max(shape) / 2 periods, others fewer a length.
-    num_rings = int(max(grid.shape)) * len(grid.shape)
     multiplicity = jnp.asarray(grid.mode_multiplicity)
     power = multiplicity * jnp.abs(jnp.fft.rfftn(heights)) ** 2 * grid.cell_area / grid.size
-    num_waves = jnp.zeros(num_rings).at[ring].add(multiplicity, mode="drop")
-    density = jnp.zeros(num_rings).at[ring].add(power, mode="drop") / jnp.maximum(num_waves, 1)
+    num_waves = jnp.zeros(num_rings).at[ring].add(multiplicity)
+    density = jnp.zeros(num_rings).at[ring].add(power) / jnp.maximum(num_waves, 1)
     return PowerSpectrum(fundamental * jnp.arange(1, num_rings), density[1:], num_waves[1:])
 
 
@@ -180,9 +186,7 @@ def _rms_derivative(grid: Grid, heights: Float[Array, " *grid"], order: int) -> 
 
 def _wave_noise(grid: Grid, key: PRNGKeyArray) -> Complex[Array, " *modes"]:
     """Return complex normal noise that each wave of `rfftn` has on every grid alike."""
-    *full, half = grid.shape
-    axes = [np.fft.fftfreq(n, 1 / n) for n in full] + [np.fft.rfftfreq(half, 1 / half)]
-    *across, along = (k.astype(np.int32) for k in np.meshgrid(*axes, indexing="ij"))
+    *across, along = (k.astype(np.int32) for k in grid.waves)
     k = across[0] if across else np.zeros_like(along)
     # Of the waves k and -k the half spectrum keeps both only where `along` is zero.
     is_conjugate = (along == 0) & (k < 0)

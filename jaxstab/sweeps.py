@@ -7,12 +7,12 @@ from typing import Literal
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.equilibrate import Solver, default_solver, find_equilibrium
-from jaxstab.loads import Load
+from jaxstab.equilibrium.equilibrate import Solver, default_solver, find_equilibrium, initial_gap
+from jaxstab.loads import Load, require_load
 from jaxstab.progress import LaneReport, advance_to, progress_bar
 from jaxstab.results import RESULTS, throw_failure
 from jaxstab.stability import ProximalIteration, Stability
@@ -40,7 +40,7 @@ def sweep(
     order: Literal["independent", "continuation"] = "independent",
     equilibrium_solver: Solver | None = None,
     stability_solver: ProximalIteration | None = None,
-    initial: Float[Array, " *grid"] | None = None,
+    initial: ArrayLike | Equilibrium | None = None,
     key: PRNGKeyArray | None = None,
     progress: bool = False,
     throw: bool = False,
@@ -55,7 +55,7 @@ def sweep(
             section 4.2.3).
         equilibrium_solver: the algorithm for equilibria, by default that of `equilibrate`.
         stability_solver: the algorithm for eigenvalues, `ProximalIteration()` by default.
-        initial: the gap to start from [length], as in `equilibrate`.
+        initial: where to start, as in `equilibrate`.
         key: the random key of the eigensolver's start, as in `assess_stability`.
         progress: show a progress bar.
         throw: raise if any load fails; otherwise each load carries its own `result`, and one that
@@ -65,30 +65,29 @@ def sweep(
         The results, stacked along a leading axis of loads.
 
     Raises:
-        ValueError: for a single load, or an order that does not exist.
+        ValueError: for a single load or none, an order that does not exist, or an initial gap that
+            `equilibrate` refuses.
         SolverError: if `throw` and a load failed.
     """
-    if load.value.ndim != 1:
+    require_load(load)
+    if load.value.ndim != 1 or load.value.size == 0:
         raise ValueError(
             f"sweep takes a one-dimensional array of loads, but {type(load).__name__} holds one "
             f"of shape {load.value.shape}: use jaxstab.equilibrate for a single load."
         )
     if order not in ("independent", "continuation"):
         raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
-    if initial is not None and initial.shape != contact.grid.shape:
-        raise ValueError(
-            f"The initial gap has shape {initial.shape}, the grid {contact.grid.shape}."
-        )
     equilibrium_solver = equilibrium_solver or default_solver(load)
     stability_solver = stability_solver or ProximalIteration()
     key = jax.random.key(0) if key is None else key
+    gap = initial_gap(contact, initial)
 
     solve = _solve_together if order == "independent" else _solve_in_turn
     # Solved together, every lane ends twice: at its equilibrium and at its eigenvalue.
     units = load.value.size * (2 if order == "independent" else 1)
     with progress_bar(units, "solve") if progress else nullcontext():
         result = solve(
-            contact, load, equilibrium_solver, stability_solver, initial, key, progress=progress
+            contact, load, equilibrium_solver, stability_solver, gap, key, progress=progress
         )
     return _throw_failures(result) if throw else result
 
@@ -123,21 +122,24 @@ def _solve_in_turn(
     key: PRNGKeyArray,
     progress: bool,
 ) -> Sweep:
-    def solve(last: Float[Array, " *grid"], step: tuple[Array, Load]) -> tuple[Array, Sweep]:
-        index, load = step
+    Carry = tuple[Float[Array, " *grid"], Bool[Array, ""]]
+
+    def solve(carry: Carry, step: tuple[Array, Load]) -> tuple[Carry, Sweep]:
+        (last, has_last), (index, load) = carry, step
         fresh = load.control(contact.heights).starting_gap(contact.heights)
-        start = jnp.where(jnp.isnan(last), fresh, last)
+        start = jnp.where(has_last, last, fresh)
         equilibrium = find_equilibrium(contact, load, equilibrium_solver, start)
         stability = judge(contact, equilibrium, stability_solver, key)
         if progress:
             advance_to(index + 1)
         found = equilibrium.result == RESULTS.successful
-        return jnp.where(found, equilibrium.gap, last), Sweep(load, equilibrium, stability)
+        last = jnp.where(found, equilibrium.gap, last)
+        return (last, has_last | found), Sweep(load, equilibrium, stability)
 
-    # NaN says that there is no last equilibrium yet.
-    none = jnp.full_like(contact.heights, jnp.nan)
-    last = none if initial is None else initial.astype(none.dtype)
-    _, result = jax.lax.scan(solve, last, (jnp.arange(load.value.size), load))
+    nothing = jnp.zeros_like(contact.heights)
+    last = nothing if initial is None else initial.astype(nothing.dtype)
+    first = (last, jnp.array(initial is not None))
+    _, result = jax.lax.scan(solve, first, (jnp.arange(load.value.size), load))
     return result
 
 

@@ -2,8 +2,13 @@ import os
 import subprocess
 import sys
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+
+import jaxstab as js
+from jaxstab.__main__ import main
 
 SMALL = ["--size", "32", "--k-high", "8", "--number", "5"]
 
@@ -46,6 +51,47 @@ def test_options_reach_the_problem_and_no_result_is_overwritten(tmp_path):
         assert data["load_kind"] == "MeanDisplacement"
         assert data["mean_pressure"][0] > 0
     assert "E = 2" in result.stdout and "adhesion: none" in result.stdout
+
+
+def test_every_option_reaches_the_problem_that_is_solved(tmp_path):
+    options = {
+        "size": 24,
+        "seed": 3,
+        "hurst": 0.6,
+        "k-low": 1,
+        "k-rolloff": 3,
+        "k-high": 7,
+        "rms-height": 0.2,
+        "youngs-modulus": 0.5,
+        "poisson-ratio": 0.4,
+        "potential": "gaussian",
+        "surface-energy": 0.03,
+        "range": 0.3,
+        "load": "displacement",
+        "first": 0.1,
+        "last": 0.9,
+        "number": 3,
+        "order": "independent",
+        "output": tmp_path,
+    }
+    main([text for name, value in options.items() for text in (f"--{name}", str(value))])
+    data = np.load(tmp_path / "1" / "unloading.npz")
+
+    grid = js.Grid(24)
+    heights = js.surfaces.self_affine(
+        grid, jax.random.key(3), hurst=0.6, k_low=1, k_rolloff=3, k_high=7, rms_height=0.2
+    )
+    law = js.potentials.Gaussian(0.03, 0.3)
+    contact = js.Contact(js.HalfSpace(grid, 0.5, 0.4), heights, law)
+    loads = js.MeanDisplacement(jnp.linspace(0.1, 0.9, 3))
+    expected = js.sweep(contact, loads, stability_solver=js.ProximalIteration(1e-6))
+    np.testing.assert_allclose(data["heights"], heights)
+    np.testing.assert_allclose(data["gap"], expected.equilibrium.gap, atol=1e-9)
+    np.testing.assert_allclose(data["pressure"], expected.equilibrium.pressure, atol=1e-7)
+    cone = expected.stability.cone
+    np.testing.assert_allclose(data["cone_eigenvalue"], cone.eigenvalue, rtol=1e-6)
+    np.testing.assert_allclose(data["cone_error"], cone.error, rtol=1e-2)
+    assert not np.allclose(data["cone_error"], data["cone_residual"])
 
 
 @pytest.mark.parametrize(

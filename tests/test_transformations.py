@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxstab as js
+from jaxstab.equilibrium.equilibrate import find_equilibrium
 
 LOAD = js.MeanGap(0.1)
 ENERGIES = jnp.array([0.005, 0.01, 0.02])
@@ -161,6 +162,33 @@ def test_a_bare_function_of_traced_values_does_not_compile_again(solid, heights)
     assert len({float(value) for value in values}) == 3
 
 
+def test_a_bare_function_written_anew_does_not_compile_again(solid, heights):
+    def pressures(energies):
+        def pressure(energy):
+            contact = js.Contact(solid, heights, bare_law(energy))
+            return js.equilibrate(contact, LOAD, throw=False).mean_pressure
+
+        return jax.vmap(pressure)(energies)
+
+    first = pressures(ENERGIES)
+    before = find_equilibrium._cache_size()
+    second = pressures(2 * ENERGIES)
+    assert find_equilibrium._cache_size() == before
+    assert not np.allclose(first, second)
+
+
+def test_a_function_that_reads_a_changed_value_is_computed_anew(solid, heights):
+    energy = {"value": 0.01}
+
+    def law(gap):
+        return -energy["value"] * jnp.exp(-gap / 0.1)
+
+    for energy["value"] in (0.01, 0.02):
+        found = js.equilibrate(js.Contact(solid, heights, law), LOAD).mean_pressure
+        named = js.Contact(solid, heights, named_law(energy["value"]))
+        np.testing.assert_allclose(found, js.equilibrate(named, LOAD).mean_pressure, rtol=1e-9)
+
+
 def test_the_same_function_object_does_not_compile_again(solid, heights):
     traces = []
 
@@ -185,3 +213,23 @@ def test_derivatives_are_refused_rather_than_wrong(solid, heights, law, transfor
 
     with pytest.raises(NotImplementedError, match="cannot be differentiated"):
         transform(pressure)(0.01)
+
+
+def test_derivatives_of_an_eigenvalue_at_a_fixed_state_are_refused_too(solid, heights):
+    contact = js.Contact(solid, heights, named_law(0.01))
+    equilibrium = js.equilibrate(contact, LOAD)
+
+    def eigenvalue(energy):
+        other = js.Contact(solid, heights, named_law(energy))
+        return js.assess_stability(other, equilibrium, throw=False).cone.eigenvalue
+
+    with pytest.raises(NotImplementedError, match="cannot be differentiated"):
+        jax.jvp(eigenvalue, (0.01,), (1.0,))
+
+
+def test_fields_that_need_no_solver_can_be_differentiated(heights):
+    def energy(length):
+        return js.HalfSpace(js.Grid(16, length), 1.0).energy(heights)
+
+    # The energy of a given displacement grows with area over length.
+    np.testing.assert_allclose(jax.grad(energy)(2.0), energy(1.0), rtol=1e-9)

@@ -5,13 +5,14 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
+from jaxstab.checks import parameter, require, require_finite
 from jaxstab.contact import Contact
 from jaxstab.equilibrium.polonsky_keer_rey import PolonskyKeerRey
 from jaxstab.equilibrium.preconditioned import PreconditionedConjugateGradient
-from jaxstab.iterate import Report
-from jaxstab.loads import GapControl, Load, MeanPressure
+from jaxstab.iterate import Report, refuse_derivatives
+from jaxstab.loads import GapControl, Load, MeanPressure, require_load
 from jaxstab.potentials import slope
 from jaxstab.results import RESULTS, throw_failure
 
@@ -55,7 +56,7 @@ def equilibrate(
     load: Load,
     solver: Solver | None = None,
     *,
-    initial: Float[Array, " *grid"] | Equilibrium | None = None,
+    initial: ArrayLike | Equilibrium | None = None,
     throw: bool = True,
 ) -> Equilibrium:
     """Return an equilibrium of the contact under a load (Rey & Bleyer, eq. 14).
@@ -78,21 +79,19 @@ def equilibrate(
         contact without an answer.
 
     Raises:
-        ValueError: for an array of loads, or an initial gap of another shape than the grid.
+        ValueError: for an array of loads, or an initial gap that is not finite and positive
+            somewhere, or of another shape than the grid.
+        TypeError: for something that is not a load.
         SolverError: if `throw`, for a load that no gap satisfies or a solve that did not converge.
     """
+    require_load(load)
     if load.value.shape != ():
         raise ValueError(
             f"equilibrate takes one load, but {type(load).__name__} holds an array of shape "
             f"{load.value.shape}: use jaxstab.sweep, or jax.vmap."
         )
-    initial = initial.gap if isinstance(initial, Equilibrium) else initial
-    if initial is not None and initial.shape != contact.grid.shape:
-        raise ValueError(
-            f"The initial gap has shape {initial.shape}, the grid {contact.grid.shape}."
-        )
     solver = solver or default_solver(load)
-    equilibrium = find_equilibrium(contact, load, solver, initial)
+    equilibrium = find_equilibrium(contact, load, solver, initial_gap(contact, initial))
     if not throw:
         return equilibrium
     return throw_failure(equilibrium.result, equilibrium, lambda: _describe(contact, equilibrium))
@@ -107,6 +106,7 @@ def find_equilibrium(
     report: Report | None = None,
 ) -> Equilibrium:
     """Do what `equilibrate` does, on checked arguments and without raising."""
+    contact, load, initial = refuse_derivatives((contact, load, initial))
     control = load.control(contact.heights)
     start = control.starting_gap(contact.heights) if initial is None else initial
     gap = control.restore(jnp.maximum(start.astype(contact.heights.dtype), 0))
@@ -121,7 +121,8 @@ def find_equilibrium(
     result = RESULTS.where(contact.is_valid, result, RESULTS.invalid_contact)
 
     in_contact = gap == 0
-    reaction = jnp.where(in_contact, balance.net, 0)
+    # Failed states have a gap of NaN throughout.
+    reaction = jnp.where(in_contact, balance.net, 0 * gap)
     mean_pressure = jnp.mean(reaction - slope(contact.potential, gap))
     return Equilibrium(
         load=load,
@@ -131,12 +132,30 @@ def find_equilibrium(
         reaction=reaction,
         in_contact=in_contact,
         mean_pressure=mean_pressure,
-        contact_area=jnp.mean(in_contact, dtype=gap.dtype),
+        contact_area=jnp.mean(jnp.where(jnp.isnan(gap), gap, in_contact)),
         energy=energy,
         residual=iteration.residual,
         num_steps=iteration.num_steps,
         result=result,
     )
+
+
+def initial_gap(
+    contact: Contact, initial: ArrayLike | Equilibrium | None
+) -> Float[Array, " *grid"] | None:
+    """Return what was given as `initial` as a gap on the contact's grid, checked.
+
+    Raises:
+        ValueError: if its shape is not the grid's, or it is not finite, or nowhere positive.
+    """
+    if initial is None:
+        return None
+    gap = initial.gap if isinstance(initial, Equilibrium) else parameter(initial)
+    if gap.shape != contact.grid.shape:
+        raise ValueError(f"The initial gap has shape {gap.shape}, the grid {contact.grid.shape}.")
+    require_finite("The initial gap", gap)
+    require("The largest initial gap", jnp.max(gap), jnp.any(gap > 0), "it must be positive.")
+    return gap
 
 
 def default_solver(load: Load) -> Solver:

@@ -75,7 +75,9 @@ class PolonskyKeerRey(IterativeSolver):
         def step(state: _State) -> _State:
             is_free, net = state.gap > 0, state.balance.net
             momentum = _ratio(state.balance.free_norm, state.last_norm)
-            direction = jnp.where(is_free, net + momentum * state.direction, 0)
+            # Over a stiffness, so that no product leaves the range of single precision.
+            direction = net / max_stiffness + momentum * state.direction
+            direction = jnp.where(is_free, direction, 0)
 
             curvature = contact.curvature(state.gap)
             elastic = total(direction * stiffness(direction))

@@ -1,4 +1,4 @@
-"""Preconditioned projected conjugate gradients whose energy never rises: the default solver."""
+"""Preconditioned projected conjugate gradients whose energy never rises."""
 
 from collections.abc import Mapping
 from functools import partial

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.iterate import History, Report
+from jaxstab.iterate import History, Report, refuse_derivatives
 from jaxstab.results import RESULTS, VERDICTS, throw_failure
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.proximal import ProximalIteration, admissible_pair, unit_vector
@@ -110,6 +110,7 @@ def judge(
     report: Report | None = None,
 ) -> Stability:
     """Do what `assess_stability` does, on checked arguments and without raising."""
+    contact, equilibrium = refuse_derivatives((contact, equilibrium))
     is_equilibrium = equilibrium.result == RESULTS.successful
     fixes_mean = equilibrium.load.control(contact.heights).fixes_mean
     cone = AdmissibleCone(equilibrium.in_contact, fixes_mean)
