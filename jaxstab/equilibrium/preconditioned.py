@@ -22,7 +22,7 @@ from jaxstab.iterate import (
 from jaxstab.loads import Control
 from jaxstab.potentials import energy_density, slope
 
-_MAX_HALVINGS = 40
+_MAX_CUTS = 40
 _ARMIJO = 1e-4
 
 
@@ -103,7 +103,7 @@ class PreconditionedConjugateGradient(IterativeSolver):
                 return attempt(trial.length / 3, trial.count + 1)
 
             return jax.lax.while_loop(
-                lambda trial: ~trial.is_accepted & (trial.count < _MAX_HALVINGS),
+                lambda trial: ~trial.is_accepted & (trial.count < _MAX_CUTS),
                 shorten,
                 attempt(length, jnp.array(0)),
             )
