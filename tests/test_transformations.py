@@ -37,7 +37,7 @@ def solve(contact, load=LOAD):
     return equilibrium, js.assess_stability(contact, equilibrium, solver, throw=False)
 
 
-def check(result, contact, load=LOAD):
+def check_solution(result, contact, load=LOAD):
     equilibrium, stability = result
     expected_equilibrium, expected_stability = solve(contact, load)
     assert expected_equilibrium.result == js.RESULTS.successful
@@ -54,32 +54,32 @@ def lane(tree, i):
 @pytest.mark.parametrize("law", [named_law, bare_law])
 def test_a_contact_is_an_argument_of_plain_jit(solid, heights, law):
     contact = js.Contact(solid, heights, law(0.01))
-    check(jax.jit(solve)(contact, LOAD), contact)
+    check_solution(jax.jit(solve)(contact, LOAD), contact)
 
 
 @pytest.mark.parametrize("law", [named_law, bare_law])
 def test_a_potential_parameter_can_be_vmapped(solid, heights, law):
     batch = jax.vmap(lambda energy: solve(js.Contact(solid, heights, law(energy))))(ENERGIES)
     for i, energy in enumerate(ENERGIES):
-        check(lane(batch, i), js.Contact(solid, heights, named_law(energy)))
+        check_solution(lane(batch, i), js.Contact(solid, heights, named_law(energy)))
 
 
 @pytest.mark.parametrize("law", [named_law, bare_law])
 def test_a_batch_of_contacts_can_be_made_and_then_solved(solid, heights, law):
     contacts = jax.vmap(lambda energy: js.Contact(solid, heights, law(energy)))(ENERGIES)
     batch = jax.vmap(solve)(contacts)
-    check(lane(batch, 2), js.Contact(solid, heights, named_law(ENERGIES[2])))
+    check_solution(lane(batch, 2), js.Contact(solid, heights, named_law(ENERGIES[2])))
 
 
 def test_surfaces_loads_and_moduli_can_be_vmapped(solid, heights):
     surfaces = jnp.stack([heights, heights[::-1], heights.T * 0.8])
     by_surface = jax.vmap(lambda h: solve(js.Contact(solid, h, named_law(0.01))))(surfaces)
-    check(lane(by_surface, 2), js.Contact(solid, surfaces[2], named_law(0.01)))
+    check_solution(lane(by_surface, 2), js.Contact(solid, surfaces[2], named_law(0.01)))
 
     contact = js.Contact(solid, heights, named_law(0.01))
     loads = js.MeanGap(jnp.array([0.05, 0.1, 0.2]))
     by_load = jax.vmap(solve, in_axes=(None, 0))(contact, loads)
-    check(lane(by_load, 0), contact, js.MeanGap(0.05))
+    check_solution(lane(by_load, 0), contact, js.MeanGap(0.05))
 
     def with_modulus(modulus):
         stiff = js.HalfSpace(solid.grid, modulus, 0.3)
@@ -87,7 +87,7 @@ def test_surfaces_loads_and_moduli_can_be_vmapped(solid, heights):
 
     by_modulus = jax.vmap(with_modulus)(jnp.array([1.0, 2.0]))
     stiff = js.HalfSpace(solid.grid, 2.0, 0.3)
-    check(lane(by_modulus, 1), js.Contact(stiff, heights, named_law(0.01)))
+    check_solution(lane(by_modulus, 1), js.Contact(stiff, heights, named_law(0.01)))
 
 
 def test_a_failed_lane_leaves_the_others_identical(solid, heights):
