@@ -1,11 +1,13 @@
 """Python functions as pytrees, so that what holds one can cross any JAX transformation."""
 
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Jaxpr, jaxpr_as_fun
 from jaxtyping import Array
 
 
@@ -13,18 +15,46 @@ class _Formula:
     """What a function computes, equal to another where both read the same.
 
     Compared by its text, a function written anew, as in a loop over a closed-over array, is not
-    compiled anew; and one that reads a global that has changed is.
+    compiled anew; and one that reads a global that has changed is. Inner parts whose text tells
+    only their names are compared as objects: arrays always, others, such as custom derivative
+    rules, unless the function itself is the same.
     """
 
-    def __init__(self, closed: ClosedJaxpr):
+    def __init__(self, function: Callable[..., Any], closed: ClosedJaxpr):
+        self.function = function
         self.jaxpr = closed.jaxpr
         self.text = str(closed.jaxpr)
+        self.opaque = list(_opaque_parts(closed.jaxpr))
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Formula) and self.text == other.text
+        if not isinstance(other, _Formula) or self.text != other.text:
+            return False
+        is_same_function = self.function is other.function
+
+        def agree(left: Any, right: Any) -> bool:
+            if left is right:
+                return True
+            is_array = isinstance(left, jax.Array | np.ndarray)
+            return not is_array and (is_same_function or left == right)
+
+        pairs = zip(self.opaque, other.opaque, strict=False)
+        return len(self.opaque) == len(other.opaque) and all(agree(*pair) for pair in pairs)
 
     def __hash__(self) -> int:
         return hash(self.text)
+
+
+def _opaque_parts(jaxpr: Jaxpr) -> Iterator[Any]:
+    """Yield the arrays and objects inside of a formula that its text does not show in full."""
+    for equation in jaxpr.eqns:
+        for part in jax.tree.leaves(equation.params):
+            if isinstance(part, ClosedJaxpr):
+                yield from part.consts
+                yield from _opaque_parts(part.jaxpr)
+            elif isinstance(part, Jaxpr):
+                yield from _opaque_parts(part)
+            elif not isinstance(part, int | float | complex | str):
+                yield part
 
 
 class _Function(eqx.Module):
@@ -44,4 +74,6 @@ def as_pytree(function: Any, argument: Any) -> Any:
         return function
     # A new lambda, because tracing is cached by the identity of the function.
     closed = jax.make_jaxpr(lambda x: function(x))(argument)
-    return _Function([jnp.asarray(constant) for constant in closed.consts], _Formula(closed))
+    return _Function(
+        [jnp.asarray(constant) for constant in closed.consts], _Formula(function, closed)
+    )
