@@ -15,7 +15,7 @@ from jaxstab.checks import cast, parameter, require, require_finite
 from jaxstab.elasticity import FieldMap, Solid
 from jaxstab.grid import Grid, total
 from jaxstab.loads import Control
-from jaxstab.potentials import Potential, as_module, curvature, energy_density, slope
+from jaxstab.potentials import Potential, as_module, curvature, derivatives, energy_density, slope
 
 
 class Contact(eqx.Module):
@@ -117,18 +117,25 @@ class Contact(eqx.Module):
         heights = self.heights - jnp.mean(self.heights)
 
         def balance(gap: Float[Array, " *grid"]) -> Balance:
-            # Without its mean, which K ignores, the displacement loses fewer digits.
-            elastic = stiffness(gap - total(gap) / gap.size + heights)
-            attraction = slope(self.potential, gap)
+            # K ignores a constant, but loses digits to a large one: take off that of one point.
+            displacement = gap - gap.ravel()[0] + heights
+            elastic = stiffness(displacement)
+            density, attraction, curvature = derivatives(self.potential, gap)
             is_free = gap > 0
             net = control.net_pressure(elastic + attraction, is_free)
-            free_norm = total(jnp.where(is_free, net, 0) ** 2)
-            pulled_norm = total(jnp.where(is_free, 0, jnp.minimum(net, 0)) ** 2)
+            missed = jnp.where(is_free, net, jnp.minimum(net, 0))
+            residual = jnp.sqrt(total(missed**2) / gap.size)
             scale = jnp.sqrt(total((net - attraction) ** 2 + attraction**2) / gap.size)
             scale = jnp.maximum(scale, smallest_scale)
-            residual = jnp.sqrt((free_norm + pulled_norm) / gap.size)
-            residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
-            return Balance(elastic, net, free_norm, pulled_norm, residual)
+            return Balance(
+                elastic=elastic,
+                net=net,
+                curvature=curvature,
+                elastic_energy=total(displacement * elastic) / 2,
+                adhesion=total(density),
+                residual=jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale)),
+                has_escaped=control.has_escaped(gap, attraction, curvature),
+            )
 
         return balance
 
@@ -144,13 +151,17 @@ class Balance(eqx.Module):
     Attributes:
         elastic: K u, of zero mean [pressure].
         net: K u + p0 + f'(g) [pressure].
-        free_norm: sum of net^2 over the free points [pressure^2].
-        pulled_norm: sum of net^2 over the contact points where it is negative [pressure^2].
+        curvature: f''(g) [pressure/length].
+        elastic_energy: u.Ku / 2 (Rey & Bleyer, eq. 15) [energy/area].
+        adhesion: sum f(g) [energy/area].
         residual: the relative optimality residual.
+        has_escaped: whether the load has pulled the surfaces apart for good.
     """
 
     elastic: Float[Array, " *grid"]
     net: Float[Array, " *grid"]
-    free_norm: Float[Array, ""]
-    pulled_norm: Float[Array, ""]
+    curvature: Float[Array, " *grid"]
+    elastic_energy: Float[Array, ""]
+    adhesion: Float[Array, ""]
     residual: Float[Array, ""]
+    has_escaped: Bool[Array, ""]

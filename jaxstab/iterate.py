@@ -16,6 +16,7 @@ Indicators = dict[str, Float[Array, ""]]
 Report = Callable[[Bool[Array, ""]], None]
 
 _STALL_FACTOR = 0.99
+_LEAST_FALL = 1e-6
 _HISTORY_LENGTH = 512
 
 
@@ -68,7 +69,7 @@ class _Loop(eqx.Module, Generic[State]):
     state: State
     residual: Float[Array, ""]
     num_steps: Int[Array, ""]
-    best: Float[Array, ""]
+    best: Indicators
     best_step: Int[Array, ""]
     history: History
 
@@ -80,8 +81,9 @@ class IterativeSolver(eqx.Module):
         tolerance: the residual to reach; None stands for `default_tolerance`.
         max_steps: the step limit.
         default_tolerance: the residual that each precision can reach.
-        patience: the loop has stagnated when the lowest residual is older than this many steps
-            and than half of all steps.
+        patience: the loop has stagnated when its last progress is older than this many steps and
+            than half of all steps. Progress is a lower residual, or a lower "energy" where the
+            solver measures one.
         steps_per_check: steps between two looks at the residual.
 
     Raises:
@@ -124,6 +126,13 @@ class IterativeSolver(eqx.Module):
         default = self.default_tolerance.get(precision, max(self.default_tolerance.values()))
         tolerance = default if self.tolerance is None else self.tolerance
 
+        def is_progress(best: Indicators, new: Indicators) -> Bool[Array, ""]:
+            progress = new["residual"] < _STALL_FACTOR * best["residual"]
+            if "energy" in new:
+                fall = first["energy"] - best["energy"]
+                progress |= best["energy"] - new["energy"] > _LEAST_FALL * fall
+            return progress
+
         def is_stalled(loop: _Loop[State]) -> Bool[Array, ""]:
             return loop.num_steps > self.patience + 2 * loop.best_step
 
@@ -137,20 +146,22 @@ class IterativeSolver(eqx.Module):
             state = jax.lax.fori_loop(0, self.steps_per_check, lambda _, s: step(s), loop.state)
             num_steps = loop.num_steps + self.steps_per_check
             indicators = measure(state)
-            residual = indicators["residual"]
-            improved = residual < _STALL_FACTOR * loop.best
+            improved = is_progress(loop.best, indicators)
             return _Loop(
                 state,
-                residual,
+                indicators["residual"],
                 num_steps,
-                jnp.where(improved, residual, loop.best),
+                {
+                    name: jnp.where(improved, jnp.minimum(best, indicators[name]), best)
+                    for name, best in loop.best.items()
+                },
                 jnp.where(improved, num_steps, loop.best_step),
                 loop.history.record(num_steps // self.steps_per_check, num_steps, indicators),
             )
 
         zero = jnp.array(0)
         history = History.empty(first).record(zero, zero, first)
-        loop = _Loop(state, first["residual"], zero, first["residual"], zero, history)
+        loop = _Loop(state, first["residual"], zero, first, zero, history)
         loop = jax.lax.while_loop(goes_on, advance, loop)
 
         result = RESULTS.where(is_stalled(loop), RESULTS.stagnated, RESULTS.max_steps_reached)

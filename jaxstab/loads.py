@@ -49,8 +49,8 @@ class Control(eqx.Module):
         """Return the nearest perturbation of the moving points that the load allows."""
 
     @abstractmethod
-    def work(self, change: Field) -> Field:
-        """Return the work done against the load by a change of the gap [energy/area]."""
+    def work(self, change: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the work done against the load by a change of the total gap."""
 
     @abstractmethod
     def has_escaped(self, gap: Field, attraction: Field, curvature: Field) -> Bool[Array, ""]:
@@ -90,7 +90,7 @@ class GapControl(Control):
         mean = total(jnp.where(is_moving, field, 0)) / _count(is_moving, field)
         return jnp.where(is_moving, field - mean, 0)
 
-    def work(self, change: Field) -> Field:
+    def work(self, change: Float[Array, ""]) -> Float[Array, ""]:
         """Return zero: the mean gap does not move."""
         return jnp.zeros_like(change)
 
@@ -127,8 +127,8 @@ class PressureControl(Control):
         """Return the field at the moving points, zero elsewhere."""
         return jnp.where(is_moving, field, 0)
 
-    def work(self, change: Field) -> Field:
-        """Return p0 times the change of the gap."""
+    def work(self, change: Float[Array, ""]) -> Float[Array, ""]:
+        """Return p0 times the change of the total gap."""
         return self.mean_pressure * change
 
     def has_escaped(self, gap: Field, attraction: Field, curvature: Field) -> Bool[Array, ""]:

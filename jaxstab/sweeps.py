@@ -10,8 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 
 from jaxstab.contact import Contact
-from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.equilibrate import Solver, default_solver, find_equilibrium, initial_gap
+from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
+from jaxstab.equilibrium.equilibrate import Solver, find_equilibrium, initial_gap
 from jaxstab.loads import Load, require_load
 from jaxstab.progress import LaneReport, advance_to, progress_bar
 from jaxstab.results import RESULTS, throw_failure
@@ -77,7 +77,7 @@ def sweep(
         )
     if order not in ("independent", "continuation"):
         raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
-    equilibrium_solver = equilibrium_solver or default_solver(load)
+    equilibrium_solver = equilibrium_solver or PreconditionedConjugateGradient()
     stability_solver = stability_solver or ProximalIteration()
     key = jax.random.key(0) if key is None else key
     gap = initial_gap(contact, initial)

@@ -12,7 +12,7 @@ from jaxstab.contact import Contact
 from jaxstab.equilibrium.polonsky_keer_rey import PolonskyKeerRey
 from jaxstab.equilibrium.preconditioned import PreconditionedConjugateGradient
 from jaxstab.iterate import Report, refuse_derivatives
-from jaxstab.loads import GapControl, Load, MeanPressure, require_load
+from jaxstab.loads import GapControl, Load, require_load
 from jaxstab.potentials import slope
 from jaxstab.results import RESULTS, throw_failure
 
@@ -67,8 +67,7 @@ def equilibrate(
     Arguments:
         contact: the contact problem.
         load: what is prescribed, a single value.
-        solver: the algorithm; by default `PolonskyKeerRey()` where the load holds the mean gap,
-            `PreconditionedConjugateGradient()` where it holds the mean pressure.
+        solver: the algorithm, `PreconditionedConjugateGradient()` by default.
         initial: a gap [length] or an equilibrium to start from, brought under the load; by
             default the undeformed solid, cut where it meets the surface.
         throw: raise where the solver fails; otherwise look at `result`. Under vmap the failure of
@@ -90,7 +89,7 @@ def equilibrate(
             f"equilibrate takes one load, but {type(load).__name__} holds an array of shape "
             f"{load.value.shape}: use jaxstab.sweep, or jax.vmap."
         )
-    solver = solver or default_solver(load)
+    solver = solver or PreconditionedConjugateGradient()
     equilibrium = find_equilibrium(contact, load, solver, initial_gap(contact, initial))
     if not throw:
         return equilibrium
@@ -113,10 +112,9 @@ def find_equilibrium(
     gap = jnp.where(control.is_feasible & contact.is_valid, gap, jnp.nan)
     iteration = solver.solve(contact, control, gap, report)
     gap, balance = iteration.state.gap, iteration.state.balance
-    energy = contact.energy(gap)
+    energy = (balance.elastic_energy + balance.adhesion) * contact.grid.cell_area
     result = RESULTS.where(jnp.isfinite(energy), iteration.result, RESULTS.nonfinite)
-    has_escaped = control.has_escaped(gap, slope(contact.potential, gap), contact.curvature(gap))
-    result = RESULTS.where(has_escaped, RESULTS.pulled_off, result)
+    result = RESULTS.where(balance.has_escaped, RESULTS.pulled_off, result)
     result = RESULTS.where(control.is_feasible, result, RESULTS.infeasible_load)
     result = RESULTS.where(contact.is_valid, result, RESULTS.invalid_contact)
 
@@ -156,12 +154,6 @@ def initial_gap(
     require_finite("The initial gap", gap)
     require("The largest initial gap", jnp.max(gap), jnp.any(gap > 0), "it must be positive.")
     return gap
-
-
-def default_solver(load: Load) -> Solver:
-    """Return the reference solver where it can hold the load."""
-    holds_pressure = isinstance(load, MeanPressure)
-    return PreconditionedConjugateGradient() if holds_pressure else PolonskyKeerRey()
 
 
 def _describe(contact: Contact, equilibrium: Equilibrium) -> str:

@@ -27,7 +27,7 @@ class _State(eqx.Module):
     gap: Float[Array, " *grid"]
     balance: Balance
     direction: Float[Array, " *grid"]
-    last_norm: Float[Array, ""]
+    free_norm: Float[Array, ""]
 
 
 class PolonskyKeerRey(IterativeSolver):
@@ -74,12 +74,13 @@ class PolonskyKeerRey(IterativeSolver):
 
         def step(state: _State) -> _State:
             is_free, net = state.gap > 0, state.balance.net
-            momentum = _ratio(state.balance.free_norm, state.last_norm)
+            curvature = state.balance.curvature
+            free_norm = total(jnp.where(is_free, net, 0) ** 2)
+            momentum = _ratio(free_norm, state.free_norm)
             # Over a stiffness, so that no product leaves the range of single precision.
             direction = net / max_stiffness + momentum * state.direction
             direction = jnp.where(is_free, direction, 0)
 
-            curvature = contact.curvature(state.gap)
             elastic = total(direction * stiffness(direction))
             both = elastic + total(curvature * direction**2)
             length = _ratio(total(net * direction), jnp.where(both > 0, both, elastic))
@@ -89,8 +90,8 @@ class PolonskyKeerRey(IterativeSolver):
             release = -net / (max_stiffness + jnp.maximum(curvature, 0))
             gap = jnp.where(is_pulled, release, gap)
             gap = gap * (mean_gap * gap.size / total(gap))
-            last_norm = jnp.where(state.balance.pulled_norm > 0, 0, state.balance.free_norm)
-            return _State(gap, balance_of(gap), direction, last_norm)
+            free_norm = jnp.where(jnp.any(is_pulled), 0, free_norm)
+            return _State(gap, balance_of(gap), direction, free_norm)
 
         def measure(state: _State) -> Indicators:
             return {"residual": state.balance.residual}
