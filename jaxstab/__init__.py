@@ -17,6 +17,7 @@ from jaxstab.equilibrium import (
 )
 from jaxstab.grid import Grid
 from jaxstab.loads import MeanDisplacement, MeanGap, MeanPressure
+from jaxstab.resolution import ResolutionWarning
 from jaxstab.results import RESULTS, VERDICTS, SolverError
 from jaxstab.stability import Eigenpair, ProximalIteration, Stability, assess_stability
 from jaxstab.sweeps import Sweep, sweep
@@ -37,6 +38,7 @@ __all__ = [
     "PolonskyKeerRey",
     "PreconditionedConjugateGradient",
     "ProximalIteration",
+    "ResolutionWarning",
     "SolverError",
     "Spectral",
     "Stability",

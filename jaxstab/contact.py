@@ -15,7 +15,16 @@ from jaxstab.checks import cast, parameter, require, require_finite
 from jaxstab.elasticity import FieldMap, Solid
 from jaxstab.grid import Grid, total
 from jaxstab.loads import Control
-from jaxstab.potentials import Potential, as_module, curvature, derivatives, energy_density, slope
+from jaxstab.potentials import (
+    Potential,
+    as_module,
+    curvature,
+    derivatives,
+    energy_density,
+    has_core,
+    max_curvature,
+    slope,
+)
 
 
 class Contact(eqx.Module):
@@ -27,12 +36,13 @@ class Contact(eqx.Module):
         solid: the elastic solid.
         heights: h at the points of the solid's grid [length]; summits touch first.
         potential: adhesive energy per area as a scalar function of the gap, twice differentiable
-            for every gap >= 0: a law of `jaxstab.potentials`, any `equinox.Module`, or a bare
-            function.
+            for every gap >= 0, or for every gap > 0 and +inf at zero: a law of
+            `jaxstab.potentials`, any `equinox.Module`, or a bare function.
 
     Raises:
         ValueError: for heights of another shape than the grid or not finite, and for a potential
-            that is not scalar to scalar, or not finite at zero gap with its two derivatives.
+            that is not scalar to scalar, or at zero gap neither finite with its two derivatives nor
+            +inf.
     """
 
     solid: Solid
@@ -50,20 +60,33 @@ class Contact(eqx.Module):
         dtype = self.heights.dtype
         self.solid = cast(solid, dtype)
         self.potential = as_module(potential, dtype)
-        touching = jnp.zeros((1,), dtype)
-        for name, derivative in (
-            ("", energy_density),
-            (" slope", slope),
-            (" curvature", curvature),
-        ):
-            value = derivative(self.potential, touching)[0]
-            cure = "a potential must be finite at contact, and so must its first two derivatives."
-            require(f"The potential's{name} value at zero gap", value, jnp.isfinite(value), cure)
+        touching = derivatives(self.potential, jnp.zeros((1,), dtype))
+        for name, (value,) in zip(("", " slope", " curvature"), touching, strict=True):
+            cure = (
+                "with its first two derivatives it must be finite there, or else be +inf (factor "
+                "a difference of powers, which is not defined there)."
+            )
+            is_sound = jnp.isfinite(value) | self.has_core
+            require(f"The potential's{name} value at zero gap", value, is_sound, cure)
+
+    @property
+    def has_core(self) -> Bool[Array, ""]:
+        """Whether the potential is infinite at zero gap, so that no points ever touch."""
+        return has_core(self.potential, self.heights.dtype)
 
     @property
     def grid(self) -> Grid:
         """The grid of the surface."""
         return self.solid.grid
+
+    @property
+    def resolution(self) -> Float[Array, ""]:
+        """Stiffness of the grid's shortest wave over the largest |f''| where the law attracts.
+
+        Well below 1 the grid pins contact edges, and jumps between its points are artefacts.
+        """
+        length = jnp.max(self.grid.lengths).astype(self.heights.dtype)
+        return self.solid.max_stiffness / max_curvature(self.potential, length)
 
     @property
     def is_valid(self) -> Bool[Array, ""]:
@@ -113,11 +136,11 @@ class Contact(eqx.Module):
         """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
         stiffness = self.solid.stiffness
         eps = float(jnp.finfo(self.heights.dtype).eps)
-        smallest_scale = self.conforming_pressure * max(1e-3, 1e6 * eps)
-        heights = self.heights - jnp.mean(self.heights)
+        smallest_scale = self.conforming_pressure * max(1e-2, 1e6 * eps)
+        heights = self.heights - self.heights.ravel()[0]
 
         def balance(gap: Float[Array, " *grid"]) -> Balance:
-            # K ignores a constant, but loses digits to a large one: take off that of one point.
+            # Less that of one point: K ignores a constant, but would lose digits to it.
             displacement = gap - gap.ravel()[0] + heights
             elastic = stiffness(displacement)
             density, attraction, curvature = derivatives(self.potential, gap)
@@ -128,7 +151,6 @@ class Contact(eqx.Module):
             scale = jnp.sqrt(total((net - attraction) ** 2 + attraction**2) / gap.size)
             scale = jnp.maximum(scale, smallest_scale)
             return Balance(
-                elastic=elastic,
                 net=net,
                 curvature=curvature,
                 elastic_energy=total(displacement * elastic) / 2,
@@ -145,11 +167,10 @@ class Balance(eqx.Module):
 
     Equilibrium asks that the net pressure K u + p0 + f'(g) vanish where g > 0 and not be negative
     where g = 0. The residual is the rms of what is missed over that of (K u + p0, f'), or over a
-    thousandth of that of K h where this is larger (in single precision, which cannot resolve less,
+    hundredth of that of K h where this is larger (in single precision, which cannot resolve less,
     a tenth).
 
     Attributes:
-        elastic: K u, of zero mean [pressure].
         net: K u + p0 + f'(g) [pressure].
         curvature: f''(g) [pressure/length].
         elastic_energy: u.Ku / 2 (Rey & Bleyer, eq. 15) [energy/area].
@@ -158,7 +179,6 @@ class Balance(eqx.Module):
         has_escaped: whether the load has pulled the surfaces apart for good.
     """
 
-    elastic: Float[Array, " *grid"]
     net: Float[Array, " *grid"]
     curvature: Float[Array, " *grid"]
     elastic_energy: Float[Array, ""]

@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
@@ -89,6 +90,17 @@ class Grid(eqx.Module):
         if half % 2 == 0:
             column[-1] = 1
         return np.broadcast_to(column, (*self.shape[:-1], column.size))
+
+
+def resample(field: Float[Array, " *grid"], shape: tuple[int, ...]) -> Float[Array, " *finer"]:
+    """Return a periodic field on another number of points, through its Fourier series."""
+    scale = math.prod(shape) / field.size
+    for axis, n in enumerate(shape):
+        modes = jnp.fft.rfft(field, axis=axis)
+        kept = (min(n, field.shape[axis]) + 1) // 2
+        modes = jax.lax.slice_in_dim(modes, 0, kept, axis=axis)
+        field = jnp.fft.irfft(modes, n, axis=axis)
+    return scale * field
 
 
 def total(field: Float[Array, " *grid"]) -> Float[Array, ""]:

@@ -13,7 +13,6 @@ from jaxstab.results import RESULTS
 
 State = TypeVar("State")
 Indicators = dict[str, Float[Array, ""]]
-Report = Callable[[Bool[Array, ""]], None]
 
 _STALL_FACTOR = 0.99
 _LEAST_FALL = 1e-6
@@ -107,7 +106,6 @@ class IterativeSolver(eqx.Module):
         step: Callable[[State], State],
         measure: Callable[[State], Indicators],
         state: State,
-        report: Report | None = None,
     ) -> Iteration[State]:
         """Repeat `step` from `state` until the tolerance is reached, or say why it is not.
 
@@ -118,8 +116,6 @@ class IterativeSolver(eqx.Module):
             step: one step of the algorithm.
             measure: its indicators, of which "residual" decides, every `steps_per_check` steps.
             state: where to start.
-            report: called at each check with whether this lane has ended; under vmap it sees all
-                lanes at once.
         """
         first = measure(state)
         precision = first["residual"].dtype.name
@@ -141,8 +137,6 @@ class IterativeSolver(eqx.Module):
             return unfinished & (loop.num_steps < self.max_steps) & ~is_stalled(loop)
 
         def advance(loop: _Loop[State]) -> _Loop[State]:
-            if report is not None:
-                report(~goes_on(loop))
             state = jax.lax.fori_loop(0, self.steps_per_check, lambda _, s: step(s), loop.state)
             num_steps = loop.num_steps + self.steps_per_check
             indicators = measure(state)

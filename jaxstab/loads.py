@@ -74,11 +74,7 @@ class GapControl(Control):
         return self.mean_gap + jnp.mean(heights) - heights
 
     def restore(self, gap: Field) -> Field:
-        """Return the gap shifted towards its mean, cut at zero, and scaled by what is left."""
-        is_free = gap > 0
-        shift = (total(gap) - self.mean_gap * gap.size) / _count(is_free, gap)
-        # Upwards, the shift would undo the last step at first order: leave that to the scaling.
-        gap = jnp.where(is_free, jnp.maximum(gap - jnp.maximum(shift, 0), 0), 0)
+        """Return the gap scaled to its mean."""
         return gap * (self.mean_gap * gap.size / total(gap))
 
     def net_pressure(self, gradient: Field, is_free: Mask) -> Field:

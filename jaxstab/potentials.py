@@ -9,7 +9,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab.checks import cast, parameter, require, require_positive
 from jaxstab.functions import as_pytree
@@ -85,6 +85,55 @@ class Rational(_RangedLaw):
         return -self.surface_energy / (1 + self._reduced(gap) ** 2)
 
 
+class Dugdale(_RangedLaw):
+    """f' = sigma / (1 + exp((g - rho) / w)): the attraction sigma up to a gap rho, then none.
+
+    The edge of Dugdale's step is smoothed over w; sigma is such that f(0) = -gamma, the work of
+    adhesion. Its wall is contact itself.
+
+    Arguments:
+        surface_energy: gamma [energy/area].
+        length: rho, the range [length].
+        smoothing: w / rho, over which the attraction falls from 73 to 27 % of sigma.
+
+    Raises:
+        ValueError: if gamma is negative, or rho or the smoothing is not positive.
+    """
+
+    smoothing: Float[Array, ""]
+
+    def __init__(self, surface_energy: ArrayLike, length: ArrayLike, smoothing: ArrayLike = 0.1):
+        super().__init__(surface_energy, length)
+        self.smoothing = parameter(smoothing)
+        require_positive("The smoothing of the potential", self.smoothing)
+
+    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the energy per area at a gap [length]."""
+        edge = 1 / self.smoothing
+        left = jax.nn.softplus(edge * (1 - self._reduced(gap)))
+        return -self.surface_energy * left / jax.nn.softplus(edge)
+
+
+class LennardJones(_RangedLaw):
+    """f(g) = gamma / 2 ((z0 / g)^9 - 3 (z0 / g)^3): the 9-3 law between a solid and a wall.
+
+    It repels below z0, where it is least, at -gamma; no gap closes against it.
+
+    Arguments:
+        surface_energy: gamma, the depth of the minimum [energy/area].
+        length: z0, the gap at the minimum [length].
+
+    Raises:
+        ValueError: if gamma is negative or z0 is not positive.
+    """
+
+    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the energy per area at a gap [length]."""
+        attraction = (self.length / gap) ** 3
+        # In this form infinite, not undefined, at zero gap.
+        return self.surface_energy / 2 * attraction * (attraction**2 - 3)
+
+
 class NoAdhesion(eqx.Module):
     """f(g) = 0: contact without adhesion."""
 
@@ -128,6 +177,29 @@ def derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
 
     value, slope, curvature = jnp.vectorize(at_point)(gap)
     return value.astype(gap.dtype), slope.astype(gap.dtype), curvature.astype(gap.dtype)
+
+
+def has_core(potential: Potential, dtype: Any) -> Bool[Array, ""]:
+    """Return whether the potential rises without bound as a gap closes, so that none ever does."""
+    return energy_density(potential, jnp.zeros((1,), dtype))[0] == jnp.inf
+
+
+def least_energy_gap(potential: Potential, scale: Float[Array, ""]) -> Float[Array, ""]:
+    """Return about where f is least, of gaps from `scale` down to a trillionth of it [length]."""
+    gaps = _gaps_below(scale)
+    return gaps[jnp.nanargmin(energy_density(potential, gaps))]
+
+
+def max_curvature(potential: Potential, scale: Float[Array, ""]) -> Float[Array, ""]:
+    """Return about the largest |f''| where f attracts, up to a gap `scale` [pressure/length]."""
+    gaps = jnp.append(_gaps_below(scale), 0)
+    _, slope, curvature = derivatives(potential, gaps)
+    return jnp.max(jnp.abs(jnp.where(slope >= 0, curvature, 0)))
+
+
+def _gaps_below(scale: Float[Array, ""]) -> Float[Array, " gaps"]:
+    octaves, per_octave = 40, 64
+    return scale * 2.0 ** -jnp.linspace(0, octaves, octaves * per_octave + 1, dtype=scale.dtype)
 
 
 def energy_density(potential: Potential, gap: Field) -> Field:

@@ -28,7 +28,8 @@ class RESULTS(eqx.Enumeration):
     )
     nonfinite = (
         "nonfinite: a NaN or an infinity appeared. Check that the potential and its two "
-        "derivatives are finite for every gap >= 0, and that no input is NaN"
+        "derivatives are finite for every gap >= 0 (one that is infinite at zero gap needs "
+        "PreconditionedConjugateGradient), and that no input is NaN"
     )
     invalid_contact = (
         "invalid_contact: the heights are not finite, or the solid has a stiffness that is "

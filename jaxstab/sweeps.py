@@ -12,9 +12,11 @@ from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import Solver, find_equilibrium, initial_gap
+from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load
-from jaxstab.progress import LaneReport, advance_to, progress_bar
-from jaxstab.results import RESULTS, throw_failure
+from jaxstab.progress import advance, progress_bar
+from jaxstab.resolution import warn_if_coarse
+from jaxstab.results import RESULTS, VERDICTS, throw_failure
 from jaxstab.stability import ProximalIteration, Stability
 from jaxstab.stability.assess import judge
 
@@ -77,15 +79,14 @@ def sweep(
         )
     if order not in ("independent", "continuation"):
         raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
+    warn_if_coarse(contact)
     equilibrium_solver = equilibrium_solver or PreconditionedConjugateGradient()
     stability_solver = stability_solver or ProximalIteration()
     key = jax.random.key(0) if key is None else key
     gap = initial_gap(contact, initial)
 
     solve = _solve_together if order == "independent" else _solve_in_turn
-    # Solved together, every lane ends twice: at its equilibrium and at its eigenvalue.
-    units = load.value.size * (2 if order == "independent" else 1)
-    with progress_bar(units, "solve") if progress else nullcontext():
+    with progress_bar(load.value.size, "load") if progress else nullcontext():
         result = solve(
             contact, load, equilibrium_solver, stability_solver, gap, key, progress=progress
         )
@@ -102,14 +103,17 @@ def _solve_together(
     key: PRNGKeyArray,
     progress: bool,
 ) -> Sweep:
-    reports = (LaneReport(0), LaneReport(load.value.size)) if progress else (None, None)
-
-    def solve(load: Load) -> Sweep:
-        equilibrium = find_equilibrium(contact, load, equilibrium_solver, initial, reports[0])
-        stability = judge(contact, equilibrium, stability_solver, key, reports[1])
+    @by_lanes
+    def solve(load: Load, shared: tuple) -> Sweep:
+        contact, equilibrium_solver, stability_solver, initial, key = shared
+        equilibrium = find_equilibrium(contact, load, equilibrium_solver, initial)
+        stability = judge(contact, equilibrium, stability_solver, key)
+        if progress:
+            advance(stability.verdict == VERDICTS.stable)
         return Sweep(load, equilibrium, stability)
 
-    return jax.vmap(solve)(load)
+    shared = contact, equilibrium_solver, stability_solver, initial, key
+    return jax.vmap(solve, in_axes=(0, None))(load, shared)
 
 
 @partial(jax.jit, static_argnames="progress")
@@ -124,14 +128,14 @@ def _solve_in_turn(
 ) -> Sweep:
     Carry = tuple[Float[Array, " *grid"], Bool[Array, ""]]
 
-    def solve(carry: Carry, step: tuple[Array, Load]) -> tuple[Carry, Sweep]:
-        (last, has_last), (index, load) = carry, step
+    def solve(carry: Carry, load: Load) -> tuple[Carry, Sweep]:
+        last, has_last = carry
         fresh = load.control(contact.heights).starting_gap(contact.heights)
         start = jnp.where(has_last, last, fresh)
         equilibrium = find_equilibrium(contact, load, equilibrium_solver, start)
         stability = judge(contact, equilibrium, stability_solver, key)
         if progress:
-            advance_to(index + 1)
+            advance(stability.verdict == VERDICTS.stable)
         found = equilibrium.result == RESULTS.successful
         last = jnp.where(found, equilibrium.gap, last)
         return (last, has_last | found), Sweep(load, equilibrium, stability)
@@ -139,7 +143,7 @@ def _solve_in_turn(
     nothing = jnp.zeros_like(contact.heights)
     last = nothing if initial is None else initial.astype(nothing.dtype)
     first = (last, jnp.array(initial is not None))
-    _, result = jax.lax.scan(solve, first, (jnp.arange(load.value.size), load))
+    _, result = jax.lax.scan(solve, first, load)
     return result
 
 

@@ -10,6 +10,13 @@ jax.config.update("jax_enable_x64", True)
 matplotlib.use("Agg")
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_programs_at_a_time():
+    """Compiled programs hold memory maps, of which a process may have 65 530."""
+    yield
+    jax.clear_caches()
+
+
 @pytest.fixture(scope="session")
 def hertz():
     """The adhesive paraboloid of Rey & Bleyer's section 4.1."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 from conftest import rough_contact
+from test_potentials import lennard_jones_force
 
 import jaxstab as js
 from jaxstab.references import hertz as hertz_solution
@@ -137,10 +138,11 @@ PAPERS_CASES = [
 ]
 
 
+@pytest.mark.parametrize("solver", [js.PolonskyKeerRey(), js.PreconditionedConjugateGradient()])
 @pytest.mark.parametrize(("potential", "displacement"), PAPERS_CASES)
-def test_the_papers_rough_cases_converge(potential, displacement):
+def test_the_papers_rough_cases_converge(potential, displacement, solver):
     contact = rough_contact(256, potential)
-    equilibrium = js.equilibrate(contact, js.MeanDisplacement(displacement))
+    equilibrium = js.equilibrate(contact, js.MeanDisplacement(displacement), solver)
     assert equilibrium.residual <= 1e-8
     check_optimality(contact, equilibrium, 1e-7)
 
@@ -155,6 +157,22 @@ def test_a_start_decides_between_branches(hertz):
     again = js.equilibrate(hertz, load, initial=together.gap)
     assert again.num_steps == 0
     np.testing.assert_allclose(again.gap, together.gap, rtol=1e-12)
+
+
+def test_a_coarser_solution_is_a_good_start():
+    def contact_on(n):
+        grid = js.Grid(n)
+        heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=16, rms_height=0.02)
+        return js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(1e-3, 0.02))
+
+    load, fine = js.MeanGap(0.02), contact_on(256)
+    coarse = js.equilibrate(contact_on(64), load)
+    warm = js.equilibrate(fine, load, initial=coarse)
+    cold = js.equilibrate(fine, load)
+    assert warm.num_steps < cold.num_steps
+    np.testing.assert_allclose(warm.gap, cold.gap, atol=1e-9)
+    flipped = js.equilibrate(contact_on(64), load, initial=cold)
+    np.testing.assert_allclose(flipped.gap, coarse.gap, atol=1e-9)
 
 
 @pytest.mark.parametrize("shape", [(33,), (17, 24)])
@@ -195,6 +213,88 @@ def test_detached_surfaces_converge_in_single_precision():
     single = js.Contact(contact.solid, contact.heights.astype(jnp.float32), contact.potential)
     equilibrium = js.equilibrate(single, js.MeanGap(1.0))
     assert not equilibrium.in_contact.any()
+
+
+@pytest.mark.parametrize("pressure", [-0.4, 0.0, 0.5, 50.0])
+@pytest.mark.parametrize("youngs_modulus", [1e-3, 1.0, 1e3])
+def test_flat_surfaces_settle_where_lennard_and_jones_say(pressure, youngs_modulus):
+    grid = js.Grid((16, 12))
+    law = js.potentials.LennardJones(0.02, 0.05)
+    contact = js.Contact(js.HalfSpace(grid, youngs_modulus), jnp.zeros(grid.shape), law)
+    exact = scipy.optimize.brentq(
+        lambda gap: lennard_jones_force(gap, 0.02, 0.05) + pressure, 0.02, 0.058, xtol=1e-15
+    )
+    by_pressure = js.equilibrate(contact, js.MeanPressure(pressure))
+    np.testing.assert_allclose(by_pressure.gap, exact, rtol=1e-8)
+    by_gap = js.equilibrate(contact, js.MeanGap(exact))
+    np.testing.assert_allclose(by_gap.gap, exact, rtol=1e-12)
+    np.testing.assert_allclose(by_gap.mean_pressure, pressure, rtol=1e-8, atol=1e-10)
+
+
+def test_a_core_holds_rough_surfaces_apart():
+    contact = rough_contact(64, js.potentials.LennardJones(1e-2, 0.05))
+    for load in (js.MeanGap(0.15), js.MeanGap(0.02), js.MeanPressure(0.2)):
+        equilibrium = js.equilibrate(contact, load)
+        assert equilibrium.gap.min() > 0
+        assert not equilibrium.in_contact.any()
+        check_optimality(contact, equilibrium, 1e-8)
+    touching = js.equilibrate(rough_contact(64, js.potentials.NoAdhesion()), js.MeanGap(0.15))
+    again = js.equilibrate(contact, js.MeanGap(0.15), initial=touching)
+    reference = js.equilibrate(contact, js.MeanGap(0.15))
+    np.testing.assert_allclose(again.gap, reference.gap, atol=1e-8)
+
+
+LAWS = [
+    js.potentials.NoAdhesion(),
+    js.potentials.Exponential(0.01, 0.1),
+    js.potentials.Gaussian(0.01, 0.1),
+    js.potentials.Dugdale(0.01, 0.1),
+]
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+def test_full_contact_and_flat_surfaces_are_met_without_breaking(law):
+    contact = rough_contact(32, law)
+    for load in (js.MeanPressure(100.0), js.MeanPressure(1e6)):
+        pressed = js.equilibrate(contact, load)
+        assert pressed.in_contact.all()
+        np.testing.assert_allclose(pressed.mean_pressure, load.value)
+        check_optimality(contact, pressed, 1e-12)
+    for mean_gap in (1e-12, 1e-8, 1e-5):
+        closing = js.equilibrate(contact, js.MeanGap(mean_gap))
+        assert 0.99 < closing.contact_area < 1
+        check_optimality(contact, closing, 1e-8)
+    flat = js.Contact(contact.solid, jnp.full((32, 32), 0.3), law)
+    for load in (js.MeanGap(0.1), js.MeanGap(1e-9)):
+        np.testing.assert_allclose(js.equilibrate(flat, load).gap, load.value, rtol=1e-12)
+    assert js.equilibrate(flat, js.MeanPressure(0.05)).in_contact.all()
+
+
+@pytest.mark.parametrize("depth", [1e-5, 1e-7, 1e-9])
+def test_the_last_contact_point_carries_what_its_own_stiffness_gives(depth):
+    contact = rough_contact(32, js.potentials.NoAdhesion())
+    summit = float(contact.heights.max())
+    equilibrium = js.equilibrate(contact, js.MeanGap(summit - depth))
+    assert equilibrium.in_contact.sum() == 1
+    # The displacement under one pressed point of 32 x 32, by superposition of waves.
+    compliance = contact.solid.displacement(jnp.zeros((32, 32)).at[0, 0].set(1.0))[0, 0]
+    np.testing.assert_allclose(equilibrium.reaction.max() * compliance, depth, rtol=1e-3)
+    parted = js.equilibrate(contact, js.MeanGap(summit + depth))
+    assert not parted.in_contact.any()
+
+
+@pytest.mark.parametrize("strength", [1e-10, 1e4, 1e8])
+def test_adhesion_may_vanish_or_prevail(strength):
+    contact = rough_contact(32, js.potentials.Exponential(strength, 0.1))
+    load = js.MeanGap(0.05)
+    equilibrium = js.equilibrate(contact, load)
+    if strength < 1:
+        bare = js.equilibrate(rough_contact(32, js.potentials.NoAdhesion()), load)
+        np.testing.assert_allclose(equilibrium.gap, bare.gap, atol=1e-8)
+    else:
+        # The gap gathers in few points, so that the rest may close.
+        assert equilibrium.contact_area > 0.9
+    check_optimality(contact, equilibrium, 1e-8)
 
 
 def test_nearly_full_contact():

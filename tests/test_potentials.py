@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 import jaxstab as js
-from jaxstab.potentials import curvature, energy_density, slope
+from jaxstab.potentials import (
+    curvature,
+    energy_density,
+    least_energy_gap,
+    max_curvature,
+    slope,
+)
 
 GAPS = jnp.linspace(0.0, 3.0, 25).reshape(5, 5)
 # f, f' and f'' written out by hand, at gamma = 2, rho = 0.7.
@@ -36,6 +42,54 @@ def test_laws_and_their_derivatives_match_the_formulae_of_the_paper(law):
         np.testing.assert_allclose(derivative(potential, GAPS), formula(scaled), atol=1e-12)
 
 
+SEPARATIONS = np.linspace(0.5, 3.0, 26)
+
+
+def lennard_jones_force(separation, energy, length):
+    x = length / separation
+    return energy / 2 * 9 * (x**4 - x**10) / length
+
+
+def test_lennard_jones_matches_its_formula_and_is_least_where_it_says():
+    law = js.potentials.LennardJones(2.0, 0.7)
+    x = 0.7 / SEPARATIONS
+    np.testing.assert_allclose(energy_density(law, SEPARATIONS), x**9 - 3 * x**3)
+    np.testing.assert_allclose(slope(law, SEPARATIONS), lennard_jones_force(SEPARATIONS, 2.0, 0.7))
+    stiffness = 9 * (10 * x**11 - 4 * x**5) / 0.7**2
+    np.testing.assert_allclose(curvature(law, SEPARATIONS), stiffness)
+    assert law(0.7) == pytest.approx(-2.0)
+    assert slope(law, jnp.array([0.7]))[0] == pytest.approx(0, abs=1e-12)
+    assert law(0.0) == np.inf
+
+
+def test_dugdales_attraction_is_even_up_to_its_range_and_then_gone():
+    law = js.potentials.Dugdale(2.0, 0.7, smoothing=0.01)
+    assert law(0.0) == pytest.approx(-2.0)
+    assert law(2.0) == pytest.approx(0.0, abs=1e-12)
+    attraction = slope(law, jnp.array([0.0, 0.35, 0.63, 0.7, 0.77]))
+    expected = 2 / 0.7 * np.array([1, 1, 1, 0.5, 0])
+    np.testing.assert_allclose(attraction, expected, atol=2e-4)
+    edge = jnp.array([0.6, 0.7, 0.8])
+    step = 1e-4
+    difference = (slope(law, edge + step) - slope(law, edge - step)) / (2 * step)
+    np.testing.assert_allclose(curvature(law, edge), difference, rtol=1e-3, atol=1e-6)
+
+
+def test_scans_find_where_a_law_is_least_and_how_sharply_it_bends():
+    scale = jnp.array(100.0)
+    assert least_energy_gap(js.potentials.LennardJones(2.0, 0.7), scale) == pytest.approx(0.7, 0.02)
+    law = js.potentials.Exponential(2.0, 0.7)
+    assert max_curvature(law, scale) == pytest.approx(2 / 0.7**2)
+    # Where it attracts only: a wall may be as hard as it likes.
+    law = js.potentials.LennardJones(2.0, 0.7)
+    assert max_curvature(law, scale) == pytest.approx(54 / 0.7**2, rel=0.12)
+
+
+def test_a_smoothing_that_makes_no_sense_is_refused():
+    with pytest.raises(ValueError, match=r"smoothing of the potential is 0.0"):
+        js.potentials.Dugdale(1.0, 1.0, smoothing=0.0)
+
+
 def test_no_adhesion_has_no_energy_force_or_curvature():
     for derivative in (energy_density, slope, curvature):
         assert not derivative(js.potentials.NoAdhesion(), GAPS).any()
@@ -58,7 +112,7 @@ def contact_with(potential):
         (lambda gap: jnp.array([gap, gap]), "must return one real scalar"),
         (lambda gap: 1j * gap, "must return one real scalar"),
         (lambda gap: (gap, gap), "must return one real scalar"),
-        (lambda gap: 1 / gap, "value at zero gap is inf"),
+        (lambda gap: gap**-9 - gap**-3, "value at zero gap is nan.*factor a difference"),
         (lambda gap: jnp.log(gap), "value at zero gap is -inf"),
         (lambda gap: jnp.sqrt(gap), "slope value at zero gap is inf"),
         (lambda gap: gap**1.5, "curvature value at zero gap is inf"),

@@ -1,7 +1,5 @@
 """The equilibrium of a contact under a load, by any of the solvers beside this file."""
 
-from functools import partial
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -11,9 +9,12 @@ from jaxstab.checks import parameter, require, require_finite
 from jaxstab.contact import Contact
 from jaxstab.equilibrium.polonsky_keer_rey import PolonskyKeerRey
 from jaxstab.equilibrium.preconditioned import PreconditionedConjugateGradient
-from jaxstab.iterate import Report, refuse_derivatives
+from jaxstab.grid import resample
+from jaxstab.iterate import History, refuse_derivatives
+from jaxstab.lanes import by_lanes
 from jaxstab.loads import GapControl, Load, require_load
-from jaxstab.potentials import slope
+from jaxstab.potentials import least_energy_gap, slope
+from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 
 Solver = PolonskyKeerRey | PreconditionedConjugateGradient
@@ -35,6 +36,8 @@ class Equilibrium(eqx.Module):
         residual: the relative optimality residual.
         num_steps: steps that the solver took.
         result: a member of `RESULTS`: how the solver ended.
+        history: the indicator "residual" as the solver went, and "energy" [energy/area] where the
+            solver measures it.
     """
 
     load: Load
@@ -49,6 +52,7 @@ class Equilibrium(eqx.Module):
     residual: Float[Array, ""]
     num_steps: Int[Array, ""]
     result: RESULTS
+    history: History
 
 
 def equilibrate(
@@ -89,6 +93,7 @@ def equilibrate(
             f"equilibrate takes one load, but {type(load).__name__} holds an array of shape "
             f"{load.value.shape}: use jaxstab.sweep, or jax.vmap."
         )
+    warn_if_coarse(contact)
     solver = solver or PreconditionedConjugateGradient()
     equilibrium = find_equilibrium(contact, load, solver, initial_gap(contact, initial))
     if not throw:
@@ -96,21 +101,28 @@ def equilibrate(
     return throw_failure(equilibrium.result, equilibrium, lambda: _describe(contact, equilibrium))
 
 
-@partial(jax.jit, static_argnames="report")
+@jax.jit
 def find_equilibrium(
     contact: Contact,
     load: Load,
     solver: Solver,
     initial: Float[Array, " *grid"] | None,
-    report: Report | None = None,
 ) -> Equilibrium:
     """Do what `equilibrate` does, on checked arguments and without raising."""
     contact, load, initial = refuse_derivatives((contact, load, initial))
+    return by_lanes(_find)(contact, load, solver, initial)
+
+
+def _find(
+    contact: Contact, load: Load, solver: Solver, initial: Float[Array, " *grid"] | None
+) -> Equilibrium:
     control = load.control(contact.heights)
     start = control.starting_gap(contact.heights) if initial is None else initial
     gap = control.restore(jnp.maximum(start.astype(contact.heights.dtype), 0))
+    apart = least_energy_gap(contact.potential, jnp.max(contact.grid.lengths).astype(gap.dtype))
+    gap = jnp.where(contact.has_core & jnp.any(gap == 0), control.restore(gap + apart), gap)
     gap = jnp.where(control.is_feasible & contact.is_valid, gap, jnp.nan)
-    iteration = solver.solve(contact, control, gap, report)
+    iteration = solver.solve(contact, control, gap)
     gap, balance = iteration.state.gap, iteration.state.balance
     energy = (balance.elastic_energy + balance.adhesion) * contact.grid.cell_area
     result = RESULTS.where(jnp.isfinite(energy), iteration.result, RESULTS.nonfinite)
@@ -126,7 +138,7 @@ def find_equilibrium(
         load=load,
         displacement=contact.displacement(gap),
         gap=gap,
-        pressure=balance.elastic + mean_pressure,
+        pressure=contact.solid.pressure(gap - jnp.mean(gap) + contact.heights) + mean_pressure,
         reaction=reaction,
         in_contact=in_contact,
         mean_pressure=mean_pressure,
@@ -135,6 +147,7 @@ def find_equilibrium(
         residual=iteration.residual,
         num_steps=iteration.num_steps,
         result=result,
+        history=iteration.history,
     )
 
 
@@ -148,7 +161,10 @@ def initial_gap(
     """
     if initial is None:
         return None
-    gap = initial.gap if isinstance(initial, Equilibrium) else parameter(initial)
+    if isinstance(initial, Equilibrium) and initial.gap.shape != contact.grid.shape:
+        gap = contact.gap(resample(initial.displacement, contact.grid.shape))
+    else:
+        gap = initial.gap if isinstance(initial, Equilibrium) else parameter(initial)
     if gap.shape != contact.grid.shape:
         raise ValueError(f"The initial gap has shape {gap.shape}, the grid {contact.grid.shape}.")
     require_finite("The initial gap", gap)

@@ -17,7 +17,6 @@ from jaxstab.iterate import (
     Indicators,
     Iteration,
     IterativeSolver,
-    Report,
     optional_parameter,
 )
 from jaxstab.loads import Control
@@ -55,7 +54,6 @@ class PolonskyKeerRey(IterativeSolver):
         contact: Contact,
         control: Control,
         gap: Float[Array, " *grid"],
-        report: Report | None = None,
     ) -> Iteration[_State]:
         """Iterate from a gap that meets the load to an equilibrium of the same mean gap.
 
@@ -98,7 +96,7 @@ class PolonskyKeerRey(IterativeSolver):
 
         zero = jnp.zeros((), gap.dtype)
         start = _State(gap, balance_of(gap), jnp.zeros_like(gap), zero)
-        return self.iterate(step, measure, start, report)
+        return self.iterate(step, measure, start)
 
 
 def _ratio(above: Float[Array, ""], below: Float[Array, ""]) -> Float[Array, ""]:

@@ -1,6 +1,7 @@
 """Preconditioned projected conjugate gradients whose energy never rises."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import ClassVar
 
 import equinox as eqx
@@ -9,19 +10,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact import Balance, Contact
-from jaxstab.elasticity import FieldMap
 from jaxstab.grid import total
 from jaxstab.iterate import (
     Indicators,
     Iteration,
     IterativeSolver,
-    Report,
     optional_parameter,
 )
 from jaxstab.loads import Control
 
 _MAX_CUTS = 40
 _ARMIJO = 1e-4
+_STIFF = 0.1
 
 
 class _State(eqx.Module):
@@ -53,11 +53,11 @@ class PreconditionedConjugateGradient(IterativeSolver):
     Arguments:
         tolerance: relative optimality residual to reach; by default 1e-9 in float64 and 1e-4 in
             float32.
-        max_steps: the step limit, 5 000 by default.
+        max_steps: the step limit, 20 000 by default.
     """
 
     tolerance: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
-    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=5_000)
+    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=20_000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
     patience: ClassVar[int] = 300
@@ -67,7 +67,6 @@ class PreconditionedConjugateGradient(IterativeSolver):
         contact: Contact,
         control: Control,
         gap: Float[Array, " *grid"],
-        report: Report | None = None,
     ) -> Iteration[_State]:
         """Iterate from a gap that meets the load to an equilibrium under it."""
         stiffness = contact.solid.stiffness
@@ -109,20 +108,20 @@ class PreconditionedConjugateGradient(IterativeSolver):
             net = state.balance.net
             is_moving = (state.gap > 0) | (net < 0)
             force = control.project(net, is_moving)
-            steepest = precondition(force)
+            steepest = precondition(force, state.balance.curvature)
             force_norm = total(force * steepest)
-            change = force_norm - total(jnp.where(is_moving, state.force, 0) * steepest)
+            change = force_norm - total(state.force * steepest)
             momentum = jnp.maximum(change, 0) / _nonzero(state.force_norm)
             descent = force_norm + momentum * total(force * state.direction)
             momentum = jnp.where(descent > 0, momentum, 0)
             descent = jnp.where(descent > 0, descent, force_norm)
             direction = control.project(steepest + momentum * state.direction, is_moving)
 
-            elastic = total(direction * stiffness(direction))
-            curvature = elastic + total(state.balance.curvature * direction**2)
+            softening = state.balance.curvature * direction
+            curvature = total(direction * (stiffness(direction) + softening))
             is_convex = curvature > 0
-            bound = jnp.maximum(elastic, -curvature) / state.reach
-            length = descent / _nonzero(jnp.where(is_convex, curvature, bound))
+            # To the preconditioner, which knows no negative curvature, the length is 1.
+            length = jnp.where(is_convex, descent / _nonzero(curvature), state.reach)
 
             trial = search(state, direction, length)
             grows = ~is_convex & (trial.count == 0)
@@ -143,20 +142,39 @@ class PreconditionedConjugateGradient(IterativeSolver):
         one = jnp.ones((), gap.dtype)
         nothing = jnp.zeros_like(gap)
         start = _State(gap, balance_of(gap), nothing, nothing, one, one)
-        return self.iterate(step, measure, start, report)
+        return self.iterate(step, measure, start)
 
 
-def _preconditioner(contact: Contact, gap: Float[Array, " *grid"]) -> FieldMap:
-    """Return the map 1 / (K + c), with c the stiffness of the softest wave and of the adhesion."""
+def _preconditioner(
+    contact: Contact, gap: Float[Array, " *grid"]
+) -> Callable[[Float[Array, " *grid"], Float[Array, " *grid"]], Float[Array, " *grid"]]:
+    """Return the map from a force and f'' to 1 / (K + c) times the force.
+
+    The constant c is the stiffness of the softest wave and of the adhesion. Points that sit on a
+    core, stiffer than any wave, move by their own stiffness instead.
+    """
     multiplier = contact.solid.multiplier.astype(gap.dtype)
     softest = jnp.min(jnp.where(multiplier > 0, multiplier, jnp.inf))
-    shift = softest + total(jnp.maximum(contact.curvature(gap), 0)) / gap.size
+    stiff = _STIFF * jnp.max(multiplier)
+
+    def softness(curvature: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        return stiff / (stiff + jnp.maximum(curvature, 0))
+
+    curvature = contact.curvature(gap)
+    shift = softest + total(jnp.maximum(curvature, 0) * softness(curvature)) / gap.size
     inverse = 1 / (multiplier + shift)
 
-    def apply(field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
-        return jnp.fft.irfftn(inverse * jnp.fft.rfftn(field), s=field.shape)
+    def by_waves(force: Float[Array, " *grid"], _: Array) -> Float[Array, " *grid"]:
+        return jnp.fft.irfftn(inverse * jnp.fft.rfftn(force), s=force.shape)
 
-    return apply
+    def by_waves_and_points(
+        force: Float[Array, " *grid"], curvature: Float[Array, " *grid"]
+    ) -> Float[Array, " *grid"]:
+        share = softness(curvature)
+        waves = jnp.sqrt(share) * by_waves(jnp.sqrt(share) * force, curvature)
+        return waves + share * (1 - share) / stiff * force
+
+    return partial(jax.lax.cond, contact.has_core, by_waves_and_points, by_waves)
 
 
 def _nonzero(value: Float[Array, ""]) -> Float[Array, ""]:

@@ -1,7 +1,5 @@
 """The stability of an equilibrium, from the smallest eigenvalues of its energy's Hessian."""
 
-from functools import partial
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,7 +7,9 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.iterate import History, Report, refuse_derivatives
+from jaxstab.iterate import History, refuse_derivatives
+from jaxstab.lanes import by_lanes
+from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, VERDICTS, throw_failure
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.proximal import ProximalIteration, admissible_pair, unit_vector
@@ -93,6 +93,7 @@ def assess_stability(
             f"{contact.grid.shape}: assess it with the contact that it came from (and a sweep with "
             "jaxstab.sweep or jax.vmap)."
         )
+    warn_if_coarse(contact)
     solver = solver or ProximalIteration()
     key = jax.random.key(0) if key is None else key
     stability = judge(contact, equilibrium, solver, key)
@@ -101,20 +102,25 @@ def assess_stability(
     return throw_failure(stability.cone.result, stability, lambda: _describe(stability.cone))
 
 
-@partial(jax.jit, static_argnames="report")
+@jax.jit
 def judge(
     contact: Contact,
     equilibrium: Equilibrium,
     solver: ProximalIteration,
     key: PRNGKeyArray,
-    report: Report | None = None,
 ) -> Stability:
     """Do what `assess_stability` does, on checked arguments and without raising."""
     contact, equilibrium = refuse_derivatives((contact, equilibrium))
+    return by_lanes(_judge)(contact, equilibrium, solver, key)
+
+
+def _judge(
+    contact: Contact, equilibrium: Equilibrium, solver: ProximalIteration, key: PRNGKeyArray
+) -> Stability:
     is_equilibrium = equilibrium.result == RESULTS.successful
     fixes_mean = equilibrium.load.control(contact.heights).fixes_mean
     cone = AdmissibleCone(equilibrium.in_contact, fixes_mean)
-    pair = _smallest_eigenpair(contact, equilibrium, solver, cone, key, is_equilibrium, report)
+    pair = _smallest_eigenpair(contact, equilibrium, solver, cone, key, is_equilibrium)
     is_stable = (pair.result == RESULTS.successful) & (pair.eigenvalue > pair.error)
     verdict = VERDICTS.where(is_stable, VERDICTS.stable, VERDICTS.undecided)
     return Stability(cone=pair, lower_bound=None, critical=None, verdict=verdict)
@@ -127,7 +133,6 @@ def _smallest_eigenpair(
     cone: AdmissibleCone,
     key: PRNGKeyArray,
     is_equilibrium: Bool[Array, ""],
-    report: Report | None,
 ) -> Eigenpair:
     gap = equilibrium.gap
     operator, diagonal = contact.hessian(gap), contact.curvature(gap)
@@ -137,7 +142,7 @@ def _smallest_eigenpair(
 
     start = unit_vector(cone, jax.random.normal(key, gap.shape, gap.dtype))
     start = jnp.where(is_equilibrium, start, jnp.nan)
-    iteration = solver.solve(operator, bound, cone, start, report)
+    iteration = solver.solve(operator, bound, cone, start)
     eigenvalue, mode, _ = admissible_pair(operator, bound, cone, iteration.state.x)
     # One projected gradient step sets to exactly zero what the contact holds.
     moved = mode - (operator(mode) - eigenvalue * mode) / bound

@@ -23,7 +23,6 @@ from jaxstab.iterate import (
     Indicators,
     Iteration,
     IterativeSolver,
-    Report,
     optional_parameter,
 )
 from jaxstab.stability.cones import AdmissibleCone
@@ -59,7 +58,6 @@ class ProximalIteration(IterativeSolver):
         bound: Float[Array, ""],
         cone: AdmissibleCone,
         start: Float[Array, " *grid"],
-        report: Report | None = None,
     ) -> Iteration[_State]:
         """Iterate from an admissible unit vector.
 
@@ -68,7 +66,6 @@ class ProximalIteration(IterativeSolver):
             bound: not below the norm of A [pressure/length].
             cone: where perturbations must lie.
             start: the first x.
-            report: called as the loop goes on.
         """
         beta = bound * (1 + jnp.mean(cone.in_contact, dtype=bound.dtype))
 
@@ -91,7 +88,7 @@ class ProximalIteration(IterativeSolver):
             }
 
         zero = jnp.zeros((), start.dtype)
-        return self.iterate(step, measure, _State(start, 0 * start, zero, zero), report)
+        return self.iterate(step, measure, _State(start, 0 * start, zero, zero))
 
 
 def admissible_pair(

@@ -1,0 +1,51 @@
+import jax
+import jax.export
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxstab.lanes import by_lanes
+
+
+def iterate(start, factor):
+    """A loop whose length depends on the lane, with a result that depends on its rounding."""
+
+    def step(carry):
+        value, count = carry
+        return jnp.sin(factor * value) + value / 3, count + 1
+
+    value, count = jax.lax.while_loop(lambda c: (c[0] > 0.1) & (c[1] < 99), step, (start, 0))
+    return {"value": value, "count": count}
+
+
+STARTS = jnp.linspace(0.2, 3.0, 5)
+FACTORS = jnp.linspace(0.1, 0.9, 3)
+
+
+def assert_equal(left, right):
+    for name in ("value", "count"):
+        np.testing.assert_array_equal(left[name], right[name])
+
+
+@pytest.mark.parametrize("transform", [lambda f: f, jax.jit])
+def test_lanes_give_what_they_give_alone(transform):
+    solve = transform(jax.jit(by_lanes(iterate)))
+    apart = [jax.jit(iterate)(start, FACTORS[1]) for start in STARTS]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *apart)
+    assert_equal(transform(jax.vmap(solve, in_axes=(0, None)))(STARTS, FACTORS[1]), stacked)
+    assert_equal(jax.vmap(lambda start: solve(start, FACTORS[1]))(STARTS), stacked)
+
+
+def test_lanes_nest_in_lanes():
+    solve = by_lanes(iterate)
+    nested = jax.vmap(lambda f: jax.vmap(lambda s: solve(s, f))(STARTS))(FACTORS)
+    plain = jax.vmap(lambda f: jax.vmap(lambda s: iterate(s, f))(STARTS))(FACTORS)
+    np.testing.assert_array_equal(nested["count"], plain["count"])
+    np.testing.assert_allclose(nested["value"], plain["value"], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("platform", "loops"), [("cuda", 1), ("cpu", 2)])
+def test_only_on_the_cpu_is_there_a_loop_over_lanes(platform, loops):
+    solve = jax.jit(jax.vmap(by_lanes(iterate), in_axes=(0, None)))
+    program = jax.export.export(solve, platforms=[platform])(STARTS, FACTORS[1]).mlir_module()
+    assert program.count("stablehlo.while") == loops

@@ -1,0 +1,57 @@
+import warnings
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import rough_contact
+
+import jaxstab as js
+
+COARSE = js.potentials.Exponential(surface_energy=1e-2, length=0.1)
+LOAD = js.MeanGap(0.2)
+
+
+def test_the_papers_last_figure_is_not_resolved_by_its_grid():
+    contact = rough_contact(256, COARSE, youngs_modulus=1e-3)
+    shortest_wave = 1e-3 / 2 * np.pi * 256 * np.sqrt(2)
+    assert contact.resolution == pytest.approx(shortest_wave / 1.0)
+    assert contact.resolution == pytest.approx(0.57, abs=0.005)
+
+
+def test_the_grid_that_would_do_is_named_and_does():
+    contact = rough_contact(32, COARSE, youngs_modulus=2e-3)
+    with pytest.warns(js.ResolutionWarning, match=r"32 x 32 points.*0\.142 of.*256 x 256 would do"):
+        js.equilibrate(contact, LOAD, throw=False)
+    finer = rough_contact(256, COARSE, youngs_modulus=2e-3)
+    assert contact.resolution < 1 < finer.resolution
+    assert finer.resolution < 2
+
+
+def test_it_is_said_once_by_all_functions_together():
+    contact = rough_contact(16, COARSE, youngs_modulus=3e-3)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("default")
+        for _ in range(2):
+            equilibrium = js.equilibrate(contact, LOAD)
+            js.assess_stability(contact, equilibrium, throw=False)
+            js.sweep(contact, js.MeanGap(jnp.array([0.2])))
+    assert [warning.category for warning in said] == [js.ResolutionWarning]
+
+
+@pytest.mark.parametrize("law", [COARSE, js.potentials.NoAdhesion()])
+def test_nothing_is_said_of_grids_that_do_and_inside_transformations(law):
+    fine = rough_contact(16, law)
+    coarse = rough_contact(16, COARSE, youngs_modulus=1e-3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        js.equilibrate(fine, LOAD)
+        jax.jit(lambda contact: js.equilibrate(contact, LOAD, throw=False))(coarse)
+
+
+def test_a_solid_that_no_grid_would_resolve_is_told_apart():
+    grid = js.Grid(16)
+    foundation = js.Spectral(grid, lambda q: 1e-3 + 0 * q)
+    contact = js.Contact(foundation, rough_contact(16, COARSE).heights, COARSE)
+    with pytest.warns(js.ResolutionWarning, match="No grid of a size"):
+        js.equilibrate(contact, LOAD, throw=False)
