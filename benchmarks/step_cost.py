@@ -1,7 +1,8 @@
 """Time of one solver step over the time of the Fourier transforms in it, without compilation.
 
-A projected-conjugate-gradient step applies K twice and a proximal step once; each application is
-one forward and one inverse transform. Solver and transforms run in turn; medians are printed.
+A transform is an application of K or of a preconditioner: one forward and one inverse Fourier
+transform. The time of a step is that between two step limits, so that setting up is left out;
+solver and transforms run in turn, and medians are printed.
 """
 
 import statistics
@@ -14,49 +15,73 @@ import jax.numpy as jnp
 
 import jaxstab as js
 
-SIZES = (128, 256, 512)
-REPEATS = 11
-STEPS = 200
+SIZES = (256, 512, 1024, 2048)
+REPEATS = 9
+# Steps after which solvers are stopped; the preconditioned one is not far from its end there.
+FIRST, LAST = 50, 150
+FIRST_PRECONDITIONED, LAST_PRECONDITIONED = 1, 21
 
 
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
-    print("   n  solver               step [ms]  transforms [ms]  ratio")
+    print("   n  solver                            step [ms]  transforms [ms]  ratio")
     for n in SIZES:
-        contact = unloading_contact(n)
-        load = js.MeanGap(0.3)
-        equilibrium = js.equilibrate(contact, load, throw=False)
-        conjugate = partial(
-            js.equilibrate, contact, load, js.PolonskyKeerRey(1e-300, STEPS), throw=False
-        )
-        proximal = partial(
-            js.assess_stability, contact, equilibrium, js.ProximalIteration(1e-300, STEPS)
-        )
-        report(n, "PolonskyKeerRey", conjugate, contact, 2)
-        report(n, "ProximalIteration", partial(proximal, throw=False), contact, 1)
+        contact, load = adhesive_contact(n)
+        equilibrium = js.equilibrate(contact, load)
+
+        def find(solver, limit, contact=contact, load=load):
+            return js.equilibrate(contact, load, solver(1e-300, limit), throw=False)
+
+        def assess(limit, contact=contact, equilibrium=equilibrium):
+            solver = js.ProximalIteration(1e-300, limit)
+            return js.assess_stability(contact, equilibrium, solver, throw=False)
+
+        limits = FIRST_PRECONDITIONED, LAST_PRECONDITIONED
+        report(contact, partial(find, js.PreconditionedConjugateGradient), 3, limits)
+        report(contact, partial(find, js.PolonskyKeerRey), 2, (FIRST, LAST))
+        report(contact, assess, 1, (FIRST, LAST), "ProximalIteration")
 
 
-def unloading_contact(n: int) -> js.Contact:
-    """Return the rough contact of Rey & Bleyer's unloading study on n x n points."""
+def adhesive_contact(n: int) -> tuple[js.Contact, js.MeanGap]:
+    """Return a rough contact of rms slope 0.1 on n x n points, about a tenth of it closed."""
     grid = js.Grid(n)
-    heights = js.surfaces.self_affine(grid, jax.random.key(0), rms_height=0.1)
-    potential = js.potentials.Exponential(surface_energy=1e-2, length=1.0)
-    return js.Contact(js.HalfSpace(grid, youngs_modulus=1e-3), heights, potential)
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=32, rms_slope=0.1)
+    potential = js.potentials.Exponential(surface_energy=2e-5, length=1e-3)
+    contact = js.Contact(js.HalfSpace(grid, youngs_modulus=1.0), heights, potential)
+    return contact, js.MeanGap(js.surfaces.rms_height(heights))
 
 
-def report(n: int, name: str, solve: Callable[[], object], contact: js.Contact, pairs: int) -> None:
-    transforms = partial(transform, contact.heights, contact.solid.multiplier, pairs * STEPS)
-    times: dict[Callable[[], object], list[float]] = {solve: [], transforms: []}
-    for run in times:
+def report(
+    contact: js.Contact,
+    solve: Callable[[int], object],
+    transforms_per_step: int,
+    limits: tuple[int, int],
+    name: str = "",
+) -> None:
+    first, last = limits
+    count = (last - first) * transforms_per_step
+    runs = [
+        partial(solve, first),
+        partial(solve, last),
+        partial(transform, contact.heights, contact.solid.multiplier, count),
+    ]
+    for run in runs:
         jax.block_until_ready(run())
-    for _ in range(REPEATS):
-        for run, seconds in times.items():
-            start = time.perf_counter()
-            jax.block_until_ready(run())
-            seconds.append(1e3 * (time.perf_counter() - start) / STEPS)
-    ratio = statistics.median(a / b for a, b in zip(*times.values(), strict=True))
-    step, bare = (statistics.median(seconds) for seconds in times.values())
-    print(f"{n:4d}  {name:18s} {step:10.3f} {bare:16.3f} {ratio:6.2f}", flush=True)
+    seconds = [[seconds_of(run) for run in runs] for _ in range(REPEATS)]
+    steps = [1e3 * (long - short) / (last - first) for short, long, _ in seconds]
+    bare = [1e3 * together / (last - first) for _, _, together in seconds]
+    ratio = statistics.median(a / b for a, b in zip(steps, bare, strict=True))
+    name = name or solve.args[0].__name__
+    medians = statistics.median(steps), statistics.median(bare)
+    print(
+        f"{contact.grid.shape[0]:4d}  {name:32s} {medians[0]:10.3f} {medians[1]:16.3f} {ratio:6.2f}"
+    )
+
+
+def seconds_of(run: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    jax.block_until_ready(run())
+    return time.perf_counter() - start
 
 
 @partial(jax.jit, static_argnames="count")
