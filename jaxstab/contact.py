@@ -17,12 +17,11 @@ from jaxstab.grid import Grid, total
 from jaxstab.loads import Control
 from jaxstab.potentials import (
     Potential,
+    Scan,
     as_module,
     curvature,
     derivatives,
     energy_density,
-    has_core,
-    max_curvature,
     slope,
 )
 
@@ -36,13 +35,13 @@ class Contact(eqx.Module):
         solid: the elastic solid.
         heights: h at the points of the solid's grid [length]; summits touch first.
         potential: adhesive energy per area as a scalar function of the gap, twice differentiable
-            for every gap >= 0, or for every gap > 0 and +inf at zero: a law of
-            `jaxstab.potentials`, any `equinox.Module`, or a bare function.
+            for every gap >= 0, or for every gap > 0 if it rises without bound towards zero: a
+            law of `jaxstab.potentials`, any `equinox.Module`, or a bare function.
 
     Raises:
         ValueError: for heights of another shape than the grid or not finite, and for a potential
-            that is not scalar to scalar, or at zero gap neither finite with its two derivatives nor
-            +inf.
+            that is not scalar to scalar, or at zero gap not finite with its two derivatives and not
+            rising to it.
     """
 
     solid: Solid
@@ -60,19 +59,25 @@ class Contact(eqx.Module):
         dtype = self.heights.dtype
         self.solid = cast(solid, dtype)
         self.potential = as_module(potential, dtype)
-        touching = derivatives(self.potential, jnp.zeros((1,), dtype))
+        touching, has_core = derivatives(self.potential, jnp.zeros((1,), dtype)), self.has_core
         for name, (value,) in zip(("", " slope", " curvature"), touching, strict=True):
             cure = (
-                "with its first two derivatives it must be finite there, or else be +inf (factor "
-                "a difference of powers, which is not defined there)."
+                "with its first two derivatives it must be finite there, or else rise without "
+                "bound as the gap closes."
             )
-            is_sound = jnp.isfinite(value) | self.has_core
+            is_sound = jnp.isfinite(value) | has_core
             require(f"The potential's{name} value at zero gap", value, is_sound, cure)
 
     @property
     def has_core(self) -> Bool[Array, ""]:
-        """Whether the potential is infinite at zero gap, so that no points ever touch."""
-        return has_core(self.potential, self.heights.dtype)
+        """Whether the potential rises without bound as a gap closes, so that none ever does."""
+        at_zero = energy_density(self.potential, jnp.zeros((1,), self.heights.dtype))[0]
+        return ~jnp.isfinite(at_zero) & self.scan.rises_at_the_end
+
+    @property
+    def scan(self) -> Scan:
+        """The potential at gaps from the size of the grid down."""
+        return Scan(self.potential, jnp.max(self.grid.lengths).astype(self.heights.dtype))
 
     @property
     def grid(self) -> Grid:
@@ -85,8 +90,9 @@ class Contact(eqx.Module):
 
         Well below 1 the grid pins contact edges, and jumps between its points are artefacts.
         """
-        length = jnp.max(self.grid.lengths).astype(self.heights.dtype)
-        return self.solid.max_stiffness / max_curvature(self.potential, length)
+        at_zero = self.curvature(jnp.zeros((1,), self.heights.dtype))[0]
+        at_zero = jnp.where(self.has_core, 0, jnp.abs(at_zero))
+        return self.solid.max_stiffness / jnp.maximum(self.scan.max_curvature, at_zero)
 
     @property
     def is_valid(self) -> Bool[Array, ""]:
@@ -138,6 +144,7 @@ class Contact(eqx.Module):
         eps = float(jnp.finfo(self.heights.dtype).eps)
         smallest_scale = self.conforming_pressure * max(1e-2, 1e6 * eps)
         heights = self.heights - self.heights.ravel()[0]
+        escape = control.escape_gap(self.scan)
 
         def balance(gap: Float[Array, " *grid"]) -> Balance:
             # Less that of one point: K ignores a constant, but would lose digits to it.
@@ -156,7 +163,7 @@ class Contact(eqx.Module):
                 elastic_energy=total(displacement * elastic) / 2,
                 adhesion=total(density),
                 residual=jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale)),
-                has_escaped=control.has_escaped(gap, attraction, curvature),
+                has_escaped=control.has_escaped(gap, escape),
             )
 
         return balance

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxstab.checks import parameter
 from jaxstab.grid import total
+from jaxstab.potentials import Scan
 
 Field = Float[Array, " *grid"]
 Mask = Bool[Array, " *grid"]
@@ -49,12 +50,16 @@ class Control(eqx.Module):
         """Return the nearest perturbation of the moving points that the load allows."""
 
     @abstractmethod
-    def work(self, change: Float[Array, ""]) -> Float[Array, ""]:
-        """Return the work done against the load by a change of the total gap."""
+    def work(self, change: Array) -> Array:
+        """Return the work done against the load by a change of the gap, or of gaps in all."""
 
     @abstractmethod
-    def has_escaped(self, gap: Field, attraction: Field, curvature: Field) -> Bool[Array, ""]:
-        """Whether the load has pulled the surfaces apart for good; f' and f'' are given."""
+    def escape_gap(self, scan: Scan) -> Float[Array, ""]:
+        """Return the gap beyond which nothing holds the surfaces against the load [length]."""
+
+    @abstractmethod
+    def has_escaped(self, gap: Field, escape_gap: Float[Array, ""]) -> Bool[Array, ""]:
+        """Whether the load has pulled the surfaces apart for good."""
 
 
 class GapControl(Control):
@@ -86,11 +91,15 @@ class GapControl(Control):
         mean = total(jnp.where(is_moving, field, 0)) / _count(is_moving, field)
         return jnp.where(is_moving, field - mean, 0)
 
-    def work(self, change: Float[Array, ""]) -> Float[Array, ""]:
+    def work(self, change: Array) -> Array:
         """Return zero: the mean gap does not move."""
         return jnp.zeros_like(change)
 
-    def has_escaped(self, gap: Field, attraction: Field, curvature: Field) -> Bool[Array, ""]:
+    def escape_gap(self, scan: Scan) -> Float[Array, ""]:
+        """Return infinity: the mean gap is held."""
+        return jnp.array(jnp.inf)
+
+    def has_escaped(self, gap: Field, escape_gap: Float[Array, ""]) -> Bool[Array, ""]:
         """Return False: the mean gap is held."""
         return jnp.array(False)
 
@@ -123,14 +132,18 @@ class PressureControl(Control):
         """Return the field at the moving points, zero elsewhere."""
         return jnp.where(is_moving, field, 0)
 
-    def work(self, change: Float[Array, ""]) -> Float[Array, ""]:
-        """Return p0 times the change of the total gap."""
+    def work(self, change: Array) -> Array:
+        """Return p0 times the change of the gap."""
         return self.mean_pressure * change
 
-    def has_escaped(self, gap: Field, attraction: Field, curvature: Field) -> Bool[Array, ""]:
-        """Whether no point touches, and all are far out on the falling side of the attraction."""
-        is_weak = (attraction < -1e-3 * self.mean_pressure) & (curvature <= 0)
-        return jnp.all((gap > 0) & is_weak)
+    def escape_gap(self, scan: Scan) -> Float[Array, ""]:
+        """Return the outermost gap with a thousandth of the attraction that would balance p0."""
+        outermost = scan.outermost_gap(-1e-3 * self.mean_pressure)
+        return jnp.where(self.mean_pressure < 0, outermost, jnp.inf)
+
+    def has_escaped(self, gap: Field, escape_gap: Float[Array, ""]) -> Bool[Array, ""]:
+        """Whether all points are beyond that gap."""
+        return jnp.all((gap > 0) & (gap > escape_gap))
 
 
 class Load(eqx.Module):

@@ -124,12 +124,16 @@ class LennardJones(_RangedLaw):
         length: z0, the gap at the minimum [length].
 
     Raises:
-        ValueError: if gamma is negative or z0 is not positive.
+        ValueError: if gamma or z0 is not positive.
     """
+
+    def __init__(self, surface_energy: ArrayLike, length: ArrayLike):
+        super().__init__(surface_energy, length)
+        require_positive("The surface energy of a law with a core", self.surface_energy)
 
     def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
         """Return the energy per area at a gap [length]."""
-        attraction = (self.length / gap) ** 3
+        attraction = 1 / self._reduced(gap) ** 3
         # In this form infinite, not undefined, at zero gap.
         return self.surface_energy / 2 * attraction * (attraction**2 - 3)
 
@@ -179,27 +183,41 @@ def derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
     return value.astype(gap.dtype), slope.astype(gap.dtype), curvature.astype(gap.dtype)
 
 
-def has_core(potential: Potential, dtype: Any) -> Bool[Array, ""]:
-    """Return whether the potential rises without bound as a gap closes, so that none ever does."""
-    return energy_density(potential, jnp.zeros((1,), dtype))[0] == jnp.inf
+class Scan(eqx.Module):
+    """A potential at gaps from a thousand times `scale` down to a trillionth of it.
 
+    Attributes:
+        gaps: from the largest to the smallest [length].
+        values: f [energy/area].
+        slopes: f' [pressure].
+        curvatures: f'' [pressure/length].
+    """
 
-def least_energy_gap(potential: Potential, scale: Float[Array, ""]) -> Float[Array, ""]:
-    """Return about where f is least, of gaps from `scale` down to a trillionth of it [length]."""
-    gaps = _gaps_below(scale)
-    return gaps[jnp.nanargmin(energy_density(potential, gaps))]
+    gaps: Float[Array, " gaps"]
+    values: Float[Array, " gaps"]
+    slopes: Float[Array, " gaps"]
+    curvatures: Float[Array, " gaps"]
 
+    def __init__(self, potential: Potential, scale: Float[Array, ""]):
+        # 64 to the octave.
+        self.gaps = scale * 2.0 ** jnp.linspace(10, -40, 50 * 64 + 1, dtype=scale.dtype)
+        self.values, self.slopes, self.curvatures = derivatives(potential, self.gaps)
 
-def max_curvature(potential: Potential, scale: Float[Array, ""]) -> Float[Array, ""]:
-    """Return about the largest |f''| where f attracts, up to a gap `scale` [pressure/length]."""
-    gaps = jnp.append(_gaps_below(scale), 0)
-    _, slope, curvature = derivatives(potential, gaps)
-    return jnp.max(jnp.abs(jnp.where(slope >= 0, curvature, 0)))
+    @property
+    def rises_at_the_end(self) -> Bool[Array, ""]:
+        """Whether f is positive and repels at the smallest gap at which it is finite."""
+        finite = jnp.isfinite(self.values) & jnp.isfinite(self.slopes)
+        last = jnp.max(jnp.where(finite, jnp.arange(finite.size), 0))
+        return (self.values[last] > 0) & (self.slopes[last] < 0)
 
+    @property
+    def max_curvature(self) -> Float[Array, ""]:
+        """The largest |f''| where f attracts [pressure/length]."""
+        return jnp.max(jnp.abs(jnp.where(self.slopes >= 0, self.curvatures, 0)))
 
-def _gaps_below(scale: Float[Array, ""]) -> Float[Array, " gaps"]:
-    octaves, per_octave = 40, 64
-    return scale * 2.0 ** -jnp.linspace(0, octaves, octaves * per_octave + 1, dtype=scale.dtype)
+    def outermost_gap(self, attraction: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the largest gap at which f' is not below an attraction, or zero [length]."""
+        return jnp.max(jnp.where(self.slopes >= attraction, self.gaps, 0))
 
 
 def energy_density(potential: Potential, gap: Field) -> Field:

@@ -22,7 +22,7 @@ class RESULTS(eqx.Enumeration):
         "`max_steps`, loosen its `tolerance`, or start nearer to the solution"
     )
     stagnated = (
-        "stagnated: the residual stopped falling before it reached the tolerance. Either the "
+        "stagnated: progress ended before the residual reached the tolerance. Either the "
         "tolerance is finer than the precision can hold (loosen it, or use float64), or the solver "
         "is caught between states (start elsewhere, for instance from a neighbouring load)"
     )
@@ -37,7 +37,8 @@ class RESULTS(eqx.Enumeration):
     )
     infeasible_load = (
         "infeasible_load: a mean gap must be positive and finite, as the surfaces cannot enter "
-        "each other. Raise the load above full contact: a mean displacement above the mean height"
+        "each other, and a mean pressure finite. Prescribe a mean displacement above the mean "
+        "height"
     )
     pulled_off = (
         "pulled_off: no equilibrium was found at this tensile load, which drew the surfaces apart "

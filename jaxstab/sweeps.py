@@ -11,7 +11,11 @@ from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
-from jaxstab.equilibrium.equilibrate import Solver, find_equilibrium, initial_gap
+from jaxstab.equilibrium.equilibrate import (
+    Solver,
+    find_equilibrium,
+    initial_gap,
+)
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load
 from jaxstab.progress import advance, progress_bar
@@ -83,7 +87,7 @@ def sweep(
     equilibrium_solver = equilibrium_solver or PreconditionedConjugateGradient()
     stability_solver = stability_solver or ProximalIteration()
     key = jax.random.key(0) if key is None else key
-    gap = initial_gap(contact, initial)
+    gap = initial_gap(contact, load, initial)
 
     solve = _solve_together if order == "independent" else _solve_in_turn
     with progress_bar(load.value.size, "load") if progress else nullcontext():

@@ -1,7 +1,9 @@
 """Problems that several tests share."""
 
 import jax
+import jax.numpy as jnp
 import matplotlib
+import numpy as np
 import pytest
 
 import jaxstab as js
@@ -37,3 +39,21 @@ def rough_contact(n, potential, youngs_modulus=1.0, seed=0, rms_height=0.1):
         grid, jax.random.key(seed), k_high=min(32, n // 4), rms_height=rms_height
     )
     return js.Contact(js.HalfSpace(grid, youngs_modulus), heights, potential)
+
+
+def dense_hessian(contact, gap):
+    n = gap.size
+    columns = jax.vmap(contact.hessian(gap))(jnp.eye(n).reshape(n, *gap.shape))
+    return np.asarray(columns).reshape(n, n)
+
+
+def smallest_on_zero_mean(matrix):
+    """Return the smallest eigenvalue on the space of zero mean, by dense algebra."""
+    basis = np.linalg.svd(np.ones((1, len(matrix))))[2][1:]
+    return np.linalg.eigvalsh(basis @ matrix @ basis.T).min(initial=np.inf)
+
+
+def smallest_on_critical_cone(contact, equilibrium):
+    """Return the smallest eigenvalue where contact points stay and the rest keeps its mean."""
+    free = ~np.asarray(equilibrium.in_contact).ravel()
+    return smallest_on_zero_mean(dense_hessian(contact, equilibrium.gap)[np.ix_(free, free)])

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
-from conftest import rough_contact
+from conftest import rough_contact, smallest_on_critical_cone
 from test_potentials import lennard_jones_force
 
 import jaxstab as js
@@ -217,7 +217,7 @@ def test_detached_surfaces_converge_in_single_precision():
 
 @pytest.mark.parametrize("pressure", [-0.4, 0.0, 0.5, 50.0])
 @pytest.mark.parametrize("youngs_modulus", [1e-3, 1.0, 1e3])
-def test_flat_surfaces_settle_where_lennard_and_jones_say(pressure, youngs_modulus):
+def test_flat_surfaces_settle_where_lennard_jones_says(pressure, youngs_modulus):
     grid = js.Grid((16, 12))
     law = js.potentials.LennardJones(0.02, 0.05)
     contact = js.Contact(js.HalfSpace(grid, youngs_modulus), jnp.zeros(grid.shape), law)
@@ -238,10 +238,56 @@ def test_a_core_holds_rough_surfaces_apart():
         assert equilibrium.gap.min() > 0
         assert not equilibrium.in_contact.any()
         check_optimality(contact, equilibrium, 1e-8)
-    touching = js.equilibrate(rough_contact(64, js.potentials.NoAdhesion()), js.MeanGap(0.15))
-    again = js.equilibrate(contact, js.MeanGap(0.15), initial=touching)
-    reference = js.equilibrate(contact, js.MeanGap(0.15))
-    np.testing.assert_allclose(again.gap, reference.gap, atol=1e-8)
+        assert equilibrium.num_steps < 60
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-3, 1e-6, 1e-15, 1e-30])
+def test_a_start_inside_a_core_is_lifted_off_it(width):
+    contact, load = rough_contact(32, js.potentials.LennardJones(1e-2, 0.05)), js.MeanGap(0.1)
+    reference = js.equilibrate(contact, load)
+    touching = js.equilibrate(rough_contact(32, js.potentials.NoAdhesion()), load)
+    lifted = js.equilibrate(contact, load, initial=touching.gap + width)
+    np.testing.assert_allclose(lifted.gap, reference.gap, atol=1e-8)
+    assert js.equilibrate(contact, load, initial=reference).num_steps == 0
+
+
+def test_a_law_with_a_core_works_in_single_precision_and_si_units():
+    grid = js.Grid(16, 1e-6)
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=2e-9)
+    law = js.potentials.LennardJones(0.05, 3e-9)
+    double = js.Contact(js.HalfSpace(grid, 1e9), heights, law)
+    single = js.Contact(js.HalfSpace(grid, 1e9), heights.astype(jnp.float32), law)
+    for load in (js.MeanPressure(1e7), js.MeanGap(4e-9)):
+        reference = js.equilibrate(double, load)
+        np.testing.assert_allclose(js.equilibrate(single, load).gap, reference.gap, atol=1e-11)
+
+
+SYMMETRIC = [
+    (lambda grid: jnp.zeros(grid.shape), js.potentials.Exponential(1.0, 0.1), 0.1),
+    (lambda grid: js.surfaces.sinusoid(grid, 0.05), js.potentials.Exponential(0.3, 0.1), 0.1),
+    (lambda grid: js.surfaces.paraboloid(grid, 2.0), js.potentials.Gaussian(0.3, 0.1), 0.2),
+]
+
+
+@pytest.mark.parametrize(("surface", "law", "mean_gap"), SYMMETRIC)
+def test_a_start_without_symmetry_leaves_the_saddle_that_symmetry_holds(surface, law, mean_gap):
+    grid = js.Grid(16)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), surface(grid), law)
+    load = js.MeanGap(mean_gap)
+    saddle = js.equilibrate(contact, load)
+    assert smallest_on_critical_cone(contact, saddle) < -0.01
+    noise = jax.random.uniform(jax.random.key(0), saddle.gap.shape)
+    minimum = js.equilibrate(contact, load, initial=saddle.gap * (1 + 1e-2 * noise))
+    assert smallest_on_critical_cone(contact, minimum) > 0
+    assert minimum.energy < saddle.energy
+
+
+def test_the_residual_is_fine_where_the_displacement_is_large_and_even():
+    contact = rough_contact(64, js.potentials.NoAdhesion())
+    high = js.Contact(contact.solid, (contact.heights + 1e3).astype(jnp.float32), contact.potential)
+    equilibrium = js.equilibrate(high, js.MeanGap(0.1))
+    reference = js.equilibrate(contact, js.MeanGap(0.1))
+    np.testing.assert_allclose(equilibrium.gap, reference.gap, atol=1e-3)
 
 
 LAWS = [

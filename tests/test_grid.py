@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 import jaxstab as js
+from jaxstab.grid import resample
 
 SHAPES = [(8,), (9,), (8, 8), (9, 7), (6, 9), (7, 4)]
 
@@ -53,3 +54,19 @@ def test_coordinates_and_cell_area_of_a_rectangle():
 def test_a_grid_that_makes_no_sense_is_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         js.Grid(*arguments)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("other", [(12, 12), (11, 13), (5, 6)])
+def test_resampling_keeps_what_both_grids_can_carry(shape, other):
+    other = other[: len(shape)]
+
+    def sample(shape):
+        x = [2 * jnp.pi * x for x in js.Grid(shape).coordinates]
+        return (
+            0.7
+            + sum(jnp.cos(x_i + 0.3) for x_i in x)
+            + jnp.prod(jnp.stack(jnp.sin(jnp.array(x))), 0)
+        )
+
+    np.testing.assert_allclose(resample(sample(shape), other), sample(other), atol=1e-12)

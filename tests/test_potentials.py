@@ -5,10 +5,9 @@ import pytest
 
 import jaxstab as js
 from jaxstab.potentials import (
+    Scan,
     curvature,
     energy_density,
-    least_energy_gap,
-    max_curvature,
     slope,
 )
 
@@ -75,14 +74,38 @@ def test_dugdales_attraction_is_even_up_to_its_range_and_then_gone():
     np.testing.assert_allclose(curvature(law, edge), difference, rtol=1e-3, atol=1e-6)
 
 
-def test_scans_find_where_a_law_is_least_and_how_sharply_it_bends():
+def test_a_scan_finds_how_sharply_a_law_bends_and_how_far_it_reaches():
     scale = jnp.array(100.0)
-    assert least_energy_gap(js.potentials.LennardJones(2.0, 0.7), scale) == pytest.approx(0.7, 0.02)
-    law = js.potentials.Exponential(2.0, 0.7)
-    assert max_curvature(law, scale) == pytest.approx(2 / 0.7**2)
+    exponential = Scan(js.potentials.Exponential(2.0, 0.7), scale)
+    assert exponential.max_curvature == pytest.approx(2 / 0.7**2)
+    attraction = 2 / 0.7 * np.exp(-3)
+    assert exponential.outermost_gap(attraction) == pytest.approx(2.1, rel=0.011)
+    assert exponential.outermost_gap(1e9) == 0
     # Where it attracts only: a wall may be as hard as it likes.
-    law = js.potentials.LennardJones(2.0, 0.7)
-    assert max_curvature(law, scale) == pytest.approx(54 / 0.7**2, rel=0.12)
+    lennard_jones = Scan(js.potentials.LennardJones(2.0, 0.7), scale)
+    assert lennard_jones.max_curvature == pytest.approx(54 / 0.7**2, rel=0.12)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize(
+    ("law", "has_core"),
+    [
+        (js.potentials.LennardJones(0.05, 3e-10), True),
+        (lambda gap: 1e-20 / gap**2 - 1e-12 / gap, True),
+        (lambda gap: -1e-3 * jnp.log(gap), True),
+        (js.potentials.Exponential(0.05, 3e-10), False),
+    ],
+)
+def test_a_core_is_seen_in_any_units_compiled_or_not(law, has_core, dtype):
+    grid = js.Grid(8, 1e-6)
+    contact = js.Contact(js.HalfSpace(grid, 1e9), jnp.zeros((8, 8), dtype), law)
+    assert contact.has_core == has_core
+    assert jax.jit(lambda contact: contact.has_core)(contact) == has_core
+
+
+def test_a_core_without_strength_is_refused():
+    with pytest.raises(ValueError, match=r"surface energy of a law with a core is 0.0"):
+        js.potentials.LennardJones(0.0, 1.0)
 
 
 def test_a_smoothing_that_makes_no_sense_is_refused():
@@ -112,7 +135,7 @@ def contact_with(potential):
         (lambda gap: jnp.array([gap, gap]), "must return one real scalar"),
         (lambda gap: 1j * gap, "must return one real scalar"),
         (lambda gap: (gap, gap), "must return one real scalar"),
-        (lambda gap: gap**-9 - gap**-3, "value at zero gap is nan.*factor a difference"),
+        (lambda gap: gap**-3 - gap**-9, "value at zero gap is nan.*or else rise without bound"),
         (lambda gap: jnp.log(gap), "value at zero gap is -inf"),
         (lambda gap: jnp.sqrt(gap), "slope value at zero gap is inf"),
         (lambda gap: gap**1.5, "curvature value at zero gap is inf"),

@@ -3,23 +3,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import rough_contact
+from conftest import dense_hessian, rough_contact, smallest_on_zero_mean
 
 import jaxstab as js
 from jaxstab.stability.cones import AdmissibleCone
-
-
-def dense_hessian(contact, gap):
-    n = gap.size
-    columns = jax.vmap(contact.hessian(gap))(jnp.eye(n).reshape(n, *gap.shape))
-    return np.asarray(columns).reshape(n, n)
-
-
-def smallest_on_zero_mean(matrix):
-    """Return the smallest eigenvalue on the space of zero mean, by dense algebra."""
-    n = len(matrix)
-    basis = np.linalg.qr(np.column_stack([np.ones(n), np.eye(n)[:, 1:]]))[0][:, 1:]
-    return np.linalg.eigvalsh(basis.T @ matrix @ basis)[0]
 
 
 def check_admissible(pair, in_contact):

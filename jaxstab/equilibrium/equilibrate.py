@@ -1,5 +1,7 @@
 """The equilibrium of a contact under a load, by any of the solvers beside this file."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,11 +11,11 @@ from jaxstab.checks import parameter, require, require_finite
 from jaxstab.contact import Contact
 from jaxstab.equilibrium.polonsky_keer_rey import PolonskyKeerRey
 from jaxstab.equilibrium.preconditioned import PreconditionedConjugateGradient
-from jaxstab.grid import resample
+from jaxstab.grid import resample, total
 from jaxstab.iterate import History, refuse_derivatives
 from jaxstab.lanes import by_lanes
-from jaxstab.loads import GapControl, Load, require_load
-from jaxstab.potentials import least_energy_gap, slope
+from jaxstab.loads import Control, GapControl, Load, require_load
+from jaxstab.potentials import slope
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 
@@ -66,7 +68,8 @@ def equilibrate(
     """Return an equilibrium of the contact under a load (Rey & Bleyer, eq. 14).
 
     With strong adhesion there can be several; which one is found depends on where the solver
-    starts.
+    starts. Where surface and start share a symmetry, so does what is found, which can then be a
+    saddle towards states without it: start from a gap that lacks the symmetry to leave it.
 
     Arguments:
         contact: the contact problem.
@@ -95,7 +98,7 @@ def equilibrate(
         )
     warn_if_coarse(contact)
     solver = solver or PreconditionedConjugateGradient()
-    equilibrium = find_equilibrium(contact, load, solver, initial_gap(contact, initial))
+    equilibrium = find_equilibrium(contact, load, solver, initial_gap(contact, load, initial))
     if not throw:
         return equilibrium
     return throw_failure(equilibrium.result, equilibrium, lambda: _describe(contact, equilibrium))
@@ -119,8 +122,8 @@ def _find(
     control = load.control(contact.heights)
     start = control.starting_gap(contact.heights) if initial is None else initial
     gap = control.restore(jnp.maximum(start.astype(contact.heights.dtype), 0))
-    apart = least_energy_gap(contact.potential, jnp.max(contact.grid.lengths).astype(gap.dtype))
-    gap = jnp.where(contact.has_core & jnp.any(gap == 0), control.restore(gap + apart), gap)
+    lift = partial(_lift_off_core, contact, control)
+    gap = jax.lax.cond(contact.has_core, lift, lambda gap: gap, gap)
     gap = jnp.where(control.is_feasible & contact.is_valid, gap, jnp.nan)
     iteration = solver.solve(contact, control, gap)
     gap, balance = iteration.state.gap, iteration.state.balance
@@ -151,24 +154,43 @@ def _find(
     )
 
 
+def _lift_off_core(
+    contact: Contact, control: Control, gap: Float[Array, " *grid"]
+) -> Float[Array, " *grid"]:
+    """Return the gap, or a wider one if its energy is lower or that of the gap not finite."""
+    scan = contact.scan
+    # Under tension, energy falls without end further out: look for the minimum near the core.
+    energies = scan.values + jnp.maximum(control.work(scan.gaps), 0)
+    lifted = control.restore(gap + scan.gaps[jnp.nanargmin(energies)])
+
+    def energy(gap: Float[Array, " *grid"]) -> Float[Array, ""]:
+        return contact.energy(gap) / contact.grid.cell_area + control.work(total(gap))
+
+    is_better = energy(gap) <= energy(lifted)
+    return jnp.where(is_better & jnp.all(gap > 0), gap, lifted)
+
+
 def initial_gap(
-    contact: Contact, initial: ArrayLike | Equilibrium | None
+    contact: Contact, load: Load, initial: ArrayLike | Equilibrium | None
 ) -> Float[Array, " *grid"] | None:
     """Return what was given as `initial` as a gap on the contact's grid, checked.
 
     Raises:
-        ValueError: if its shape is not the grid's, or it is not finite, or nowhere positive.
+        ValueError: if its shape is not the grid's, or it is not finite, or nowhere positive where
+            the load holds the mean gap; for an equilibrium that has another number of sides.
     """
     if initial is None:
         return None
-    if isinstance(initial, Equilibrium) and initial.gap.shape != contact.grid.shape:
-        gap = contact.gap(resample(initial.displacement, contact.grid.shape))
-    else:
-        gap = initial.gap if isinstance(initial, Equilibrium) else parameter(initial)
-    if gap.shape != contact.grid.shape:
-        raise ValueError(f"The initial gap has shape {gap.shape}, the grid {contact.grid.shape}.")
+    gap = initial.gap if isinstance(initial, Equilibrium) else parameter(initial)
+    shape = contact.grid.shape
+    if isinstance(initial, Equilibrium) and gap.ndim == len(shape) and gap.shape != shape:
+        gap = contact.gap(resample(initial.displacement, shape))
+    if gap.shape != shape:
+        raise ValueError(f"The initial gap has shape {gap.shape}, the grid {shape}.")
     require_finite("The initial gap", gap)
-    require("The largest initial gap", jnp.max(gap), jnp.any(gap > 0), "it must be positive.")
+    if load.control(contact.heights).fixes_mean:
+        cure = "it must be positive somewhere, for a load that holds the mean gap."
+        require("The largest initial gap", jnp.max(gap), jnp.any(gap > 0), cure)
     return gap
 
 

@@ -19,8 +19,11 @@ from jaxstab.iterate import (
 )
 from jaxstab.loads import Control
 
+# Cuts of a step to a third before it is given up.
 _MAX_CUTS = 40
+# The least part of the fall of energy that the slope promises.
 _ARMIJO = 1e-4
+# Over the stiffest wave: the curvature from which a point moves by its own stiffness.
 _STIFF = 0.1
 
 
