@@ -71,12 +71,11 @@ class Contact(eqx.Module):
     @property
     def has_core(self) -> Bool[Array, ""]:
         """Whether the potential rises without bound as a gap closes, so that none ever does."""
-        at_zero = energy_density(self.potential, jnp.zeros((1,), self.heights.dtype))[0]
-        return ~jnp.isfinite(at_zero) & self.scan.rises_at_the_end
+        return self.scan.has_core
 
     @property
     def scan(self) -> Scan:
-        """The potential at gaps from the size of the grid down."""
+        """The potential at gaps from far beyond the size of the grid down to zero."""
         return Scan(self.potential, jnp.max(self.grid.lengths).astype(self.heights.dtype))
 
     @property
@@ -90,9 +89,7 @@ class Contact(eqx.Module):
 
         Well below 1 the grid pins contact edges, and jumps between its points are artefacts.
         """
-        at_zero = self.curvature(jnp.zeros((1,), self.heights.dtype))[0]
-        at_zero = jnp.where(self.has_core, 0, jnp.abs(at_zero))
-        return self.solid.max_stiffness / jnp.maximum(self.scan.max_curvature, at_zero)
+        return self.solid.max_stiffness / self.scan.max_curvature
 
     @property
     def is_valid(self) -> Bool[Array, ""]:

@@ -184,7 +184,7 @@ def derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
 
 
 class Scan(eqx.Module):
-    """A potential at gaps from a thousand times `scale` down to a trillionth of it.
+    """A potential at gaps from a thousand times `scale` down to a trillionth of it, and at zero.
 
     Attributes:
         gaps: from the largest to the smallest [length].
@@ -200,15 +200,17 @@ class Scan(eqx.Module):
 
     def __init__(self, potential: Potential, scale: Float[Array, ""]):
         # 64 to the octave.
-        self.gaps = scale * 2.0 ** jnp.linspace(10, -40, 50 * 64 + 1, dtype=scale.dtype)
+        octaves = jnp.linspace(10, -40, 50 * 64 + 1, dtype=scale.dtype)
+        self.gaps = jnp.append(scale * 2.0**octaves, 0)
         self.values, self.slopes, self.curvatures = derivatives(potential, self.gaps)
 
     @property
-    def rises_at_the_end(self) -> Bool[Array, ""]:
-        """Whether f is positive and repels at the smallest gap at which it is finite."""
+    def has_core(self) -> Bool[Array, ""]:
+        """Whether f is not finite at zero gap, and positive and repulsive where it last is."""
         finite = jnp.isfinite(self.values) & jnp.isfinite(self.slopes)
         last = jnp.max(jnp.where(finite, jnp.arange(finite.size), 0))
-        return (self.values[last] > 0) & (self.slopes[last] < 0)
+        rises = (self.values[last] > 0) & (self.slopes[last] < 0)
+        return rises & ~jnp.isfinite(self.values[-1])
 
     @property
     def max_curvature(self) -> Float[Array, ""]:
