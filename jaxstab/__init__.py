@@ -13,20 +13,33 @@ from jaxstab.equilibrium import (
     Equilibrium,
     PolonskyKeerRey,
     PreconditionedConjugateGradient,
+    SaddleNewton,
     equilibrate,
 )
 from jaxstab.grid import Grid
 from jaxstab.loads import MeanDisplacement, MeanGap, MeanPressure
 from jaxstab.resolution import ResolutionWarning
 from jaxstab.results import RESULTS, VERDICTS, SolverError
-from jaxstab.stability import Eigenpair, ProximalIteration, Stability, assess_stability
+from jaxstab.stability import (
+    LOBPCG,
+    Barrier,
+    Eigenpair,
+    ProjectedLOBPCG,
+    ProximalIteration,
+    Stability,
+    assess_stability,
+    lowest_modes,
+    release,
+)
 from jaxstab.sweeps import Sweep, sweep
 
 __version__ = version("jaxstab")
 
 __all__ = [
+    "LOBPCG",
     "RESULTS",
     "VERDICTS",
+    "Barrier",
     "Contact",
     "Eigenpair",
     "Equilibrium",
@@ -37,8 +50,10 @@ __all__ = [
     "MeanPressure",
     "PolonskyKeerRey",
     "PreconditionedConjugateGradient",
+    "ProjectedLOBPCG",
     "ProximalIteration",
     "ResolutionWarning",
+    "SaddleNewton",
     "SolverError",
     "Spectral",
     "Stability",
@@ -46,8 +61,10 @@ __all__ = [
     "assess_stability",
     "equilibrate",
     "files",
+    "lowest_modes",
     "plots",
     "potentials",
+    "release",
     "surfaces",
     "sweep",
 ]

@@ -14,6 +14,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from jaxstab.checks import cast, parameter, require, require_finite
 from jaxstab.elasticity import FieldMap, Solid
 from jaxstab.grid import Grid, total
+from jaxstab.hessian import Hessian
 from jaxstab.loads import Control
 from jaxstab.potentials import (
     Potential,
@@ -124,10 +125,9 @@ class Contact(eqx.Module):
         """Return f''(g), the diagonal of D (Rey & Bleyer, eq. 24) [pressure/length]."""
         return curvature(self.potential, gap)
 
-    def hessian(self, gap: Float[Array, " *grid"]) -> FieldMap:
+    def hessian(self, gap: Float[Array, " *grid"]) -> Hessian:
         """Return the operator A = K + D (Rey & Bleyer, eq. 24) [pressure/length]."""
-        stiffness, diagonal = self.solid.stiffness, self.curvature(gap)
-        return lambda perturbation: stiffness(perturbation) + diagonal * perturbation
+        return Hessian(self.solid.multiplier.astype(gap.dtype), self.curvature(gap))
 
     @property
     def conforming_pressure(self) -> Float[Array, ""]:

@@ -20,6 +20,13 @@ from jaxstab.grid import Grid
 FieldMap = Callable[[Float[Array, " *grid"]], Float[Array, " *grid"]]
 
 
+def apply_multiplier(
+    multiplier: Float[Array, " *modes"], field: Float[Array, " *grid"]
+) -> Float[Array, " *grid"]:
+    """Return a field with the modes of its half spectrum multiplied."""
+    return jnp.fft.irfftn(multiplier * jnp.fft.rfftn(field), s=field.shape)
+
+
 class Solid(eqx.Module):
     """An elastic solid: anything with a Fourier multiplier from displacement to pressure."""
 
@@ -68,13 +75,7 @@ class Solid(eqx.Module):
         return jnp.sum(density) * self.grid.cell_area.astype(density.dtype)
 
     def _apply(self, multiplier: Float[Array, " *modes"]) -> FieldMap:
-        shape = self.grid.shape
-
-        def apply(field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
-            modes = multiplier.astype(field.dtype) * jnp.fft.rfftn(field)
-            return jnp.fft.irfftn(modes, s=shape)
-
-        return apply
+        return lambda field: apply_multiplier(multiplier.astype(field.dtype), field)
 
 
 class HalfSpace(Solid):

@@ -28,7 +28,7 @@ def save_sweep(path: str | Path, contact: Contact, sweep: Sweep) -> Path:
     path = Path(path)
     if path.suffix != ".npz":
         raise ValueError(f"{path} does not end in .npz.")
-    equilibrium, cone = sweep.equilibrium, sweep.stability.cone
+    equilibrium, stability = sweep.equilibrium, sweep.stability
     arrays: dict[str, Any] = {
         "load_kind": type(sweep.load).__name__,
         "lengths": contact.grid.lengths,
@@ -43,14 +43,20 @@ def save_sweep(path: str | Path, contact: Contact, sweep: Sweep) -> Path:
         "equilibrium_residual": equilibrium.residual,
         "equilibrium_steps": equilibrium.num_steps,
         "equilibrium_result": labels(RESULTS, equilibrium.result),
-        "cone_eigenvalue": cone.eigenvalue,
-        "cone_error": cone.error,
-        "cone_mode": cone.mode,
-        "cone_residual": cone.residual,
-        "cone_steps": cone.num_steps,
-        "cone_result": labels(RESULTS, cone.result),
-        "verdict": labels(VERDICTS, sweep.stability.verdict),
+        "complementarity": stability.complementarity,
+        "barrier_height": stability.barrier.height,
+        "barrier_amplitude": stability.barrier.amplitude,
+        "verdict": labels(VERDICTS, stability.verdict),
     }
+    for name, pair in stability.pairs.items():
+        arrays |= {
+            f"{name}_eigenvalue": pair.eigenvalue,
+            f"{name}_error": pair.error,
+            f"{name}_mode": pair.mode,
+            f"{name}_residual": pair.residual,
+            f"{name}_steps": pair.num_steps,
+            f"{name}_result": labels(RESULTS, pair.result),
+        }
     with path.open("xb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
     return path

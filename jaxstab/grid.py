@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab.checks import parameter, require_positive
 
@@ -107,3 +107,9 @@ def total(field: Float[Array, " *grid"]) -> Float[Array, ""]:
     """Return the sum of a field; as a product with ones, which on the CPU is the fastest way."""
     ones = jnp.ones(field.shape[-1:], field.dtype)
     return jnp.sum(jnp.matmul(field, ones, precision="highest"))
+
+
+def centred(field: Float[Array, " *grid"], mask: Bool[Array, " *grid"]) -> Float[Array, " *grid"]:
+    """Return the field less its mean over the mask, zero outside the mask."""
+    count = jnp.maximum(total(mask.astype(field.dtype)), 1)
+    return jnp.where(mask, field - total(jnp.where(mask, field, 0)) / count, 0)

@@ -101,6 +101,11 @@ class IterativeSolver(eqx.Module):
             require_positive("The tolerance", self.tolerance)
         require("max_steps", self.max_steps, self.max_steps > 0, "it must be positive.")
 
+    def tolerance_in(self, dtype: jnp.dtype) -> Float[Array, ""] | float:
+        """Return the residual to reach in a precision."""
+        default = self.default_tolerance.get(dtype.name, max(self.default_tolerance.values()))
+        return default if self.tolerance is None else self.tolerance
+
     def iterate(
         self,
         step: Callable[[State], State],
@@ -118,9 +123,7 @@ class IterativeSolver(eqx.Module):
             state: where to start.
         """
         first = measure(state)
-        precision = first["residual"].dtype.name
-        default = self.default_tolerance.get(precision, max(self.default_tolerance.values()))
-        tolerance = default if self.tolerance is None else self.tolerance
+        tolerance = self.tolerance_in(first["residual"].dtype)
 
         def is_progress(best: Indicators, new: Indicators) -> Bool[Array, ""]:
             progress = new["residual"] < _STALL_FACTOR * best["residual"]

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxstab.checks import parameter
-from jaxstab.grid import total
+from jaxstab.grid import centred, total
 from jaxstab.potentials import Scan
 
 Field = Float[Array, " *grid"]
@@ -88,8 +88,7 @@ class GapControl(Control):
 
     def project(self, field: Field, is_moving: Mask) -> Field:
         """Return the field less its mean over the moving points, zero elsewhere."""
-        mean = total(jnp.where(is_moving, field, 0)) / _count(is_moving, field)
-        return jnp.where(is_moving, field - mean, 0)
+        return centred(field, is_moving)
 
     def work(self, change: Array) -> Array:
         """Return zero: the mean gap does not move."""

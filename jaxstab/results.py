@@ -48,15 +48,21 @@ class RESULTS(eqx.Enumeration):
         "no_equilibrium: there was no converged equilibrium to assess. Look at the result of the "
         "equilibrium"
     )
+    not_computed = (
+        "not_computed: another number had already proved the verdict. Assess without `verdict_only`"
+    )
 
 
 class VERDICTS(eqx.Enumeration):
     """What is known of the stability of an equilibrium."""
 
-    stable = "stable: the smallest eigenvalue found on the admissible perturbations is positive"
-    held_by_contact = "held_by_contact: stable to small perturbations only, thanks to the contact"
-    unstable = "unstable: an admissible perturbation lowers the energy"
-    undecided = "undecided: what was computed proves neither stability nor instability"
+    stable = "stable: every small admissible perturbation raises the energy to second order"
+    held_by_contact = (
+        "held_by_contact: a strict local minimum, since lifting off costs energy at first order; "
+        "beyond a finite barrier lifting off lowers it"
+    )
+    unstable = "unstable: an arbitrarily small admissible perturbation lowers the energy"
+    undecided = "undecided: an eigenvalue is zero to within its error, or a solver did not converge"
 
 
 def labels(enumeration: type[eqx.Enumeration], items: eqx.Enumeration) -> np.ndarray:

@@ -21,7 +21,7 @@ from jaxstab.loads import Load, require_load
 from jaxstab.progress import advance, progress_bar
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, VERDICTS, throw_failure
-from jaxstab.stability import ProximalIteration, Stability
+from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability
 from jaxstab.stability.assess import judge
 
 
@@ -45,7 +45,7 @@ def sweep(
     *,
     order: Literal["independent", "continuation"] = "independent",
     equilibrium_solver: Solver | None = None,
-    stability_solver: ProximalIteration | None = None,
+    stability_solver: ConeSolver | None = None,
     initial: ArrayLike | Equilibrium | None = None,
     key: PRNGKeyArray | None = None,
     progress: bool = False,
@@ -60,9 +60,9 @@ def sweep(
             "continuation" one after another, each from the last equilibrium found (Rey & Bleyer,
             section 4.2.3).
         equilibrium_solver: the algorithm for equilibria, by default that of `equilibrate`.
-        stability_solver: the algorithm for eigenvalues, `ProximalIteration()` by default.
+        stability_solver: the algorithm for the cone, as in `assess_stability`.
         initial: where to start, as in `equilibrate`.
-        key: the random key of the eigensolver's start, as in `assess_stability`.
+        key: the random key of the eigensolvers' starts, as in `assess_stability`.
         progress: show a progress bar.
         throw: raise if any load fails; otherwise each load carries its own `result`, and one that
             fails leaves the others as they would have been.
@@ -85,7 +85,7 @@ def sweep(
         raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
     warn_if_coarse(contact)
     equilibrium_solver = equilibrium_solver or PreconditionedConjugateGradient()
-    stability_solver = stability_solver or ProximalIteration()
+    stability_solver = stability_solver or ProjectedLOBPCG()
     key = jax.random.key(0) if key is None else key
     gap = initial_gap(contact, load, initial)
 
@@ -102,7 +102,7 @@ def _solve_together(
     contact: Contact,
     load: Load,
     equilibrium_solver: Solver,
-    stability_solver: ProximalIteration,
+    stability_solver: ConeSolver,
     initial: Float[Array, " *grid"] | None,
     key: PRNGKeyArray,
     progress: bool,
@@ -125,7 +125,7 @@ def _solve_in_turn(
     contact: Contact,
     load: Load,
     equilibrium_solver: Solver,
-    stability_solver: ProximalIteration,
+    stability_solver: ConeSolver,
     initial: Float[Array, " *grid"] | None,
     key: PRNGKeyArray,
     progress: bool,
@@ -152,10 +152,11 @@ def _solve_in_turn(
 
 
 def _throw_failures(result: Sweep) -> Sweep:
-    failed = result.stability.cone.result != RESULTS.successful
+    codes = result.stability.result
+    failed = codes != RESULTS.successful
     first = jax.tree.map(lambda leaf: leaf[jnp.argmax(failed)], result)
-    code, cone_code = first.equilibrium.result, first.stability.cone.result
-    code = RESULTS.where(code == RESULTS.successful, cone_code, code)
+    code = first.equilibrium.result
+    code = RESULTS.where(code == RESULTS.successful, first.stability.result, code)
     return throw_failure(
         code,
         result,

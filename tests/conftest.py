@@ -1,5 +1,6 @@
 """Problems that several tests share."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import matplotlib
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxstab as js
+from jaxstab import potentials
 
 jax.config.update("jax_enable_x64", True)
 matplotlib.use("Agg")
@@ -39,6 +41,20 @@ def rough_contact(n, potential, youngs_modulus=1.0, seed=0, rms_height=0.1):
         grid, jax.random.key(seed), k_high=min(32, n // 4), rms_height=rms_height
     )
     return js.Contact(js.HalfSpace(grid, youngs_modulus), heights, potential)
+
+
+def state_of(contact, gap, reaction=1.0, load=None):
+    """Return a state with any gap and reaction, as if it were in equilibrium."""
+    touches = gap == 0
+    bare = js.Contact(contact.solid, contact.heights, js.potentials.NoAdhesion())
+    anchor = js.equilibrate(bare, js.MeanGap(10.0))
+    reaction = jnp.where(touches, reaction, 0.0)
+    pressure = reaction - potentials.slope(contact.potential, gap)
+    return eqx.tree_at(
+        lambda state: (state.load, state.gap, state.in_contact, state.reaction, state.pressure),
+        anchor,
+        (anchor.load if load is None else load, gap, touches, reaction, pressure),
+    )
 
 
 def dense_hessian(contact, gap):

@@ -23,9 +23,9 @@ def test_the_main_job_prints_a_table_and_writes_figure_and_data(tmp_path):
     result = run(tmp_path, *SMALL)
     assert result.returncode == 0, result.stderr
     lines = result.stdout.splitlines()
-    header = next(i for i, line in enumerate(lines) if "cone eigenvalue" in line)
+    header = next(i for i, line in enumerate(lines) if "lower bound" in line)
     rows = lines[header + 2 : header + 7]
-    assert "stable" in rows[0] and "undecided" in rows[2] and "stable" in rows[4]
+    assert " stable" in rows[0] and "held_by_contact" in rows[2] and " stable" in rows[4]
     assert "5/5" in result.stderr
     folder = tmp_path / "results" / "1"
     assert lines[-1].endswith(str(folder))
@@ -36,6 +36,9 @@ def test_the_main_job_prints_a_table_and_writes_figure_and_data(tmp_path):
     assert data["load_kind"] == "MeanGap"
     assert data["verdict"][0] == "stable"
     assert set(data["equilibrium_result"]) == {"successful"}
+    assert (data["lower_bound_eigenvalue"] <= data["cone_eigenvalue"]).all()
+    assert (data["cone_eigenvalue"] <= data["critical_eigenvalue"]).all()
+    assert np.isfinite(data["barrier_height"][2])
     shown = float(rows[2].split()[1])
     assert shown == pytest.approx(data["mean_pressure"][2], rel=1e-3)
 

@@ -11,6 +11,7 @@ from jaxstab.checks import parameter, require, require_finite
 from jaxstab.contact import Contact
 from jaxstab.equilibrium.polonsky_keer_rey import PolonskyKeerRey
 from jaxstab.equilibrium.preconditioned import PreconditionedConjugateGradient
+from jaxstab.equilibrium.saddle_newton import SaddleNewton
 from jaxstab.grid import resample, total
 from jaxstab.iterate import History, refuse_derivatives
 from jaxstab.lanes import by_lanes
@@ -19,7 +20,7 @@ from jaxstab.potentials import slope
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 
-Solver = PolonskyKeerRey | PreconditionedConjugateGradient
+Solver = PolonskyKeerRey | PreconditionedConjugateGradient | SaddleNewton
 
 
 class Equilibrium(eqx.Module):
@@ -192,6 +193,16 @@ def initial_gap(
         cure = "it must be positive somewhere, for a load that holds the mean gap."
         require("The largest initial gap", jnp.max(gap), jnp.any(gap > 0), cure)
     return gap
+
+
+def require_same_grid(contact: Contact, equilibrium: Equilibrium) -> None:
+    """Raise `ValueError` if an equilibrium is not on the contact's grid."""
+    if equilibrium.gap.shape != contact.grid.shape:
+        raise ValueError(
+            f"The equilibrium has shape {equilibrium.gap.shape}, the contact's grid "
+            f"{contact.grid.shape}: use the contact that it came from (and for a sweep "
+            "jaxstab.sweep or jax.vmap)."
+        )
 
 
 def _describe(contact: Contact, equilibrium: Equilibrium) -> str:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact import Balance, Contact
+from jaxstab.elasticity import apply_multiplier
 from jaxstab.grid import total
 from jaxstab.iterate import (
     Indicators,
@@ -168,7 +169,7 @@ def _preconditioner(
     inverse = 1 / (multiplier + shift)
 
     def by_waves(force: Float[Array, " *grid"], _: Array) -> Float[Array, " *grid"]:
-        return jnp.fft.irfftn(inverse * jnp.fft.rfftn(force), s=force.shape)
+        return apply_multiplier(inverse, force)
 
     def by_waves_and_points(
         force: Float[Array, " *grid"], curvature: Float[Array, " *grid"]

@@ -1,6 +1,23 @@
 """Stability of equilibria: cones, eigensolvers, and `assess_stability`."""
 
-from jaxstab.stability.assess import Eigenpair, Stability, assess_stability
+from jaxstab.stability.assess import Barrier, Stability, assess_stability
+from jaxstab.stability.eigenpairs import Eigenpair
+from jaxstab.stability.lobpcg import LOBPCG
+from jaxstab.stability.modes import lowest_modes
+from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.proximal import ProximalIteration
+from jaxstab.stability.release import release
+from jaxstab.stability.search import ConeSolver
 
-__all__ = ["Eigenpair", "ProximalIteration", "Stability", "assess_stability"]
+__all__ = [
+    "LOBPCG",
+    "Barrier",
+    "ConeSolver",
+    "Eigenpair",
+    "ProjectedLOBPCG",
+    "ProximalIteration",
+    "Stability",
+    "assess_stability",
+    "lowest_modes",
+    "release",
+]

@@ -1,165 +1,214 @@
 """The stability of an equilibrium, from the smallest eigenvalues of its energy's Hessian."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.iterate import History, refuse_derivatives
+from jaxstab.equilibrium.equilibrate import require_same_grid
+from jaxstab.iterate import refuse_derivatives
 from jaxstab.lanes import by_lanes
+from jaxstab.potentials import slope
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, VERDICTS, throw_failure
-from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.proximal import ProximalIteration, admissible_pair, unit_vector
+from jaxstab.stability.eigenpairs import Eigenpair
+from jaxstab.stability.modes import BLOCK_SIZE, noise
+from jaxstab.stability.projected import ProjectedLOBPCG
+from jaxstab.stability.search import ConeSolver, Search
+
+# Over the precision: reactions below this part of the pressure are none.
+_ROUNDING = 1e3
 
 
-class Eigenpair(eqx.Module):
-    """A smallest eigenvalue of A = K + D among admissible unit vectors, and its mode.
+class Barrier(eqx.Module):
+    """What holds a state that its cone's mode would leave: E(t) = t mu.x + t^2 lambda / 2.
 
     Attributes:
-        eigenvalue: lambda = x.Ax / x.x, without the factor 1/2 of Rey & Bleyer's eq. 26
-            [pressure/length]; +inf where no perturbation is admissible.
-        mode: x, of unit Euclidean norm; zero where no perturbation is admissible.
-        residual: the projected residual |x - P(x - (A x - lambda x) / b)|, b a bound on |A|.
-        error: b times the residual: how far the eigenvalue is from one of A's, to first order
-            [pressure/length].
-        num_steps: steps that the solver took.
-        result: a member of `RESULTS`: how the solver ended.
-        history: the indicators "residual", "epsilon" and "eta" of the solver as it went.
+        height: (mu.x)^2 / (2 |lambda|) over the surface, where E is largest [energy].
+        amplitude: t = mu.x / |lambda|, in units of the mode of unit norm [length].
     """
 
-    eigenvalue: Float[Array, ""]
-    mode: Float[Array, " *grid"]
-    residual: Float[Array, ""]
-    error: Float[Array, ""]
-    num_steps: Int[Array, ""]
-    result: RESULTS
-    history: History
+    height: Float[Array, ""]
+    amplitude: Float[Array, ""]
 
 
 class Stability(eqx.Module):
     """What is known of the stability of an equilibrium.
 
+    Always lower_bound <= cone <= critical.
+
     Attributes:
-        cone: the smallest eigenvalue found on V0+, where perturbations do not enter the surface
-            and, under a prescribed mean gap, have zero mean (Rey & Bleyer, eq. 26). Positive means
-            stable; negative proves nothing where contact presses, since lifting off then costs
-            energy at first order.
-        lower_bound: that among all perturbations of zero mean; not computed yet.
-        critical: that on the critical cone; not computed yet.
+        lower_bound: the smallest eigenvalue among all perturbations that the load allows: those of
+            zero mean under a prescribed mean gap, all under a prescribed pressure.
+        cone: that on V0+, where perturbations do not enter the surface either (Rey & Bleyer,
+            eq. 26). Positive means stable; negative proves nothing where contact presses, since
+            lifting off then costs energy at first order.
+        critical: that on the critical cone, where points in contact stay if they press, and may
+            lift off if they do not. Negative means unstable.
+        complementarity: the least reaction at a point in contact, over the rms of elastic pressure
+            and attraction; +inf without contact. Near zero, a point is about to lift off.
+        barrier: that of a state held by contact, along the cone's mode to second order; NaN
+            elsewhere.
         verdict: a member of `VERDICTS`.
+        result: how the solvers ended: the first failure, or successful.
     """
 
+    lower_bound: Eigenpair
     cone: Eigenpair
-    lower_bound: Eigenpair | None
-    critical: Eigenpair | None
+    critical: Eigenpair
+    complementarity: Float[Array, ""]
+    barrier: Barrier
     verdict: VERDICTS
+    result: RESULTS
+
+    @property
+    def pairs(self) -> dict[str, Eigenpair]:
+        """The three eigenpairs by name, from the lowest to the highest."""
+        return {"lower_bound": self.lower_bound, "cone": self.cone, "critical": self.critical}
 
 
 def assess_stability(
     contact: Contact,
     equilibrium: Equilibrium,
-    solver: ProximalIteration | None = None,
+    solver: ConeSolver | None = None,
     *,
     key: PRNGKeyArray | None = None,
+    verdict_only: bool = False,
     throw: bool = True,
 ) -> Stability:
     """Return the stability of an equilibrium against admissible perturbations (Rey & Bleyer, 22).
 
-    The solver finds a local minimiser of the Rayleigh quotient. Where the cone is not a linear
-    space it can miss a smaller one: assess again with other keys where it matters.
+    On the two linear spaces the eigenvalue is the smallest. On the cone it is the smallest that
+    several starts lead to, or proved to be the smallest where the mode of the lower bound is
+    admissible.
 
     Arguments:
         contact: the contact problem.
         equilibrium: one of its equilibria.
-        solver: the algorithm, `ProximalIteration()` by default.
-        key: the random key of the vector to start from, `jax.random.key(0)` by default.
-        throw: raise where the solver fails; otherwise look at `cone.result`. Under vmap the
-            failure of one lane raises for all, so choose False there.
+        solver: the algorithm for the cone, `ProjectedLOBPCG()` by default. Its tolerance is that
+            of all three numbers.
+        key: the random key of the vectors to start from, `jax.random.key(0)` by default.
+        verdict_only: stop when a number proves the verdict; those not computed are NaN, with the
+            result "not_computed".
+        throw: raise where a solver fails; otherwise look at `result`. Under vmap the failure of
+            one lane raises for all, so choose False there.
 
     Returns:
-        Eigenvalue, mode and verdict; the verdict is "undecided" unless the cone eigenvalue is
-        positive by more than its error and both solvers converged.
+        Three eigenvalues with their modes, and the verdict that they prove.
 
     Raises:
         ValueError: if the equilibrium is not on the contact's grid.
         SolverError: if `throw`, for an equilibrium or an eigenvalue that did not converge.
     """
-    if equilibrium.gap.shape != contact.grid.shape:
-        raise ValueError(
-            f"The equilibrium has shape {equilibrium.gap.shape}, the contact's grid "
-            f"{contact.grid.shape}: assess it with the contact that it came from (and a sweep with "
-            "jaxstab.sweep or jax.vmap)."
-        )
+    require_same_grid(contact, equilibrium)
     warn_if_coarse(contact)
-    solver = solver or ProximalIteration()
+    solver = ProjectedLOBPCG() if solver is None else solver
     key = jax.random.key(0) if key is None else key
-    stability = judge(contact, equilibrium, solver, key)
+    stability = judge(contact, equilibrium, solver, key, verdict_only)
     if not throw:
         return stability
-    return throw_failure(stability.cone.result, stability, lambda: _describe(stability.cone))
+    return throw_failure(stability.result, stability, lambda: _describe(stability))
 
 
-@jax.jit
+@partial(jax.jit, static_argnames="verdict_only")
 def judge(
     contact: Contact,
     equilibrium: Equilibrium,
-    solver: ProximalIteration,
+    solver: ConeSolver,
     key: PRNGKeyArray,
+    verdict_only: bool = False,
 ) -> Stability:
     """Do what `assess_stability` does, on checked arguments and without raising."""
     contact, equilibrium = refuse_derivatives((contact, equilibrium))
-    return by_lanes(_judge)(contact, equilibrium, solver, key)
+    return by_lanes(partial(_judge, verdict_only))(contact, equilibrium, solver, key)
 
 
 def _judge(
-    contact: Contact, equilibrium: Equilibrium, solver: ProximalIteration, key: PRNGKeyArray
-) -> Stability:
-    is_equilibrium = equilibrium.result == RESULTS.successful
-    fixes_mean = equilibrium.load.control(contact.heights).fixes_mean
-    cone = AdmissibleCone(equilibrium.in_contact, fixes_mean)
-    pair = _smallest_eigenpair(contact, equilibrium, solver, cone, key, is_equilibrium)
-    is_stable = (pair.result == RESULTS.successful) & (pair.eigenvalue > pair.error)
-    verdict = VERDICTS.where(is_stable, VERDICTS.stable, VERDICTS.undecided)
-    return Stability(cone=pair, lower_bound=None, critical=None, verdict=verdict)
-
-
-def _smallest_eigenpair(
+    verdict_only: bool,
     contact: Contact,
     equilibrium: Equilibrium,
-    solver: ProximalIteration,
-    cone: AdmissibleCone,
+    solver: ConeSolver,
     key: PRNGKeyArray,
-    is_equilibrium: Bool[Array, ""],
-) -> Eigenpair:
-    gap = equilibrium.gap
-    operator, diagonal = contact.hessian(gap), contact.curvature(gap)
-    # K is positive, so that |A| lies between the largest of K + D and the smallest of D.
-    highest = contact.solid.max_stiffness + jnp.maximum(jnp.max(diagonal), 0)
-    bound = jnp.maximum(highest, -jnp.min(diagonal))
-
-    start = unit_vector(cone, jax.random.normal(key, gap.shape, gap.dtype))
-    start = jnp.where(is_equilibrium, start, jnp.nan)
-    iteration = solver.solve(operator, bound, cone, start)
-    eigenvalue, mode, _ = admissible_pair(operator, bound, cone, iteration.state.x)
-    # One projected gradient step sets to exactly zero what the contact holds.
-    moved = mode - (operator(mode) - eigenvalue * mode) / bound
-    eigenvalue, mode, residual = admissible_pair(operator, bound, cone, moved)
-    return Eigenpair(
-        eigenvalue=jnp.where(cone.is_trivial, jnp.inf, eigenvalue),
-        mode=mode,
-        residual=residual,
-        error=bound * residual,
-        num_steps=iteration.num_steps,
-        result=RESULTS.where(is_equilibrium, iteration.result, RESULTS.no_equilibrium),
-        history=iteration.history,
+) -> Stability:
+    complementarity, presses, is_finite = _reactions(contact, equilibrium)
+    search = Search(
+        hessian=contact.hessian(equilibrium.gap),
+        in_contact=equilibrium.in_contact,
+        presses=presses,
+        is_equilibrium=(equilibrium.result == RESULTS.successful) & is_finite,
+        random=noise(key, BLOCK_SIZE, equilibrium.gap),
+        tolerance=jnp.asarray(solver.tolerance_in(equilibrium.gap.dtype), equilibrium.gap.dtype),
+        fixes_mean=equilibrium.load.control(contact.heights).fixes_mean,
+        verdict_only=verdict_only,
+    )
+    lower_bound, cone, critical = search.run(solver)
+    result = _first_failure(lower_bound, cone, critical)
+    verdict = VERDICTS.where(
+        result == RESULTS.successful, _verdict(lower_bound, cone, critical), VERDICTS.undecided
+    )
+    return Stability(
+        lower_bound=lower_bound,
+        cone=cone,
+        critical=critical,
+        complementarity=complementarity,
+        barrier=_barrier(contact, equilibrium, cone, verdict),
+        verdict=verdict,
+        result=result,
     )
 
 
-def _describe(pair: Eigenpair) -> str:
-    return (
-        f"No smallest eigenvalue found after {int(pair.num_steps)} steps; at "
-        f"{float(pair.eigenvalue):.6g} the projected residual is {float(pair.residual):.3g}"
-    )
+def _first_failure(*pairs: Eigenpair) -> RESULTS:
+    result = RESULTS.successful
+    for pair in reversed(pairs):
+        failed = (pair.result != RESULTS.successful) & (pair.result != RESULTS.not_computed)
+        result = RESULTS.where(failed, pair.result, result)
+    return result
+
+
+def _reactions(
+    contact: Contact, equilibrium: Equilibrium
+) -> tuple[Float[Array, ""], Bool[Array, " *grid"], Bool[Array, ""]]:
+    """Return the least relative reaction in contact, where it is more than an error, and whether
+    all that was computed from is finite.
+    """
+    gap, reaction, pressure = equilibrium.gap, equilibrium.reaction, equilibrium.pressure
+    attraction = slope(contact.potential, gap)
+    scale = jnp.linalg.norm(jnp.stack([pressure, attraction])) / jnp.sqrt(gap.size)
+    least = jnp.min(jnp.where(equilibrium.in_contact, reaction, jnp.inf))
+    complementarity = jnp.where(least == jnp.inf, least, least / jnp.where(scale == 0, 1, scale))
+    missed = jnp.where(equilibrium.in_contact, jnp.minimum(reaction, 0), pressure + attraction)
+    rounding = _ROUNDING * jnp.finfo(scale.dtype).eps * scale
+    is_finite = jnp.isfinite(jnp.sum(gap) + jnp.sum(reaction) + jnp.sum(pressure))
+    return complementarity, reaction > jnp.linalg.norm(missed) + rounding, is_finite
+
+
+def _verdict(lower_bound: Eigenpair, cone: Eigenpair, critical: Eigenpair) -> VERDICTS:
+    is_held = cone.is_negative & critical.is_positive
+    verdict = VERDICTS.where(is_held, VERDICTS.held_by_contact, VERDICTS.undecided)
+    verdict = VERDICTS.where(critical.is_negative, VERDICTS.unstable, verdict)
+    is_stable = cone.is_positive | lower_bound.is_positive
+    return VERDICTS.where(is_stable, VERDICTS.stable, verdict)
+
+
+def _barrier(
+    contact: Contact, equilibrium: Equilibrium, cone: Eigenpair, verdict: VERDICTS
+) -> Barrier:
+    # The first-order cost of lifting off.
+    cost = jnp.sum(equilibrium.reaction * cone.mode)
+    is_held = verdict == VERDICTS.held_by_contact
+    amplitude = jnp.where(is_held, -cost / cone.eigenvalue, jnp.nan)
+    return Barrier(cost * amplitude / 2 * contact.grid.cell_area.astype(cost.dtype), amplitude)
+
+
+def _describe(stability: Stability) -> str:
+    for name, pair in stability.pairs.items():
+        if pair.result != RESULTS.successful and pair.result != RESULTS.not_computed:
+            return (
+                f"The {name} eigenvalue was not found after {int(pair.num_steps)} steps; at "
+                f"{float(pair.eigenvalue):.6g} the projected residual is {float(pair.residual):.3g}"
+            )
+    return "All eigenvalues were found"

@@ -1,7 +1,8 @@
-"""Cones of admissible perturbations, and the projection onto them.
+"""Spaces and cones of perturbations, and the projections onto them.
 
 V0+ holds the perturbations of zero mean that do not open into the surface where it is touched:
-x >= 0 at the points in contact (Rey & Bleyer, eq. 18).
+x >= 0 at the points in contact (Rey & Bleyer, eq. 18). The critical cone is smaller: x = 0 where
+contact presses, since lifting off there costs energy at first order.
 """
 
 import equinox as eqx
@@ -9,31 +10,71 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxstab.grid import total
+from jaxstab.grid import centred, total
 
 
-class AdmissibleCone(eqx.Module):
-    """V0+: fields that are not negative in contact (Rey & Bleyer, eqs. 18 and 26).
+class Subspace(eqx.Module):
+    """Fields that vanish outside a mask.
 
     Attributes:
-        in_contact: where perturbations must not be negative.
-        fixes_mean: whether they must have zero mean too, as under a prescribed mean gap.
+        is_moving: where they need not vanish.
+        fixes_mean: whether they must have zero mean too.
     """
 
-    in_contact: Bool[Array, " *grid"]
+    is_moving: Bool[Array, " *grid"]
     fixes_mean: bool = eqx.field(static=True, default=True)
 
     @property
     def is_trivial(self) -> Bool[Array, ""]:
+        """Whether zero is its only field."""
+        return jnp.sum(self.is_moving) <= self.fixes_mean
+
+    def project(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        """Return the nearest field of the space."""
+        if self.fixes_mean:
+            return centred(field, self.is_moving)
+        return jnp.where(self.is_moving, field, 0)
+
+
+class AdmissibleCone(eqx.Module):
+    """Fields that are nowhere negative on one mask, and vanish on another.
+
+    V0+ (Rey & Bleyer, eqs. 18 and 26) is one-sided at all points in contact and held at none.
+
+    Attributes:
+        one_sided: where perturbations must not be negative.
+        held: where they must vanish, nowhere if None.
+        fixes_mean: whether they must have zero mean too, as under a prescribed mean gap.
+    """
+
+    one_sided: Bool[Array, " *grid"]
+    held: Bool[Array, " *grid"] | None = None
+    fixes_mean: bool = eqx.field(static=True, default=True)
+
+    @property
+    def is_moving(self) -> Bool[Array, " *grid"]:
+        """Where perturbations need not vanish."""
+        return jnp.ones_like(self.one_sided) if self.held is None else ~self.held
+
+    @property
+    def is_trivial(self) -> Bool[Array, ""]:
         """Whether zero is the only admissible perturbation, as in full contact at a mean gap."""
-        return jnp.all(self.in_contact) & self.fixes_mean
+        num_moving = jnp.sum(self.is_moving)
+        num_free = jnp.sum(self.is_moving & ~self.one_sided)
+        if not self.fixes_mean:
+            return num_moving == 0
+        return (num_free == 0) | (num_moving == 1)
+
+    def face(self, field: Float[Array, " *grid"]) -> Subspace:
+        """Return the smallest linear space of the cone's faces around one of its fields."""
+        return Subspace(self.is_moving & (~self.one_sided | (field > 0)), self.fixes_mean)
 
     def project(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         """Return the nearest field of the cone.
 
-        It is x - s, cut at zero in contact, with the shift s that makes its mean zero: the root
-        of a convex, decreasing, piecewise linear function. Newton's method climbs to it from the
-        left without passing it, and ends on it exactly. Where the mean is free, s is zero.
+        It is x - s, cut at zero where one-sided, with the shift s that makes its mean zero: the
+        root of a convex, decreasing, piecewise linear function. Newton's method climbs to it from
+        the left without passing it, and ends on it exactly. Where the mean is free, s is zero.
         """
         if not self.fixes_mean:
             return self._cut(field)
@@ -44,8 +85,9 @@ class AdmissibleCone(eqx.Module):
             return shift + step, (step > 0) & (shift + step > shift)
 
         # The mean is left of the root: cutting below zero can only raise the sum.
-        start = (jnp.mean(field), jnp.array(True))
-        shift, _ = jax.lax.while_loop(lambda state: state[1], climb, start)
+        moving = self.is_moving.astype(field.dtype)
+        mean = total(moving * field) / jnp.maximum(total(moving), 1)
+        shift, _ = jax.lax.while_loop(lambda state: state[1], climb, (mean, jnp.array(True)))
         return self._cut(field - shift)
 
     def newton_step(self, field: Float[Array, " *grid"]) -> Float[Array, ""]:
@@ -53,8 +95,9 @@ class AdmissibleCone(eqx.Module):
         if not self.fixes_mean:
             return jnp.zeros((), field.dtype)
         cut = self._cut(field)
-        num_moving = total(jnp.where((cut > 0) | ~self.in_contact, 1, 0).astype(field.dtype))
-        return total(cut) / jnp.maximum(num_moving, 1)
+        moves = self.is_moving & ((cut > 0) | ~self.one_sided)
+        return total(cut) / jnp.maximum(total(moves.astype(field.dtype)), 1)
 
     def _cut(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
-        return jnp.where(self.in_contact, jnp.maximum(field, 0), field)
+        cut = jnp.where(self.one_sided, jnp.maximum(field, 0), field)
+        return cut if self.held is None else jnp.where(self.held, 0, cut)

@@ -17,15 +17,16 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxstab.elasticity import FieldMap
 from jaxstab.grid import total
-from jaxstab.iterate import (
-    Indicators,
-    Iteration,
-    IterativeSolver,
-    optional_parameter,
-)
+from jaxstab.hessian import Block, SymmetricOperator
+from jaxstab.iterate import Indicators, IterativeSolver, optional_parameter
 from jaxstab.stability.cones import AdmissibleCone
+from jaxstab.stability.eigenpairs import (
+    Minimiser,
+    admissible_pair,
+    descended,
+    unit_vector,
+)
 
 
 class _State(eqx.Module):
@@ -39,9 +40,9 @@ class ProximalIteration(IterativeSolver):
     """Algorithm 1 with tau = 1 / beta and sigma = beta / 2 (Rey & Bleyer, eqs. 34 to 39).
 
     Arguments:
-        tolerance: the projected residual |x - P(x - (A x - lambda x) / b)| of a unit vector to
-            reach, P the projection onto the cone and b the bound on |A|; by default 1e-7 in
-            float64 and 1e-5 in float32.
+        tolerance: the projected residual |x - P(x - (A x - lambda x) / b)| b / s of a unit vector
+            to reach, P the projection onto the cone, b the bound on |A| and s its size on the
+            lower modes; by default 1e-7 in float64 and 1e-5 in float32.
         max_steps: the step limit, 200 000 by default.
     """
 
@@ -54,20 +55,22 @@ class ProximalIteration(IterativeSolver):
 
     def solve(
         self,
-        operator: FieldMap,
-        bound: Float[Array, ""],
+        operator: SymmetricOperator,
         cone: AdmissibleCone,
-        start: Float[Array, " *grid"],
-    ) -> Iteration[_State]:
-        """Iterate from an admissible unit vector.
+        starts: Block,
+    ) -> Minimiser:
+        """Return a minimiser of the Rayleigh quotient, from the first of the starts alone.
 
         Arguments:
             operator: A [pressure/length].
-            bound: not below the norm of A [pressure/length].
             cone: where perturbations must lie.
-            start: the first x.
+            starts: vectors, of which the first is brought onto the cone.
         """
-        beta = bound * (1 + jnp.mean(cone.in_contact, dtype=bound.dtype))
+        bound = operator.bound
+        beta = bound * (1 + jnp.mean(cone.one_sided, dtype=bound.dtype))
+        # One of the two signs survives the projection.
+        towards, away = (unit_vector(cone, sign * starts[0]) for sign in (1, -1))
+        start = jnp.where(jnp.any(towards != 0), towards, away)
 
         def step(state: _State) -> _State:
             # tau sigma = 1/2.
@@ -76,11 +79,11 @@ class ProximalIteration(IterativeSolver):
             pulled = state.y + 2 * x - state.x
             z_change = cone.newton_step(pulled)
             z = state.z + z_change
-            y = jnp.where(cone.in_contact, jnp.minimum(pulled - z_change, 0), 0)
+            y = jnp.where(cone.one_sided, jnp.minimum(pulled - z_change, 0), 0)
             return _State(x, y, z, z_change)
 
         def measure(state: _State) -> Indicators:
-            _, _, residual = admissible_pair(operator, bound, cone, state.x)
+            _, _, residual = admissible_pair(operator, cone, state.x)
             return {
                 "residual": residual,
                 "epsilon": jnp.abs(jnp.sum(state.x)),
@@ -88,27 +91,18 @@ class ProximalIteration(IterativeSolver):
             }
 
         zero = jnp.zeros((), start.dtype)
-        return self.iterate(step, measure, _State(start, 0 * start, zero, zero))
-
-
-def admissible_pair(
-    operator: FieldMap,
-    bound: Float[Array, ""],
-    cone: AdmissibleCone,
-    vector: Float[Array, " *grid"],
-) -> tuple[Float[Array, ""], Float[Array, " *grid"], Float[Array, ""]]:
-    """Return eigenvalue, mode and projected residual of the cone's unit vector nearest to this."""
-    mode = unit_vector(cone, vector)
-    product = operator(mode)
-    eigenvalue = jnp.sum(mode * product)
-    moved = cone.project(mode - (product - eigenvalue * mode) / bound)
-    return eigenvalue, mode, jnp.sqrt(jnp.sum((mode - moved) ** 2))
-
-
-def unit_vector(cone: AdmissibleCone, vector: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
-    """Return the cone's unit vector nearest to this one, or zero where the cone is trivial."""
-    projected = jnp.where(cone.is_trivial, 0, cone.project(vector))
-    return projected / jnp.maximum(jnp.sqrt(jnp.sum(projected**2)), _tiny(projected))
+        iteration = self.iterate(step, measure, _State(start, 0 * start, zero, zero))
+        num_checks = 1 + iteration.num_steps // self.steps_per_check
+        # One projected gradient step sets to exactly zero what the contact holds.
+        eigenvalue, mode, _ = admissible_pair(operator, cone, iteration.state.x)
+        eigenvalue = jnp.where(eigenvalue == jnp.inf, 0, eigenvalue)
+        return Minimiser(
+            vector=descended(operator, mode, operator(mode), eigenvalue),
+            num_steps=iteration.num_steps,
+            num_applications=iteration.num_steps + num_checks + 2,
+            result=iteration.result,
+            history=iteration.history,
+        )
 
 
 def _tiny(like: Array) -> float:

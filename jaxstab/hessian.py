@@ -1,0 +1,95 @@
+"""The Hessian of a contact's energy at a gap: an operator, and what eigensolvers ask of it."""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxstab.elasticity import apply_multiplier
+from jaxstab.grid import total
+
+# Several fields along a leading axis.
+Block = Float[Array, "block *grid"]
+
+
+class SymmetricOperator(eqx.Module):
+    """A symmetric operator on fields, with what an eigensolver needs to know of it."""
+
+    @abstractmethod
+    def __call__(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        """Apply the operator A."""
+
+    @property
+    @abstractmethod
+    def bound(self) -> Float[Array, ""]:
+        """A number not below the norm of A."""
+
+    @property
+    @abstractmethod
+    def scale(self) -> Float[Array, ""]:
+        """The size of A on its lower modes, not above the bound: what residuals are relative to."""
+
+    @abstractmethod
+    def precondition(
+        self,
+        field: Float[Array, " *grid"],
+        mode: Float[Array, " *grid"],
+        eigenvalue: Float[Array, ""],
+    ) -> Float[Array, " *grid"]:
+        """Return roughly (A - lambda)^-1 times a field, by a positive operator.
+
+        Arguments:
+            field: what to apply it to.
+            mode: a unit vector near which it should be good.
+            eigenvalue: the Rayleigh quotient of that vector.
+        """
+
+
+class Hessian(SymmetricOperator):
+    """A = K + D (Rey & Bleyer, eq. 24).
+
+    Attributes:
+        multiplier: K on the half spectrum [pressure/length].
+        curvature: f''(g), the diagonal of D [pressure/length].
+    """
+
+    multiplier: Float[Array, " *modes"]
+    curvature: Float[Array, " *grid"]
+
+    def __call__(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        """Return A x, at the price of one pair of Fourier transforms."""
+        return apply_multiplier(self.multiplier, field) + self.curvature * field
+
+    @property
+    def bound(self) -> Float[Array, ""]:
+        """A bound on |A| [pressure/length]: K is not negative, so |A| <= max(K + D, -D)."""
+        highest = jnp.max(self.multiplier) + jnp.maximum(jnp.max(self.curvature), 0)
+        return jnp.maximum(highest, -jnp.min(self.curvature))
+
+    @property
+    def scale(self) -> Float[Array, ""]:
+        """The larger of max(K) and -min(D): points of large f'' take no part in lower modes."""
+        return jnp.maximum(jnp.max(self.multiplier), -jnp.min(self.curvature))
+
+    def restricted(self, mask: Bool[Array, " *grid"]) -> "Hessian":
+        """Return an operator that does the same to fields which vanish outside the mask, there."""
+        return Hessian(self.multiplier, jnp.where(mask, self.curvature, 0))
+
+    def precondition(
+        self,
+        field: Float[Array, " *grid"],
+        mode: Float[Array, " *grid"],
+        eigenvalue: Float[Array, ""],
+    ) -> Float[Array, " *grid"]:
+        """Return F (K + s)^-1 F times a field, s the elastic part x.Kx of the eigenvalue.
+
+        F = (1 + (f'' - lambda - s) / s)^-1/2 where f'' is above lambda + s, 1 elsewhere: a mode
+        decays where the adhesion is that stiff.
+        """
+        elastic = eigenvalue - total(self.curvature * mode**2)
+        softest = jnp.min(jnp.where(self.multiplier > 0, self.multiplier, jnp.inf))
+        shift = jnp.maximum(elastic, softest)
+        stiff = jnp.maximum(self.curvature - eigenvalue - shift, 0)
+        share = jnp.sqrt(shift / (shift + stiff))
+        return share * apply_multiplier(1 / (self.multiplier + shift), share * field)

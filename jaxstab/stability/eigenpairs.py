@@ -1,0 +1,170 @@
+"""A smallest eigenvalue on a cone: what a solver finds of it, and how it is measured."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxstab.hessian import SymmetricOperator
+from jaxstab.iterate import History
+from jaxstab.results import RESULTS
+from jaxstab.stability.cones import AdmissibleCone, Subspace
+
+Admissible = Subspace | AdmissibleCone
+
+# What rounding adds to an eigenvalue's error, in units of the precision and the bound on |A|.
+_ROUNDING = 32
+
+
+class Minimiser(eqx.Module):
+    """What a solver found: a vector near a minimiser of the Rayleigh quotient, and at what cost.
+
+    Attributes:
+        vector: the vector, which need not be admissible to the last digit.
+        num_steps: steps taken.
+        num_applications: applications of A and of the preconditioner.
+        result: how the solver ended.
+        history: its indicators as it went.
+    """
+
+    vector: Float[Array, " *grid"]
+    num_steps: Int[Array, ""]
+    num_applications: Int[Array, ""]
+    result: RESULTS
+    history: History
+
+    def at(self, vector: Float[Array, " *grid"]) -> "Minimiser":
+        """Return the same with another vector."""
+        return replace(self, vector=vector)
+
+
+class Eigenpair(eqx.Module):
+    """A smallest eigenvalue of A = K + D among admissible unit vectors, and its mode.
+
+    Attributes:
+        eigenvalue: lambda = x.Ax / x.x, without the factor 1/2 of Rey & Bleyer's eq. 26
+            [pressure/length]; +inf where no perturbation is admissible.
+        mode: x, of unit Euclidean norm; zero where no perturbation is admissible.
+        residual: the projected residual |x - P(x - (A x - lambda x) / b)| b / s, with b a bound
+            on |A| and s its size on the lower modes, which is b where f'' is nowhere positive.
+        error: s times the residual, and rounding: how far lambda is from an eigenvalue of A on
+            the face of the cone that x lies on [pressure/length].
+        num_steps: steps that the solver took, from all its starts.
+        num_applications: applications of A and of the preconditioner, at a pair of Fourier
+            transforms each.
+        result: a member of `RESULTS`: how the solver ended.
+        history: the indicators of the solver as it went, "residual" and others.
+    """
+
+    eigenvalue: Float[Array, ""]
+    mode: Float[Array, " *grid"]
+    residual: Float[Array, ""]
+    error: Float[Array, ""]
+    num_steps: Int[Array, ""]
+    num_applications: Int[Array, ""]
+    result: RESULTS
+    history: History
+
+    @property
+    def is_positive(self) -> Bool[Array, ""]:
+        """Whether the eigenvalue is converged, and positive by more than its error."""
+        return (self.result == RESULTS.successful) & (self.eigenvalue > self.error)
+
+    @property
+    def is_negative(self) -> Bool[Array, ""]:
+        """Whether the eigenvalue is converged, and negative by more than its error."""
+        return (self.result == RESULTS.successful) & (self.eigenvalue < -self.error)
+
+
+def measured(operator: SymmetricOperator, cone: Admissible, found: Minimiser) -> Eigenpair:
+    """Return the eigenpair of what a solver found, brought onto the cone and measured anew."""
+    eigenvalue, mode, residual = admissible_pair(operator, cone, found.vector)
+    return Eigenpair(
+        eigenvalue=eigenvalue,
+        mode=mode,
+        residual=residual,
+        error=_error(operator, residual),
+        num_steps=found.num_steps,
+        num_applications=found.num_applications + 1,
+        result=found.result,
+        history=found.history,
+    )
+
+
+def lowered(
+    pair: Eigenpair,
+    eigenvalue: Float[Array, ""],
+    mode: Float[Array, " *grid"],
+    operator: SymmetricOperator,
+    cone: Admissible,
+) -> Eigenpair:
+    """Return a pair that is not above an eigenvalue found on a smaller cone.
+
+    If that is lower by more than rounding or the pair's own error, the solver had missed the
+    smallest: the pair becomes that of the other mode, and is said to have stagnated.
+    """
+    is_missed = eigenvalue < pair.eigenvalue - pair.error
+    _, _, residual = admissible_pair(operator, cone, mode)
+
+    def choose(new: Array, old: Array) -> Array:
+        return jnp.where(is_missed, new, old)
+
+    failed = is_missed & (pair.result == RESULTS.successful)
+    return replace(
+        pair,
+        eigenvalue=jnp.where(eigenvalue < pair.eigenvalue, eigenvalue, pair.eigenvalue),
+        mode=choose(mode, pair.mode),
+        residual=choose(residual, pair.residual),
+        error=choose(_error(operator, residual), pair.error),
+        num_applications=pair.num_applications + 1,
+        result=RESULTS.where(failed, RESULTS.stagnated, pair.result),
+    )
+
+
+def admissible_pair(
+    operator: SymmetricOperator, cone: Admissible, vector: Float[Array, " *grid"]
+) -> tuple[Float[Array, ""], Float[Array, " *grid"], Float[Array, ""]]:
+    """Return eigenvalue, mode and projected residual of the cone's unit vector nearest to this.
+
+    The eigenvalue is +inf, mode and residual are zero, where that vector is zero.
+    """
+    mode = unit_vector(cone, vector)
+    product = operator(mode)
+    quotient = jnp.sum(mode * product)
+    moved = cone.project(descended(operator, mode, product, quotient))
+    residual = projected_residual(operator, mode, moved)
+    return jnp.where(jnp.any(mode != 0), quotient, jnp.inf), mode, residual
+
+
+def descended(
+    operator: SymmetricOperator,
+    mode: Float[Array, " *grid"],
+    product: Float[Array, " *grid"],
+    eigenvalue: Float[Array, ""],
+) -> Float[Array, " *grid"]:
+    """Return x - (A x - lambda x) / b, from x and A x.
+
+    Projected onto a cone, it has no larger Rayleigh quotient than x: with s the change,
+    s.(A - lambda) x <= -b |s|^2 while s.(A - lambda) s <= 2 b |s|^2.
+    """
+    return mode - (product - eigenvalue * mode) / operator.bound
+
+
+def projected_residual(
+    operator: SymmetricOperator, mode: Float[Array, " *grid"], moved: Float[Array, " *grid"]
+) -> Float[Array, ""]:
+    """Return |x - P(x - (A x - lambda x) / b)| b / s from x and what it is moved to."""
+    return jnp.sqrt(jnp.sum((mode - moved) ** 2)) * (operator.bound / operator.scale)
+
+
+def unit_vector(cone: Admissible, vector: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    """Return the cone's unit vector nearest to this one, or zero where there is none."""
+    projected = jnp.where(cone.is_trivial, 0, cone.project(vector))
+    norm = jnp.sqrt(jnp.sum(projected**2))
+    return projected / jnp.where(norm == 0, 1, norm)
+
+
+def _error(operator: SymmetricOperator, residual: Float[Array, ""]) -> Float[Array, ""]:
+    rounding = _ROUNDING * jnp.finfo(residual.dtype).eps * operator.bound
+    return operator.scale * residual + rounding

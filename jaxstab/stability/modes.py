@@ -1,0 +1,102 @@
+"""The lowest modes of an equilibrium on a linear space."""
+
+from dataclasses import replace
+from functools import partial
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxstab.contact import Contact
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.equilibrate import require_same_grid
+from jaxstab.hessian import Block
+from jaxstab.iterate import refuse_derivatives
+from jaxstab.resolution import warn_if_coarse
+from jaxstab.results import RESULTS, throw_failure
+from jaxstab.stability.cones import Subspace
+from jaxstab.stability.eigenpairs import Eigenpair, measured
+from jaxstab.stability.lobpcg import LOBPCG
+
+# The lowest waves of a square come in fours.
+BLOCK_SIZE = 4
+# Modes beyond those asked for, which make them converge sooner.
+_GUARD = 2
+
+
+def lowest_modes(
+    contact: Contact,
+    equilibrium: Equilibrium,
+    count: int,
+    *,
+    space: Literal["lower_bound", "critical"] = "lower_bound",
+    solver: LOBPCG | None = None,
+    key: PRNGKeyArray | None = None,
+    throw: bool = True,
+) -> Eigenpair:
+    """Return the lowest eigenvalues of A = K + D on a linear space, and their modes.
+
+    Arguments:
+        contact: the contact problem.
+        equilibrium: one of its equilibria.
+        count: how many.
+        space: "lower_bound" for all perturbations that the load allows, "critical" for those that
+            leave the points in contact where they are.
+        solver: the algorithm, `LOBPCG()` by default.
+        key: the random key of the vectors to start from, `jax.random.key(0)` by default.
+        throw: raise where the solver fails; otherwise look at `result`.
+
+    Returns:
+        The eigenpairs from the lowest up, along a leading axis; steps, applications, result and
+        history are those of all together. Beyond the dimension of the space they are +inf.
+
+    Raises:
+        ValueError: if the equilibrium is not on the contact's grid, the count is not positive, or
+            the space is not one of the two.
+        SolverError: if `throw`, for an equilibrium or modes that did not converge.
+    """
+    require_same_grid(contact, equilibrium)
+    if count < 1:
+        raise ValueError(f"count is {count}: ask for one mode or more.")
+    if space not in ("lower_bound", "critical"):
+        raise ValueError(f'space is {space!r}: choose "lower_bound" or "critical".')
+    warn_if_coarse(contact)
+    solver = LOBPCG() if solver is None else solver
+    key = jax.random.key(0) if key is None else key
+    pairs = _lowest_modes(contact, equilibrium, solver, key, count, space == "critical")
+    if not throw:
+        return pairs
+    return throw_failure(pairs.result, pairs, lambda: f"The {count} lowest modes were not found")
+
+
+@partial(jax.jit, static_argnames=("count", "stays_in_contact"))
+def _lowest_modes(
+    contact: Contact,
+    equilibrium: Equilibrium,
+    solver: LOBPCG,
+    key: PRNGKeyArray,
+    count: int,
+    stays_in_contact: bool,
+) -> Eigenpair:
+    contact, equilibrium = refuse_derivatives((contact, equilibrium))
+    fixes_mean = equilibrium.load.control(contact.heights).fixes_mean
+    space = Subspace(~(equilibrium.in_contact & stays_in_contact), fixes_mean)
+    hessian = contact.hessian(equilibrium.gap).restricted(space.is_moving)
+    is_equilibrium = equilibrium.result == RESULTS.successful
+    starts = noise(key, max(count + _GUARD, BLOCK_SIZE), equilibrium.gap)
+    starts = jnp.where(is_equilibrium, starts, jnp.nan)
+    found = solver.solve(hessian, space, starts, count)
+    pairs = jax.vmap(lambda mode: measured(hessian, space, found.at(mode)))(found.vector[:count])
+    return replace(
+        pairs,
+        num_steps=found.num_steps,
+        num_applications=found.num_applications + count,
+        result=RESULTS.where(is_equilibrium, found.result, RESULTS.no_equilibrium),
+        history=found.history,
+    )
+
+
+def noise(key: PRNGKeyArray, count: int, like: Float[Array, " *grid"]) -> Block:
+    """Return random fields to start from."""
+    return jax.random.normal(key, (count, *like.shape), like.dtype)

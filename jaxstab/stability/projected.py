@@ -1,0 +1,173 @@
+"""The smallest eigenvalue on a cone: LOBPCG on its faces, reached by projected gradients."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxstab.hessian import Block, SymmetricOperator
+from jaxstab.iterate import Indicators, Iteration, IterativeSolver, optional_parameter
+from jaxstab.lanes import by_lanes
+from jaxstab.stability.cones import AdmissibleCone
+from jaxstab.stability.eigenpairs import Minimiser, descended, projected_residual, unit_vector
+from jaxstab.stability.lobpcg import combine, inner_products, normalised, rayleigh_ritz
+
+# Steps in each round of the competition between starts, and how many may go on to the next.
+_ROUNDS = ((5, 8), (8, 3))
+# The inner product from which two unit vectors are taken to lead to the same minimiser.
+_SAME = 0.8
+# Cuts of a step to a third before it is given up.
+_MAX_CUTS = 3
+
+
+class _Point(eqx.Module):
+    mode: Float[Array, " *grid"]
+    product: Float[Array, " *grid"]
+    eigenvalue: Float[Array, ""]
+
+
+class _State(eqx.Module):
+    point: _Point
+    descended: Float[Array, " *grid"]
+    move: Float[Array, " *grid"]
+    move_product: Float[Array, " *grid"]
+    num_applications: Int[Array, ""]
+
+
+class _Trial(eqx.Module):
+    point: _Point
+    is_lower: Bool[Array, ""]
+    length: Float[Array, ""]
+    count: Int[Array, ""]
+
+
+class ProjectedLOBPCG(IterativeSolver):
+    """Locally optimal conjugate gradients on the faces of a cone, from several starts.
+
+    A step first takes x to the unit vector of the cone nearest to x - (A x - lambda x) / b, b the
+    bound on |A|. This never raises the Rayleigh quotient, and finds the face. On the face it then
+    goes to the lowest Ritz vector of x, its preconditioned residual and its last move, projected
+    back onto the cone, if that lowers the quotient, or part of the way. All starts get a few
+    steps, then those that are not alike some more, and of these the lowest three go on to the end,
+    where the best is chosen. It is a local minimiser.
+
+    Arguments:
+        tolerance: the projected residual |x - P(x - (A x - lambda x) / b)| b / s of a unit vector
+            to reach, P the projection onto the cone, b the bound on |A| and s its size on the
+            lower modes; by default 1e-7 in float64 and 1e-5 in float32.
+        max_steps: the step limit of the last part, 5000 by default.
+    """
+
+    tolerance: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
+    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=5000)
+
+    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
+    patience: ClassVar[int] = 300
+
+    def solve(self, operator: SymmetricOperator, cone: AdmissibleCone, starts: Block) -> Minimiser:
+        """Return the best minimiser of the Rayleigh quotient that the starts lead to.
+
+        Arguments:
+            operator: A.
+            cone: where perturbations must lie.
+            starts: vectors to start from, each brought onto the cone.
+        """
+
+        def compete(starts: Block, limits: tuple[Array, Array]) -> tuple[Block, Minimiser]:
+            max_steps, num_kept = limits
+            solver = ProjectedLOBPCG(self.tolerance, max_steps)
+            lanes = jax.vmap(by_lanes(_descend), (None, None, None, 0))
+            found, lowest = lanes(solver, operator, cone, starts)
+            modes = normalised(found.vector)
+            is_lower = lowest[:, None] < lowest
+            is_copy = jnp.any(is_lower & (inner_products(modes, modes) > _SAME), axis=0)
+            ranks = jnp.argsort(jnp.argsort(jnp.where(is_copy, jnp.inf, lowest)))
+            # From NaN, a lane ends at once.
+            goes_on = (~is_copy & (ranks < num_kept)).reshape(-1, *(1,) * (starts.ndim - 1))
+            best = jax.tree.map(lambda leaf: leaf[jnp.argmin(ranks)], found)
+            best = replace(best, num_steps=jnp.sum(found.num_steps))
+            best = replace(best, num_applications=jnp.sum(found.num_applications))
+            return jnp.where(goes_on, modes, jnp.nan), best
+
+        max_steps, num_kept = zip(*_ROUNDS, strict=True)
+        max_steps = jnp.append(jnp.minimum(jnp.array(max_steps), self.max_steps), self.max_steps)
+        _, rounds = jax.lax.scan(compete, starts, (max_steps, jnp.array([*num_kept, 1])))
+        last = jax.tree.map(lambda leaf: leaf[-1], rounds)
+        return replace(
+            last,
+            num_steps=jnp.sum(rounds.num_steps),
+            num_applications=jnp.sum(rounds.num_applications),
+        )
+
+
+def _descend(
+    solver: ProjectedLOBPCG,
+    operator: SymmetricOperator,
+    cone: AdmissibleCone,
+    start: Float[Array, " *grid"],
+) -> tuple[Minimiser, Float[Array, ""]]:
+    """Return what one start leads to, and its eigenvalue; +inf if the cone has no such vector."""
+
+    def at(mode: Float[Array, " *grid"]) -> _Point:
+        product = operator(mode)
+        return _Point(mode, product, jnp.sum(mode * product))
+
+    def state_at(point: _Point, old: _Point, num_applications: Array) -> _State:
+        new = descended(operator, point.mode, point.product, point.eigenvalue)
+        along = jnp.sum(point.mode * old.mode)
+        move, move_product = (
+            point.mode - along * old.mode,
+            point.product - along * old.product,
+        )
+        return _State(point, cone.project(new), move, move_product, num_applications)
+
+    def lower(point: _Point, state: _State) -> _Trial:
+        face = cone.face(point.mode)
+        residual = face.project(point.product - point.eigenvalue * point.mode)
+        steepest = operator.precondition(residual, point.mode, point.eigenvalue)
+        steepest = normalised(face.project(steepest)[None])[0]
+        basis = jnp.stack([point.mode, steepest, state.move])
+        products = jnp.stack([point.product, operator(steepest), state.move_product])
+        _, parts = rayleigh_ritz(basis, products, 1)
+        parts = parts * jnp.where(parts[0] < 0, -1, 1)
+        change = combine(parts.at[0].set(0), basis)[0]
+
+        def attempt(trial: _Trial) -> _Trial:
+            tried = at(unit_vector(cone, parts[0, 0] * point.mode + trial.length * change))
+            is_lower = tried.eigenvalue <= point.eigenvalue
+            return _Trial(tried, is_lower, trial.length / 3, trial.count + 1)
+
+        return jax.lax.while_loop(
+            lambda trial: ~trial.is_lower & (trial.count <= _MAX_CUTS),
+            attempt,
+            _Trial(point, jnp.array(False), jnp.ones_like(point.eigenvalue), jnp.array(0)),
+        )
+
+    def step(state: _State) -> _State:
+        point = at(normalised(state.descended[None])[0])
+        trial = lower(point, state)
+        point = jax.tree.map(partial(jnp.where, trial.is_lower), trial.point, point)
+        return state_at(point, state.point, state.num_applications + 3 + trial.count)
+
+    def measure(state: _State) -> Indicators:
+        return {"residual": projected_residual(operator, state.point.mode, state.descended)}
+
+    first = at(unit_vector(cone, start))
+    iteration: Iteration[_State] = solver.iterate(
+        step, measure, state_at(first, first, jnp.array(1))
+    )
+    point = iteration.state.point
+    minimiser = Minimiser(
+        # Brought onto the cone, this is exactly zero where the contact holds.
+        vector=descended(operator, point.mode, point.product, point.eigenvalue),
+        num_steps=iteration.num_steps,
+        num_applications=iteration.state.num_applications,
+        result=iteration.result,
+        history=iteration.history,
+    )
+    return minimiser, jnp.where(jnp.any(point.mode != 0), point.eigenvalue, jnp.inf)

@@ -1,0 +1,151 @@
+"""The three smallest eigenvalues of an equilibrium: on all perturbations and on both cones.
+
+Each problem starts from what those before it found, and ends at once where that is its answer.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxstab.hessian import Block, Hessian
+from jaxstab.results import RESULTS
+from jaxstab.stability.cones import AdmissibleCone, Subspace
+from jaxstab.stability.eigenpairs import (
+    Admissible,
+    Eigenpair,
+    Minimiser,
+    lowered,
+    measured,
+    unit_vector,
+)
+from jaxstab.stability.lobpcg import LOBPCG
+from jaxstab.stability.projected import ProjectedLOBPCG
+from jaxstab.stability.proximal import ProximalIteration
+
+ConeSolver = ProximalIteration | ProjectedLOBPCG
+
+
+class Search(eqx.Module):
+    """A search for smallest eigenvalues at one equilibrium.
+
+    Attributes:
+        hessian: A.
+        in_contact: where the surfaces touch.
+        presses: where the contact reaction is more than an error.
+        is_equilibrium: whether there is anything to look for; otherwise all is NaN.
+        random: vectors to start from.
+        tolerance: the residual to reach.
+        fixes_mean: whether perturbations have zero mean.
+        verdict_only: whether to stop at a number that proves the verdict.
+    """
+
+    hessian: Hessian
+    in_contact: Bool[Array, " *grid"]
+    presses: Bool[Array, " *grid"]
+    is_equilibrium: Bool[Array, ""]
+    random: Block
+    tolerance: Float[Array, ""]
+    fixes_mean: bool = eqx.field(static=True)
+    verdict_only: bool = eqx.field(static=True)
+
+    def run(self, solver: ConeSolver) -> tuple[Eigenpair, Eigenpair, Eigenpair]:
+        """Return the eigenpairs lower_bound, cone and critical, the solver being the cone's."""
+        lower_bound, staying, modes = self._on_spaces()
+        is_proved = self.verdict_only & lower_bound.is_positive
+        nowhere = jnp.zeros_like(self.in_contact)
+        cone = AdmissibleCone(self.in_contact, nowhere, self.fixes_mean)
+        weak, pressed = self.in_contact & ~self.presses, self.in_contact & self.presses
+        critical_cone = AdmissibleCone(weak, pressed, self.fixes_mean)
+        step, first = partial(self._on_cone, modes), (staying.mode, is_proved)
+        if isinstance(solver, ProximalIteration):
+            (_, is_proved), critical = step(first, critical_cone)
+            # Algorithm 1 as it is, from one random vector.
+            found = solver.solve(self.hessian, cone, self._starts(self.random, is_proved))
+            smallest = self._pair(cone, found, is_proved)
+        else:
+            cones = jax.tree.map(lambda *masks: jnp.stack(masks), critical_cone, cone)
+            critical, smallest = _unstack(jax.lax.scan(step, first, cones)[1])
+        critical = _after(staying, critical)
+        smallest = lowered(smallest, critical.eigenvalue, critical.mode, self.hessian, cone)
+        is_lacking = jnp.isnan(smallest.eigenvalue)
+        eigenvalue = jnp.where(is_lacking, critical.eigenvalue, smallest.eigenvalue)
+        mode = jnp.where(is_lacking, critical.mode, smallest.mode)
+        everything = Subspace(~nowhere, self.fixes_mean)
+        return lowered(lower_bound, eigenvalue, mode, self.hessian, everything), smallest, critical
+
+    def _on_spaces(self) -> tuple[Eigenpair, Eigenpair, Block]:
+        """Return the lowest pairs with and without lift-off, and the modes of the former."""
+
+        def step(carry: tuple[Block, Array], is_moving: Array) -> tuple[tuple, tuple]:
+            modes, is_proved = carry
+            # Without contact both spaces are the same, and so are their modes.
+            starts = jnp.where(jnp.all(is_moving), modes, self.random)
+            space = Subspace(is_moving, self.fixes_mean)
+            hessian = self.hessian.restricted(is_moving)
+            found = LOBPCG(self.tolerance).solve(hessian, space, self._starts(starts, is_proved))
+            pair = self._pair(space, found.at(found.vector[0]), is_proved)
+            return (found.vector, self.verdict_only & pair.is_positive), (pair, found.vector)
+
+        # A scan, since one program for both takes half the time to compile.
+        spaces = jnp.stack([jnp.ones_like(self.in_contact), ~self.in_contact])
+        _, (pairs, modes) = jax.lax.scan(step, (self.random, jnp.array(False)), spaces)
+        lower_bound, staying = _unstack(pairs)
+        return lower_bound, staying, modes[0]
+
+    def _on_cone(
+        self, modes: Block, carry: tuple[Array, Array], cone: AdmissibleCone
+    ) -> tuple[tuple[Array, Array], Eigenpair]:
+        inner, is_proved = carry
+        hessian = self.hessian.restricted(cone.is_moving)
+        starts = self._starts(self._cone_starts(cone, modes, inner), is_proved)
+        found = ProjectedLOBPCG(self.tolerance).solve(hessian, cone, starts)
+        pair = self._pair(cone, found, is_proved)
+        return (pair.mode, is_proved | (self.verdict_only & pair.is_negative)), pair
+
+    def _cone_starts(
+        self, cone: AdmissibleCone, modes: Block, inner: Float[Array, " *grid"]
+    ) -> Block:
+        """Return what a search on a cone starts from.
+
+        The two lowest modes of the larger linear space with both signs, and noise; or the answer,
+        where the cone is no more than the smaller one, whose mode is known, or has the lowest mode
+        in it.
+        """
+        starts = jnp.concatenate([modes[:2], -modes[:2], self.random])
+        distances = [jnp.linalg.norm(x - unit_vector(cone, x)) for x in (modes[0], -modes[0])]
+        lowest = jnp.where(distances[0] <= distances[1], modes[0], -modes[0])
+        is_linear = ~jnp.any(cone.one_sided)
+        is_known = is_linear | (jnp.minimum(*distances) <= self.tolerance)
+        return jnp.where(is_known, jnp.where(is_linear, inner, lowest), starts)
+
+    def _starts(self, vectors: Block, is_proved: Bool[Array, ""]) -> Block:
+        # From NaN, solvers end at once.
+        return jnp.where(self.is_equilibrium & ~is_proved, vectors, jnp.nan)
+
+    def _pair(self, on: Admissible, found: Minimiser, is_proved: Bool[Array, ""]) -> Eigenpair:
+        pair = measured(self.hessian.restricted(on.is_moving), on, found)
+        result = RESULTS.where(is_proved, RESULTS.not_computed, pair.result)
+        result = RESULTS.where(self.is_equilibrium, result, RESULTS.no_equilibrium)
+        is_known = self.is_equilibrium & ~is_proved
+        return replace(
+            pair, eigenvalue=jnp.where(is_known, pair.eigenvalue, jnp.nan), result=result
+        )
+
+
+def _unstack(pairs: Eigenpair) -> list[Eigenpair]:
+    return [jax.tree.map(lambda leaf, i=i: leaf[i], pairs) for i in range(2)]
+
+
+def _after(first: Eigenpair, then: Eigenpair) -> Eigenpair:
+    """Return the second of two pairs, at the cost of both."""
+    was_answer = then.num_steps == 0
+    return replace(
+        then,
+        num_steps=first.num_steps + then.num_steps,
+        num_applications=first.num_applications + then.num_applications,
+        history=jax.tree.map(partial(jnp.where, was_answer), first.history, then.history),
+    )

@@ -1,0 +1,139 @@
+"""The eigensolvers on problems whose answers are known from elsewhere."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import dense_hessian, rough_contact, smallest_on_zero_mean, state_of
+
+import jaxstab as js
+from jaxstab.hessian import SymmetricOperator
+from jaxstab.stability.cones import AdmissibleCone, Subspace
+from jaxstab.stability.eigenpairs import measured
+
+
+class Dense(SymmetricOperator):
+    """A matrix, and the inverse of another one near to it."""
+
+    matrix: jax.Array
+    inverse: jax.Array
+
+    def __call__(self, field):
+        return self.matrix @ field
+
+    @property
+    def bound(self):
+        return jnp.linalg.norm(self.matrix, 2)
+
+    @property
+    def scale(self):
+        return self.bound
+
+    def precondition(self, field, mode, eigenvalue):
+        return self.inverse @ field
+
+
+def damage_operator(points, a, bc2):
+    """Return the matrix of [a |beta'|^2 + b c^2 (mean beta)^2] / |beta|^2 on (0, 1).
+
+    It is the cone problem of A. A. Leon Baldelli & C. Maurini's bar with damage beta once the
+    displacement is eliminated: v' = c (beta - mean beta).
+    """
+    h = 1 / points
+    difference = np.diff(np.eye(points), axis=0) / h
+    stiffness = a * difference.T @ difference
+    inverse = np.linalg.inv(stiffness + np.pi**2 * a * np.eye(points))
+    return Dense(jnp.asarray(stiffness + bc2 * h * np.ones((points, points))), jnp.asarray(inverse))
+
+
+@jax.jit
+def smallest_damage_modes(operator):
+    points = len(operator.matrix)
+    everywhere = jnp.ones(points, bool)
+    random = jax.random.normal(jax.random.key(0), (4, points))
+    space = Subspace(everywhere, fixes_mean=False)
+    found = js.LOBPCG(1e-9).solve(operator, space, random)
+    modes = found.vector
+    free = measured(operator, space, found.at(modes[0]))
+    cone = AdmissibleCone(everywhere, fixes_mean=False)
+    starts = jnp.concatenate([modes[:2], -modes[:2], random])
+    return free, measured(operator, cone, js.ProjectedLOBPCG(1e-9).solve(operator, cone, starts))
+
+
+@pytest.mark.parametrize(("a", "bc2"), [(0.01, 4.0), (0.002, 1.0), (1.0, 2.0), (0.5, 0.1)])
+def test_the_cone_problem_with_a_closed_form(a, bc2):
+    diffusion = np.pi**2 * a
+    localises = diffusion < bc2
+    exact = diffusion ** (1 / 3) * bc2 ** (2 / 3) if localises else bc2
+    errors = []
+    for points in (50, 100, 200):
+        free, pair = smallest_damage_modes(damage_operator(points, a, bc2))
+        assert free.eigenvalue == pytest.approx(min(bc2, diffusion), rel=0.01)
+        errors.append(abs(float(pair.eigenvalue) / exact - 1))
+        assert float(pair.mode.min()) >= 0
+        assert pair.result == js.RESULTS.successful
+    assert errors[-1] < 0.01
+    assert errors[0] > 3 * errors[-1] or errors[0] < 1e-9
+    support = float(jnp.mean(pair.mode > 0))
+    expected = (diffusion / bc2) ** (1 / 3) if localises else 1.0
+    assert support == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_on_a_line_without_a_fixed_mean_the_cone_costs_nothing(seed):
+    """No two points of a line push each other up, so |x| has no larger quotient than x."""
+    random = np.random.default_rng(seed)
+    grid = js.Grid((64,), (1.0,))
+    law = js.potentials.Exponential(10 ** random.uniform(-1, 1), 0.5)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), np.zeros(64), law)
+    gap = jnp.asarray(random.uniform(0.01, 2.0, 64) * (random.random(64) > random.random()))
+    state = state_of(contact, gap, load=js.MeanPressure(0.1))
+    stability = js.assess_stability(contact, state)
+    matrix = dense_hessian(contact, gap)
+    assert (matrix - np.diag(np.diag(matrix))).max() <= 1e-12
+    exact = np.linalg.eigvalsh(matrix)[0]
+    assert stability.lower_bound.eigenvalue == pytest.approx(exact, abs=1e-8)
+    assert stability.cone.eigenvalue == pytest.approx(exact, abs=1e-8)
+
+
+@pytest.mark.parametrize("space", ["lower_bound", "critical"])
+@pytest.mark.parametrize("count", [1, 5, 12])
+def test_the_lowest_modes_equal_those_of_a_dense_eigensolver(unloading, space, count):
+    equilibrium = js.equilibrate(unloading, js.MeanGap(0.5))
+    pairs = js.lowest_modes(unloading, equilibrium, count, space=space)
+    keeps = np.asarray(equilibrium.in_contact).ravel() & (space == "critical")
+    matrix = dense_hessian(unloading, equilibrium.gap)[np.ix_(~keeps, ~keeps)]
+    basis = np.linalg.svd(np.ones((1, len(matrix))))[2][1:]
+    exact = np.linalg.eigvalsh(basis @ matrix @ basis.T)[:count]
+    np.testing.assert_allclose(pairs.eigenvalue, exact, rtol=0, atol=1e-8)
+    modes = np.asarray(pairs.mode).reshape(count, -1)
+    np.testing.assert_allclose(modes @ modes.T, np.eye(count), atol=1e-5)
+    assert np.abs(modes[:, keeps]).max(initial=0) == 0
+
+
+def test_more_modes_than_the_space_has_are_infinite():
+    contact = rough_contact(8, js.potentials.Exponential(1.0, 1.0))
+    gap = jnp.zeros((8, 8)).at[2:4, 3].set(0.3).at[6, 6].set(0.1)
+    pairs = js.lowest_modes(contact, state_of(contact, gap), 4, space="critical")
+    keeps = np.asarray(gap == 0).ravel()
+    exact = smallest_on_zero_mean(dense_hessian(contact, gap)[np.ix_(~keeps, ~keeps)])
+    assert pairs.eigenvalue[0] == pytest.approx(exact, rel=1e-9)
+    np.testing.assert_array_equal(np.isinf(pairs.eigenvalue), [False, False, True, True])
+
+
+def test_lowest_modes_refuses_what_makes_no_sense(unloading):
+    equilibrium = js.equilibrate(unloading, js.MeanGap(0.5))
+    with pytest.raises(ValueError, match="count is 0"):
+        js.lowest_modes(unloading, equilibrium, 0)
+    with pytest.raises(ValueError, match="space is 'cone'"):
+        js.lowest_modes(unloading, equilibrium, 1, space="cone")
+    with pytest.raises(js.SolverError, match="max_steps_reached"):
+        js.lowest_modes(unloading, equilibrium, 1, solver=js.LOBPCG(max_steps=2))
+
+
+def test_the_fast_solver_never_ends_above_its_starts(unloading):
+    equilibrium = js.equilibrate(unloading, js.MeanGap(0.5))
+    slow = js.assess_stability(unloading, equilibrium, js.ProximalIteration()).cone
+    fast = js.assess_stability(unloading, equilibrium).cone
+    assert fast.eigenvalue <= slow.eigenvalue + 1e-12
+    assert fast.num_applications < slow.num_applications / 5

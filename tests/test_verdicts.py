@@ -1,0 +1,330 @@
+"""Verdicts against brute force: every face of the cone, dense algebra, and pushes."""
+
+import itertools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import dense_hessian, smallest_on_critical_cone, state_of
+
+import jaxstab as js
+
+SHAPE, NUM_PROBLEMS = (5, 6), 500
+# A law whose curvature takes any value between -1 and 1 times its strength.
+STRENGTH = 10.0
+
+
+def wavy(gap):
+    return -STRENGTH * jnp.cos(gap)
+
+
+def smallest_on_cone(matrix, touching):
+    """Return the smallest eigenvalue on V0+ by looking at each of its faces."""
+    free, smallest = np.flatnonzero(~touching), np.inf
+    contact = np.flatnonzero(touching)
+    for size in range(len(contact) + 1):
+        for lifting in itertools.combinations(contact, size):
+            face = np.concatenate([free, np.array(lifting, int)])
+            if len(face) < 2:
+                continue
+            basis = np.linalg.svd(np.ones((1, len(face))))[2][1:].T
+            values, vectors = np.linalg.eigh(basis.T @ matrix[np.ix_(face, face)] @ basis)
+            for value, vector in zip(values, (basis @ vectors).T, strict=True):
+                if value >= smallest:
+                    break
+                lifts = vector[len(free) :]
+                if (lifts > -1e-12).all() or (lifts < 1e-12).all():
+                    smallest = value
+    return smallest
+
+
+def random_problems():
+    """Return random gaps, with up to 10 points in contact, clustered or scattered."""
+    random = np.random.default_rng(0)
+    gaps = random.uniform(0.01, 6.0, (NUM_PROBLEMS, *SHAPE))
+    columns, rows = np.meshgrid(*map(np.arange, SHAPE), indexing="ij")
+    for i, gap in enumerate(gaps):
+        nearby = (columns - 2) ** 2 + (rows - 3) ** 2 + random.random(SHAPE)
+        order = nearby if i % 2 else random.random(SHAPE)
+        gap.ravel()[np.argsort(order.ravel())[: random.integers(1, 11)]] = 0
+    return jnp.asarray(gaps)
+
+
+@pytest.fixture(scope="module")
+def faces():
+    grid = js.Grid(SHAPE, (1.0, 1.2))
+    contact = js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(SHAPE), wavy)
+    gaps = random_problems()
+    states = jax.vmap(lambda gap: state_of(contact, gap))(gaps)
+    assess = jax.vmap(lambda state: js.assess_stability(contact, state, throw=False))
+    matrices = [dense_hessian(contact, gap) for gap in gaps]
+    touching = [np.asarray(gap == 0).ravel() for gap in gaps]
+    exact = [smallest_on_cone(*problem) for problem in zip(matrices, touching, strict=True)]
+    critical = [smallest_on_critical_cone(contact, state_of(contact, gap)) for gap in gaps]
+    return assess(states), np.array(exact), np.array(critical)
+
+
+def test_the_cone_eigenvalue_is_the_smallest_of_all_faces(faces):
+    stability, exact, _ = faces
+    excess = np.asarray(stability.cone.eigenvalue) - exact
+    assert excess.min() > -1e-8
+    assert (excess < 1e-8).mean() >= 0.99
+    # Otherwise the problems would be too easy: the linear bound is the answer.
+    assert (stability.lower_bound.eigenvalue < exact - 1e-3).mean() > 0.5
+
+
+def test_no_verdict_contradicts_the_faces(faces):
+    stability, exact, critical = faces
+    expected = np.where(exact > 0, "stable", np.where(critical > 0, "held_by_contact", "unstable"))
+    counts = dict(zip(*np.unique(expected, return_counts=True), strict=True))
+    assert min(counts.values()) > 20
+    np.testing.assert_array_equal(js.results.labels(js.VERDICTS, stability.verdict), expected)
+
+
+def test_the_critical_eigenvalue_is_exact_and_the_three_are_in_order(faces):
+    stability, _, critical = faces
+    np.testing.assert_allclose(stability.critical.eigenvalue, critical, atol=1e-8)
+    values = [np.asarray(pair.eigenvalue) for pair in stability.pairs.values()]
+    assert (values[0] <= values[1]).all()
+    assert (values[1] <= values[2]).all()
+
+
+def test_hertz_in_contact_is_held_by_it(hertz):
+    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2))
+    stability = js.assess_stability(hertz, equilibrium)
+    assert stability.verdict == js.VERDICTS.held_by_contact
+    exact = smallest_on_critical_cone(hertz, equilibrium)
+    assert 0 < exact == pytest.approx(float(stability.critical.eigenvalue), abs=1e-8)
+    # The quadratic barrier, by hand.
+    cost = float(jnp.sum(equilibrium.reaction * stability.cone.mode))
+    eigenvalue = float(stability.cone.eigenvalue)
+    assert stability.barrier.amplitude == pytest.approx(cost / abs(eigenvalue))
+    assert stability.barrier.height == pytest.approx(cost**2 / (2 * abs(eigenvalue)) / 32**2)
+
+
+def test_the_contact_free_branch_ends_where_the_critical_eigenvalue_vanishes(hertz):
+    loads = js.MeanDisplacement(jnp.linspace(1.302, 1.2977, 12))
+    swept = js.sweep(hertz, loads, order="continuation")
+    critical = np.asarray(swept.stability.critical.eigenvalue)
+    assert (swept.equilibrium.contact_area == 0).all()
+    assert (np.diff(critical) < 0).all()
+    # As a square root: near the fold the square is linear in the load.
+    slope, offset = np.polyfit(loads.value[-4:], critical[-4:] ** 2, 1)
+    fold = -offset / slope
+    assert fold == pytest.approx(1.2975, abs=1e-3)
+    exponents = np.diff(np.log(critical)) / np.diff(np.log(np.asarray(loads.value) - fold))
+    np.testing.assert_allclose(exponents[-4:], 0.5, atol=0.03)
+
+
+@pytest.fixture(scope="module")
+def far_side(hertz):
+    """The other equilibrium beyond the fold, by reflection of the stable one in the fold."""
+    load = js.MeanDisplacement(1.302)
+    fold = js.equilibrate(hertz, js.MeanDisplacement(1.2976))
+    stable = js.equilibrate(hertz, load)
+    start = hertz.gap(2 * fold.displacement - stable.displacement)
+    return stable, js.equilibrate(hertz, load, js.SaddleNewton(), initial=start)
+
+
+def test_beyond_the_fold_newton_finds_an_unstable_equilibrium(hertz, far_side):
+    stable, saddle = far_side
+    assert saddle.residual <= 1e-9
+    assert saddle.gap.min() < stable.gap.min() - 0.1
+    assert saddle.energy > stable.energy
+    stability = js.assess_stability(hertz, saddle)
+    assert stability.verdict == js.VERDICTS.unstable
+    exact = smallest_on_critical_cone(hertz, saddle)
+    assert stability.critical.eigenvalue == pytest.approx(exact, abs=1e-8)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_push_takes_the_unstable_state_to_a_lower_energy(hertz, far_side, sign):
+    stable, saddle = far_side
+    mode = js.assess_stability(hertz, saddle).critical.mode
+    outwards = sign * jnp.sign(mode[16, 16]) * mode
+    released = js.release(hertz, saddle, outwards)
+    assert released.energy < saddle.energy - 1e-5
+    assert float(released.contact_area) == pytest.approx(0.0947 if sign < 0 else 0.0, abs=1e-3)
+    if sign > 0:
+        np.testing.assert_allclose(released.gap, stable.gap, atol=1e-6)
+
+
+@pytest.mark.parametrize("displacement", [1.2, 1.302])
+def test_a_push_leaves_held_and_stable_states_where_they_were(hertz, displacement):
+    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(displacement))
+    stability = js.assess_stability(hertz, equilibrium)
+    for pair in stability.pairs.values():
+        for sign in (1, -1):
+            released = js.release(hertz, equilibrium, sign * pair.mode)
+            np.testing.assert_allclose(released.gap, equilibrium.gap, atol=1e-6)
+
+
+def test_a_push_is_as_long_as_it_is_told(hertz, far_side):
+    """Half way down the barrier of a held state it returns, and far beyond the fold it does not."""
+    stable, _ = far_side
+    mode = js.assess_stability(hertz, stable).critical.mode
+    inwards = -jnp.sign(mode[16, 16]) * mode / jnp.abs(mode[16, 16])
+    assert js.release(hertz, stable, inwards, amplitude=0.1).contact_area == 0
+    assert js.release(hertz, stable, inwards, amplitude=0.5).contact_area > 0
+
+
+def test_release_refuses_what_is_no_mode(hertz, far_side):
+    stable, _ = far_side
+    with pytest.raises(ValueError, match=r"mode has shape \(3,\)"):
+        js.release(hertz, stable, jnp.ones(3))
+    with pytest.raises(ValueError, match="mode has 1024 NaN"):
+        js.release(hertz, stable, jnp.full((32, 32), jnp.nan))
+    with pytest.raises(ValueError, match="amplitude is nan"):
+        js.release(hertz, stable, jnp.ones((32, 32)), amplitude=jnp.nan)
+    failed = js.equilibrate(hertz, js.MeanGap(-1.0), throw=False)
+    with pytest.raises(ValueError, match="release a converged one"):
+        js.release(hertz, failed, jnp.ones((32, 32)))
+
+
+def test_a_saddle_of_a_symmetric_start_is_called_unstable():
+    """On the paper's grid the four-fold state at 1.2 is a saddle: a push breaks the symmetry."""
+    x = jnp.linspace(0, 1, 32)
+    heights = -((x[:, None] - 0.5) ** 2 + (x - 0.5) ** 2) / 4
+    contact = js.Contact(
+        js.HalfSpace(js.Grid(32), 1.0), heights, js.potentials.Exponential(10.0, 1.0)
+    )
+    equilibrium = js.equilibrate(contact, js.MeanDisplacement(1.2))
+    stability = js.assess_stability(contact, equilibrium)
+    assert stability.verdict == js.VERDICTS.unstable
+    released = js.release(contact, equilibrium, stability.critical.mode, amplitude=1e-2)
+    assert released.energy < equilibrium.energy - 1e-9
+    assert js.assess_stability(contact, released).verdict == js.VERDICTS.held_by_contact
+
+
+@pytest.fixture(scope="module")
+def quadratic():
+    """A contact whose Hessian is K - pi E: on the unit square the longest waves cost nothing."""
+    grid = js.Grid(8)
+
+    def law(stiffness):
+        return js.Contact(
+            js.HalfSpace(grid, 1.0), jnp.zeros((8, 8)), lambda gap: -stiffness * gap**2 / 2
+        )
+
+    return law
+
+
+@pytest.mark.parametrize(
+    ("shift", "verdict"), [(0.0, "undecided"), (1e-3, "unstable"), (-1e-3, "stable")]
+)
+def test_an_eigenvalue_of_exactly_zero_decides_nothing(quadratic, shift, verdict):
+    contact = quadratic(jnp.pi + shift)
+    stability = js.assess_stability(contact, state_of(contact, jnp.ones((8, 8))))
+    assert stability.cone.eigenvalue == pytest.approx(-shift, abs=1e-12)
+    assert stability.verdict == getattr(js.VERDICTS, verdict)
+
+
+def test_a_point_without_reaction_may_lift_off(quadratic):
+    """Where a contact point does not press, the critical cone lets it move outwards."""
+    contact = quadratic(2.0)
+    touches = np.zeros((8, 8), bool)
+    touches[2:5, 2:5] = touches[6, 1] = True
+    gap = jnp.where(touches, 0.0, 1.0)
+    pressing = js.assess_stability(contact, state_of(contact, gap))
+    weak = np.where(touches, 1.0, 0.0)
+    weak[6, 1] = weak[3, 3] = 0
+    hanging = js.assess_stability(contact, state_of(contact, gap, reaction=jnp.asarray(weak)))
+    assert pressing.complementarity > 0.1
+    assert hanging.complementarity == 0
+    held = touches.ravel() & (weak.ravel() > 0)
+    matrix = dense_hessian(contact, gap)[np.ix_(~held, ~held)]
+    exact = smallest_on_cone(matrix, touches.ravel()[~held])
+    assert hanging.critical.eigenvalue == pytest.approx(exact, abs=1e-8)
+    assert hanging.critical.eigenvalue < pressing.critical.eigenvalue - 1e-3
+
+
+@pytest.mark.parametrize("num_free", [0, 1])
+def test_contact_everywhere_but_at_one_point_has_no_critical_perturbation(quadratic, num_free):
+    contact = quadratic(100.0)
+    gap = jnp.zeros(64).at[:num_free].set(1.0).reshape(8, 8)
+    stability = js.assess_stability(contact, state_of(contact, gap))
+    assert stability.critical.eigenvalue == np.inf
+    assert stability.lower_bound.eigenvalue < 0
+    if num_free:
+        assert stability.cone.eigenvalue < 0
+        assert stability.verdict == js.VERDICTS.held_by_contact
+    else:
+        assert stability.cone.eigenvalue == np.inf
+        assert stability.verdict == js.VERDICTS.stable
+
+
+def test_verdict_only_stops_at_a_proof_and_says_so(hertz, far_side):
+    stable, saddle = far_side
+    held = js.equilibrate(hertz, js.MeanDisplacement(1.2))
+    expected = {"stable": "S..", "unstable": "SS.", "held_by_contact": "SSS"}
+    for state in (stable, saddle, held):
+        full = js.assess_stability(hertz, state)
+        quick = js.assess_stability(hertz, state, verdict_only=True)
+        assert quick.verdict == full.verdict
+        verdict = str(js.results.labels(js.VERDICTS, quick.verdict))
+        order = quick.lower_bound, quick.critical, quick.cone
+        for pair, code in zip(order, expected[verdict], strict=True):
+            name = "successful" if code == "S" else "not_computed"
+            assert pair.result == getattr(js.RESULTS, name)
+            assert np.isnan(pair.eigenvalue) == (code == ".")
+
+
+def test_a_few_stiff_points_do_not_hide_a_soft_one():
+    """Against the stiffest point every residual is small, against the others not."""
+    grid = js.Grid(16)
+    curvature = jnp.full((16, 16), 10.0).at[3, 4].set(-1.0)
+    for stiff in (1e4, 1e7, 1e9):
+        diagonal = curvature.at[9, 9].set(stiff)
+        # f'' = gap - 5 lets the gap set the curvature.
+        contact = js.Contact(
+            js.HalfSpace(grid, 1e-3), jnp.zeros((16, 16)), lambda gap: gap**3 / 6 - 5 * gap**2 / 2
+        )
+        state = state_of(contact, diagonal + 5)
+        stability = js.assess_stability(contact, state, throw=False)
+        exact = smallest_on_critical_cone(contact, state)
+        assert exact == pytest.approx(-0.9375, abs=1e-3)
+        if stability.result == js.RESULTS.successful:
+            assert stability.lower_bound.eigenvalue == pytest.approx(exact, abs=1e-6)
+            assert stability.verdict == js.VERDICTS.unstable
+        else:
+            assert stability.verdict == js.VERDICTS.undecided
+        assert stability.result == js.RESULTS.successful or stiff > 1e8
+
+
+def test_a_state_with_nan_in_its_reaction_is_not_assessed(hertz):
+    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2))
+    for name in ("reaction", "pressure"):
+        broken = eqx.tree_at(
+            lambda state, name=name: getattr(state, name),
+            equilibrium,
+            replace_fn=lambda field: field.at[16, 16].set(jnp.nan),
+        )
+        stability = js.assess_stability(hertz, broken, throw=False)
+        assert stability.verdict == js.VERDICTS.undecided
+        assert stability.result == js.RESULTS.no_equilibrium
+
+
+def test_what_is_nan_is_undecided(hertz, far_side):
+    stable, _ = far_side
+    broken = js.Contact(
+        hertz.solid, hertz.heights, lambda gap: jnp.where(gap > 1, jnp.nan, -1) * gap**2
+    )
+    stability = js.assess_stability(broken, stable, throw=False)
+    assert stability.verdict == js.VERDICTS.undecided
+    assert stability.result == js.RESULTS.nonfinite
+    with pytest.raises(js.SolverError, match=r"lower_bound eigenvalue.*nonfinite"):
+        js.assess_stability(broken, stable)
+
+
+def test_the_same_key_gives_the_same_answer_and_another_one_the_same_verdict(unloading):
+    equilibrium = js.equilibrate(unloading, js.MeanGap(0.5))
+    first, again, other = (
+        js.assess_stability(unloading, equilibrium, key=jax.random.key(k)) for k in (0, 0, 1)
+    )
+    for a, b in zip(jax.tree.leaves(first), jax.tree.leaves(again), strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert other.verdict == first.verdict
+    for a, b in zip(first.pairs.values(), other.pairs.values(), strict=True):
+        assert a.eigenvalue == pytest.approx(float(b.eigenvalue), abs=1e-8)
