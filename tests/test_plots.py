@@ -92,11 +92,12 @@ def test_laws_and_forces_are_those_asked_for():
 def test_stability_curves_fill_the_markers_of_stable_states(hertz):
     sweep = js.sweep(hertz, js.MeanDisplacement(jnp.array([1.2, 1.31, 1.4])))
     axes = plots.stability_curve(sweep, "contact_area")
-    stable, undecided = axes.collections
+    stable, held = axes.collections
     assert len(stable.get_offsets()) == 2
-    assert len(undecided.get_offsets()) == 1
-    assert stable.get_facecolor()[0].tolist() != [1, 1, 1, 1]
-    assert undecided.get_facecolor()[0].tolist() == [1, 1, 1, 1]
+    assert len(held.get_offsets()) == 1
+    assert held.get_label() == "held by contact"
+    colours = {tuple(marks.get_facecolor()[0]) for marks in (stable, held)}
+    assert len(colours) == 2
     assert plots.stability_curve(sweep).get_ylabel().startswith("mean pressure")
     with pytest.raises(ValueError, match="choose one of"):
         plots.stability_curve(sweep, "gap")
