@@ -26,6 +26,9 @@ from jaxstab.stability.lobpcg import LOBPCG
 from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.proximal import ProximalIteration
 
+# Random vectors among the starts on a cone.
+_NUM_RANDOM = 3
+
 ConeSolver = ProximalIteration | ProjectedLOBPCG
 
 
@@ -111,11 +114,13 @@ class Search(eqx.Module):
     ) -> Block:
         """Return what a search on a cone starts from.
 
-        The two lowest modes of the larger linear space with both signs, and noise; or the answer,
-        where the cone is no more than the smaller one, whose mode is known, or has the lowest mode
-        in it.
+        The two lowest modes of the larger linear space with both signs, the contact point at which
+        the lowest is largest, and noise; or the answer, where the cone is no more than the smaller
+        one, whose mode is known, or has the lowest mode in it.
         """
-        starts = jnp.concatenate([modes[:2], -modes[:2], self.random])
+        sizes = jnp.where(cone.one_sided, jnp.abs(modes[0]), -1).ravel()
+        point = jnp.zeros_like(sizes).at[jnp.argmax(sizes)].set(1).reshape(inner.shape)
+        starts = jnp.concatenate([modes[:2], -modes[:2], point[None], self.random[:_NUM_RANDOM]])
         distances = [jnp.linalg.norm(x - unit_vector(cone, x)) for x in (modes[0], -modes[0])]
         lowest = jnp.where(distances[0] <= distances[1], modes[0], -modes[0])
         is_linear = ~jnp.any(cone.one_sided)
