@@ -16,10 +16,12 @@ from jaxstab.potentials import slope
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, VERDICTS, throw_failure
 from jaxstab.stability.eigenpairs import Eigenpair
-from jaxstab.stability.modes import BLOCK_SIZE, noise
+from jaxstab.stability.modes import noise
 from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.search import ConeSolver, Search
 
+# Random vectors to start from.
+_NUM_RANDOM = 8
 # Over the precision: reactions below this part of the pressure are none.
 _ROUNDING = 1e3
 
@@ -140,7 +142,7 @@ def _judge(
         in_contact=equilibrium.in_contact,
         presses=presses,
         is_equilibrium=(equilibrium.result == RESULTS.successful) & is_finite,
-        random=noise(key, BLOCK_SIZE, equilibrium.gap),
+        random=noise(key, _NUM_RANDOM, equilibrium.gap),
         tolerance=jnp.asarray(solver.tolerance_in(equilibrium.gap.dtype), equilibrium.gap.dtype),
         fixes_mean=equilibrium.load.control(contact.heights).fixes_mean,
         verdict_only=verdict_only,

@@ -18,7 +18,7 @@ from jaxstab.stability.eigenpairs import Minimiser, descended, projected_residua
 from jaxstab.stability.lobpcg import combine, inner_products, normalised, rayleigh_ritz
 
 # Steps in each round of the competition between starts, and how many may go on to the next.
-_ROUNDS = ((5, 8), (8, 3), (10, 3), (15, 3))
+_ROUNDS = ((5, 12), (8, 3), (10, 3), (15, 3))
 # The inner product from which two unit vectors are taken to lead to the same minimiser.
 _SAME = 0.8
 # Cuts of a step to a third before it is given up.

@@ -23,11 +23,9 @@ from jaxstab.stability.eigenpairs import (
     unit_vector,
 )
 from jaxstab.stability.lobpcg import LOBPCG
+from jaxstab.stability.modes import BLOCK_SIZE
 from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.proximal import ProximalIteration
-
-# Random vectors among the starts on a cone.
-_NUM_RANDOM = 3
 
 ConeSolver = ProximalIteration | ProjectedLOBPCG
 
@@ -86,16 +84,17 @@ class Search(eqx.Module):
         def step(carry: tuple[Block, Array], is_moving: Array) -> tuple[tuple, tuple]:
             modes, is_proved = carry
             # Without contact both spaces are the same, and so are their modes.
-            starts = jnp.where(jnp.all(is_moving), modes, self.random)
+            starts = jnp.where(jnp.all(is_moving), modes, noise)
             space = Subspace(is_moving, self.fixes_mean)
             hessian = self.hessian.restricted(is_moving)
             found = LOBPCG(self.tolerance).solve(hessian, space, self._starts(starts, is_proved))
             pair = self._pair(space, found.at(found.vector[0]), is_proved)
             return (found.vector, self.verdict_only & pair.is_positive), (pair, found.vector)
 
+        noise = self.random[:BLOCK_SIZE]
         # A scan, since one program for both takes half the time to compile.
         spaces = jnp.stack([jnp.ones_like(self.in_contact), ~self.in_contact])
-        _, (pairs, modes) = jax.lax.scan(step, (self.random, jnp.array(False)), spaces)
+        _, (pairs, modes) = jax.lax.scan(step, (noise, jnp.array(False)), spaces)
         lower_bound, staying = _unstack(pairs)
         return lower_bound, staying, modes[0]
 
@@ -114,13 +113,11 @@ class Search(eqx.Module):
     ) -> Block:
         """Return what a search on a cone starts from.
 
-        The two lowest modes of the larger linear space with both signs, the contact point at which
-        the lowest is largest, and noise; or the answer, where the cone is no more than the smaller
-        one, whose mode is known, or has the lowest mode in it.
+        The two lowest modes of the larger linear space with both signs, and noise; or the answer,
+        where the cone is no more than the smaller one, whose mode is known, or has the lowest mode
+        in it.
         """
-        sizes = jnp.where(cone.one_sided, jnp.abs(modes[0]), -1).ravel()
-        point = jnp.zeros_like(sizes).at[jnp.argmax(sizes)].set(1).reshape(inner.shape)
-        starts = jnp.concatenate([modes[:2], -modes[:2], point[None], self.random[:_NUM_RANDOM]])
+        starts = jnp.concatenate([modes[:2], -modes[:2], self.random])
         distances = [jnp.linalg.norm(x - unit_vector(cone, x)) for x in (modes[0], -modes[0])]
         lowest = jnp.where(distances[0] <= distances[1], modes[0], -modes[0])
         is_linear = ~jnp.any(cone.one_sided)
