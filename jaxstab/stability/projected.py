@@ -20,7 +20,7 @@ from jaxstab.stability.lobpcg import combine, inner_products, normalised, raylei
 # Steps in each round of the competition between starts, and how many may go on to the next.
 _ROUNDS = ((5, 12), (8, 3), (10, 3), (15, 3))
 # The inner product from which two unit vectors are taken to lead to the same minimiser.
-_SAME = 0.8
+_SAME = 0.95
 # Cuts of a step to a third before it is given up.
 _MAX_CUTS = 3
 
@@ -30,6 +30,11 @@ class _Point(eqx.Module):
     product: Float[Array, " *grid"]
     eigenvalue: Float[Array, ""]
 
+    @classmethod
+    def at(cls, operator: SymmetricOperator, mode: Float[Array, " *grid"]) -> "_Point":
+        product = operator(mode)
+        return cls(mode, product, jnp.sum(mode * product))
+
 
 class _State(eqx.Module):
     point: _Point
@@ -37,6 +42,21 @@ class _State(eqx.Module):
     move: Float[Array, " *grid"]
     move_product: Float[Array, " *grid"]
     num_applications: Int[Array, ""]
+
+    @classmethod
+    def after(
+        cls,
+        operator: SymmetricOperator,
+        cone: AdmissibleCone,
+        old: _Point,
+        new: _Point,
+        num_applications: Array,
+    ) -> "_State":
+        descent = descended(operator, new.mode, new.product, new.eigenvalue)
+        along = jnp.sum(new.mode * old.mode)
+        move = new.mode - along * old.mode
+        move_product = new.product - along * old.product
+        return cls(new, cone.project(descent), move, move_product, num_applications)
 
 
 class _Trial(eqx.Module):
@@ -78,96 +98,91 @@ class ProjectedLOBPCG(IterativeSolver):
             starts: vectors to start from, each brought onto the cone.
         """
 
-        def compete(starts: Block, limits: tuple[Array, Array]) -> tuple[Block, Minimiser]:
+        def compete(
+            states: _State, limits: tuple[Array, Array]
+        ) -> tuple[_State, tuple[Iteration[_State], Array]]:
             max_steps, num_kept = limits
             solver = ProjectedLOBPCG(self.tolerance, max_steps)
             lanes = jax.vmap(by_lanes(_descend), (None, None, None, 0))
-            found, lowest = lanes(solver, operator, cone, starts)
-            modes = normalised(found.vector)
-            is_lower = lowest[:, None] < lowest
-            is_copy = jnp.any(is_lower & (inner_products(modes, modes) > _SAME), axis=0)
+            found: Iteration[_State] = lanes(solver, operator, cone, states)
+            modes = found.state.point.mode
+            is_empty = jnp.all(modes == 0, axis=range(1, modes.ndim))
+            lowest = jnp.where(is_empty, jnp.inf, found.state.point.eigenvalue)
+            is_alike = inner_products(modes, modes) > _SAME
+            is_copy = jnp.any((lowest[:, None] < lowest) & is_alike, axis=0)
             ranks = jnp.argsort(jnp.argsort(jnp.where(is_copy, jnp.inf, lowest)))
-            # From NaN, a lane ends at once.
-            goes_on = (~is_copy & (ranks < num_kept)).reshape(-1, *(1,) * (starts.ndim - 1))
             best = jax.tree.map(lambda leaf: leaf[jnp.argmin(ranks)], found)
-            best = replace(best, num_steps=jnp.sum(found.num_steps))
-            best = replace(best, num_applications=jnp.sum(found.num_applications))
-            return jnp.where(goes_on, modes, jnp.nan), best
+            # From NaN, a lane ends at once.
+            goes_on = (~is_copy & (ranks < num_kept)).reshape(-1, *(1,) * (modes.ndim - 1))
+            descended = jnp.where(goes_on, found.state.descended, jnp.nan)
+            return replace(found.state, descended=descended), (best, jnp.sum(found.num_steps))
 
+        states = jax.vmap(partial(_start, operator, cone))(starts)
         max_steps, num_kept = zip(*_ROUNDS, strict=True)
         max_steps = jnp.append(jnp.minimum(jnp.array(max_steps), self.max_steps), self.max_steps)
-        _, rounds = jax.lax.scan(compete, starts, (max_steps, jnp.array([*num_kept, 1])))
-        last = jax.tree.map(lambda leaf: leaf[-1], rounds)
-        return replace(
-            last,
-            num_steps=jnp.sum(rounds.num_steps),
-            num_applications=jnp.sum(rounds.num_applications),
+        states, (bests, num_steps) = jax.lax.scan(
+            compete, states, (max_steps, jnp.array([*num_kept, 1]))
         )
+        best = jax.tree.map(lambda leaf: leaf[-1], bests)
+        return Minimiser(
+            # Projected once more, this is exactly zero where the contact holds.
+            vector=best.state.descended,
+            num_steps=jnp.sum(num_steps),
+            num_applications=jnp.sum(states.num_applications),
+            result=best.result,
+            history=best.history,
+        )
+
+
+def _start(
+    operator: SymmetricOperator, cone: AdmissibleCone, start: Float[Array, " *grid"]
+) -> _State:
+    point = _Point.at(operator, unit_vector(cone, start))
+    return _State.after(operator, cone, point, point, jnp.array(1))
 
 
 def _descend(
-    solver: ProjectedLOBPCG,
-    operator: SymmetricOperator,
-    cone: AdmissibleCone,
-    start: Float[Array, " *grid"],
-) -> tuple[Minimiser, Float[Array, ""]]:
-    """Return what one start leads to, and its eigenvalue; +inf if the cone has no such vector."""
-
-    def at(mode: Float[Array, " *grid"]) -> _Point:
-        product = operator(mode)
-        return _Point(mode, product, jnp.sum(mode * product))
-
-    def state_at(point: _Point, old: _Point, num_applications: Array) -> _State:
-        new = descended(operator, point.mode, point.product, point.eigenvalue)
-        along = jnp.sum(point.mode * old.mode)
-        move, move_product = (
-            point.mode - along * old.mode,
-            point.product - along * old.product,
-        )
-        return _State(point, cone.project(new), move, move_product, num_applications)
-
-    def lower(point: _Point, state: _State) -> _Trial:
-        face = cone.face(point.mode)
-        residual = face.project(point.product - point.eigenvalue * point.mode)
-        steepest = operator.precondition(residual, point.mode, point.eigenvalue)
-        steepest = normalised(face.project(steepest)[None])[0]
-        basis = jnp.stack([point.mode, steepest, state.move])
-        products = jnp.stack([point.product, operator(steepest), state.move_product])
-        _, parts = rayleigh_ritz(basis, products, 1)
-        parts = parts * jnp.where(parts[0] < 0, -1, 1)
-        change = combine(parts.at[0].set(0), basis)[0]
-
-        def attempt(trial: _Trial) -> _Trial:
-            tried = at(unit_vector(cone, parts[0, 0] * point.mode + trial.length * change))
-            is_lower = tried.eigenvalue <= point.eigenvalue
-            return _Trial(tried, is_lower, trial.length / 3, trial.count + 1)
-
-        return jax.lax.while_loop(
-            lambda trial: ~trial.is_lower & (trial.count <= _MAX_CUTS),
-            attempt,
-            _Trial(point, jnp.array(False), jnp.ones_like(point.eigenvalue), jnp.array(0)),
-        )
+    solver: ProjectedLOBPCG, operator: SymmetricOperator, cone: AdmissibleCone, state: _State
+) -> Iteration[_State]:
+    """Return what one start leads to."""
 
     def step(state: _State) -> _State:
-        point = at(normalised(state.descended[None])[0])
-        trial = lower(point, state)
+        point = _Point.at(operator, normalised(state.descended[None])[0])
+        trial = _lower(operator, cone, point, state)
         point = jax.tree.map(partial(jnp.where, trial.is_lower), trial.point, point)
-        return state_at(point, state.point, state.num_applications + 3 + trial.count)
+        num_applications = state.num_applications + 3 + trial.count
+        return _State.after(operator, cone, state.point, point, num_applications)
 
     def measure(state: _State) -> Indicators:
         return {"residual": projected_residual(operator, state.point.mode, state.descended)}
 
-    first = at(unit_vector(cone, start))
-    iteration: Iteration[_State] = solver.iterate(
-        step, measure, state_at(first, first, jnp.array(1))
+    return solver.iterate(step, measure, state)
+
+
+def _lower(
+    operator: SymmetricOperator, cone: AdmissibleCone, point: _Point, state: _State
+) -> _Trial:
+    """Return the lowest Ritz vector around a point, on its face, if that can be brought onto the
+    cone below the point, or part of the way to it.
+    """
+    face = cone.face(point.mode)
+    residual = face.project(point.product - point.eigenvalue * point.mode)
+    steepest = operator.precondition(residual, point.mode, point.eigenvalue)
+    steepest = normalised(face.project(steepest)[None])[0]
+    basis = jnp.stack([point.mode, steepest, state.move])
+    products = jnp.stack([point.product, operator(steepest), state.move_product])
+    _, parts = rayleigh_ritz(basis, products, 1)
+    parts = parts * jnp.where(parts[0] < 0, -1, 1)
+    change = combine(parts.at[0].set(0), basis)[0]
+
+    def attempt(trial: _Trial) -> _Trial:
+        mode = unit_vector(cone, parts[0, 0] * point.mode + trial.length * change)
+        tried = _Point.at(operator, mode)
+        is_lower = tried.eigenvalue <= point.eigenvalue
+        return _Trial(tried, is_lower, trial.length / 3, trial.count + 1)
+
+    return jax.lax.while_loop(
+        lambda trial: ~trial.is_lower & (trial.count <= _MAX_CUTS),
+        attempt,
+        _Trial(point, jnp.array(False), jnp.ones_like(point.eigenvalue), jnp.array(0)),
     )
-    point = iteration.state.point
-    minimiser = Minimiser(
-        # Brought onto the cone, this is exactly zero where the contact holds.
-        vector=descended(operator, point.mode, point.product, point.eigenvalue),
-        num_steps=iteration.num_steps,
-        num_applications=iteration.state.num_applications,
-        result=iteration.result,
-        history=iteration.history,
-    )
-    return minimiser, jnp.where(jnp.any(point.mode != 0), point.eigenvalue, jnp.inf)
