@@ -114,8 +114,8 @@ class ProjectedLOBPCG(IterativeSolver):
             best = jax.tree.map(lambda leaf: leaf[jnp.argmin(ranks)], found)
             # From NaN, a lane ends at once.
             goes_on = (~is_copy & (ranks < num_kept)).reshape(-1, *(1,) * (modes.ndim - 1))
-            descended = jnp.where(goes_on, found.state.descended, jnp.nan)
-            return replace(found.state, descended=descended), (best, jnp.sum(found.num_steps))
+            kept = jnp.where(goes_on, found.state.descended, jnp.nan)
+            return replace(found.state, descended=kept), (best, jnp.sum(found.num_steps))
 
         states = jax.vmap(partial(_start, operator, cone))(starts)
         max_steps, num_kept = zip(*_ROUNDS, strict=True)
@@ -124,9 +124,10 @@ class ProjectedLOBPCG(IterativeSolver):
             compete, states, (max_steps, jnp.array([*num_kept, 1]))
         )
         best = jax.tree.map(lambda leaf: leaf[-1], bests)
+        point = best.state.point
         return Minimiser(
-            # Projected once more, this is exactly zero where the contact holds.
-            vector=best.state.descended,
+            # Brought onto the cone, once, this is exactly zero where the contact holds.
+            vector=descended(operator, point.mode, point.product, point.eigenvalue),
             num_steps=jnp.sum(num_steps),
             num_applications=jnp.sum(states.num_applications),
             result=best.result,
