@@ -7,7 +7,9 @@ contact*, whose equation numbers the documentation quotes.
 from importlib.metadata import version
 
 from jaxstab import files, plots, potentials, surfaces
+from jaxstab.calibration import Calibration, calibrate
 from jaxstab.contact import Contact
+from jaxstab.critical_load import CriticalLoad, critical_load
 from jaxstab.elasticity import HalfSpace, Spectral
 from jaxstab.equilibrium import (
     Equilibrium,
@@ -40,7 +42,9 @@ __all__ = [
     "RESULTS",
     "VERDICTS",
     "Barrier",
+    "Calibration",
     "Contact",
+    "CriticalLoad",
     "Eigenpair",
     "Equilibrium",
     "Grid",
@@ -59,6 +63,8 @@ __all__ = [
     "Stability",
     "Sweep",
     "assess_stability",
+    "calibrate",
+    "critical_load",
     "equilibrate",
     "files",
     "lowest_modes",

@@ -169,13 +169,13 @@ class IterativeSolver(eqx.Module):
 
 @jax.custom_jvp
 def refuse_derivatives(tree: State) -> State:
-    """Return `tree`: derivatives of a loop would be those of its steps, not of its answer."""
+    """Return `tree`, for a loop whose derivatives would be of its steps, not of its answer."""
     return tree
 
 
 @refuse_derivatives.defjvp
 def _raise(primals: tuple[State], tangents: tuple[State]) -> tuple[State, State]:
     raise NotImplementedError(
-        "jaxstab's solvers cannot be differentiated: take finite differences of their results, "
-        "or apply jax.lax.stop_gradient to what goes in."
+        "lowest_modes and calibrate cannot be differentiated: apply jax.lax.stop_gradient to what "
+        "goes in, or take the eigenvalues of assess_stability."
     )

@@ -48,6 +48,10 @@ class RESULTS(eqx.Enumeration):
         "no_equilibrium: there was no converged equilibrium to assess. Look at the result of the "
         "equilibrium"
     )
+    no_fold = (
+        "no_fold: the critical eigenvalue was not seen to vanish between the two loads. It stays "
+        "positive, or it jumps where points enter or leave contact: look at a sweep between them"
+    )
     not_computed = (
         "not_computed: another number had already proved the verdict. Assess without `verdict_only`"
     )

@@ -225,29 +225,6 @@ def test_the_same_function_object_does_not_compile_again(solid, heights):
     assert len(traces) == before
 
 
-@pytest.mark.parametrize("law", [named_law, bare_law])
-@pytest.mark.parametrize("transform", [jax.grad, jax.jacfwd])
-def test_derivatives_are_refused_rather_than_wrong(solid, heights, law, transform):
-    def pressure(energy):
-        contact = js.Contact(solid, heights, law(energy))
-        return js.equilibrate(contact, LOAD, throw=False).mean_pressure
-
-    with pytest.raises(NotImplementedError, match="cannot be differentiated"):
-        transform(pressure)(0.01)
-
-
-def test_derivatives_of_an_eigenvalue_at_a_fixed_state_are_refused_too(solid, heights):
-    contact = js.Contact(solid, heights, named_law(0.01))
-    equilibrium = js.equilibrate(contact, LOAD)
-
-    def eigenvalue(energy):
-        other = js.Contact(solid, heights, named_law(energy))
-        return js.assess_stability(other, equilibrium, throw=False).cone.eigenvalue
-
-    with pytest.raises(NotImplementedError, match="cannot be differentiated"):
-        jax.jvp(eigenvalue, (0.01,), (1.0,))
-
-
 def test_fields_that_need_no_solver_can_be_differentiated(heights):
     def energy(length):
         return js.HalfSpace(js.Grid(16, length), 1.0).energy(heights)

@@ -1,5 +1,6 @@
 """The equilibrium of a contact under a load, by any of the solvers beside this file."""
 
+from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
@@ -9,11 +10,12 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxstab.checks import parameter, require, require_finite
 from jaxstab.contact import Contact
+from jaxstab.equilibrium.implicit import DIFFERENTIABLE, differentiable
 from jaxstab.equilibrium.polonsky_keer_rey import PolonskyKeerRey
 from jaxstab.equilibrium.preconditioned import PreconditionedConjugateGradient
 from jaxstab.equilibrium.saddle_newton import SaddleNewton
 from jaxstab.grid import resample, total
-from jaxstab.iterate import History, refuse_derivatives
+from jaxstab.iterate import History
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Control, GapControl, Load, require_load
 from jaxstab.potentials import slope
@@ -99,22 +101,28 @@ def equilibrate(
         )
     warn_if_coarse(contact)
     solver = solver or PreconditionedConjugateGradient()
-    equilibrium = find_equilibrium(contact, load, solver, initial_gap(contact, load, initial))
+    start = initial_gap(contact, load, initial)
+    equilibrium = find_equilibrium(contact, load, solver, start, throw)
     if not throw:
         return equilibrium
     return throw_failure(equilibrium.result, equilibrium, lambda: _describe(contact, equilibrium))
 
 
-@jax.jit
+@partial(jax.jit, static_argnames="throw")
 def find_equilibrium(
     contact: Contact,
     load: Load,
     solver: Solver,
     initial: Float[Array, " *grid"] | None,
+    throw: bool = False,
 ) -> Equilibrium:
-    """Do what `equilibrate` does, on checked arguments and without raising."""
-    contact, load, initial = refuse_derivatives((contact, load, initial))
-    return by_lanes(_find)(contact, load, solver, initial)
+    """Do what `equilibrate` does, on checked arguments; only derivatives can raise."""
+    inputs = jax.lax.stop_gradient((contact, load, solver, initial))
+    found = by_lanes(_find)(*inputs)
+    fields = {name: getattr(found, name) for name in DIFFERENTIABLE}
+    is_found = found.result == RESULTS.successful
+    fields = differentiable(throw, fields, is_found, contact, load)
+    return replace(found, load=load, **fields)
 
 
 def _find(
@@ -137,12 +145,13 @@ def _find(
     in_contact = gap == 0
     # Failed states have a gap of NaN throughout.
     reaction = jnp.where(in_contact, balance.net, 0 * gap)
-    mean_pressure = jnp.mean(reaction - slope(contact.potential, gap))
+    attraction = slope(contact.potential, gap)
+    mean_pressure = jnp.mean(reaction - attraction)
     return Equilibrium(
         load=load,
         displacement=contact.displacement(gap),
         gap=gap,
-        pressure=contact.solid.pressure(gap - jnp.mean(gap) + contact.heights) + mean_pressure,
+        pressure=balance.net - attraction,
         reaction=reaction,
         in_contact=in_contact,
         mean_pressure=mean_pressure,
@@ -206,6 +215,8 @@ def require_same_grid(contact: Contact, equilibrium: Equilibrium) -> None:
 
 
 def _describe(contact: Contact, equilibrium: Equilibrium) -> str:
+    # Known also where derivatives are being taken.
+    contact, equilibrium = jax.lax.stop_gradient((contact, equilibrium))
     load = equilibrium.load
     control = load.control(contact.heights)
     held = f", a mean gap of {control.mean_gap:.6g}," if isinstance(control, GapControl) else ""

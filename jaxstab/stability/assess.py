@@ -10,12 +10,14 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import require_same_grid
-from jaxstab.iterate import refuse_derivatives
+from jaxstab.grid import total
 from jaxstab.lanes import by_lanes
 from jaxstab.potentials import slope
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, VERDICTS, throw_failure
+from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpairs import Eigenpair
+from jaxstab.stability.implicit import differentiable
 from jaxstab.stability.modes import noise
 from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.search import ConeSolver, Search
@@ -110,33 +112,54 @@ def assess_stability(
     warn_if_coarse(contact)
     solver = ProjectedLOBPCG() if solver is None else solver
     key = jax.random.key(0) if key is None else key
-    stability = judge(contact, equilibrium, solver, key, verdict_only)
+    stability = judge(contact, equilibrium, solver, key, verdict_only, throw)
     if not throw:
         return stability
     return throw_failure(stability.result, stability, lambda: _describe(stability))
 
 
-@partial(jax.jit, static_argnames="verdict_only")
+@partial(jax.jit, static_argnames=("verdict_only", "throw"))
 def judge(
     contact: Contact,
     equilibrium: Equilibrium,
     solver: ConeSolver,
     key: PRNGKeyArray,
     verdict_only: bool = False,
+    throw: bool = False,
 ) -> Stability:
-    """Do what `assess_stability` does, on checked arguments and without raising."""
-    contact, equilibrium = refuse_derivatives((contact, equilibrium))
-    return by_lanes(partial(_judge, verdict_only))(contact, equilibrium, solver, key)
+    """Do what `assess_stability` does, on checked arguments; only derivatives can raise."""
+    inputs = jax.lax.stop_gradient((contact, equilibrium, solver))
+    pairs = by_lanes(partial(_eigenpairs, verdict_only))(*inputs, key)
+    fixes_mean = equilibrium.load.control(contact.heights).fixes_mean
+    everywhere = jnp.ones_like(equilibrium.in_contact)
+    lifted = [everywhere, *(~equilibrium.in_contact | (pair.mode > 0) for pair in pairs[1:])]
+    lower_bound, cone, critical = (
+        differentiable(pair, Subspace(is_moving, fixes_mean), contact, equilibrium.gap, throw)
+        for pair, is_moving in zip(pairs, lifted, strict=True)
+    )
+    result = _first_failure(lower_bound, cone, critical)
+    verdict = VERDICTS.where(
+        result == RESULTS.successful, _verdict(lower_bound, cone, critical), VERDICTS.undecided
+    )
+    return Stability(
+        lower_bound=lower_bound,
+        cone=cone,
+        critical=critical,
+        complementarity=_complementarity(contact, equilibrium),
+        barrier=_barrier(contact, equilibrium, cone, verdict),
+        verdict=verdict,
+        result=result,
+    )
 
 
-def _judge(
+def _eigenpairs(
     verdict_only: bool,
     contact: Contact,
     equilibrium: Equilibrium,
     solver: ConeSolver,
     key: PRNGKeyArray,
-) -> Stability:
-    complementarity, presses, is_finite = _reactions(contact, equilibrium)
+) -> tuple[Eigenpair, Eigenpair, Eigenpair]:
+    presses, is_finite = _reactions(contact, equilibrium)
     search = Search(
         hessian=contact.hessian(equilibrium.gap),
         in_contact=equilibrium.in_contact,
@@ -147,20 +170,7 @@ def _judge(
         fixes_mean=equilibrium.load.control(contact.heights).fixes_mean,
         verdict_only=verdict_only,
     )
-    lower_bound, cone, critical = search.run(solver)
-    result = _first_failure(lower_bound, cone, critical)
-    verdict = VERDICTS.where(
-        result == RESULTS.successful, _verdict(lower_bound, cone, critical), VERDICTS.undecided
-    )
-    return Stability(
-        lower_bound=lower_bound,
-        cone=cone,
-        critical=critical,
-        complementarity=complementarity,
-        barrier=_barrier(contact, equilibrium, cone, verdict),
-        verdict=verdict,
-        result=result,
-    )
+    return search.run(solver)
 
 
 def _first_failure(*pairs: Eigenpair) -> RESULTS:
@@ -173,19 +183,30 @@ def _first_failure(*pairs: Eigenpair) -> RESULTS:
 
 def _reactions(
     contact: Contact, equilibrium: Equilibrium
-) -> tuple[Float[Array, ""], Bool[Array, " *grid"], Bool[Array, ""]]:
-    """Return the least relative reaction in contact, where it is more than an error, and whether
-    all that was computed from is finite.
-    """
+) -> tuple[Bool[Array, " *grid"], Bool[Array, ""]]:
+    """Return where contact presses by more than an error, and whether all is finite."""
     gap, reaction, pressure = equilibrium.gap, equilibrium.reaction, equilibrium.pressure
     attraction = slope(contact.potential, gap)
-    scale = jnp.linalg.norm(jnp.stack([pressure, attraction])) / jnp.sqrt(gap.size)
-    least = jnp.min(jnp.where(equilibrium.in_contact, reaction, jnp.inf))
-    complementarity = jnp.where(least == jnp.inf, least, least / jnp.where(scale == 0, 1, scale))
     missed = jnp.where(equilibrium.in_contact, jnp.minimum(reaction, 0), pressure + attraction)
-    rounding = _ROUNDING * jnp.finfo(scale.dtype).eps * scale
+    rounding = _ROUNDING * jnp.finfo(gap.dtype).eps * _pressure_scale(contact, equilibrium)
     is_finite = jnp.isfinite(jnp.sum(gap) + jnp.sum(reaction) + jnp.sum(pressure))
-    return complementarity, reaction > jnp.linalg.norm(missed) + rounding, is_finite
+    return reaction > jnp.linalg.norm(missed) + rounding, is_finite
+
+
+def _complementarity(contact: Contact, equilibrium: Equilibrium) -> Float[Array, ""]:
+    scale = _pressure_scale(contact, equilibrium)
+    touches = equilibrium.in_contact
+    # Two `where`s keep the infinity out of the derivatives.
+    least = jnp.min(jnp.where(touches, equilibrium.reaction, jnp.max(equilibrium.reaction)))
+    return jnp.where(jnp.any(touches), least / jnp.where(scale == 0, 1, scale), jnp.inf)
+
+
+def _pressure_scale(contact: Contact, equilibrium: Equilibrium) -> Float[Array, ""]:
+    attraction = slope(contact.potential, equilibrium.gap)
+    squares = total(equilibrium.pressure**2 + attraction**2)
+    # Two `where`s keep the derivative of the root at zero out.
+    positive = jnp.where(squares > 0, squares, 1)
+    return jnp.where(squares > 0, jnp.sqrt(positive / attraction.size), 0)
 
 
 def _verdict(lower_bound: Eigenpair, cone: Eigenpair, critical: Eigenpair) -> VERDICTS:
@@ -202,8 +223,10 @@ def _barrier(
     # The first-order cost of lifting off.
     cost = jnp.sum(equilibrium.reaction * cone.mode)
     is_held = verdict == VERDICTS.held_by_contact
-    amplitude = jnp.where(is_held, -cost / cone.eigenvalue, jnp.nan)
-    return Barrier(cost * amplitude / 2 * contact.grid.cell_area.astype(cost.dtype), amplitude)
+    amplitude = -cost / jnp.where(is_held, cone.eigenvalue, -1)
+    height = cost * amplitude / 2 * contact.grid.cell_area.astype(cost.dtype)
+    # Last, so that no NaN enters the derivatives.
+    return Barrier(jnp.where(is_held, height, jnp.nan), jnp.where(is_held, amplitude, jnp.nan))
 
 
 def _describe(stability: Stability) -> str:

@@ -1,0 +1,122 @@
+"""Derivatives of an equilibrium with respect to all that went into it."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxstab.contact import Contact
+from jaxstab.derivatives import LinearSystem, Obstacle, unless
+from jaxstab.elasticity import apply_multiplier
+from jaxstab.grid import total
+from jaxstab.hessian import Hessian
+from jaxstab.loads import Load
+from jaxstab.potentials import slope
+
+Field = Float[Array, " *grid"]
+Fields = dict[str, Array]
+
+# The fields of an `Equilibrium` that are.
+DIFFERENTIABLE = ("displacement", "gap", "pressure", "reaction", "mean_pressure", "energy")
+
+
+_NOT_FOUND = "there is no converged equilibrium (look at its result)"
+_VERGE = (
+    "a point is on the verge of contact, which it enters or leaves, to within the residual of the "
+    "equilibrium. Differentiate at a slightly different load"
+)
+_FOLD = (
+    "the equilibrium is at a fold, or nearer to one than its residual can tell. Give the solver a "
+    "finer tolerance, or stay away from it"
+)
+
+
+def fields_of(contact: Contact, load: Load, gap: Field) -> tuple[Fields, Field]:
+    """Return the differentiable fields of an equilibrium and its net pressure.
+
+    Its gap, brought under the load if the load is another one, moves with it.
+    """
+    control = load.control(contact.heights)
+    gap = control.restore(gap)
+    attraction = slope(contact.potential, gap)
+    net = control.net_pressure(contact.gradient(gap), gap > 0)
+    reaction = jnp.where(gap == 0, net, 0)
+    fields = {
+        "displacement": contact.displacement(gap),
+        "gap": gap,
+        "pressure": net - attraction,
+        "reaction": reaction,
+        "mean_pressure": jnp.mean(reaction - attraction),
+        "energy": contact.energy(gap),
+    }
+    return fields, net
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def differentiable(
+    throw: bool, fields: Fields, is_found: Bool[Array, ""], contact: Contact, load: Load
+) -> Fields:
+    """Return the fields of an equilibrium as differentiable functions of contact and load."""
+    return fields
+
+
+@differentiable.defjvp
+def _differentiate(throw: bool, primals: tuple, tangents: tuple) -> tuple[Fields, Fields]:
+    _, is_found, contact, load = primals
+    fields = differentiable(throw, *primals)
+    gap = jnp.where(is_found, fields["gap"], 1)
+    is_free = (gap > 0) & is_found
+    control = load.control(contact.heights)
+    hessian = contact.hessian(gap)
+    net = fields["pressure"] + slope(contact.potential, gap)
+    missed = jnp.where(is_free, net, jnp.minimum(net, 0))
+    sharpness = jnp.max(jnp.abs(jnp.where(is_free, third_derivative(contact, gap), 0)))
+
+    not_found = Obstacle(~is_found, _NOT_FOUND)
+    verge = Obstacle(_is_on_verge(net, gap, missed, hessian), _VERGE)
+
+    def obstacles(moved: Field, right_side: Field) -> list[Obstacle]:
+        # Newton and Kantorovich: what the residual may do to the smallest eigenvalue, over it.
+        eigenvalue = total(moved * right_side) / total(moved**2)
+        error = sharpness * jnp.sqrt(total(missed**2)) / eigenvalue**2
+        return [Obstacle(~(error < _MAX_ERROR), _FOLD)]
+
+    system = LinearSystem(
+        hessian, _preconditioner(hessian), lambda field: control.project(field, is_free)
+    )
+    at_gap = partial(fields_of, gap=gap)
+    _, (change, imbalance) = jax.jvp(at_gap, (contact, load), tangents[2:])
+    moved = system.differentiable_solution(-imbalance, obstacles, throw)
+    _, (response, _) = jax.jvp(partial(fields_of, contact, load), (gap,), (moved,))
+    changes = {
+        name: unless([not_found, verge], change[name] + response[name], throw) for name in fields
+    }
+    if control.fixes_mean:
+        # No move of the free points that keeps the mean gap does work to first order, nor does it
+        # matter which of them are free.
+        changes["energy"] = unless([not_found], change["energy"], throw)
+    return fields, changes
+
+
+_MAX_ERROR = 1e-2
+
+
+def third_derivative(contact: Contact, gap: Field) -> Field:
+    """Return f'''(g) at every point [pressure/length^2]."""
+    return jax.jvp(contact.curvature, (gap,), (jnp.ones_like(gap),))[1]
+
+
+def _is_on_verge(net: Field, gap: Field, missed: Field, hessian: Hessian) -> Bool[Array, ""]:
+    eps = jnp.finfo(gap.dtype).eps
+    noise = 10 * jnp.sqrt(total(missed**2) / gap.size)
+    noise += 1e3 * eps * jnp.sqrt(total(net**2) / gap.size)
+    stiffness = jnp.max(hessian.multiplier)
+    return jnp.any(jnp.where(gap > 0, gap * stiffness, net) <= noise)
+
+
+def _preconditioner(hessian: Hessian):
+    multiplier = hessian.multiplier
+    softest = jnp.min(jnp.where(multiplier > 0, multiplier, jnp.inf))
+    shift = softest + total(jnp.maximum(hessian.curvature, 0)) / hessian.curvature.size
+    return partial(apply_multiplier, 1 / (multiplier + shift))

@@ -1,0 +1,383 @@
+"""Derivatives of equilibria and eigenvalues: against finite differences, and where none exist."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import rough_contact
+
+import jaxstab as js
+
+TIGHT = js.PreconditionedConjugateGradient(tolerance=1e-12)
+OUTPUTS = ("gap", "displacement", "pressure", "reaction", "mean_pressure", "energy")
+STEP = 3e-5
+
+
+def parameters_of(seed, shape, load):
+    """Return random parameters of every class, and a load that keeps or loses contact."""
+    random = np.random.default_rng(seed)
+    grid = js.Grid(shape)
+    key = jax.random.key(seed)
+    heights = js.surfaces.self_affine(grid, key, k_high=min(shape) // 4, rms_height=0.1)
+    is_far = random.random() < 0.3
+    value = random.uniform(0.6, 0.9) if is_far else random.uniform(0.05, 0.3)
+    if load is js.MeanPressure:
+        value = random.uniform(-0.01, 0.3)
+    return {
+        "surface_energy": jnp.array(random.uniform(0.005, 0.02)),
+        "length": jnp.array(random.uniform(0.1, 0.2)),
+        "youngs_modulus": jnp.array(random.uniform(0.5, 2)),
+        "poisson_ratio": jnp.array(random.uniform(0.1, 0.4)),
+        "side": jnp.array(random.uniform(0.8, 1.2)),
+        "heights": heights + random.uniform(-0.1, 0.1),
+        "load": jnp.array(value),
+    }
+
+
+def contact_of(parameters):
+    heights = parameters["heights"]
+    solid = js.HalfSpace(
+        js.Grid(heights.shape, parameters["side"]),
+        parameters["youngs_modulus"],
+        parameters["poisson_ratio"],
+    )
+    law = js.potentials.Exponential(parameters["surface_energy"], parameters["length"])
+    return js.Contact(solid, heights, law)
+
+
+def directions(parameters, seed):
+    """Return a direction for each class of parameters, relative to its size."""
+    random = np.random.default_rng(seed + 1000)
+    everything = {}
+    for name, value in parameters.items():
+        nothing = jax.tree.map(jnp.zeros_like, parameters)
+        noise = 0.1 * random.normal(size=value.shape)
+        change = noise if name == "heights" else abs(value) + 0.01
+        everything[name] = {**nothing, name: jnp.asarray(change)}
+    return everything
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (64,)], ids=["2-D", "1-D"])
+@pytest.mark.parametrize("load", [js.MeanGap, js.MeanDisplacement, js.MeanPressure])
+def test_every_output_by_every_parameter_agrees_with_finite_differences(shape, load):
+    @jax.jit
+    def solve(parameters, start=None):
+        contact, value = contact_of(parameters), parameters["load"]
+        if load is js.MeanDisplacement:
+            value = value + jnp.mean(contact.heights)
+        found = js.equilibrate(contact, load(value), TIGHT, initial=start, throw=False)
+        return {name: getattr(found, name) for name in OUTPUTS}, found
+
+    push = jax.jit(lambda p, d, start: jax.jvp(lambda p: solve(p, start)[0], (p,), (d,))[1])
+
+    @jax.jit
+    def pull(parameters, weights, start):
+        return jax.vjp(lambda p: solve(p, start)[0], parameters)[1](weights)[0]
+
+    num_compared, touched = 0, 0
+    for seed in range(12):
+        parameters = parameters_of(seed, shape, load)
+        _, found = solve(parameters)
+        assert found.result == js.RESULTS.successful
+        start = found.gap
+        random = np.random.default_rng(seed)
+        weights = {n: jnp.asarray(random.normal(size=found.gap.shape)) for n in OUTPUTS[:4]}
+        weights |= {name: jnp.array(random.normal()) for name in OUTPUTS[4:]}
+        gradient = pull(parameters, weights, start)
+        scale = contact_of(parameters).conforming_pressure
+        is_away = True
+        for name, direction in directions(parameters, seed).items():
+            moved = [
+                solve(
+                    jax.tree.map(lambda p, d, s=s: p + s * STEP * d, parameters, direction), start
+                )
+                for s in (1, -1)
+            ]
+            if any((state.in_contact != found.in_contact).any() for _, state in moved):
+                is_away = False
+                continue
+            forward = push(parameters, direction, start)
+            for output in OUTPUTS:
+                exact, (above, _), (below, _) = forward[output], *moved
+                differences = (above[output] - below[output]) / (2 * STEP)
+                # Where an output hardly changes, differences are lost in its own rounding.
+                value = np.asarray(getattr(found, output))
+                floor = scale * np.sqrt(value.size) if "pressure" in output else 0
+                size = max(np.linalg.norm(differences), 1e-3 * max(np.linalg.norm(value), floor))
+                error = np.linalg.norm(exact - differences)
+                assert error <= 1e-5 * size, (seed, name, output)
+            terms = [jnp.vdot(weights[n], forward[n]) for n in OUTPUTS]
+            through = sum(jnp.vdot(gradient[n], direction[n]) for n in direction)
+            size = sum(map(abs, terms)) + 1e-3 * scale
+            assert abs(sum(terms) - through) < 1e-10 * size, (seed, name)
+        num_compared += is_away
+        touched += bool(found.in_contact.any()) & is_away
+    assert num_compared >= 9
+    assert 0 < touched < num_compared or load is js.MeanPressure
+
+
+@pytest.fixture(scope="module")
+def contact():
+    return rough_contact(16, js.potentials.Exponential(0.02, 0.1))
+
+
+def with_parameters(contact, energy, length, modulus):
+    solid = js.HalfSpace(contact.grid, modulus)
+    return js.Contact(solid, contact.heights, js.potentials.Exponential(energy, length))
+
+
+def solve(contact, x, **options):
+    load = js.MeanGap(x[3])
+    return js.equilibrate(with_parameters(contact, *x[:3]), load, TIGHT, **options)
+
+
+X = jnp.array([0.02, 0.1, 1.0, 0.1])
+
+
+@pytest.mark.parametrize("output", ["mean_pressure", "energy"])
+def test_second_derivatives_are_right_too(contact, output):
+    gradient = jax.jit(jax.grad(lambda x: getattr(solve(contact, x), output)))
+    hessian = jax.jacfwd(gradient)(X)
+    for i, h in enumerate(1e-5 * X):
+        differences = (gradient(X.at[i].add(h)) - gradient(X.at[i].add(-h))) / (2 * h)
+        np.testing.assert_allclose(hessian[:, i], differences, rtol=1e-6, atol=1e-6)
+
+
+def test_the_energy_gives_the_force_that_holds_the_gap(contact):
+    def energy(value):
+        return js.equilibrate(contact, js.MeanGap(value), TIGHT).energy
+
+    pressure = js.equilibrate(contact, js.MeanGap(0.1), TIGHT).mean_pressure
+    np.testing.assert_allclose(jax.grad(energy)(0.1), -pressure, rtol=1e-10)
+
+
+def test_a_closure_over_the_value_gives_the_same_as_a_leaf(contact):
+    def pressure(law):
+        other = js.Contact(contact.solid, contact.heights, law)
+        return js.equilibrate(other, js.MeanGap(0.1), TIGHT).mean_pressure
+
+    by_leaf = jax.grad(lambda e: pressure(js.potentials.Exponential(e, 0.1)))(0.02)
+    by_closure = jax.grad(lambda e: pressure(lambda gap: -e * jnp.exp(-gap / 0.1)))(0.02)
+    np.testing.assert_allclose(by_closure, by_leaf, rtol=1e-10)
+
+
+def test_lanes_of_vmap_and_jacobians_equal_single_derivatives(contact):
+    def pressure(x):
+        return solve(contact, x, throw=False).mean_pressure
+
+    values = jnp.stack([X, 0.9 * X, 1.1 * X])
+    lanes = jax.jit(jax.vmap(jax.value_and_grad(pressure)))(values)[1]
+    jacobian = jax.jacrev(jax.vmap(pressure))(values)
+    for i, x in enumerate(values):
+        single = jax.grad(pressure)(x)
+        np.testing.assert_allclose(lanes[i], single, rtol=1e-10)
+        np.testing.assert_allclose(jacobian[i, i], single, rtol=1e-10)
+
+
+def test_a_failed_lane_is_nan_and_leaves_a_masked_sum_alone(contact):
+    gaps = jnp.array([0.1, -0.1, 0.2])
+
+    def solve_at(energy, gap):
+        return solve(contact, X.at[0].set(energy).at[3].set(gap), throw=False)
+
+    def pressure(gap, energy=0.02):
+        return solve_at(energy, gap).mean_pressure
+
+    rates = jax.vmap(jax.grad(pressure))(gaps)
+    np.testing.assert_array_equal(jnp.isnan(rates), [False, True, False])
+
+    def masked(energy):
+        found = jax.vmap(lambda gap: solve_at(energy, gap))(gaps)
+        return jnp.sum(jnp.where(found.result == js.RESULTS.successful, found.mean_pressure, 0))
+
+    alone = sum(jax.grad(lambda e, g=g: pressure(g, e))(0.02) for g in (0.1, 0.2))
+    np.testing.assert_allclose(jax.grad(masked)(0.02), alone, rtol=1e-9)
+
+
+def test_an_equilibrium_that_was_not_found_has_no_derivative(contact):
+    hasty = js.PreconditionedConjugateGradient(tolerance=1e-13, max_steps=2)
+
+    def pressure(value, throw):
+        return js.equilibrate(contact, js.MeanGap(value), hasty, throw=throw).mean_pressure
+
+    assert jnp.isnan(jax.grad(pressure)(0.1, throw=False))
+    with pytest.raises(js.SolverError, match="max_steps_reached"):
+        jax.grad(pressure)(0.1, throw=True)
+    # Also where compiled code never computes the value.
+    with pytest.raises(Exception, match="there is no converged equilibrium"):
+        jax.jit(jax.grad(lambda value: pressure(value, throw=True)))(0.1)
+
+
+def test_a_point_on_the_verge_of_contact_is_told(contact):
+    def touching(value):
+        return js.equilibrate(contact, js.MeanGap(value), TIGHT).in_contact
+
+    low, high = 0.1, 0.12
+    assert (touching(low) != touching(high)).any()
+    while high - low > 1e-15:
+        middle = (low + high) / 2
+        same = (touching(middle) == touching(low)).all()
+        low, high = (middle, high) if same else (low, middle)
+
+    def field(value, name="mean_pressure", throw=True):
+        return getattr(js.equilibrate(contact, js.MeanGap(value), TIGHT, throw=throw), name)
+
+    with pytest.raises(Exception, match="on the verge of contact"):
+        jax.grad(field)(low)
+    assert jnp.isnan(jax.grad(lambda value: field(value, throw=False))(low))
+    # The energy does have a derivative there.
+    rate = jax.grad(lambda value: field(value, "energy"))(low)
+    np.testing.assert_allclose(rate, -field(low), rtol=1e-8)
+
+
+def test_at_a_fold_there_is_no_derivative_and_beside_it_there_is(hertz):
+    fold = js.critical_load(hertz, js.MeanDisplacement(jnp.array([1.31, 1.29])))
+    tight = js.PreconditionedConjugateGradient(tolerance=1e-11)
+
+    def pressure(value, start, solver=tight, throw=True):
+        load = js.MeanDisplacement(value)
+        return js.equilibrate(hertz, load, solver, initial=start, throw=throw).mean_pressure
+
+    def pressure_at_fold(value, throw=True):
+        # A solver that stays where it is put.
+        return pressure(value, gap, js.SaddleNewton(), throw)
+
+    load, gap = fold.load.value, fold.equilibrium.gap
+    with pytest.raises(Exception, match="at a fold"):
+        jax.grad(pressure_at_fold)(load)
+    assert jnp.isnan(jax.grad(lambda value: pressure_at_fold(value, throw=False))(load))
+    near = load + 1e-4
+    start = js.equilibrate(hertz, js.MeanDisplacement(near), tight).gap
+    differences = (pressure(near + 1e-8, start) - pressure(near - 1e-8, start)) / 2e-8
+    np.testing.assert_allclose(jax.grad(pressure)(near, start), differences, rtol=1e-5)
+
+
+def test_a_saddle_has_derivatives_like_any_other_equilibrium(hertz):
+    newton = js.SaddleNewton(tolerance=1e-12)
+    fold = js.critical_load(hertz, js.MeanDisplacement(jnp.array([1.31, 1.29])))
+    stable = js.equilibrate(hertz, js.MeanDisplacement(1.302))
+    start = hertz.gap(2 * fold.equilibrium.displacement - stable.displacement)
+    saddle = js.equilibrate(hertz, js.MeanDisplacement(1.302), newton, initial=start).gap
+
+    def pressure(value):
+        load = js.MeanDisplacement(value)
+        return js.equilibrate(hertz, load, newton, initial=saddle).mean_pressure
+
+    differences = (pressure(1.302 + 1e-6) - pressure(1.302 - 1e-6)) / 2e-6
+    np.testing.assert_allclose(jax.grad(pressure)(1.302), differences, rtol=1e-5)
+
+
+def test_memory_does_not_grow_with_the_steps_of_the_solver(contact):
+    def gradient(x, max_steps):
+        solver = js.PreconditionedConjugateGradient(max_steps=max_steps)
+        load = js.MeanGap(x[3])
+        other = with_parameters(contact, *x[:3])
+        return js.equilibrate(other, load, solver, throw=False).mean_pressure
+
+    # The limit is a traced number, so that no program can hold as many steps.
+    program = jax.jit(jax.grad(gradient)).lower(X, 10**6).compile()
+    solve_alone = jax.jit(gradient).lower(X, 10**6).compile()
+    needed, alone = (p.memory_analysis().temp_size_in_bytes for p in (program, solve_alone))
+    assert needed < 3 * alone
+
+
+class Bonds(eqx.Module):
+    """A law of the user's own, of two lengths, with a parameter of each kind."""
+
+    strengths: jax.Array
+    length: jax.Array
+
+    def __call__(self, gap):
+        short, long = self.strengths
+        return -short * jnp.exp(-gap / self.length) - long / (1 + (gap / self.length) ** 2)
+
+
+def test_a_law_of_ones_own_has_derivatives_by_its_leaves(contact):
+    law = Bonds(jnp.array([0.01, 0.005]), jnp.array(0.1))
+
+    def pressure(law):
+        other = js.Contact(contact.solid, contact.heights, law)
+        return js.equilibrate(other, js.MeanGap(0.1), TIGHT).mean_pressure
+
+    gradient = jax.grad(pressure)(law)
+    for leaf, at in (("strengths", 0), ("strengths", 1), ("length", ())):
+
+        def moved(step, leaf=leaf, at=at):
+            value = getattr(law, leaf)
+            return pressure(eqx.tree_at(lambda l: getattr(l, leaf), law, value.at[at].add(step)))
+
+        differences = (moved(1e-8) - moved(-1e-8)) / 2e-8
+        np.testing.assert_allclose(getattr(gradient, leaf)[at], differences, rtol=1e-5)
+
+
+def test_single_precision_has_derivatives(contact):
+    single = js.Contact(contact.solid, contact.heights.astype(jnp.float32), contact.potential)
+
+    def pressure(value, contact):
+        return js.equilibrate(contact, js.MeanGap(value)).mean_pressure
+
+    rate = jax.grad(pressure)(jnp.float32(0.1), single)
+    assert rate.dtype == jnp.float32
+    np.testing.assert_allclose(rate, jax.grad(pressure)(0.1, contact), rtol=1e-3)
+
+
+@pytest.mark.parametrize("load", [js.MeanGap(0.1), js.MeanPressure(0.05)])
+def test_eigenvalues_modes_and_barrier_agree_with_finite_differences(contact, load):
+    solver = js.ProjectedLOBPCG(tolerance=1e-11)
+
+    @jax.jit
+    def judge(x):
+        held = eqx.tree_at(lambda load: load.value, load, x[3])
+        other = with_parameters(contact, *x[:3])
+        equilibrium = js.equilibrate(other, held, TIGHT, throw=False)
+        found = js.assess_stability(other, equilibrium, solver, throw=False)
+        values = {name: pair.eigenvalue for name, pair in found.pairs.items()}
+        values["mode"] = jnp.sum(jnp.sin(jnp.arange(256.0)).reshape(16, 16) * found.cone.mode)
+        values["complementarity"] = found.complementarity
+        if load is not None:
+            values["height"] = found.barrier.height
+        return values, found
+
+    x = jnp.array([0.06, 0.1, 1.0, load.value])
+    values, found = judge(x)
+    assert found.result == js.RESULTS.successful
+    forward = jax.jit(jax.jacfwd(lambda x: judge(x)[0]))(x)
+    reverse = jax.jit(jax.jacrev(lambda x: judge(x)[0]))(x)
+    for i, h in enumerate(1e-4 * x):
+        above, below = judge(x.at[i].add(h))[0], judge(x.at[i].add(-h))[0]
+        for name, value in values.items():
+            if jnp.isnan(value):
+                assert found.verdict != js.VERDICTS.held_by_contact
+                continue
+            differences = (above[name] - below[name]) / (2 * h)
+            rtol = 1e-3 if name == "mode" else 1e-5
+            size = abs(value) / x[i]
+            assert abs(forward[name][i] - differences) < rtol * max(abs(differences), size), name
+            assert abs(forward[name][i] - reverse[name][i]) < 1e-8 * size, name
+
+
+def test_a_multiple_eigenvalue_is_told():
+    grid = js.Grid(16)
+    law = js.potentials.Exponential(1e-3, 1.0)
+    flat = js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(grid.shape), law)
+
+    def lowest(modulus, throw):
+        other = js.Contact(js.HalfSpace(grid, modulus), flat.heights, flat.potential)
+        equilibrium = js.equilibrate(other, js.MeanGap(1.0))
+        return js.assess_stability(other, equilibrium, throw=throw).lower_bound.eigenvalue
+
+    with pytest.raises(Exception, match="eigenvalue is multiple"):
+        jax.grad(lambda modulus: lowest(modulus, throw=True))(1.0)
+    assert jnp.isnan(jax.grad(lambda modulus: lowest(modulus, throw=False))(1.0))
+
+
+def test_modes_of_a_block_refuse_to_be_differentiated(contact):
+    equilibrium = js.equilibrate(contact, js.MeanGap(0.1))
+
+    def eigenvalue(energy):
+        other = with_parameters(contact, energy, 0.1, 1.0)
+        return js.lowest_modes(other, equilibrium, 2, throw=False).eigenvalue[1]
+
+    with pytest.raises(NotImplementedError, match="cannot be differentiated"):
+        jax.jvp(eigenvalue, (0.02,), (1.0,))
