@@ -1,0 +1,125 @@
+"""Fits to curves with known noise: the truth is recovered, with errors that cover it."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+from conftest import rough_contact
+
+import jaxstab as js
+
+LOAD = js.MeanGap(jnp.linspace(0.05, 0.5, 30))
+GAMMA, RHO = 0.02, 0.1
+
+
+def potential(contact):
+    return contact.potential
+
+
+@pytest.fixture(scope="module")
+def start():
+    return rough_contact(16, js.potentials.Exponential(0.04, 0.07))
+
+
+@pytest.fixture(scope="module")
+def exact(start):
+    truth = eqx.tree_at(potential, start, js.potentials.Exponential(GAMMA, RHO))
+    return js.sweep(truth, LOAD).equilibrium.mean_pressure
+
+
+def test_a_noisy_curve_gives_the_parameters_and_errors_that_cover_them(start, exact):
+    noise = jnp.asarray(np.random.default_rng(0).normal(size=(50, 30)))
+    curves = exact * (1 + 0.01 * noise)
+
+    def fit(measured):
+        return js.calibrate(
+            start, LOAD, measured, weights=1 / exact**2, where=potential, throw=False
+        )
+
+    fits = jax.vmap(fit)(curves)
+    assert (fits.result == js.RESULTS.successful).all()
+    found, errors = fits.parameters, fits.standard_errors
+    for name, truth in (("surface_energy", GAMMA), ("length", RHO)):
+        values, sigmas = np.asarray(getattr(found, name)), np.asarray(getattr(errors, name))
+        assert (abs(values - truth) < 0.02 * truth).all()
+        # Student's t with 28 degrees of freedom.
+        assert np.mean(abs(values - truth) < 2.05 * sigmas) >= 0.9
+        # They are no larger than need be either: one sigma covers two thirds.
+        assert np.mean(abs(values - truth) < sigmas) < 0.85
+    single = js.calibrate(start, LOAD, curves[7], weights=1 / exact**2, where=potential)
+    np.testing.assert_allclose(single.parameters.length, found.length[7], rtol=1e-6)
+
+
+@pytest.mark.parametrize("order", ["independent", "continuation"])
+def test_an_exact_curve_gives_potential_and_modulus_exactly(start, exact, order):
+    fit = js.calibrate(start, LOAD, exact, order=order)
+    law, modulus = fit.parameters
+    found = [law.surface_energy, law.length, modulus]
+    np.testing.assert_allclose(found, [GAMMA, RHO, 1.0], rtol=1e-5)
+    np.testing.assert_allclose(fit.mean_pressure, exact, atol=1e-6 * abs(exact).max())
+    assert fit.residual <= 1e-6
+    assert fit.contact.solid.youngs_modulus == modulus
+
+
+class Offset(eqx.Module):
+    """An exponential law with a constant pressure, which may have any sign."""
+
+    strengths: jax.Array
+    push: jax.Array
+
+    def __call__(self, gap):
+        return -self.strengths[0] * jnp.exp(-gap / self.strengths[1]) - self.push * gap
+
+
+def test_a_law_of_ones_own_is_fitted_by_any_optimiser_with_a_bar(start, exact, capsys):
+    law = Offset(jnp.array([0.03, 0.08]), jnp.array(0.0))
+    guess = eqx.tree_at(potential, start, law)
+    fit = js.calibrate(
+        guess,
+        LOAD,
+        exact + 0.004,
+        where=potential,
+        optimizer=optax.adam(0.05),
+        tolerance=1e-3,
+        max_steps=1000,
+        progress=True,
+    )
+    np.testing.assert_allclose(fit.parameters.strengths, [GAMMA, RHO], rtol=3e-3)
+    np.testing.assert_allclose(fit.parameters.push, 0.004, rtol=0.02)
+    assert f"{int(fit.num_steps)}/1000" in capsys.readouterr().err
+
+
+def test_failure_is_told(start, exact):
+    with pytest.raises(js.SolverError, match=r"The fit did not converge in 1 steps.*max_steps"):
+        js.calibrate(start, LOAD, exact, where=potential, max_steps=1)
+    unreachable = js.MeanGap(LOAD.value.at[3].set(-1.0))
+    fit = js.calibrate(start, unreachable, exact, where=potential, throw=False)
+    assert fit.result == js.RESULTS.nonfinite
+    # What the curve does not determine has no small error.
+    none = eqx.tree_at(lambda c: c.potential.surface_energy, start, jnp.array(1e-30))
+    flat = js.calibrate(none, LOAD, exact, where=potential, throw=False, max_steps=1)
+    assert flat.standard_errors.length > flat.parameters.length
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mean_pressure": jnp.ones(3)}, "as many of one as of the other"),
+        ({"mean_pressure": jnp.full(30, jnp.nan)}, "NaN or infinite"),
+        ({"weights": -jnp.ones(30)}, "not negative"),
+        ({"weights": jnp.ones(3)}, "The weights have shape"),
+        ({"order": "random"}, "choose"),
+        ({"load": js.MeanGap(jnp.ones(2)), "mean_pressure": jnp.ones(2)}, "2 parameters for 2"),
+    ],
+)
+def test_impossible_input_is_refused(start, exact, change, message):
+    arguments = {"load": LOAD, "mean_pressure": exact, "where": potential} | change
+    with pytest.raises(ValueError, match=message):
+        js.calibrate(start, **arguments)
+
+
+def test_a_load_that_prescribes_the_pressure_is_refused(start, exact):
+    with pytest.raises(TypeError, match="MeanPressure"):
+        js.calibrate(start, js.MeanPressure(exact), exact)
