@@ -23,7 +23,7 @@ from jaxstab.contact import Contact
 from jaxstab.derivatives import FieldMap, LinearSystem, Obstacle, unless
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, initial_gap
-from jaxstab.equilibrium.implicit import fields_of, third_derivative
+from jaxstab.equilibrium.implicit import fields_of, third_derivative, verge_of_contact
 from jaxstab.grid import total
 from jaxstab.hessian import Block
 from jaxstab.iterate import Indicators, Iteration, IterativeSolver
@@ -138,8 +138,17 @@ def find_fold(
     )
 
 
+class _Point(eqx.Module):
+    """A state of a branch, with the lowest modes on its free points."""
+
+    load: Load
+    gap: Field
+    modes: Block
+    pair: Eigenpair
+
+
 class _Search(eqx.Module):
-    point: "_Point"
+    point: _Point
     newton: Iteration
     num_steps: Int[Array, ""]
     result: RESULTS
@@ -164,15 +173,6 @@ def _search(contact: Contact, loads: Load, start: Field | None) -> _Search:
         equilibrium.num_steps + approach.num_steps + newton.num_steps,
         RESULTS.where(is_found, result, equilibrium.result),
     )
-
-
-class _Point(eqx.Module):
-    """A state of a branch, with the lowest modes on its free points."""
-
-    load: Load
-    gap: Field
-    modes: Block
-    pair: Eigenpair
 
 
 def _point_at(contact: Contact, load: Load, gap: Field, modes: Block) -> _Point:
@@ -395,8 +395,12 @@ def _differentiate(
         tuple(change),
         lambda b: stiffened.differentiable_solution(b, lambda *_: [], throw),
     )
-    not_found = [Obstacle(~is_found, _NOT_FOUND)]
-    change, move = (unless(not_found, tangent, throw) for tangent in (change, shift + move))
+    _, net = fields_of(contact, load, gap)
+    obstacles = [
+        Obstacle(~is_found, _NOT_FOUND),
+        verge_of_contact(net, gap, contact.hessian(gap)),
+    ]
+    change, move = (unless(obstacles, tangent, throw) for tangent in (change, shift + move))
     return fold, (jax.tree.map(lambda _: change, load), move)
 
 

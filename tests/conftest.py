@@ -1,5 +1,10 @@
 """Problems that several tests share."""
 
+import os
+
+# Most of the time goes into compiling, and most of that into making small programs faster.
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp

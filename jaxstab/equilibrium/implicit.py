@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact
-from jaxstab.derivatives import LinearSystem, Obstacle, unless
+from jaxstab.derivatives import FieldMap, LinearSystem, Obstacle, unless
 from jaxstab.elasticity import apply_multiplier
 from jaxstab.grid import total
 from jaxstab.hessian import Hessian
@@ -17,10 +17,11 @@ from jaxstab.potentials import slope
 Field = Float[Array, " *grid"]
 Fields = dict[str, Array]
 
-# The fields of an `Equilibrium` that are.
+# The fields of an `Equilibrium` that can be differentiated.
 DIFFERENTIABLE = ("displacement", "gap", "pressure", "reaction", "mean_pressure", "energy")
 
-
+# What the residual may do to the smallest eigenvalue, over it.
+_MAX_ERROR = 1e-2
 _NOT_FOUND = "there is no converged equilibrium (look at its result)"
 _VERGE = (
     "a point is on the verge of contact, which it enters or leaves, to within the residual of the "
@@ -70,14 +71,14 @@ def _differentiate(throw: bool, primals: tuple, tangents: tuple) -> tuple[Fields
     control = load.control(contact.heights)
     hessian = contact.hessian(gap)
     net = fields["pressure"] + slope(contact.potential, gap)
-    missed = jnp.where(is_free, net, jnp.minimum(net, 0))
+    missed = _imbalance(net, gap)
     sharpness = jnp.max(jnp.abs(jnp.where(is_free, third_derivative(contact, gap), 0)))
 
     not_found = Obstacle(~is_found, _NOT_FOUND)
-    verge = Obstacle(_is_on_verge(net, gap, missed, hessian), _VERGE)
+    verge = verge_of_contact(net, gap, hessian)
 
     def obstacles(moved: Field, right_side: Field) -> list[Obstacle]:
-        # Newton and Kantorovich: what the residual may do to the smallest eigenvalue, over it.
+        # After Newton and Kantorovich, with the eigenvalue that the solution shows.
         eigenvalue = total(moved * right_side) / total(moved**2)
         error = sharpness * jnp.sqrt(total(missed**2)) / eigenvalue**2
         return [Obstacle(~(error < _MAX_ERROR), _FOLD)]
@@ -99,23 +100,26 @@ def _differentiate(throw: bool, primals: tuple, tangents: tuple) -> tuple[Fields
     return fields, changes
 
 
-_MAX_ERROR = 1e-2
-
-
 def third_derivative(contact: Contact, gap: Field) -> Field:
     """Return f'''(g) at every point [pressure/length^2]."""
     return jax.jvp(contact.curvature, (gap,), (jnp.ones_like(gap),))[1]
 
 
-def _is_on_verge(net: Field, gap: Field, missed: Field, hessian: Hessian) -> Bool[Array, ""]:
+def verge_of_contact(net: Field, gap: Field, hessian: Hessian) -> Obstacle:
+    """Return the obstacle of a point of hardly any reaction, or hardly any gap."""
     eps = jnp.finfo(gap.dtype).eps
-    noise = 10 * jnp.sqrt(total(missed**2) / gap.size)
-    noise += 1e3 * eps * jnp.sqrt(total(net**2) / gap.size)
+    squares = 1e2 * _imbalance(net, gap) ** 2 + (1e3 * eps * net) ** 2
+    noise = jnp.sqrt(total(squares) / gap.size)
     stiffness = jnp.max(hessian.multiplier)
-    return jnp.any(jnp.where(gap > 0, gap * stiffness, net) <= noise)
+    is_on_verge = jnp.any(jnp.where(gap > 0, gap * stiffness, net) <= noise)
+    return Obstacle(is_on_verge, _VERGE)
 
 
-def _preconditioner(hessian: Hessian):
+def _imbalance(net: Field, gap: Field) -> Field:
+    return jnp.where(gap > 0, net, jnp.minimum(net, 0))
+
+
+def _preconditioner(hessian: Hessian) -> FieldMap:
     multiplier = hessian.multiplier
     softest = jnp.min(jnp.where(multiplier > 0, multiplier, jnp.inf))
     shift = softest + total(jnp.maximum(hessian.curvature, 0)) / hessian.curvature.size
