@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 import optax
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Float, Int
 
-from jaxstab.checks import parameter, require, require_finite
+from jaxstab.checks import is_traced, parameter, require, require_finite
 from jaxstab.contact import Contact
 from jaxstab.elasticity import HalfSpace
 from jaxstab.equilibrium import PreconditionedConjugateGradient
@@ -20,6 +20,7 @@ from jaxstab.equilibrium.equilibrate import find_equilibrium
 from jaxstab.iterate import History, Indicators, Iteration, IterativeSolver, refuse_derivatives
 from jaxstab.loads import Load, MeanPressure, require_load
 from jaxstab.progress import advance, progress_bar
+from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 
 Order = Literal["independent", "continuation"]
@@ -76,7 +77,7 @@ def calibrate(
     where: Where = potential_and_modulus,
     optimizer: optax.GradientTransformation | None = None,
     order: Order = "independent",
-    tolerance: ArrayLike = 1e-6,
+    tolerance: ArrayLike | None = None,
     max_steps: int = 200,
     progress: bool = False,
     throw: bool = True,
@@ -84,11 +85,13 @@ def calibrate(
     """Return the contact whose mean pressures are nearest to measured ones.
 
     It minimises sum_i w_i (p0_i - m_i)^2. A parameter that starts positive is fitted by its
-    logarithm and stays so; others by themselves.
+    logarithm and stays so; others by themselves. Only floating-point arrays are parameters: not
+    integers, nor Python numbers written into a function.
 
     Arguments:
         contact: the contact with the parameters to start from.
-        load: a mean displacement or gap with one value for each measurement.
+        load: a mean displacement or gap with one value for each measurement; one without an
+            equilibrium fails the fit, unless its weight is zero.
         mean_pressure: m, the measured mean pressures, positive in compression [pressure].
         weights: w, one over the variance of each measurement up to a common factor; all equal by
             default.
@@ -98,7 +101,8 @@ def calibrate(
         order: as in `sweep`: whether all loads start alike, or each from the one before, as along
             a measured branch.
         tolerance: the relative change of every parameter, that a step of Gauss and Newton's method
-            would make, to reach.
+            would make, to reach; 1e-6 by default. Of a parameter that does not start positive,
+            the change over that which would change the curve by its own size.
         max_steps: the step limit.
         progress: show a progress bar.
         throw: raise where the fit does not converge; otherwise look at `result`.
@@ -110,7 +114,7 @@ def calibrate(
     Raises:
         ValueError: for measurements that do not match the loads or are not finite, not more of
             them than parameters, weights that are negative, or an order that does not exist.
-        TypeError: for a load that prescribes the pressure.
+        TypeError: for a load that prescribes the pressure, or a contact in single precision.
         SolverError: if `throw` and the fit did not converge.
     """
     require_load(load)
@@ -118,6 +122,11 @@ def calibrate(
         raise TypeError("The load is a MeanPressure: fit a curve over a mean displacement or gap.")
     if order not in ("independent", "continuation"):
         raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
+    if contact.heights.dtype != jnp.float64:
+        raise TypeError(
+            f"The heights are {contact.heights.dtype}: a fit needs float64, since near contact "
+            "edges single precision leaves too many loads without a derivative."
+        )
     measured = parameter(mean_pressure)
     if load.value.ndim != 1 or measured.shape != load.value.shape:
         raise ValueError(
@@ -129,13 +138,19 @@ def calibrate(
     if w.shape != measured.shape:
         raise ValueError(f"The weights have shape {w.shape}, the pressures {measured.shape}.")
     require("A weight", w, (w >= 0) & jnp.isfinite(w), "all must be finite and not negative.")
-    count = ravel_pytree(where(contact))[0].size
-    if not 0 < count < measured.size:
+    count = _values(where(contact))[0].size
+    weighed = measured.size if is_traced(w) else int(jnp.sum(w > 0))
+    if not 0 < count < weighed:
         raise ValueError(
-            f"There are {count} parameters for {measured.size} measurements: take more of these, "
-            "or pick other parameters with `where`."
+            f"There are {count} parameters for {weighed} measurements of any weight: take more of "
+            "these, or pick other parameters with `where`."
         )
-    solver = _LeastSquares(parameter(tolerance), max_steps, optimizer or _LBFGS, order)
+    cure = "one with a weight must differ from zero."
+    require("The measured pressure", measured, jnp.any(w * measured != 0), cure)
+    warn_if_coarse(contact)
+    solver = _LeastSquares(
+        None if tolerance is None else parameter(tolerance), max_steps, optimizer or _LBFGS, order
+    )
     curve = _Measured(load, measured, w)
     with progress_bar(max_steps, "step") if progress else nullcontext():
         fit = _fit(contact, curve, solver, where, progress)
@@ -149,17 +164,26 @@ class _Measured(eqx.Module):
     mean_pressure: Curve
     weights: Curve
 
+    @property
+    def roots(self) -> Curve:
+        """Roots of the weights, such that the measurements have a norm of 1."""
+        roots = jnp.sqrt(self.weights)
+        return roots / jnp.linalg.norm(roots * self.mean_pressure)
+
 
 class _Scale(eqx.Module):
-    """The map between parameters and the numbers that are optimised: logarithms, or the same."""
+    """The map to parameters from what is optimised, zero at the start: logarithms, or multiples."""
 
-    is_positive: Bool[Array, " parameters"]
-
-    def to_free(self, values: Values) -> Values:
-        return jnp.where(self.is_positive, jnp.log(jnp.where(self.is_positive, values, 1)), values)
+    start: Values
+    unit: Values
 
     def to_values(self, free: Values) -> Values:
-        return jnp.where(self.is_positive, jnp.exp(jnp.where(self.is_positive, free, 0)), free)
+        is_positive = self.start > 0
+        grown = self.start * jnp.exp(jnp.where(is_positive, free, 0))
+        return jnp.where(is_positive, grown, self.start + self.unit * free)
+
+    def slopes(self, free: Values) -> Values:
+        return jnp.where(self.start > 0, self.to_values(free), self.unit)
 
 
 class _State(eqx.Module):
@@ -189,14 +213,16 @@ class _LeastSquares(IterativeSolver):
         advance: Callable[[Array], None],
     ) -> Iteration[_State]:
         """Minimise the misfit between a curve, given with its Jacobian, and measurements."""
-        root = jnp.sqrt(measured.weights)
-        root = root / jnp.linalg.norm(root * measured.mean_pressure)
+        root = measured.roots
+        # What has no weight need not even be finite.
+        has_weight = root > 0
         optimizer = optax.with_extra_args_support(self.optimizer)
 
         def at(free: Any, optimizer_state: Any = None) -> _State:
             pressure, jacobian = curve(free)
-            misfit = root * (pressure - measured.mean_pressure)
-            return _State(free, optimizer_state, pressure, misfit, root[:, None] * jacobian)
+            misfit = jnp.where(has_weight, root * (pressure - measured.mean_pressure), 0)
+            rows = jnp.where(has_weight[:, None], root[:, None] * jacobian, 0)
+            return _State(free, optimizer_state, pressure, misfit, rows)
 
         @jax.custom_jvp
         def loss(free: Values) -> Float[Array, ""]:
@@ -223,10 +249,9 @@ class _LeastSquares(IterativeSolver):
             return at(optax.apply_updates(state.free, updates), optimizer_state)
 
         def measure(state: _State) -> Indicators:
-            change = -jnp.linalg.lstsq(state.jacobian, state.misfit)[0]
-            errors = jnp.sqrt(jnp.diag(covariance(state)))
-            # Of a parameter that is not determined, no more than its error is asked.
-            return {"residual": jnp.max(jnp.abs(change) / jnp.maximum(1, errors))}
+            # Of combinations that are not determined, nothing is asked.
+            change = jnp.linalg.lstsq(state.jacobian, state.misfit)[0]
+            return {"residual": jnp.max(jnp.abs(change))}
 
         return self.iterate(step, measure, at(free, optimizer.init(free)))
 
@@ -245,42 +270,49 @@ def _fit(
     contact: Contact, measured: _Measured, solver: _LeastSquares, where: Where, progress: bool
 ) -> Calibration:
     contact, measured = refuse_derivatives((contact, measured))
-    values, unravel = ravel_pytree(where(contact))
-    scale = _Scale(values > 0)
+    values, unravel = _values(where(contact))
 
-    def contact_at(free: Values) -> Contact:
-        return eqx.tree_at(where, contact, unravel(scale.to_values(free)))
+    def contact_at(values: Values) -> Contact:
+        return eqx.tree_at(where, contact, unravel(values))
 
-    def pressure(free: Values, load: Load, start: Array | None) -> tuple[Array, Array]:
+    def pressure(values: Values, load: Load, start: Array | None) -> tuple[Array, Array]:
         method = PreconditionedConjugateGradient()
-        found = find_equilibrium(contact_at(free), load, method, start)
+        found = find_equilibrium(contact_at(values), load, method, start)
         is_found = found.result == RESULTS.successful
         return jnp.where(is_found, found.mean_pressure, jnp.nan), found.gap
 
     one_load = jax.value_and_grad(pressure, has_aux=True)
 
-    def together(free: Values) -> tuple[Curve, Array]:
-        (pressures, _), jacobian = jax.vmap(lambda load: one_load(free, load, None))(measured.load)
+    def together(values: Values) -> tuple[Curve, Array]:
+        lanes = jax.vmap(lambda load: one_load(values, load, None))
+        (pressures, _), jacobian = lanes(measured.load)
         return pressures, jacobian
 
-    def in_turn(free: Values) -> tuple[Curve, Array]:
+    def in_turn(values: Values) -> tuple[Curve, Array]:
         def follow(start: Array, load: Load) -> tuple[Array, tuple[Array, Array]]:
-            (value, gap), row = one_load(free, load, start)
+            (value, gap), row = one_load(values, load, start)
             return jnp.where(jnp.isnan(value), start, gap), (value, row)
 
         first = jax.tree.map(lambda leaf: leaf[0], measured.load)
         start = first.control(contact.heights).starting_gap(contact.heights)
         return jax.lax.scan(follow, start, measured.load)[1]
 
-    curve = together if solver.order == "independent" else in_turn
+    by_values = together if solver.order == "independent" else in_turn
+    sizes = jnp.linalg.norm(measured.roots[:, None] * by_values(values)[1], axis=0)
+    scale = _Scale(values, 1 / jnp.where(sizes > 0, sizes, 1))
+
+    def curve(free: Values) -> tuple[Curve, Array]:
+        pressures, jacobian = by_values(scale.to_values(free))
+        return pressures, jacobian * scale.slopes(free)
+
     report = advance if progress else lambda after: None
-    iteration = solver.solve(curve, measured, scale.to_free(values), report)
+    iteration = solver.solve(curve, measured, jnp.zeros_like(values), report)
     state = iteration.state
     found = scale.to_values(state.free)
-    slopes = jnp.where(scale.is_positive, found, 1)
+    slopes = scale.slopes(state.free)
     spread = slopes[:, None] * covariance(state) * slopes
     return Calibration(
-        contact=contact_at(state.free),
+        contact=contact_at(found),
         parameters=unravel(found),
         standard_errors=unravel(jnp.sqrt(jnp.diag(spread))),
         covariance=spread,
@@ -293,8 +325,22 @@ def _fit(
     )
 
 
+def _values(tree: Any) -> tuple[Values, Callable[[Values], Any]]:
+    """Return the floating-point leaves of a pytree as a vector, and the way back."""
+    leaves, rest = eqx.partition(tree, eqx.is_inexact_array)
+    values, unravel = ravel_pytree(leaves)
+    return values, lambda values: eqx.combine(unravel(values), rest)
+
+
 def _describe(fit: Calibration) -> str:
-    values = ", ".join(f"{value:.6g}" for value in ravel_pytree(fit.parameters)[0])
+    values = ", ".join(f"{value:.6g}" for value in _values(fit.parameters)[0])
+    missing = jnp.isnan(fit.mean_pressure)
+    if missing.any():
+        return (
+            f"The fit stopped at parameters {values}: {int(missing.sum())} of {missing.size} loads "
+            f"have no equilibrium or no derivative there, the first of them number "
+            f"{int(jnp.argmax(missing))} (give them no weight, or start elsewhere)"
+        )
     return (
         f"The fit did not converge in {int(fit.num_steps)} steps: at parameters {values} they "
         f"would still change by a part of {float(fit.residual):.3g}"

@@ -12,7 +12,7 @@ with A + s x x^T in place of A, x being the mode: at a simple fold that is not s
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -38,6 +38,7 @@ from jaxstab.stability.modes import BLOCK_SIZE, noise
 
 Field = Float[Array, " *grid"]
 Scalar = Float[Array, ""]
+Tree = TypeVar("Tree")
 
 # The part that a step goes of the way to where the fold is foreseen.
 _SHARE = 0.75
@@ -45,11 +46,16 @@ _SHARE = 0.75
 _SURPRISE = 2
 # The residual of a mode: derivatives of the eigenvalue are as good as it is.
 _MODE_TOLERANCE = {"float64": 1e-9, "float32": 1e-5}
+_LEAST_COSINE = {"float64": 1e-6, "float32": 1e-3}
+_BIFURCATION = (
+    "the branch does not turn back here but branches off, into states without its symmetry. "
+    "Differentiate another quantity, or break the symmetry of the surface"
+)
 _NOT_FOUND = "no fold was found (look at its result)"
 
 
 class CriticalLoad(eqx.Module):
-    """A fold, where a branch of equilibria ends.
+    """A fold, where a branch of equilibria ends; by symmetry it can branch off there instead.
 
     Attributes:
         equilibrium: the equilibrium there, with its load.
@@ -86,7 +92,8 @@ def critical_load(
 
     Returns:
         The fold. Its load, equilibrium and mode can be differentiated with respect to the contact:
-        dl = -(x.dr) / (x.dr/dl), r being the imbalance on the free points.
+        dl = -(x.dr) / (x.dr/dl), r being the imbalance on the free points. Where the branch does
+        not end but branches off, by symmetry, there is no derivative.
 
     Raises:
         ValueError: for other than two loads, or an initial gap that `equilibrate` refuses.
@@ -121,7 +128,13 @@ def find_fold(
     pair = replace(point.pair, result=found.result)
     load, gap = _differentiable(throw, point.load, point.gap, pair, contact)
     space = _space(contact, load, gap)
-    fields, _ = fields_of(contact, load, gap)
+    is_found = found.result == RESULTS.successful
+    fields, _ = fields_of(contact, *_where_found(is_found, (load, gap)))
+    not_found = [Obstacle(~is_found, _NOT_FOUND)]
+    fields = {
+        name: unless(not_found, jnp.where(is_found, field, jnp.nan), throw)
+        for name, field in fields.items()
+    }
     return CriticalLoad(
         equilibrium=Equilibrium(
             load=load,
@@ -375,9 +388,9 @@ def _differentiate(
     throw: bool, primals: tuple, tangents: tuple
 ) -> tuple[tuple[Load, Field], tuple[Load, Field]]:
     _, _, pair, contact = primals
-    fold = load, gap = _differentiable(throw, *primals)
+    fold = _differentiable(throw, *primals)
     is_found = pair.result == RESULTS.successful
-    gap = jnp.where(is_found, gap, 1)
+    pair, (load, gap) = _where_found(is_found, pair), _where_found(is_found, fold)
     pair = differentiable_pair(pair, _space(contact, load, gap), contact, gap, throw)
     linear = _linearised(contact, load, gap, pair)
 
@@ -388,20 +401,41 @@ def _differentiate(
 
     _, (shift, *change) = jax.jvp(conditions, (contact,), tangents[-1:])
     stiffened = linear.system(_stiffening(contact), pair.mode)
+    _, net = fields_of(contact, load, gap)
+    obstacles = [
+        Obstacle(~is_found, _NOT_FOUND),
+        Obstacle(_is_bifurcation(linear, pair.mode), _BIFURCATION),
+        verge_of_contact(net, gap, contact.hessian(gap)),
+    ]
     change, move = _newton_step(
         contact,
         linear,
         pair,
         tuple(change),
-        lambda b: stiffened.differentiable_solution(b, lambda *_: [], throw),
+        lambda b: stiffened.differentiable_solution(b, obstacles, throw),
     )
-    _, net = fields_of(contact, load, gap)
-    obstacles = [
-        Obstacle(~is_found, _NOT_FOUND),
-        verge_of_contact(net, gap, contact.hessian(gap)),
-    ]
     change, move = (unless(obstacles, tangent, throw) for tangent in (change, shift + move))
     return fold, (jax.tree.map(lambda _: change, load), move)
+
+
+def _where_found(is_found: Bool[Array, ""], tree: Tree) -> Tree:
+    """Return finite stand-ins where nothing was found, so that a failed lane does no harm."""
+
+    def choose(leaf: Array) -> Array:
+        is_float = jnp.issubdtype(leaf.dtype, jnp.floating)
+        return jnp.where(is_found, leaf, 1) if is_float else leaf
+
+    return jax.tree.map(choose, tree)
+
+
+def _is_bifurcation(linear: _Linear, mode: Field) -> Bool[Array, ""]:
+    """Whether the load does not act on the mode, or the eigenvalue does not change along it."""
+
+    def cosine(field: Field) -> Scalar:
+        return jnp.abs(total(mode * field)) / jnp.sqrt(total(field**2))
+
+    least = jnp.minimum(cosine(linear.imbalance_rate), cosine(linear.eigenvalue_slope))
+    return ~(least > _LEAST_COSINE[mode.dtype.name])
 
 
 def _describe(bracket: Load, found: CriticalLoad) -> str:

@@ -25,7 +25,7 @@ FieldMap = Callable[[Field], Field]
 _TOLERANCE = {"float64": 1e-12, "float32": 1e-6}
 _LIMIT = {"float64": 1e-7, "float32": 1e-2}
 _MAX_STEPS = 2000
-_UNSOLVED = "its linear system is singular to working precision, as at a fold"
+_UNSOLVED = "its linear system was not solved: it is singular, as at a fold, or too ill-conditioned"
 
 
 class Obstacle(NamedTuple):
@@ -51,15 +51,17 @@ class LinearSystem(eqx.Module):
     def differentiable_solution(
         self,
         right_side: Field,
-        obstacles: Callable[[Field, Field], list[Obstacle]],
+        obstacles: list[Obstacle],
         throw: bool,
+        judge: Callable[[Field, Field], list[Obstacle]] = lambda x, b: [],
     ) -> Field:
         """Return x, as a differentiable function of A and b in both modes.
 
         Arguments:
             right_side: b.
-            obstacles: maps x and b to the reasons why x may be no derivative.
+            obstacles: reasons why x is no derivative; with one of them it is not computed.
             throw: whether such a reason, or a failure, is an error or gives NaN.
+            judge: maps x and b to further reasons.
         """
 
         def apply(field: Field) -> Field:
@@ -68,8 +70,10 @@ class LinearSystem(eqx.Module):
             return self.project(self.operator(inside)) + field - inside
 
         def solve(_: FieldMap, b: Field) -> Field:
-            x, is_solved = self.solution(b)
-            everything = [*obstacles(x, b), Obstacle(~is_solved, _UNSOLVED)]
+            is_known = jnp.any(jnp.stack([False, *(o.exists for o in obstacles)]))
+            x, is_solved = self.solution(jnp.where(is_known, 0, b))
+            found = [Obstacle(o.exists & ~is_known, o.message) for o in judge(x, b)]
+            everything = [*obstacles, *found, Obstacle(~is_solved, _UNSOLVED)]
             return _refuse(everything, total(b**2), x, throw)
 
         right_side = self.project(right_side)
@@ -128,8 +132,9 @@ def unless(obstacles: list[Obstacle], tangent: Array, throw: bool) -> Array:
 
 def _refuse(obstacles: list[Obstacle], cause: Array, effect: Array, throw: bool) -> Array:
     exist = jnp.stack([obstacle.exists for obstacle in obstacles])
-    # What is NaN was refused before.
     is_refused = jnp.any(exist) & jnp.any(jnp.abs(cause) > 0)
+    # What is NaN was refused before, and stays so.
+    effect = jnp.where(jnp.any(jnp.isnan(cause)), jnp.nan, effect)
     if not throw:
         return jnp.where(is_refused, jnp.nan, effect)
     messages = [f"The derivative does not exist: {obstacle.message}." for obstacle in obstacles]

@@ -50,7 +50,8 @@ class RESULTS(eqx.Enumeration):
     )
     no_fold = (
         "no_fold: the critical eigenvalue was not seen to vanish between the two loads. It stays "
-        "positive, or it jumps where points enter or leave contact: look at a sweep between them"
+        "positive, or jumps where points enter or leave contact, or the search left the branch: "
+        "look at a sweep between them, and narrow the bracket"
     )
     not_computed = (
         "not_computed: another number had already proved the verdict. Assess without `verdict_only`"

@@ -11,11 +11,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
-from jaxstab.equilibrium.equilibrate import (
-    Solver,
-    find_equilibrium,
-    initial_gap,
-)
+from jaxstab.equilibrium.equilibrate import Solver, find_equilibrium, initial_gap
+from jaxstab.equilibrium.equilibrate import with_derivatives as equilibrium_with_derivatives
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load
 from jaxstab.progress import advance, progress_bar
@@ -23,6 +20,7 @@ from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, VERDICTS, throw_failure
 from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability
 from jaxstab.stability.assess import judge
+from jaxstab.stability.assess import with_derivatives as stability_with_derivatives
 
 
 class Sweep(eqx.Module):
@@ -116,8 +114,15 @@ def _solve_together(
             advance(stability.verdict == VERDICTS.stable)
         return Sweep(load, equilibrium, stability)
 
-    shared = contact, equilibrium_solver, stability_solver, initial, key
-    return jax.vmap(solve, in_axes=(0, None))(load, shared)
+    shared = jax.lax.stop_gradient((contact, equilibrium_solver, stability_solver, initial))
+    found = jax.vmap(solve, in_axes=(0, None))(jax.lax.stop_gradient(load), (*shared, key))
+
+    def attach(load: Load, found: Sweep) -> Sweep:
+        equilibrium = equilibrium_with_derivatives(contact, load, found.equilibrium)
+        stability = stability_with_derivatives(contact, equilibrium, found.stability)
+        return Sweep(load, equilibrium, stability)
+
+    return jax.vmap(attach)(load, found)
 
 
 @partial(jax.jit, static_argnames="progress")

@@ -128,6 +128,39 @@ def test_the_pull_off_of_a_surface_with_a_core_is_found():
     assert (held.mean_pressure[::2] > pull).all()
 
 
+def test_where_a_branch_branches_off_there_is_no_derivative():
+    grid = js.Grid((16,))
+    (x,) = grid.coordinates
+
+    def load(tilt, throw):
+        heights = 0.1 * (jnp.cos(4 * jnp.pi * x) - 1) + tilt * jnp.cos(2 * jnp.pi * x)
+        contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.8, 0.3))
+        bracket = js.MeanGap(jnp.array([1.5, 0.3]))
+        return js.critical_load(contact, bracket, throw=throw).load.value
+
+    with pytest.raises(Exception, match="does not turn back here but branches off"):
+        jax.grad(lambda tilt: load(tilt, throw=True))(0.0)
+    # A tilt makes a fold of it.
+    rate = jax.grad(lambda tilt: load(tilt, throw=False))(1e-3)
+    differences = (load(1.0001e-3, throw=False) - load(0.9999e-3, throw=False)) / 2e-7
+    np.testing.assert_allclose(rate, differences, rtol=1e-4)
+
+
+def test_a_failed_lane_leaves_a_masked_sum_alone(hertz):
+    brackets = jnp.array([[1.31, 1.29], [jnp.nan, 1.0], [1.4, 1.35]])
+
+    def masked(gamma):
+        def find(bracket):
+            return js.critical_load(
+                paraboloid(gamma, 1.0, 1.0, 2.0), js.MeanDisplacement(bracket), throw=False
+            )
+
+        found = jax.vmap(find)(brackets)
+        return jnp.sum(jnp.where(found.result == js.RESULTS.successful, found.load.value, 0))
+
+    np.testing.assert_allclose(jax.grad(masked)(10.0), 0.1, rtol=1e-8)
+
+
 def test_where_no_fold_is_the_user_is_told(hertz):
     bracket = js.MeanDisplacement(jnp.array([1.4, 1.35]))
     found = js.critical_load(hertz, bracket, throw=False)

@@ -176,7 +176,7 @@ def test_lanes_of_vmap_and_jacobians_equal_single_derivatives(contact):
 
 
 def test_a_failed_lane_is_nan_and_leaves_a_masked_sum_alone(contact):
-    gaps = jnp.array([0.1, -0.1, 0.2])
+    gaps = jnp.array([0.1, -0.1, jnp.nan, 0.2])
 
     def solve_at(energy, gap):
         return solve(contact, X.at[0].set(energy).at[3].set(gap), throw=False)
@@ -185,7 +185,7 @@ def test_a_failed_lane_is_nan_and_leaves_a_masked_sum_alone(contact):
         return solve_at(energy, gap).mean_pressure
 
     rates = jax.vmap(jax.grad(pressure))(gaps)
-    np.testing.assert_array_equal(jnp.isnan(rates), [False, True, False])
+    np.testing.assert_array_equal(jnp.isnan(rates), [False, True, True, False])
 
     def masked(energy):
         found = jax.vmap(lambda gap: solve_at(energy, gap))(gaps)
@@ -202,6 +202,13 @@ def test_an_equilibrium_that_was_not_found_has_no_derivative(contact):
         return js.equilibrate(contact, js.MeanGap(value), hasty, throw=throw).mean_pressure
 
     assert jnp.isnan(jax.grad(pressure)(0.1, throw=False))
+
+    def gap(energy):
+        found = with_parameters(contact, energy, 0.1, 1.0)
+        return js.equilibrate(found, js.MeanGap(0.1), hasty, throw=False).gap[0, 0]
+
+    for transform in (jax.grad, jax.jacfwd):
+        assert jnp.isnan(transform(gap)(0.02))
     with pytest.raises(js.SolverError, match="max_steps_reached"):
         jax.grad(pressure)(0.1, throw=True)
     # Also where compiled code never computes the value.
@@ -226,6 +233,13 @@ def test_a_point_on_the_verge_of_contact_is_told(contact):
     with pytest.raises(Exception, match="on the verge of contact"):
         jax.grad(field)(low)
     assert jnp.isnan(jax.grad(lambda value: field(value, throw=False))(low))
+
+    def widest(modulus):
+        other = with_parameters(contact, 0.02, 0.1, modulus)
+        return js.equilibrate(other, js.MeanGap(low), TIGHT, throw=False).gap.max()
+
+    for transform in (jax.grad, jax.jacfwd):
+        assert jnp.isnan(transform(widest)(1.0))
     # The energy does have a derivative there.
     rate = jax.grad(lambda value: field(value, "energy"))(low)
     np.testing.assert_allclose(rate, -field(low), rtol=1e-8)
@@ -293,6 +307,27 @@ class Bonds(eqx.Module):
         return -short * jnp.exp(-gap / self.length) - long / (1 + (gap / self.length) ** 2)
 
 
+@pytest.mark.parametrize("order", ["independent", "continuation"])
+def test_a_sweep_has_the_derivatives_of_its_states(contact, order):
+    gaps = jnp.array([0.1, 0.12])
+
+    def sweep(energy):
+        found = js.sweep(with_parameters(contact, energy, 0.1, 1.0), js.MeanGap(gaps), order=order)
+        return found.equilibrium.mean_pressure, found.stability.critical.eigenvalue
+
+    def single(energy, gap):
+        other = with_parameters(contact, energy, 0.1, 1.0)
+        found = js.equilibrate(other, js.MeanGap(gap), throw=False)
+        critical = js.assess_stability(other, found, throw=False).critical
+        return found.mean_pressure, critical.eigenvalue
+
+    rates = jax.jacrev(sweep)(0.02)
+    for i, gap in enumerate(gaps):
+        alone = jax.jacfwd(lambda energy, gap=gap: single(energy, gap))(0.02)
+        for rate, expected in zip(rates, alone, strict=True):
+            np.testing.assert_allclose(rate[i], expected, rtol=1e-5)
+
+
 def test_a_law_of_ones_own_has_derivatives_by_its_leaves(contact):
     law = Bonds(jnp.array([0.01, 0.005]), jnp.array(0.1))
 
@@ -335,8 +370,7 @@ def test_eigenvalues_modes_and_barrier_agree_with_finite_differences(contact, lo
         values = {name: pair.eigenvalue for name, pair in found.pairs.items()}
         values["mode"] = jnp.sum(jnp.sin(jnp.arange(256.0)).reshape(16, 16) * found.cone.mode)
         values["complementarity"] = found.complementarity
-        if load is not None:
-            values["height"] = found.barrier.height
+        values["height"] = found.barrier.height
         return values, found
 
     x = jnp.array([0.06, 0.1, 1.0, load.value])
@@ -349,6 +383,7 @@ def test_eigenvalues_modes_and_barrier_agree_with_finite_differences(contact, lo
         for name, value in values.items():
             if jnp.isnan(value):
                 assert found.verdict != js.VERDICTS.held_by_contact
+                assert jnp.isnan(forward[name][i]) and jnp.isnan(reverse[name][i])
                 continue
             differences = (above[name] - below[name]) / (2 * h)
             rtol = 1e-3 if name == "mode" else 1e-5

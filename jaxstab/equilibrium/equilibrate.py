@@ -74,13 +74,19 @@ def equilibrate(
     starts. Where surface and start share a symmetry, so does what is found, which can then be a
     saddle towards states without it: start from a gap that lacks the symmetry to leave it.
 
+    Fields, mean pressure and energy are differentiable functions of the contact and the load, in
+    both modes and to any order; contact area, residual and history count as constants, and where
+    the solver starts does not matter. On the verge of contact and at a fold they have no
+    derivative.
+
     Arguments:
         contact: the contact problem.
         load: what is prescribed, a single value.
         solver: the algorithm, `PreconditionedConjugateGradient()` by default.
         initial: a gap [length] or an equilibrium to start from, brought under the load; by
             default the undeformed solid, cut where it meets the surface.
-        throw: raise where the solver fails; otherwise look at `result`. Under vmap the failure of
+        throw: raise where the solver fails, or a derivative is asked for that does not exist;
+            otherwise look at `result`, and such a derivative is NaN. Under vmap the failure of
             one lane raises for all, so choose False there.
 
     Returns:
@@ -118,7 +124,13 @@ def find_equilibrium(
 ) -> Equilibrium:
     """Do what `equilibrate` does, on checked arguments; only derivatives can raise."""
     inputs = jax.lax.stop_gradient((contact, load, solver, initial))
-    found = by_lanes(_find)(*inputs)
+    return with_derivatives(contact, load, by_lanes(_find)(*inputs), throw)
+
+
+def with_derivatives(
+    contact: Contact, load: Load, found: Equilibrium, throw: bool = False
+) -> Equilibrium:
+    """Return an equilibrium as a differentiable function of the contact and the load."""
     fields = {name: getattr(found, name) for name in DIFFERENTIABLE}
     is_found = found.result == RESULTS.successful
     fields = differentiable(throw, fields, is_found, contact, load)

@@ -25,7 +25,7 @@ _MAX_ERROR = 1e-2
 _NOT_FOUND = "there is no converged equilibrium (look at its result)"
 _VERGE = (
     "a point is on the verge of contact, which it enters or leaves, to within the residual of the "
-    "equilibrium. Differentiate at a slightly different load"
+    "equilibrium. Differentiate at a slightly different load, in float64 or with a finer tolerance"
 )
 _FOLD = (
     "the equilibrium is at a fold, or nearer to one than its residual can tell. Give the solver a "
@@ -66,8 +66,11 @@ def differentiable(
 def _differentiate(throw: bool, primals: tuple, tangents: tuple) -> tuple[Fields, Fields]:
     _, is_found, contact, load = primals
     fields = differentiable(throw, *primals)
-    gap = jnp.where(is_found, fields["gap"], 1)
-    is_free = (gap > 0) & is_found
+    # Finite stand-ins, so that a failed lane does no harm and what is asked of it is seen.
+    anything = jax.random.uniform(jax.random.key(0), contact.heights.shape, contact.heights.dtype)
+    gap = jnp.where(is_found, fields["gap"], 1 + anything)
+    load = jax.tree.map(lambda leaf: jnp.where(is_found, leaf, 1), load)
+    is_free = gap > 0
     control = load.control(contact.heights)
     hessian = contact.hessian(gap)
     net = fields["pressure"] + slope(contact.potential, gap)
@@ -77,7 +80,7 @@ def _differentiate(throw: bool, primals: tuple, tangents: tuple) -> tuple[Fields
     not_found = Obstacle(~is_found, _NOT_FOUND)
     verge = verge_of_contact(net, gap, hessian)
 
-    def obstacles(moved: Field, right_side: Field) -> list[Obstacle]:
+    def judge(moved: Field, right_side: Field) -> list[Obstacle]:
         # After Newton and Kantorovich, with the eigenvalue that the solution shows.
         eigenvalue = total(moved * right_side) / total(moved**2)
         error = sharpness * jnp.sqrt(total(missed**2)) / eigenvalue**2
@@ -88,7 +91,7 @@ def _differentiate(throw: bool, primals: tuple, tangents: tuple) -> tuple[Fields
     )
     at_gap = partial(fields_of, gap=gap)
     _, (change, imbalance) = jax.jvp(at_gap, (contact, load), tangents[2:])
-    moved = system.differentiable_solution(-imbalance, obstacles, throw)
+    moved = system.differentiable_solution(-imbalance, [not_found, verge], throw, judge)
     _, (response, _) = jax.jvp(partial(fields_of, contact, load), (gap,), (moved,))
     changes = {
         name: unless([not_found, verge], change[name] + response[name], throw) for name in fields

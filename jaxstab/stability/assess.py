@@ -1,5 +1,6 @@
 """The stability of an equilibrium, from the smallest eigenvalues of its energy's Hessian."""
 
+from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from jaxstab.contact import Contact
+from jaxstab.derivatives import Obstacle, unless
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import require_same_grid
 from jaxstab.grid import total
@@ -26,6 +28,7 @@ from jaxstab.stability.search import ConeSolver, Search
 _NUM_RANDOM = 8
 # Over the precision: reactions below this part of the pressure are none.
 _ROUNDING = 1e3
+_NOT_HELD = "only a state held by contact has a barrier"
 
 
 class Barrier(eqx.Module):
@@ -90,6 +93,11 @@ def assess_stability(
     several starts lead to, or proved to be the smallest where the mode of the lower bound is
     admissible.
 
+    Eigenvalues, modes, barrier and complementarity are differentiable functions of the contact and
+    the equilibrium: d lambda = x.(dA) x, A depending on the gap too. A multiple eigenvalue has no
+    derivative; of several modes on different faces of the cone that are equally low, the
+    derivative is that of the one found.
+
     Arguments:
         contact: the contact problem.
         equilibrium: one of its equilibria.
@@ -98,8 +106,10 @@ def assess_stability(
         key: the random key of the vectors to start from, `jax.random.key(0)` by default.
         verdict_only: stop when a number proves the verdict; those not computed are NaN, with the
             result "not_computed".
-        throw: raise where a solver fails; otherwise look at `result`. Under vmap the failure of
-            one lane raises for all, so choose False there.
+        throw: raise where a solver fails, or a derivative is asked for that does not exist (in
+            forward mode outside of jit, of any of the three numbers); otherwise look at `result`,
+            and such a derivative is NaN. Under vmap the failure of one lane raises for all, so
+            choose False there.
 
     Returns:
         Three eigenvalues with their modes, and the verdict that they prove.
@@ -129,14 +139,51 @@ def judge(
 ) -> Stability:
     """Do what `assess_stability` does, on checked arguments; only derivatives can raise."""
     inputs = jax.lax.stop_gradient((contact, equilibrium, solver))
-    pairs = by_lanes(partial(_eigenpairs, verdict_only))(*inputs, key)
+    stability = by_lanes(partial(_judge, verdict_only))(*inputs, key)
+    return with_derivatives(contact, equilibrium, stability, throw)
+
+
+def with_derivatives(
+    contact: Contact, equilibrium: Equilibrium, stability: Stability, throw: bool = False
+) -> Stability:
+    """Return a stability as a differentiable function of the contact and the equilibrium."""
     fixes_mean = equilibrium.load.control(contact.heights).fixes_mean
-    everywhere = jnp.ones_like(equilibrium.in_contact)
-    lifted = [everywhere, *(~equilibrium.in_contact | (pair.mode > 0) for pair in pairs[1:])]
-    lower_bound, cone, critical = (
-        differentiable(pair, Subspace(is_moving, fixes_mean), contact, equilibrium.gap, throw)
-        for pair, is_moving in zip(pairs, lifted, strict=True)
+
+    def attach(pair: Eigenpair, is_moving: Bool[Array, " *grid"]) -> Eigenpair:
+        face = Subspace(is_moving, fixes_mean)
+        return differentiable(pair, face, contact, equilibrium.gap, throw)
+
+    free = ~equilibrium.in_contact
+    cone = attach(stability.cone, free | (stability.cone.mode > 0))
+    return replace(
+        stability,
+        lower_bound=attach(stability.lower_bound, jnp.ones_like(free)),
+        cone=cone,
+        critical=attach(stability.critical, free | (stability.critical.mode > 0)),
+        complementarity=_complementarity(contact, equilibrium),
+        barrier=_barrier(contact, equilibrium, cone, stability.verdict),
     )
+
+
+def _judge(
+    verdict_only: bool,
+    contact: Contact,
+    equilibrium: Equilibrium,
+    solver: ConeSolver,
+    key: PRNGKeyArray,
+) -> Stability:
+    presses, is_finite = _reactions(contact, equilibrium)
+    search = Search(
+        hessian=contact.hessian(equilibrium.gap),
+        in_contact=equilibrium.in_contact,
+        presses=presses,
+        is_equilibrium=(equilibrium.result == RESULTS.successful) & is_finite,
+        random=noise(key, _NUM_RANDOM, equilibrium.gap),
+        tolerance=jnp.asarray(solver.tolerance_in(equilibrium.gap.dtype), equilibrium.gap.dtype),
+        fixes_mean=equilibrium.load.control(contact.heights).fixes_mean,
+        verdict_only=verdict_only,
+    )
+    lower_bound, cone, critical = search.run(solver)
     result = _first_failure(lower_bound, cone, critical)
     verdict = VERDICTS.where(
         result == RESULTS.successful, _verdict(lower_bound, cone, critical), VERDICTS.undecided
@@ -150,27 +197,6 @@ def judge(
         verdict=verdict,
         result=result,
     )
-
-
-def _eigenpairs(
-    verdict_only: bool,
-    contact: Contact,
-    equilibrium: Equilibrium,
-    solver: ConeSolver,
-    key: PRNGKeyArray,
-) -> tuple[Eigenpair, Eigenpair, Eigenpair]:
-    presses, is_finite = _reactions(contact, equilibrium)
-    search = Search(
-        hessian=contact.hessian(equilibrium.gap),
-        in_contact=equilibrium.in_contact,
-        presses=presses,
-        is_equilibrium=(equilibrium.result == RESULTS.successful) & is_finite,
-        random=noise(key, _NUM_RANDOM, equilibrium.gap),
-        tolerance=jnp.asarray(solver.tolerance_in(equilibrium.gap.dtype), equilibrium.gap.dtype),
-        fixes_mean=equilibrium.load.control(contact.heights).fixes_mean,
-        verdict_only=verdict_only,
-    )
-    return search.run(solver)
 
 
 def _first_failure(*pairs: Eigenpair) -> RESULTS:
@@ -225,8 +251,12 @@ def _barrier(
     is_held = verdict == VERDICTS.held_by_contact
     amplitude = -cost / jnp.where(is_held, cone.eigenvalue, -1)
     height = cost * amplitude / 2 * contact.grid.cell_area.astype(cost.dtype)
-    # Last, so that no NaN enters the derivatives.
-    return Barrier(jnp.where(is_held, height, jnp.nan), jnp.where(is_held, amplitude, jnp.nan))
+    # Last, so that no NaN enters the derivatives where nothing asks for them.
+    height, amplitude = (
+        unless([Obstacle(~is_held, _NOT_HELD)], jnp.where(is_held, number, jnp.nan), throw=False)
+        for number in (height, amplitude)
+    )
+    return Barrier(height, amplitude)
 
 
 def _describe(stability: Stability) -> str:

@@ -67,9 +67,11 @@ def _differentiate(
     _, _, error, is_found, is_moving, contact, gap = primals
     pair = eigenvalue, mode = _eigenpair(static, *primals)
     eigenvalue = jnp.where(is_found & jnp.isfinite(eigenvalue), eigenvalue, 0)
-    mode, gap = jnp.where(is_found, mode, 0), jnp.where(is_found, gap, 1)
+    # Stand-ins, so that a failed lane does no harm and what is asked of it is seen.
+    anything = jax.random.normal(jax.random.key(1), mode.shape, mode.dtype)
+    mode, gap = jnp.where(is_found, mode, anything), jnp.where(is_found, gap, 1)
     hessian = contact.hessian(gap).restricted(is_moving)
-    face = Subspace(is_moving & is_found, fixes_mean)
+    face = Subspace(is_moving, fixes_mean)
 
     def project(field: Field) -> Field:
         field = face.project(field)
@@ -88,7 +90,7 @@ def _differentiate(
         Obstacle(~(separation > _ERRORS_APART * error), _MULTIPLE),
     ]
     _, change = jax.jvp(lambda c, g: c.hessian(g)(mode), (contact, gap), tangents[-2:])
-    moved = system.differentiable_solution(-change, lambda *_: obstacles, throw)
+    moved = system.differentiable_solution(-change, obstacles, throw)
     return pair, (unless(obstacles, total(mode * change), throw), moved)
 
 
