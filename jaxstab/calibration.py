@@ -193,6 +193,23 @@ class _State(eqx.Module):
     misfit: Curve
     jacobian: Float[Array, "loads parameters"]
 
+    @property
+    def loss(self) -> Float[Array, ""]:
+        return jnp.sum(self.misfit**2) / 2
+
+    @property
+    def gradient(self) -> Values:
+        return self.misfit @ self.jacobian
+
+    @property
+    def covariance(self) -> Float[Array, "parameters parameters"]:
+        """That of what is optimised, |r|^2 / (n - p) (J^T J)^-1."""
+        _, sizes, axes = jnp.linalg.svd(self.jacobian, full_matrices=False)
+        smallest = jnp.finfo(sizes.dtype).eps * jnp.max(sizes)
+        scaled = axes / jnp.maximum(sizes, smallest)[:, None]
+        count = jnp.sum(jnp.any(self.jacobian != 0, axis=1)) - len(sizes)
+        return 2 * self.loss / jnp.maximum(count, 1) * (scaled.T @ scaled)
+
 
 class _LeastSquares(IterativeSolver):
     """Steps of an optimiser of Optax, until Gauss and Newton's method would change little."""
@@ -226,26 +243,24 @@ class _LeastSquares(IterativeSolver):
 
         @jax.custom_jvp
         def loss(free: Values) -> Float[Array, ""]:
-            return jnp.sum(at(free).misfit ** 2) / 2
+            return at(free).loss
 
         @loss.defjvp
         def _(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Array, Array]:
             # All of the Jacobian costs one adjoint solve for each load.
             state = at(*primals)
-            gradient = state.misfit @ state.jacobian
-            return jnp.sum(state.misfit**2) / 2, jnp.sum(gradient * tangents[0])
+            return state.loss, jnp.sum(state.gradient * tangents[0])
 
         def step(state: _State) -> _State:
-            gradient = state.misfit @ state.jacobian
             updates, optimizer_state = optimizer.update(
-                gradient,
+                state.gradient,
                 state.optimizer,
                 state.free,
-                value=jnp.sum(state.misfit**2) / 2,
-                grad=gradient,
+                value=state.loss,
+                grad=state.gradient,
                 value_fn=loss,
             )
-            advance(gradient)
+            advance(state.misfit)
             return at(optax.apply_updates(state.free, updates), optimizer_state)
 
         def measure(state: _State) -> Indicators:
@@ -254,15 +269,6 @@ class _LeastSquares(IterativeSolver):
             return {"residual": jnp.max(jnp.abs(change))}
 
         return self.iterate(step, measure, at(free, optimizer.init(free)))
-
-
-def covariance(state: _State) -> Float[Array, "parameters parameters"]:
-    """Return the covariance of what is optimised, |r|^2 / (n - p) (J^T J)^-1."""
-    _, sizes, axes = jnp.linalg.svd(state.jacobian, full_matrices=False)
-    smallest = jnp.finfo(sizes.dtype).eps * jnp.max(sizes)
-    scaled = axes / jnp.maximum(sizes, smallest)[:, None]
-    count = jnp.sum(jnp.any(state.jacobian != 0, axis=1)) - len(sizes)
-    return jnp.sum(state.misfit**2) / jnp.maximum(count, 1) * (scaled.T @ scaled)
 
 
 @partial(jax.jit, static_argnames=("where", "progress"))
@@ -310,14 +316,14 @@ def _fit(
     state = iteration.state
     found = scale.to_values(state.free)
     slopes = scale.slopes(state.free)
-    spread = slopes[:, None] * covariance(state) * slopes
+    spread = slopes[:, None] * state.covariance * slopes
     return Calibration(
         contact=contact_at(found),
         parameters=unravel(found),
         standard_errors=unravel(jnp.sqrt(jnp.diag(spread))),
         covariance=spread,
         mean_pressure=state.mean_pressure,
-        loss=jnp.sum(state.misfit**2) / 2,
+        loss=state.loss,
         residual=iteration.residual,
         num_steps=iteration.num_steps,
         result=iteration.result,

@@ -21,6 +21,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.derivatives import FieldMap, LinearSystem, Obstacle, unless
+from jaxstab.elasticity import softest_wave
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, initial_gap
 from jaxstab.equilibrium.implicit import fields_of, third_derivative, verge_of_contact
@@ -204,6 +205,7 @@ class _Linear(NamedTuple):
     """A point of a branch to first order, in the load and in the free points.
 
     Attributes:
+        imbalance: the net pressure of the free points, up to what the load takes.
         gap_rate: how the gap follows the load where the free points do not move by themselves.
         imbalance_rate: how the imbalance of the free points does.
         eigenvalue_slope: the gradient of the eigenvalue with respect to the gap.
@@ -212,6 +214,7 @@ class _Linear(NamedTuple):
         project: the projection onto the moves of the free points that the load allows.
     """
 
+    imbalance: Field
     gap_rate: Field
     imbalance_rate: Field
     eigenvalue_slope: Field
@@ -236,8 +239,9 @@ def _linearised(contact: Contact, load: Load, gap: Field, pair: Eigenpair) -> _L
         fields, net = fields_of(contact, load, gap)
         return fields["gap"], space.project(net)
 
-    _, rates = jax.jvp(at, (load,), (jax.tree.map(jnp.ones_like, load),))
+    (_, imbalance), rates = jax.jvp(at, (load,), (jax.tree.map(jnp.ones_like, load),))
     return _Linear(
+        imbalance,
         *rates,
         eigenvalue_slope=third_derivative(contact, gap) * pair.mode**2,
         operator=hessian,
@@ -314,9 +318,7 @@ class _FoldNewton(IterativeSolver):
 
         def step(point: _Point) -> _Point:
             linear = _linearised(contact, point.load, point.gap, point.pair)
-            control = point.load.control(contact.heights)
-            net = control.net_pressure(contact.gradient(point.gap), point.gap > 0)
-            conditions = linear.project(net), point.pair.eigenvalue
+            conditions = linear.imbalance, point.pair.eigenvalue
             stiffened = linear.system(_stiffening(contact), point.pair.mode)
             change, move = _newton_step(
                 contact, linear, point.pair, conditions, lambda b: stiffened.solution(b)[0]
@@ -368,7 +370,7 @@ def _newton_step(
 
 def _stiffening(contact: Contact) -> Scalar:
     multiplier = contact.solid.multiplier.astype(contact.heights.dtype)
-    return jnp.min(jnp.where(multiplier > 0, multiplier, jnp.inf))
+    return softest_wave(multiplier)
 
 
 def _shifted(load: Load, change: Scalar) -> Load:

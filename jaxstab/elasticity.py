@@ -27,6 +27,11 @@ def apply_multiplier(
     return jnp.fft.irfftn(multiplier * jnp.fft.rfftn(field), s=field.shape)
 
 
+def softest_wave(multiplier: Float[Array, " *modes"]) -> Float[Array, ""]:
+    """Return the smallest stiffness of a wave, that of q = 0 aside."""
+    return jnp.min(jnp.where(multiplier > 0, multiplier, jnp.inf))
+
+
 class Solid(eqx.Module):
     """An elastic solid: anything with a Fourier multiplier from displacement to pressure."""
 

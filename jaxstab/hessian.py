@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxstab.elasticity import apply_multiplier
+from jaxstab.elasticity import apply_multiplier, softest_wave
 from jaxstab.grid import total
 
 # Several fields along a leading axis.
@@ -88,7 +88,7 @@ class Hessian(SymmetricOperator):
         decays where the adhesion is that stiff.
         """
         elastic = eigenvalue - total(self.curvature * mode**2)
-        softest = jnp.min(jnp.where(self.multiplier > 0, self.multiplier, jnp.inf))
+        softest = softest_wave(self.multiplier)
         shift = jnp.maximum(elastic, softest)
         stiff = jnp.maximum(self.curvature - eigenvalue - shift, 0)
         share = jnp.sqrt(shift / (shift + stiff))

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact
 from jaxstab.derivatives import FieldMap, LinearSystem, Obstacle, unless
-from jaxstab.elasticity import apply_multiplier
+from jaxstab.elasticity import apply_multiplier, softest_wave
 from jaxstab.grid import total
 from jaxstab.hessian import Hessian
 from jaxstab.loads import Load
@@ -124,6 +124,6 @@ def _imbalance(net: Field, gap: Field) -> Field:
 
 def _preconditioner(hessian: Hessian) -> FieldMap:
     multiplier = hessian.multiplier
-    softest = jnp.min(jnp.where(multiplier > 0, multiplier, jnp.inf))
+    softest = softest_wave(multiplier)
     shift = softest + total(jnp.maximum(hessian.curvature, 0)) / hessian.curvature.size
     return partial(apply_multiplier, 1 / (multiplier + shift))

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact import Balance, Contact
-from jaxstab.elasticity import apply_multiplier
+from jaxstab.elasticity import apply_multiplier, softest_wave
 from jaxstab.grid import total
 from jaxstab.iterate import (
     Indicators,
@@ -158,7 +158,7 @@ def _preconditioner(
     core, stiffer than any wave, move by their own stiffness instead.
     """
     multiplier = contact.solid.multiplier.astype(gap.dtype)
-    softest = jnp.min(jnp.where(multiplier > 0, multiplier, jnp.inf))
+    softest = softest_wave(multiplier)
     stiff = _STIFF * jnp.max(multiplier)
 
     def softness(curvature: Float[Array, " *grid"]) -> Float[Array, " *grid"]:

@@ -10,7 +10,7 @@ from jax.scipy.sparse.linalg import gmres
 from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Balance, Contact
-from jaxstab.elasticity import apply_multiplier
+from jaxstab.elasticity import apply_multiplier, softest_wave
 from jaxstab.grid import total
 from jaxstab.hessian import Hessian
 from jaxstab.iterate import Indicators, Iteration, IterativeSolver, optional_parameter
@@ -64,7 +64,7 @@ class SaddleNewton(IterativeSolver):
         """Iterate from a gap that meets the load to an equilibrium under it."""
         balance_of = contact.balance(control)
         multiplier = contact.solid.multiplier.astype(gap.dtype)
-        softest = jnp.min(jnp.where(multiplier > 0, multiplier, jnp.inf))
+        softest = softest_wave(multiplier)
 
         def newton_step(state: _State) -> Float[Array, " *grid"]:
             net, curvature = state.balance.net, state.balance.curvature
