@@ -65,6 +65,11 @@ class AdmissibleCone(eqx.Module):
             return num_moving == 0
         return (num_free == 0) | (num_moving == 1)
 
+    @property
+    def hull(self) -> Subspace:
+        """The smallest linear space around the cone."""
+        return Subspace(self.is_moving, self.fixes_mean)
+
     def face(self, field: Float[Array, " *grid"]) -> Subspace:
         """Return the smallest linear space of the cone's faces around one of its fields."""
         return Subspace(self.is_moving & (~self.one_sided | (field > 0)), self.fixes_mean)

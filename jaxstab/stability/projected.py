@@ -18,7 +18,7 @@ from jaxstab.stability.eigenpairs import Minimiser, descended, projected_residua
 from jaxstab.stability.lobpcg import combine, inner_products, normalised, rayleigh_ritz
 
 # Steps in each round of the competition between starts, and how many may go on to the next.
-_ROUNDS = ((5, 12), (8, 3), (10, 3), (15, 3))
+_ROUNDS = ((4, 12), (8, 3), (10, 3), (15, 3), (25, 3), (40, 3), (60, 3))
 # The inner product from which two unit vectors are taken to lead to the same minimiser.
 _SAME = 0.95
 # Cuts of a step to a third before it is given up.
@@ -41,6 +41,7 @@ class _State(eqx.Module):
     descended: Float[Array, " *grid"]
     move: Float[Array, " *grid"]
     move_product: Float[Array, " *grid"]
+    is_stuck: Bool[Array, ""]
     num_applications: Int[Array, ""]
 
     @classmethod
@@ -50,31 +51,35 @@ class _State(eqx.Module):
         cone: AdmissibleCone,
         old: _Point,
         new: _Point,
+        is_stuck: Array,
         num_applications: Array,
     ) -> "_State":
         descent = descended(operator, new.mode, new.product, new.eigenvalue)
         along = jnp.sum(new.mode * old.mode)
         move = new.mode - along * old.mode
         move_product = new.product - along * old.product
-        return cls(new, cone.project(descent), move, move_product, num_applications)
+        moved = cone.project(descent)
+        return cls(new, moved, move, move_product, is_stuck, num_applications)
 
 
 class _Trial(eqx.Module):
     point: _Point
     is_lower: Bool[Array, ""]
     length: Float[Array, ""]
-    count: Int[Array, ""]
+    num_cuts: Int[Array, ""]
+    num_applications: Int[Array, ""]
 
 
 class ProjectedLOBPCG(IterativeSolver):
     """Locally optimal conjugate gradients on the faces of a cone, from several starts.
 
-    A step first takes x to the unit vector of the cone nearest to x - (A x - lambda x) / b, b the
-    bound on |A|. This never raises the Rayleigh quotient, and finds the face. On the face it then
-    goes to the lowest Ritz vector of x, its preconditioned residual and its last move, projected
-    back onto the cone, if that lowers the quotient, or part of the way. All starts get a few
-    steps, then those that are not alike some more, and of these the lowest three go on to the end,
-    where the best is chosen. It is a local minimiser.
+    A step goes to the lowest Ritz vector of x, its last move, and its residual, preconditioned on
+    the face where x and the nearest vector of the cone to y = x - (A x - lambda x) / b lie, b the
+    bound on |A|. It is projected back onto the cone, and taken if that lowers the Rayleigh
+    quotient, or part of the way. Where it does not, the next step begins at y on the cone, which
+    never raises the quotient. All starts get a few steps, then those that are not alike some more,
+    and of these the lowest three go on while they can still win: until one is alike a lower one,
+    or above it by more than its residual. The best is a local minimiser.
 
     Arguments:
         tolerance: the projected residual |x - P(x - (A x - lambda x) / b)| b / s of a unit vector
@@ -106,14 +111,16 @@ class ProjectedLOBPCG(IterativeSolver):
             lanes = jax.vmap(by_lanes(_descend), (None, None, None, 0))
             found: Iteration[_State] = lanes(solver, operator, cone, states)
             modes = found.state.point.mode
-            is_empty = jnp.all(modes == 0, axis=range(1, modes.ndim))
-            lowest = jnp.where(is_empty, jnp.inf, found.state.point.eigenvalue)
+            is_out = jnp.isnan(found.residual) | jnp.all(modes == 0, axis=range(1, modes.ndim))
+            lowest = jnp.where(is_out, jnp.inf, found.state.point.eigenvalue)
             is_alike = inner_products(modes, modes) > _SAME
             is_copy = jnp.any((lowest[:, None] < lowest) & is_alike, axis=0)
-            ranks = jnp.argsort(jnp.argsort(jnp.where(is_copy, jnp.inf, lowest)))
+            can_win = lowest - operator.scale * found.residual <= jnp.min(lowest)
+            ranks = jnp.argsort(jnp.argsort(jnp.where(can_win & ~is_copy, lowest, jnp.inf)))
             best = jax.tree.map(lambda leaf: leaf[jnp.argmin(ranks)], found)
             # From NaN, a lane ends at once.
-            goes_on = (~is_copy & (ranks < num_kept)).reshape(-1, *(1,) * (modes.ndim - 1))
+            goes_on = can_win & ~is_copy & (ranks < num_kept)
+            goes_on = goes_on.reshape(-1, *(1,) * (modes.ndim - 1))
             kept = jnp.where(goes_on, found.state.descended, jnp.nan)
             return replace(found.state, descended=kept), (best, jnp.sum(found.num_steps))
 
@@ -139,7 +146,7 @@ def _start(
     operator: SymmetricOperator, cone: AdmissibleCone, start: Float[Array, " *grid"]
 ) -> _State:
     point = _Point.at(operator, unit_vector(cone, start))
-    return _State.after(operator, cone, point, point, jnp.array(1))
+    return _State.after(operator, cone, point, point, jnp.array(False), jnp.array(1))
 
 
 def _descend(
@@ -148,11 +155,15 @@ def _descend(
     """Return what one start leads to."""
 
     def step(state: _State) -> _State:
-        point = _Point.at(operator, normalised(state.descended[None])[0])
+        point = jax.lax.cond(
+            state.is_stuck,
+            lambda: _Point.at(operator, normalised(state.descended[None])[0]),
+            lambda: state.point,
+        )
         trial = _lower(operator, cone, point, state)
         point = jax.tree.map(partial(jnp.where, trial.is_lower), trial.point, point)
-        num_applications = state.num_applications + 3 + trial.count
-        return _State.after(operator, cone, state.point, point, num_applications)
+        num_applications = state.num_applications + state.is_stuck + 2 + trial.num_applications
+        return _State.after(operator, cone, state.point, point, ~trial.is_lower, num_applications)
 
     def measure(state: _State) -> Indicators:
         return {"residual": projected_residual(operator, state.point.mode, state.descended)}
@@ -163,10 +174,10 @@ def _descend(
 def _lower(
     operator: SymmetricOperator, cone: AdmissibleCone, point: _Point, state: _State
 ) -> _Trial:
-    """Return the lowest Ritz vector around a point, on its face, if that can be brought onto the
-    cone below the point, or part of the way to it.
+    """Return the lowest Ritz vector around a point, if that can be brought onto the cone below
+    the point, or part of the way to it.
     """
-    face = cone.face(point.mode)
+    face = cone.face(jnp.maximum(point.mode, state.descended))
     residual = face.project(point.product - point.eigenvalue * point.mode)
     steepest = operator.precondition(residual, point.mode, point.eigenvalue)
     steepest = normalised(face.project(steepest)[None])[0]
@@ -174,16 +185,38 @@ def _lower(
     products = jnp.stack([point.product, operator(steepest), state.move_product])
     _, parts = rayleigh_ritz(basis, products, 1)
     parts = parts * jnp.where(parts[0] < 0, -1, 1)
-    change = combine(parts.at[0].set(0), basis)[0]
+    stays, moves = parts.at[1:].set(0), parts.at[0].set(0)
+    # Combined products have no digits left where the basis reaches into stiff points, nor that of
+    # a tiny difference.
+    lengths = _norms(basis)
+    is_tiny = (lengths > 0) & (lengths < jnp.sqrt(jnp.finfo(lengths.dtype).eps))
+    is_rough = jnp.any(is_tiny | (_norms(products / operator.scale) > lengths))
 
     def attempt(trial: _Trial) -> _Trial:
-        mode = unit_vector(cone, parts[0, 0] * point.mode + trial.length * change)
-        tried = _Point.at(operator, mode)
-        is_lower = tried.eigenvalue <= point.eigenvalue
-        return _Trial(tried, is_lower, trial.length / 3, trial.count + 1)
+        part = stays + trial.length * moves
+        vector, product = combine(part, basis)[0], combine(part, products)[0]
+        norm = jnp.sqrt(jnp.sum(vector**2))
+        is_new = is_rough | jnp.any(cone.one_sided & (vector < 0))
+        tried = jax.lax.cond(
+            is_new,
+            lambda: _Point.at(operator, unit_vector(cone, vector)),
+            lambda: _Point(vector / norm, product / norm, jnp.sum(vector * product) / norm**2),
+        )
+        return _Trial(
+            point=tried,
+            is_lower=tried.eigenvalue <= point.eigenvalue,
+            length=trial.length / 3,
+            num_cuts=trial.num_cuts + 1,
+            num_applications=trial.num_applications + is_new,
+        )
 
+    none = jnp.array(0)
     return jax.lax.while_loop(
-        lambda trial: ~trial.is_lower & (trial.count <= _MAX_CUTS),
+        lambda trial: ~trial.is_lower & (trial.num_cuts <= _MAX_CUTS),
         attempt,
-        _Trial(point, jnp.array(False), jnp.ones_like(point.eigenvalue), jnp.array(0)),
+        _Trial(point, jnp.array(False), jnp.ones_like(point.eigenvalue), none, none),
     )
+
+
+def _norms(block: Block) -> Float[Array, " block"]:
+    return jnp.sqrt(jnp.sum(block**2, axis=range(1, block.ndim)))

@@ -1,10 +1,12 @@
 """The three smallest eigenvalues of an equilibrium: on all perturbations and on both cones.
 
-Each problem starts from what those before it found, and ends at once where that is its answer.
+Each cone is searched from the lowest modes of the linear space around it, its hull: where the
+lowest is admissible, it is the answer.
 """
 
 from dataclasses import replace
 from functools import partial
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -27,6 +29,7 @@ from jaxstab.stability.modes import BLOCK_SIZE
 from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.proximal import ProximalIteration
 
+Tree = TypeVar("Tree")
 ConeSolver = ProximalIteration | ProjectedLOBPCG
 
 
@@ -55,74 +58,67 @@ class Search(eqx.Module):
 
     def run(self, solver: ConeSolver) -> tuple[Eigenpair, Eigenpair, Eigenpair]:
         """Return the eigenpairs lower_bound, cone and critical, the solver being the cone's."""
-        lower_bound, staying, modes = self._on_spaces()
-        is_proved = self.verdict_only & lower_bound.is_positive
         nowhere = jnp.zeros_like(self.in_contact)
         cone = AdmissibleCone(self.in_contact, nowhere, self.fixes_mean)
         weak, pressed = self.in_contact & ~self.presses, self.in_contact & self.presses
         critical_cone = AdmissibleCone(weak, pressed, self.fixes_mean)
-        step, first = partial(self._on_cone, modes), (staying.mode, is_proved)
+        (lower_bound, critical_bound), modes = self._on_spaces(cone.hull, critical_cone.hull)
+        is_proved = self.verdict_only & lower_bound.is_positive
         if isinstance(solver, ProximalIteration):
-            (_, is_proved), critical = step(first, critical_cone)
+            is_proved, critical = self._on_cone(is_proved, (critical_cone, modes[1]))
             # Algorithm 1 as it is, from one random vector.
             found = solver.solve(self.hessian, cone, self._starts(self.random, is_proved))
             smallest = self._pair(cone, found, is_proved)
         else:
-            cones = jax.tree.map(lambda *masks: jnp.stack(masks), critical_cone, cone)
-            critical, smallest = _unstack(jax.lax.scan(step, first, cones)[1])
-        critical = _after(staying, critical)
+            cones = _stack(critical_cone, cone), modes[::-1]
+            _, pairs = jax.lax.scan(lambda *step: self._on_cone(*step), is_proved, cones)
+            critical, smallest = _unstack(pairs)
+        critical = _after(critical_bound, critical)
         smallest = lowered(smallest, critical.eigenvalue, critical.mode, self.hessian, cone)
         is_lacking = jnp.isnan(smallest.eigenvalue)
         eigenvalue = jnp.where(is_lacking, critical.eigenvalue, smallest.eigenvalue)
         mode = jnp.where(is_lacking, critical.mode, smallest.mode)
-        everything = Subspace(~nowhere, self.fixes_mean)
-        return lowered(lower_bound, eigenvalue, mode, self.hessian, everything), smallest, critical
+        lower_bound = lowered(lower_bound, eigenvalue, mode, self.hessian, cone.hull)
+        return lower_bound, smallest, critical
 
-    def _on_spaces(self) -> tuple[Eigenpair, Eigenpair, Block]:
-        """Return the lowest pairs with and without lift-off, and the modes of the former."""
+    def _on_spaces(self, *spaces: Subspace) -> tuple[list[Eigenpair], Float[Array, "..."]]:
+        """Return the lowest pair on each of two spaces, and a block of modes of each."""
 
-        def step(carry: tuple[Block, Array], is_moving: Array) -> tuple[tuple, tuple]:
+        def step(carry: tuple[Block, Array], space: Subspace) -> tuple[tuple, tuple]:
             modes, is_proved = carry
             # Without contact both spaces are the same, and so are their modes.
-            starts = jnp.where(jnp.all(is_moving), modes, noise)
-            space = Subspace(is_moving, self.fixes_mean)
-            hessian = self.hessian.restricted(is_moving)
+            starts = jnp.where(jnp.all(space.is_moving), modes, noise)
+            hessian = self.hessian.restricted(space.is_moving)
             found = LOBPCG(self.tolerance).solve(hessian, space, self._starts(starts, is_proved))
             pair = self._pair(space, found.at(found.vector[0]), is_proved)
             return (found.vector, self.verdict_only & pair.is_positive), (pair, found.vector)
 
         noise = self.random[:BLOCK_SIZE]
         # A scan, since one program for both takes half the time to compile.
-        spaces = jnp.stack([jnp.ones_like(self.in_contact), ~self.in_contact])
-        _, (pairs, modes) = jax.lax.scan(step, (noise, jnp.array(False)), spaces)
-        lower_bound, staying = _unstack(pairs)
-        return lower_bound, staying, modes[0]
+        _, (pairs, modes) = jax.lax.scan(step, (noise, jnp.array(False)), _stack(*spaces))
+        return _unstack(pairs), modes
 
     def _on_cone(
-        self, modes: Block, carry: tuple[Array, Array], cone: AdmissibleCone
-    ) -> tuple[tuple[Array, Array], Eigenpair]:
-        inner, is_proved = carry
+        self, is_proved: Bool[Array, ""], on: tuple[AdmissibleCone, Block]
+    ) -> tuple[Bool[Array, ""], Eigenpair]:
+        """Return whether the verdict is proved, and the pair on a cone, from its hull's modes."""
+        cone, modes = on
         hessian = self.hessian.restricted(cone.is_moving)
-        starts = self._starts(self._cone_starts(cone, modes, inner), is_proved)
+        starts = self._starts(self._cone_starts(cone, modes), is_proved)
         found = ProjectedLOBPCG(self.tolerance).solve(hessian, cone, starts)
         pair = self._pair(cone, found, is_proved)
-        return (pair.mode, is_proved | (self.verdict_only & pair.is_negative)), pair
+        return is_proved | (self.verdict_only & pair.is_negative), pair
 
-    def _cone_starts(
-        self, cone: AdmissibleCone, modes: Block, inner: Float[Array, " *grid"]
-    ) -> Block:
+    def _cone_starts(self, cone: AdmissibleCone, modes: Block) -> Block:
         """Return what a search on a cone starts from.
 
-        The two lowest modes of the larger linear space with both signs, and noise; or the answer,
-        where the cone is no more than the smaller one, whose mode is known, or has the lowest mode
-        in it.
+        The two lowest modes of its hull with both signs, and noise; or the lowest alone, where
+        that is in the cone, and so the answer.
         """
         starts = jnp.concatenate([modes[:2], -modes[:2], self.random])
         distances = [jnp.linalg.norm(x - unit_vector(cone, x)) for x in (modes[0], -modes[0])]
         lowest = jnp.where(distances[0] <= distances[1], modes[0], -modes[0])
-        is_linear = ~jnp.any(cone.one_sided)
-        is_known = is_linear | (jnp.minimum(*distances) <= self.tolerance)
-        return jnp.where(is_known, jnp.where(is_linear, inner, lowest), starts)
+        return jnp.where(jnp.minimum(*distances) <= self.tolerance, lowest, starts)
 
     def _starts(self, vectors: Block, is_proved: Bool[Array, ""]) -> Block:
         # From NaN, solvers end at once.
@@ -136,6 +132,10 @@ class Search(eqx.Module):
         return replace(
             pair, eigenvalue=jnp.where(is_known, pair.eigenvalue, jnp.nan), result=result
         )
+
+
+def _stack(*trees: Tree) -> Tree:
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 
 
 def _unstack(pairs: Eigenpair) -> list[Eigenpair]:
