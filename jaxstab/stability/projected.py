@@ -110,18 +110,11 @@ class ProjectedLOBPCG(IterativeSolver):
             solver = ProjectedLOBPCG(self.tolerance, max_steps)
             lanes = jax.vmap(by_lanes(_descend), (None, None, None, 0))
             found: Iteration[_State] = lanes(solver, operator, cone, states)
-            modes = found.state.point.mode
-            is_out = jnp.isnan(found.residual) | jnp.all(modes == 0, axis=range(1, modes.ndim))
-            lowest = jnp.where(is_out, jnp.inf, found.state.point.eigenvalue)
-            is_alike = inner_products(modes, modes) > _SAME
-            is_copy = jnp.any((lowest[:, None] < lowest) & is_alike, axis=0)
-            can_win = lowest - operator.scale * found.residual <= jnp.min(lowest)
-            ranks = jnp.argsort(jnp.argsort(jnp.where(can_win & ~is_copy, lowest, jnp.inf)))
-            best = jax.tree.map(lambda leaf: leaf[jnp.argmin(ranks)], found)
+            places = _places(found, operator.scale)
+            best = jax.tree.map(lambda leaf: leaf[jnp.argmin(places)], found)
             # From NaN, a lane ends at once.
-            goes_on = can_win & ~is_copy & (ranks < num_kept)
-            goes_on = goes_on.reshape(-1, *(1,) * (modes.ndim - 1))
-            kept = jnp.where(goes_on, found.state.descended, jnp.nan)
+            stop = jax.vmap(lambda place, field: jnp.where(place < num_kept, field, jnp.nan))
+            kept = stop(places, found.state.descended)
             return replace(found.state, descended=kept), (best, jnp.sum(found.num_steps))
 
         states = jax.vmap(partial(_start, operator, cone))(starts)
@@ -140,6 +133,18 @@ class ProjectedLOBPCG(IterativeSolver):
             result=best.result,
             history=best.history,
         )
+
+
+def _places(found: Iteration[_State], scale: Float[Array, ""]) -> Float[Array, " starts"]:
+    """Return the place of each start, from 0 for the lowest; inf for those that cannot win."""
+    modes = found.state.point.mode
+    is_out = jnp.isnan(found.residual) | jnp.all(modes == 0, axis=range(1, modes.ndim))
+    lowest = jnp.where(is_out, jnp.inf, found.state.point.eigenvalue)
+    is_alike = inner_products(modes, modes) > _SAME
+    is_copy = jnp.any((lowest[:, None] < lowest) & is_alike, axis=0)
+    can_win = ~is_copy & (lowest - scale * found.residual <= jnp.min(lowest))
+    order = jnp.argsort(jnp.argsort(jnp.where(can_win, lowest, jnp.inf)))
+    return jnp.where(can_win, order, jnp.inf)
 
 
 def _start(
