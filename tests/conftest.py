@@ -18,6 +18,9 @@ from jaxstab import potentials
 jax.config.update("jax_enable_x64", True)
 matplotlib.use("Agg")
 
+# For what is compared with finite differences.
+TIGHT = js.PreconditionedConjugateGradient(tolerance=1e-12)
+
 
 @pytest.fixture(scope="module", autouse=True)
 def few_programs_at_a_time():
@@ -46,6 +49,11 @@ def rough_contact(n, potential, youngs_modulus=1.0, seed=0, rms_height=0.1):
         grid, jax.random.key(seed), k_high=min(32, n // 4), rms_height=rms_height
     )
     return js.Contact(js.HalfSpace(grid, youngs_modulus), heights, potential)
+
+
+def with_parameters(contact, energy, length, modulus):
+    solid = js.HalfSpace(contact.grid, modulus)
+    return js.Contact(solid, contact.heights, js.potentials.Exponential(energy, length))
 
 
 def state_of(contact, gap, reaction=1.0, load=None):
