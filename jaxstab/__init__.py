@@ -9,7 +9,6 @@ from importlib.metadata import version
 from jaxstab import files, plots, potentials, surfaces
 from jaxstab.calibration import Calibration, calibrate
 from jaxstab.contact import Contact
-from jaxstab.critical_load import CriticalLoad, critical_load
 from jaxstab.elasticity import HalfSpace, Spectral
 from jaxstab.equilibrium import (
     Equilibrium,
@@ -18,6 +17,7 @@ from jaxstab.equilibrium import (
     SaddleNewton,
     equilibrate,
 )
+from jaxstab.folds import CriticalLoad, critical_load
 from jaxstab.grid import Grid
 from jaxstab.loads import MeanDisplacement, MeanGap, MeanPressure
 from jaxstab.resolution import ResolutionWarning

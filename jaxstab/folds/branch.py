@@ -1,0 +1,137 @@
+"""A branch of equilibria to first order, and Newton's step from it to its fold.
+
+The step takes A + s x x^T in place of A, x being the mode: at a simple fold that is not singular.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxstab.contact import Contact
+from jaxstab.derivatives import FieldMap, LinearSystem
+from jaxstab.elasticity import softest_wave
+from jaxstab.equilibrium.implicit import fields_of, third_derivative
+from jaxstab.grid import total
+from jaxstab.hessian import Block
+from jaxstab.loads import Load
+from jaxstab.stability import LOBPCG, Eigenpair
+from jaxstab.stability.cones import Subspace
+from jaxstab.stability.eigenpairs import measured
+
+Field = Float[Array, " *grid"]
+Scalar = Float[Array, ""]
+
+# The residual of a mode: derivatives of the eigenvalue are as good as it is.
+_MODE_TOLERANCE = {"float64": 1e-9, "float32": 1e-5}
+
+
+class Point(eqx.Module):
+    """A state of a branch, with the lowest modes on its free points."""
+
+    load: Load
+    gap: Field
+    modes: Block
+    pair: Eigenpair
+
+
+def point_at(contact: Contact, load: Load, gap: Field, modes: Block) -> Point:
+    """Return a state of a branch, its modes sought from a block of others."""
+    space = free_space(contact, load, gap)
+    hessian = contact.hessian(gap).restricted(space.is_moving)
+    found = LOBPCG(_MODE_TOLERANCE[gap.dtype.name]).solve(hessian, space, modes)
+    pair = measured(hessian, space, found.at(found.vector[0]))
+    return Point(load, gap, found.vector, pair)
+
+
+def free_space(contact: Contact, load: Load, gap: Field) -> Subspace:
+    """Return the moves of the free points that a load allows."""
+    return Subspace(gap > 0, load.control(contact.heights).fixes_mean)
+
+
+class Linear(NamedTuple):
+    """A point of a branch to first order, in the load and in the free points.
+
+    Attributes:
+        imbalance: the net pressure of the free points, up to what the load takes.
+        gap_rate: how the gap follows the load where the free points do not move by themselves.
+        imbalance_rate: how the imbalance of the free points does.
+        eigenvalue_slope: the gradient of the eigenvalue with respect to the gap.
+        operator: A.
+        precondition: roughly the inverse of A, without its lowest mode.
+        project: the projection onto the moves of the free points that the load allows.
+    """
+
+    imbalance: Field
+    gap_rate: Field
+    imbalance_rate: Field
+    eigenvalue_slope: Field
+    operator: FieldMap
+    precondition: FieldMap
+    project: FieldMap
+
+    def system(self, stiffening: Scalar | float, mode: Field) -> LinearSystem:
+        """Return A + s x x^T, s being the stiffening, as a system."""
+
+        def operator(field: Field) -> Field:
+            return self.operator(field) + stiffening * total(mode * field) * mode
+
+        return LinearSystem(operator, self.precondition, self.project)
+
+
+def linearised(contact: Contact, load: Load, gap: Field, pair: Eigenpair) -> Linear:
+    """Return a branch to first order at one of its states."""
+    space = free_space(contact, load, gap)
+    hessian = contact.hessian(gap).restricted(space.is_moving)
+
+    def at(load: Load) -> tuple[Field, Field]:
+        fields, net = fields_of(contact, load, gap)
+        return fields["gap"], space.project(net)
+
+    (_, imbalance), rates = jax.jvp(at, (load,), (jax.tree.map(jnp.ones_like, load),))
+    return Linear(
+        imbalance,
+        *rates,
+        eigenvalue_slope=third_derivative(contact, gap) * pair.mode**2,
+        operator=hessian,
+        precondition=lambda field: hessian.precondition(field, pair.mode, pair.eigenvalue),
+        project=space.project,
+    )
+
+
+def newton_step(
+    contact: Contact,
+    linear: Linear,
+    pair: Eigenpair,
+    conditions: tuple[Field, Scalar],
+    solve: FieldMap,
+) -> tuple[Scalar, Field]:
+    """Return the changes of load and gap that cancel an imbalance and an eigenvalue.
+
+    With B = A + s x x^T the gap moves by B^-1 (s (x.d) x - r - l dr/dl), where d is that move, and
+    the two numbers x.d and l follow from their definition and from the eigenvalue.
+    """
+    imbalance, eigenvalue = conditions
+    stiffening = stiffening_of(contact)
+    mode, slope = pair.mode, linear.eigenvalue_slope
+    stiffness = pair.eigenvalue + stiffening
+    still, moved = -solve(imbalance), -solve(linear.imbalance_rate)
+    rate = moved + linear.gap_rate
+    matrix = (
+        (stiffening * total(mode * moved), -pair.eigenvalue / stiffness),
+        (total(slope * rate), total(slope * mode) / stiffness),
+    )
+    first, second = -stiffening * total(mode * still), -eigenvalue - total(slope * still)
+    (a, b), (c, d) = matrix
+    determinant = a * d - b * c
+    change = (first * d - b * second) / determinant
+    along_mode = (a * second - c * first) / determinant
+    return change, still + change * rate + along_mode * mode / stiffness
+
+
+def stiffening_of(contact: Contact) -> Scalar:
+    """Return what A is stiffened by along its mode: as much as the softest wave is stiff."""
+    multiplier = contact.solid.multiplier.astype(contact.heights.dtype)
+    return softest_wave(multiplier)

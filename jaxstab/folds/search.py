@@ -1,0 +1,160 @@
+"""The way along a stable branch to its fold.
+
+The branch is followed towards the fold by the square of the eigenvalue, which falls linearly with
+the load. Then Newton's method takes both conditions of a fold together.
+"""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxstab.contact import Contact
+from jaxstab.equilibrium import PreconditionedConjugateGradient
+from jaxstab.equilibrium.equilibrate import find_equilibrium
+from jaxstab.folds.branch import (
+    Point,
+    linearised,
+    newton_step,
+    point_at,
+    stiffening_of,
+)
+from jaxstab.grid import total
+from jaxstab.iterate import Indicators, Iteration, IterativeSolver
+from jaxstab.loads import Load
+from jaxstab.results import RESULTS
+from jaxstab.stability.modes import BLOCK_SIZE, noise
+
+Field = Float[Array, " *grid"]
+Scalar = Float[Array, ""]
+
+# The part that a step goes of the way to where the fold is foreseen.
+_SHARE = 0.75
+# How much more than foreseen the gap may change on the same branch; a fold asks for 4 / 3.
+_SURPRISE = 2
+
+
+class Fold(eqx.Module):
+    """Where a search for a fold ended, and how."""
+
+    point: Point
+    newton: Iteration
+    num_steps: Int[Array, ""]
+    result: RESULTS
+
+
+def follow_to_fold(contact: Contact, loads: Load, start: Field | None) -> Fold:
+    """Return where the branch from the first load ends on its way to the second."""
+    first, last = (jax.tree.map(lambda leaf, i=i: leaf[i], loads) for i in (0, 1))
+    equilibrium = find_equilibrium(contact, first, PreconditionedConjugateGradient(), start)
+    is_found = equilibrium.result == RESULTS.successful
+    gap = jnp.where(is_found, equilibrium.gap, jnp.nan)
+    point = point_at(contact, first, gap, noise(jax.random.key(0), BLOCK_SIZE, gap))
+    approach = _Approach().solve(contact, point, last)
+    newton = _FoldNewton().solve(contact, approach.state.point)
+    end = newton.state.load.value
+    is_between = (end - first.value) * (last.value - end) >= 0
+    is_fold = (newton.result == RESULTS.successful) & is_between
+    result = RESULTS.where(is_fold, RESULTS.successful, RESULTS.no_fold)
+    return Fold(
+        newton.state,
+        newton,
+        equilibrium.num_steps + approach.num_steps + newton.num_steps,
+        RESULTS.where(is_found, result, equilibrium.result),
+    )
+
+
+class _Approaching(eqx.Module):
+    point: Point
+    rate: Field
+    distance: Scalar
+    fraction: Scalar
+
+
+class _Approach(IterativeSolver):
+    """Steps along a stable branch, from load to load, to near the fold ahead of it."""
+
+    tolerance: Scalar | None = None
+    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=100)
+
+    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-3, "float32": 1e-2}
+    patience: ClassVar[int] = 15
+
+    def solve(self, contact: Contact, point: Point, last: Load) -> Iteration[_Approaching]:
+        """Go from a point of the branch towards a load beyond its end."""
+        width = jnp.abs(last.value - point.load.value)
+
+        def foresee(point: Point, fraction: Scalar) -> _Approaching:
+            linear = linearised(contact, point.load, point.gap, point.pair)
+            moved, _ = linear.system(0, point.pair.mode).solution(-linear.imbalance_rate)
+            rate = moved + linear.gap_rate
+            slope = total(linear.eigenvalue_slope * rate)
+            return _Approaching(point, rate, -point.pair.eigenvalue / (2 * slope), fraction)
+
+        def is_ahead(state: _Approaching) -> Bool[Array, ""]:
+            left = last.value - state.point.load.value
+            return (state.distance * left > 0) & (jnp.abs(state.distance) < jnp.abs(left))
+
+        def step(state: _Approaching) -> _Approaching:
+            old = state.point
+            left = last.value - old.load.value
+            stride = jnp.where(is_ahead(state), _SHARE * state.distance, left) * state.fraction
+            load = _shifted(old.load, stride)
+            start = jnp.maximum(old.gap + stride * state.rate, 0)
+            solver = PreconditionedConjugateGradient()
+            equilibrium = find_equilibrium(contact, load, solver, start)
+            is_found = equilibrium.result == RESULTS.successful
+            new = point_at(contact, load, jnp.where(is_found, equilibrium.gap, 1), old.modes)
+            change = jnp.sqrt(total((new.gap - old.gap) ** 2))
+            foreseen = _SURPRISE * jnp.abs(stride) * jnp.sqrt(total(state.rate**2))
+            is_same = is_found & (change <= foreseen) & (new.pair.eigenvalue > 0)
+            point = jax.tree.map(partial(jnp.where, is_same), new, old)
+            fraction = jnp.where(is_same, jnp.minimum(2 * state.fraction, 1), state.fraction / 3)
+            return foresee(point, fraction)
+
+        def measure(state: _Approaching) -> Indicators:
+            return {"residual": jnp.where(is_ahead(state), jnp.abs(state.distance) / width, 1)}
+
+        return self.iterate(step, measure, foresee(point, jnp.ones_like(width)))
+
+
+class _FoldNewton(IterativeSolver):
+    """Newton's method for a balance of pressures and an eigenvalue of zero."""
+
+    tolerance: Scalar | None = None
+    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=30)
+
+    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
+    patience: ClassVar[int] = 8
+
+    def solve(self, contact: Contact, point: Point) -> Iteration[Point]:
+        """Go from a point of the branch to the fold."""
+
+        def step(point: Point) -> Point:
+            linear = linearised(contact, point.load, point.gap, point.pair)
+            conditions = linear.imbalance, point.pair.eigenvalue
+            stiffened = linear.system(stiffening_of(contact), point.pair.mode)
+            change, move = newton_step(
+                contact, linear, point.pair, conditions, lambda b: stiffened.solution(b)[0]
+            )
+            # No free point closes.
+            limit = jnp.min(jnp.where(move < 0, -point.gap / jnp.where(move < 0, move, 1), jnp.inf))
+            length = jnp.minimum(1, 0.9 * limit)
+            load = _shifted(point.load, length * change)
+            gap = load.control(contact.heights).restore(point.gap + length * move)
+            return point_at(contact, load, gap, point.modes)
+
+        def measure(point: Point) -> Indicators:
+            balance = contact.balance(point.load.control(contact.heights))(point.gap)
+            eigenvalue = jnp.abs(point.pair.eigenvalue) / stiffening_of(contact)
+            return {"residual": jnp.maximum(balance.residual, eigenvalue)}
+
+        return self.iterate(step, measure, point)
+
+
+def _shifted(load: Load, change: Scalar) -> Load:
+    return eqx.tree_at(lambda load: load.value, load, load.value + change)
