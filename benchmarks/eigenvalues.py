@@ -43,8 +43,8 @@ from jaxstab.stability.modes import noise
 
 TOLERANCE = 1e-7
 GROWTH_SIZES = [128, 256, 512, 1024]
-# Marked are eigenvalues above Algorithm 1's by more than their errors, relative to the bound.
-HIGHER = TOLERANCE
+# Eigenvalues higher than Algorithm 1's by more than this, relative to the bound, are marked.
+HIGHER = 1e-9
 # The blocks of SciPy's LOBPCG, its most steps, and the most restarts of ARPACK.
 BLOCKS = (1, 4)
 MAX_STEPS, MAX_RESTARTS = 5000, 2000

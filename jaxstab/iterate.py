@@ -111,6 +111,7 @@ class IterativeSolver(eqx.Module):
         step: Callable[[State], State],
         measure: Callable[[State], Indicators],
         state: State,
+        before: Iteration[State] | None = None,
     ) -> Iteration[State]:
         """Repeat `step` from `state` until the tolerance is reached, or say why it is not.
 
@@ -121,8 +122,17 @@ class IterativeSolver(eqx.Module):
             step: one step of the algorithm.
             measure: its indicators, of which "residual" decides, every `steps_per_check` steps.
             state: where to start.
+            before: an iteration that this one goes on from: its steps and history count too.
         """
         first = measure(state)
+        zero = jnp.array(0)
+        num_before = zero if before is None else before.num_steps
+        history = History.empty(first) if before is None else before.history
+
+        def record(history: History, num_steps: Int[Array, ""], new: Indicators) -> History:
+            steps = num_before + num_steps
+            return history.record(steps // self.steps_per_check, steps, new)
+
         tolerance = self.tolerance_in(first["residual"].dtype)
 
         def is_progress(best: Indicators, new: Indicators) -> Bool[Array, ""]:
@@ -153,18 +163,18 @@ class IterativeSolver(eqx.Module):
                     for name, best in loop.best.items()
                 },
                 jnp.where(improved, num_steps, loop.best_step),
-                loop.history.record(num_steps // self.steps_per_check, num_steps, indicators),
+                record(loop.history, num_steps, indicators),
             )
 
-        zero = jnp.array(0)
-        history = History.empty(first).record(zero, zero, first)
+        history = record(history, zero, first)
         loop = _Loop(state, first["residual"], zero, first, zero, history)
         loop = jax.lax.while_loop(goes_on, advance, loop)
 
         result = RESULTS.where(is_stalled(loop), RESULTS.stagnated, RESULTS.max_steps_reached)
         result = RESULTS.where(loop.residual <= tolerance, RESULTS.successful, result)
         result = RESULTS.where(jnp.isfinite(loop.residual), result, RESULTS.nonfinite)
-        return Iteration(loop.state, loop.residual, loop.num_steps, result, loop.history)
+        num_steps = num_before + loop.num_steps
+        return Iteration(loop.state, loop.residual, num_steps, result, loop.history)
 
 
 @jax.custom_jvp

@@ -89,9 +89,10 @@ def assess_stability(
 ) -> Stability:
     """Return the stability of an equilibrium against admissible perturbations (Rey & Bleyer, 22).
 
-    On the two linear spaces the eigenvalue is the smallest. On the cone it is the smallest that
-    several starts lead to, or proved to be the smallest where the mode of the lower bound is
-    admissible.
+    On a linear space the eigenvalue is the smallest; the critical cone is one where all contact
+    presses. On the cone it is the smallest that several starts lead to, or proved to be the
+    smallest where the mode of the lower bound is admissible. Where all but a few points touch,
+    starts can miss the smallest, and call "stable" what is held by contact.
 
     Eigenvalues, modes, barrier and complementarity are differentiable functions of the contact and
     the equilibrium: d lambda = x.(dA) x, A depending on the gap too. A multiple eigenvalue has no

@@ -1,4 +1,4 @@
-"""The smallest eigenvalue on a cone: LOBPCG on its faces, reached by projected gradients."""
+"""The smallest eigenvalue on a cone: LOBPCG on its faces, or else projected gradients."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,9 +10,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxstab.grid import total
 from jaxstab.hessian import Block, SymmetricOperator
-from jaxstab.iterate import Indicators, Iteration, IterativeSolver, optional_parameter
+from jaxstab.iterate import History, Indicators, Iteration, IterativeSolver, optional_parameter
 from jaxstab.lanes import by_lanes
+from jaxstab.results import RESULTS
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpairs import Minimiser, descended, projected_residual, unit_vector
 from jaxstab.stability.lobpcg import combine, inner_products, normalised, rayleigh_ritz
@@ -21,8 +23,8 @@ from jaxstab.stability.lobpcg import combine, inner_products, normalised, raylei
 _ROUNDS = ((4, 12), (8, 3), (10, 3), (15, 3), (25, 3), (40, 3), (60, 3))
 # The inner product from which two unit vectors are taken to lead to the same minimiser.
 _SAME = 0.95
-# Cuts of a step to a third before it is given up.
-_MAX_CUTS = 3
+# Lengths of a step, each a third of the last, before it is given up.
+_MAX_TRIES = 4
 
 
 class _Point(eqx.Module):
@@ -66,7 +68,7 @@ class _Trial(eqx.Module):
     point: _Point
     is_lower: Bool[Array, ""]
     length: Float[Array, ""]
-    num_cuts: Int[Array, ""]
+    num_tries: Int[Array, ""]
     num_applications: Int[Array, ""]
 
 
@@ -77,9 +79,9 @@ class ProjectedLOBPCG(IterativeSolver):
     the face where x and the nearest vector of the cone to y = x - (A x - lambda x) / b lie, b the
     bound on |A|. It is projected back onto the cone, and taken if that lowers the Rayleigh
     quotient, or part of the way. Where it does not, the next step begins at y on the cone, which
-    never raises the quotient. All starts get a few steps, then those that are not alike some more,
-    and of these the lowest three go on while they can still win: until one is alike a lower one,
-    or above it by more than its residual. The best is a local minimiser.
+    never raises the quotient. Starts compete in rounds: one that is alike a lower one, or above
+    the lowest by more than its residual, is taken to be beaten; after two rounds three may go on.
+    The best is a local minimiser.
 
     Arguments:
         tolerance: the projected residual |x - P(x - (A x - lambda x) / b)| b / s of a unit vector
@@ -104,58 +106,70 @@ class ProjectedLOBPCG(IterativeSolver):
         """
 
         def compete(
-            states: _State, limits: tuple[Array, Array]
-        ) -> tuple[_State, tuple[Iteration[_State], Array]]:
+            starts: Iteration[_State], limits: tuple[Array, Array]
+        ) -> tuple[Iteration[_State], Iteration[_State]]:
             max_steps, num_kept = limits
             solver = ProjectedLOBPCG(self.tolerance, max_steps)
             lanes = jax.vmap(by_lanes(_descend), (None, None, None, 0))
-            found: Iteration[_State] = lanes(solver, operator, cone, states)
-            places = _places(found, operator.scale)
+            found: Iteration[_State] = lanes(solver, operator, cone, starts)
+            places = _places(found, operator, cone)
             best = jax.tree.map(lambda leaf: leaf[jnp.argmin(places)], found)
             # From NaN, a lane ends at once.
             stop = jax.vmap(lambda place, field: jnp.where(place < num_kept, field, jnp.nan))
             kept = stop(places, found.state.descended)
-            return replace(found.state, descended=kept), (best, jnp.sum(found.num_steps))
+            return replace(found, state=replace(found.state, descended=kept)), best
 
-        states = jax.vmap(partial(_start, operator, cone))(starts)
+        first = jax.vmap(partial(_start, operator, cone))(starts)
         max_steps, num_kept = zip(*_ROUNDS, strict=True)
         max_steps = jnp.append(jnp.minimum(jnp.array(max_steps), self.max_steps), self.max_steps)
-        states, (bests, num_steps) = jax.lax.scan(
-            compete, states, (max_steps, jnp.array([*num_kept, 1]))
-        )
+        all_found, bests = jax.lax.scan(compete, first, (max_steps, jnp.array([*num_kept, 1])))
         best = jax.tree.map(lambda leaf: leaf[-1], bests)
         point = best.state.point
         return Minimiser(
             # Brought onto the cone, once, this is exactly zero where the contact holds.
             vector=descended(operator, point.mode, point.product, point.eigenvalue),
-            num_steps=jnp.sum(num_steps),
-            num_applications=jnp.sum(states.num_applications),
+            num_steps=jnp.sum(all_found.num_steps),
+            num_applications=jnp.sum(all_found.state.num_applications),
             result=best.result,
             history=best.history,
         )
 
 
-def _places(found: Iteration[_State], scale: Float[Array, ""]) -> Float[Array, " starts"]:
-    """Return the place of each start, from 0 for the lowest; inf for those that cannot win."""
+def _places(
+    found: Iteration[_State], operator: SymmetricOperator, cone: AdmissibleCone
+) -> Float[Array, " starts"]:
+    """Return the place of each start, from 0 for the lowest; inf for those beaten."""
     modes = found.state.point.mode
-    is_out = jnp.isnan(found.residual) | jnp.all(modes == 0, axis=range(1, modes.ndim))
-    lowest = jnp.where(is_out, jnp.inf, found.state.point.eigenvalue)
+    is_empty = jnp.all(modes == 0, axis=range(1, modes.ndim))
+    is_out = jnp.isnan(found.residual) | (is_empty & ~cone.is_trivial)
+    lowest = jnp.where(is_out | is_empty, jnp.inf, found.state.point.eigenvalue)
     is_alike = inner_products(modes, modes) > _SAME
-    is_copy = jnp.any((lowest[:, None] < lowest) & is_alike, axis=0)
-    can_win = ~is_copy & (lowest - scale * found.residual <= jnp.min(lowest))
-    order = jnp.argsort(jnp.argsort(jnp.where(can_win, lowest, jnp.inf)))
-    return jnp.where(can_win, order, jnp.inf)
+    is_copy = jnp.any((_order(lowest)[:, None] < _order(lowest)) & is_alike, axis=0)
+    is_higher = lowest - operator.scale * found.residual > jnp.min(lowest)
+    is_beaten = is_out | is_copy | is_higher
+    return jnp.where(is_beaten, jnp.inf, _order(jnp.where(is_beaten, jnp.inf, lowest)))
+
+
+def _order(values: Float[Array, " starts"]) -> Int[Array, " starts"]:
+    """Return how many values come before each one, ties in the order they have."""
+    return jnp.argsort(jnp.argsort(values))
 
 
 def _start(
     operator: SymmetricOperator, cone: AdmissibleCone, start: Float[Array, " *grid"]
-) -> _State:
+) -> Iteration[_State]:
     point = _Point.at(operator, unit_vector(cone, start))
-    return _State.after(operator, cone, point, point, jnp.array(False), jnp.array(1))
+    state = _State.after(operator, cone, point, point, jnp.array(False), jnp.array(1))
+    residual = projected_residual(operator, point.mode, state.descended)
+    history = History.empty({"residual": residual})
+    return Iteration(state, residual, jnp.array(0), RESULTS.max_steps_reached, history)
 
 
 def _descend(
-    solver: ProjectedLOBPCG, operator: SymmetricOperator, cone: AdmissibleCone, state: _State
+    solver: ProjectedLOBPCG,
+    operator: SymmetricOperator,
+    cone: AdmissibleCone,
+    start: Iteration[_State],
 ) -> Iteration[_State]:
     """Return what one start leads to."""
 
@@ -173,7 +187,7 @@ def _descend(
     def measure(state: _State) -> Indicators:
         return {"residual": projected_residual(operator, state.point.mode, state.descended)}
 
-    return solver.iterate(step, measure, state)
+    return solver.iterate(step, measure, start.state, start)
 
 
 def _lower(
@@ -189,7 +203,7 @@ def _lower(
     basis = jnp.stack([point.mode, steepest, state.move])
     products = jnp.stack([point.product, operator(steepest), state.move_product])
     _, parts = rayleigh_ritz(basis, products, 1)
-    parts = parts * jnp.where(parts[0] < 0, -1, 1)
+    parts *= jnp.where(total(combine(parts, basis)[0] * point.mode) < 0, -1, 1)
     stays, moves = parts.at[1:].set(0), parts.at[0].set(0)
     # Combined products have no digits left where the basis reaches into stiff points, nor that of
     # a tiny difference.
@@ -209,15 +223,16 @@ def _lower(
         )
         return _Trial(
             point=tried,
-            is_lower=tried.eigenvalue <= point.eigenvalue,
+            # Zero may be the nearest vector of the cone.
+            is_lower=(tried.eigenvalue <= point.eigenvalue) & jnp.any(tried.mode != 0),
             length=trial.length / 3,
-            num_cuts=trial.num_cuts + 1,
+            num_tries=trial.num_tries + 1,
             num_applications=trial.num_applications + is_new,
         )
 
     none = jnp.array(0)
     return jax.lax.while_loop(
-        lambda trial: ~trial.is_lower & (trial.num_cuts <= _MAX_CUTS),
+        lambda trial: ~trial.is_lower & (trial.num_tries < _MAX_TRIES),
         attempt,
         _Trial(point, jnp.array(False), jnp.ones_like(point.eigenvalue), none, none),
     )

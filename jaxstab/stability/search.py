@@ -30,6 +30,8 @@ from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.proximal import ProximalIteration
 
 Tree = TypeVar("Tree")
+# A block of modes, and whether the lowest is found.
+_Known = tuple[Block, Bool[Array, ""]]
 ConeSolver = ProximalIteration | ProjectedLOBPCG
 
 
@@ -62,15 +64,16 @@ class Search(eqx.Module):
         cone = AdmissibleCone(self.in_contact, nowhere, self.fixes_mean)
         weak, pressed = self.in_contact & ~self.presses, self.in_contact & self.presses
         critical_cone = AdmissibleCone(weak, pressed, self.fixes_mean)
-        (lower_bound, critical_bound), modes = self._on_spaces(cone.hull, critical_cone.hull)
+        (lower_bound, critical_bound), around = self._on_spaces(cone.hull, critical_cone.hull)
         is_proved = self.verdict_only & lower_bound.is_positive
         if isinstance(solver, ProximalIteration):
-            is_proved, critical = self._on_cone(is_proved, (critical_cone, modes[1]))
+            is_proved, critical = self._on_cone(is_proved, (critical_cone, around[1]))
             # Algorithm 1 as it is, from one random vector.
             found = solver.solve(self.hessian, cone, self._starts(self.random, is_proved))
             smallest = self._pair(cone, found, is_proved)
         else:
-            cones = _stack(critical_cone, cone), modes[::-1]
+            cones = _stack((critical_cone, around[1]), (cone, around[0]))
+            # A method that holds arrays cannot be hashed, as a scan would have it.
             _, pairs = jax.lax.scan(lambda *step: self._on_cone(*step), is_proved, cones)
             critical, smallest = _unstack(pairs)
         critical = _after(critical_bound, critical)
@@ -81,12 +84,12 @@ class Search(eqx.Module):
         lower_bound = lowered(lower_bound, eigenvalue, mode, self.hessian, cone.hull)
         return lower_bound, smallest, critical
 
-    def _on_spaces(self, *spaces: Subspace) -> tuple[list[Eigenpair], Float[Array, "..."]]:
-        """Return the lowest pair on each of two spaces, and a block of modes of each."""
+    def _on_spaces(self, *spaces: Subspace) -> tuple[list[Eigenpair], list[_Known]]:
+        """Return the lowest pair on each of two spaces, and what is known of their modes."""
 
         def step(carry: tuple[Block, Array], space: Subspace) -> tuple[tuple, tuple]:
             modes, is_proved = carry
-            # Without contact both spaces are the same, and so are their modes.
+            # Where nothing is held both spaces are the same, and so are their modes.
             starts = jnp.where(jnp.all(space.is_moving), modes, noise)
             hessian = self.hessian.restricted(space.is_moving)
             found = LOBPCG(self.tolerance).solve(hessian, space, self._starts(starts, is_proved))
@@ -96,29 +99,30 @@ class Search(eqx.Module):
         noise = self.random[:BLOCK_SIZE]
         # A scan, since one program for both takes half the time to compile.
         _, (pairs, modes) = jax.lax.scan(step, (noise, jnp.array(False)), _stack(*spaces))
-        return _unstack(pairs), modes
+        return _unstack(pairs), _unstack((modes, pairs.result == RESULTS.successful))
 
     def _on_cone(
-        self, is_proved: Bool[Array, ""], on: tuple[AdmissibleCone, Block]
+        self, is_proved: Bool[Array, ""], on: tuple[AdmissibleCone, _Known]
     ) -> tuple[Bool[Array, ""], Eigenpair]:
-        """Return whether the verdict is proved, and the pair on a cone, from its hull's modes."""
-        cone, modes = on
+        """Return whether the verdict is proved, and the pair on a cone."""
+        cone, known = on
         hessian = self.hessian.restricted(cone.is_moving)
-        starts = self._starts(self._cone_starts(cone, modes), is_proved)
+        starts = self._starts(self._cone_starts(cone, *known), is_proved)
         found = ProjectedLOBPCG(self.tolerance).solve(hessian, cone, starts)
         pair = self._pair(cone, found, is_proved)
         return is_proved | (self.verdict_only & pair.is_negative), pair
 
-    def _cone_starts(self, cone: AdmissibleCone, modes: Block) -> Block:
-        """Return what a search on a cone starts from.
+    def _cone_starts(self, cone: AdmissibleCone, modes: Block, are_found: Bool[Array, ""]) -> Block:
+        """Return what a search on a cone starts from, given modes of its hull.
 
-        The two lowest modes of its hull with both signs, and noise; or the lowest alone, where
-        that is in the cone, and so the answer.
+        The two lowest modes with both signs, and noise; or the lowest alone, where that is found
+        and in the cone, and so the answer.
         """
         starts = jnp.concatenate([modes[:2], -modes[:2], self.random])
         distances = [jnp.linalg.norm(x - unit_vector(cone, x)) for x in (modes[0], -modes[0])]
         lowest = jnp.where(distances[0] <= distances[1], modes[0], -modes[0])
-        return jnp.where(jnp.minimum(*distances) <= self.tolerance, lowest, starts)
+        is_answer = are_found & (jnp.minimum(*distances) <= self.tolerance)
+        return jnp.where(is_answer, jnp.full_like(starts, jnp.nan).at[0].set(lowest), starts)
 
     def _starts(self, vectors: Block, is_proved: Bool[Array, ""]) -> Block:
         # From NaN, solvers end at once.
@@ -138,8 +142,8 @@ def _stack(*trees: Tree) -> Tree:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 
 
-def _unstack(pairs: Eigenpair) -> list[Eigenpair]:
-    return [jax.tree.map(lambda leaf, i=i: leaf[i], pairs) for i in range(2)]
+def _unstack(pair: Tree) -> list[Tree]:
+    return [jax.tree.map(lambda leaf, i=i: leaf[i], pair) for i in range(2)]
 
 
 def _after(first: Eigenpair, then: Eigenpair) -> Eigenpair:
