@@ -55,6 +55,8 @@ class Linear(NamedTuple):
     """A point of a branch to first order, in the load and in the free points.
 
     Attributes:
+        pair: the lowest eigenvalue on the free points, and its mode x.
+        stiffening: s, what A is stiffened by along the mode.
         imbalance: the net pressure of the free points, up to what the load takes.
         gap_rate: how the gap follows the load where the free points do not move by themselves.
         imbalance_rate: how the imbalance of the free points does.
@@ -64,6 +66,8 @@ class Linear(NamedTuple):
         project: the projection onto the moves of the free points that the load allows.
     """
 
+    pair: Eigenpair
+    stiffening: Scalar
     imbalance: Field
     gap_rate: Field
     imbalance_rate: Field
@@ -72,11 +76,18 @@ class Linear(NamedTuple):
     precondition: FieldMap
     project: FieldMap
 
-    def system(self, stiffening: Scalar | float, mode: Field) -> LinearSystem:
-        """Return A + s x x^T, s being the stiffening, as a system."""
+    @property
+    def system(self) -> LinearSystem:
+        """The system of A."""
+        return LinearSystem(self.operator, self.precondition, self.project)
+
+    @property
+    def stiffened(self) -> LinearSystem:
+        """The system of A + s x x^T."""
 
         def operator(field: Field) -> Field:
-            return self.operator(field) + stiffening * total(mode * field) * mode
+            mode = self.pair.mode
+            return self.operator(field) + self.stiffening * total(mode * field) * mode
 
         return LinearSystem(operator, self.precondition, self.project)
 
@@ -92,6 +103,8 @@ def linearised(contact: Contact, load: Load, gap: Field, pair: Eigenpair) -> Lin
 
     (_, imbalance), rates = jax.jvp(at, (load,), (jax.tree.map(jnp.ones_like, load),))
     return Linear(
+        pair,
+        stiffening_of(contact),
         imbalance,
         *rates,
         eigenvalue_slope=third_derivative(contact, gap) * pair.mode**2,
@@ -102,11 +115,7 @@ def linearised(contact: Contact, load: Load, gap: Field, pair: Eigenpair) -> Lin
 
 
 def newton_step(
-    contact: Contact,
-    linear: Linear,
-    pair: Eigenpair,
-    conditions: tuple[Field, Scalar],
-    solve: FieldMap,
+    linear: Linear, conditions: tuple[Field, Scalar], solve: FieldMap
 ) -> tuple[Scalar, Field]:
     """Return the changes of load and gap that cancel an imbalance and an eigenvalue.
 
@@ -114,7 +123,7 @@ def newton_step(
     the two numbers x.d and l follow from their definition and from the eigenvalue.
     """
     imbalance, eigenvalue = conditions
-    stiffening = stiffening_of(contact)
+    pair, stiffening = linear.pair, linear.stiffening
     mode, slope = pair.mode, linear.eigenvalue_slope
     stiffness = pair.eigenvalue + stiffening
     still, moved = -solve(imbalance), -solve(linear.imbalance_rate)

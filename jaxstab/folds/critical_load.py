@@ -11,14 +11,14 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import ArrayLike
 
 from jaxstab.contact import Contact
 from jaxstab.derivatives import Obstacle, unless
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.implicit import fields_of
-from jaxstab.folds.branch import free_space
+from jaxstab.folds.branch import Field, free_space
 from jaxstab.folds.implicit import NOT_FOUND, differentiable, where_found
 from jaxstab.folds.search import follow_to_fold
 from jaxstab.loads import Load, require_load
@@ -26,8 +26,6 @@ from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 from jaxstab.stability import Eigenpair
 from jaxstab.stability.implicit import differentiable as differentiable_pair
-
-Field = Float[Array, " *grid"]
 
 
 class CriticalLoad(eqx.Module):

@@ -5,17 +5,18 @@ from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
 from jaxstab.contact import Contact
 from jaxstab.derivatives import Obstacle, unless
 from jaxstab.equilibrium.implicit import fields_of, verge_of_contact
 from jaxstab.folds.branch import (
+    Field,
     Linear,
+    Scalar,
     free_space,
     linearised,
     newton_step,
-    stiffening_of,
 )
 from jaxstab.grid import total
 from jaxstab.loads import Load
@@ -23,8 +24,6 @@ from jaxstab.results import RESULTS
 from jaxstab.stability import Eigenpair
 from jaxstab.stability.implicit import differentiable as differentiable_pair
 
-Field = Float[Array, " *grid"]
-Scalar = Float[Array, ""]
 Tree = TypeVar("Tree")
 
 NOT_FOUND = "no fold was found (look at its result)"
@@ -60,19 +59,16 @@ def _differentiate(
         return fields["gap"], linear.project(net), total(pair.mode * moved)
 
     _, (shift, *change) = jax.jvp(conditions, (contact,), tangents[-1:])
-    stiffened = linear.system(stiffening_of(contact), pair.mode)
     _, net = fields_of(contact, load, gap)
     obstacles = [
         Obstacle(~is_found, NOT_FOUND),
-        Obstacle(_is_bifurcation(linear, pair.mode), _BIFURCATION),
+        Obstacle(_is_bifurcation(linear), _BIFURCATION),
         verge_of_contact(net, gap, contact.hessian(gap)),
     ]
     change, move = newton_step(
-        contact,
         linear,
-        pair,
         tuple(change),
-        lambda b: stiffened.differentiable_solution(b, obstacles, throw),
+        lambda b: linear.stiffened.differentiable_solution(b, obstacles, throw),
     )
     change, move = (unless(obstacles, tangent, throw) for tangent in (change, shift + move))
     return fold, (jax.tree.map(lambda _: change, load), move)
@@ -88,8 +84,10 @@ def where_found(is_found: Bool[Array, ""], tree: Tree) -> Tree:
     return jax.tree.map(choose, tree)
 
 
-def _is_bifurcation(linear: Linear, mode: Field) -> Bool[Array, ""]:
+def _is_bifurcation(linear: Linear) -> Bool[Array, ""]:
     """Whether the load does not act on the mode, or the eigenvalue does not change along it."""
+
+    mode = linear.pair.mode
 
     def cosine(field: Field) -> Scalar:
         return jnp.abs(total(mode * field)) / jnp.sqrt(total(field**2))

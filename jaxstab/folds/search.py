@@ -11,13 +11,15 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium
 from jaxstab.folds.branch import (
+    Field,
     Point,
+    Scalar,
     linearised,
     newton_step,
     point_at,
@@ -28,9 +30,6 @@ from jaxstab.iterate import Indicators, Iteration, IterativeSolver
 from jaxstab.loads import Load
 from jaxstab.results import RESULTS
 from jaxstab.stability.modes import BLOCK_SIZE, noise
-
-Field = Float[Array, " *grid"]
-Scalar = Float[Array, ""]
 
 # The part that a step goes of the way to where the fold is foreseen.
 _SHARE = 0.75
@@ -90,7 +89,7 @@ class _Approach(IterativeSolver):
 
         def foresee(point: Point, fraction: Scalar) -> _Approaching:
             linear = linearised(contact, point.load, point.gap, point.pair)
-            moved, _ = linear.system(0, point.pair.mode).solution(-linear.imbalance_rate)
+            moved, _ = linear.system.solution(-linear.imbalance_rate)
             rate = moved + linear.gap_rate
             slope = total(linear.eigenvalue_slope * rate)
             return _Approaching(point, rate, -point.pair.eigenvalue / (2 * slope), fraction)
@@ -137,9 +136,8 @@ class _FoldNewton(IterativeSolver):
         def step(point: Point) -> Point:
             linear = linearised(contact, point.load, point.gap, point.pair)
             conditions = linear.imbalance, point.pair.eigenvalue
-            stiffened = linear.system(stiffening_of(contact), point.pair.mode)
             change, move = newton_step(
-                contact, linear, point.pair, conditions, lambda b: stiffened.solution(b)[0]
+                linear, conditions, lambda b: linear.stiffened.solution(b)[0]
             )
             # No free point closes.
             limit = jnp.min(jnp.where(move < 0, -point.gap / jnp.where(move < 0, move, 1), jnp.inf))
