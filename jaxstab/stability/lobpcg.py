@@ -148,9 +148,14 @@ def normalised(block: Block) -> Block:
     return _column(_inverse_norms(block), block) * block
 
 
+def norms(block: Block) -> Float[Array, " block"]:
+    """Return the Euclidean norms of the vectors of a block."""
+    return jnp.sqrt(jnp.sum(_rows(block) ** 2, axis=1))
+
+
 def _inverse_norms(block: Block) -> Float[Array, " block"]:
-    norms = jnp.sqrt(jnp.sum(_rows(block) ** 2, axis=1))
-    return jnp.where(norms == 0, 0, 1 / jnp.where(norms == 0, 1, norms))
+    lengths = norms(block)
+    return jnp.where(lengths == 0, 0, 1 / jnp.where(lengths == 0, 1, lengths))
 
 
 def _rows(block: Block) -> Float[Array, "block points"]:

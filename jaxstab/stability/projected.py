@@ -17,7 +17,7 @@ from jaxstab.lanes import by_lanes
 from jaxstab.results import RESULTS
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpairs import Minimiser, descended, projected_residual, unit_vector
-from jaxstab.stability.lobpcg import combine, inner_products, normalised, rayleigh_ritz
+from jaxstab.stability.lobpcg import combine, inner_products, normalised, norms, rayleigh_ritz
 
 # Steps in each round of the competition between starts, and how many may go on to the next.
 _ROUNDS = ((4, 12), (8, 3), (10, 3), (15, 3), (25, 3), (40, 3), (60, 3))
@@ -144,7 +144,8 @@ def _places(
     is_out = jnp.isnan(found.residual) | (is_empty & ~cone.is_trivial)
     lowest = jnp.where(is_out | is_empty, jnp.inf, found.state.point.eigenvalue)
     is_alike = inner_products(modes, modes) > _SAME
-    is_copy = jnp.any((_order(lowest)[:, None] < _order(lowest)) & is_alike, axis=0)
+    order = _order(lowest)
+    is_copy = jnp.any((order[:, None] < order) & is_alike, axis=0)
     is_higher = lowest - operator.scale * found.residual > jnp.min(lowest)
     is_beaten = is_out | is_copy | is_higher
     return jnp.where(is_beaten, jnp.inf, _order(jnp.where(is_beaten, jnp.inf, lowest)))
@@ -207,9 +208,9 @@ def _lower(
     stays, moves = parts.at[1:].set(0), parts.at[0].set(0)
     # Combined products have no digits left where the basis reaches into stiff points, nor that of
     # a tiny difference.
-    lengths = _norms(basis)
+    lengths = norms(basis)
     is_tiny = (lengths > 0) & (lengths < jnp.sqrt(jnp.finfo(lengths.dtype).eps))
-    is_rough = jnp.any(is_tiny | (_norms(products / operator.scale) > lengths))
+    is_rough = jnp.any(is_tiny | (norms(products / operator.scale) > lengths))
 
     def attempt(trial: _Trial) -> _Trial:
         part = stays + trial.length * moves
@@ -236,7 +237,3 @@ def _lower(
         attempt,
         _Trial(point, jnp.array(False), jnp.ones_like(point.eigenvalue), none, none),
     )
-
-
-def _norms(block: Block) -> Float[Array, " block"]:
-    return jnp.sqrt(jnp.sum(block**2, axis=range(1, block.ndim)))
