@@ -8,9 +8,11 @@ K u + f'(g) and its Hessian A = K + D with D = diag f''(g).
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+from jaxstab import elasticity
 from jaxstab.checks import cast, parameter, require, require_finite
 from jaxstab.elasticity import FieldMap, Solid
 from jaxstab.grid import Grid, total
@@ -18,6 +20,7 @@ from jaxstab.hessian import Hessian
 from jaxstab.loads import Control
 from jaxstab.potentials import (
     Potential,
+    Scaled,
     Scan,
     as_module,
     curvature,
@@ -97,6 +100,24 @@ class Contact(eqx.Module):
         """Whether heights are finite and the solid is a possible one, also where traced."""
         return jnp.all(jnp.isfinite(self.heights)) & self.solid.is_valid
 
+    @property
+    def own_pressure(self) -> Float[Array, ""]:
+        """The unit of pressure that suits the problem, a power of two: squares keep the range.
+
+        It is about what the stiffest wave takes to move by the height of the surface.
+        """
+        height = jnp.max(jnp.abs(self.heights - self.heights.ravel()[0]))
+        height = jnp.where(height > 0, height, jnp.max(self.grid.spacing).astype(height.dtype))
+        stiffness = self.solid.max_stiffness.astype(height.dtype)
+        _, exponent = jnp.frexp(jax.lax.stop_gradient(height * stiffness))
+        return jnp.ldexp(jnp.ones((), height.dtype), exponent)
+
+    def in_units_of(self, pressure: Float[Array, ""]) -> "Contact":
+        """Return the same contact with pressures in another unit; lengths stay."""
+        solid, law = elasticity.Scaled(self.solid, 1 / pressure), Scaled(self.potential, 1 / pressure)
+        parts = lambda contact: (contact.solid, contact.potential)  # noqa: E731
+        return eqx.tree_at(parts, self, (solid, law))
+
     def gap(self, displacement: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         """Return g = u - h (Rey & Bleyer, eq. 2) [length]."""
         return displacement - self.heights
@@ -138,8 +159,9 @@ class Contact(eqx.Module):
     def balance(self, control: Control) -> Callable[[Float[Array, " *grid"]], "Balance"]:
         """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
         stiffness = self.solid.stiffness
-        eps = float(jnp.finfo(self.heights.dtype).eps)
-        smallest_scale = self.conforming_pressure * max(1e-2, 1e6 * eps)
+        conforming = self.conforming_pressure
+        # What a hundredth of the elastic pressures hides moves no point by a part of the heights.
+        smallest_scale = conforming * max(1e-2, 1e6 * float(jnp.finfo(self.heights.dtype).eps))
         heights = self.heights - self.heights.ravel()[0]
         escape = control.escape_gap(self.scan)
 
@@ -151,9 +173,11 @@ class Contact(eqx.Module):
             is_free = gap > 0
             net = control.net_pressure(elastic + attraction, is_free)
             missed = jnp.where(is_free, net, jnp.minimum(net, 0))
-            residual = jnp.sqrt(total(missed**2) / gap.size)
-            scale = jnp.sqrt(total((net - attraction) ** 2 + attraction**2) / gap.size)
+            # Between flat surfaces nothing but the attraction tells how much is little.
+            resisting = jnp.where(conforming > 0, control.resisting(attraction), attraction)
+            scale = jnp.sqrt(total(elastic**2 + resisting**2) / gap.size)
             scale = jnp.maximum(scale, smallest_scale)
+            residual = jnp.sqrt(total(missed**2) / gap.size)
             return Balance(
                 net=net,
                 curvature=curvature,
@@ -170,9 +194,10 @@ class Balance(eqx.Module):
     """How far a gap is from equilibrium (Rey & Bleyer, eqs. 9 and 10).
 
     Equilibrium asks that the net pressure K u + p0 + f'(g) vanish where g > 0 and not be negative
-    where g = 0. The residual is the rms of what is missed over that of (K u + p0, f'), or over a
-    hundredth of that of K h where this is larger (in single precision, which cannot resolve less,
-    a tenth).
+    where g = 0. The residual is the rms of what is missed over that of K u and of what of f' the
+    load does not take by itself (under a held mean gap f' less its mean, otherwise f' + p0), or
+    over a hundredth of that of K h where this is larger (in single precision, which cannot
+    resolve less, a tenth).
 
     Attributes:
         net: K u + p0 + f'(g) [pressure].

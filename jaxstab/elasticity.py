@@ -152,3 +152,24 @@ class Spectral(Solid):
     def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
         """Return function(|q|) [pressure/length]."""
         return self.function(wavenumbers)
+
+
+class Scaled(Solid):
+    """A solid whose stiffness is that of another one times a factor."""
+
+    solid: Solid
+    factor: Float[Array, ""]
+
+    @property
+    def grid(self) -> Grid:
+        """The grid of its surface."""
+        return self.solid.grid
+
+    @property
+    def is_valid(self) -> Bool[Array, ""]:
+        """Whether the other solid is a possible one."""
+        return self.solid.is_valid
+
+    def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
+        """Return the other stiffness times the factor."""
+        return self.factor * self.solid.stiffness_at(wavenumbers)

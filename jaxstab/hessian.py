@@ -14,21 +14,20 @@ Block = Float[Array, "block *grid"]
 
 
 class SymmetricOperator(eqx.Module):
-    """A symmetric operator on fields, with what an eigensolver needs to know of it."""
+    """A symmetric operator on fields, with what an eigensolver needs to know of it.
+
+    Attributes:
+        bound: a number not below the norm of A.
+        scale: the size of A on its lower modes, not above the bound: what residuals are relative
+            to.
+    """
+
+    bound: eqx.AbstractVar[Float[Array, ""]]
+    scale: eqx.AbstractVar[Float[Array, ""]]
 
     @abstractmethod
     def __call__(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         """Apply the operator A."""
-
-    @property
-    @abstractmethod
-    def bound(self) -> Float[Array, ""]:
-        """A number not below the norm of A."""
-
-    @property
-    @abstractmethod
-    def scale(self) -> Float[Array, ""]:
-        """The size of A on its lower modes, not above the bound: what residuals are relative to."""
 
     @abstractmethod
     def precondition(
@@ -49,28 +48,32 @@ class SymmetricOperator(eqx.Module):
 class Hessian(SymmetricOperator):
     """A = K + D (Rey & Bleyer, eq. 24).
 
-    Attributes:
+    Arguments:
         multiplier: K on the half spectrum [pressure/length].
         curvature: f''(g), the diagonal of D [pressure/length].
     """
 
     multiplier: Float[Array, " *modes"]
     curvature: Float[Array, " *grid"]
+    bound: Float[Array, ""]
+    scale: Float[Array, ""]
+    softest: Float[Array, ""]
+
+    def __init__(self, multiplier: Float[Array, " *modes"], curvature: Float[Array, " *grid"]):
+        self.multiplier = multiplier
+        self.curvature = curvature
+        # Computed once, since eigensolvers ask for them at every step.
+        stiffest, softening = jnp.max(multiplier), -jnp.min(curvature)
+        # K is not negative, so |A| <= max(K + D, -D).
+        highest = stiffest + jnp.maximum(jnp.max(curvature), 0)
+        self.bound = jnp.maximum(highest, softening)
+        # Points of large f'' take no part in lower modes.
+        self.scale = jnp.maximum(stiffest, softening)
+        self.softest = softest_wave(multiplier)
 
     def __call__(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         """Return A x, at the price of one pair of Fourier transforms."""
         return apply_multiplier(self.multiplier, field) + self.curvature * field
-
-    @property
-    def bound(self) -> Float[Array, ""]:
-        """A bound on |A| [pressure/length]: K is not negative, so |A| <= max(K + D, -D)."""
-        highest = jnp.max(self.multiplier) + jnp.maximum(jnp.max(self.curvature), 0)
-        return jnp.maximum(highest, -jnp.min(self.curvature))
-
-    @property
-    def scale(self) -> Float[Array, ""]:
-        """The larger of max(K) and -min(D): points of large f'' take no part in lower modes."""
-        return jnp.maximum(jnp.max(self.multiplier), -jnp.min(self.curvature))
 
     def restricted(self, mask: Bool[Array, " *grid"]) -> "Hessian":
         """Return an operator that does the same to fields which vanish outside the mask, there."""
@@ -88,8 +91,7 @@ class Hessian(SymmetricOperator):
         decays where the adhesion is that stiff.
         """
         elastic = eigenvalue - total(self.curvature * mode**2)
-        softest = softest_wave(self.multiplier)
-        shift = jnp.maximum(elastic, softest)
+        shift = jnp.maximum(elastic, self.softest)
         stiff = jnp.maximum(self.curvature - eigenvalue - shift, 0)
         share = jnp.sqrt(shift / (shift + stiff))
         return share * apply_multiplier(1 / (self.multiplier + shift), share * field)

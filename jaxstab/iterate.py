@@ -1,7 +1,8 @@
 """The forward loop of every solver: it steps, measures, stops, and keeps a bounded history."""
 
-from collections.abc import Callable, Mapping
-from typing import ClassVar, Generic, TypeVar
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import Any, ClassVar, Generic, TypeVar
 
 import equinox as eqx
 import jax
@@ -17,6 +18,7 @@ Indicators = dict[str, Float[Array, ""]]
 _STALL_FACTOR = 0.99
 _LEAST_FALL = 1e-6
 _HISTORY_LENGTH = 512
+_NO_LIMIT = 2**31 - 1
 
 
 def optional_parameter(value: ArrayLike | None) -> Float[Array, ""] | None:
@@ -25,33 +27,49 @@ def optional_parameter(value: ArrayLike | None) -> Float[Array, ""] | None:
 
 
 class History(eqx.Module):
-    """Indicators of a solver at a bounded number of its steps, evenly thinned; NaN where unused."""
+    """Indicators of a solver at a bounded number of its steps: all at first, then ever fewer.
 
-    steps: Float[Array, " records"]
-    values: dict[str, Float[Array, " records"]]
-    stride: Int[Array, ""]
+    Attributes:
+        table: a row for each record, NaN where unused: the step, and the indicators by name.
+        names: of the indicators, in order.
+    """
+
+    table: Float[Array, "records columns"]
+    names: tuple[str, ...] = eqx.field(static=True)
 
     @classmethod
-    def empty(cls, indicators: Indicators) -> "History":
-        """Return a history without records for these indicators."""
-        blank = {
-            name: jnp.full(_HISTORY_LENGTH, jnp.nan, x.dtype) for name, x in indicators.items()
-        }
-        return cls(jnp.full(_HISTORY_LENGTH, jnp.nan), blank, jnp.array(1))
+    def empty(cls, names: Iterable[str], dtype: Any = float) -> "History":
+        """Return a history without records for indicators of these names."""
+        names = tuple(sorted(names))
+        return cls(jnp.full((_HISTORY_LENGTH, 1 + len(names)), jnp.nan, dtype), names)
+
+    @property
+    def steps(self) -> Float[Array, " records"]:
+        """The steps that are on record."""
+        return self.table[..., 0]
+
+    @property
+    def values(self) -> dict[str, Float[Array, " records"]]:
+        """The indicators at these steps."""
+        return {name: self.table[..., 1 + i] for i, name in enumerate(self.names)}
+
+    def scaled(self, **factors: Float[Array, ""]) -> "History":
+        """Return the history with some of its indicators, if they are there, times a factor."""
+        columns = jnp.stack([jnp.ones(()), *(factors.get(name, 1.0) for name in self.names)])
+        return replace(self, table=self.table * columns.astype(self.table.dtype))
 
     def record(self, count: Int[Array, ""], step: Int[Array, ""], new: Indicators) -> "History":
-        """Return the history with the `count`-th measurement, taken at `step`, added."""
-        full = count // self.stride == _HISTORY_LENGTH
-        stride = jnp.where(full, 2 * self.stride, self.stride)
-        slot = count // stride
+        """Return the history with the `count`-th measurement, taken at `step`, added.
 
-        def put(old: Float[Array, " records"], value: Array) -> Float[Array, " records"]:
-            halved = jnp.full_like(old, jnp.nan).at[: _HISTORY_LENGTH // 2].set(old[::2])
-            kept = jnp.where(full, halved, old)
-            return kept.at[slot].set(jnp.where(count % stride == 0, value, kept[slot]))
-
-        values = {name: put(self.values[name], value) for name, value in new.items()}
-        return History(put(self.steps, step), values, stride)
+        The first 256 have a row each. Then the rows of each doubling of the count are 32, and each
+        keeps the last of those that share it.
+        """
+        octave = jnp.maximum(23 - jax.lax.clz(count.astype(jnp.int32)), 0)
+        shared = 224 + 32 * octave + (count >> (octave + 3))
+        row = jnp.minimum(jnp.where(count < 256, count, shared), _HISTORY_LENGTH - 1)
+        values = jnp.stack([step, *(new[name] for name in self.names)]).astype(self.table.dtype)
+        table = jax.lax.dynamic_update_index_in_dim(self.table, values, row, 0)
+        return replace(self, table=table)
 
 
 class Iteration(eqx.Module, Generic[State]):
@@ -111,7 +129,6 @@ class IterativeSolver(eqx.Module):
         step: Callable[[State], State],
         measure: Callable[[State], Indicators],
         state: State,
-        before: Iteration[State] | None = None,
     ) -> Iteration[State]:
         """Repeat `step` from `state` until the tolerance is reached, or say why it is not.
 
@@ -122,18 +139,31 @@ class IterativeSolver(eqx.Module):
             step: one step of the algorithm.
             measure: its indicators, of which "residual" decides, every `steps_per_check` steps.
             state: where to start.
-            before: an iteration that this one goes on from: its steps and history count too.
         """
         first = measure(state)
         zero = jnp.array(0)
-        num_before = zero if before is None else before.num_steps
-        history = History.empty(first) if before is None else before.history
+        history = History.empty(first, first["residual"].dtype).record(zero, zero, first)
+        start = Iteration(state, first["residual"], zero, RESULTS.max_steps_reached, history)
+        return self.resume(step, measure, start, first)
 
-        def record(history: History, num_steps: Int[Array, ""], new: Indicators) -> History:
-            steps = num_before + num_steps
-            return history.record(steps // self.steps_per_check, steps, new)
+    def resume(
+        self,
+        step: Callable[[State], State],
+        measure: Callable[[State], Indicators],
+        before: Iteration[State],
+        first: Indicators,
+        max_steps: ArrayLike = _NO_LIMIT,
+    ) -> Iteration[State]:
+        """Go on from an iteration, by at most `max_steps` steps; its steps and history count too.
 
+        Arguments:
+            step, measure: as in `iterate`.
+            before: where it stands.
+            first: its indicators there.
+            max_steps: the number of steps after which to pause.
+        """
         tolerance = self.tolerance_in(first["residual"].dtype)
+        limit = jnp.minimum(max_steps, self.max_steps - before.num_steps)
 
         def is_progress(best: Indicators, new: Indicators) -> Bool[Array, ""]:
             progress = new["residual"] < _STALL_FACTOR * best["residual"]
@@ -147,13 +177,18 @@ class IterativeSolver(eqx.Module):
 
         def goes_on(loop: _Loop[State]) -> Bool[Array, ""]:
             unfinished = (loop.residual > tolerance) & jnp.isfinite(loop.residual)
-            return unfinished & (loop.num_steps < self.max_steps) & ~is_stalled(loop)
+            return unfinished & (loop.num_steps < limit) & ~is_stalled(loop)
 
         def advance(loop: _Loop[State]) -> _Loop[State]:
-            state = jax.lax.fori_loop(0, self.steps_per_check, lambda _, s: step(s), loop.state)
+            state = loop.state
+            if self.steps_per_check == 1:
+                state = step(state)
+            else:
+                state = jax.lax.fori_loop(0, self.steps_per_check, lambda _, s: step(s), state)
             num_steps = loop.num_steps + self.steps_per_check
             indicators = measure(state)
             improved = is_progress(loop.best, indicators)
+            steps = before.num_steps + num_steps
             return _Loop(
                 state,
                 indicators["residual"],
@@ -163,17 +198,17 @@ class IterativeSolver(eqx.Module):
                     for name, best in loop.best.items()
                 },
                 jnp.where(improved, num_steps, loop.best_step),
-                record(loop.history, num_steps, indicators),
+                loop.history.record(steps // self.steps_per_check, steps, indicators),
             )
 
-        history = record(history, zero, first)
-        loop = _Loop(state, first["residual"], zero, first, zero, history)
+        zero = jnp.zeros_like(before.num_steps)
+        loop = _Loop(before.state, before.residual, zero, first, zero, before.history)
         loop = jax.lax.while_loop(goes_on, advance, loop)
 
         result = RESULTS.where(is_stalled(loop), RESULTS.stagnated, RESULTS.max_steps_reached)
         result = RESULTS.where(loop.residual <= tolerance, RESULTS.successful, result)
         result = RESULTS.where(jnp.isfinite(loop.residual), result, RESULTS.nonfinite)
-        num_steps = num_before + loop.num_steps
+        num_steps = before.num_steps + loop.num_steps
         return Iteration(loop.state, loop.residual, num_steps, result, loop.history)
 
 

@@ -1,20 +1,27 @@
-"""How a solver runs under `jax.vmap`: lane by lane where that is faster."""
+"""How a solver runs on many problems: lane by lane where that is faster."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar
 
 import jax
 from jaxtyping import Array
 
+In = TypeVar("In")
 Out = TypeVar("Out")
 
 
-def by_lanes(function: Callable[..., Out]) -> Callable[..., Out]:
-    """Return `function`, of arrays in pytrees, such that under `jax.vmap` its lanes part company.
+def map_lanes(function: Callable[[In], Out], lanes: In) -> Out:
+    """Return what a function gives on each lane, along the leading axis of all arrays.
 
     On the CPU, which gains nothing from wide arrays, they run one after another: none waits for
     the slowest, and each gives what it gives alone, to the last bit. Elsewhere all run together.
     """
+    return _map(function, function, lanes)
+
+
+def by_lanes(function: Callable[..., Out]) -> Callable[..., Out]:
+    """Return `function`, of arrays in pytrees, such that `jax.vmap` runs it like `map_lanes`."""
     lane = jax.custom_batching.custom_vmap(function)
 
     @lane.def_vmap
@@ -28,11 +35,14 @@ def by_lanes(function: Callable[..., Out]) -> Callable[..., Out]:
             merged = [next(rest) if m else leaf for leaf, m in zip(leaves, is_mapped, strict=True)]
             return callee(*jax.tree.unflatten(tree, merged))
 
-        out = jax.lax.platform_dependent(
-            mapped,
-            cpu=lambda mapped: jax.lax.map(lambda one: call(lane, one), mapped),
-            default=lambda mapped: jax.vmap(lambda one: call(function, one))(mapped),
-        )
+        # One after another, lanes may have lanes of their own.
+        out = _map(partial(call, lane), partial(call, function), mapped)
         return out, jax.tree.map(lambda _: True, out)
 
     return lane
+
+
+def _map(alone: Callable[[In], Out], together: Callable[[In], Out], lanes: In) -> Out:
+    return jax.lax.platform_dependent(
+        lanes, cpu=partial(jax.lax.map, alone), default=jax.vmap(together)
+    )

@@ -42,6 +42,14 @@ class Control(eqx.Module):
         """Return a gap that meets the load, near to one that is nowhere negative."""
 
     @abstractmethod
+    def missed(self, gap: Field) -> Float[Array, ""]:
+        """Return by what part of itself a gap misses the load."""
+
+    @abstractmethod
+    def resisting(self, attraction: Field) -> Field:
+        """Return the part of the attraction that the load does not take by itself [pressure]."""
+
+    @abstractmethod
     def net_pressure(self, gradient: Field, is_free: Mask) -> Field:
         """Return K u + p0 + f'(g) from K u + f'(g) [pressure]."""
 
@@ -81,6 +89,15 @@ class GapControl(Control):
     def restore(self, gap: Field) -> Field:
         """Return the gap scaled to its mean."""
         return gap * (self.mean_gap * gap.size / total(gap))
+
+    def missed(self, gap: Field) -> Float[Array, ""]:
+        """Return how far the mean gap is off, over what it should be."""
+        unit = jnp.where(self.mean_gap == 0, 1, self.mean_gap)
+        return jnp.abs((total(gap) / gap.size - self.mean_gap) / unit)
+
+    def resisting(self, attraction: Field) -> Field:
+        """Return the attraction less its mean, which the mean pressure balances."""
+        return attraction - total(attraction) / attraction.size
 
     def net_pressure(self, gradient: Field, is_free: Mask) -> Field:
         """Return the gradient less its mean over the free points, which is -p0."""
@@ -123,6 +140,14 @@ class PressureControl(Control):
         """Return the gap itself: any that is not negative will do."""
         return gap
 
+    def missed(self, gap: Field) -> Float[Array, ""]:
+        """Return zero: any gap will do."""
+        return jnp.zeros((), gap.dtype)
+
+    def resisting(self, attraction: Field) -> Field:
+        """Return the attraction plus p0, which it balances where that is a tension."""
+        return attraction + self.mean_pressure
+
     def net_pressure(self, gradient: Field, is_free: Mask) -> Field:
         """Return the gradient plus p0."""
         return gradient + self.mean_pressure
@@ -154,6 +179,10 @@ class Load(eqx.Module):
     def control(self, heights: Field) -> Control:
         """Return what the load asks of the gap over this surface."""
 
+    def in_units_of(self, pressure: Float[Array, ""]) -> "Load":
+        """Return the same load with pressures in another unit; lengths stay."""
+        return self
+
 
 class MeanDisplacement(Load):
     """A prescribed mean(u) [length]: one value, or an array of them for a sweep."""
@@ -183,6 +212,10 @@ class MeanPressure(Load):
     def control(self, heights: Field) -> PressureControl:
         """Hold the mean pressure at the value."""
         return PressureControl(self.value.astype(heights.dtype))
+
+    def in_units_of(self, pressure: Float[Array, ""]) -> "MeanPressure":
+        """Return the same load with pressures in another unit; lengths stay."""
+        return MeanPressure(self.value / pressure)
 
 
 def require_load(load: Load) -> None:

@@ -146,6 +146,17 @@ class NoAdhesion(eqx.Module):
         return jnp.zeros_like(gap)
 
 
+class Scaled(eqx.Module):
+    """A law whose energy is that of another one times a factor."""
+
+    law: Potential
+    factor: Float[Array, ""]
+
+    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the other energy per area at a gap [length], times the factor."""
+        return self.factor * self.law(gap)
+
+
 def as_module(potential: Potential, dtype: Any) -> Potential:
     """Return `potential` as a pytree of arrays that acts on gaps of `dtype`.
 

@@ -48,6 +48,10 @@ class RESULTS(eqx.Enumeration):
         "no_equilibrium: there was no converged equilibrium to assess. Look at the result of the "
         "equilibrium"
     )
+    other_contact = (
+        "other_contact: the state is not in equilibrium in this contact, whose pressures it leaves "
+        "out of balance. Use the contact and the load that it came from"
+    )
     no_fold = (
         "no_fold: the critical eigenvalue was not seen to vanish between the two loads. It stays "
         "positive, or jumps where points enter or leave contact, or the search left the branch: "

@@ -14,6 +14,7 @@ import pytest
 
 import jaxstab as js
 from jaxstab import potentials
+from jaxstab.iterate import History
 
 jax.config.update("jax_enable_x64", True)
 matplotlib.use("Agg")
@@ -56,18 +57,33 @@ def with_parameters(contact, energy, length, modulus):
     return js.Contact(solid, contact.heights, js.potentials.Exponential(energy, length))
 
 
-def state_of(contact, gap, reaction=1.0, load=None):
-    """Return a state with any gap and reaction, as if it were in equilibrium."""
+def state_of(contact, gap, reaction=1.0, load=js.MeanGap):
+    """Return a contact with the same Hessian at a gap, and that gap as its equilibrium.
+
+    The heights are such that the elastic pressure balances reaction and attraction.
+    """
     touches = gap == 0
-    bare = js.Contact(contact.solid, contact.heights, js.potentials.NoAdhesion())
-    anchor = js.equilibrate(bare, js.MeanGap(10.0))
     reaction = jnp.where(touches, reaction, 0.0)
     pressure = reaction - potentials.slope(contact.potential, gap)
-    return eqx.tree_at(
-        lambda state: (state.load, state.gap, state.in_contact, state.reaction, state.pressure),
-        anchor,
-        (anchor.load if load is None else load, gap, touches, reaction, pressure),
+    displacement = contact.solid.displacement(pressure)
+    contact = eqx.tree_at(lambda contact: contact.heights, contact, displacement - gap)
+    mean_pressure = jnp.mean(pressure)
+    state = js.Equilibrium(
+        load=load(mean_pressure if load is js.MeanPressure else jnp.mean(gap)),
+        displacement=displacement,
+        gap=gap,
+        pressure=pressure,
+        reaction=reaction,
+        in_contact=touches,
+        mean_pressure=mean_pressure,
+        contact_area=jnp.mean(touches),
+        energy=contact.energy(gap),
+        residual=jnp.array(1e-9),
+        num_steps=jnp.array(0),
+        result=js.RESULTS.successful,
+        history=History.empty(["residual"]),
     )
+    return contact, state
 
 
 def dense_hessian(contact, gap):

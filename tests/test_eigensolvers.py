@@ -87,7 +87,7 @@ def test_on_a_line_without_a_fixed_mean_the_cone_costs_nothing(seed):
     law = js.potentials.Exponential(10 ** random.uniform(-1, 1), 0.5)
     contact = js.Contact(js.HalfSpace(grid, 1.0), np.zeros(64), law)
     gap = jnp.asarray(random.uniform(0.01, 2.0, 64) * (random.random(64) > random.random()))
-    state = state_of(contact, gap, load=js.MeanPressure(0.1))
+    contact, state = state_of(contact, gap, load=js.MeanPressure)
     stability = js.assess_stability(contact, state)
     matrix = dense_hessian(contact, gap)
     assert (matrix - np.diag(np.diag(matrix))).max() <= 1e-12
@@ -114,7 +114,7 @@ def test_the_lowest_modes_equal_those_of_a_dense_eigensolver(unloading, space, c
 def test_more_modes_than_the_space_has_are_infinite():
     contact = rough_contact(8, js.potentials.Exponential(1.0, 1.0))
     gap = jnp.zeros((8, 8)).at[2:4, 3].set(0.3).at[6, 6].set(0.1)
-    pairs = js.lowest_modes(contact, state_of(contact, gap), 4, space="critical")
+    pairs = js.lowest_modes(*state_of(contact, gap), 4, space="critical")
     keeps = np.asarray(gap == 0).ravel()
     exact = smallest_on_zero_mean(dense_hessian(contact, gap)[np.ix_(~keeps, ~keeps)])
     assert pairs.eigenvalue[0] == pytest.approx(exact, rel=1e-9)
@@ -168,6 +168,7 @@ def test_the_history_on_the_cone_is_that_of_the_start_which_won(unloading):
     records = np.isfinite(steps).sum()
     np.testing.assert_array_equal(steps[:records], np.arange(records))
     assert records > 20
-    assert np.isfinite(residuals[:records]).all()
-    assert residuals[0] > 1e-2
+    # What a start is worth is known after its first step.
+    assert np.isfinite(residuals[1:records]).all()
+    assert residuals[1] > 1e-2
     assert residuals[records - 1] <= 1e-7 < residuals[records - 2]

@@ -44,7 +44,7 @@ def test_hertz_without_contact_equals_a_dense_eigensolver(hertz):
 
 
 def random_state(contact, seed, touching):
-    """Return a state with a random gap, and so a random D."""
+    """Return a contact and a state of it with a random gap, and so a random D."""
     keys = jax.random.split(jax.random.key(seed))
     gap = jax.random.uniform(keys[0], (16, 16), minval=0.01)
     return state_of(contact, jnp.where(jax.random.uniform(keys[1], gap.shape) < touching, 0.0, gap))
@@ -54,7 +54,7 @@ def random_state(contact, seed, touching):
 @pytest.mark.parametrize("strength", [0.1, 10.0])
 def test_without_contact_it_equals_a_dense_eigensolver_for_any_curvature(seed, strength):
     contact = rough_contact(16, lambda gap: -strength * jnp.cos(3 * gap))
-    state = random_state(contact, seed, 0)
+    contact, state = random_state(contact, seed, 0)
     pair = js.assess_stability(contact, state).cone
     exact = smallest_on_zero_mean(dense_hessian(contact, state.gap))
     assert pair.eigenvalue == pytest.approx(exact, rel=1e-6)
@@ -63,7 +63,7 @@ def test_without_contact_it_equals_a_dense_eigensolver_for_any_curvature(seed, s
 
 def test_adhesion_that_outweighs_the_stiffness_everywhere_does_not_upset_it():
     contact = rough_contact(16, lambda gap: -200 * jnp.exp(-gap))
-    state = random_state(contact, 3, 0)
+    contact, state = random_state(contact, 3, 0)
     pair = js.assess_stability(contact, state).cone
     exact = smallest_on_zero_mean(dense_hessian(contact, state.gap))
     assert contact.solid.max_stiffness < 50 < -exact
@@ -74,7 +74,7 @@ def test_adhesion_that_outweighs_the_stiffness_everywhere_does_not_upset_it():
 @pytest.mark.parametrize("touching", [0.05, 0.5, 0.95])
 def test_with_contact_the_answer_is_admissible_and_optimal(seed, touching):
     contact = rough_contact(16, lambda gap: -jnp.cos(3 * gap))
-    state = random_state(contact, seed, touching)
+    contact, state = random_state(contact, seed, touching)
     pair = js.assess_stability(contact, state).cone
     check_admissible(pair, state.in_contact)
     matrix = dense_hessian(contact, state.gap)
@@ -110,7 +110,7 @@ def test_the_projection_is_the_nearest_admissible_field():
 
 
 def test_full_contact_admits_no_perturbation_and_is_stable(hertz):
-    stability = js.assess_stability(hertz, state_of(hertz, jnp.zeros((32, 32))))
+    stability = js.assess_stability(*state_of(hertz, jnp.zeros((32, 32))))
     assert stability.cone.eigenvalue == np.inf
     assert not stability.cone.mode.any()
     assert stability.verdict == js.VERDICTS.stable
@@ -118,7 +118,7 @@ def test_full_contact_admits_no_perturbation_and_is_stable(hertz):
 
 def test_one_free_point_can_still_sink_while_its_neighbours_lift():
     contact = rough_contact(8, lambda gap: -jnp.exp(-gap))
-    state = state_of(contact, jnp.zeros((8, 8)).at[3, 4].set(0.5))
+    contact, state = state_of(contact, jnp.zeros((8, 8)).at[3, 4].set(0.5))
     pair = js.assess_stability(contact, state).cone
     check_admissible(pair, state.in_contact)
     assert pair.mode[3, 4] < 0

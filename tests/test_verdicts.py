@@ -58,11 +58,11 @@ def faces():
     contact = js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(SHAPE), wavy)
     gaps = random_problems()
     states = jax.vmap(lambda gap: state_of(contact, gap))(gaps)
-    assess = jax.vmap(lambda state: js.assess_stability(contact, state, throw=False))
+    assess = jax.vmap(lambda state: js.assess_stability(*state, throw=False))
     matrices = [dense_hessian(contact, gap) for gap in gaps]
     touching = [np.asarray(gap == 0).ravel() for gap in gaps]
     exact = [smallest_on_cone(*problem) for problem in zip(matrices, touching, strict=True)]
-    critical = [smallest_on_critical_cone(contact, state_of(contact, gap)) for gap in gaps]
+    critical = [smallest_on_critical_cone(*state_of(contact, gap)) for gap in gaps]
     return assess(states), np.array(exact), np.array(critical)
 
 
@@ -216,7 +216,7 @@ def quadratic():
 )
 def test_an_eigenvalue_of_exactly_zero_decides_nothing(quadratic, shift, verdict):
     contact = quadratic(jnp.pi + shift)
-    stability = js.assess_stability(contact, state_of(contact, jnp.ones((8, 8))))
+    stability = js.assess_stability(*state_of(contact, jnp.ones((8, 8))))
     assert stability.cone.eigenvalue == pytest.approx(-shift, abs=1e-12)
     assert stability.verdict == getattr(js.VERDICTS, verdict)
 
@@ -227,10 +227,10 @@ def test_a_point_without_reaction_may_lift_off(quadratic):
     touches = np.zeros((8, 8), bool)
     touches[2:5, 2:5] = touches[6, 1] = True
     gap = jnp.where(touches, 0.0, 1.0)
-    pressing = js.assess_stability(contact, state_of(contact, gap))
+    pressing = js.assess_stability(*state_of(contact, gap))
     weak = np.where(touches, 1.0, 0.0)
     weak[6, 1] = weak[3, 3] = 0
-    hanging = js.assess_stability(contact, state_of(contact, gap, reaction=jnp.asarray(weak)))
+    hanging = js.assess_stability(*state_of(contact, gap, reaction=jnp.asarray(weak)))
     assert pressing.complementarity > 0.1
     assert hanging.complementarity == 0
     held = touches.ravel() & (weak.ravel() > 0)
@@ -244,7 +244,7 @@ def test_a_point_without_reaction_may_lift_off(quadratic):
 def test_contact_everywhere_but_at_one_point_has_no_critical_perturbation(quadratic, num_free):
     contact = quadratic(100.0)
     gap = jnp.zeros(64).at[:num_free].set(1.0).reshape(8, 8)
-    stability = js.assess_stability(contact, state_of(contact, gap))
+    stability = js.assess_stability(*state_of(contact, gap))
     assert stability.critical.eigenvalue == np.inf
     assert stability.lower_bound.eigenvalue < 0
     if num_free:
@@ -281,7 +281,7 @@ def test_a_few_stiff_points_do_not_hide_a_soft_one():
         contact = js.Contact(
             js.HalfSpace(grid, 1e-3), jnp.zeros((16, 16)), lambda gap: gap**3 / 6 - 5 * gap**2 / 2
         )
-        state = state_of(contact, diagonal + 5)
+        contact, state = state_of(contact, diagonal + 5)
         stability = js.assess_stability(contact, state, throw=False)
         exact = smallest_on_critical_cone(contact, state)
         assert exact == pytest.approx(-0.9375, abs=1e-3)

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from jaxstab.checks import parameter, require, require_finite
+from jaxstab.checks import is_traced, parameter, require, require_finite
 from jaxstab.contact import Contact
 from jaxstab.equilibrium.implicit import DIFFERENTIABLE, differentiable
 from jaxstab.equilibrium.polonsky_keer_rey import PolonskyKeerRey
@@ -21,6 +21,9 @@ from jaxstab.loads import Control, GapControl, Load, require_load
 from jaxstab.potentials import slope
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
+
+# Over the precision: what part of itself a mean gap may be off.
+_ROUNDING = 1e3
 
 Solver = PolonskyKeerRey | PreconditionedConjugateGradient | SaddleNewton
 
@@ -58,6 +61,18 @@ class Equilibrium(eqx.Module):
     num_steps: Int[Array, ""]
     result: RESULTS
     history: History
+
+    def in_units_of(self, pressure: Float[Array, ""]) -> "Equilibrium":
+        """Return the same state with pressures in another unit; lengths stay."""
+        return replace(
+            self,
+            load=self.load.in_units_of(pressure),
+            pressure=self.pressure / pressure,
+            reaction=self.reaction / pressure,
+            mean_pressure=self.mean_pressure / pressure,
+            energy=self.energy / pressure,
+            history=self.history.scaled(energy=1 / pressure),
+        )
 
 
 def equilibrate(
@@ -108,33 +123,39 @@ def equilibrate(
     warn_if_coarse(contact)
     solver = solver or PreconditionedConjugateGradient()
     start = initial_gap(contact, load, initial)
-    equilibrium = find_equilibrium(contact, load, solver, start, throw)
+    inputs = jax.lax.stop_gradient((contact, load, solver, start))
+    equilibrium = find_equilibrium(*inputs)
+    if is_traced((contact, load)):
+        equilibrium = with_derivatives(contact, load, equilibrium, throw)
     if not throw:
         return equilibrium
     return throw_failure(equilibrium.result, equilibrium, lambda: _describe(contact, equilibrium))
 
 
-@partial(jax.jit, static_argnames="throw")
+@jax.jit
 def find_equilibrium(
-    contact: Contact,
-    load: Load,
-    solver: Solver,
-    initial: Float[Array, " *grid"] | None,
-    throw: bool = False,
+    contact: Contact, load: Load, solver: Solver, initial: Float[Array, " *grid"] | None
 ) -> Equilibrium:
-    """Do what `equilibrate` does, on checked arguments; only derivatives can raise."""
-    inputs = jax.lax.stop_gradient((contact, load, solver, initial))
-    return with_derivatives(contact, load, by_lanes(_find)(*inputs), throw)
+    """Do what `equilibrate` does, on checked arguments, without derivatives."""
+    unit = contact.own_pressure
+    own = contact.in_units_of(unit), load.in_units_of(unit)
+    found = by_lanes(_find)(*own, solver, initial).in_units_of(1 / unit)
+    overflows = (found.result == RESULTS.successful) & ~jnp.isfinite(found.energy)
+    result = RESULTS.where(overflows, RESULTS.nonfinite, found.result)
+    return replace(found, load=load, result=result)
 
 
 def with_derivatives(
     contact: Contact, load: Load, found: Equilibrium, throw: bool = False
 ) -> Equilibrium:
     """Return an equilibrium as a differentiable function of the contact and the load."""
+    unit = contact.own_pressure
+    found = found.in_units_of(unit)
     fields = {name: getattr(found, name) for name in DIFFERENTIABLE}
     is_found = found.result == RESULTS.successful
-    fields = differentiable(throw, fields, is_found, contact, load)
-    return replace(found, load=load, **fields)
+    own = contact.in_units_of(unit), load.in_units_of(unit)
+    fields = differentiable(throw, fields, is_found, *own)
+    return replace(replace(found, **fields).in_units_of(1 / unit), load=load)
 
 
 def _find(
@@ -142,14 +163,17 @@ def _find(
 ) -> Equilibrium:
     control = load.control(contact.heights)
     start = control.starting_gap(contact.heights) if initial is None else initial
-    gap = control.restore(jnp.maximum(start.astype(contact.heights.dtype), 0))
+    start = jnp.maximum(start.astype(contact.heights.dtype), 0)
+    gap = control.restore(start / jnp.max(start) if control.fixes_mean else start)
     lift = partial(_lift_off_core, contact, control)
     gap = jax.lax.cond(contact.has_core, lift, lambda gap: gap, gap)
     gap = jnp.where(control.is_feasible & contact.is_valid, gap, jnp.nan)
     iteration = solver.solve(contact, control, gap)
     gap, balance = iteration.state.gap, iteration.state.balance
     energy = (balance.elastic_energy + balance.adhesion) * contact.grid.cell_area
-    result = RESULTS.where(jnp.isfinite(energy), iteration.result, RESULTS.nonfinite)
+    is_met = control.missed(gap) <= _ROUNDING * jnp.finfo(gap.dtype).eps
+    is_finite = jnp.isfinite(energy) & is_met
+    result = RESULTS.where(is_finite, iteration.result, RESULTS.nonfinite)
     result = RESULTS.where(balance.has_escaped, RESULTS.pulled_off, result)
     result = RESULTS.where(control.is_feasible, result, RESULTS.infeasible_load)
     result = RESULTS.where(contact.is_valid, result, RESULTS.invalid_contact)

@@ -85,7 +85,10 @@ class PreconditionedConjugateGradient(IterativeSolver):
             terms = state.balance.elastic_energy, state.balance.adhesion, energy
             noise = 100 * jnp.finfo(gap.dtype).eps * sum(map(jnp.abs, terms))
 
-            def attempt(length: Float[Array, ""], count: Int[Array, ""]) -> _Trial:
+            def attempt(trial: _Trial) -> _Trial:
+                # A third of the last length; the last cut leaves the gap where it is.
+                shorter = jnp.where(trial.count < _MAX_CUTS - 1, trial.length / 3, 0)
+                length = jnp.where(trial.count < 0, trial.length, shorter)
                 new_gap = control.restore(jnp.maximum(state.gap - length * direction, 0))
                 balance = balance_of(new_gap)
                 change = new_gap - state.gap
@@ -95,17 +98,12 @@ class PreconditionedConjugateGradient(IterativeSolver):
                 # Where rounding hides the gain, the slopes at both ends still show it.
                 is_hidden = (gain <= noise) & ((before + after) / 2 <= promised)
                 is_accepted = (gain <= promised) | is_hidden
-                return _Trial(new_gap, balance, is_accepted, length, count)
-
-            def shorten(trial: _Trial) -> _Trial:
-                # The last cut leaves the gap where it is.
-                length = jnp.where(trial.count < _MAX_CUTS - 1, trial.length / 3, 0)
-                return attempt(length, trial.count + 1)
+                return _Trial(new_gap, balance, is_accepted, length, trial.count + 1)
 
             return jax.lax.while_loop(
                 lambda trial: ~trial.is_accepted & (trial.count < _MAX_CUTS),
-                shorten,
-                attempt(length, jnp.array(0)),
+                attempt,
+                _Trial(state.gap, state.balance, jnp.array(False), length, jnp.array(-1)),
             )
 
         def step(state: _State) -> _State:

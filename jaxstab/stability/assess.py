@@ -8,21 +8,23 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from jaxstab.contact import Contact
+from jaxstab.checks import is_traced
+from jaxstab.contact import Balance, Contact
 from jaxstab.derivatives import Obstacle, unless
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import require_same_grid
 from jaxstab.grid import total
+from jaxstab.hessian import Hessian
 from jaxstab.lanes import by_lanes
 from jaxstab.potentials import slope
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, VERDICTS, throw_failure
-from jaxstab.stability.cones import Subspace
+from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpairs import Eigenpair
 from jaxstab.stability.implicit import differentiable
 from jaxstab.stability.modes import noise
 from jaxstab.stability.projected import ProjectedLOBPCG
-from jaxstab.stability.search import ConeSolver, Search
+from jaxstab.stability.search import ConeSolver, Found, Search
 
 # Random vectors to start from.
 _NUM_RANDOM = 8
@@ -129,7 +131,6 @@ def assess_stability(
     return throw_failure(stability.result, stability, lambda: _describe(stability))
 
 
-@partial(jax.jit, static_argnames=("verdict_only", "throw"))
 def judge(
     contact: Contact,
     equilibrium: Equilibrium,
@@ -140,8 +141,13 @@ def judge(
 ) -> Stability:
     """Do what `assess_stability` does, on checked arguments; only derivatives can raise."""
     inputs = jax.lax.stop_gradient((contact, equilibrium, solver))
-    stability = by_lanes(partial(_judge, verdict_only))(*inputs, key)
-    return with_derivatives(contact, equilibrium, stability, throw)
+    if is_traced((inputs, key)):
+        stability = by_lanes(partial(_judge, verdict_only))(*inputs, key)
+    else:
+        stability = _judge(verdict_only, *inputs, key)
+    if is_traced((contact, equilibrium)):
+        return with_derivatives(contact, equilibrium, stability, throw)
+    return stability
 
 
 def with_derivatives(
@@ -173,18 +179,62 @@ def _judge(
     solver: ConeSolver,
     key: PRNGKeyArray,
 ) -> Stability:
-    presses, is_finite = _reactions(contact, equilibrium)
+    search, state = _prepared(contact, equilibrium, key, verdict_only)
+    return _stability(contact, equilibrium, state, search.run(solver))
+
+
+@partial(jax.jit, static_argnames="verdict_only")
+def _prepared(
+    contact: Contact, equilibrium: Equilibrium, key: PRNGKeyArray, verdict_only: bool
+) -> tuple[Search, RESULTS]:
+    """Return the search at an equilibrium, and whether that is one of this contact."""
+    gap, in_contact = equilibrium.gap, equilibrium.in_contact
+    control = equilibrium.load.control(contact.heights)
+    balance = contact.balance(control)(gap)
+    result = _state_of(equilibrium, balance, control.missed(gap))
+    presses = balance.net > _net_error(contact, equilibrium, balance)
+    nowhere = jnp.zeros_like(in_contact)
+    weak = in_contact & ~presses
+    random = noise(key, _NUM_RANDOM, gap)
     search = Search(
-        hessian=contact.hessian(equilibrium.gap),
-        in_contact=equilibrium.in_contact,
-        presses=presses,
-        is_equilibrium=(equilibrium.result == RESULTS.successful) & is_finite,
-        random=noise(key, _NUM_RANDOM, equilibrium.gap),
-        tolerance=jnp.asarray(solver.tolerance_in(equilibrium.gap.dtype), equilibrium.gap.dtype),
-        fixes_mean=equilibrium.load.control(contact.heights).fixes_mean,
+        hessian=Hessian(contact.solid.multiplier.astype(gap.dtype), balance.curvature),
+        cone=AdmissibleCone(in_contact, nowhere, control.fixes_mean),
+        critical_cone=AdmissibleCone(weak, in_contact & presses, control.fixes_mean),
+        # From NaN, solvers end at once.
+        random=jnp.where(result == RESULTS.successful, random, jnp.nan),
+        touches=jnp.any(in_contact),
+        is_weak=jnp.any(weak),
         verdict_only=verdict_only,
     )
-    lower_bound, cone, critical = search.run(solver)
+    return search, result
+
+
+def _state_of(equilibrium: Equilibrium, balance: Balance, missed: Float[Array, ""]) -> RESULTS:
+    """Return whether a state is in equilibrium under its load, by a look at it anew."""
+    gap, reaction, pressure = equilibrium.gap, equilibrium.reaction, equilibrium.pressure
+    rounding = _ROUNDING * jnp.finfo(gap.dtype).eps
+    is_own = (balance.residual <= 2 * equilibrium.residual + rounding) & (missed <= rounding)
+    result = RESULTS.where(is_own, RESULTS.successful, RESULTS.other_contact)
+    result = RESULTS.where(jnp.isfinite(balance.residual), result, RESULTS.nonfinite)
+    is_finite = jnp.isfinite(total(gap) + total(reaction) + total(pressure))
+    is_found = (equilibrium.result == RESULTS.successful) & is_finite
+    return RESULTS.where(is_found, result, RESULTS.no_equilibrium)
+
+
+@jax.jit
+def _stability(
+    contact: Contact, equilibrium: Equilibrium, state: RESULTS, found: Found
+) -> Stability:
+    """Return the verdict on what a search has found."""
+    found = found.ordered()
+    lower_bound, cone, critical = (
+        replace(
+            pair,
+            eigenvalue=jnp.where(state == RESULTS.successful, pair.eigenvalue, jnp.nan),
+            result=RESULTS.where(state == RESULTS.successful, pair.result, state),
+        )
+        for pair in (found.lower_bound, found.cone, found.critical)
+    )
     result = _first_failure(lower_bound, cone, critical)
     verdict = VERDICTS.where(
         result == RESULTS.successful, _verdict(lower_bound, cone, critical), VERDICTS.undecided
@@ -208,16 +258,13 @@ def _first_failure(*pairs: Eigenpair) -> RESULTS:
     return result
 
 
-def _reactions(
-    contact: Contact, equilibrium: Equilibrium
-) -> tuple[Bool[Array, " *grid"], Bool[Array, ""]]:
-    """Return where contact presses by more than an error, and whether all is finite."""
-    gap, reaction, pressure = equilibrium.gap, equilibrium.reaction, equilibrium.pressure
-    attraction = slope(contact.potential, gap)
-    missed = jnp.where(equilibrium.in_contact, jnp.minimum(reaction, 0), pressure + attraction)
-    rounding = _ROUNDING * jnp.finfo(gap.dtype).eps * _pressure_scale(contact, equilibrium)
-    is_finite = jnp.isfinite(jnp.sum(gap) + jnp.sum(reaction) + jnp.sum(pressure))
-    return reaction > jnp.linalg.norm(missed) + rounding, is_finite
+def _net_error(
+    contact: Contact, equilibrium: Equilibrium, balance: Balance
+) -> Float[Array, ""]:
+    """Return by how much the net pressure of a point may be wrong [pressure]."""
+    missed = jnp.where(equilibrium.in_contact, jnp.minimum(balance.net, 0), balance.net)
+    rounding = _ROUNDING * jnp.finfo(missed.dtype).eps * _pressure_scale(contact, equilibrium)
+    return jnp.sqrt(total(missed**2)) + rounding
 
 
 def _complementarity(contact: Contact, equilibrium: Equilibrium) -> Float[Array, ""]:
@@ -237,10 +284,10 @@ def _pressure_scale(contact: Contact, equilibrium: Equilibrium) -> Float[Array, 
 
 
 def _verdict(lower_bound: Eigenpair, cone: Eigenpair, critical: Eigenpair) -> VERDICTS:
-    is_held = cone.is_negative & critical.is_positive
+    is_held = (cone.sign < 0) & (critical.sign > 0)
     verdict = VERDICTS.where(is_held, VERDICTS.held_by_contact, VERDICTS.undecided)
-    verdict = VERDICTS.where(critical.is_negative, VERDICTS.unstable, verdict)
-    is_stable = cone.is_positive | lower_bound.is_positive
+    verdict = VERDICTS.where(critical.sign < 0, VERDICTS.unstable, verdict)
+    is_stable = (cone.sign > 0) | (lower_bound.sign > 0)
     return VERDICTS.where(is_stable, VERDICTS.stable, verdict)
 
 
@@ -262,6 +309,8 @@ def _barrier(
 
 def _describe(stability: Stability) -> str:
     for name, pair in stability.pairs.items():
+        if pair.result == RESULTS.other_contact:
+            return "There is nothing to assess"
         if pair.result != RESULTS.successful and pair.result != RESULTS.not_computed:
             return (
                 f"The {name} eigenvalue was not found after {int(pair.num_steps)} steps; at "

@@ -27,7 +27,7 @@ class Subspace(eqx.Module):
     @property
     def is_trivial(self) -> Bool[Array, ""]:
         """Whether zero is its only field."""
-        return jnp.sum(self.is_moving) <= self.fixes_mean
+        return _count(self.is_moving) <= self.fixes_mean
 
     def project(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         """Return the nearest field of the space."""
@@ -59,8 +59,8 @@ class AdmissibleCone(eqx.Module):
     @property
     def is_trivial(self) -> Bool[Array, ""]:
         """Whether zero is the only admissible perturbation, as in full contact at a mean gap."""
-        num_moving = jnp.sum(self.is_moving)
-        num_free = jnp.sum(self.is_moving & ~self.one_sided)
+        num_moving = _count(self.is_moving)
+        num_free = _count(self.is_moving & ~self.one_sided)
         if not self.fixes_mean:
             return num_moving == 0
         return (num_free == 0) | (num_moving == 1)
@@ -84,25 +84,32 @@ class AdmissibleCone(eqx.Module):
         if not self.fixes_mean:
             return self._cut(field)
 
-        def climb(state: tuple[Array, Array]) -> tuple[Array, Array]:
-            shift, _ = state
-            step = self.newton_step(field - shift)
-            return shift + step, (step > 0) & (shift + step > shift)
+        def climb(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            shift, _, is_first = state
+            step = self.newton_step(field - shift, uncut=is_first)
+            return shift + step, is_first | ((step > 0) & (shift + step > shift)), jnp.array(False)
 
-        # The mean is left of the root: cutting below zero can only raise the sum.
-        moving = self.is_moving.astype(field.dtype)
-        mean = total(moving * field) / jnp.maximum(total(moving), 1)
-        shift, _ = jax.lax.while_loop(lambda state: state[1], climb, (mean, jnp.array(True)))
+        # First to the mean, which is left of the root: cutting below zero can only raise the sum.
+        start = jnp.zeros((), field.dtype), jnp.array(True), jnp.array(True)
+        shift, *_ = jax.lax.while_loop(lambda state: state[1], climb, start)
         return self._cut(field - shift)
 
-    def newton_step(self, field: Float[Array, " *grid"]) -> Float[Array, ""]:
-        """Return the first Newton step towards the shift that projects a field."""
+    def newton_step(
+        self, field: Float[Array, " *grid"], uncut: Bool[Array, ""] | bool = False
+    ) -> Float[Array, ""]:
+        """Return the first Newton step towards the shift that projects a field.
+
+        With `uncut` it is the mean over the moving points, as if none were one-sided.
+        """
         if not self.fixes_mean:
             return jnp.zeros((), field.dtype)
-        cut = self._cut(field)
-        moves = self.is_moving & ((cut > 0) | ~self.one_sided)
-        return total(cut) / jnp.maximum(total(moves.astype(field.dtype)), 1)
+        moves = self.is_moving & (uncut | (field > 0) | ~self.one_sided)
+        return total(jnp.where(moves, field, 0)) / jnp.maximum(_count(moves), 1)
 
     def _cut(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         cut = jnp.where(self.one_sided, jnp.maximum(field, 0), field)
         return cut if self.held is None else jnp.where(self.held, 0, cut)
+
+
+def _count(mask: Bool[Array, " *grid"]) -> Float[Array, ""]:
+    return total(mask.astype(jnp.float32))

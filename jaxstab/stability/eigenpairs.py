@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxstab.grid import total
 from jaxstab.hessian import SymmetricOperator
 from jaxstab.iterate import History
 from jaxstab.results import RESULTS
@@ -67,14 +68,10 @@ class Eigenpair(eqx.Module):
     history: History
 
     @property
-    def is_positive(self) -> Bool[Array, ""]:
-        """Whether the eigenvalue is converged, and positive by more than its error."""
-        return (self.result == RESULTS.successful) & (self.eigenvalue > self.error)
-
-    @property
-    def is_negative(self) -> Bool[Array, ""]:
-        """Whether the eigenvalue is converged, and negative by more than its error."""
-        return (self.result == RESULTS.successful) & (self.eigenvalue < -self.error)
+    def sign(self) -> Int[Array, ""]:
+        """1 or -1 where the eigenvalue is converged and larger than its error, otherwise 0."""
+        is_sure = (self.result == RESULTS.successful) & (jnp.abs(self.eigenvalue) > self.error)
+        return jnp.where(is_sure, jnp.where(self.eigenvalue > 0, 1, -1), 0)
 
 
 def measured(operator: SymmetricOperator, cone: Admissible, found: Minimiser) -> Eigenpair:
@@ -92,32 +89,20 @@ def measured(operator: SymmetricOperator, cone: Admissible, found: Minimiser) ->
     )
 
 
-def lowered(
-    pair: Eigenpair,
-    eigenvalue: Float[Array, ""],
-    mode: Float[Array, " *grid"],
-    operator: SymmetricOperator,
-    cone: Admissible,
-) -> Eigenpair:
-    """Return a pair that is not above an eigenvalue found on a smaller cone.
+def lowered(pair: Eigenpair, other: Eigenpair) -> Eigenpair:
+    """Return a pair that is not above one on a smaller cone.
 
-    If that is lower by more than rounding or the pair's own error, the solver had missed the
-    smallest: the pair becomes that of the other mode, and is said to have stagnated.
+    If the other is lower by more than the pair's own error, the solver had missed the smallest:
+    the pair becomes that of the other's mode, and is said to have stagnated.
     """
-    is_missed = eigenvalue < pair.eigenvalue - pair.error
-    _, _, residual = admissible_pair(operator, cone, mode)
-
-    def choose(new: Array, old: Array) -> Array:
-        return jnp.where(is_missed, new, old)
-
+    is_missed = other.eigenvalue < pair.eigenvalue - pair.error
     failed = is_missed & (pair.result == RESULTS.successful)
     return replace(
         pair,
-        eigenvalue=jnp.where(eigenvalue < pair.eigenvalue, eigenvalue, pair.eigenvalue),
-        mode=choose(mode, pair.mode),
-        residual=choose(residual, pair.residual),
-        error=choose(_error(operator, residual), pair.error),
-        num_applications=pair.num_applications + 1,
+        eigenvalue=jnp.where(other.eigenvalue < pair.eigenvalue, other.eigenvalue, pair.eigenvalue),
+        mode=jnp.where(is_missed, other.mode, pair.mode),
+        residual=jnp.where(is_missed, jnp.inf, pair.residual),
+        error=jnp.where(is_missed, jnp.inf, pair.error),
         result=RESULTS.where(failed, RESULTS.stagnated, pair.result),
     )
 
@@ -131,7 +116,7 @@ def admissible_pair(
     """
     mode = unit_vector(cone, vector)
     product = operator(mode)
-    quotient = jnp.sum(mode * product)
+    quotient = total(mode * product)
     moved = cone.project(descended(operator, mode, product, quotient))
     residual = projected_residual(operator, mode, moved)
     return jnp.where(jnp.any(mode != 0), quotient, jnp.inf), mode, residual
@@ -155,14 +140,18 @@ def projected_residual(
     operator: SymmetricOperator, mode: Float[Array, " *grid"], moved: Float[Array, " *grid"]
 ) -> Float[Array, ""]:
     """Return |x - P(x - (A x - lambda x) / b)| b / s from x and what it is moved to."""
-    return jnp.sqrt(jnp.sum((mode - moved) ** 2)) * (operator.bound / operator.scale)
+    return jnp.sqrt(total((mode - moved) ** 2)) * (operator.bound / operator.scale)
 
 
 def unit_vector(cone: Admissible, vector: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
     """Return the cone's unit vector nearest to this one, or zero where there is none."""
-    projected = jnp.where(cone.is_trivial, 0, cone.project(vector))
-    norm = jnp.sqrt(jnp.sum(projected**2))
-    return projected / jnp.where(norm == 0, 1, norm)
+    return scaled_to_unit(jnp.where(cone.is_trivial, 0, cone.project(vector)))
+
+
+def scaled_to_unit(vector: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    """Return a vector scaled to unit length, zero if it is zero."""
+    norm = jnp.sqrt(total(vector**2))
+    return vector / jnp.where(norm == 0, 1, norm)
 
 
 def _error(operator: SymmetricOperator, residual: Float[Array, ""]) -> Float[Array, ""]:

@@ -65,7 +65,8 @@ class LOBPCG(IterativeSolver):
         project = jax.vmap(space.project)
 
         def ritz(basis: Block, products: Block) -> _State:
-            eigenvalues, parts = rayleigh_ritz(basis, products, size)
+            gram, energies = inner_products(basis, basis), inner_products(basis, products)
+            eigenvalues, parts = rayleigh_ritz(gram, energies, size)
             modes, products_ = combine(parts, basis), combine(parts, products)
             moves = parts.at[:size].set(0)
             return _State(
@@ -83,12 +84,11 @@ class LOBPCG(IterativeSolver):
                 # Once is not enough where they are nearly parallel to the modes.
                 steepest = normalised(steepest)
                 steepest -= combine(inner_products(state.modes, steepest), state.modes)
-            directions = jnp.concatenate([normalised(project(steepest)), normalised(state.moves)])
+            steepest = normalised(project(steepest))
             lengths = _column(_inverse_norms(state.moves), state.moves)
-            products = apply(directions[:size]), lengths * state.move_products
             return ritz(
-                jnp.concatenate([state.modes, directions]),
-                jnp.concatenate([state.products, *products]),
+                jnp.concatenate([state.modes, steepest, lengths * state.moves]),
+                jnp.concatenate([state.products, apply(steepest), lengths * state.move_products]),
             )
 
         def measure(state: _State) -> Indicators:
@@ -107,7 +107,7 @@ class LOBPCG(IterativeSolver):
 
 
 def rayleigh_ritz(
-    basis: Block, products: Block, count: int
+    gram: Float[Array, "block block"], energies: Float[Array, "block block"], count: int
 ) -> tuple[Float[Array, " count"], Float[Array, "block count"]]:
     """Return the lowest Ritz values of A on a basis, and their vectors in terms of it.
 
@@ -115,12 +115,11 @@ def rayleigh_ritz(
     lie above all others, and their vectors are zero.
 
     Arguments:
-        basis: vectors.
-        products: A times each of them.
+        gram: the inner products of the basis vectors.
+        energies: those with A times each of them.
         count: how many to return.
     """
-    gram, energies = inner_products(basis, basis), inner_products(basis, products)
-    norms = jnp.sqrt(jnp.diag(gram))
+    norms = jnp.sqrt(jnp.diagonal(gram))
     scale = jnp.where(norms > 0, 1 / jnp.where(norms > 0, norms, 1), 0)
     weights, axes = jnp.linalg.eigh(scale[:, None] * gram * scale)
     independent = weights > jnp.finfo(gram.dtype).eps ** 0.75 * jnp.max(weights)
@@ -150,7 +149,7 @@ def normalised(block: Block) -> Block:
 
 def norms(block: Block) -> Float[Array, " block"]:
     """Return the Euclidean norms of the vectors of a block."""
-    return jnp.sqrt(jnp.sum(_rows(block) ** 2, axis=1))
+    return jnp.sqrt(jax.vmap(total)(block**2))
 
 
 def _inverse_norms(block: Block) -> Float[Array, " block"]:

@@ -1,37 +1,30 @@
 """The three smallest eigenvalues of an equilibrium: on all perturbations and on both cones.
 
-Each cone is searched from the lowest modes of the linear space around it, its hull: where the
-lowest is admissible, it is the answer.
+Each cone is searched from the lowest modes of the linear space around it, its hull. What is known
+already is not searched for: without contact all three are one, and where all contact presses the
+critical cone is a linear space.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from typing import TypeVar
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+import numpy as np
+from jaxtyping import Array, Bool, Int
 
+from jaxstab.checks import is_traced
 from jaxstab.hessian import Block, Hessian
 from jaxstab.results import RESULTS
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpairs import (
-    Admissible,
-    Eigenpair,
-    Minimiser,
-    lowered,
-    measured,
-    unit_vector,
-)
-from jaxstab.stability.lobpcg import LOBPCG
+from jaxstab.stability.eigenpairs import Eigenpair, lowered, measured
+from jaxstab.stability.lobpcg import LOBPCG, norms
 from jaxstab.stability.modes import BLOCK_SIZE
 from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.proximal import ProximalIteration
 
-Tree = TypeVar("Tree")
-# A block of modes, and whether the lowest is found.
-_Known = tuple[Block, Bool[Array, ""]]
 ConeSolver = ProximalIteration | ProjectedLOBPCG
 
 
@@ -40,118 +33,155 @@ class Search(eqx.Module):
 
     Attributes:
         hessian: A.
-        in_contact: where the surfaces touch.
-        presses: where the contact reaction is more than an error.
-        is_equilibrium: whether there is anything to look for; otherwise all is NaN.
+        cone: V0+.
+        critical_cone: the critical cone.
         random: vectors to start from.
-        tolerance: the residual to reach.
-        fixes_mean: whether perturbations have zero mean.
+        touches: whether the surfaces touch anywhere.
+        is_weak: whether they do so anywhere without pressing.
         verdict_only: whether to stop at a number that proves the verdict.
     """
 
     hessian: Hessian
-    in_contact: Bool[Array, " *grid"]
-    presses: Bool[Array, " *grid"]
-    is_equilibrium: Bool[Array, ""]
+    cone: AdmissibleCone
+    critical_cone: AdmissibleCone
     random: Block
-    tolerance: Float[Array, ""]
-    fixes_mean: bool = eqx.field(static=True)
+    touches: Bool[Array, ""]
+    is_weak: Bool[Array, ""]
     verdict_only: bool = eqx.field(static=True)
 
-    def run(self, solver: ConeSolver) -> tuple[Eigenpair, Eigenpair, Eigenpair]:
-        """Return the eigenpairs lower_bound, cone and critical, the solver being the cone's."""
-        nowhere = jnp.zeros_like(self.in_contact)
-        cone = AdmissibleCone(self.in_contact, nowhere, self.fixes_mean)
-        weak, pressed = self.in_contact & ~self.presses, self.in_contact & self.presses
-        critical_cone = AdmissibleCone(weak, pressed, self.fixes_mean)
-        (lower_bound, critical_bound), around = self._on_spaces(cone.hull, critical_cone.hull)
-        is_proved = self.verdict_only & lower_bound.is_positive
-        if isinstance(solver, ProximalIteration):
-            is_proved, critical = self._on_cone(is_proved, (critical_cone, around[1]))
-            # Algorithm 1 as it is, from one random vector.
-            found = solver.solve(self.hessian, cone, self._starts(self.random, is_proved))
-            smallest = self._pair(cone, found, is_proved)
-        else:
-            cones = _stack((critical_cone, around[1]), (cone, around[0]))
-            # A method that holds arrays cannot be hashed, as a scan would have it.
-            _, pairs = jax.lax.scan(lambda *step: self._on_cone(*step), is_proved, cones)
-            critical, smallest = _unstack(pairs)
-        critical = _after(critical_bound, critical)
-        smallest = lowered(smallest, critical.eigenvalue, critical.mode, self.hessian, cone)
-        is_lacking = jnp.isnan(smallest.eigenvalue)
-        eigenvalue = jnp.where(is_lacking, critical.eigenvalue, smallest.eigenvalue)
-        mode = jnp.where(is_lacking, critical.mode, smallest.mode)
-        lower_bound = lowered(lower_bound, eigenvalue, mode, self.hessian, cone.hull)
-        return lower_bound, smallest, critical
+    def run(self, solver: ConeSolver) -> "Found":
+        """Return the eigenpairs, the solver being the cone's; not compiled is what need not run."""
+        dtype = self.random.dtype
+        spaces = LOBPCG(solver.tolerance_in(dtype))
+        fast = solver if isinstance(solver, ProjectedLOBPCG) else ProjectedLOBPCG(spaces.tolerance)
+        touches = _flag(self.touches)
 
-    def _on_spaces(self, *spaces: Subspace) -> tuple[list[Eigenpair], list[_Known]]:
-        """Return the lowest pair on each of two spaces, and what is known of their modes."""
-
-        def step(carry: tuple[Block, Array], space: Subspace) -> tuple[tuple, tuple]:
-            modes, is_proved = carry
-            # Where nothing is held both spaces are the same, and so are their modes.
-            starts = jnp.where(jnp.all(space.is_moving), modes, noise)
-            hessian = self.hessian.restricted(space.is_moving)
-            found = LOBPCG(self.tolerance).solve(hessian, space, self._starts(starts, is_proved))
-            pair = self._pair(space, found.at(found.vector[0]), is_proved)
-            return (found.vector, self.verdict_only & pair.is_positive), (pair, found.vector)
-
-        noise = self.random[:BLOCK_SIZE]
-        # A scan, since one program for both takes half the time to compile.
-        _, (pairs, modes) = jax.lax.scan(step, (noise, jnp.array(False)), _stack(*spaces))
-        return _unstack(pairs), _unstack((modes, pairs.result == RESULTS.successful))
-
-    def _on_cone(
-        self, is_proved: Bool[Array, ""], on: tuple[AdmissibleCone, _Known]
-    ) -> tuple[Bool[Array, ""], Eigenpair]:
-        """Return whether the verdict is proved, and the pair on a cone."""
-        cone, known = on
-        hessian = self.hessian.restricted(cone.is_moving)
-        starts = self._starts(self._cone_starts(cone, *known), is_proved)
-        found = ProjectedLOBPCG(self.tolerance).solve(hessian, cone, starts)
-        pair = self._pair(cone, found, is_proved)
-        return is_proved | (self.verdict_only & pair.is_negative), pair
-
-    def _cone_starts(self, cone: AdmissibleCone, modes: Block, are_found: Bool[Array, ""]) -> Block:
-        """Return what a search on a cone starts from, given modes of its hull.
-
-        The two lowest modes with both signs, and noise; or the lowest alone, where that is found
-        and in the cone, and so the answer.
-        """
-        starts = jnp.concatenate([modes[:2], -modes[:2], self.random])
-        distances = [jnp.linalg.norm(x - unit_vector(cone, x)) for x in (modes[0], -modes[0])]
-        lowest = jnp.where(distances[0] <= distances[1], modes[0], -modes[0])
-        is_answer = are_found & (jnp.minimum(*distances) <= self.tolerance)
-        return jnp.where(is_answer, jnp.full_like(starts, jnp.nan).at[0].set(lowest), starts)
-
-    def _starts(self, vectors: Block, is_proved: Bool[Array, ""]) -> Block:
-        # From NaN, solvers end at once.
-        return jnp.where(self.is_equilibrium & ~is_proved, vectors, jnp.nan)
-
-    def _pair(self, on: Admissible, found: Minimiser, is_proved: Bool[Array, ""]) -> Eigenpair:
-        pair = measured(self.hessian.restricted(on.is_moving), on, found)
-        result = RESULTS.where(is_proved, RESULTS.not_computed, pair.result)
-        result = RESULTS.where(self.is_equilibrium, result, RESULTS.no_equilibrium)
-        is_known = self.is_equilibrium & ~is_proved
-        return replace(
-            pair, eigenvalue=jnp.where(is_known, pair.eigenvalue, jnp.nan), result=result
+        start = self.random[:BLOCK_SIZE]
+        around = _on_space(spaces, self.hessian, self.cone.hull, start)
+        is_proved = self.verdict_only & (_flag(around.sign) > 0)
+        hull = _if_needed(
+            touches & ~is_proved,
+            lambda: _on_space(spaces, self.hessian, self.critical_cone.hull, start),
+            around,
         )
+        critical = _if_needed(
+            touches & ~is_proved & _flag(self.is_weak),
+            lambda: _after(hull, _on_cone(fast, self.hessian, self.critical_cone, hull, self.random)),
+            hull,
+        )
+        is_decided = is_proved | (self.verdict_only & (_flag(critical.sign) < 0))
+        if isinstance(solver, ProximalIteration):
+            cone = _by_algorithm_1(solver, self.hessian, self.cone, self.random)
+        else:
+            cone = _if_needed(
+                touches & ~is_decided,
+                lambda: _on_cone(solver, self.hessian, self.cone, around, self.random),
+                around,
+            )
+        return Found(around.pair, cone.pair, critical.pair, hull.pair, is_proved, is_decided)
 
 
-def _stack(*trees: Tree) -> Tree:
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
+class Found(eqx.Module):
+    """What a search found.
+
+    Attributes:
+        lower_bound: the smallest eigenpair of all perturbations.
+        cone: that on V0+.
+        critical: that on the critical cone.
+        hull: that on the linear space around the critical cone.
+        is_proved: whether the verdict was proved before `critical` was known.
+        is_decided: whether it was before `cone` was known.
+    """
+
+    lower_bound: Eigenpair
+    cone: Eigenpair
+    critical: Eigenpair
+    hull: Eigenpair
+    is_proved: Bool[Array, ""]
+    is_decided: Bool[Array, ""]
+
+    def ordered(self) -> "Found":
+        """Return pairs of which none is above one on a smaller cone; NaN if not computed."""
+        critical = _unless(self.is_proved, self.critical)
+        cone = lowered(_unless(self.is_decided, self.cone), critical)
+        lower_bound = lowered(lowered(self.lower_bound, cone), critical)
+        return replace(self, lower_bound=lower_bound, cone=cone, critical=critical)
 
 
-def _unstack(pair: Tree) -> list[Tree]:
-    return [jax.tree.map(lambda leaf, i=i: leaf[i], pair) for i in range(2)]
+class _Lowest(eqx.Module):
+    """The lowest pair on a set, its sign beyond doubt, and a block of modes to go on from."""
+
+    pair: Eigenpair
+    sign: Int[Array, ""]
+    modes: Block
 
 
-def _after(first: Eigenpair, then: Eigenpair) -> Eigenpair:
-    """Return the second of two pairs, at the cost of both."""
-    was_answer = then.num_steps == 0
+@jax.jit
+def _on_space(solver: LOBPCG, hessian: Hessian, space: Subspace, starts: Block) -> _Lowest:
+    restricted = hessian.restricted(space.is_moving)
+    found = solver.solve(restricted, space, starts)
+    pair = measured(restricted, space, found.at(found.vector[0]))
+    return _Lowest(pair, pair.sign, found.vector)
+
+
+@jax.jit
+def _on_cone(
+    solver: ProjectedLOBPCG, hessian: Hessian, cone: AdmissibleCone, hull: _Lowest, random: Block
+) -> _Lowest:
+    """Search a cone from the two lowest modes of its hull with both signs, and from noise.
+
+    Or from the lowest mode alone, where that is found and in the cone, and so the answer.
+    """
+    restricted = hessian.restricted(cone.is_moving)
+    modes = hull.modes
+    starts = jnp.concatenate([modes[:2], -modes[:2], random])
+    signs = jnp.stack([modes[0], -modes[0]])
+    entering = norms(jnp.where(cone.one_sided, jnp.minimum(signs, 0), 0))
+    is_admissible = jnp.min(entering) <= solver.tolerance_in(entering.dtype)
+    is_answer = (hull.pair.result == RESULTS.successful) & is_admissible
+    lowest = jnp.where(is_answer, signs[jnp.argmin(entering)], starts[0])
+    is_needed = ~is_answer | (jnp.arange(len(starts)) == 0)
+    found = solver.solve(restricted, cone, starts.at[0].set(lowest), is_needed)
+    pair = measured(restricted, cone, found)
+    return _Lowest(pair, pair.sign, modes)
+
+
+@jax.jit
+def _by_algorithm_1(
+    solver: ProximalIteration, hessian: Hessian, cone: AdmissibleCone, random: Block
+) -> _Lowest:
+    restricted = hessian.restricted(cone.is_moving)
+    # As it is, from one random vector.
+    pair = measured(restricted, cone, solver.solve(restricted, cone, random))
+    return _Lowest(pair, pair.sign, random[:BLOCK_SIZE])
+
+
+def _flag(value: Array) -> Array | np.ndarray:
+    """Return a value as it is if traced, otherwise in NumPy, where nothing need be compiled."""
+    return value if is_traced(value) else np.asarray(value)
+
+
+def _if_needed(is_needed: Any, search: Callable[[], _Lowest], otherwise: _Lowest) -> _Lowest:
+    """Return what a search finds if it is needed, or something known."""
+    if is_traced(is_needed):
+        return jax.lax.cond(is_needed, search, lambda: otherwise)
+    return search() if is_needed else otherwise
+
+
+def _after(first: _Lowest, then: _Lowest) -> _Lowest:
+    """Return the second of two, at the cost of both."""
+    before, pair = first.pair, then.pair
+    pair = replace(
+        pair,
+        num_steps=before.num_steps + pair.num_steps,
+        num_applications=before.num_applications + pair.num_applications,
+    )
+    return replace(then, pair=pair)
+
+
+def _unless(is_lacking: Bool[Array, ""], pair: Eigenpair) -> Eigenpair:
     return replace(
-        then,
-        num_steps=first.num_steps + then.num_steps,
-        num_applications=first.num_applications + then.num_applications,
-        history=jax.tree.map(partial(jnp.where, was_answer), first.history, then.history),
+        pair,
+        eigenvalue=jnp.where(is_lacking, jnp.nan, pair.eigenvalue),
+        result=RESULTS.where(is_lacking, RESULTS.not_computed, pair.result),
     )
