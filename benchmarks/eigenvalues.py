@@ -36,7 +36,6 @@ import scipy
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lobpcg
 
 import jaxstab as js
-from jaxstab.results import labels
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpairs import Eigenpair, measured
 from jaxstab.stability.modes import noise
@@ -151,7 +150,7 @@ def compare_with_algorithm_1(state: State, repeats: int) -> tuple[str, float, fl
     pairs, their_pairs = count(stability), int(pair.num_applications)
     apart = stability.cone.eigenvalue - pair.eigenvalue
     apart = float(apart / contact.hessian(equilibrium.gap).bound)
-    result = labels(js.RESULTS, pair.result)
+    result = pair.result.name
     at_least = "" if result == "successful" else ">="
     row = (
         f"{100 * equilibrium.contact_area:6.2f}% | {count(proof):7d} | {pairs:5d} | "
@@ -259,7 +258,7 @@ def eigensolvers(state: State, repeats: int) -> Iterator[tuple]:
     )
     mode = np.asarray(modes.mode[0])
     hessian = Hessian(state, mode)
-    yield "jaxstab LOBPCG", int(modes.num_applications), seconds, hessian.measure(mode)
+    yield "jaxstab LOBPCG", int(modes.num_applications[0]), seconds, hessian.measure(mode)
     starts = np.random.default_rng(0).normal(size=(mode.size, max(BLOCKS)))
     starts -= starts.mean(0)
     apply, precondition = map(hessian.operator, (hessian.apply, hessian.precondition))

@@ -26,7 +26,6 @@ import numpy as np
 from faces import smallest_on_cone
 
 import jaxstab as js
-from jaxstab.results import labels
 
 SHAPES = ((3, 3), (5, 6), (16,), (8, 8))
 LOADS = (js.MeanGap, js.MeanPressure)
@@ -278,7 +277,7 @@ def judge_all(seeds, problems, failures, verdicts, right, lines) -> tuple[list, 
     ):
         matrix = dense(problem, curvature)
         exact = exact_eigenvalues(problem, matrix)
-        verdict = str(labels(js.VERDICTS, stability.verdict))
+        verdict = stability.verdict.name
         truth = "broken" if problem.fault else exact_verdict(exact, norm(matrix))
         kinds = list(silent_failures(problem, stability, exact, norm(matrix), truth))
         failures.update(kinds)
@@ -313,13 +312,13 @@ def exact_verdict(exact: list[float], scale: float) -> str:
 
 def silent_failures(problem: Problem, stability: js.Stability, exact, scale: float, truth: str):
     """Yield the kinds of silent failure of an assessment."""
-    verdict = str(labels(js.VERDICTS, stability.verdict))
+    verdict = stability.verdict.name
     pairs = [getattr(stability, name) for name in NAMES]
-    results = [str(labels(js.RESULTS, pair.result)) for pair in pairs]
+    results = [pair.result.name for pair in pairs]
     if problem.fault:
         if verdict != "undecided":
             yield "a verdict on a broken state"
-        if "successful" in results or str(labels(js.RESULTS, stability.result)) == "successful":
+        if "successful" in results or stability.result.name == "successful":
             yield "an eigenvalue of a broken state"
         return
     if verdict not in ("undecided", truth):
@@ -355,7 +354,7 @@ def count_minima(problems, exacts, states, found: Counter) -> None:
         found["problems"] += 1
         for name, stability in (("ProjectedLOBPCG", states[n]), ("ProximalIteration", rival)):
             pair = stability.cone
-            is_found = str(labels(js.RESULTS, pair.result)) == "successful"
+            is_found = pair.result.name == "successful"
             is_same = pair.eigenvalue == exact or abs(pair.eigenvalue - exact) <= SAME * scale
             found[name, "converged"] += is_found
             found[name, "minimum"] += is_found and bool(is_same)

@@ -18,7 +18,6 @@ import numpy as np
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 import jaxstab as js
-from jaxstab.results import labels
 
 SOLVERS = (js.PreconditionedConjugateGradient(), js.PolonskyKeerRey())
 LAWS = (
@@ -90,7 +89,7 @@ def outcome(solver, seed: int) -> Outcome:
     energies = np.asarray(equilibrium.history.values.get("energy", [0.0]))
     energies = energies[np.isfinite(energies)]
     rises = np.diff(energies).max(initial=0) > ROUNDING * np.abs(energies).max(initial=0)
-    result = str(labels(js.RESULTS, equilibrium.result))
+    result = equilibrium.result.name
     found = result == "successful"
     is_saddle = found and is_a_saddle(contact, equilibrium)
     return Outcome(result, int(equilibrium.num_steps), bool(rises), is_saddle)

@@ -15,7 +15,6 @@ from jaxstab.grid import Grid
 from jaxstab.loads import Load, MeanDisplacement, MeanGap
 from jaxstab.plots import stability_curve
 from jaxstab.potentials import Exponential, Gaussian, NoAdhesion, Potential, Rational
-from jaxstab.results import RESULTS, VERDICTS, labels
 from jaxstab.surfaces import self_affine
 from jaxstab.sweeps import Sweep, sweep
 
@@ -35,7 +34,7 @@ def main(arguments: list[str] | None = None) -> None:
         result = sweep(contact, load, order=options.order, progress=True)
     except (ValueError, OSError) as error:
         raise SystemExit(f"jaxstab: {error}") from error
-    print(_table(result))
+    print(result)
     _draw(result, folder / "unloading.png")
     save_sweep(folder / "unloading.npz", contact, result)
     print(f"\nFigure and data are in {folder.resolve()}")
@@ -127,31 +126,6 @@ def _summary(options: argparse.Namespace, contact: Contact) -> str:
         f"Half space, E = {options.youngs_modulus:g}, nu = {options.poisson_ratio:g}; "
         f"adhesion: {law}; {contact.heights.dtype}\n"
     )
-
-
-def _table(result: Sweep) -> str:
-    """Return one line for each load."""
-    equilibrium, stability = result.equilibrium, result.stability
-    steps = [equilibrium.num_steps, *(pair.num_steps for pair in stability.pairs.values())]
-    results = (labels(RESULTS, x.result) for x in (equilibrium, stability))
-    eigenvalues = {
-        name.replace("_", " "): [f"{x:+.4e}" for x in pair.eigenvalue]
-        for name, pair in stability.pairs.items()
-    }
-    columns = {
-        f"{type(result.load).__name__}": [f"{x:.5f}" for x in result.load.value],
-        "mean pressure": [f"{x:+.4e}" for x in equilibrium.mean_pressure],
-        "contact area": [f"{100 * x:.2f} %" for x in equilibrium.contact_area],
-        **eigenvalues,
-        "verdict": [str(x) for x in labels(VERDICTS, stability.verdict)],
-        "steps": [" + ".join(map(str, each)) for each in zip(*steps, strict=True)],
-        "solvers": [x if x != "successful" else y for x, y in zip(*results, strict=True)],
-    }
-    widths = {name: max(map(len, [name, *cells])) for name, cells in columns.items()}
-    rows = zip(*columns.values(), strict=True)
-    lines = [columns.keys(), *rows]
-    texts = ["  ".join(map(str.rjust, line, widths.values())) for line in lines]
-    return "\n".join([texts[0], "-" * len(texts[0]), *texts[1:]])
 
 
 def _draw(result: Sweep, path: Path) -> None:

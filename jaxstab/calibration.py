@@ -14,6 +14,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 
 from jaxstab.checks import is_traced, parameter, require, require_finite
 from jaxstab.contact import Contact
+from jaxstab.display import block
 from jaxstab.elasticity import HalfSpace
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium
@@ -59,6 +60,8 @@ class Calibration(eqx.Module):
     num_steps: Int[Array, ""]
     result: RESULTS
     history: History
+
+    __repr__ = block
 
 
 def potential_and_modulus(contact: Contact) -> Any:

@@ -14,6 +14,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab import elasticity
 from jaxstab.checks import cast, parameter, require, require_finite
+from jaxstab.display import block
 from jaxstab.elasticity import FieldMap, Solid
 from jaxstab.grid import Grid, total
 from jaxstab.hessian import Hessian
@@ -51,6 +52,8 @@ class Contact(eqx.Module):
     solid: Solid
     heights: Float[Array, " *grid"]
     potential: Potential
+
+    __repr__ = block
 
     def __init__(self, solid: Solid, heights: ArrayLike, potential: Potential):
         self.heights = parameter(heights)

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab.checks import parameter, require, require_positive
+from jaxstab.display import inline
 from jaxstab.functions import as_pytree
 from jaxstab.grid import Grid
 
@@ -36,6 +37,8 @@ class Solid(eqx.Module):
     """An elastic solid: anything with a Fourier multiplier from displacement to pressure."""
 
     grid: eqx.AbstractVar[Grid]
+
+    __repr__ = inline
 
     @abstractmethod
     def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:

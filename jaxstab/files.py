@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from jaxstab.contact import Contact
-from jaxstab.results import RESULTS, VERDICTS, labels
 from jaxstab.sweeps import Sweep
 
 
@@ -42,11 +41,11 @@ def save_sweep(path: str | Path, contact: Contact, sweep: Sweep) -> Path:
         "energy": equilibrium.energy,
         "equilibrium_residual": equilibrium.residual,
         "equilibrium_steps": equilibrium.num_steps,
-        "equilibrium_result": labels(RESULTS, equilibrium.result),
+        "equilibrium_result": equilibrium.result.name,
         "complementarity": stability.complementarity,
         "barrier_height": stability.barrier.height,
         "barrier_amplitude": stability.barrier.amplitude,
-        "verdict": labels(VERDICTS, stability.verdict),
+        "verdict": stability.verdict.name,
     }
     for name, pair in stability.pairs.items():
         arrays |= {
@@ -55,7 +54,7 @@ def save_sweep(path: str | Path, contact: Contact, sweep: Sweep) -> Path:
             f"{name}_mode": pair.mode,
             f"{name}_residual": pair.residual,
             f"{name}_steps": pair.num_steps,
-            f"{name}_result": labels(RESULTS, pair.result),
+            f"{name}_result": pair.result.name,
         }
     with path.open("xb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)

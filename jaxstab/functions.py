@@ -63,6 +63,9 @@ class _Function(eqx.Module):
     captured: list[Array]
     formula: _Formula = eqx.field(static=True)
 
+    def __repr__(self) -> str:
+        return getattr(self.formula.function, "__name__", repr(self.formula.function))
+
     def __call__(self, argument: Any) -> Any:
         closed = ClosedJaxpr(self.formula.jaxpr, self.captured)
         return jaxpr_as_fun(closed)(argument)[0]

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab.checks import parameter, require_positive
+from jaxstab.display import inline
 
 
 class Grid(eqx.Module):
@@ -30,6 +31,8 @@ class Grid(eqx.Module):
 
     shape: tuple[int, ...] = eqx.field(static=True)
     lengths: Float[Array, " sides"]
+
+    __repr__ = inline
 
     def __init__(self, shape: int | Sequence[int], lengths: Sequence[float] | ArrayLike = 1.0):
         self.shape = (

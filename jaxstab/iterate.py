@@ -9,8 +9,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
+from jaxstab import display
 from jaxstab.checks import parameter, require, require_positive
 from jaxstab.results import RESULTS
+from jaxstab.stacks import Stackable
 
 State = TypeVar("State")
 Indicators = dict[str, Float[Array, ""]]
@@ -26,7 +28,7 @@ def optional_parameter(value: ArrayLike | None) -> Float[Array, ""] | None:
     return None if value is None else parameter(value)
 
 
-class History(eqx.Module):
+class History(Stackable, eqx.Module):
     """Indicators of a solver at a bounded number of its steps: all at first, then ever fewer.
 
     Attributes:
@@ -36,6 +38,13 @@ class History(eqx.Module):
 
     table: Float[Array, "records columns"]
     names: tuple[str, ...] = eqx.field(static=True)
+
+    __repr__ = display.history
+
+    @property
+    def stack_shape(self) -> tuple[int, ...]:
+        """The leading axes of a stack of histories."""
+        return self.table.shape[:-2]
 
     @classmethod
     def empty(cls, names: Iterable[str], dtype: Any = float) -> "History":

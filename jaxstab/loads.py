@@ -12,8 +12,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxstab.checks import parameter
+from jaxstab.display import inline
 from jaxstab.grid import centred, total
 from jaxstab.potentials import Scan
+from jaxstab.stacks import Stackable
 
 Field = Float[Array, " *grid"]
 Mask = Bool[Array, " *grid"]
@@ -170,10 +172,12 @@ class PressureControl(Control):
         return jnp.all((gap > 0) & (gap > escape_gap))
 
 
-class Load(eqx.Module):
+class Load(Stackable, eqx.Module):
     """What holds the surfaces together: one value, or an array of values for a sweep."""
 
     value: eqx.AbstractVar[Float[Array, "..."]]
+
+    __repr__ = inline
 
     @abstractmethod
     def control(self, heights: Field) -> Control:

@@ -11,12 +11,12 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.image import AxesImage
 
 from jaxstab.contact import Contact
-from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.equilibrate import State, equilibrium_of
 from jaxstab.grid import Grid
 from jaxstab.loads import MeanDisplacement, MeanGap, MeanPressure
 from jaxstab.potentials import Potential, energy_density, slope
-from jaxstab.results import VERDICTS
 from jaxstab.stability import Eigenpair
+from jaxstab.stacks import require_single
 from jaxstab.sweeps import Sweep
 
 
@@ -25,19 +25,22 @@ def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
     return _field(contact.grid, contact.heights, "height h [length]", "cividis", axes)
 
 
-def gap(contact: Contact, equilibrium: Equilibrium, *, axes: Axes | None = None) -> Axes:
+def gap(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
     """Draw the gap g: a map, or a profile on a line."""
-    return _field(contact.grid, equilibrium.gap, "gap g [length]", "viridis", axes)
+    return _field(
+        contact.grid, equilibrium_of(contact, equilibrium).gap, "gap g [length]", "viridis", axes
+    )
 
 
-def pressure(contact: Contact, equilibrium: Equilibrium, *, axes: Axes | None = None) -> Axes:
+def pressure(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
     """Draw the elastic pressure p, positive in compression: a map, or a profile on a line."""
-    label = "elastic pressure p [pressure]"
-    return _field(contact.grid, equilibrium.pressure, label, "RdBu_r", axes, centred=True)
+    field, label = equilibrium_of(contact, equilibrium).pressure, "elastic pressure p [pressure]"
+    return _field(contact.grid, field, label, "RdBu_r", axes, centred=True)
 
 
-def contact_map(contact: Contact, equilibrium: Equilibrium, *, axes: Axes | None = None) -> Axes:
+def contact_map(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
     """Draw where the surfaces touch, in black (Rey & Bleyer, fig. 8)."""
+    equilibrium = equilibrium_of(contact, equilibrium)
     axes = _axes(axes)
     touches = np.asarray(equilibrium.in_contact)
     x, *y = (np.asarray(side) for side in contact.grid.coordinates)
@@ -53,6 +56,7 @@ def contact_map(contact: Contact, equilibrium: Equilibrium, *, axes: Axes | None
 
 def mode(contact: Contact, pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
     """Draw a mode of unit norm: a map, or a profile on a line (Rey & Bleyer, fig. 9)."""
+    require_single(pair)
     axes = _field(contact.grid, pair.mode, "mode x [1]", "RdBu_r", axes, centred=True)
     axes.set_title(rf"$\lambda$ = {float(pair.eigenvalue):.4g} [pressure/length]")
     return axes
@@ -61,7 +65,7 @@ def mode(contact: Contact, pair: Eigenpair, *, axes: Axes | None = None) -> Axes
 def mode_cut(
     contact: Contact,
     pair: Eigenpair,
-    equilibrium: Equilibrium | None = None,
+    equilibrium: State | None = None,
     *,
     row: int | None = None,
     axes: Axes | None = None,
@@ -76,17 +80,18 @@ def mode_cut(
         axes: where to draw.
 
     Raises:
-        ValueError: on a line, which has no rows.
+        ValueError: on a line, which has no rows, and for a stack of modes or of states.
     """
     if len(contact.grid.shape) != 2:
         raise ValueError("A mode on a line has no rows: draw it with jaxstab.plots.mode.")
+    require_single(pair)
     axes = _axes(axes)
     row = contact.grid.shape[1] // 2 if row is None else row
     x, y = (np.asarray(side) for side in contact.grid.coordinates)
     axes.plot(x[:, row], np.asarray(pair.mode)[:, row], ".-")
     axes.axhline(0, color="0.6", linewidth=0.8)
     if equilibrium is not None:
-        touches = np.asarray(equilibrium.in_contact)[:, row]
+        touches = np.asarray(equilibrium_of(contact, equilibrium).in_contact)[:, row]
         across = axes.get_xaxis_transform()
         axes.fill_between(
             x[:, row], 0, 1, where=touches, transform=across, color="0.88", label="in contact"
@@ -127,6 +132,7 @@ def force(
 
 def convergence(pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
     """Draw the indicators of the eigensolver over its steps (Rey & Bleyer, fig. 5)."""
+    require_single(pair)
     axes = _axes(axes)
     for name, values in pair.history.values.items():
         label = "projected residual" if name == "residual" else rf"$\{name}$"
@@ -151,15 +157,23 @@ def stability_curve(
         axes: where to draw.
 
     Raises:
-        ValueError: for a quantity that cannot be drawn.
+        ValueError: for a quantity that cannot be drawn, a single state, or a sweep without
+            stability.
     """
-    axes = _axes(axes)
     if quantity not in _CURVES:
         raise ValueError(f"quantity is {quantity!r}: choose one of {', '.join(_CURVES)}.")
+    if not isinstance(sweep, Sweep) or len(sweep.stack_shape) != 1:
+        raise ValueError(
+            "stability_curve draws a whole sweep over one axis of loads: give it what "
+            "jaxstab.sweep returned, not a state of it."
+        )
+    if sweep.stability is None:
+        raise ValueError("This sweep left stability out: run it with stability=True.")
+    axes = _axes(axes)
     load, values = np.asarray(sweep.load.value), np.asarray(getattr(sweep.equilibrium, quantity))
     axes.plot(load, values, color="0.8", linewidth=1, zorder=1)
     for name, face in _MARKERS.items():
-        chosen = np.asarray(sweep.stability.verdict == getattr(VERDICTS, name))
+        chosen = np.asarray(sweep.stability.verdict == name)
         if chosen.any():
             marks = axes.scatter(load[chosen], values[chosen], label=name.replace("_", " "))
             marks.set(facecolors=face, edgecolors="C0")

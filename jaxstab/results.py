@@ -3,83 +3,72 @@
 from collections.abc import Callable
 from typing import TypeVar
 
-import equinox as eqx
-import jax
-import numpy as np
 from jaxtyping import Array, Bool
 
 from jaxstab.checks import is_traced
+from jaxstab.enumerations import Enumeration, member
 
 Tree = TypeVar("Tree")
 
 
-class RESULTS(eqx.Enumeration):
+class RESULTS(Enumeration):
     """How a solve ended: a name, and what to make of it."""
 
-    successful = "successful: the tolerance was reached"
-    max_steps_reached = (
-        "max_steps_reached: the step limit came before the tolerance. Raise the solver's "
+    successful = member("the tolerance was reached")
+    max_steps_reached = member(
+        "the step limit came before the tolerance. Raise the solver's "
         "`max_steps`, loosen its `tolerance`, or start nearer to the solution"
     )
-    stagnated = (
-        "stagnated: progress ended before the residual reached the tolerance. Either the "
+    stagnated = member(
+        "progress ended before the residual reached the tolerance. Either the "
         "tolerance is finer than the precision can hold (loosen it, or use float64), or the solver "
         "is caught between states (start elsewhere, for instance from a neighbouring load)"
     )
-    nonfinite = (
-        "nonfinite: a NaN or an infinity appeared. Check that the potential and its two "
+    nonfinite = member(
+        "a NaN or an infinity appeared. Check that the potential and its two "
         "derivatives are finite for every gap >= 0 (one that is infinite at zero gap needs "
         "PreconditionedConjugateGradient), and that no input is NaN"
     )
-    invalid_contact = (
-        "invalid_contact: the heights are not finite, or the solid has a stiffness that is "
+    invalid_contact = member(
+        "the heights are not finite, or the solid has a stiffness that is "
         "negative or not finite. Use a modulus > 0 and a Poisson's ratio in (-1, 0.5]"
     )
-    infeasible_load = (
-        "infeasible_load: a mean gap must be positive and finite, as the surfaces cannot enter "
+    infeasible_load = member(
+        "a mean gap must be positive and finite, as the surfaces cannot enter "
         "each other, and a mean pressure finite. Prescribe a mean displacement above the mean "
         "height"
     )
-    pulled_off = (
-        "pulled_off: no equilibrium was found at this tensile load, which drew the surfaces apart "
+    pulled_off = member(
+        "no equilibrium was found at this tensile load, which drew the surfaces apart "
         "for good. Pull less, start from a state in contact, or prescribe the mean gap instead"
     )
-    no_equilibrium = (
-        "no_equilibrium: there was no converged equilibrium to assess. Look at the result of the "
-        "equilibrium"
+    no_equilibrium = member(
+        "there was no converged equilibrium to assess. Look at the result of the equilibrium"
     )
-    other_contact = (
-        "other_contact: the state is not in equilibrium in this contact, whose pressures it leaves "
+    other_contact = member(
+        "the state is not in equilibrium in this contact, whose pressures it leaves "
         "out of balance. Use the contact and the load that it came from"
     )
-    no_fold = (
-        "no_fold: the critical eigenvalue was not seen to vanish between the two loads. It stays "
+    no_fold = member(
+        "the critical eigenvalue was not seen to vanish between the two loads. It stays "
         "positive, or jumps where points enter or leave contact, or the search left the branch: "
         "look at a sweep between them, and narrow the bracket"
     )
-    not_computed = (
-        "not_computed: another number had already proved the verdict. Assess without `verdict_only`"
+    not_computed = member(
+        "another number had already proved the verdict. Assess without `verdict_only`"
     )
 
 
-class VERDICTS(eqx.Enumeration):
+class VERDICTS(Enumeration):
     """What is known of the stability of an equilibrium."""
 
-    stable = "stable: every small admissible perturbation raises the energy to second order"
-    held_by_contact = (
-        "held_by_contact: a strict local minimum, since lifting off costs energy at first order; "
+    stable = member("every small admissible perturbation raises the energy to second order")
+    held_by_contact = member(
+        "a strict local minimum, since lifting off costs energy at first order; "
         "beyond a finite barrier lifting off lowers it"
     )
-    unstable = "unstable: an arbitrarily small admissible perturbation lowers the energy"
-    undecided = "undecided: an eigenvalue is zero to within its error, or a solver did not converge"
-
-
-def labels(enumeration: type[eqx.Enumeration], items: eqx.Enumeration) -> np.ndarray:
-    """Return the names of one member or of an array of members of an enumeration."""
-    (codes,), tree = jax.tree.flatten(items)
-    members = [jax.tree.unflatten(tree, [code]) for code in np.asarray(codes).reshape(-1, 1)]
-    names = [enumeration[member][2:-2].partition(":")[0] for member in members]
-    return np.reshape(names, np.shape(codes))
+    unstable = member("an arbitrarily small admissible perturbation lowers the energy")
+    undecided = member("an eigenvalue is zero to within its error, or a solver did not converge")
 
 
 class SolverError(RuntimeError):

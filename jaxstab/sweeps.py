@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 
+from jaxstab import display
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import Solver, find_equilibrium, initial_gap
@@ -21,10 +22,13 @@ from jaxstab.results import RESULTS, VERDICTS, throw_failure
 from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability
 from jaxstab.stability.assess import judge
 from jaxstab.stability.assess import with_derivatives as stability_with_derivatives
+from jaxstab.stacks import Stackable
 
 
-class Sweep(eqx.Module):
+class Sweep(Stackable, eqx.Module):
     """Equilibria at many loads and their stability; every field has a leading axis of loads.
+
+    `sweep[3]` is one state, without that axis; `len(sweep)`, slices and loops work as in a list.
 
     Attributes:
         load: the loads.
@@ -35,6 +39,8 @@ class Sweep(eqx.Module):
     load: Load
     equilibrium: Equilibrium
     stability: Stability
+
+    __repr__ = display.sweep
 
 
 def sweep(

@@ -80,7 +80,7 @@ def test_no_verdict_contradicts_the_faces(faces):
     expected = np.where(exact > 0, "stable", np.where(critical > 0, "held_by_contact", "unstable"))
     counts = dict(zip(*np.unique(expected, return_counts=True), strict=True))
     assert min(counts.values()) > 20
-    np.testing.assert_array_equal(js.results.labels(js.VERDICTS, stability.verdict), expected)
+    np.testing.assert_array_equal(stability.verdict.name, expected)
 
 
 def test_the_critical_eigenvalue_is_exact_and_the_three_are_in_order(faces):
@@ -263,7 +263,7 @@ def test_verdict_only_stops_at_a_proof_and_says_so(hertz, far_side):
         full = js.assess_stability(hertz, state)
         quick = js.assess_stability(hertz, state, verdict_only=True)
         assert quick.verdict == full.verdict
-        verdict = str(js.results.labels(js.VERDICTS, quick.verdict))
+        verdict = quick.verdict.name
         order = quick.lower_bound, quick.critical, quick.cone
         for pair, code in zip(order, expected[verdict], strict=True):
             name = "successful" if code == "S" else "not_computed"

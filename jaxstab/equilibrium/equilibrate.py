@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import Protocol
 
 import equinox as eqx
 import jax
@@ -10,6 +11,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxstab.checks import is_traced, parameter, require, require_finite
 from jaxstab.contact import Contact
+from jaxstab.display import block
 from jaxstab.equilibrium.implicit import DIFFERENTIABLE, differentiable
 from jaxstab.equilibrium.polonsky_keer_rey import PolonskyKeerRey
 from jaxstab.equilibrium.preconditioned import PreconditionedConjugateGradient
@@ -21,6 +23,7 @@ from jaxstab.loads import Control, GapControl, Load, require_load
 from jaxstab.potentials import slope
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
+from jaxstab.stacks import Stackable, require_single
 
 # Over the precision: what part of itself a mean gap may be off.
 _ROUNDING = 1e3
@@ -28,7 +31,7 @@ _ROUNDING = 1e3
 Solver = PolonskyKeerRey | PreconditionedConjugateGradient | SaddleNewton
 
 
-class Equilibrium(eqx.Module):
+class Equilibrium(Stackable, eqx.Module):
     """An equilibrium K u + p0 + f'(g) = mu, g >= 0, mu >= 0, mu g = 0 (Rey & Bleyer, 9 and 10).
 
     Attributes:
@@ -62,6 +65,8 @@ class Equilibrium(eqx.Module):
     result: RESULTS
     history: History
 
+    __repr__ = block
+
     def in_units_of(self, pressure: Float[Array, ""]) -> "Equilibrium":
         """Return the same state with pressures in another unit; lengths stay."""
         return replace(
@@ -73,6 +78,15 @@ class Equilibrium(eqx.Module):
             energy=self.energy / pressure,
             history=self.history.scaled(energy=1 / pressure),
         )
+
+
+class _HoldsEquilibrium(Protocol):
+    @property
+    def equilibrium(self) -> Equilibrium: ...
+
+
+# Also an entry of a sweep, or a fold.
+State = Equilibrium | _HoldsEquilibrium
 
 
 def equilibrate(
@@ -240,14 +254,26 @@ def initial_gap(
     return gap
 
 
-def require_same_grid(contact: Contact, equilibrium: Equilibrium) -> None:
-    """Raise `ValueError` if an equilibrium is not on the contact's grid."""
+def equilibrium_of(contact: Contact, state: State) -> Equilibrium:
+    """Return the one equilibrium that a state is or holds, on the contact's grid.
+
+    Raises:
+        TypeError: for something that is not a state.
+        ValueError: for a stack of states, or one that is not on the contact's grid.
+    """
+    equilibrium = getattr(state, "equilibrium", state)
+    if not isinstance(equilibrium, Equilibrium):
+        raise TypeError(
+            f"{type(state).__name__} is not a state: give what jaxstab.equilibrate returned, or an "
+            "entry of a sweep."
+        )
+    require_single(equilibrium)
     if equilibrium.gap.shape != contact.grid.shape:
         raise ValueError(
             f"The equilibrium has shape {equilibrium.gap.shape}, the contact's grid "
-            f"{contact.grid.shape}: use the contact that it came from (and for a sweep "
-            "jaxstab.sweep or jax.vmap)."
+            f"{contact.grid.shape}: use the contact that it came from."
         )
+    return equilibrium
 
 
 def _describe(contact: Contact, equilibrium: Equilibrium) -> str:

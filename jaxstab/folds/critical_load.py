@@ -15,6 +15,7 @@ from jaxtyping import ArrayLike
 
 from jaxstab.contact import Contact
 from jaxstab.derivatives import Obstacle, unless
+from jaxstab.display import block
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.implicit import fields_of
@@ -26,9 +27,10 @@ from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 from jaxstab.stability import Eigenpair
 from jaxstab.stability.implicit import differentiable as differentiable_pair
+from jaxstab.stacks import Stackable
 
 
-class CriticalLoad(eqx.Module):
+class CriticalLoad(Stackable, eqx.Module):
     """A fold, where a branch of equilibria ends; by symmetry it can branch off there instead.
 
     Attributes:
@@ -40,6 +42,8 @@ class CriticalLoad(eqx.Module):
     equilibrium: Equilibrium
     critical: Eigenpair
     result: RESULTS
+
+    __repr__ = block
 
     @property
     def load(self) -> Load:

@@ -11,8 +11,9 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 from jaxstab.checks import is_traced
 from jaxstab.contact import Balance, Contact
 from jaxstab.derivatives import Obstacle, unless
+from jaxstab.display import block, inline
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.equilibrate import require_same_grid
+from jaxstab.equilibrium.equilibrate import State, equilibrium_of
 from jaxstab.grid import total
 from jaxstab.hessian import Hessian
 from jaxstab.lanes import by_lanes
@@ -25,6 +26,7 @@ from jaxstab.stability.implicit import differentiable
 from jaxstab.stability.modes import noise
 from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.search import ConeSolver, Found, Search
+from jaxstab.stacks import Stackable
 
 # Random vectors to start from.
 _NUM_RANDOM = 8
@@ -33,7 +35,7 @@ _ROUNDING = 1e3
 _NOT_HELD = "only a state held by contact has a barrier"
 
 
-class Barrier(eqx.Module):
+class Barrier(Stackable, eqx.Module):
     """What holds a state that its cone's mode would leave: E(t) = t mu.x + t^2 lambda / 2.
 
     Attributes:
@@ -44,8 +46,10 @@ class Barrier(eqx.Module):
     height: Float[Array, ""]
     amplitude: Float[Array, ""]
 
+    __repr__ = inline
 
-class Stability(eqx.Module):
+
+class Stability(Stackable, eqx.Module):
     """What is known of the stability of an equilibrium.
 
     Always lower_bound <= cone <= critical.
@@ -74,6 +78,8 @@ class Stability(eqx.Module):
     verdict: VERDICTS
     result: RESULTS
 
+    __repr__ = block
+
     @property
     def pairs(self) -> dict[str, Eigenpair]:
         """The three eigenpairs by name, from the lowest to the highest."""
@@ -82,7 +88,7 @@ class Stability(eqx.Module):
 
 def assess_stability(
     contact: Contact,
-    equilibrium: Equilibrium,
+    equilibrium: State,
     solver: ConeSolver | None = None,
     *,
     key: PRNGKeyArray | None = None,
@@ -103,7 +109,7 @@ def assess_stability(
 
     Arguments:
         contact: the contact problem.
-        equilibrium: one of its equilibria.
+        equilibrium: one of its equilibria, or what holds it: an entry of a sweep, a fold.
         solver: the algorithm for the cone, `ProjectedLOBPCG()` by default. Its tolerance is that
             of all three numbers.
         key: the random key of the vectors to start from, `jax.random.key(0)` by default.
@@ -121,7 +127,7 @@ def assess_stability(
         ValueError: if the equilibrium is not on the contact's grid.
         SolverError: if `throw`, for an equilibrium or an eigenvalue that did not converge.
     """
-    require_same_grid(contact, equilibrium)
+    equilibrium = equilibrium_of(contact, equilibrium)
     warn_if_coarse(contact)
     solver = ProjectedLOBPCG() if solver is None else solver
     key = jax.random.key(0) if key is None else key

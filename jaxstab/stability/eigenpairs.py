@@ -6,11 +6,13 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxstab.display import block
 from jaxstab.grid import total
 from jaxstab.hessian import SymmetricOperator
 from jaxstab.iterate import History
 from jaxstab.results import RESULTS
 from jaxstab.stability.cones import AdmissibleCone, Subspace
+from jaxstab.stacks import Stackable
 
 Admissible = Subspace | AdmissibleCone
 
@@ -40,7 +42,7 @@ class Minimiser(eqx.Module):
         return replace(self, vector=vector)
 
 
-class Eigenpair(eqx.Module):
+class Eigenpair(Stackable, eqx.Module):
     """A smallest eigenvalue of A = K + D among admissible unit vectors, and its mode.
 
     Attributes:
@@ -66,6 +68,8 @@ class Eigenpair(eqx.Module):
     num_applications: Int[Array, ""]
     result: RESULTS
     history: History
+
+    __repr__ = block
 
     @property
     def sign(self) -> Int[Array, ""]:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.equilibrate import require_same_grid
+from jaxstab.equilibrium.equilibrate import State, equilibrium_of
 from jaxstab.hessian import Block
 from jaxstab.iterate import refuse_derivatives
 from jaxstab.resolution import warn_if_coarse
@@ -27,7 +27,7 @@ _GUARD = 2
 
 def lowest_modes(
     contact: Contact,
-    equilibrium: Equilibrium,
+    equilibrium: State,
     count: int,
     *,
     space: Literal["lower_bound", "critical"] = "lower_bound",
@@ -39,7 +39,7 @@ def lowest_modes(
 
     Arguments:
         contact: the contact problem.
-        equilibrium: one of its equilibria.
+        equilibrium: one of its equilibria, or what holds it: an entry of a sweep, a fold.
         count: how many.
         space: "lower_bound" for all perturbations that the load allows, "critical" for those that
             leave the points in contact where they are.
@@ -49,14 +49,15 @@ def lowest_modes(
 
     Returns:
         The eigenpairs from the lowest up, along a leading axis; steps, applications, result and
-        history are those of all together. Beyond the dimension of the space they are +inf.
+        history, the same for each, are those of all together. Beyond the dimension of the space
+        they are +inf.
 
     Raises:
         ValueError: if the equilibrium is not on the contact's grid, the count is not positive, or
             the space is not one of the two.
         SolverError: if `throw`, for an equilibrium or modes that did not converge.
     """
-    require_same_grid(contact, equilibrium)
+    equilibrium = equilibrium_of(contact, equilibrium)
     if count < 1:
         raise ValueError(f"count is {count}: ask for one mode or more.")
     if space not in ("lower_bound", "critical"):
@@ -67,7 +68,7 @@ def lowest_modes(
     pairs = _lowest_modes(contact, equilibrium, solver, key, count, space == "critical")
     if not throw:
         return pairs
-    return throw_failure(pairs.result, pairs, lambda: f"The {count} lowest modes were not found")
+    return throw_failure(pairs.result[0], pairs, lambda: f"The {count} lowest modes were not found")
 
 
 @partial(jax.jit, static_argnames=("count", "stays_in_contact"))
@@ -87,14 +88,12 @@ def _lowest_modes(
     starts = noise(key, max(count + _GUARD, BLOCK_SIZE), equilibrium.gap)
     starts = jnp.where(is_equilibrium, starts, jnp.nan)
     found = solver.solve(hessian, space, starts, count)
-    pairs = jax.vmap(lambda mode: measured(hessian, space, found.at(mode)))(found.vector[:count])
-    return replace(
-        pairs,
-        num_steps=found.num_steps,
-        num_applications=found.num_applications + count,
+    found = replace(
+        found,
+        num_applications=found.num_applications + count - 1,
         result=RESULTS.where(is_equilibrium, found.result, RESULTS.no_equilibrium),
-        history=found.history,
     )
+    return jax.vmap(lambda mode: measured(hessian, space, found.at(mode)))(found.vector[:count])
 
 
 def noise(key: PRNGKeyArray, count: int, like: Float[Array, " *grid"]) -> Block:

@@ -6,14 +6,14 @@ from jaxtyping import Array, ArrayLike, Float
 from jaxstab.checks import parameter, require, require_finite
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, equilibrate
-from jaxstab.equilibrium.equilibrate import Solver, require_same_grid
+from jaxstab.equilibrium.equilibrate import Solver, State, equilibrium_of
 
 _SMALL = 1e-3
 
 
 def release(
     contact: Contact,
-    equilibrium: Equilibrium,
+    equilibrium: State,
     mode: ArrayLike,
     *,
     amplitude: ArrayLike | None = None,
@@ -29,7 +29,7 @@ def release(
 
     Arguments:
         contact: the contact problem.
-        equilibrium: one of its equilibria.
+        equilibrium: one of its equilibria, or what holds it: an entry of a sweep, a fold.
         mode: x, the direction of the push, of any length.
         amplitude: t [length]; by default such that no point moves by more than a thousandth of
             the mean gap. Its sign is that of the push.
@@ -45,7 +45,7 @@ def release(
             closes all of the gap where the load holds its mean.
         SolverError: as `equilibrate`.
     """
-    require_same_grid(contact, equilibrium)
+    equilibrium = equilibrium_of(contact, equilibrium)
     x = parameter(mode)
     if x.shape != contact.grid.shape:
         raise ValueError(f"The mode has shape {x.shape}, the grid {contact.grid.shape}.")
