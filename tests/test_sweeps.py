@@ -39,6 +39,18 @@ def test_a_sweep_equals_single_solves(unloading, independent):
         assert (swept.num_steps == single.num_steps).all()
 
 
+def test_an_entry_of_a_sweep_is_a_state_like_any_other(unloading, independent):
+    state = independent[9]
+    single = js.equilibrate(unloading, js.MeanGap(LOADS[9]))
+    shapes = lambda tree: jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), tree)  # noqa: E731
+    assert shapes(state.equilibrium) == shapes(single)
+    stability = js.assess_stability(unloading, state)
+    assert shapes(state.stability) == shapes(stability)
+    assert independent.stability.verdict[9] == stability.verdict.name
+    back = js.release(unloading, state, state.stability.cone.mode)
+    np.testing.assert_allclose(back.gap, single.gap, atol=1e-7)
+
+
 @pytest.mark.parametrize("bad", [-1.0, 0.0, np.nan])
 def test_an_impossible_load_leaves_the_others_identical(unloading, independent, bad):
     loads = js.MeanGap(LOADS.at[11].set(bad))
@@ -46,11 +58,11 @@ def test_an_impossible_load_leaves_the_others_identical(unloading, independent, 
     others = np.delete(np.arange(32), 11)
     keep = lambda tree: jax.tree.map(lambda leaf: np.asarray(leaf)[others], tree)  # noqa: E731
     assert_same(keep(spoilt), keep(independent), rtol=0, atol=0)
-    lane = jax.tree.map(lambda leaf: leaf[11], spoilt)
-    assert lane.equilibrium.result == js.RESULTS.infeasible_load
-    assert lane.stability.cone.result == js.RESULTS.no_equilibrium
-    assert lane.stability.verdict == js.VERDICTS.undecided
-    assert np.isnan(lane.equilibrium.gap).all()
+    failed = spoilt[11]
+    assert failed.equilibrium.result == "infeasible_load"
+    assert failed.stability.cone.result == "no_equilibrium"
+    assert failed.stability.verdict == "undecided"
+    assert np.isnan(failed.equilibrium.gap).all()
 
 
 def test_the_unloading_study_is_stable_at_both_ends_only(unloading, independent):
