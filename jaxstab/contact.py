@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from jaxstab import elasticity
+from jaxstab import elasticity, potentials
 from jaxstab.checks import cast, parameter, require, require_finite
 from jaxstab.display import block
 from jaxstab.elasticity import FieldMap, Solid
@@ -21,7 +21,6 @@ from jaxstab.hessian import Hessian
 from jaxstab.loads import Control
 from jaxstab.potentials import (
     Potential,
-    Scaled,
     Scan,
     as_module,
     curvature,
@@ -117,9 +116,9 @@ class Contact(eqx.Module):
 
     def in_units_of(self, pressure: Float[Array, ""]) -> "Contact":
         """Return the same contact with pressures in another unit; lengths stay."""
-        solid, law = elasticity.Scaled(self.solid, 1 / pressure), Scaled(self.potential, 1 / pressure)
-        parts = lambda contact: (contact.solid, contact.potential)  # noqa: E731
-        return eqx.tree_at(parts, self, (solid, law))
+        solid = elasticity.Scaled(self.solid, 1 / pressure)
+        law = potentials.Scaled(self.potential, 1 / pressure)
+        return eqx.tree_at(lambda contact: (contact.solid, contact.potential), self, (solid, law))
 
     def gap(self, displacement: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         """Return g = u - h (Rey & Bleyer, eq. 2) [length]."""

@@ -46,7 +46,7 @@ def history(self: Any) -> str:
         ends = [f"{name}={x[0]:.3g} to {x[-1]:.3g}" for name, x in recorded.items()]
         return f"History({', '.join([f'{used.size} records', *ends])})"
     except UNREADABLE:
-        return f"History({', '.join(self.values)})"
+        return f"History({', '.join(self.names)})"
 
 
 def sweep(self: Any) -> str:

@@ -160,13 +160,14 @@ class Spectral(Solid):
 class Scaled(Solid):
     """A solid whose stiffness is that of another one times a factor."""
 
+    grid: Grid
     solid: Solid
     factor: Float[Array, ""]
 
-    @property
-    def grid(self) -> Grid:
-        """The grid of its surface."""
-        return self.solid.grid
+    def __init__(self, solid: Solid, factor: Float[Array, ""]):
+        self.grid = solid.grid
+        self.solid = solid
+        self.factor = factor
 
     @property
     def is_valid(self) -> Bool[Array, ""]:

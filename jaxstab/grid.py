@@ -107,7 +107,7 @@ def resample(field: Float[Array, " *grid"], shape: tuple[int, ...]) -> Float[Arr
 
 
 def total(field: Float[Array, " *grid"]) -> Float[Array, ""]:
-    """Return the sum of a field; as products with ones, on the CPU the fastest to compile and run."""
+    """Return the sum of a field; by products with ones, which on the CPU is the fastest way."""
     for length in field.shape[::-1]:
         field = jnp.matmul(field, jnp.ones(length, field.dtype), precision="highest")
     return field

@@ -264,9 +264,7 @@ def _first_failure(*pairs: Eigenpair) -> RESULTS:
     return result
 
 
-def _net_error(
-    contact: Contact, equilibrium: Equilibrium, balance: Balance
-) -> Float[Array, ""]:
+def _net_error(contact: Contact, equilibrium: Equilibrium, balance: Balance) -> Float[Array, ""]:
     """Return by how much the net pressure of a point may be wrong [pressure]."""
     missed = jnp.where(equilibrium.in_contact, jnp.minimum(balance.net, 0), balance.net)
     rounding = _ROUNDING * jnp.finfo(missed.dtype).eps * _pressure_scale(contact, equilibrium)

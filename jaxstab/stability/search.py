@@ -66,7 +66,9 @@ class Search(eqx.Module):
         )
         critical = _if_needed(
             touches & ~is_proved & _flag(self.is_weak),
-            lambda: _after(hull, _on_cone(fast, self.hessian, self.critical_cone, hull, self.random)),
+            lambda: _after(
+                hull, _on_cone(fast, self.hessian, self.critical_cone, hull, self.random)
+            ),
             hull,
         )
         is_decided = is_proved | (self.verdict_only & (_flag(critical.sign) < 0))
@@ -97,8 +99,8 @@ class Found(eqx.Module):
     cone: Eigenpair
     critical: Eigenpair
     hull: Eigenpair
-    is_proved: Bool[Array, ""]
-    is_decided: Bool[Array, ""]
+    is_proved: Bool[Array | np.ndarray, ""]
+    is_decided: Bool[Array | np.ndarray, ""]
 
     def ordered(self) -> "Found":
         """Return pairs of which none is above one on a smaller cone; NaN if not computed."""
@@ -179,7 +181,7 @@ def _after(first: _Lowest, then: _Lowest) -> _Lowest:
     return replace(then, pair=pair)
 
 
-def _unless(is_lacking: Bool[Array, ""], pair: Eigenpair) -> Eigenpair:
+def _unless(is_lacking: Bool[Array | np.ndarray, ""], pair: Eigenpair) -> Eigenpair:
     return replace(
         pair,
         eigenvalue=jnp.where(is_lacking, jnp.nan, pair.eigenvalue),
