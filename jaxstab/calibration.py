@@ -20,6 +20,7 @@ from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium
 from jaxstab.iterate import History, Indicators, Iteration, IterativeSolver, refuse_derivatives
 from jaxstab.loads import Load, MeanPressure, require_load
+from jaxstab.programs import program
 from jaxstab.progress import advance, progress_bar
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
@@ -274,7 +275,7 @@ class _LeastSquares(IterativeSolver):
         return self.iterate(step, measure, at(free, optimizer.init(free)))
 
 
-@partial(jax.jit, static_argnames=("where", "progress"))
+@partial(program, static_argnames=("where", "progress"))
 def _fit(
     contact: Contact, measured: _Measured, solver: _LeastSquares, where: Where, progress: bool
 ) -> Calibration:

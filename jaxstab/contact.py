@@ -28,6 +28,7 @@ from jaxstab.potentials import (
     energy_density,
     slope,
 )
+from jaxstab.programs import make_room
 
 
 class Contact(eqx.Module):
@@ -65,6 +66,7 @@ class Contact(eqx.Module):
         dtype = self.heights.dtype
         self.solid = cast(solid, dtype)
         self.potential = as_module(potential, dtype)
+        make_room(jax.tree.structure((self.solid, self.potential)))
         touching, has_core = derivatives(self.potential, jnp.zeros((1,), dtype)), self.has_core
         for name, (value,) in zip(("", " slope", " curvature"), touching, strict=True):
             cure = (

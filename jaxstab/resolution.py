@@ -2,12 +2,12 @@
 
 import warnings
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxstab.checks import is_traced
 from jaxstab.contact import Contact
+from jaxstab.programs import program
 
 _MAX_REFINEMENT = 1024
 _already_said: dict[str | tuple[str, type[Warning], int], int] = {}
@@ -37,7 +37,7 @@ def warn_if_coarse(contact: Contact) -> None:
     )
 
 
-@jax.jit
+@program
 def _resolution(contact: Contact) -> Float[Array, ""]:
     return contact.resolution
 

@@ -16,6 +16,7 @@ from jaxstab.equilibrium.equilibrate import Solver, find_equilibrium, initial_ga
 from jaxstab.equilibrium.equilibrate import with_derivatives as equilibrium_with_derivatives
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load
+from jaxstab.programs import program
 from jaxstab.progress import advance, progress_bar
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, VERDICTS, throw_failure
@@ -101,7 +102,7 @@ def sweep(
     return _throw_failures(result) if throw else result
 
 
-@partial(jax.jit, static_argnames="progress")
+@partial(program, static_argnames="progress")
 def _solve_together(
     contact: Contact,
     load: Load,
@@ -131,7 +132,7 @@ def _solve_together(
     return jax.vmap(attach)(load, found)
 
 
-@partial(jax.jit, static_argnames="progress")
+@partial(program, static_argnames="progress")
 def _solve_in_turn(
     contact: Contact,
     load: Load,

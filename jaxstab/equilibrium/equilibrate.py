@@ -21,6 +21,7 @@ from jaxstab.iterate import History
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Control, GapControl, Load, require_load
 from jaxstab.potentials import slope
+from jaxstab.programs import program
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 from jaxstab.stacks import Stackable, require_single
@@ -146,7 +147,7 @@ def equilibrate(
     return throw_failure(equilibrium.result, equilibrium, lambda: _describe(contact, equilibrium))
 
 
-@jax.jit
+@program
 def find_equilibrium(
     contact: Contact, load: Load, solver: Solver, initial: Float[Array, " *grid"] | None
 ) -> Equilibrium:

@@ -23,6 +23,7 @@ from jaxstab.folds.branch import Field, free_space
 from jaxstab.folds.implicit import NOT_FOUND, differentiable, where_found
 from jaxstab.folds.search import follow_to_fold
 from jaxstab.loads import Load, require_load
+from jaxstab.programs import program
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 from jaxstab.stability import Eigenpair
@@ -91,7 +92,7 @@ def critical_load(
     return throw_failure(found.result, found, lambda: _describe(bracket, found))
 
 
-@partial(jax.jit, static_argnames="throw")
+@partial(program, static_argnames="throw")
 def find_fold(
     contact: Contact, bracket: Load, initial: Field | None, throw: bool = False
 ) -> CriticalLoad:

@@ -14,10 +14,12 @@ from jaxstab.derivatives import Obstacle, unless
 from jaxstab.display import block, inline
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import State, equilibrium_of
+from jaxstab.equilibrium.implicit import third_derivative
 from jaxstab.grid import total
 from jaxstab.hessian import Hessian
 from jaxstab.lanes import by_lanes
 from jaxstab.potentials import slope
+from jaxstab.programs import program
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, VERDICTS, throw_failure
 from jaxstab.stability.cones import AdmissibleCone, Subspace
@@ -32,6 +34,8 @@ from jaxstab.stacks import Stackable
 _NUM_RANDOM = 8
 # Over the precision: reactions below this part of the pressure are none.
 _ROUNDING = 1e3
+# How much more than estimated a gap may be off.
+_DOUBT = 10
 _NOT_HELD = "only a state held by contact has a barrier"
 
 
@@ -79,6 +83,16 @@ class Stability(Stackable, eqx.Module):
     result: RESULTS
 
     __repr__ = block
+
+    def in_units_of(self, pressure: Float[Array, ""]) -> "Stability":
+        """Return the same stability with pressures in another unit; lengths stay."""
+        return replace(
+            self,
+            lower_bound=self.lower_bound.in_units_of(pressure),
+            cone=self.cone.in_units_of(pressure),
+            critical=self.critical.in_units_of(pressure),
+            barrier=replace(self.barrier, height=self.barrier.height / pressure),
+        )
 
     @property
     def pairs(self) -> dict[str, Eigenpair]:
@@ -189,30 +203,68 @@ def _judge(
     return _stability(contact, equilibrium, state, search.run(solver))
 
 
-@partial(jax.jit, static_argnames="verdict_only")
+class _State(eqx.Module):
+    """What is known of a state before its stability is.
+
+    Attributes:
+        result: whether it is an equilibrium of this contact.
+        imbalance: the norm of the pressures that are out of balance [pressure].
+        sharpness: f'''(g) at the free points [pressure/length^2].
+    """
+
+    result: RESULTS
+    imbalance: Float[Array, ""]
+    sharpness: Float[Array, " *grid"]
+
+    def covered(self, pair: Eigenpair, softest: Float[Array, ""]) -> Eigenpair:
+        """Return a pair whose error covers that of the state, the softest of whose modes is given.
+
+        The gap may be off by dg = A^-1 r, and d lambda = sum f''' x^2 dg. Without an equilibrium
+        there is no number.
+        """
+        is_found = self.result == RESULTS.successful
+        off = _DOUBT * self.imbalance / jnp.where(softest > 0, softest, 1)
+        change = jnp.sqrt(total((self.sharpness * pair.mode**2) ** 2)) * off
+        return replace(
+            pair,
+            eigenvalue=jnp.where(is_found, pair.eigenvalue, jnp.nan),
+            error=pair.error + change,
+            result=RESULTS.where(is_found, pair.result, self.result),
+        )
+
+
+@partial(program, static_argnames="verdict_only")
 def _prepared(
     contact: Contact, equilibrium: Equilibrium, key: PRNGKeyArray, verdict_only: bool
-) -> tuple[Search, RESULTS]:
-    """Return the search at an equilibrium, and whether that is one of this contact."""
+) -> tuple[Search, _State]:
+    """Return the search at an equilibrium, and what is known of that."""
+    unit = contact.own_pressure
+    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     gap, in_contact = equilibrium.gap, equilibrium.in_contact
     control = equilibrium.load.control(contact.heights)
     balance = contact.balance(control)(gap)
     result = _state_of(equilibrium, balance, control.missed(gap))
-    presses = balance.net > _net_error(contact, equilibrium, balance)
+    hessian = Hessian(contact.solid.multiplier.astype(gap.dtype), balance.curvature)
+    error = _net_error(contact, equilibrium, balance)
+    weak = in_contact & (balance.net <= error)
+    verge = ~in_contact & (gap * jnp.max(hessian.multiplier) <= error)
     nowhere = jnp.zeros_like(in_contact)
-    weak = in_contact & ~presses
     random = noise(key, _NUM_RANDOM, gap)
     search = Search(
-        hessian=Hessian(contact.solid.multiplier.astype(gap.dtype), balance.curvature),
+        hessian=hessian,
         cone=AdmissibleCone(in_contact, nowhere, control.fixes_mean),
-        critical_cone=AdmissibleCone(weak, in_contact & presses, control.fixes_mean),
+        critical_cone=AdmissibleCone(weak, in_contact & ~weak, control.fixes_mean),
         # From NaN, solvers end at once.
         random=jnp.where(result == RESULTS.successful, random, jnp.nan),
+        verge=verge,
         touches=jnp.any(in_contact),
         is_weak=jnp.any(weak),
+        is_doubtful=jnp.any(weak | verge),
         verdict_only=verdict_only,
     )
-    return search, result
+    sharpness = jnp.where(in_contact, 0, third_derivative(contact, gap))
+    missed = jnp.where(in_contact, jnp.minimum(balance.net, 0), balance.net)
+    return search, _State(result, jnp.sqrt(total(missed**2)), sharpness)
 
 
 def _state_of(equilibrium: Equilibrium, balance: Balance, missed: Float[Array, ""]) -> RESULTS:
@@ -227,25 +279,28 @@ def _state_of(equilibrium: Equilibrium, balance: Balance, missed: Float[Array, "
     return RESULTS.where(is_found, result, RESULTS.no_equilibrium)
 
 
-@jax.jit
+@program
 def _stability(
-    contact: Contact, equilibrium: Equilibrium, state: RESULTS, found: Found
+    contact: Contact, equilibrium: Equilibrium, state: _State, found: Found
 ) -> Stability:
     """Return the verdict on what a search has found."""
+    unit = contact.own_pressure
+    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     found = found.ordered()
-    lower_bound, cone, critical = (
-        replace(
-            pair,
-            eigenvalue=jnp.where(state == RESULTS.successful, pair.eigenvalue, jnp.nan),
-            result=RESULTS.where(state == RESULTS.successful, pair.result, state),
-        )
-        for pair in (found.lower_bound, found.cone, found.critical)
+    softest = jnp.abs(found.hull.eigenvalue)
+    lower_bound, cone, critical, hull = (
+        state.covered(pair, softest)
+        for pair in (found.lower_bound, found.cone, found.critical, found.hull)
     )
     result = _first_failure(lower_bound, cone, critical)
+    # Where all points in doubt may move and nothing gives way, nothing does where they stay.
+    holds = (critical.sign > 0) | (hull.sign > 0)
     verdict = VERDICTS.where(
-        result == RESULTS.successful, _verdict(lower_bound, cone, critical), VERDICTS.undecided
+        result == RESULTS.successful,
+        _verdict(lower_bound, cone, critical, holds),
+        VERDICTS.undecided,
     )
-    return Stability(
+    stability = Stability(
         lower_bound=lower_bound,
         cone=cone,
         critical=critical,
@@ -254,6 +309,7 @@ def _stability(
         verdict=verdict,
         result=result,
     )
+    return stability.in_units_of(1 / unit)
 
 
 def _first_failure(*pairs: Eigenpair) -> RESULTS:
@@ -287,8 +343,10 @@ def _pressure_scale(contact: Contact, equilibrium: Equilibrium) -> Float[Array, 
     return jnp.where(squares > 0, jnp.sqrt(positive / attraction.size), 0)
 
 
-def _verdict(lower_bound: Eigenpair, cone: Eigenpair, critical: Eigenpair) -> VERDICTS:
-    is_held = (cone.sign < 0) & (critical.sign > 0)
+def _verdict(
+    lower_bound: Eigenpair, cone: Eigenpair, critical: Eigenpair, holds: Bool[Array, ""]
+) -> VERDICTS:
+    is_held = (cone.sign < 0) & holds
     verdict = VERDICTS.where(is_held, VERDICTS.held_by_contact, VERDICTS.undecided)
     verdict = VERDICTS.where(critical.sign < 0, VERDICTS.unstable, verdict)
     is_stable = (cone.sign > 0) | (lower_bound.sign > 0)

@@ -71,6 +71,11 @@ class Eigenpair(Stackable, eqx.Module):
 
     __repr__ = block
 
+    def in_units_of(self, pressure: Float[Array, ""]) -> "Eigenpair":
+        """Return the same pair with pressures in another unit; lengths stay."""
+        eigenvalue, error = self.eigenvalue / pressure, self.error / pressure
+        return replace(self, eigenvalue=eigenvalue, error=error)
+
     @property
     def sign(self) -> Int[Array, ""]:
         """1 or -1 where the eigenvalue is converged and larger than its error, otherwise 0."""

@@ -126,7 +126,7 @@ def rayleigh_ritz(
     roots = jnp.sqrt(jnp.where(independent, weights, 1))
     to_basis = scale[:, None] * axes * jnp.where(independent, 1 / roots, 0)
     matrix = to_basis.T @ ((energies + energies.T) / 2) @ to_basis
-    far = 1 + 2 * jnp.sum(jnp.abs(matrix))
+    far = 2 * jnp.sum(jnp.abs(matrix)) + jnp.finfo(matrix.dtype).tiny
     eigenvalues, vectors = jnp.linalg.eigh(matrix + jnp.diag(jnp.where(independent, 0, far)))
     return eigenvalues[:count], (to_basis @ vectors)[:, :count]
 

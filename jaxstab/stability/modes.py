@@ -13,6 +13,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import State, equilibrium_of
 from jaxstab.hessian import Block
 from jaxstab.iterate import refuse_derivatives
+from jaxstab.programs import program
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 from jaxstab.stability.cones import Subspace
@@ -71,7 +72,7 @@ def lowest_modes(
     return throw_failure(pairs.result[0], pairs, lambda: f"The {count} lowest modes were not found")
 
 
-@partial(jax.jit, static_argnames=("count", "stays_in_contact"))
+@partial(program, static_argnames=("count", "stays_in_contact"))
 def _lowest_modes(
     contact: Contact,
     equilibrium: Equilibrium,

@@ -13,13 +13,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.checks import is_traced
 from jaxstab.hessian import Block, Hessian
 from jaxstab.results import RESULTS
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpairs import Eigenpair, lowered, measured
+from jaxstab.stability.eigenpairs import Eigenpair, admissible_pair, lowered, measured
 from jaxstab.stability.lobpcg import LOBPCG, norms
 from jaxstab.stability.modes import BLOCK_SIZE
 from jaxstab.stability.projected import ProjectedLOBPCG
@@ -36,8 +36,10 @@ class Search(eqx.Module):
         cone: V0+.
         critical_cone: the critical cone.
         random: vectors to start from.
+        verge: points out of contact that may be in contact, to within the error of the state.
         touches: whether the surfaces touch anywhere.
-        is_weak: whether they do so anywhere without pressing.
+        is_weak: whether they do so anywhere without pressing beyond an error.
+        is_doubtful: whether it is in doubt of any point that it touches or presses.
         verdict_only: whether to stop at a number that proves the verdict.
     """
 
@@ -45,8 +47,10 @@ class Search(eqx.Module):
     cone: AdmissibleCone
     critical_cone: AdmissibleCone
     random: Block
+    verge: Bool[Array, " *grid"]
     touches: Bool[Array, ""]
     is_weak: Bool[Array, ""]
+    is_doubtful: Bool[Array, ""]
     verdict_only: bool = eqx.field(static=True)
 
     def run(self, solver: ConeSolver) -> "Found":
@@ -80,6 +84,10 @@ class Search(eqx.Module):
                 lambda: _on_cone(solver, self.hessian, self.cone, around, self.random),
                 around,
             )
+        critical = _if_needed(
+            _flag(self.is_doubtful), lambda: _critical_in_doubt(self, critical, hull), critical
+        )
+        cone = _if_needed(_flag(self.is_doubtful), lambda: _cone_in_doubt(self, cone), cone)
         return Found(around.pair, cone.pair, critical.pair, hull.pair, is_proved, is_decided)
 
 
@@ -156,6 +164,43 @@ def _by_algorithm_1(
     # As it is, from one random vector.
     pair = measured(restricted, cone, solver.solve(restricted, cone, random))
     return _Lowest(pair, pair.sign, random[:BLOCK_SIZE])
+
+
+@jax.jit
+def _critical_in_doubt(search: Search, critical: _Lowest, hull: _Lowest) -> _Lowest:
+    """Return a pair of the critical cone whose error covers what the points in doubt may do.
+
+    It lies between the eigenvalue where they all move freely and the quotient of its mode where
+    they all stay.
+    """
+    cone, pair = search.critical_cone, critical.pair
+    held = Subspace(~(search.cone.one_sided | search.verge), cone.fixes_mean)
+    above, _, _ = admissible_pair(search.hessian.restricted(held.is_moving), held, pair.mode)
+    below = hull.pair.eigenvalue - hull.pair.error
+    return _with_error(critical, jnp.maximum(above - pair.eigenvalue, pair.eigenvalue - below))
+
+
+@jax.jit
+def _cone_in_doubt(search: Search, cone: _Lowest) -> _Lowest:
+    """Return a pair of V0+ whose error covers what the points in doubt may do.
+
+    Those on the verge of contact may be one-sided too, which raises the quotient of the mode; and
+    those that hardly press may be free, where the mode leaves a residual.
+    """
+    hessian, pair = search.hessian, cone.pair
+    touching, fixes_mean = search.cone.one_sided, search.cone.fixes_mean
+    nowhere = jnp.zeros_like(touching)
+    closed = AdmissibleCone(touching | search.verge, nowhere, fixes_mean)
+    opened = AdmissibleCone(touching & ~search.critical_cone.one_sided, nowhere, fixes_mean)
+    above, _, _ = admissible_pair(hessian, closed, pair.mode)
+    _, _, residual = admissible_pair(hessian, opened, pair.mode)
+    return _with_error(cone, jnp.maximum(above - pair.eigenvalue, hessian.scale * residual))
+
+
+def _with_error(lowest: _Lowest, error: Float[Array, ""]) -> _Lowest:
+    pair = lowest.pair
+    pair = replace(pair, error=jnp.maximum(pair.error, jnp.where(jnp.isnan(error), jnp.inf, error)))
+    return replace(lowest, pair=pair, sign=pair.sign)
 
 
 def _flag(value: Array) -> Array | np.ndarray:

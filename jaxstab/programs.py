@@ -1,0 +1,44 @@
+"""Compiled programs, and room for new ones.
+
+On the CPU a program maps its code into memory in hundreds of pieces, of which Linux gives a process
+65 530. A long notebook with many laws would run out of them, and fail for want of memory.
+"""
+
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Any
+
+import jax
+
+# The part of all pieces at which the programs are dropped.
+_SHARE = 0.3
+_programs: list[Any] = []
+_kinds: set[Hashable] = set()
+
+
+def program(function: Callable[..., Any], **options: Any) -> Any:
+    """Return `jax.jit(function, **options)`, of which `make_room` can drop what it compiled."""
+    compiled = jax.jit(function, **options)
+    _programs.append(compiled)
+    return compiled
+
+
+def make_room(kind: Hashable) -> None:
+    """Drop what was compiled, if this is a new kind of problem and room is short."""
+    if kind in _kinds:
+        return
+    if _num_pieces() > _SHARE * _max_pieces():
+        for compiled in _programs:
+            compiled.clear_cache()
+        _kinds.clear()
+    _kinds.add(kind)
+
+
+def _num_pieces() -> int:
+    path = Path("/proc/self/maps")
+    return path.read_bytes().count(b"\n") if path.exists() else 0
+
+
+def _max_pieces() -> int:
+    path = Path("/proc/sys/vm/max_map_count")
+    return int(path.read_text()) if path.exists() else 65_530
