@@ -33,7 +33,7 @@ from jaxstab.stability import (
     lowest_modes,
     release,
 )
-from jaxstab.sweeps import Sweep, sweep
+from jaxstab.sweeps import Sweep, SweepInterrupted, sweep
 
 __version__ = version("jaxstab")
 
@@ -62,6 +62,7 @@ __all__ = [
     "Spectral",
     "Stability",
     "Sweep",
+    "SweepInterrupted",
     "assess_stability",
     "calibrate",
     "critical_load",

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from jaxstab.contact import Contact
+from jaxstab.stability import Stability
 from jaxstab.sweeps import Sweep
 
 
@@ -15,7 +16,7 @@ def save_sweep(path: str | Path, contact: Contact, sweep: Sweep) -> Path:
     Arguments:
         path: the file; it must not exist yet.
         contact: the contact problem, whose grid and heights are written too.
-        sweep: its results.
+        sweep: its results, with stability or without.
 
     Returns:
         The path of the file.
@@ -27,7 +28,7 @@ def save_sweep(path: str | Path, contact: Contact, sweep: Sweep) -> Path:
     path = Path(path)
     if path.suffix != ".npz":
         raise ValueError(f"{path} does not end in .npz.")
-    equilibrium, stability = sweep.equilibrium, sweep.stability
+    equilibrium = sweep.equilibrium
     arrays: dict[str, Any] = {
         "load_kind": type(sweep.load).__name__,
         "lengths": contact.grid.lengths,
@@ -42,6 +43,16 @@ def save_sweep(path: str | Path, contact: Contact, sweep: Sweep) -> Path:
         "equilibrium_residual": equilibrium.residual,
         "equilibrium_steps": equilibrium.num_steps,
         "equilibrium_result": equilibrium.result.name,
+    }
+    if sweep.stability is not None:
+        arrays |= _of_stability(sweep.stability)
+    with path.open("xb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+    return path
+
+
+def _of_stability(stability: Stability) -> dict[str, Any]:
+    arrays: dict[str, Any] = {
         "complementarity": stability.complementarity,
         "barrier_height": stability.barrier.height,
         "barrier_amplitude": stability.barrier.amplitude,
@@ -56,6 +67,4 @@ def save_sweep(path: str | Path, contact: Contact, sweep: Sweep) -> Path:
             f"{name}_steps": pair.num_steps,
             f"{name}_result": pair.result.name,
         }
-    with path.open("xb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
-    return path
+    return arrays

@@ -150,7 +150,7 @@ class IterativeSolver(eqx.Module):
             state: where to start.
         """
         first = measure(state)
-        zero = jnp.array(0)
+        zero = jnp.zeros((), int)
         history = History.empty(first, first["residual"].dtype).record(zero, zero, first)
         start = Iteration(state, first["residual"], zero, RESULTS.max_steps_reached, history)
         return self.resume(step, measure, start, first)

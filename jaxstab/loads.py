@@ -9,7 +9,8 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab.checks import parameter
 from jaxstab.display import inline
@@ -172,6 +173,11 @@ class PressureControl(Control):
         return jnp.all((gap > 0) & (gap > escape_gap))
 
 
+def _prescribed(value: ArrayLike) -> Float[Array, "..."]:
+    # JAX compiles apart for a Python number and for an entry of an array.
+    return parameter(np.float64(value) if isinstance(value, float | int) else value)
+
+
 class Load(Stackable, eqx.Module):
     """What holds the surfaces together: one value, or an array of values for a sweep."""
 
@@ -191,7 +197,7 @@ class Load(Stackable, eqx.Module):
 class MeanDisplacement(Load):
     """A prescribed mean(u) [length]: one value, or an array of them for a sweep."""
 
-    value: Float[Array, "..."] = eqx.field(converter=parameter)
+    value: Float[Array, "..."] = eqx.field(converter=_prescribed)
 
     def control(self, heights: Field) -> GapControl:
         """Hold the mean gap at mean(u) - mean(h)."""
@@ -201,7 +207,7 @@ class MeanDisplacement(Load):
 class MeanGap(Load):
     """A prescribed mean(g) [length] (Rey & Bleyer, eq. 4): one value, or an array for a sweep."""
 
-    value: Float[Array, "..."] = eqx.field(converter=parameter)
+    value: Float[Array, "..."] = eqx.field(converter=_prescribed)
 
     def control(self, heights: Field) -> GapControl:
         """Hold the mean gap at the value."""
@@ -211,7 +217,7 @@ class MeanGap(Load):
 class MeanPressure(Load):
     """A prescribed p0 [pressure], positive in compression: one value, or an array for a sweep."""
 
-    value: Float[Array, "..."] = eqx.field(converter=parameter)
+    value: Float[Array, "..."] = eqx.field(converter=_prescribed)
 
     def control(self, heights: Field) -> PressureControl:
         """Hold the mean pressure at the value."""

@@ -1,19 +1,26 @@
 """A progress bar that compiled code can move."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import jax
 from jaxtyping import Array
-from tqdm import tqdm
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 _bars: list[tqdm] = []
 
 
 @contextmanager
-def progress_bar(total: int, unit: str) -> Iterator[tqdm]:
+def progress_bar(total: int, unit: str, *, shown: bool = True) -> Iterator[tqdm]:
     """Show a bar of `total` units that `advance` moves, until the block ends."""
-    with tqdm(total=total, unit=unit) as bar:
+    from tqdm import tqdm
+
+    with tqdm(total=total, unit=unit, disable=not shown) as bar:
         _bars.append(bar)
         try:
             yield bar

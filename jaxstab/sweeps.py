@@ -1,29 +1,35 @@
-"""Equilibrium and stability at many loads: all at once, or each from the one before."""
+"""Equilibrium and stability at many loads: each from the same start, or from the one before."""
 
-from contextlib import nullcontext
+import warnings
+from collections.abc import Callable
 from functools import partial
 from typing import Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 
 from jaxstab import display
+from jaxstab.checks import is_traced
 from jaxstab.contact import Contact
-from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
-from jaxstab.equilibrium.equilibrate import Solver, find_equilibrium, initial_gap
-from jaxstab.equilibrium.equilibrate import with_derivatives as equilibrium_with_derivatives
-from jaxstab.lanes import by_lanes
+from jaxstab.equilibrium import Equilibrium, equilibrate
+from jaxstab.equilibrium.equilibrate import Solver, initial_gap
 from jaxstab.loads import Load, require_load
 from jaxstab.programs import program
-from jaxstab.progress import advance, progress_bar
+from jaxstab.progress import progress_bar
 from jaxstab.resolution import warn_if_coarse
-from jaxstab.results import RESULTS, VERDICTS, throw_failure
-from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability
-from jaxstab.stability.assess import judge
-from jaxstab.stability.assess import with_derivatives as stability_with_derivatives
+from jaxstab.results import RESULTS, throw_failure
+from jaxstab.stability import ConeSolver, Stability, assess_stability
 from jaxstab.stacks import Stackable
+
+Order = Literal["independent", "continuation"]
+_Start = Float[Array, " *grid"] | None
+
+
+class SweepInterrupted(UserWarning):
+    """A sweep was interrupted; it holds the loads done so far."""
 
 
 class Sweep(Stackable, eqx.Module):
@@ -34,12 +40,12 @@ class Sweep(Stackable, eqx.Module):
     Attributes:
         load: the loads.
         equilibrium: the equilibrium at each load.
-        stability: the stability of each.
+        stability: the stability of each, or None where the sweep left it out.
     """
 
     load: Load
     equilibrium: Equilibrium
-    stability: Stability
+    stability: Stability | None
 
     __repr__ = display.sweep
 
@@ -48,8 +54,9 @@ def sweep(
     contact: Contact,
     load: Load,
     *,
-    order: Literal["independent", "continuation"] = "independent",
+    order: Order = "independent",
     equilibrium_solver: Solver | None = None,
+    stability: bool = True,
     stability_solver: ConeSolver | None = None,
     initial: ArrayLike | Equilibrium | None = None,
     key: PRNGKeyArray | None = None,
@@ -58,13 +65,19 @@ def sweep(
 ) -> Sweep:
     """Return the equilibrium and its stability at each of many loads.
 
+    Each is what `equilibrate` and `assess_stability` return for it, by the same compiled programs.
+    Only inside of `jax.jit`, `jax.vmap` and `jax.grad`, and for independent loads on an
+    accelerator, all loads are one program, which can neither be interrupted nor show progress.
+
+    Ctrl-C ends a sweep after the load that is being solved, and returns the loads done so far.
+
     Arguments:
         contact: the contact problem.
         load: a load that holds a one-dimensional array of values.
-        order: "independent" solves all loads together, each from the same start;
-            "continuation" one after another, each from the last equilibrium found (Rey & Bleyer,
-            section 4.2.3).
+        order: "independent" solves each load from the same start; "continuation" each from the
+            last equilibrium found (Rey & Bleyer, section 4.2.3).
         equilibrium_solver: the algorithm for equilibria, by default that of `equilibrate`.
+        stability: whether to assess the equilibria too.
         stability_solver: the algorithm for the cone, as in `assess_stability`.
         initial: where to start, as in `equilibrate`.
         key: the random key of the eigensolvers' starts, as in `assess_stability`.
@@ -79,6 +92,7 @@ def sweep(
         ValueError: for a single load or none, an order that does not exist, or an initial gap that
             `equilibrate` refuses.
         SolverError: if `throw` and a load failed.
+        KeyboardInterrupt: if interrupted before the first load was done.
     """
     require_load(load)
     if load.value.ndim != 1 or load.value.size == 0:
@@ -89,91 +103,125 @@ def sweep(
     if order not in ("independent", "continuation"):
         raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
     warn_if_coarse(contact)
-    equilibrium_solver = equilibrium_solver or PreconditionedConjugateGradient()
-    stability_solver = stability_solver or ProjectedLOBPCG()
-    key = jax.random.key(0) if key is None else key
-    gap = initial_gap(contact, load, initial)
-
-    solve = _solve_together if order == "independent" else _solve_in_turn
-    with progress_bar(load.value.size, "load") if progress else nullcontext():
-        result = solve(
-            contact, load, equilibrium_solver, stability_solver, gap, key, progress=progress
-        )
-    return _throw_failures(result) if throw else result
-
-
-@partial(program, static_argnames="progress")
-def _solve_together(
-    contact: Contact,
-    load: Load,
-    equilibrium_solver: Solver,
-    stability_solver: ConeSolver,
-    initial: Float[Array, " *grid"] | None,
-    key: PRNGKeyArray,
-    progress: bool,
-) -> Sweep:
-    @by_lanes
-    def solve(load: Load, shared: tuple) -> Sweep:
-        contact, equilibrium_solver, stability_solver, initial, key = shared
-        equilibrium = find_equilibrium(contact, load, equilibrium_solver, initial)
-        stability = judge(contact, equilibrium, stability_solver, key)
+    start = initial_gap(contact, load, initial)
+    problem = _Problem(contact, equilibrium_solver, stability_solver, key, stability)
+    # Under jit even a constant is traced.
+    if is_traced((problem, load, start, jnp.zeros(()))):
         if progress:
-            advance(stability.verdict == VERDICTS.stable)
+            warnings.warn("Inside of JAX transformations no progress is shown.", stacklevel=2)
+        solve = _solve_together if order == "independent" else _solve_in_turn
+        return solve(problem, load, start, throw)
+    # NaN marks what was not found.
+    with jax.debug_nans(False), progress_bar(load.value.size, "load", shown=progress) as bar:
+        if order == "independent" and jax.default_backend() != "cpu":
+            states = _solve_padded(problem, load, start)
+            bar.update(len(states))
+        else:
+            states = _solve_one_by_one(problem, load, start, order, bar.update)
+        if throw:
+            _throw_failures(states)
+        return jax.tree.map(lambda *leaves: jax.device_put(np.stack(leaves)), *states)
+
+
+class _Problem(eqx.Module):
+    """What all loads of a sweep share."""
+
+    contact: Contact
+    equilibrium_solver: Solver | None
+    stability_solver: ConeSolver | None
+    key: PRNGKeyArray | None
+    assesses: bool = eqx.field(static=True)
+
+    def solve(self, load: Load, start: _Start, throw: bool = False) -> Sweep:
+        """Return the equilibrium and the stability at one load."""
+        equilibrium = equilibrate(
+            self.contact, load, self.equilibrium_solver, initial=start, throw=throw
+        )
+        if not self.assesses:
+            return Sweep(load, equilibrium, None)
+        stability = assess_stability(
+            self.contact, equilibrium, self.stability_solver, key=self.key, throw=throw
+        )
         return Sweep(load, equilibrium, stability)
 
-    shared = jax.lax.stop_gradient((contact, equilibrium_solver, stability_solver, initial))
-    found = jax.vmap(solve, in_axes=(0, None))(jax.lax.stop_gradient(load), (*shared, key))
 
-    def attach(load: Load, found: Sweep) -> Sweep:
-        equilibrium = equilibrium_with_derivatives(contact, load, found.equilibrium)
-        stability = stability_with_derivatives(contact, equilibrium, found.stability)
-        return Sweep(load, equilibrium, stability)
+def _solve_one_by_one(
+    problem: _Problem, load: Load, start: _Start, order: Order, report: Callable[[], object]
+) -> list[Sweep]:
+    states = []
+    try:
+        for i in range(load.value.size):
+            state = problem.solve(load[i], start)
+            states.append(state)
+            # While it waits, an interrupt stays pending.
+            jax.block_until_ready(state)
+            failed = state.equilibrium.result != RESULTS.successful
+            if order == "continuation" and not failed:
+                start = state.equilibrium.gap
+            report()
+    except KeyboardInterrupt:
+        if not states:
+            raise
+        message = f"The sweep was interrupted: {len(states)} of {load.value.size} loads are done."
+        warnings.warn(message, SweepInterrupted, stacklevel=3)
+    return states
 
-    return jax.vmap(attach)(load, found)
+
+def _solve_padded(problem: _Problem, load: Load, start: _Start) -> list[Sweep]:
+    """Solve all loads together, and copies of the last up to a number that has a program."""
+    number = load.value.size
+    # NumPy compiles nothing.
+    copies = np.minimum(np.arange(_padded(number)), number - 1)
+    padded = jax.tree.map(lambda leaf: np.asarray(leaf)[copies], load)
+    states = jax.device_get(_solve_together(problem, padded, start))
+    return [jax.tree.map(lambda leaf, i=i: leaf[i], states) for i in range(number)]
 
 
-@partial(program, static_argnames="progress")
-def _solve_in_turn(
-    contact: Contact,
-    load: Load,
-    equilibrium_solver: Solver,
-    stability_solver: ConeSolver,
-    initial: Float[Array, " *grid"] | None,
-    key: PRNGKeyArray,
-    progress: bool,
-) -> Sweep:
+def _padded(number: int) -> int:
+    """Return the least of 1, 2, 3, 4, 6, 8, 12, 16, 24, ... that holds `number`."""
+    power = 1 << (number - 1).bit_length()
+    return 3 * power // 4 if number <= 3 * power // 4 else power
+
+
+@partial(program, static_argnames="throw")
+def _solve_together(problem: _Problem, load: Load, start: _Start, throw: bool = False) -> Sweep:
+    return jax.vmap(lambda load: problem.solve(load, start, throw))(load)
+
+
+@partial(program, static_argnames="throw")
+def _solve_in_turn(problem: _Problem, load: Load, start: _Start, throw: bool) -> Sweep:
     Carry = tuple[Float[Array, " *grid"], Bool[Array, ""]]
+    heights = problem.contact.heights
 
     def solve(carry: Carry, load: Load) -> tuple[Carry, Sweep]:
         last, has_last = carry
-        fresh = load.control(contact.heights).starting_gap(contact.heights)
-        start = jnp.where(has_last, last, fresh)
-        equilibrium = find_equilibrium(contact, load, equilibrium_solver, start)
-        stability = judge(contact, equilibrium, stability_solver, key)
-        if progress:
-            advance(stability.verdict == VERDICTS.stable)
-        found = equilibrium.result == RESULTS.successful
-        last = jnp.where(found, equilibrium.gap, last)
-        return (last, has_last | found), Sweep(load, equilibrium, stability)
+        start = jnp.where(has_last, last, load.control(heights).starting_gap(heights))
+        state = problem.solve(load, start, throw)
+        found = state.equilibrium.result == RESULTS.successful
+        return (jnp.where(found, state.equilibrium.gap, last), has_last | found), state
 
-    nothing = jnp.zeros_like(contact.heights)
-    last = nothing if initial is None else initial.astype(nothing.dtype)
-    first = (last, jnp.array(initial is not None))
-    _, result = jax.lax.scan(solve, first, load)
-    return result
+    last = jnp.zeros_like(heights) if start is None else start.astype(heights.dtype)
+    return jax.lax.scan(solve, (last, jnp.array(start is not None)), load)[1]
 
 
-def _throw_failures(result: Sweep) -> Sweep:
-    codes = result.stability.result
-    failed = codes != RESULTS.successful
-    first = jax.tree.map(lambda leaf: leaf[jnp.argmax(failed)], result)
-    code = first.equilibrium.result
-    code = RESULTS.where(code == RESULTS.successful, first.stability.result, code)
-    return throw_failure(
-        code,
-        result,
+def _throw_failures(states: list[Sweep]) -> None:
+    failed = [state for state in states if _result(state) != RESULTS.successful]
+    if not failed:
+        return
+    load = failed[0].load
+    throw_failure(
+        _result(failed[0]),
+        states,
         lambda: (
-            f"{int(failed.sum())} of {failed.size} loads failed, the first at "
-            f"{type(first.load).__name__}({float(first.load.value):.6g})"
+            f"{len(failed)} of {len(states)} loads failed, the first at "
+            f"{type(load).__name__}({float(load.value):.6g})"
         ),
     )
+
+
+def _result(state: Sweep) -> RESULTS:
+    equilibrium, stability = state.equilibrium, state.stability
+    if stability is None:
+        return equilibrium.result
+    is_found = equilibrium.result == RESULTS.successful
+    return RESULTS.where(is_found, stability.result, equilibrium.result)

@@ -1,6 +1,8 @@
 """Problems that several tests share."""
 
 import os
+import signal
+from contextlib import contextmanager
 
 # Most of the time goes into compiling, and most of that into making small programs faster.
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
@@ -28,6 +30,28 @@ def few_programs_at_a_time():
     """Compiled programs hold memory maps, of which a process may have 65 530."""
     yield
     jax.clear_caches()
+
+
+@pytest.fixture
+def interruptible():
+    """Have Ctrl-C arrive here and in subprocesses, also where the tests run in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def compilations():
+    """Yield a list that grows by one for each program compiled, or taken from a cache on disk."""
+    compiled = []
+
+    def listen(event, duration, **_):
+        if event == "/jax/core/compile/backend_compile_duration":
+            compiled.append(duration)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    yield compiled
+    jax.monitoring.unregister_event_duration_listener(listen)
 
 
 @pytest.fixture(scope="session")
