@@ -1,12 +1,17 @@
 """The command line: the unloading study of Rey & Bleyer, section 4.2.3, with options."""
 
 import argparse
+import os
+import sys
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import matplotlib
 import matplotlib.pyplot as plt
+import numpy as np
 
 from jaxstab.contact import Contact
 from jaxstab.elasticity import HalfSpace
@@ -16,10 +21,17 @@ from jaxstab.loads import Load, MeanDisplacement, MeanGap
 from jaxstab.plots import stability_curve
 from jaxstab.potentials import Exponential, Gaussian, NoAdhesion, Potential, Rational
 from jaxstab.surfaces import self_affine
-from jaxstab.sweeps import Sweep, sweep
+from jaxstab.sweeps import Sweep, SweepInterrupted, sweep
 
 LAWS = {"exponential": Exponential, "gaussian": Gaussian, "rational": Rational}
 LOADS = {"gap": MeanGap, "displacement": MeanDisplacement}
+
+
+def run() -> None:
+    """Run the command line with a cache of compiled programs."""
+    _restart_quietly()
+    _keep_programs()
+    main()
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -28,16 +40,31 @@ def main(arguments: list[str] | None = None) -> None:
     jax.config.update("jax_enable_x64", options.precision == "float64")
     matplotlib.use("Agg")
     try:
-        contact, load = _contact(options), _loads(options)
-        folder = _new_folder(options.output)
-        print(_summary(options, contact))
-        result = sweep(contact, load, order=options.order, progress=True)
+        _study(options)
     except (ValueError, OSError) as error:
         raise SystemExit(f"jaxstab: {error}") from error
+    except KeyboardInterrupt:
+        raise SystemExit("jaxstab: interrupted.") from None
+
+
+def _study(options: argparse.Namespace) -> None:
+    contact, load = _contact(options), _loads(options)
+    folder = _new_folder(options.output)
+    print(_summary(options, contact))
+    with warnings.catch_warnings():
+        # Said at the end instead.
+        warnings.simplefilter("ignore", SweepInterrupted)
+        result = sweep(contact, load, order=options.order, progress=True)
     print(result)
     _draw(result, folder / "unloading.png")
     save_sweep(folder / "unloading.npz", contact, result)
     print(f"\nFigure and data are in {folder.resolve()}")
+    done = result.load.value.size
+    if done < options.number:
+        raise SystemExit(f"jaxstab: interrupted, {done} of {options.number} loads are done.")
+    assert result.stability is not None
+    if not np.any(result.stability.result == "successful"):
+        raise SystemExit("jaxstab: every load failed, as the last column says.")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -49,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     surface = parser.add_argument_group("surface (cut-offs in waves per side of the unit cell)")
     surface.add_argument("--size", type=int, default=256, help="points along a side")
-    surface.add_argument("--seed", type=int, default=0, help="which surface")
+    surface.add_argument("--seed", type=_whole(0, 2**32 - 1), default=0, help="which surface")
     surface.add_argument("--hurst", type=float, default=0.8, help="Hurst exponent")
     surface.add_argument("--k-low", type=float, default=2, help="lower cut-off")
     surface.add_argument("--k-rolloff", type=float, default=2, help="roll-off")
@@ -66,7 +93,7 @@ def _parser() -> argparse.ArgumentParser:
     loads.add_argument("--load", choices=[*LOADS], default="gap", help="the mean of what")
     loads.add_argument("--first", type=float, default=1e-5, help="first load")
     loads.add_argument("--last", type=float, default=2 + 1e-5, help="last load")
-    loads.add_argument("--number", type=int, default=21, help="number of loads")
+    loads.add_argument("--number", type=_whole(1), default=21, help="number of loads")
     orders = ["continuation", "independent"]
     loads.add_argument("--order", choices=orders, default=orders[0], help="where each load starts")
     run = parser.add_argument_group("run")
@@ -74,6 +101,22 @@ def _parser() -> argparse.ArgumentParser:
     default = Path("results")
     run.add_argument("--output", type=Path, default=default, help="folder; runs are numbered in it")
     return parser
+
+
+def _whole(least: int, most: int | None = None) -> Callable[[str], int]:
+    """Return a converter of text that lets whole numbers of a range pass."""
+    limits = f"of at least {least}" if most is None else f"from {least} to {most}"
+
+    def convert(text: str) -> int:
+        try:
+            number = int(text)
+        except ValueError:
+            number = None
+        if number is None or number < least or (most is not None and number > most):
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number {limits}.")
+        return number
+
+    return convert
 
 
 def _contact(options: argparse.Namespace) -> Contact:
@@ -98,8 +141,6 @@ def _potential(options: argparse.Namespace) -> Potential:
 
 
 def _loads(options: argparse.Namespace) -> Load:
-    if options.number < 1:
-        raise ValueError(f"--number is {options.number}: give at least one load.")
     return LOADS[options.load](jnp.linspace(options.first, options.last, options.number))
 
 
@@ -136,5 +177,37 @@ def _draw(result: Sweep, path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
+def _restart_quietly() -> None:
+    # JAX before 0.12 takes every program in its cache for another machine's, and says so at
+    # length. What may be said is settled as JAX is imported: "1" is its own choice.
+    is_loud = jax.__version_info__ < (0, 12) and os.environ.get("TF_CPP_MIN_LOG_LEVEL") == "1"
+    if is_loud and os.name == "posix":
+        os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"
+        os.execv(sys.executable, sys.orig_argv)
+
+
+def _keep_programs() -> None:
+    """Let JAX keep all that it compiles in the user's cache folder, if none is set already."""
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return
+    try:
+        folder = _cache_folder() / "jaxstab"
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+def _cache_folder() -> Path:
+    """Return the folder of the user's caches."""
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+
+
 if __name__ == "__main__":
-    main()
+    run()

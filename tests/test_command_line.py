@@ -1,6 +1,9 @@
 import os
+import re
+import signal
 import subprocess
 import sys
+from subprocess import PIPE
 
 import jax
 import jax.numpy as jnp
@@ -8,18 +11,51 @@ import numpy as np
 import pytest
 
 import jaxstab as js
-from jaxstab.__main__ import main
+from jaxstab.__main__ import _keep_programs, main
 
 SMALL = ["--size", "32", "--k-high", "8", "--number", "5"]
 
 
-def run(folder, *arguments):
-    environment = {**os.environ, "MPLBACKEND": "Agg"}
-    command = [sys.executable, "-m", "jaxstab", *arguments]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+COMMAND = [sys.executable, "-m", "jaxstab"]
 
 
-def test_the_main_job_prints_a_table_and_writes_figure_and_data(tmp_path):
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """The user's cache folder."""
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def environment(cache):
+    return {**os.environ, "XDG_CACHE_HOME": str(cache)}
+
+
+@pytest.fixture(scope="module")
+def run(environment):
+    def run(folder, *arguments, environment=environment):
+        return subprocess.run(
+            [*COMMAND, *arguments], cwd=folder, env=environment, capture_output=True, text=True
+        )
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def twice(run, cache, environment, tmp_path_factory):
+    """Two runs alike: their folder, what they said, and the programs in the cache after each."""
+    folder = tmp_path_factory.mktemp("twice")
+    options = [*SMALL, "--potential", "none", "--precision", "float32", "--order", "independent"]
+    options += ["--load", "displacement", "--first", "0.1", "--last", "1", "--seed", "3"]
+    options += ["--output", "mine", "--youngs-modulus", "2"]
+    environment = {k: v for k, v in environment.items() if k != "JAX_COMPILATION_CACHE_DIR"}
+    results, programs = [], []
+    for _ in range(2):
+        results.append(run(folder, *options, environment=environment))
+        programs.append({file.name for file in cache.rglob("*-cache")})
+    return folder / "mine", results, programs
+
+
+def test_the_main_job_prints_a_table_and_writes_figure_and_data(tmp_path, run):
     result = run(tmp_path, *SMALL)
     assert result.returncode == 0, result.stderr
     lines = result.stdout.splitlines()
@@ -43,17 +79,23 @@ def test_the_main_job_prints_a_table_and_writes_figure_and_data(tmp_path):
     assert shown == pytest.approx(data["mean_pressure"][2], rel=1e-3)
 
 
-def test_options_reach_the_problem_and_no_result_is_overwritten(tmp_path):
-    options = [*SMALL, "--potential", "none", "--precision", "float32", "--order", "independent"]
-    options += ["--load", "displacement", "--first", "0.1", "--last", "1", "--seed", "3"]
-    for expected in ("1", "2"):
-        result = run(tmp_path, *options, "--output", "mine", "--youngs-modulus", "2")
+def test_options_reach_the_problem_and_no_result_is_overwritten(twice):
+    folder, results, _ = twice
+    for result, name in zip(results, ("1", "2"), strict=True):
         assert result.returncode == 0, result.stderr
-        data = np.load(tmp_path / "mine" / expected / "unloading.npz")
+        assert "E = 2" in result.stdout and "adhesion: none" in result.stdout
+        data = np.load(folder / name / "unloading.npz")
         assert data["gap"].dtype == np.float32
         assert data["load_kind"] == "MeanDisplacement"
         assert data["mean_pressure"][0] > 0
-    assert "E = 2" in result.stdout and "adhesion: none" in result.stdout
+
+
+def test_a_second_run_compiles_nothing_and_is_as_quiet(twice):
+    _, results, programs = twice
+    assert any(name.startswith("jit_find_equilibrium") for name in programs[0])
+    assert programs[1] == programs[0]
+    for result in results:
+        assert "XLA" not in result.stderr
 
 
 def test_every_option_reaches_the_problem_that_is_solved(tmp_path):
@@ -97,18 +139,60 @@ def test_every_option_reaches_the_problem_that_is_solved(tmp_path):
     assert not np.allclose(data["cone_error"], data["cone_residual"])
 
 
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupted_run_writes_what_it_has(tmp_path, environment):
+    command = [*COMMAND, *SMALL, "--number", "2000"]
+    with subprocess.Popen(
+        command, cwd=tmp_path, env=environment, stdout=PIPE, stderr=PIPE, text=True
+    ) as process:
+        said = ""
+        while not re.search(r"\b[3-9]\d*/2000", said):
+            said += (character := process.stderr.read(1))
+            assert character, said
+        process.send_signal(signal.SIGINT)
+        table, rest = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "Traceback" not in rest
+    done = int(re.search(r"interrupted, (\d+) of 2000 loads", rest)[1])
+    assert 3 <= done < 2000
+    assert len(re.findall(r"successful$", table, re.MULTILINE)) == done
+    data = np.load(tmp_path / "results" / "1" / "unloading.npz")
+    assert data["gap"].shape == (done, 32, 32)
+    assert np.isfinite(data["gap"]).all()
+    assert (tmp_path / "results" / "1" / "unloading.png").exists()
+
+
+def test_where_every_load_fails_the_command_fails_and_still_writes(tmp_path, run):
+    result = run(tmp_path, *SMALL, "--first", "-2", "--last", "-1")
+    assert result.returncode == 1
+    assert "every load failed" in result.stderr
+    assert result.stdout.count("infeasible_load") == 5
+    assert np.isnan(np.load(tmp_path / "results" / "1" / "unloading.npz")["contact_area"]).all()
+
+
+def test_a_cache_folder_that_cannot_be_made_is_no_error(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
+    before = jax.config.values["jax_compilation_cache_dir"]
+    _keep_programs()
+    assert jax.config.values["jax_compilation_cache_dir"] == before
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--rms-height", "-1"], "-1.0: it must be positive"),
         (["--k-high", "100"], "resolves 16"),
-        (["--number", "0"], "--number is 0"),
+        (["--number", "0"], "--number: '0' is not a whole number of at least 1."),
+        (["--number", "2.5"], "--number: '2.5' is not a whole number of at least 1."),
+        (["--seed", "-1"], "--seed: '-1' is not a whole number from 0 to 4294967295."),
+        (["--seed", "4294967296"], "--seed: '4294967296' is not a whole number from 0"),
         (["--potential", "glue"], "invalid choice: 'glue'"),
     ],
 )
-def test_options_that_make_no_sense_end_in_one_line(tmp_path, arguments, message):
-    result = run(tmp_path, *SMALL, *arguments)
-    assert result.returncode != 0
-    assert message in result.stderr
-    assert "Traceback" not in result.stderr
+def test_options_that_make_no_sense_end_in_one_sentence(tmp_path, capsys, arguments, message):
+    with pytest.raises(SystemExit) as refused:
+        main([*SMALL, "--output", str(tmp_path / "results"), *arguments])
+    assert message in f"{refused.value} {capsys.readouterr().err}"
     assert not (tmp_path / "results").exists()
