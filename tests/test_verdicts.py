@@ -328,3 +328,33 @@ def test_the_same_key_gives_the_same_answer_and_another_one_the_same_verdict(unl
     assert other.verdict == first.verdict
     for a, b in zip(first.pairs.values(), other.pairs.values(), strict=True):
         assert a.eigenvalue == pytest.approx(float(b.eigenvalue), abs=1e-8)
+
+
+def test_a_state_of_another_contact_is_refused(hertz):
+    """The same grid and load, but a stronger law: neither judged, nor released, nor searched."""
+    state = js.equilibrate(hertz, js.MeanDisplacement(1.31))
+    law = js.potentials.Exponential(10.01, 1.0)
+    other = js.Contact(hertz.solid, hertz.heights, law)
+    message = "other_contact: the state is not in equilibrium in this contact"
+    for use in (
+        lambda: js.assess_stability(other, state),
+        lambda: js.release(other, state, jnp.ones((32, 32))),
+        lambda: js.lowest_modes(other, state, 1),
+    ):
+        with pytest.raises(js.SolverError, match=message):
+            use()
+    stability = js.assess_stability(other, state, throw=False)
+    assert stability.result == "other_contact"
+    assert stability.verdict == "undecided"
+    assert np.isnan(stability.cone.eigenvalue)
+    shifted = eqx.tree_at(lambda state: state.load, state, js.MeanDisplacement(1.32))
+    assert js.assess_stability(hertz, shifted, throw=False).result == "other_contact"
+
+
+def test_the_solver_that_is_passed_is_the_one_that_runs(hertz):
+    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2))
+    stability = js.assess_stability(
+        hertz, equilibrium, js.ProjectedLOBPCG(max_steps=1), throw=False
+    )
+    assert stability.cone.result == "max_steps_reached"
+    assert stability.verdict == "undecided"

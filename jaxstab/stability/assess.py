@@ -15,6 +15,7 @@ from jaxstab.display import block, inline
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import State, equilibrium_of
 from jaxstab.equilibrium.implicit import third_derivative
+from jaxstab.equilibrium.recognition import recognised_by
 from jaxstab.grid import total
 from jaxstab.hessian import Hessian
 from jaxstab.lanes import by_lanes
@@ -243,7 +244,7 @@ def _prepared(
     gap, in_contact = equilibrium.gap, equilibrium.in_contact
     control = equilibrium.load.control(contact.heights)
     balance = contact.balance(control)(gap)
-    result = _state_of(equilibrium, balance, control.missed(gap))
+    result = recognised_by(balance, contact, equilibrium)
     hessian = Hessian(contact.solid.multiplier.astype(gap.dtype), balance.curvature)
     error = _net_error(contact, equilibrium, balance)
     weak = in_contact & (balance.net <= error)
@@ -265,18 +266,6 @@ def _prepared(
     sharpness = jnp.where(in_contact, 0, third_derivative(contact, gap))
     missed = jnp.where(in_contact, jnp.minimum(balance.net, 0), balance.net)
     return search, _State(result, jnp.sqrt(total(missed**2)), sharpness)
-
-
-def _state_of(equilibrium: Equilibrium, balance: Balance, missed: Float[Array, ""]) -> RESULTS:
-    """Return whether a state is in equilibrium under its load, by a look at it anew."""
-    gap, reaction, pressure = equilibrium.gap, equilibrium.reaction, equilibrium.pressure
-    rounding = _ROUNDING * jnp.finfo(gap.dtype).eps
-    is_own = (balance.residual <= 2 * equilibrium.residual + rounding) & (missed <= rounding)
-    result = RESULTS.where(is_own, RESULTS.successful, RESULTS.other_contact)
-    result = RESULTS.where(jnp.isfinite(balance.residual), result, RESULTS.nonfinite)
-    is_finite = jnp.isfinite(total(gap) + total(reaction) + total(pressure))
-    is_found = (equilibrium.result == RESULTS.successful) & is_finite
-    return RESULTS.where(is_found, result, RESULTS.no_equilibrium)
 
 
 @program

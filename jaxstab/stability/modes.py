@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import State, equilibrium_of
+from jaxstab.equilibrium.recognition import recognised
 from jaxstab.hessian import Block
 from jaxstab.iterate import refuse_derivatives
 from jaxstab.programs import program
@@ -82,19 +83,23 @@ def _lowest_modes(
     stays_in_contact: bool,
 ) -> Eigenpair:
     contact, equilibrium = refuse_derivatives((contact, equilibrium))
+    state = recognised(contact, equilibrium)
+    unit = contact.own_pressure
+    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     fixes_mean = equilibrium.load.control(contact.heights).fixes_mean
     space = Subspace(~(equilibrium.in_contact & stays_in_contact), fixes_mean)
     hessian = contact.hessian(equilibrium.gap).restricted(space.is_moving)
-    is_equilibrium = equilibrium.result == RESULTS.successful
+    is_equilibrium = state == RESULTS.successful
     starts = noise(key, max(count + _GUARD, BLOCK_SIZE), equilibrium.gap)
     starts = jnp.where(is_equilibrium, starts, jnp.nan)
     found = solver.solve(hessian, space, starts, count)
     found = replace(
         found,
         num_applications=found.num_applications + count - 1,
-        result=RESULTS.where(is_equilibrium, found.result, RESULTS.no_equilibrium),
+        result=RESULTS.where(is_equilibrium, found.result, state),
     )
-    return jax.vmap(lambda mode: measured(hessian, space, found.at(mode)))(found.vector[:count])
+    pairs = jax.vmap(lambda mode: measured(hessian, space, found.at(mode)))(found.vector[:count])
+    return pairs.in_units_of(1 / unit)
 
 
 def noise(key: PRNGKeyArray, count: int, like: Float[Array, " *grid"]) -> Block:

@@ -1,5 +1,7 @@
 """The test of a verdict: perturb an equilibrium along a mode, and see where it goes."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -7,6 +9,8 @@ from jaxstab.checks import parameter, require, require_finite
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrate import Solver, State, equilibrium_of
+from jaxstab.equilibrium.recognition import recognised
+from jaxstab.results import RESULTS, throw_failure
 
 _SMALL = 1e-3
 
@@ -43,7 +47,7 @@ def release(
     Raises:
         ValueError: if equilibrium or mode are not on the contact's grid or not finite, or the push
             closes all of the gap where the load holds its mean.
-        SolverError: as `equilibrate`.
+        SolverError: as `equilibrate`, and for a state that is no equilibrium of the contact.
     """
     equilibrium = equilibrium_of(contact, equilibrium)
     x = parameter(mode)
@@ -56,7 +60,12 @@ def release(
     t = _small_amplitude(equilibrium, x) if amplitude is None else parameter(amplitude)
     require("The amplitude", t, jnp.isfinite(t), "it must be finite.")
     start = jnp.maximum(equilibrium.gap + t * x, 0)
-    return equilibrate(contact, equilibrium.load, solver, initial=start, throw=throw)
+    state = recognised(contact, equilibrium)
+    if throw:
+        start = throw_failure(state, start, lambda: "There is nothing to release")
+    released = equilibrate(contact, equilibrium.load, solver, initial=start, throw=throw)
+    result = RESULTS.where(state == RESULTS.successful, released.result, state)
+    return replace(released, result=result)
 
 
 def _small_amplitude(equilibrium: Equilibrium, mode: Float[Array, " *grid"]) -> Float[Array, ""]:
