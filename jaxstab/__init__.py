@@ -4,9 +4,10 @@ It implements V. Rey and J. Bleyer, *Stability analysis of rough surfaces in adh
 contact*, whose equation numbers the documentation quotes.
 """
 
-from importlib.metadata import version
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from jaxstab import files, plots, potentials, surfaces
+from jaxstab import files, potentials, surfaces
 from jaxstab.calibration import Calibration, calibrate
 from jaxstab.contact import Contact
 from jaxstab.elasticity import HalfSpace, Spectral
@@ -35,7 +36,10 @@ from jaxstab.stability import (
 )
 from jaxstab.sweeps import Sweep, SweepInterrupted, sweep
 
-__version__ = version("jaxstab")
+if TYPE_CHECKING:
+    from jaxstab import plots
+
+    __version__: str
 
 __all__ = [
     "LOBPCG",
@@ -75,3 +79,16 @@ __all__ = [
     "surfaces",
     "sweep",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    # Late, since Matplotlib takes longer to import than all the rest.
+    if name == "plots":
+        return import_module("jaxstab.plots")
+    if name == "__version__":
+        return import_module("importlib.metadata").version("jaxstab")
+    raise AttributeError(f"module 'jaxstab' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, "__version__"})

@@ -2,13 +2,12 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from functools import partial
-from typing import Any, ClassVar, Literal
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optax
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Float, Int
 
@@ -25,13 +24,14 @@ from jaxstab.progress import advance, progress_bar
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 
+# Imported where it is used, since that takes a while.
+if TYPE_CHECKING:
+    import optax
+
 Order = Literal["independent", "continuation"]
 Values = Float[Array, " parameters"]
 Curve = Float[Array, " loads"]
 Where = Callable[[Contact], Any]
-
-# Made once, since a new one would compile anew.
-_LBFGS = optax.lbfgs()
 
 
 class Calibration(eqx.Module):
@@ -79,7 +79,7 @@ def calibrate(
     *,
     weights: ArrayLike | None = None,
     where: Where = potential_and_modulus,
-    optimizer: optax.GradientTransformation | None = None,
+    optimizer: "optax.GradientTransformation | None" = None,
     order: Order = "independent",
     tolerance: ArrayLike | None = None,
     max_steps: int = 200,
@@ -153,7 +153,7 @@ def calibrate(
     require("The measured pressure", measured, jnp.any(w * measured != 0), cure)
     warn_if_coarse(contact)
     solver = _LeastSquares(
-        None if tolerance is None else parameter(tolerance), max_steps, optimizer or _LBFGS, order
+        None if tolerance is None else parameter(tolerance), max_steps, optimizer or _lbfgs(), order
     )
     curve = _Measured(load, measured, w)
     with progress_bar(max_steps, "step") if progress else nullcontext():
@@ -161,6 +161,14 @@ def calibrate(
     if not throw:
         return fit
     return throw_failure(fit.result, fit, lambda: _describe(fit))
+
+
+@cache
+def _lbfgs() -> "optax.GradientTransformation":
+    import optax
+
+    # Made once, since a new one would compile anew.
+    return optax.lbfgs()
 
 
 class _Measured(eqx.Module):
@@ -192,7 +200,7 @@ class _Scale(eqx.Module):
 
 class _State(eqx.Module):
     free: Values
-    optimizer: optax.OptState
+    optimizer: "optax.OptState"
     mean_pressure: Curve
     misfit: Curve
     jacobian: Float[Array, "loads parameters"]
@@ -220,7 +228,7 @@ class _LeastSquares(IterativeSolver):
 
     tolerance: Float[Array, ""] | None
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray)
-    optimizer: optax.GradientTransformation = eqx.field(static=True)
+    optimizer: "optax.GradientTransformation" = eqx.field(static=True)
     order: Order = eqx.field(static=True)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-6}
@@ -234,6 +242,8 @@ class _LeastSquares(IterativeSolver):
         advance: Callable[[Array], None],
     ) -> Iteration[_State]:
         """Minimise the misfit between a curve, given with its Jacobian, and measurements."""
+        import optax
+
         root = measured.roots
         # What has no weight need not even be finite.
         has_weight = root > 0

@@ -6,7 +6,6 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.scipy.sparse.linalg import gmres
 from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Balance, Contact
@@ -62,6 +61,9 @@ class SaddleNewton(IterativeSolver):
         gap: Float[Array, " *grid"],
     ) -> Iteration[_State]:
         """Iterate from a gap that meets the load to an equilibrium under it."""
+        # Late, since it takes a while to import.
+        from jax.scipy.sparse.linalg import gmres
+
         balance_of = contact.balance(control)
         multiplier = contact.solid.multiplier.astype(gap.dtype)
         softest = softest_wave(multiplier)
