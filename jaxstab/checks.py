@@ -1,10 +1,15 @@
-"""What input must satisfy, wherever its value is known: eagerly always, under a JAX trace never."""
+"""What input must satisfy, wherever its value is known: eagerly always, under a JAX trace never.
 
+What is known is looked at with NumPy, since every operation of JAX on it is a program to compile.
+"""
+
+import operator
 from typing import Any
 
 import jax
 import jax.core
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 
@@ -13,45 +18,97 @@ def is_traced(value: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
 
 
-def parameter(value: ArrayLike) -> Float[Array, "..."]:
-    """Return `value` as a floating-point array, so that it can be vmapped and differentiated."""
-    array = jnp.asarray(value)
-    return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
+def known(value: ArrayLike) -> Any:
+    """Return `value` as an array of NumPy, or as it is where it is traced."""
+    return value if is_traced(value) else np.asarray(value)
+
+
+def array(value: Any, dtype: Any = None) -> Array:
+    """Return a copy of what is known as an array of JAX, without compiling anything."""
+    return jax.device_put(np.array(value, dtype))
+
+
+def parameter(value: Any, name: str = "A parameter") -> Float[Array, "..."]:
+    """Return `value` as a floating-point array, so that it can be vmapped and differentiated.
+
+    Raises:
+        TypeError: for what is not real numbers, and for a masked array.
+    """
+    if isinstance(value, np.ma.MaskedArray):
+        raise TypeError(
+            f"{name} is masked, with {np.ma.count_masked(value)} values missing: fill it first, as "
+            "with `numpy.ma.filled(values, number)`."
+        )
+    if type(value) in (bool, int, float):
+        # As a number of Python's, without a precision of its own.
+        return jax.device_put(float(value))
+    if is_traced(value):
+        value = jnp.asarray(value)
+    elif not isinstance(value, jax.Array):
+        value = np.asarray(value)
+    if jnp.issubdtype(value.dtype, jnp.floating):
+        return value if isinstance(value, jax.Array) else array(value)
+    if not (jnp.issubdtype(value.dtype, jnp.integer) or value.dtype == bool):
+        raise TypeError(f"{name} is {value.dtype}: give real numbers.")
+    return value.astype(float) if is_traced(value) else array(value, float)
 
 
 def cast(tree: Any, dtype: Any) -> Any:
     """Return `tree` with its floating-point leaves in `dtype`."""
 
     def cast_leaf(leaf: Any) -> Any:
-        is_float = isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jnp.floating)
-        return leaf.astype(dtype) if is_float else leaf
+        is_array = isinstance(leaf, jax.Array | np.ndarray | np.generic)
+        if not (is_array and jnp.issubdtype(leaf.dtype, jnp.floating)):
+            return leaf
+        if isinstance(leaf, jax.Array) and leaf.dtype == dtype and not leaf.weak_type:
+            return leaf
+        return leaf.astype(dtype) if is_traced(leaf) else array(leaf, dtype)
 
     return jax.tree.map(cast_leaf, tree)
 
 
+def integer(name: str, value: Any) -> int:
+    """Return `value` as an integer.
+
+    Raises:
+        TypeError: if it is not one, also for a float that is whole.
+    """
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} is {value!r}: give an integer.") from None
+
+
 def require(name: str, value: Any, holds: Any, cure: str) -> None:
     """Raise `ValueError` naming `value` and the `cure` where `holds`, if known, is false."""
-    if not is_traced(holds) and not jnp.all(holds):
-        raise ValueError(f"{name} is {_describe(value)}: {cure}")
+    if is_traced(holds) or np.all(holds):
+        return
+    value, holds = np.asarray(value), np.asarray(holds)
+    if value.shape == holds.shape:
+        value = value[~holds].flat[0]
+    raise ValueError(f"{name} is {value}: {cure}")
 
 
 def require_positive(name: str, value: Float[Array, "..."]) -> None:
     """Raise `ValueError` where `value`, if known, is not positive and finite."""
-    require(name, value, (value > 0) & jnp.isfinite(value), "it must be positive and finite.")
+    value = known(value)
+    require(name, value, (value > 0) & (value < np.inf), "it must be positive and finite.")
 
 
 def require_finite(name: str, value: Float[Array, "..."]) -> None:
     """Raise `ValueError` naming the first point where `value`, if known, is NaN or infinite."""
-    finite = jnp.isfinite(value)
-    if is_traced(finite) or finite.all():
+    if is_traced(value) or (finite := np.isfinite(value)).all():
         return
-    index = tuple(int(i) for i in jnp.argwhere(~finite)[0])
+    index = tuple(int(i) for i in np.argwhere(~finite)[0])
     raise ValueError(
-        f"{name} has {int((~finite).sum())} NaN or infinite values, the first at {index}: "
+        f"{name} has {(~finite).sum()} NaN or infinite values, the first at {index}: "
         f"{float(value[index])}. Mask or interpolate them before use."
     )
 
 
-def _describe(value: Any) -> str:
-    array = isinstance(value, jax.Array)
-    return repr(value.item()) if array and value.ndim == 0 else str(value)
+def require_key(key: Any) -> None:
+    """Raise `TypeError` if `key` is not a random key."""
+    dtype, shape = getattr(key, "dtype", np.dtype(object)), getattr(key, "shape", None)
+    is_key = jnp.issubdtype(dtype, jax.dtypes.prng_key) or (dtype == jnp.uint32 and shape == (2,))
+    if not is_key:
+        raise TypeError(f"The random key is {key!r}: make one, as in `jax.random.key(0)`.")

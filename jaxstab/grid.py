@@ -6,6 +6,7 @@ half spectrum of `rfftn` is kept.
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -13,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from jaxstab.checks import parameter, require_positive
+from jaxstab.checks import array, integer, is_traced, known, parameter, require_positive
 from jaxstab.display import inline
 
 
@@ -27,6 +28,7 @@ class Grid(eqx.Module):
     Raises:
         ValueError: for other than one or two sides, fewer than 2 points along a side, or
             lengths that are not positive.
+        TypeError: for a number of points that is not an integer.
     """
 
     shape: tuple[int, ...] = eqx.field(static=True)
@@ -35,18 +37,18 @@ class Grid(eqx.Module):
     __repr__ = inline
 
     def __init__(self, shape: int | Sequence[int], lengths: Sequence[float] | ArrayLike = 1.0):
-        self.shape = (
-            (int(shape),) * 2 if isinstance(shape, int | np.integer) else tuple(map(int, shape))
-        )
+        numbers: Any = shape if np.ndim(shape) else (shape, shape)
+        self.shape = tuple(integer("A number of grid points", n) for n in numbers)
         if len(self.shape) not in (1, 2) or min(self.shape, default=0) < 2:
             raise ValueError(
                 f"Grid shape is {self.shape}: give one side (a line) or two, of 2 points or more."
             )
-        sides = parameter(jnp.asarray(lengths))
-        if sides.ndim > 1 or (sides.ndim == 1 and sides.size != len(self.shape)):
-            raise ValueError(f"Grid lengths are {lengths}: give one for each side of {self.shape}.")
-        self.lengths = jnp.broadcast_to(sides, (len(self.shape),))
-        require_positive("A grid length", self.lengths)
+        given = known(parameter(lengths, "A grid length"))
+        if given.shape not in ((), (len(self.shape),)):
+            raise ValueError(f"Grid lengths are {given}: give one for each side of {self.shape}.")
+        require_positive("A grid length", given)
+        sides = given * np.ones(len(self.shape), given.dtype)
+        self.lengths = sides if is_traced(sides) else array(sides)
 
     @property
     def size(self) -> int:
@@ -54,45 +56,53 @@ class Grid(eqx.Module):
         return math.prod(self.shape)
 
     @property
+    @jax.jit
     def spacing(self) -> Float[Array, " sides"]:
         """Distance between neighbouring points along each side [length]."""
         return self.lengths / jnp.array(self.shape)
 
     @property
+    @jax.jit
     def cell_area(self) -> Float[Array, ""]:
         """Area that one point stands for [length^2]; on a line, its length [length]."""
         return jnp.prod(self.spacing)
 
     @property
+    @jax.jit
     def coordinates(self) -> tuple[Float[Array, " *grid"], ...]:
         """Coordinates of every point [length], one array for each side."""
         sides = [jnp.arange(n) * dx for n, dx in zip(self.shape, self.spacing, strict=True)]
         return tuple(jnp.meshgrid(*sides, indexing="ij"))
 
     @property
+    @jax.jit
     def wavenumbers(self) -> Float[Array, " *modes"]:
         """Norm |q| = 2 pi |k / L| of every wave vector of `rfftn` [1/length]."""
-        sides = zip(self.waves, self.lengths, strict=True)
-        squared = sum((2 * jnp.pi * k.astype(length.dtype) / length) ** 2 for k, length in sides)
+        # In waves per longest side, whose squares stay in range in any unit.
+        longest = jax.lax.stop_gradient(jnp.max(self.lengths))
+        sides = zip(self.waves, longest / self.lengths, strict=True)
+        squared = sum((k.astype(ratio.dtype) * ratio) ** 2 for k, ratio in sides)
         # Two `where`s keep the derivative of the root at zero out of those of the lengths.
-        return jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)
+        norm = jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)
+        return 2 * jnp.pi / longest * norm
 
     @property
-    def waves(self) -> tuple[Float[np.ndarray, " *modes"], ...]:
-        """Number of waves k along each side of every wave vector of `rfftn`."""
+    def waves(self) -> tuple[Float[np.ndarray, "..."], ...]:
+        """Number of waves k along each side of the wave vectors of `rfftn`, to be broadcast."""
         *full, half = self.shape
         axes = [np.fft.fftfreq(n, 1 / n) for n in full] + [np.fft.rfftfreq(half, 1 / half)]
-        return tuple(np.meshgrid(*axes, indexing="ij"))
+        return tuple(np.meshgrid(*axes, indexing="ij", sparse=True))
 
     @property
-    def mode_multiplicity(self) -> Float[np.ndarray, " *modes"]:
+    @jax.jit
+    def mode_multiplicity(self) -> Float[Array, " *modes"]:
         """How many modes of the full spectrum each mode of `rfftn` stands for: 1 or 2."""
         half = self.shape[-1]
         column = np.full(half // 2 + 1, 2.0)
         column[0] = 1
         if half % 2 == 0:
             column[-1] = 1
-        return np.broadcast_to(column, (*self.shape[:-1], column.size))
+        return jnp.broadcast_to(column, (*self.shape[:-1], column.size))
 
 
 def resample(field: Float[Array, " *grid"], shape: tuple[int, ...]) -> Float[Array, " *finer"]:

@@ -3,13 +3,17 @@
 A surface is an array of heights on a grid [length]; summits point towards the elastic solid.
 """
 
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Complex, Float, PRNGKeyArray
+from jaxtyping import Array, ArrayLike, Complex, Float, Int, PRNGKeyArray
 
-from jaxstab.checks import parameter, require, require_positive
+from jaxstab.checks import integer, known, parameter, require, require_key, require_positive
 from jaxstab.grid import Grid
 
 
@@ -26,8 +30,13 @@ def paraboloid(grid: Grid, radius: ArrayLike) -> Float[Array, " *grid"]:
     Raises:
         ValueError: if the radius is not positive.
     """
-    radius = parameter(radius)
+    radius = parameter(radius, "The radius")
     require_positive("The radius", radius)
+    return _paraboloid(grid, radius)
+
+
+@jax.jit
+def _paraboloid(grid: Grid, radius: Float[Array, ""]) -> Float[Array, " *grid"]:
     distances = zip(grid.coordinates, grid.lengths, strict=True)
     return -sum((x - length / 2) ** 2 for x, length in distances) / (2 * radius)
 
@@ -47,13 +56,22 @@ def sinusoid(
 
     Raises:
         ValueError: if there is not one number of waves for each side, or all are zero.
+        TypeError: if a number of waves is not an integer.
     """
     waves = (1,) + (0,) * (len(grid.shape) - 1) if waves is None else waves
     if len(waves) != len(grid.shape) or not any(waves):
         raise ValueError(f"waves are {waves}: give one number for each side, not all zero.")
+    numbers = np.array([integer("A number of waves", k) for k in waves])
+    return _sinusoid(grid, parameter(amplitude, "The amplitude"), numbers)
+
+
+@jax.jit
+def _sinusoid(
+    grid: Grid, amplitude: Float[Array, ""], waves: Int[np.ndarray, " sides"]
+) -> Float[Array, " *grid"]:
     sides = zip(waves, grid.coordinates, grid.lengths, strict=True)
     phase = sum(2 * jnp.pi * k * x / length for k, x, length in sides)
-    return parameter(amplitude) * jnp.cos(phase)
+    return amplitude * jnp.cos(phase)
 
 
 def self_affine(
@@ -92,47 +110,38 @@ def self_affine(
     Raises:
         ValueError: unless exactly one of `rms_height` and `rms_slope` is given, if cut-offs are
             not ordered, or too fine for the grid, or no wave lies between them.
+        TypeError: for a key that is not one.
     """
+    require_key(key)
     targets = [x for x in (rms_height, rms_slope) if x is not None]
     if len(targets) != 1:
         raise ValueError("Give exactly one of rms_height and rms_slope: it sets the amplitude.")
-    target = parameter(targets[0])
+    target = parameter(targets[0], "The rms height or slope")
     require_positive("The rms height or slope", target)
     if exponent not in ("field", "paper"):
         raise ValueError(f'exponent is {exponent!r}: choose "field" or "paper".')
-    hurst, k_low, k_rolloff, k_high = map(parameter, (hurst, k_low, k_rolloff, k_high))
-    require("The Hurst exponent", hurst, (hurst >= 0) & (hurst <= 1), "it must lie in [0, 1].")
-    cutoffs = jnp.stack([k_low, k_rolloff, k_high])
-    ordered = (k_low > 0) & (k_low <= k_rolloff) & (k_rolloff <= k_high)
-    require("[k_low, k_rolloff, k_high]", cutoffs, ordered, "they must be positive and ascend.")
-
-    side = jnp.max(grid.lengths)
-    nyquist = jnp.min(side / (2 * grid.spacing))
-    cure = f"the grid resolves {nyquist} waves per longest side; refine it or lower k_high."
-    require("k_high", k_high, k_high <= nyquist * (1 + _ROUNDING), cure)
-    k = grid.wavenumbers * side / (2 * jnp.pi)
-    passes = (k >= k_low * (1 - _ROUNDING)) & (k <= k_high * (1 + _ROUNDING))
-    cure = "widen the cut-offs."
-    require("The number of waves between k_low and k_high", jnp.sum(passes), passes.any(), cure)
-
-    power = 2 * hurst + len(grid.shape) if exponent == "field" else hurst + 2
-    spectrum = jnp.maximum(jnp.where(passes, k, k_rolloff), k_rolloff) ** -power
-    modes = jnp.where(passes, jnp.sqrt(spectrum), 0) * _wave_noise(grid, key)
-    heights = jnp.fft.irfftn(modes, s=grid.shape)
+    hurst, *cutoffs = map(parameter, (hurst, k_low, k_rolloff, k_high))
+    _require_spectrum(grid, known(hurst), *map(known, cutoffs))
     order = 0 if rms_slope is None else 1
-    return heights * (target / _rms_derivative(grid, heights, order))
+    heights, num_waves = _filtered_noise(grid, key, hurst, cutoffs, target, exponent, order)
+    name = "The number of waves between k_low and k_high"
+    require(name, num_waves, known(num_waves) > 0, "widen the cut-offs.")
+    return heights
 
 
+@jax.jit
 def rms_height(heights: Float[Array, " *grid"]) -> Float[Array, ""]:
     """Return the root mean square height about the mean [length]."""
     return jnp.std(heights)
 
 
+@jax.jit
 def rms_slope(grid: Grid, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
     """Return the root mean square of |grad h|."""
     return _rms_derivative(grid, heights, 1)
 
 
+@jax.jit
 def rms_curvature(grid: Grid, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
     """Return the root mean square of the mean curvature, lap h / d in d dimensions [1/length]."""
     return _rms_derivative(grid, heights, 2) / len(grid.shape)
@@ -161,12 +170,11 @@ def power_spectrum(grid: Grid, heights: Float[Array, " *grid"]) -> PowerSpectrum
         grid: the grid; its lengths must be known, since they decide the number of rings.
         heights: the surface [length].
     """
-    longest = np.max(np.asarray(grid.lengths))
-    fundamental = 2 * np.pi / longest
-    finest = np.linalg.norm(longest / (2 * np.asarray(grid.spacing)))
-    num_rings = int(finest) + 2
+    lengths = np.asarray(grid.lengths)
+    fundamental = 2 * np.pi / lengths.max()
+    num_rings = int(np.linalg.norm(_nyquist(grid.shape, lengths))) + 2
     ring = jnp.round(grid.wavenumbers / fundamental).astype(int)
-    multiplicity = jnp.asarray(grid.mode_multiplicity)
+    multiplicity = grid.mode_multiplicity
     power = multiplicity * jnp.abs(jnp.fft.rfftn(heights)) ** 2 * grid.cell_area / grid.size
     num_waves = jnp.zeros(num_rings).at[ring].add(multiplicity)
     density = jnp.zeros(num_rings).at[ring].add(power) / jnp.maximum(num_waves, 1)
@@ -175,6 +183,44 @@ def power_spectrum(grid: Grid, heights: Float[Array, " *grid"]) -> PowerSpectrum
 
 # Rounding must not decide whether a wave at a cut-off belongs to the spectrum.
 _ROUNDING = 1e-5
+
+
+def _nyquist(shape: tuple[int, ...], lengths: Any) -> Any:
+    """Return the most waves per longest side that points along each side resolve."""
+    return lengths.max() * np.array(shape) / (2 * lengths)
+
+
+def _require_spectrum(
+    grid: Grid, hurst: Array, k_low: Array, k_rolloff: Array, k_high: Array
+) -> None:
+    require("The Hurst exponent", hurst, (hurst >= 0) & (hurst <= 1), "it must lie in [0, 1].")
+    cutoffs = [k_low, k_rolloff, k_high]
+    ordered = (k_low > 0) & (k_low <= k_rolloff) & (k_rolloff <= k_high)
+    require("[k_low, k_rolloff, k_high]", cutoffs, ordered, "they must be positive and ascend.")
+    nyquist = _nyquist(grid.shape, known(grid.lengths)).min()
+    cure = f"the grid resolves {nyquist} waves per longest side; refine it or lower k_high."
+    require("k_high", k_high, k_high <= nyquist * (1 + _ROUNDING), cure)
+
+
+@partial(jax.jit, static_argnames=("exponent", "order"))
+def _filtered_noise(
+    grid: Grid,
+    key: PRNGKeyArray,
+    hurst: Float[Array, ""],
+    cutoffs: Sequence[Float[Array, ""]],
+    target: Float[Array, ""],
+    exponent: str,
+    order: int,
+) -> tuple[Float[Array, " *grid"], Int[Array, ""]]:
+    """Return a surface, the rms of its derivative of an order as asked for, and how many waves."""
+    k_low, k_rolloff, k_high = cutoffs
+    k = grid.wavenumbers * jnp.max(grid.lengths) / (2 * jnp.pi)
+    passes = (k >= k_low * (1 - _ROUNDING)) & (k <= k_high * (1 + _ROUNDING))
+    power = 2 * hurst + len(grid.shape) if exponent == "field" else hurst + 2
+    spectrum = jnp.maximum(jnp.where(passes, k, k_rolloff), k_rolloff) ** -power
+    modes = jnp.where(passes, jnp.sqrt(spectrum), 0) * _wave_noise(grid, key)
+    heights = jnp.fft.irfftn(modes, s=grid.shape)
+    return heights * (target / _rms_derivative(grid, heights, order)), jnp.sum(passes)
 
 
 def _rms_derivative(grid: Grid, heights: Float[Array, " *grid"], order: int) -> Float[Array, ""]:
@@ -186,12 +232,12 @@ def _rms_derivative(grid: Grid, heights: Float[Array, " *grid"], order: int) -> 
 
 def _wave_noise(grid: Grid, key: PRNGKeyArray) -> Complex[Array, " *modes"]:
     """Return complex normal noise that each wave of `rfftn` has on every grid alike."""
-    *across, along = (k.astype(np.int32) for k in grid.waves)
-    k = across[0] if across else np.zeros_like(along)
+    *across, along = (jnp.asarray(k, jnp.int32) for k in grid.waves)
+    k = across[0] if across else jnp.zeros_like(along)
     # Of the waves k and -k the half spectrum keeps both only where `along` is zero.
     is_conjugate = (along == 0) & (k < 0)
-    label = (np.where(is_conjugate, -k, k) & 0xFFFF) | (along << 16)
-    keys = jax.vmap(jax.random.fold_in, (None, 0))(key, jnp.asarray(label.ravel(), jnp.uint32))
+    label = (jnp.where(is_conjugate, -k, k) & 0xFFFF) | (along << 16)
+    keys = jax.vmap(jax.random.fold_in, (None, 0))(key, label.ravel().astype(jnp.uint32))
     real, imaginary = jax.vmap(lambda key: jax.random.normal(key, (2,)))(keys).T
     noise = (real + 1j * jnp.where(is_conjugate.ravel(), -imaginary, imaginary)) * grid.size
-    return noise.reshape(along.shape)
+    return noise.reshape(label.shape)

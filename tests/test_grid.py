@@ -1,3 +1,4 @@
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -49,11 +50,42 @@ def test_coordinates_and_cell_area_of_a_rectangle():
         ((1,), r"\(1, 1\).*2 points"),
         (((4, 4), (1.0, -2.0)), "-2.*positive"),
         (((4, 4), (1.0, 2.0, 3.0)), "one for each side"),
+        ((64.5,), "64.5: give an integer"),
+        (((64, 32.0),), "32.0: give an integer"),
+        (((4, 4), 1j), "length is complex128: give real numbers"),
     ],
 )
 def test_a_grid_that_makes_no_sense_is_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((ValueError, TypeError), match=message):
         js.Grid(*arguments)
+
+
+@pytest.mark.parametrize("length", [1e-30, 1e-19, 1.0, 1e19, 1e30])
+def test_wavenumbers_keep_to_the_range_of_single_precision(length):
+    lengths = np.array([2 * length, 3 * length], np.float32)
+    k, m = np.meshgrid(np.fft.fftfreq(6, 1 / 6), np.arange(4), indexing="ij")
+    expected = 2 * np.pi * np.hypot(k / float(lengths[0]), m / float(lengths[1]))
+    wavenumbers = js.Grid((6, 6), lengths).wavenumbers
+    assert wavenumbers.dtype == jnp.float32
+    np.testing.assert_allclose(wavenumbers, expected, rtol=1e-6)
+
+
+def test_a_grid_is_made_of_traced_lengths_in_a_list():
+    areas = jax.vmap(lambda length: js.Grid((4, 5), [2.0, length]).cell_area)(
+        jnp.array([5.0, 10.0])
+    )
+    np.testing.assert_allclose(areas, [0.5, 1.0])
+
+
+def test_wavenumbers_can_be_differentiated_by_the_lengths():
+    def fifth(lengths):
+        return js.Grid((6, 6), lengths).wavenumbers[1, 2]
+
+    # q = 2 pi |(1 / a, 2 / b)|
+    a, b = 2.0, 3.0
+    q = 2 * np.pi * np.hypot(1 / a, 2 / b)
+    expected = -((2 * np.pi) ** 2) / q * np.array([1 / a**3, 4 / b**3])
+    np.testing.assert_allclose(jax.grad(fifth)(jnp.array([a, b])), expected)
 
 
 @pytest.mark.parametrize("shape", SHAPES)

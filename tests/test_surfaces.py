@@ -117,3 +117,14 @@ def test_surfaces_can_be_drawn_in_batches_and_differentiated():
 def test_a_surface_that_cannot_be_drawn_is_refused(options, message):
     with pytest.raises(ValueError, match=message):
         surfaces.self_affine(js.Grid(32), jax.random.key(0), **{"k_high": 8, **options})
+
+
+@pytest.mark.parametrize("key", [0, 1.5, None, jnp.arange(2)])
+def test_what_is_not_a_random_key_is_refused(key):
+    with pytest.raises(TypeError, match=r"random key is .*jax.random.key\(0\)"):
+        surfaces.self_affine(js.Grid(32), key, k_high=8, rms_height=0.1)
+
+
+def test_waves_that_do_not_fit_into_the_cell_are_refused():
+    with pytest.raises(TypeError, match=r"number of waves is 1\.5: give an integer"):
+        surfaces.sinusoid(js.Grid(8), 0.1, (1.5, 0))
