@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab import elasticity, potentials
-from jaxstab.checks import cast, parameter, require, require_finite
+from jaxstab.checks import cast, parameter, require_finite
 from jaxstab.display import block
 from jaxstab.elasticity import FieldMap, Solid
 from jaxstab.grid import Grid, total
@@ -21,7 +21,6 @@ from jaxstab.hessian import Hessian
 from jaxstab.loads import Control
 from jaxstab.potentials import (
     Potential,
-    Scan,
     as_module,
     curvature,
     derivatives,
@@ -29,6 +28,7 @@ from jaxstab.potentials import (
     slope,
 )
 from jaxstab.programs import make_room
+from jaxstab.scan import Scan, require_smooth, scan
 
 
 class Contact(eqx.Module):
@@ -46,7 +46,9 @@ class Contact(eqx.Module):
     Raises:
         ValueError: for heights of another shape than the grid or not finite, and for a potential
             that is not scalar to scalar, or at zero gap not finite with its two derivatives and not
-            rising to it.
+            rising to it, or not finite at other gaps, or piecewise linear.
+        TypeError: for a solid that is not one, for heights that are masked, complex or of another
+            precision than float32 and float64, and for a potential that JAX cannot trace.
     """
 
     solid: Solid
@@ -56,25 +58,25 @@ class Contact(eqx.Module):
     __repr__ = block
 
     def __init__(self, solid: Solid, heights: ArrayLike, potential: Potential):
-        self.heights = parameter(heights)
+        if not isinstance(solid, Solid):
+            raise TypeError(
+                f"The solid is a {type(solid).__name__}: give a solid such as HalfSpace(grid, ...) "
+                "first, then the heights, then the potential."
+            )
+        self.heights = parameter(heights, "The array of heights")
         if self.heights.shape != solid.grid.shape:
             raise ValueError(
                 f"heights have shape {self.heights.shape}, the solid's grid {solid.grid.shape}: "
                 "build both on the same grid."
             )
-        require_finite("heights", self.heights)
         dtype = self.heights.dtype
+        if dtype not in (jnp.float32, jnp.float64):
+            raise TypeError(f"heights are {dtype}: give them in float32 or float64.")
+        require_finite("heights", self.heights)
         self.solid = cast(solid, dtype)
         self.potential = as_module(potential, dtype)
         make_room(jax.tree.structure((self.solid, self.potential)))
-        touching, has_core = derivatives(self.potential, jnp.zeros((1,), dtype)), self.has_core
-        for name, (value,) in zip(("", " slope", " curvature"), touching, strict=True):
-            cure = (
-                "with its first two derivatives it must be finite there, or else rise without "
-                "bound as the gap closes."
-            )
-            is_sound = jnp.isfinite(value) | has_core
-            require(f"The potential's{name} value at zero gap", value, is_sound, cure)
+        require_smooth(self.scan)
 
     @property
     def has_core(self) -> Bool[Array, ""]:
@@ -84,7 +86,7 @@ class Contact(eqx.Module):
     @property
     def scan(self) -> Scan:
         """The potential at gaps from far beyond the size of the grid down to zero."""
-        return Scan(self.potential, jnp.max(self.grid.lengths).astype(self.heights.dtype))
+        return scan(self.potential, self.grid.lengths)
 
     @property
     def grid(self) -> Grid:

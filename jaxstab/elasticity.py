@@ -13,10 +13,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from jaxstab.checks import parameter, require, require_positive
+from jaxstab.checks import known, parameter, require, require_positive
 from jaxstab.display import inline
 from jaxstab.functions import as_pytree
 from jaxstab.grid import Grid
+from jaxstab.programs import program
 
 FieldMap = Callable[[Float[Array, " *grid"]], Float[Array, " *grid"]]
 
@@ -45,6 +46,7 @@ class Solid(eqx.Module):
         """Return the multiplier K(|q|) at wavenumbers |q| > 0 [pressure/length]."""
 
     @property
+    @program
     def multiplier(self) -> Float[Array, " *modes"]:
         """K(|q|) on the half spectrum of the grid [pressure/length], zero at q = 0."""
         q = self.grid.wavenumbers
@@ -53,11 +55,12 @@ class Solid(eqx.Module):
 
     @property
     def is_valid(self) -> Bool[Array, ""]:
-        """Whether the stiffness is finite and nowhere negative, also where it is traced."""
-        multiplier = self.multiplier
-        return jnp.all((multiplier >= 0) & jnp.isfinite(multiplier))
+        """Whether the stiffness of every wave is positive and finite, also where it is traced."""
+        waves = self.multiplier.ravel()[1:]
+        return jnp.all((waves > 0) & jnp.isfinite(waves))
 
     @property
+    @program
     def max_stiffness(self) -> Float[Array, ""]:
         """Largest eigenvalue of K: the stiffness of the grid's stiffest wave [pressure/length]."""
         return jnp.max(self.multiplier)
@@ -96,6 +99,7 @@ class HalfSpace(Solid):
 
     Raises:
         ValueError: if E is not positive, or nu outside (-1, 0.5].
+        TypeError: if one of them is complex.
     """
 
     grid: Grid
@@ -104,13 +108,13 @@ class HalfSpace(Solid):
 
     def __init__(self, grid: Grid, youngs_modulus: ArrayLike, poisson_ratio: ArrayLike = 0.0):
         self.grid = grid
-        self.youngs_modulus = parameter(youngs_modulus)
-        self.poisson_ratio = parameter(poisson_ratio)
+        self.youngs_modulus = parameter(youngs_modulus, "Young's modulus")
+        self.poisson_ratio = parameter(poisson_ratio, "Poisson's ratio")
         for value in (self.youngs_modulus, self.poisson_ratio):
             if value.shape != ():
                 raise ValueError(f"An elastic constant has shape {value.shape}: use jax.vmap.")
         require_positive("Young's modulus", self.youngs_modulus)
-        nu = self.poisson_ratio
+        nu = known(self.poisson_ratio)
         require("Poisson's ratio", nu, (nu > -1) & (nu <= 0.5), "it must lie in (-1, 0.5].")
 
     @property
@@ -138,7 +142,8 @@ class Spectral(Solid):
             function or an `equinox.Module`. Its value at q = 0 is never used.
 
     Raises:
-        ValueError: if the stiffness is not positive and finite on the grid.
+        ValueError: if the stiffness is not one real number for each wave, positive and finite.
+        TypeError: if the function cannot be traced by JAX.
     """
 
     grid: Grid
@@ -146,11 +151,10 @@ class Spectral(Solid):
 
     def __init__(self, grid: Grid, function: Callable[[Array], Array]):
         self.grid = grid
-        wavenumbers = grid.wavenumbers
-        self.function = as_pytree(
-            function, jax.ShapeDtypeStruct(wavenumbers.shape, wavenumbers.dtype)
-        )
-        require_positive("The stiffness of a wave", self.multiplier.ravel()[1:])
+        wavenumbers = jax.eval_shape(lambda grid: grid.wavenumbers, grid)
+        cure = "it must return one real stiffness for each wavenumber."
+        self.function = as_pytree("The function of the solid", function, wavenumbers, cure)
+        require_positive("The stiffness of a wave", known(self.multiplier).ravel()[1:])
 
     def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
         """Return function(|q|) [pressure/length]."""

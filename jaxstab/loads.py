@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from jaxstab.checks import parameter
 from jaxstab.display import inline
 from jaxstab.grid import centred, total
-from jaxstab.potentials import Scan
+from jaxstab.scan import Scan
 from jaxstab.stacks import Stackable
 
 Field = Float[Array, " *grid"]

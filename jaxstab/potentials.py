@@ -9,9 +9,10 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
 
-from jaxstab.checks import cast, parameter, require, require_positive
+from jaxstab.checks import cast, known, parameter, require, require_positive
 from jaxstab.functions import as_pytree
 
 Potential = Callable[[Float[Array, ""]], Float[Array, ""]]
@@ -27,8 +28,8 @@ class _RangedLaw(eqx.Module):
     def __init__(self, surface_energy: ArrayLike, length: ArrayLike):
         self.surface_energy = parameter(surface_energy)
         self.length = parameter(length)
-        energy = self.surface_energy
-        finite = (energy >= 0) & jnp.isfinite(energy)
+        energy = known(self.surface_energy)
+        finite = (energy >= 0) & (energy < np.inf)
         require("The surface energy", energy, finite, "it must be finite and not negative.")
         require_positive("The length of the potential", self.length)
 
@@ -162,20 +163,17 @@ def as_module(potential: Potential, dtype: Any) -> Potential:
 
     Raises:
         ValueError: if it does not map a scalar gap to a real scalar.
+        TypeError: if it cannot be traced by JAX.
     """
     if not callable(potential):
         raise ValueError(f"The potential is {potential!r}: give a function of the gap.")
-    gap = jax.ShapeDtypeStruct((), dtype)
     if isinstance(potential, eqx.Module):
         potential = cast(potential, dtype)
-    value = jax.eval_shape(potential, gap)
-    is_scalar = getattr(value, "shape", None) == ()
-    if not (is_scalar and jnp.issubdtype(value.dtype, jnp.floating)):
-        raise ValueError(
-            f"The potential maps a scalar gap to {value}: it must return one real scalar, the "
-            "energy per area. (It is applied point by point; its parameters must be scalars too.)"
-        )
-    return as_pytree(potential, gap)
+    cure = (
+        "it must return one real scalar, the energy per area. (It is applied point by point; its "
+        "parameters must be scalars too.)"
+    )
+    return as_pytree("The potential", potential, jax.ShapeDtypeStruct((), dtype), cure)
 
 
 def derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
@@ -192,45 +190,6 @@ def derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
 
     value, slope, curvature = jnp.vectorize(at_point)(gap)
     return value.astype(gap.dtype), slope.astype(gap.dtype), curvature.astype(gap.dtype)
-
-
-class Scan(eqx.Module):
-    """A potential at gaps from a thousand times `scale` down to a trillionth of it, and at zero.
-
-    Attributes:
-        gaps: from the largest to the smallest [length].
-        values: f [energy/area].
-        slopes: f' [pressure].
-        curvatures: f'' [pressure/length].
-    """
-
-    gaps: Float[Array, " gaps"]
-    values: Float[Array, " gaps"]
-    slopes: Float[Array, " gaps"]
-    curvatures: Float[Array, " gaps"]
-
-    def __init__(self, potential: Potential, scale: Float[Array, ""]):
-        # 64 to the octave.
-        octaves = jnp.linspace(10, -40, 50 * 64 + 1, dtype=scale.dtype)
-        self.gaps = jnp.append(scale * 2.0**octaves, 0)
-        self.values, self.slopes, self.curvatures = derivatives(potential, self.gaps)
-
-    @property
-    def has_core(self) -> Bool[Array, ""]:
-        """Whether f is not finite at zero gap, and positive and repulsive where it last is."""
-        finite = jnp.isfinite(self.values) & jnp.isfinite(self.slopes)
-        last = jnp.max(jnp.where(finite, jnp.arange(finite.size), 0))
-        rises = (self.values[last] > 0) & (self.slopes[last] < 0)
-        return rises & ~jnp.isfinite(self.values[-1])
-
-    @property
-    def max_curvature(self) -> Float[Array, ""]:
-        """The largest |f''| where f attracts [pressure/length]."""
-        return jnp.max(jnp.abs(jnp.where(self.slopes >= 0, self.curvatures, 0)))
-
-    def outermost_gap(self, attraction: Float[Array, ""]) -> Float[Array, ""]:
-        """Return the largest gap at which f' is not below an attraction, or zero [length]."""
-        return jnp.max(jnp.where(self.slopes >= attraction, self.gaps, 0))
 
 
 def energy_density(potential: Potential, gap: Field) -> Field:

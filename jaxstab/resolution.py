@@ -2,12 +2,11 @@
 
 import warnings
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+import equinox as eqx
+import numpy as np
 
-from jaxstab.checks import is_traced
+from jaxstab.checks import is_traced, known
 from jaxstab.contact import Contact
-from jaxstab.programs import program
 
 _MAX_REFINEMENT = 1024
 _already_said: dict[str | tuple[str, type[Warning], int], int] = {}
@@ -23,9 +22,10 @@ def warn_if_coarse(contact: Contact) -> None:
     That is where |f''| exceeds the stiffness of the shortest wave. Nothing is said inside of
     `jax.jit` and `jax.vmap`, where values are not known yet.
     """
-    resolution = _resolution(contact)
-    if is_traced(resolution) or resolution >= 1:
+    stiffest, sharpest = known(contact.solid.max_stiffness), known(contact.scan.max_curvature)
+    if is_traced((stiffest, sharpest)) or stiffest >= sharpest:
         return
+    resolution = stiffest / sharpest
     message = (
         f"the grid of {_times(contact.grid.shape)} points is too coarse for the adhesion: the "
         f"stiffness of its shortest wave is {resolution:.3g} of the largest |f''|, so that contact "
@@ -37,19 +37,15 @@ def warn_if_coarse(contact: Contact) -> None:
     )
 
 
-@program
-def _resolution(contact: Contact) -> Float[Array, ""]:
-    return contact.resolution
-
-
-def _cure(contact: Contact, resolution: Array) -> str:
-    shortest = jnp.max(contact.grid.wavenumbers)
-    stiffest = contact.solid.stiffness_at(shortest)
-    refinement = 2
-    while contact.solid.stiffness_at(refinement * shortest) * resolution < stiffest:
+def _cure(contact: Contact, resolution: np.floating) -> str:
+    solid, refinement = contact.solid, 1
+    while solid.max_stiffness * resolution < contact.solid.max_stiffness:
         refinement *= 2
         if refinement > _MAX_REFINEMENT:
             return "No grid of a size to compute with would do."
+        # Waves that much shorter are those of as many points on a cell that much smaller.
+        lengths = contact.grid.lengths / refinement
+        solid = eqx.tree_at(lambda solid: solid.grid.lengths, solid, lengths)
     finer = _times(tuple(refinement * n for n in contact.grid.shape))
     return f"A grid of {finer} would do, and so would a weaker or longer-ranged adhesion."
 

@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -103,11 +106,66 @@ def test_loads_prescribe_the_mean_gap():
         (jnp.zeros(64), r"shape \(64,\).*grid \(8, 8\)"),
         (jnp.zeros((8, 8)).at[2, 3].set(jnp.nan), r"1 NaN or infinite.*\(2, 3\): nan.*Mask"),
         (jnp.zeros((8, 8)).at[0, 1].set(-jnp.inf), r"\(0, 1\): -inf"),
+        (jnp.zeros((8, 8), jnp.float16), "float16: give them in float32 or float64"),
+        (jnp.zeros((8, 8), jnp.bfloat16), "bfloat16: give them in float32 or float64"),
+        (1j * np.ones((8, 8)), "heights is complex128: give real numbers"),
+        (np.ma.masked_less(np.eye(8), 0.5), "heights is masked, with 56 values missing: fill"),
+        (js.Grid(8), "heights is object: give real numbers"),
     ],
 )
 def test_heights_that_cannot_be_used_are_refused(heights, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((ValueError, TypeError), match=message):
         js.Contact(js.HalfSpace(js.Grid(8), 1.0), heights, js.potentials.NoAdhesion())
+
+
+@pytest.mark.parametrize("solid", [js.Grid(8), jnp.zeros((8, 8)), None])
+def test_what_is_not_a_solid_is_refused(solid):
+    with pytest.raises(TypeError, match=f"solid is a {type(solid).__name__}: give.*first, then"):
+        js.Contact(solid, js.HalfSpace(js.Grid(8), 1.0), js.potentials.NoAdhesion())
+
+
+def test_a_contact_keeps_heights_that_their_owner_changes():
+    measured = np.zeros((64, 64))
+    contact = js.Contact(js.HalfSpace(js.Grid(64), 1.0), measured, js.potentials.NoAdhesion())
+    measured[:] = 1
+    assert not contact.heights.any()
+
+
+BUILDING = """
+import logging, sys
+import jax
+import jaxstab as js
+assert not {"matplotlib", "optax"} & set(sys.modules), "imported too early"
+assert js.plots.gap
+
+class Count(logging.Handler):
+    programs = []
+    def emit(self, record):
+        if "Finished XLA compilation" in record.getMessage():
+            self.programs.append(record.getMessage().split()[4])
+
+logging.getLogger("jax").addHandler(Count())
+jax.config.update("jax_log_compiles", True)
+jnp = jax.numpy
+key = jax.random.key(0)
+its_own = len(Count.programs)
+grid = js.Grid(128)
+heights = js.surfaces.self_affine(grid, key, k_high=16, rms_height=0.1)
+solid = js.HalfSpace(grid, 0.05, 0.3)
+contact = js.Contact(solid, heights, lambda gap: -0.01 * jnp.exp(-gap / 0.2))
+js.resolution.warn_if_coarse(contact)
+js.surfaces.paraboloid(grid, 2.0)
+js.surfaces.sinusoid(grid, 2.0)
+js.MeanGap(1)
+print(*Count.programs[its_own:])
+"""
+
+
+def test_building_a_contact_compiles_a_handful_of_programs():
+    command = [sys.executable, "-c", BUILDING]
+    built = subprocess.run(command, capture_output=True, text=True)
+    assert built.returncode == 0, built.stderr
+    assert 0 < len(built.stdout.split()) <= 6, built.stdout
 
 
 def test_a_contact_takes_the_precision_of_its_heights():

@@ -78,6 +78,42 @@ def test_a_poisson_ratio_outside_its_range_is_refused(ratio):
         js.HalfSpace(js.Grid(8), 1.0, ratio)
 
 
-def test_a_stiffness_that_is_not_positive_is_refused():
-    with pytest.raises(ValueError, match="stiffness of a wave"):
-        js.Spectral(js.Grid(8), lambda q: q - 10.0)
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda q: q - 10.0, "stiffness of a wave is -3.7"),
+        (lambda q: jnp.maximum(q - 10.0, 0), "stiffness of a wave is 0.0"),
+        (lambda q: 1j * q, "one real stiffness for each"),
+        (lambda q: q[0], "one real stiffness for each"),
+        (lambda q: np.tanh(q), "jax.numpy in place of NumPy"),
+    ],
+)
+def test_a_stiffness_that_cannot_be_one_is_refused(function, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        js.Spectral(js.Grid(8), function)
+
+
+def test_what_is_refused_eagerly_is_invalid_where_traced():
+    @jax.jit
+    def is_valid(lowest):
+        return js.Spectral(js.Grid(8), lambda q: jnp.maximum(q - lowest, 0)).is_valid
+
+    assert is_valid(1.0)
+    assert not is_valid(10.0)
+
+
+def test_complex_moduli_are_refused():
+    with pytest.raises(TypeError, match="Young's modulus is complex128: give real"):
+        js.HalfSpace(js.Grid(8), 1 + 1j)
+
+
+@pytest.mark.parametrize("function", [lambda q: q / 2 * jnp.tanh(q), jax.jit(lambda q: q + 0.1)])
+def test_a_solid_of_any_function_takes_the_precision_of_the_heights(function):
+    grid = js.Grid((8,))
+    wave = jnp.cos(2 * jnp.pi * grid.coordinates[0])
+    solid = js.Spectral(grid, function)
+    single = js.Contact(solid, wave.astype(jnp.float32), js.potentials.NoAdhesion()).solid
+    assert single.multiplier.dtype == jnp.float32
+    np.testing.assert_allclose(single.multiplier, solid.multiplier, rtol=1e-6)
+    found = single.pressure(wave.astype(jnp.float32))
+    np.testing.assert_allclose(found, function(2 * jnp.pi) * wave, rtol=1e-5, atol=1e-5)

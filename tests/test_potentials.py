@@ -5,11 +5,11 @@ import pytest
 
 import jaxstab as js
 from jaxstab.potentials import (
-    Scan,
     curvature,
     energy_density,
     slope,
 )
+from jaxstab.scan import Scan
 
 GAPS = jnp.linspace(0.0, 3.0, 25).reshape(5, 5)
 # f, f' and f'' written out by hand, at gamma = 2, rho = 0.7.
@@ -91,7 +91,7 @@ def test_a_scan_finds_how_sharply_a_law_bends_and_how_far_it_reaches():
     ("law", "has_core"),
     [
         (js.potentials.LennardJones(0.05, 3e-10), True),
-        (lambda gap: 1e-20 / gap**2 - 1e-12 / gap, True),
+        (lambda gap: 1e-20 * (1 / gap) ** 2 - 1e-12 / gap, True),
         (lambda gap: -1e-3 * jnp.log(gap), True),
         (js.potentials.Exponential(0.05, 3e-10), False),
     ],
@@ -140,11 +140,54 @@ def contact_with(potential):
         (lambda gap: jnp.sqrt(gap), "slope value at zero gap is inf"),
         (lambda gap: gap**1.5, "curvature value at zero gap is inf"),
         (3.0, "give a function of the gap"),
+        (lambda gap: np.exp(-gap), "jax.numpy in place of NumPy"),
+        (lambda gap: -1.0 if gap < 1 else 0.0, "jnp.where in place of `if`"),
+        (lambda gap: jnp.where(gap > 0.5, jnp.nan, -gap), r"value at a gap of 0.50\d* is nan"),
+        (
+            lambda gap: -jnp.maximum(1 - gap, 0),
+            r"piecewise linear.*from 0 to 1\. Give a smooth fit",
+        ),
+        (lambda gap: jnp.interp(gap, jnp.arange(3.0), jnp.array([-3.0, -1.0, 0.0])), "piecewise"),
     ],
 )
 def test_a_potential_that_cannot_be_used_is_refused(potential, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((ValueError, TypeError), match=message):
         contact_with(potential)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        lambda gap: -0.3 * gap,
+        lambda gap: -1.0,
+        lambda gap: (-jnp.exp(-gap)).astype(jnp.float16),
+        lambda gap: jnp.asarray(-jnp.exp(-gap), jnp.float32),
+        lambda gap: -1 / jnp.cosh(gap / 0.01),
+        lambda gap: -(jnp.maximum(1 - gap, 0) ** 2),
+    ],
+)
+def test_laws_that_only_look_odd_are_accepted(law):
+    assert contact_with(law).has_core == False  # noqa: E712
+    assert slope(contact_with(law).potential, GAPS).dtype == GAPS.dtype
+
+
+def test_weak_and_long_ranged_laws_are_not_taken_for_piecewise_linear():
+    # Their curvature underflows, and so would any change of the slope over the grid.
+    law = js.potentials.Exponential(1e-25, 1e10)
+    solid = js.HalfSpace(js.Grid(4, 1e10), 1.0)
+    scan = js.Contact(solid, jnp.zeros((4, 4), jnp.float32), law).scan
+    assert scan.slopes.max() > 2 * scan.slopes.min()
+    assert not scan.curvatures.any()
+
+
+def test_a_formula_that_leaves_the_range_of_single_precision_is_refused():
+    def law(gap):
+        return 1e-20 / gap**2 - 1e-12 / gap
+
+    solid = js.HalfSpace(js.Grid(8, 1e-6), 1e9)
+    assert js.Contact(solid, jnp.zeros((8, 8)), law).has_core
+    with pytest.raises(ValueError, match=r"curvature value at a gap of .* is inf.*use float64"):
+        js.Contact(solid, jnp.zeros((8, 8), jnp.float32), law)
 
 
 def test_a_potential_may_branch_on_the_scalar_gap():

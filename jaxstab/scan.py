@@ -1,0 +1,95 @@
+"""A law looked at once over all gaps: what it does where, and whether it can be solved with."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jaxstab.checks import is_traced, require
+from jaxstab.potentials import Potential, derivatives
+from jaxstab.programs import program
+
+# From the largest gap to the smallest, as multiples of the size of the grid.
+_OCTAVES = (10, -40)
+
+
+class Scan(eqx.Module):
+    """A potential at gaps from a thousand times the size of a grid to a trillionth of it, and zero.
+
+    Attributes:
+        gaps: from the largest to the smallest [length].
+        values: f [energy/area].
+        slopes: f' [pressure].
+        curvatures: f'' [pressure/length].
+        has_core: whether f is not finite at zero gap, and positive and repulsive where it last is.
+        max_curvature: the largest |f''| where f attracts [pressure/length].
+    """
+
+    gaps: Float[Array, " gaps"]
+    values: Float[Array, " gaps"]
+    slopes: Float[Array, " gaps"]
+    curvatures: Float[Array, " gaps"]
+    has_core: Bool[Array, ""]
+    max_curvature: Float[Array, ""]
+
+    def __init__(self, potential: Potential, lengths: Float[Array, "..."]):
+        size = jnp.max(lengths)
+        # 64 to the octave.
+        octaves = np.linspace(*_OCTAVES, 50 * 64 + 1)
+        self.gaps = size * jnp.asarray(np.append(2.0**octaves, 0), size.dtype)
+        self.values, self.slopes, self.curvatures = derivatives(potential, self.gaps)
+        finite = jnp.isfinite(self.values) & jnp.isfinite(self.slopes)
+        last = jnp.max(jnp.where(finite, jnp.arange(finite.size), 0))
+        rises = (self.values[last] > 0) & (self.slopes[last] < 0)
+        self.has_core = rises & ~jnp.isfinite(self.values[-1])
+        self.max_curvature = jnp.max(jnp.abs(jnp.where(self.slopes >= 0, self.curvatures, 0)))
+
+    def outermost_gap(self, attraction: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the largest gap at which f' is not below an attraction, or zero [length]."""
+        return jnp.max(jnp.where(self.slopes >= attraction, self.gaps, 0))
+
+
+scan = program(Scan)
+
+
+def require_smooth(scan: Scan) -> None:
+    """Raise `ValueError` if a law, where it is known, cannot be solved with.
+
+    That is one that is not finite, or one of its first two derivatives, at a gap up to the size of
+    the grid, the inside of a core excepted; and one that is piecewise linear.
+    """
+    if is_traced(scan):
+        return
+    scan = jax.tree.map(np.asarray, scan)
+    fields = {"": scan.values, " slope": scan.slopes, " curvature": scan.curvatures}
+    cure = (
+        "with its first two derivatives it must be finite there, or else rise without bound as the "
+        "gap closes."
+    )
+    for name, field in fields.items():
+        is_sound = np.isfinite(field[-1]) | scan.has_core
+        require(f"The potential's{name} value at zero gap", field[-1], is_sound, cure)
+
+    innermost = scan.gaps[np.nanargmin(scan.values)] if scan.has_core else 0
+    matters = (scan.gaps >= innermost) & (scan.gaps <= scan.gaps[0] / 2.0 ** _OCTAVES[0])
+    for name, field in fields.items():
+        undefined = matters & ~np.isfinite(field)
+        if undefined.any():
+            gap, value = scan.gaps[undefined][-1], field[undefined][-1]
+            raise ValueError(
+                f"The potential's{name} value at a gap of {gap:.6g} is {value}: with its first two "
+                "derivatives it must be finite there. In single precision a formula can leave the "
+                "range where its value does not: use float64, or write it by ratios of lengths."
+            )
+
+    # More than a curvature that underflows would change it.
+    steps = -np.diff(scan.gaps) * np.finfo(scan.gaps.dtype).tiny
+    jumps = not scan.curvatures.any() and np.abs(np.diff(scan.slopes)) > steps
+    if np.any(jumps):
+        raise ValueError(
+            "The potential is piecewise linear: its curvature, on which equilibrium and stability "
+            "rest, is zero at every gap while its slope jumps, from "
+            f"{scan.slopes.min():.6g} to {scan.slopes.max():.6g}. Give a smooth fit of it, such as "
+            "a spline of third order."
+        )

@@ -1,0 +1,160 @@
+"""Functions as pytrees: what is told apart, what is not compiled anew, and what cannot be one."""
+
+import math
+import os
+import subprocess
+import sys
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxstab.functions import as_pytree
+
+X = 0.7
+RATES = np.arange(1.0, 4.0)
+TABLES = [np.array([1.0, 2.0, 3.0]), np.array([5.0, -1.0, 2.0])]
+
+
+def pytree(function, dtype=jnp.float64):
+    return as_pytree("f", function, jax.ShapeDtypeStruct((), dtype), "give a real scalar.")
+
+
+def plain(table):
+    return lambda x: table @ jnp.exp(-x * RATES)
+
+
+def in_a_jit(table):
+    return jax.jit(plain(table))
+
+
+def in_a_jit_of_a_jit(table):
+    inner = in_a_jit(table)
+    return jax.jit(lambda x: inner(x) + 0 * table[0])
+
+
+def in_a_branch(table):
+    return lambda x: jax.lax.cond(x > 0, plain(table), lambda x: x, x)
+
+
+def in_a_custom_rule(table):
+    function = jax.custom_jvp(plain(table))
+    function.defjvp(lambda x, dx: (plain(table)(*x), jax.jvp(plain(table), x, dx)[1]))
+    return function
+
+
+HIDDEN = [plain, in_a_jit, in_a_jit_of_a_jit, in_a_branch, in_a_custom_rule]
+
+
+@pytest.mark.parametrize("hide", HIDDEN)
+def test_functions_of_different_tables_are_told_apart(hide):
+    value_and_slope = jax.jit(lambda function, x: jax.value_and_grad(function)(x))
+    for table in TABLES:
+        value, slope = value_and_slope(pytree(hide(jnp.asarray(table))), X)
+        np.testing.assert_allclose(value, table @ np.exp(-X * RATES))
+        np.testing.assert_allclose(slope, -(RATES * table) @ np.exp(-X * RATES))
+
+
+@pytest.mark.parametrize("hide", HIDDEN[:3])
+def test_a_new_table_is_a_leaf_and_compiles_nothing(hide):
+    run = jax.jit(lambda function, x: function(x))
+    functions = [pytree(hide(jnp.asarray(table))) for table in TABLES]
+    for function, table in zip(functions, TABLES, strict=True):
+        assert any(np.array_equal(leaf, table) for leaf in jax.tree.leaves(function))
+        run(function, X)
+    assert run._cache_size() == 1
+
+
+def test_the_place_of_an_array_counts():
+    first, second = map(jnp.asarray, TABLES)
+    run = jax.jit(lambda function, x: function(x))
+    forms = (
+        lambda x: (first * first * second).sum() * x,
+        lambda x: (first * second * second).sum() * x,
+    )
+    found = [run(pytree(function), X) for function in forms]
+    a, b = TABLES
+    np.testing.assert_allclose(found, [(a * a * b).sum() * X, (a * b * b).sum() * X])
+
+
+@pytest.mark.parametrize("hide", HIDDEN[:3])
+def test_a_table_that_is_traced_can_be_differentiated(hide):
+    gradient = jax.grad(lambda table: pytree(hide(table))(X))(jnp.asarray(TABLES[0]))
+    np.testing.assert_allclose(gradient, np.exp(-X * RATES))
+
+
+def test_numbers_are_compared_by_value():
+    run = jax.jit(lambda function, x: function(x))
+    for factor, programs in ((0.1, 1), (0.2, 2), (0.1, 2)):
+        np.testing.assert_allclose(run(pytree(lambda x, factor=factor: factor * x), X), factor * X)
+        assert run._cache_size() == programs
+
+
+def test_a_library_function_with_a_rule_of_its_own_does_not_compile_anew():
+    run = jax.jit(lambda function, x: function(x))
+    for table in TABLES:
+        scale = jnp.asarray(table)[0]
+        found = run(pytree(lambda x, scale=scale: scale * jax.nn.softplus(x)), X)
+        np.testing.assert_allclose(found, table[0] * math.log1p(math.exp(X)))
+    assert run._cache_size() == 1
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_a_function_answers_in_the_precision_that_it_is_asked_in(dtype):
+    function = pytree(plain(jnp.asarray(TABLES[0])))
+    assert function(jnp.asarray(X, dtype)).dtype == dtype
+
+
+class Labelled(eqx.Module):
+    """A module with fields of which JAX makes nothing."""
+
+    energy: jax.Array
+    name: str
+    shape: object
+    rates: object = eqx.field(static=True)
+
+    def __call__(self, x):
+        return self.energy * sum(self.shape(-rate * x) for rate in self.rates)
+
+
+def test_a_module_may_have_fields_that_are_no_arrays():
+    run = jax.jit(lambda function, x: function(x))
+    for energy in (1.0, 2.0):
+        law = Labelled(jnp.array(energy), "named", jnp.exp, [1.0, 2.0])
+        found = run(pytree(law), X)
+        np.testing.assert_allclose(found, energy * (np.exp(-X) + np.exp(-2 * X)))
+    assert run._cache_size() == 1
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda x: np.exp(-x),
+        lambda x: math.exp(x),
+        lambda x: x if x > 1 else 0 * x,
+        lambda x: X[int(x)],
+    ],
+)
+def test_a_function_that_asks_for_the_value_is_told_how_to_be_written(function):
+    with pytest.raises(TypeError, match=r"f asks for the value.*jax.numpy.*jnp.where"):
+        pytree(function)
+
+
+@pytest.mark.skipif("JAX_USE_SIMPLIFIED_JAXPR_CONSTANTS" in os.environ, reason="it is on")
+def test_all_of_this_holds_where_jax_keeps_constants_as_literals():
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-o",
+        "addopts=",
+        __file__,
+    ]
+    environment = {**os.environ, "JAX_USE_SIMPLIFIED_JAXPR_CONSTANTS": "True"}
+    ran = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stdout
