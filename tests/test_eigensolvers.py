@@ -125,6 +125,10 @@ def test_lowest_modes_refuses_what_makes_no_sense(unloading):
     equilibrium = js.equilibrate(unloading, js.MeanGap(0.5))
     with pytest.raises(ValueError, match="count is 0"):
         js.lowest_modes(unloading, equilibrium, 0)
+    with pytest.raises(TypeError, match=r"count is 2\.0: give an integer"):
+        js.lowest_modes(unloading, equilibrium, 2.0)
+    with pytest.raises(TypeError, match="random key is 0"):
+        js.lowest_modes(unloading, equilibrium, 2, key=0)
     with pytest.raises(ValueError, match="space is 'cone'"):
         js.lowest_modes(unloading, equilibrium, 1, space="cone")
     with pytest.raises(js.SolverError, match="max_steps_reached"):

@@ -264,11 +264,26 @@ def test_an_array_of_loads_is_refused(hertz):
         (jnp.ones((4, 4)), r"\(4, 4\).*\(32, 32\)"),
         (jnp.ones((32, 32)).at[1, 2].set(jnp.nan), r"initial gap has 1 NaN.*\(1, 2\)"),
         (jnp.zeros((32, 32)), "largest initial gap is 0.0"),
+        (1j * np.ones((32, 32)), "initial gap is complex128: give real numbers"),
+        (
+            np.ma.masked_less(np.eye(32), 0.5),
+            "initial gap is masked, with 992 values.*fill it first",
+        ),
+        (jnp.ones((5, 32, 32)), r"\(5, 32, 32\).*\(32, 32\)"),
+        (js.MeanGap(1.0), "MeanGap is not a state: give"),
     ],
 )
 def test_an_initial_gap_that_cannot_be_used_is_refused(hertz, initial, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((ValueError, TypeError), match=message):
         js.equilibrate(hertz, js.MeanGap(1.0), initial=initial)
+
+
+def test_one_state_of_many_is_chosen_to_start_from(hertz):
+    loads = js.MeanDisplacement(jnp.array([1.2, 1.25]))
+    many = jax.vmap(lambda load: js.equilibrate(hertz, load, throw=False))(loads)
+    with pytest.raises(ValueError, match=r"stack of shape \(2,\): choose a state: sweep\[3\]"):
+        js.equilibrate(hertz, loads[1], initial=many)
+    assert js.equilibrate(hertz, loads[1], initial=many[1]).num_steps == 0
 
 
 def test_a_number_is_not_a_load(hertz):
@@ -296,8 +311,10 @@ def test_a_tolerance_beyond_the_precision_ends_with_a_code(hertz):
 @pytest.mark.parametrize(
     "law", [lambda gap: jnp.sqrt(0.5 - gap), lambda gap: jnp.where(gap > 0.5, jnp.nan, -gap)]
 )
-def test_a_potential_that_turns_nan_is_coded(hertz, law):
-    contact = js.Contact(hertz.solid, hertz.heights, law)
+def test_a_potential_that_turns_nan_is_refused_or_where_traced_coded(hertz, law):
+    with pytest.raises(ValueError, match=r"value at a gap of 0\.50?\d* is nan"):
+        js.Contact(hertz.solid, hertz.heights, law)
+    contact = jax.jit(lambda heights: js.Contact(hertz.solid, heights, law))(hertz.heights)
     equilibrium = js.equilibrate(contact, js.MeanGap(0.6), throw=False)
     assert equilibrium.result == js.RESULTS.nonfinite
 

@@ -2,15 +2,14 @@
 
 from dataclasses import replace
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from jaxstab.checks import is_traced, parameter, require, require_finite
+from jaxstab.checks import is_traced, known, parameter, require, require_finite
 from jaxstab.contact import Contact
 from jaxstab.display import block
 from jaxstab.equilibrium.implicit import DIFFERENTIABLE, differentiable
@@ -96,7 +95,7 @@ def equilibrate(
     load: Load,
     solver: Solver | None = None,
     *,
-    initial: ArrayLike | Equilibrium | None = None,
+    initial: ArrayLike | State | None = None,
     throw: bool = True,
 ) -> Equilibrium:
     """Return an equilibrium of the contact under a load (Rey & Bleyer, eq. 14).
@@ -114,8 +113,8 @@ def equilibrate(
         contact: the contact problem.
         load: what is prescribed, a single value.
         solver: the algorithm, `PreconditionedConjugateGradient()` by default.
-        initial: a gap [length] or an equilibrium to start from, brought under the load; by
-            default the undeformed solid, cut where it meets the surface.
+        initial: a gap [length], an equilibrium or what holds one to start from, brought under the
+            load; by default the undeformed solid, cut where it meets the surface.
         throw: raise where the solver fails, or a derivative is asked for that does not exist;
             otherwise look at `result`, and such a derivative is NaN. Under vmap the failure of
             one lane raises for all, so choose False there.
@@ -241,29 +240,51 @@ def _lift_off_core(
 
 
 def initial_gap(
-    contact: Contact, load: Load, initial: ArrayLike | Equilibrium | None
+    contact: Contact, load: Load, initial: ArrayLike | State | None
 ) -> Float[Array, " *grid"] | None:
     """Return what was given as `initial` as a gap on the contact's grid, checked.
 
     Raises:
         ValueError: if its shape is not the grid's, or it is not finite, or nowhere positive where
-            the load holds the mean gap; for an equilibrium that has another number of sides.
+            the load holds the mean gap; for a stack of states, or one that has another number of
+            sides.
+        TypeError: for an array that is complex or masked, or a result that is not a state.
     """
     if initial is None:
         return None
-    gap = initial.gap if isinstance(initial, Equilibrium) else parameter(initial)
     shape = contact.grid.shape
-    if isinstance(initial, Equilibrium) and gap.ndim == len(shape) and gap.shape != shape:
-        gap = contact.gap(resample(initial.displacement, shape))
+    if isinstance(initial, eqx.Module):
+        state = single_equilibrium(initial)
+        gap = state.gap
+        if gap.ndim == len(shape) and gap.shape != shape:
+            gap = contact.gap(resample(state.displacement, shape))
+    else:
+        gap = parameter(initial, "The initial gap")
     if gap.shape != shape:
         raise ValueError(f"The initial gap has shape {gap.shape}, the grid {shape}.")
     require_finite("The initial gap", gap)
     if load.control(contact.heights).fixes_mean:
+        largest = known(gap).max()
         cure = "it must be positive somewhere, for a load that holds the mean gap."
-        # NumPy compiles nothing.
-        largest = (gap if is_traced(gap) else np.asarray(gap)).max()
         require("The largest initial gap", largest, largest > 0, cure)
     return gap
+
+
+def single_equilibrium(state: Any) -> Equilibrium:
+    """Return the one equilibrium that a state is or holds.
+
+    Raises:
+        TypeError: for something that is not a state.
+        ValueError: for a stack of states.
+    """
+    equilibrium = getattr(state, "equilibrium", state)
+    if not isinstance(equilibrium, Equilibrium):
+        raise TypeError(
+            f"{type(state).__name__} is not a state: give what jaxstab.equilibrate returned, or an "
+            "entry of a sweep."
+        )
+    require_single(equilibrium)
+    return equilibrium
 
 
 def equilibrium_of(contact: Contact, state: State) -> Equilibrium:
@@ -273,13 +294,7 @@ def equilibrium_of(contact: Contact, state: State) -> Equilibrium:
         TypeError: for something that is not a state.
         ValueError: for a stack of states, or one that is not on the contact's grid.
     """
-    equilibrium = getattr(state, "equilibrium", state)
-    if not isinstance(equilibrium, Equilibrium):
-        raise TypeError(
-            f"{type(state).__name__} is not a state: give what jaxstab.equilibrate returned, or an "
-            "entry of a sweep."
-        )
-    require_single(equilibrium)
+    equilibrium = single_equilibrium(state)
     if equilibrium.gap.shape != contact.grid.shape:
         raise ValueError(
             f"The equilibrium has shape {equilibrium.gap.shape}, the contact's grid "

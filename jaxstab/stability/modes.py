@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from jaxstab.checks import integer, require_key
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import State, equilibrium_of
@@ -57,9 +58,11 @@ def lowest_modes(
     Raises:
         ValueError: if the equilibrium is not on the contact's grid, the count is not positive, or
             the space is not one of the two.
+        TypeError: if the count is not an integer, or the key not a random one.
         SolverError: if `throw`, for an equilibrium or modes that did not converge.
     """
     equilibrium = equilibrium_of(contact, equilibrium)
+    count = integer("count", count)
     if count < 1:
         raise ValueError(f"count is {count}: ask for one mode or more.")
     if space not in ("lower_bound", "critical"):
@@ -67,6 +70,7 @@ def lowest_modes(
     warn_if_coarse(contact)
     solver = LOBPCG() if solver is None else solver
     key = jax.random.key(0) if key is None else key
+    require_key(key)
     pairs = _lowest_modes(contact, equilibrium, solver, key, count, space == "critical")
     if not throw:
         return pairs
