@@ -177,7 +177,8 @@ def _critical_in_doubt(search: Search, critical: _Lowest, hull: _Lowest) -> _Low
     held = Subspace(~(search.cone.one_sided | search.verge), cone.fixes_mean)
     above, _, _ = admissible_pair(search.hessian.restricted(held.is_moving), held, pair.mode)
     below = hull.pair.eigenvalue - hull.pair.error
-    return _with_error(critical, jnp.maximum(above - pair.eigenvalue, pair.eigenvalue - below))
+    rise = _rise(above, pair.eigenvalue)
+    return _with_error(critical, jnp.maximum(rise, _rise(pair.eigenvalue, below)))
 
 
 @jax.jit
@@ -194,7 +195,13 @@ def _cone_in_doubt(search: Search, cone: _Lowest) -> _Lowest:
     opened = AdmissibleCone(touching & ~search.critical_cone.one_sided, nowhere, fixes_mean)
     above, _, _ = admissible_pair(hessian, closed, pair.mode)
     _, _, residual = admissible_pair(hessian, opened, pair.mode)
-    return _with_error(cone, jnp.maximum(above - pair.eigenvalue, hessian.scale * residual))
+    rise = _rise(above, pair.eigenvalue)
+    return _with_error(cone, jnp.maximum(rise, hessian.scale * residual))
+
+
+def _rise(above: Float[Array, ""], below: Float[Array, ""]) -> Float[Array, ""]:
+    # Two infinite numbers are alike.
+    return jnp.where(above == below, 0, above - below)
 
 
 def _with_error(lowest: _Lowest, error: Float[Array, ""]) -> _Lowest:
