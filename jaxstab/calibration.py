@@ -16,7 +16,7 @@ from jaxstab.contact import Contact
 from jaxstab.display import block
 from jaxstab.elasticity import HalfSpace
 from jaxstab.equilibrium import PreconditionedConjugateGradient
-from jaxstab.equilibrium.equilibrate import find_equilibrium
+from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
 from jaxstab.iterate import History, Indicators, Iteration, IterativeSolver, refuse_derivatives
 from jaxstab.loads import Load, MeanPressure, require_load
 from jaxstab.programs import program
@@ -296,8 +296,9 @@ def _fit(
         return eqx.tree_at(where, contact, unravel(values))
 
     def pressure(values: Values, load: Load, start: Array | None) -> tuple[Array, Array]:
-        method = PreconditionedConjugateGradient()
-        found = find_equilibrium(contact_at(values), load, method, start)
+        contact, method = contact_at(values), PreconditionedConjugateGradient()
+        inputs = jax.lax.stop_gradient((contact, load, method, start))
+        found = with_derivatives(contact, load, find_equilibrium(*inputs))
         is_found = found.result == RESULTS.successful
         return jnp.where(is_found, found.mean_pressure, jnp.nan), found.gap
 

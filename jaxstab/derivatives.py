@@ -4,35 +4,132 @@ The points in contact stay there under a small change of anything, and the free 
 on them (K + D) dg = -d(K u + p0 + f') at a fixed gap. The same operator, less an eigenvalue, moves
 a mode. Its inverse is applied by preconditioned conjugate gradients and checked.
 
-Where a derivative does not exist, or cannot be told from rounding, it is an error or NaN; but zero
-where nothing asks for it, so that a failed lane of a batch harms no other.
+Solvers run without derivatives; `attach` adds them to what was found.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from functools import partial
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.grid import total
+from jaxstab.refusals import entering, leaving, nan_if_nan, nan_or, nan_where
 
+Tree = TypeVar("Tree")
 Field = Float[Array, " *grid"]
 FieldMap = Callable[[Field], Field]
+# Maps values, what is known of them, inputs and changes of these (None for none) to the changes of
+# the values, linearly, and to a list of `Obstacle`s for all of them or for each.
+Rule = Callable[[Any, Any, Any, Any], tuple[Any, Any]]
 
 # Residuals of a linear system, over its right-hand side: where to stop, and what is too much.
 _TOLERANCE = {"float64": 1e-12, "float32": 1e-6}
 _LIMIT = {"float64": 1e-7, "float32": 1e-2}
 _MAX_STEPS = 2000
-_UNSOLVED = "its linear system was not solved: it is singular, as at a fold, or too ill-conditioned"
 
 
-class Obstacle(NamedTuple):
-    """A reason why a derivative does not exist: whether it is there, and how to say it."""
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def attach(rule: Rule, throw: bool, values: Tree, known: Any, inputs: Any) -> Tree:
+    """Return values that a solver found, as differentiable functions of its inputs.
 
-    exists: Bool[Array, ""]
-    message: str
+    Arguments:
+        rule: their changes; of numbers that are finite also where nothing was found, since what is
+            infinite harms other lanes.
+        throw: whether a derivative that does not exist is an error, or NaN.
+        values: what was found, floating-point arrays.
+        known: what else the rule needs, constants.
+        inputs: what the values are functions of.
+    """
+    return values
+
+
+@partial(attach.defjvp, symbolic_zeros=True)
+def _differentiate(rule: Rule, throw: bool, primals: tuple, tangents: tuple) -> tuple[Tree, Tree]:
+    _, known, inputs = primals
+    values = attach(rule, throw, *primals)
+    changes = jax.tree.map(
+        lambda tangent: None if isinstance(tangent, SymbolicZero) else tangent, tangents[2]
+    )
+    if not throw:
+        return values, _changes(rule, values, known, inputs, changes, changes)[0]
+    inside = jax.tree.map(entering, changes)
+    moved, obstacles, nothing = _changes(rule, values, known, inputs, inside, changes)
+    moved = _each(leaving, moved, obstacles)
+    return values, jax.tree.map(lambda leaf: leaf + nothing.astype(leaf.dtype), moved)
+
+
+# Compiled apart, so that few programs run where derivatives are taken outside of `jax.jit`.
+@partial(jax.jit, static_argnums=0)
+def _changes(
+    rule: Rule, values: Tree, known: Any, inputs: Any, changes: Any, outside: Any
+) -> tuple[Tree, Any, Float[Array, ""]]:
+    """Return the changes of the values, their obstacles, and NaN if there is any outside or zero.
+
+    Arguments:
+        rule: the rule.
+        values: what it moves.
+        known: what else it needs.
+        inputs: what the values are functions of.
+        changes: those of the inputs.
+        outside: the same, where nothing has looked at them yet.
+    """
+    moved, obstacles = rule(values, known, inputs, changes)
+    asked = _asked(inputs, outside)
+    moved = _each(partial(nan_or, asked=asked), moved, obstacles)
+    return moved, obstacles, nan_if_nan(asked)
+
+
+def _asked(inputs: Any, changes: Any) -> Float[Array, ""]:
+    """Return a linear function of changes, whose derivatives do not vanish either."""
+    asked = jnp.array(0.0)
+    for change, leaf in zip(
+        jax.tree.leaves(changes, is_leaf=_is_none), jax.tree.leaves(inputs), strict=True
+    ):
+        if change is not None:
+            phase = jnp.where(jnp.isfinite(leaf), leaf, 0).ravel()
+            asked = asked + jnp.vdot(jnp.cos(jnp.arange(1.0, leaf.size + 1) + phase), change)
+    return asked
+
+
+def _each(function: Callable, moved: Tree, obstacles: Any) -> Tree:
+    """Apply a function to every change and its obstacles."""
+    return jax.tree.map(
+        lambda reasons, tree: jax.tree.map(lambda leaf: function(leaf, reasons), tree),
+        obstacles,
+        moved,
+        is_leaf=lambda node: isinstance(node, list),
+    )
+
+
+def pushed(function: Callable[..., Tree], inputs: tuple, changes: tuple) -> Tree:
+    """Return how a function changes with its inputs, of which those without a change are None."""
+    is_moving = jax.tree.map(lambda change: change is not None, changes, is_leaf=_is_none)
+    moving, still = eqx.partition(inputs, is_moving)
+    return jax.jvp(lambda moved: function(*eqx.combine(moved, still)), (moving,), (changes,))[1]
+
+
+def _is_none(leaf: Any) -> bool:
+    return leaf is None
+
+
+def finite(is_found: Bool[Array, ""], tree: Tree) -> Tree:
+    """Return a tree as it is, or where nothing was found other floating-point numbers.
+
+    These make a sound problem, also as parameters of a law or a solid, and a field without symmetry.
+    """
+
+    def choose(leaf: Array) -> Array:
+        if not jnp.issubdtype(leaf.dtype, jnp.floating):
+            return leaf
+        other = 0.25 + 0.05 * jnp.cos(jnp.arange(leaf.size, dtype=leaf.dtype))
+        return jnp.where(is_found, leaf, other.reshape(leaf.shape))
+
+    return jax.tree.map(choose, tree)
 
 
 class LinearSystem(eqx.Module):
@@ -51,17 +148,13 @@ class LinearSystem(eqx.Module):
     def differentiable_solution(
         self,
         right_side: Field,
-        obstacles: list[Obstacle],
-        throw: bool,
-        judge: Callable[[Field, Field], list[Obstacle]] = lambda x, b: [],
+        is_sound: Callable[[Field, Field], Bool[Array, ""]] = lambda x, b: jnp.array(True),
     ) -> Field:
-        """Return x, as a differentiable function of A and b in both modes.
+        """Return x, as a differentiable function of A and b in both modes; NaN if not solved.
 
         Arguments:
             right_side: b.
-            obstacles: reasons why x is no derivative; with one of them it is not computed.
-            throw: whether such a reason, or a failure, is an error or gives NaN.
-            judge: maps x and b to further reasons.
+            is_sound: maps x and b to whether x can be trusted.
         """
 
         def apply(field: Field) -> Field:
@@ -70,11 +163,8 @@ class LinearSystem(eqx.Module):
             return self.project(self.operator(inside)) + field - inside
 
         def solve(_: FieldMap, b: Field) -> Field:
-            is_known = jnp.any(jnp.stack([False, *(o.exists for o in obstacles)]))
-            x, is_solved = self.solution(jnp.where(is_known, 0, b))
-            found = [Obstacle(o.exists & ~is_known, o.message) for o in judge(x, b)]
-            everything = [*obstacles, *found, Obstacle(~is_solved, _UNSOLVED)]
-            return _refuse(everything, total(b**2), x, throw)
+            x, is_solved = self.solution(b)
+            return nan_where(~(is_solved & is_sound(x, b)), b, x)
 
         right_side = self.project(right_side)
         x = jax.lax.custom_linear_solve(apply, right_side, solve, symmetric=True)
@@ -118,24 +208,3 @@ class _State(eqx.Module):
     direction: Field
     norm: Float[Array, ""]
     num_steps: Int[Array, ""]
-
-
-def unless(obstacles: list[Obstacle], tangent: Array, throw: bool) -> Array:
-    """Return a tangent, in both modes of differentiation, if nothing is in the way.
-
-    Otherwise one that is not zero is an error, or NaN unless `throw`.
-    """
-    return jax.lax.custom_linear_solve(
-        lambda x: x, tangent, lambda _, b: _refuse(obstacles, b, b, throw), symmetric=True
-    )
-
-
-def _refuse(obstacles: list[Obstacle], cause: Array, effect: Array, throw: bool) -> Array:
-    exist = jnp.stack([obstacle.exists for obstacle in obstacles])
-    is_refused = jnp.any(exist) & jnp.any(jnp.abs(cause) > 0)
-    # What is NaN was refused before, and stays so.
-    effect = jnp.where(jnp.any(jnp.isnan(cause)), jnp.nan, effect)
-    if not throw:
-        return jnp.where(is_refused, jnp.nan, effect)
-    messages = [f"The derivative does not exist: {obstacle.message}." for obstacle in obstacles]
-    return eqx.branched_error_if(effect, is_refused, jnp.argmax(exist), messages)

@@ -4,23 +4,31 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import rough_contact
+from conftest import rough_contact, smallest_on_critical_cone
 
 import jaxstab as js
 
-BRACKET = js.MeanDisplacement(jnp.array([1.31, 1.29]))
-PARAMETERS = {"gamma": 10.0, "rho": 1.0, "E": 1.0, "R": 2.0}
+ENDS = jnp.array([1.31, 1.29])
+# Surface energy and range, Young's modulus, radius.
+VALUES = jnp.array([10.0, 1.0, 1.0, 2.0])
 
 
-def paraboloid(gamma, rho, E, R):
+@jax.jit
+def paraboloid(values):
+    energy, length, modulus, radius = values
     grid = js.Grid(32)
-    heights = js.surfaces.paraboloid(grid, radius=R)
-    return js.Contact(js.HalfSpace(grid, E), heights, js.potentials.Exponential(gamma, rho))
+    heights = js.surfaces.paraboloid(grid, radius)
+    law = js.potentials.Exponential(energy, length)
+    return js.Contact(js.HalfSpace(grid, modulus), heights, law)
+
+
+def find(values, ends=ENDS, throw=False):
+    return js.critical_load(paraboloid(values), js.MeanDisplacement(ends), throw=throw)
 
 
 @pytest.fixture(scope="module")
-def fold(hertz):
-    return js.critical_load(hertz, BRACKET)
+def fold():
+    return find(VALUES, throw=True)
 
 
 def dense_fold(heights, gamma, rho, guess):
@@ -79,38 +87,30 @@ def test_the_fold_of_hertz_is_that_of_dense_algebra(hertz, fold):
     np.testing.assert_allclose(jnp.mean(fold.equilibrium.displacement), exact, rtol=1e-8)
 
 
-def test_its_derivatives_agree_with_finite_differences():
-    @jax.jit
-    def load(values):
-        return js.critical_load(paraboloid(*values), BRACKET, throw=False).load.value
-
-    values = jnp.array(list(PARAMETERS.values()))
-    rates, forward = jax.grad(load)(values), jax.jacfwd(load)(values)
-    lanes = jax.vmap(load)(values * jnp.array([[1.0], [1.001]]))
-    np.testing.assert_allclose(lanes, [load(values), load(1.001 * values)], rtol=1e-9)
-    for i, name in enumerate(PARAMETERS):
-        h = 1e-5 * values[i]
-        differences = (load(values.at[i].add(h)) - load(values.at[i].add(-h))) / (2 * h)
-        assert float(rates[i]) == pytest.approx(float(differences), rel=1e-6), name
-        assert float(rates[i]) == pytest.approx(float(forward[i]), rel=1e-9), name
+def at_fold(values):
+    found = find(values)
+    gap, mode = found.equilibrium.gap, found.critical.mode
+    return {"load": found.load.value, "gap": gap, "mode": mode * jnp.sign(mode[16, 16])}
 
 
-def test_what_happens_at_the_fold_moves_with_it():
-    @jax.jit
-    def at_fold(radius):
-        found = js.critical_load(paraboloid(10.0, 1.0, 1.0, radius), BRACKET, throw=False)
-        gap, mode = found.equilibrium.gap, found.critical.mode
-        return gap, mode * jnp.sign(mode[16, 16]), found.load.value
-
-    rates = jax.jacfwd(at_fold)(2.0)
-    for rate, below, above in zip(rates, at_fold(1.99), at_fold(2.01), strict=True):
-        differences = np.asarray(above - below) / 0.02
-        assert np.linalg.norm(rate - differences) < 1e-4 * np.linalg.norm(differences)
+@pytest.mark.parametrize("i", range(4), ids=["energy", "length", "modulus", "radius"])
+def test_its_derivatives_agree_with_finite_differences(i):
+    step = 1e-5 * VALUES[i]
+    change = jnp.zeros(4).at[i].set(1)
+    above, below = at_fold(VALUES + step * change), at_fold(VALUES - step * change)
+    rates = jax.jvp(at_fold, (VALUES,), (change,))[1]
+    for name, rtol in (("load", 1e-6), ("gap", 1e-4), ("mode", 1e-4)):
+        differences = np.asarray(above[name] - below[name]) / (2 * step)
+        # The mode only changes with the ratio of lengths.
+        size = np.linalg.norm(differences) + np.linalg.norm(above[name]) / VALUES[i]
+        assert np.linalg.norm(rates[name] - differences) <= rtol * size, name
+    reverse = jax.grad(lambda values: find(values).load.value)(VALUES)
+    np.testing.assert_allclose(reverse[i], rates["load"], rtol=1e-9)
 
 
 @pytest.mark.parametrize("ends", [(1.29, 1.31), (1.4, 1.2)])
-def test_any_bracket_around_the_fold_will_do(hertz, fold, ends):
-    found = js.critical_load(hertz, js.MeanDisplacement(jnp.array(ends)))
+def test_any_bracket_around_the_fold_will_do(fold, ends):
+    found = find(VALUES, jnp.array(ends), throw=True)
     np.testing.assert_allclose(found.load.value, fold.load.value, rtol=1e-8)
 
 
@@ -121,24 +121,34 @@ def test_the_pull_off_of_a_surface_with_a_core_is_found():
     assert pull < 0
     # Where the mean gap is held instead, it is where tension is largest.
     gap = jnp.mean(found.equilibrium.gap)
-    near = js.MeanGap(gap * jnp.array([0.99, 1.0, 1.01]))
-    held = js.sweep(contact, near, initial=found.equilibrium.gap).equilibrium
-    assert (held.result == js.RESULTS.successful).all()
-    np.testing.assert_allclose(held.mean_pressure[1], pull, rtol=1e-7)
-    assert (held.mean_pressure[::2] > pull).all()
+    below, at, above = (
+        js.equilibrate(contact, js.MeanGap(part * gap), initial=found.equilibrium.gap).mean_pressure
+        for part in (0.99, 1.0, 1.01)
+    )
+    np.testing.assert_allclose(at, pull, rtol=1e-7)
+    assert below > pull and above > pull
+
+
+def two_waves(tilt):
+    """Return a line of two summits, one of them higher by twice the tilt."""
+    grid = js.Grid((32,))
+    (x,) = grid.coordinates
+    heights = 0.1 * (jnp.cos(4 * jnp.pi * x) - 1) + tilt * jnp.cos(2 * jnp.pi * x)
+    law = js.potentials.Exponential(jnp.array(0.8), jnp.array(0.3))
+    return js.Contact(js.HalfSpace(grid, jnp.array(1.0)), heights, law)
+
+
+def fold_of_two_waves(tilt, ends, start, throw=False):
+    bracket = js.MeanGap(jnp.array(ends))
+    return js.critical_load(two_waves(tilt), bracket, initial=start, throw=throw)
 
 
 def test_where_a_branch_branches_off_there_is_no_derivative():
-    grid = js.Grid((16,))
-    (x,) = grid.coordinates
-
     def load(tilt, throw):
-        heights = 0.1 * (jnp.cos(4 * jnp.pi * x) - 1) + tilt * jnp.cos(2 * jnp.pi * x)
-        contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.8, 0.3))
-        bracket = js.MeanGap(jnp.array([1.5, 0.3]))
-        return js.critical_load(contact, bracket, throw=throw).load.value
+        start = 1.5 - two_waves(tilt).heights
+        return fold_of_two_waves(tilt, (1.5, 0.3), start, throw).load.value
 
-    with pytest.raises(Exception, match="does not turn back here but branches off"):
+    with pytest.raises(js.SolverError, match=r"not exist: the branch does not turn back here but"):
         jax.grad(lambda tilt: load(tilt, throw=True))(0.0)
     # A tilt makes a fold of it.
     rate = jax.grad(lambda tilt: load(tilt, throw=False))(1e-3)
@@ -146,31 +156,56 @@ def test_where_a_branch_branches_off_there_is_no_derivative():
     np.testing.assert_allclose(rate, differences, rtol=1e-4)
 
 
-def test_a_failed_lane_leaves_a_masked_sum_alone(hertz):
-    brackets = jnp.array([[1.31, 1.29], [jnp.nan, 1.0], [1.4, 1.35]])
+def test_a_fold_in_contact_is_found_from_a_state_in_contact():
+    tilt, ends = 0.05, (0.52, 0.19)
+    contact = two_waves(tilt)
+    apart, touching = 1.5 - contact.heights, js.equilibrate(contact, js.MeanGap(0.5)).gap
+    # From afar it ends where the higher summit jumps into contact,
+    far = fold_of_two_waves(tilt, ends, apart, throw=True)
+    assert ends[1] < far.load.value < ends[0] and not far.equilibrium.in_contact.any()
+    # and from there where the lower one is about to.
+    found = fold_of_two_waves(tilt, ends, touching, throw=True)
+    equilibrium = found.equilibrium
+    touches = equilibrium.in_contact
+    assert ends[1] < found.load.value < far.load.value
+    assert touches.any() and not touches[8:24].any()
+    assert equilibrium.contact_area == touches.mean()
+    # It balances, presses what touches, and its Hessian is singular on the free points.
+    net = contact.gradient(equilibrium.gap) + equilibrium.mean_pressure
+    np.testing.assert_allclose(net, equilibrium.reaction, atol=1e-8)
+    assert (equilibrium.reaction[touches] > 1e-3).all()
+    assert abs(smallest_on_critical_cone(contact, equilibrium)) < 1e-8
 
-    def masked(gamma):
-        def find(bracket):
-            return js.critical_load(
-                paraboloid(gamma, 1.0, 1.0, 2.0), js.MeanDisplacement(bracket), throw=False
-            )
+    def load(tilt):
+        return fold_of_two_waves(tilt, ends, touching).load.value
 
-        found = jax.vmap(find)(brackets)
-        return jnp.sum(jnp.where(found.result == js.RESULTS.successful, found.load.value, 0))
-
-    np.testing.assert_allclose(jax.grad(masked)(10.0), 0.1, rtol=1e-8)
+    differences = (load(tilt + 1e-6) - load(tilt - 1e-6)) / 2e-6
+    np.testing.assert_allclose(jax.grad(load)(tilt), differences, rtol=1e-5)
 
 
-def test_where_no_fold_is_the_user_is_told(hertz):
-    bracket = js.MeanDisplacement(jnp.array([1.4, 1.35]))
-    found = js.critical_load(hertz, bracket, throw=False)
+def test_lanes_give_what_they_give_alone_and_a_failed_one_harms_no_other(fold):
+    ends = jnp.array([ENDS, ENDS, [jnp.nan, 1.0], [1.4, 1.35]])
+    near = 1.001 * VALUES
+
+    def masked(values):
+        found = jax.vmap(find)(jnp.stack([values, near, values, values]), ends)
+        is_found = found.result == js.RESULTS.successful
+        return jnp.sum(jnp.where(is_found, found.load.value, 0)), found.load.value
+
+    (_, loads), rates = jax.value_and_grad(masked, has_aux=True)(VALUES)
+    np.testing.assert_allclose(loads[:2], [fold.load.value, find(near).load.value], rtol=1e-9)
+    alone = jax.grad(lambda values: find(values).load.value)(VALUES)
+    np.testing.assert_allclose(rates, alone, rtol=1e-8)
+    np.testing.assert_allclose(rates[0], 0.1, rtol=1e-8)
+
+
+def test_where_no_fold_is_the_user_is_told():
+    ends = jnp.array([1.4, 1.35])
+    found = find(VALUES, ends)
     assert found.result == js.RESULTS.no_fold
+    assert jnp.isnan(found.equilibrium.contact_area)
     with pytest.raises(js.SolverError, match=r"No fold found between MeanDisplacement\(1.4\)"):
-        js.critical_load(hertz, bracket)
-
-    def load(gamma, throw):
-        return js.critical_load(paraboloid(gamma, 1.0, 1.0, 2.0), bracket, throw=throw).load.value
-
-    assert jnp.isnan(jax.grad(lambda gamma: load(gamma, throw=False))(10.0))
+        find(VALUES, ends, throw=True)
+    assert jnp.isnan(jax.grad(lambda values: find(values, ends).load.value)(VALUES)).all()
     with pytest.raises(ValueError, match="takes two loads"):
-        js.critical_load(hertz, js.MeanDisplacement(1.3))
+        find(VALUES, 1.3)

@@ -11,8 +11,9 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxstab.checks import is_traced, known, parameter, require, require_finite
 from jaxstab.contact import Contact
+from jaxstab.derivatives import attach
 from jaxstab.display import block
-from jaxstab.equilibrium.implicit import DIFFERENTIABLE, differentiable
+from jaxstab.equilibrium.implicit import DIFFERENTIABLE, changes_of_fields
 from jaxstab.equilibrium.polonsky_keer_rey import PolonskyKeerRey
 from jaxstab.equilibrium.preconditioned import PreconditionedConjugateGradient
 from jaxstab.equilibrium.saddle_newton import SaddleNewton
@@ -177,7 +178,7 @@ def with_derivatives(
     fields = {name: getattr(found, name) for name in DIFFERENTIABLE}
     is_found = found.result == RESULTS.successful
     own = contact.in_units_of(unit), load.in_units_of(unit)
-    fields = differentiable(throw, fields, is_found, *own)
+    fields = attach(changes_of_fields, throw, fields, is_found, own)
     return replace(replace(found, **fields).in_units_of(1 / unit), load=load)
 
 

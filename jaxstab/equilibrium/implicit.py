@@ -7,12 +7,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact
-from jaxstab.derivatives import FieldMap, LinearSystem, Obstacle, unless
+from jaxstab.derivatives import FieldMap, LinearSystem, finite, pushed
 from jaxstab.elasticity import apply_multiplier, softest_wave
 from jaxstab.grid import total
 from jaxstab.hessian import Hessian
 from jaxstab.loads import Load
 from jaxstab.potentials import slope
+from jaxstab.refusals import Obstacle, any_exists
 
 Field = Float[Array, " *grid"]
 Fields = dict[str, Array]
@@ -22,14 +23,10 @@ DIFFERENTIABLE = ("displacement", "gap", "pressure", "reaction", "mean_pressure"
 
 # What the residual may do to the smallest eigenvalue, over it.
 _MAX_ERROR = 1e-2
-_NOT_FOUND = "there is no converged equilibrium (look at its result)"
+NOT_FOUND = "there is no converged equilibrium (look at its result)"
 _VERGE = (
     "a point is on the verge of contact, which it enters or leaves, to within the residual of the "
     "equilibrium. Differentiate at a slightly different load, in float64 or with a finer tolerance"
-)
-_FOLD = (
-    "the equilibrium is at a fold, or nearer to one than its residual can tell. Give the solver a "
-    "finer tolerance, or stay away from it"
 )
 
 
@@ -54,22 +51,16 @@ def fields_of(contact: Contact, load: Load, gap: Field) -> tuple[Fields, Field]:
     return fields, net
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def differentiable(
-    throw: bool, fields: Fields, is_found: Bool[Array, ""], contact: Contact, load: Load
-) -> Fields:
-    """Return the fields of an equilibrium as differentiable functions of contact and load."""
-    return fields
-
-
-@differentiable.defjvp
-def _differentiate(throw: bool, primals: tuple, tangents: tuple) -> tuple[Fields, Fields]:
-    _, is_found, contact, load = primals
-    fields = differentiable(throw, *primals)
-    # Finite stand-ins, so that a failed lane does no harm and what is asked of it is seen.
-    anything = jax.random.uniform(jax.random.key(0), contact.heights.shape, contact.heights.dtype)
-    gap = jnp.where(is_found, fields["gap"], 1 + anything)
-    load = jax.tree.map(lambda leaf: jnp.where(is_found, leaf, 1), load)
+def changes_of_fields(
+    fields: Fields,
+    is_found: Bool[Array, ""],
+    inputs: tuple[Contact, Load],
+    changes: tuple[Contact, Load],
+) -> tuple[Fields, dict[str, list[Obstacle]]]:
+    """Return how the fields of an equilibrium change with contact and load, a rule for `attach`."""
+    inputs = contact, load = finite(is_found, inputs)
+    fields = finite(is_found, fields)
+    gap = fields["gap"]
     is_free = gap > 0
     control = load.control(contact.heights)
     hessian = contact.hessian(gap)
@@ -77,30 +68,27 @@ def _differentiate(throw: bool, primals: tuple, tangents: tuple) -> tuple[Fields
     missed = _imbalance(net, gap)
     sharpness = jnp.max(jnp.abs(jnp.where(is_free, third_derivative(contact, gap), 0)))
 
-    not_found = Obstacle(~is_found, _NOT_FOUND)
-    verge = verge_of_contact(net, gap, hessian)
-
-    def judge(moved: Field, right_side: Field) -> list[Obstacle]:
+    def is_sound(moved: Field, right_side: Field) -> Bool[Array, ""]:
         # After Newton and Kantorovich, with the eigenvalue that the solution shows.
         eigenvalue = total(moved * right_side) / total(moved**2)
         error = sharpness * jnp.sqrt(total(missed**2)) / eigenvalue**2
-        return [Obstacle(~(error < _MAX_ERROR), _FOLD)]
+        return error < _MAX_ERROR
 
+    obstacles = [Obstacle(~is_found, NOT_FOUND), verge_of_contact(net, gap, hessian)]
     system = LinearSystem(
         hessian, _preconditioner(hessian), lambda field: control.project(field, is_free)
     )
-    at_gap = partial(fields_of, gap=gap)
-    _, (change, imbalance) = jax.jvp(at_gap, (contact, load), tangents[2:])
-    moved = system.differentiable_solution(-imbalance, [not_found, verge], throw, judge)
+    change, imbalance = pushed(partial(fields_of, gap=gap), inputs, changes)
+    right_side = jnp.where(any_exists(obstacles), 0, -imbalance)
+    moved = system.differentiable_solution(right_side, is_sound)
     _, (response, _) = jax.jvp(partial(fields_of, contact, load), (gap,), (moved,))
-    changes = {
-        name: unless([not_found, verge], change[name] + response[name], throw) for name in fields
-    }
+    sums = {name: change[name] + response[name] for name in fields}
+    reasons = dict.fromkeys(fields, obstacles)
     if control.fixes_mean:
         # No move of the free points that keeps the mean gap does work to first order, nor does it
         # matter which of them are free.
-        changes["energy"] = unless([not_found], change["energy"], throw)
-    return fields, changes
+        sums["energy"], reasons["energy"] = change["energy"], obstacles[:1]
+    return sums, reasons
 
 
 def third_derivative(contact: Contact, gap: Field) -> Field:
@@ -110,12 +98,17 @@ def third_derivative(contact: Contact, gap: Field) -> Field:
 
 def verge_of_contact(net: Field, gap: Field, hessian: Hessian) -> Obstacle:
     """Return the obstacle of a point of hardly any reaction, or hardly any gap."""
-    eps = jnp.finfo(gap.dtype).eps
-    squares = 1e2 * _imbalance(net, gap) ** 2 + (1e3 * eps * net) ** 2
-    noise = jnp.sqrt(total(squares) / gap.size)
+    noise = pressure_noise(net, gap)
     stiffness = jnp.max(hessian.multiplier)
     is_on_verge = jnp.any(jnp.where(gap > 0, gap * stiffness, net) <= noise)
     return Obstacle(is_on_verge, _VERGE)
+
+
+def pressure_noise(net: Field, gap: Field) -> Float[Array, ""]:
+    """Return the least pressure that can be told from the residual, and from rounding."""
+    eps = jnp.finfo(gap.dtype).eps
+    squares = 1e2 * _imbalance(net, gap) ** 2 + (1e3 * eps * net) ** 2
+    return jnp.sqrt(total(squares) / gap.size)
 
 
 def _imbalance(net: Field, gap: Field) -> Field:

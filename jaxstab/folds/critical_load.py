@@ -6,7 +6,6 @@ There the smallest eigenvalue on the free points vanishes, and the branch turns 
 """
 
 from dataclasses import replace
-from functools import partial
 
 import equinox as eqx
 import jax
@@ -14,13 +13,12 @@ import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
 from jaxstab.contact import Contact
-from jaxstab.derivatives import Obstacle, unless
 from jaxstab.display import block
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import initial_gap
-from jaxstab.equilibrium.implicit import fields_of
+from jaxstab.equilibrium.implicit import DIFFERENTIABLE, fields_of
 from jaxstab.folds.branch import Field, free_space
-from jaxstab.folds.implicit import NOT_FOUND, differentiable, where_found
+from jaxstab.folds.implicit import differentiable, differentiable_fields
 from jaxstab.folds.search import follow_to_fold
 from jaxstab.loads import Load, require_load
 from jaxstab.programs import program
@@ -86,47 +84,53 @@ def critical_load(
             f"{bracket.value.shape}: give one on the stable branch and one beyond its end."
         )
     warn_if_coarse(contact)
-    found = find_fold(contact, bracket, initial_gap(contact, bracket, initial), throw)
+    start = initial_gap(contact, bracket, initial)
+    found = find_fold(*jax.lax.stop_gradient((contact, bracket, start)))
+    found = with_derivatives(contact, found, throw)
     if not throw:
         return found
     return throw_failure(found.result, found, lambda: _describe(bracket, found))
 
 
-@partial(program, static_argnames="throw")
-def find_fold(
-    contact: Contact, bracket: Load, initial: Field | None, throw: bool = False
-) -> CriticalLoad:
-    """Do what `critical_load` does, on checked arguments; only derivatives can raise."""
-    fixed, loads, start = jax.lax.stop_gradient((contact, bracket, initial))
-    ways = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf[::-1]]), loads)
-    searches = jax.lax.map(lambda loads: follow_to_fold(fixed, loads, start), ways)
+@program
+def find_fold(contact: Contact, bracket: Load, initial: Field | None) -> CriticalLoad:
+    """Do what `critical_load` does, on checked arguments, without derivatives."""
+    ways = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf[::-1]]), bracket)
+    searches = jax.lax.map(lambda loads: follow_to_fold(contact, loads, initial), ways)
     successes = searches.result == RESULTS.successful
     found = jax.tree.map(lambda leaf: leaf[jnp.argmax(successes)], searches)
-
-    point = found.point
-    pair = replace(point.pair, result=found.result)
-    load, gap = differentiable(throw, point.load, point.gap, pair, contact)
-    space = free_space(contact, load, gap)
     is_found = found.result == RESULTS.successful
-    fields, _ = fields_of(contact, *where_found(is_found, (load, gap)))
-    not_found = [Obstacle(~is_found, NOT_FOUND)]
-    fields = {
-        name: unless(not_found, jnp.where(is_found, field, jnp.nan), throw)
-        for name, field in fields.items()
-    }
+    load, gap = found.point.load, found.point.gap
+    fields, _ = fields_of(contact, load, gap)
+    fields["contact_area"] = jnp.mean(gap == 0)
+    fields = jax.tree.map(lambda field: jnp.where(is_found, field, jnp.nan), fields)
     return CriticalLoad(
         equilibrium=Equilibrium(
             load=load,
             in_contact=gap == 0,
-            contact_area=jnp.mean(gap == 0),
             residual=found.newton.residual,
             num_steps=found.num_steps,
             result=found.result,
             history=found.newton.history,
             **fields,
         ),
-        critical=differentiable_pair(pair, space, contact, gap, throw),
+        critical=replace(found.point.pair, result=found.result),
         result=found.result,
+    )
+
+
+def with_derivatives(contact: Contact, found: CriticalLoad, throw: bool) -> CriticalLoad:
+    """Return a fold as a differentiable function of the contact."""
+    equilibrium, pair = found.equilibrium, found.critical
+    load, gap = differentiable(equilibrium.load, equilibrium.gap, pair, contact, throw)
+    fields = {name: getattr(equilibrium, name) for name in DIFFERENTIABLE}
+    is_found = found.result == RESULTS.successful
+    fields = differentiable_fields(fields, is_found, contact, load, gap, throw)
+    space = free_space(contact, load, gap)
+    return replace(
+        found,
+        equilibrium=replace(equilibrium, load=load, **fields),
+        critical=differentiable_pair(pair, space, contact, gap, throw),
     )
 
 

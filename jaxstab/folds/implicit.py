@@ -1,15 +1,12 @@
 """How a fold moves with the contact: the linearised conditions of a fold."""
 
-from functools import partial
-from typing import TypeVar
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from jaxstab.contact import Contact
-from jaxstab.derivatives import Obstacle, unless
-from jaxstab.equilibrium.implicit import fields_of, verge_of_contact
+from jaxstab.derivatives import attach, finite, pushed
+from jaxstab.equilibrium.implicit import Fields, fields_of, verge_of_contact
 from jaxstab.folds.branch import (
     Field,
     Linear,
@@ -20,11 +17,10 @@ from jaxstab.folds.branch import (
 )
 from jaxstab.grid import total
 from jaxstab.loads import Load
+from jaxstab.refusals import Obstacle, any_exists
 from jaxstab.results import RESULTS
 from jaxstab.stability import Eigenpair
 from jaxstab.stability.implicit import differentiable as differentiable_pair
-
-Tree = TypeVar("Tree")
 
 NOT_FOUND = "no fold was found (look at its result)"
 _LEAST_COSINE = {"float64": 1e-6, "float32": 1e-3}
@@ -34,23 +30,26 @@ _BIFURCATION = (
 )
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
 def differentiable(
-    throw: bool, load: Load, gap: Field, pair: Eigenpair, contact: Contact
+    load: Load, gap: Field, pair: Eigenpair, contact: Contact, throw: bool
 ) -> tuple[Load, Field]:
-    """Return load and gap of a fold as differentiable functions of the contact."""
-    return load, gap
+    """Return load and gap of a fold as functions of the contact; the pair says if there is one."""
+    return attach(_changes_of_fold, throw, (load, gap), pair, (contact,))
 
 
-@differentiable.defjvp
-def _differentiate(
-    throw: bool, primals: tuple, tangents: tuple
-) -> tuple[tuple[Load, Field], tuple[Load, Field]]:
-    _, _, pair, contact = primals
-    fold = differentiable(throw, *primals)
+def differentiable_fields(
+    fields: Fields, is_found: Bool[Array, ""], contact: Contact, load: Load, gap: Field, throw: bool
+) -> Fields:
+    """Return the fields at a fold as functions of the contact, and of its load and gap."""
+    return attach(_changes_of_fields, throw, fields, is_found, (contact, load, gap))
+
+
+def _changes_of_fold(
+    fold: tuple[Load, Field], pair: Eigenpair, inputs: tuple[Contact], changes: tuple[Contact]
+) -> tuple[tuple[Load, Field], list[Obstacle]]:
     is_found = pair.result == RESULTS.successful
-    pair, (load, gap) = where_found(is_found, pair), where_found(is_found, fold)
-    pair = differentiable_pair(pair, free_space(contact, load, gap), contact, gap, throw)
+    (contact,), (load, gap), pair = finite(is_found, (inputs, fold, pair))
+    pair = differentiable_pair(pair, free_space(contact, load, gap), contact, gap, throw=False)
     linear = linearised(contact, load, gap, pair)
 
     def conditions(contact: Contact) -> tuple[Field, Field, Scalar]:
@@ -58,30 +57,24 @@ def _differentiate(
         moved = contact.hessian(fields["gap"])(pair.mode)
         return fields["gap"], linear.project(net), total(pair.mode * moved)
 
-    _, (shift, *change) = jax.jvp(conditions, (contact,), tangents[-1:])
     _, net = fields_of(contact, load, gap)
     obstacles = [
         Obstacle(~is_found, NOT_FOUND),
         Obstacle(_is_bifurcation(linear), _BIFURCATION),
         verge_of_contact(net, gap, contact.hessian(gap)),
     ]
-    change, move = newton_step(
-        linear,
-        tuple(change),
-        lambda b: linear.stiffened.differentiable_solution(b, obstacles, throw),
-    )
-    change, move = (unless(obstacles, tangent, throw) for tangent in (change, shift + move))
-    return fold, (jax.tree.map(lambda _: change, load), move)
+    shift, *missed = pushed(conditions, (contact,), changes)
+    imbalance, eigenvalue = (jnp.where(any_exists(obstacles), 0, part) for part in missed)
+    solve = linear.stiffened.differentiable_solution
+    change, move = newton_step(linear, (imbalance, eigenvalue), solve)
+    return (jax.tree.map(lambda _: change, load), shift + move), obstacles
 
 
-def where_found(is_found: Bool[Array, ""], tree: Tree) -> Tree:
-    """Return finite stand-ins where nothing was found, so that a failed lane does no harm."""
-
-    def choose(leaf: Array) -> Array:
-        is_float = jnp.issubdtype(leaf.dtype, jnp.floating)
-        return jnp.where(is_found, leaf, 1) if is_float else leaf
-
-    return jax.tree.map(choose, tree)
+def _changes_of_fields(
+    fields: Fields, is_found: Bool[Array, ""], inputs: tuple, changes: tuple
+) -> tuple[Fields, list[Obstacle]]:
+    moved, _ = pushed(fields_of, finite(is_found, inputs), changes)
+    return moved, [Obstacle(~is_found, NOT_FOUND)]
 
 
 def _is_bifurcation(linear: Linear) -> Bool[Array, ""]:

@@ -10,8 +10,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from jaxstab.checks import is_traced
 from jaxstab.contact import Balance, Contact
-from jaxstab.derivatives import Obstacle, unless
-from jaxstab.display import block, inline
+from jaxstab.display import block
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import State, equilibrium_of
 from jaxstab.equilibrium.implicit import third_derivative
@@ -26,6 +25,8 @@ from jaxstab.results import RESULTS, VERDICTS, throw_failure
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpairs import Eigenpair
 from jaxstab.stability.implicit import differentiable
+from jaxstab.stability.margins import Barrier, margins_of, pressure_scale
+from jaxstab.stability.margins import differentiable as differentiable_margins
 from jaxstab.stability.modes import noise
 from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.search import ConeSolver, Found, Search
@@ -37,19 +38,6 @@ _NUM_RANDOM = 8
 _ROUNDING = 1e3
 # How much more than estimated a gap may be off.
 _DOUBT = 10
-_NOT_HELD = "only a state held by contact has a barrier"
-
-
-class Barrier(Stackable, eqx.Module):
-    """What holds a state that its cone's mode would leave: E(t) = t mu.x + t^2 lambda / 2.
-
-    Attributes:
-        height: (mu.x)^2 / (2 |lambda|) over the surface, where E is largest [energy].
-        amplitude: t = mu.x / |lambda|, in units of the mode of unit norm [length].
-    """
-
-    height: Float[Array, ""]
-    amplitude: Float[Array, ""]
 
     __repr__ = inline
 
@@ -146,7 +134,9 @@ def assess_stability(
     warn_if_coarse(contact)
     solver = ProjectedLOBPCG() if solver is None else solver
     key = jax.random.key(0) if key is None else key
-    stability = judge(contact, equilibrium, solver, key, verdict_only, throw)
+    inputs = jax.lax.stop_gradient((contact, equilibrium, solver, key))
+    stability = judge(*inputs, verdict_only)
+    stability = with_derivatives(contact, equilibrium, stability, throw)
     if not throw:
         return stability
     return throw_failure(stability.result, stability, lambda: _describe(stability))
@@ -158,17 +148,11 @@ def judge(
     solver: ConeSolver,
     key: PRNGKeyArray,
     verdict_only: bool = False,
-    throw: bool = False,
 ) -> Stability:
-    """Do what `assess_stability` does, on checked arguments; only derivatives can raise."""
-    inputs = jax.lax.stop_gradient((contact, equilibrium, solver))
-    if is_traced((inputs, key)):
-        stability = by_lanes(partial(_judge, verdict_only))(*inputs, key)
-    else:
-        stability = _judge(verdict_only, *inputs, key)
-    if is_traced((contact, equilibrium)):
-        return with_derivatives(contact, equilibrium, stability, throw)
-    return stability
+    """Do what `assess_stability` does, on checked arguments, without derivatives."""
+    if is_traced((contact, equilibrium, solver, key)):
+        return by_lanes(partial(_judge, verdict_only))(contact, equilibrium, solver, key)
+    return _judge(verdict_only, contact, equilibrium, solver, key)
 
 
 def with_derivatives(
@@ -183,13 +167,18 @@ def with_derivatives(
 
     free = ~equilibrium.in_contact
     cone = attach(stability.cone, free | (stability.cone.mode > 0))
+    margins = stability.complementarity, stability.barrier
+    is_held = stability.verdict == VERDICTS.held_by_contact
+    complementarity, barrier = differentiable_margins(
+        margins, contact, equilibrium, cone, is_held, throw
+    )
     return replace(
         stability,
         lower_bound=attach(stability.lower_bound, jnp.ones_like(free)),
         cone=cone,
         critical=attach(stability.critical, free | (stability.critical.mode > 0)),
-        complementarity=_complementarity(contact, equilibrium),
-        barrier=_barrier(contact, equilibrium, cone, stability.verdict),
+        complementarity=complementarity,
+        barrier=barrier,
     )
 
 
@@ -289,12 +278,14 @@ def _stability(
         _verdict(lower_bound, cone, critical, holds),
         VERDICTS.undecided,
     )
+    is_held = verdict == VERDICTS.held_by_contact
+    complementarity, barrier = margins_of(contact, equilibrium, cone, is_held)
     stability = Stability(
         lower_bound=lower_bound,
         cone=cone,
         critical=critical,
-        complementarity=_complementarity(contact, equilibrium),
-        barrier=_barrier(contact, equilibrium, cone, verdict),
+        complementarity=complementarity,
+        barrier=barrier,
         verdict=verdict,
         result=result,
     )
@@ -312,24 +303,10 @@ def _first_failure(*pairs: Eigenpair) -> RESULTS:
 def _net_error(contact: Contact, equilibrium: Equilibrium, balance: Balance) -> Float[Array, ""]:
     """Return by how much the net pressure of a point may be wrong [pressure]."""
     missed = jnp.where(equilibrium.in_contact, jnp.minimum(balance.net, 0), balance.net)
-    rounding = _ROUNDING * jnp.finfo(missed.dtype).eps * _pressure_scale(contact, equilibrium)
+    rounding = _ROUNDING * jnp.finfo(missed.dtype).eps * pressure_scale(
+        contact, equilibrium.gap, equilibrium.pressure
+    )
     return jnp.sqrt(total(missed**2)) + rounding
-
-
-def _complementarity(contact: Contact, equilibrium: Equilibrium) -> Float[Array, ""]:
-    scale = _pressure_scale(contact, equilibrium)
-    touches = equilibrium.in_contact
-    # Two `where`s keep the infinity out of the derivatives.
-    least = jnp.min(jnp.where(touches, equilibrium.reaction, jnp.max(equilibrium.reaction)))
-    return jnp.where(jnp.any(touches), least / jnp.where(scale == 0, 1, scale), jnp.inf)
-
-
-def _pressure_scale(contact: Contact, equilibrium: Equilibrium) -> Float[Array, ""]:
-    attraction = slope(contact.potential, equilibrium.gap)
-    squares = total(equilibrium.pressure**2 + attraction**2)
-    # Two `where`s keep the derivative of the root at zero out.
-    positive = jnp.where(squares > 0, squares, 1)
-    return jnp.where(squares > 0, jnp.sqrt(positive / attraction.size), 0)
 
 
 def _verdict(
@@ -340,22 +317,6 @@ def _verdict(
     verdict = VERDICTS.where(critical.sign < 0, VERDICTS.unstable, verdict)
     is_stable = (cone.sign > 0) | (lower_bound.sign > 0)
     return VERDICTS.where(is_stable, VERDICTS.stable, verdict)
-
-
-def _barrier(
-    contact: Contact, equilibrium: Equilibrium, cone: Eigenpair, verdict: VERDICTS
-) -> Barrier:
-    # The first-order cost of lifting off.
-    cost = jnp.sum(equilibrium.reaction * cone.mode)
-    is_held = verdict == VERDICTS.held_by_contact
-    amplitude = -cost / jnp.where(is_held, cone.eigenvalue, -1)
-    height = cost * amplitude / 2 * contact.grid.cell_area.astype(cost.dtype)
-    # Last, so that no NaN enters the derivatives where nothing asks for them.
-    height, amplitude = (
-        unless([Obstacle(~is_held, _NOT_HELD)], jnp.where(is_held, number, jnp.nan), throw=False)
-        for number in (height, amplitude)
-    )
-    return Barrier(height, amplitude)
 
 
 def _describe(stability: Stability) -> str:

@@ -1,15 +1,15 @@
 """Derivatives of an eigenvalue and its mode with respect to the contact and its gap."""
 
 from dataclasses import replace
-from functools import partial
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact
-from jaxstab.derivatives import LinearSystem, Obstacle, unless
+from jaxstab.derivatives import LinearSystem, attach, finite, pushed
 from jaxstab.grid import total
+from jaxstab.refusals import Obstacle, any_exists
 from jaxstab.results import RESULTS
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpairs import Eigenpair
@@ -37,41 +37,22 @@ def differentiable(
         gap: the gap of the equilibrium.
         throw: whether a derivative that does not exist is an error, or NaN.
     """
-    is_found = pair.result == RESULTS.successful
-    static = throw, face.fixes_mean
-    eigenvalue, mode = _eigenpair(
-        static, pair.eigenvalue, pair.mode, pair.error, is_found, face.is_moving, contact, gap
-    )
+    known = pair.error, pair.result == RESULTS.successful, face
+    values = pair.eigenvalue, pair.mode
+    eigenvalue, mode = attach(_changes_of_pair, throw, values, known, (contact, gap))
     return replace(pair, eigenvalue=eigenvalue, mode=mode)
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _eigenpair(
-    static: tuple[bool, bool],
-    eigenvalue: Float[Array, ""],
-    mode: Field,
-    error: Float[Array, ""],
-    is_found: Bool[Array, ""],
-    is_moving: Bool[Array, " *grid"],
-    contact: Contact,
-    gap: Field,
-) -> tuple[Float[Array, ""], Field]:
-    return eigenvalue, mode
-
-
-@_eigenpair.defjvp
-def _differentiate(
-    static: tuple[bool, bool], primals: tuple, tangents: tuple
-) -> tuple[tuple[Array, Field], tuple[Array, Field]]:
-    throw, fixes_mean = static
-    _, _, error, is_found, is_moving, contact, gap = primals
-    pair = eigenvalue, mode = _eigenpair(static, *primals)
-    eigenvalue = jnp.where(is_found & jnp.isfinite(eigenvalue), eigenvalue, 0)
-    # Stand-ins, so that a failed lane does no harm and what is asked of it is seen.
-    anything = jax.random.normal(jax.random.key(1), mode.shape, mode.dtype)
-    mode, gap = jnp.where(is_found, mode, anything), jnp.where(is_found, gap, 1)
-    hessian = contact.hessian(gap).restricted(is_moving)
-    face = Subspace(is_moving, fixes_mean)
+def _changes_of_pair(
+    pair: tuple[Float[Array, ""], Field],
+    known: tuple[Float[Array, ""], Bool[Array, ""], Subspace],
+    inputs: tuple[Contact, Field],
+    changes: tuple[Contact, Field],
+) -> tuple[tuple[Array, Field], list[Obstacle]]:
+    error, is_found, face = known
+    inputs = contact, gap = finite(is_found, inputs)
+    eigenvalue, mode = finite(is_found & jnp.isfinite(pair[0]), pair)
+    hessian = contact.hessian(gap).restricted(face.is_moving)
 
     def project(field: Field) -> Field:
         field = face.project(field)
@@ -89,9 +70,9 @@ def _differentiate(
         Obstacle(~is_found, _NOT_FOUND),
         Obstacle(~(separation > _ERRORS_APART * error), _MULTIPLE),
     ]
-    _, change = jax.jvp(lambda c, g: c.hessian(g)(mode), (contact, gap), tangents[-2:])
-    moved = system.differentiable_solution(-change, obstacles, throw)
-    return pair, (unless(obstacles, total(mode * change), throw), moved)
+    change = pushed(lambda c, g: c.hessian(g)(mode), inputs, changes)
+    right_side = jnp.where(any_exists(obstacles), 0, -change)
+    return (total(mode * change), system.differentiable_solution(right_side)), obstacles
 
 
 def _separation(system: LinearSystem, mode: Field) -> Float[Array, ""]:
