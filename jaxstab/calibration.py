@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 Order = Literal["independent", "continuation"]
 Values = Float[Array, " parameters"]
 Curve = Float[Array, " loads"]
+# A curve and its Jacobian.
+_Slopes = tuple[Curve, Float[Array, "loads parameters"]]
 Where = Callable[[Contact], Any]
 
 
@@ -156,7 +158,9 @@ def calibrate(
         None if tolerance is None else parameter(tolerance), max_steps, optimizer or _lbfgs(), order
     )
     curve = _Measured(load, measured, w)
-    with progress_bar(max_steps, "step") if progress else nullcontext():
+    shown = progress_bar(max_steps, "step") if progress else nullcontext()
+    # Histories end in NaN, and what was not found is NaN.
+    with shown, jax.debug_nans(False):
         fit = _fit(contact, curve, solver, where, progress)
     if not throw:
         return fit
@@ -236,12 +240,12 @@ class _LeastSquares(IterativeSolver):
 
     def solve(
         self,
-        curve: Callable[[Values], tuple[Curve, Float[Array, "loads parameters"]]],
+        curve: Callable[[Values], _Slopes],
         measured: _Measured,
-        free: Values,
+        first: _Slopes,
         advance: Callable[[Array], None],
     ) -> Iteration[_State]:
-        """Minimise the misfit between a curve, given with its Jacobian, and measurements."""
+        """Minimise the misfit between a curve, with its Jacobian, and measurements, from zero."""
         import optax
 
         root = measured.roots
@@ -249,20 +253,20 @@ class _LeastSquares(IterativeSolver):
         has_weight = root > 0
         optimizer = optax.with_extra_args_support(self.optimizer)
 
-        def at(free: Any, optimizer_state: Any = None) -> _State:
-            pressure, jacobian = curve(free)
+        def state_of(free: Any, optimizer_state: Any, evaluated: _Slopes) -> _State:
+            pressure, jacobian = evaluated
             misfit = jnp.where(has_weight, root * (pressure - measured.mean_pressure), 0)
             rows = jnp.where(has_weight[:, None], root[:, None] * jacobian, 0)
             return _State(free, optimizer_state, pressure, misfit, rows)
 
         @jax.custom_jvp
         def loss(free: Values) -> Float[Array, ""]:
-            return at(free).loss
+            return state_of(free, None, curve(free)).loss
 
         @loss.defjvp
         def _(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Array, Array]:
             # All of the Jacobian costs one adjoint solve for each load.
-            state = at(*primals)
+            state = state_of(*primals, None, curve(*primals))
             return state.loss, jnp.sum(state.gradient * tangents[0])
 
         def step(state: _State) -> _State:
@@ -275,14 +279,16 @@ class _LeastSquares(IterativeSolver):
                 value_fn=loss,
             )
             advance(state.misfit)
-            return at(optax.apply_updates(state.free, updates), optimizer_state)
+            free: Any = optax.apply_updates(state.free, updates)
+            return state_of(free, optimizer_state, curve(free))
 
         def measure(state: _State) -> Indicators:
             # Of combinations that are not determined, nothing is asked.
             change = jnp.linalg.lstsq(state.jacobian, state.misfit)[0]
             return {"residual": jnp.max(jnp.abs(change))}
 
-        return self.iterate(step, measure, at(free, optimizer.init(free)))
+        free = jnp.zeros_like(first[1][0])
+        return self.iterate(step, measure, state_of(free, optimizer.init(free), first))
 
 
 @partial(program, static_argnames=("where", "progress"))
@@ -304,12 +310,12 @@ def _fit(
 
     one_load = jax.value_and_grad(pressure, has_aux=True)
 
-    def together(values: Values) -> tuple[Curve, Array]:
+    def together(values: Values) -> _Slopes:
         lanes = jax.vmap(lambda load: one_load(values, load, None))
         (pressures, _), jacobian = lanes(measured.load)
         return pressures, jacobian
 
-    def in_turn(values: Values) -> tuple[Curve, Array]:
+    def in_turn(values: Values) -> _Slopes:
         def follow(start: Array, load: Load) -> tuple[Array, tuple[Array, Array]]:
             (value, gap), row = one_load(values, load, start)
             return jnp.where(jnp.isnan(value), start, gap), (value, row)
@@ -319,15 +325,17 @@ def _fit(
         return jax.lax.scan(follow, start, measured.load)[1]
 
     by_values = together if solver.order == "independent" else in_turn
-    sizes = jnp.linalg.norm(measured.roots[:, None] * by_values(values)[1], axis=0)
+    pressures, jacobian = by_values(values)
+    sizes = jnp.linalg.norm(measured.roots[:, None] * jacobian, axis=0)
     scale = _Scale(values, 1 / jnp.where(sizes > 0, sizes, 1))
 
-    def curve(free: Values) -> tuple[Curve, Array]:
+    def curve(free: Values) -> _Slopes:
         pressures, jacobian = by_values(scale.to_values(free))
         return pressures, jacobian * scale.slopes(free)
 
+    first = pressures, jacobian * scale.slopes(jnp.zeros_like(values))
     report = advance if progress else lambda after: None
-    iteration = solver.solve(curve, measured, jnp.zeros_like(values), report)
+    iteration = solver.solve(curve, measured, first, report)
     state = iteration.state
     found = scale.to_values(state.free)
     slopes = scale.slopes(state.free)

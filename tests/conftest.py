@@ -42,12 +42,12 @@ def interruptible():
 
 @contextmanager
 def compilations():
-    """Yield a list that grows by one for each program compiled, or taken from a cache on disk."""
+    """Yield a growing list of the programs compiled, or taken from a cache on disk, by name."""
     compiled = []
 
-    def listen(event, duration, **_):
+    def listen(event, _, fun_name="", **__):
         if event == "/jax/core/compile/backend_compile_duration":
-            compiled.append(duration)
+            compiled.append(fun_name)
 
     jax.monitoring.register_event_duration_secs_listener(listen)
     yield compiled

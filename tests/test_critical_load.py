@@ -108,6 +108,43 @@ def test_its_derivatives_agree_with_finite_differences(i):
     np.testing.assert_allclose(reverse[i], rates["load"], rtol=1e-9)
 
 
+def test_at_the_fold_an_equilibrium_has_no_derivative_and_beside_it_it_has(fold):
+    tight = js.PreconditionedConjugateGradient(tolerance=1e-11)
+    contact = paraboloid(VALUES)
+
+    def pressure(value, start, solver=tight, throw=True):
+        load = js.MeanDisplacement(value)
+        return js.equilibrate(contact, load, solver, initial=start, throw=throw).mean_pressure
+
+    def pressure_at_fold(value, throw=True):
+        # A solver that stays where it is put.
+        return pressure(value, fold.equilibrium.gap, js.SaddleNewton(), throw)
+
+    load = fold.load.value
+    with pytest.raises(js.SolverError, match=r"^The derivative does not exist: .* at a fold"):
+        jax.grad(pressure_at_fold)(load)
+    assert jnp.isnan(jax.grad(lambda value: pressure_at_fold(value, throw=False))(load))
+    near = load + 1e-4
+    start = js.equilibrate(contact, js.MeanDisplacement(near), tight).gap
+    differences = (pressure(near + 1e-8, start) - pressure(near - 1e-8, start)) / 2e-8
+    np.testing.assert_allclose(jax.grad(pressure)(near, start), differences, rtol=1e-5)
+
+
+def test_a_saddle_has_derivatives_like_any_other_equilibrium(fold):
+    newton = js.SaddleNewton(tolerance=1e-12)
+    contact, value = paraboloid(VALUES), jnp.array(1.302)
+    stable = js.equilibrate(contact, js.MeanDisplacement(value))
+    start = contact.gap(2 * fold.equilibrium.displacement - stable.displacement)
+    saddle = js.equilibrate(contact, js.MeanDisplacement(value), newton, initial=start).gap
+
+    def pressure(value):
+        load = js.MeanDisplacement(value)
+        return js.equilibrate(contact, load, newton, initial=saddle).mean_pressure
+
+    differences = (pressure(value + 1e-6) - pressure(value - 1e-6)) / 2e-6
+    np.testing.assert_allclose(jax.grad(pressure)(value), differences, rtol=1e-5)
+
+
 @pytest.mark.parametrize("ends", [(1.29, 1.31), (1.4, 1.2)])
 def test_any_bracket_around_the_fold_will_do(fold, ends):
     found = find(VALUES, jnp.array(ends), throw=True)

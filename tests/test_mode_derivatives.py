@@ -14,11 +14,10 @@ def contact():
     return rough_contact(16, js.potentials.Exponential(0.02, 0.1))
 
 
-@pytest.mark.parametrize("load", [js.MeanGap(0.1), js.MeanPressure(0.05)])
-def test_eigenvalues_modes_and_barrier_agree_with_finite_differences(contact, load):
+@pytest.mark.parametrize("load", [js.MeanGap(jnp.array(0.1)), js.MeanPressure(jnp.array(0.05))])
+def test_eigenvalues_modes_and_margins_agree_with_finite_differences(contact, load):
     solver = js.ProjectedLOBPCG(tolerance=1e-11)
 
-    @jax.jit
     def judge(x):
         held = eqx.tree_at(lambda load: load.value, load, x[3])
         other = with_parameters(contact, *x[:3])
@@ -28,40 +27,73 @@ def test_eigenvalues_modes_and_barrier_agree_with_finite_differences(contact, lo
         values["mode"] = jnp.sum(jnp.sin(jnp.arange(256.0)).reshape(16, 16) * found.cone.mode)
         values["complementarity"] = found.complementarity
         values["height"] = found.barrier.height
+        values["amplitude"] = found.barrier.amplitude
         return values, found
 
     x = jnp.array([0.06, 0.1, 1.0, load.value])
-    values, found = judge(x)
+    values, pull, found = jax.vjp(judge, x, has_aux=True)
     assert found.result == js.RESULTS.successful
-    forward = jax.jit(jax.jacfwd(lambda x: judge(x)[0]))(x)
-    reverse = jax.jit(jax.jacrev(lambda x: judge(x)[0]))(x)
+    assert found.verdict == js.VERDICTS.held_by_contact
+    nothing = dict.fromkeys(values, jnp.array(0.0))
+    reverse = {name: pull({**nothing, name: jnp.array(1.0)})[0] for name in values}
     for i, h in enumerate(1e-4 * x):
+        forward = jax.jvp(lambda x: judge(x)[0], (x,), (jnp.zeros(4).at[i].set(1),))[1]
         above, below = judge(x.at[i].add(h))[0], judge(x.at[i].add(-h))[0]
         for name, value in values.items():
-            if jnp.isnan(value):
-                assert found.verdict != js.VERDICTS.held_by_contact
-                assert jnp.isnan(forward[name][i]) and jnp.isnan(reverse[name][i])
-                continue
             differences = (above[name] - below[name]) / (2 * h)
             rtol = 1e-3 if name == "mode" else 1e-5
             size = abs(value) / x[i]
-            assert abs(forward[name][i] - differences) < rtol * max(abs(differences), size), name
-            assert abs(forward[name][i] - reverse[name][i]) < 1e-8 * size, name
+            assert abs(forward[name] - differences) < rtol * max(abs(differences), size), name
+            assert abs(forward[name] - reverse[name][i]) < 1e-8 * size, name
 
 
-def test_a_multiple_eigenvalue_is_told():
-    grid = js.Grid(16)
-    law = js.potentials.Exponential(1e-3, 1.0)
-    flat = js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(grid.shape), law)
+def refused(output, x, match):
+    """Check that a number is refused with `throw`, and NaN without, in both modes."""
+    for transform in (jax.grad, lambda f: lambda x: jax.jvp(f, (x,), (jnp.ones_like(x),))[1]):
+        assert jnp.isnan(transform(lambda x: output(x, throw=False))(x)).all()
+        with pytest.raises(js.SolverError, match=f"^The derivative does not exist: {match}"):
+            transform(lambda x: output(x, throw=True))(x)
 
+
+def test_there_is_no_barrier_to_differentiate_where_nothing_is_held(contact):
+    def height(x, throw):
+        other = with_parameters(contact, *x[:3])
+        equilibrium = js.equilibrate(other, js.MeanGap(x[3]))
+        stability = js.assess_stability(other, equilibrium, throw=throw)
+        assert stability.verdict == js.VERDICTS.stable
+        return stability.barrier.height
+
+    refused(height, jnp.array([0.06, 0.1, 1.0, 0.6]), "only a state held by contact")
+
+
+def test_a_least_reaction_that_points_share_has_no_derivative(contact):
+    # Two summits alike.
+    heights = jnp.zeros((16, 16)).at[4, 4].set(0.1).at[12, 12].set(0.1)
+
+    def complementarity(x, throw, raised=0.0):
+        other = js.Contact(
+            with_parameters(contact, *x[:3]).solid,
+            heights.at[4, 4].add(raised),
+            js.potentials.Exponential(x[0], x[1]),
+        )
+        equilibrium = js.equilibrate(other, js.MeanGap(x[3]), TIGHT)
+        assert equilibrium.in_contact.sum() == 2
+        return js.assess_stability(other, equilibrium, throw=throw).complementarity
+
+    x = jnp.array([0.02, 0.1, 1.0, 0.05])
+    refused(complementarity, x, "several points share the least reaction")
+    # Of summits that differ one presses less.
+    assert jnp.isfinite(jax.grad(lambda x: complementarity(x, True, raised=1e-3))(x)).all()
+
+
+def test_a_multiple_eigenvalue_is_told(contact):
     def lowest(modulus, throw):
-        other = js.Contact(js.HalfSpace(grid, modulus), flat.heights, flat.potential)
-        equilibrium = js.equilibrate(other, js.MeanGap(1.0))
-        return js.assess_stability(other, equilibrium, throw=throw).lower_bound.eigenvalue
+        other = with_parameters(contact, jnp.array(1e-3), jnp.array(1.0), modulus)
+        flat = js.Contact(other.solid, jnp.zeros((16, 16)), other.potential)
+        equilibrium = js.equilibrate(flat, js.MeanGap(jnp.array(1.0)))
+        return js.assess_stability(flat, equilibrium, throw=throw).lower_bound.eigenvalue
 
-    with pytest.raises(Exception, match="eigenvalue is multiple"):
-        jax.grad(lambda modulus: lowest(modulus, throw=True))(1.0)
-    assert jnp.isnan(jax.grad(lambda modulus: lowest(modulus, throw=False))(1.0))
+    refused(lowest, jnp.array(1.0), "the eigenvalue is multiple")
 
 
 def test_modes_of_a_block_refuse_to_be_differentiated(contact):

@@ -85,7 +85,9 @@ def critical_load(
         )
     warn_if_coarse(contact)
     start = initial_gap(contact, bracket, initial)
-    found = find_fold(*jax.lax.stop_gradient((contact, bracket, start)))
+    # Histories end in NaN, and what was not found is NaN.
+    with jax.debug_nans(False):
+        found = find_fold(*jax.lax.stop_gradient((contact, bracket, start)))
     found = with_derivatives(contact, found, throw)
     if not throw:
         return found

@@ -18,7 +18,6 @@ from jaxstab.equilibrium.recognition import recognised_by
 from jaxstab.grid import total
 from jaxstab.hessian import Hessian
 from jaxstab.lanes import by_lanes
-from jaxstab.potentials import slope
 from jaxstab.programs import program
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, VERDICTS, throw_failure
@@ -38,8 +37,6 @@ _NUM_RANDOM = 8
 _ROUNDING = 1e3
 # How much more than estimated a gap may be off.
 _DOUBT = 10
-
-    __repr__ = inline
 
 
 class Stability(Stackable, eqx.Module):
@@ -135,8 +132,11 @@ def assess_stability(
     solver = ProjectedLOBPCG() if solver is None else solver
     key = jax.random.key(0) if key is None else key
     inputs = jax.lax.stop_gradient((contact, equilibrium, solver, key))
-    stability = judge(*inputs, verdict_only)
-    stability = with_derivatives(contact, equilibrium, stability, throw)
+    # Histories end in NaN, and what was not found is NaN.
+    with jax.debug_nans(False):
+        stability = judge(*inputs, verdict_only)
+    if is_traced((contact, equilibrium)):
+        stability = with_derivatives(contact, equilibrium, stability, throw)
     if not throw:
         return stability
     return throw_failure(stability.result, stability, lambda: _describe(stability))
@@ -303,8 +303,10 @@ def _first_failure(*pairs: Eigenpair) -> RESULTS:
 def _net_error(contact: Contact, equilibrium: Equilibrium, balance: Balance) -> Float[Array, ""]:
     """Return by how much the net pressure of a point may be wrong [pressure]."""
     missed = jnp.where(equilibrium.in_contact, jnp.minimum(balance.net, 0), balance.net)
-    rounding = _ROUNDING * jnp.finfo(missed.dtype).eps * pressure_scale(
-        contact, equilibrium.gap, equilibrium.pressure
+    rounding = (
+        _ROUNDING
+        * jnp.finfo(missed.dtype).eps
+        * pressure_scale(contact, equilibrium.gap, equilibrium.pressure)
     )
     return jnp.sqrt(total(missed**2)) + rounding
 

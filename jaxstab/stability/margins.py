@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact
 from jaxstab.derivatives import attach, finite, pushed
+from jaxstab.display import inline
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.implicit import NOT_FOUND, pressure_noise
 from jaxstab.grid import total
@@ -16,6 +17,7 @@ from jaxstab.potentials import slope
 from jaxstab.refusals import Obstacle
 from jaxstab.results import RESULTS
 from jaxstab.stability.eigenpairs import Eigenpair
+from jaxstab.stacks import Stackable
 
 Field = Float[Array, " *grid"]
 # Gap, elastic pressure and reaction; an eigenvalue and its mode.
@@ -29,7 +31,7 @@ _TIE = (
 )
 
 
-class Barrier(eqx.Module):
+class Barrier(Stackable, eqx.Module):
     """What holds a state that its cone's mode would leave: E(t) = t mu.x + t^2 lambda / 2.
 
     Attributes:
@@ -39,6 +41,8 @@ class Barrier(eqx.Module):
 
     height: Float[Array, ""]
     amplitude: Float[Array, ""]
+
+    __repr__ = inline
 
 
 # Complementarity and barrier, as in `Stability`.
