@@ -1,11 +1,22 @@
 """Problems that several tests share."""
 
+import atexit
 import os
+import shutil
 import signal
+import tempfile
 from contextlib import contextmanager
 
 # Most of the time goes into compiling, and most of that into making small programs faster.
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    # Workers and subprocesses inherit it, and compile nothing that another one has.
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="jaxstab-programs-")
+    atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
+    # JAX 0.10 reports each program from a cache as made for another machine.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 import equinox as eqx
 import jax
