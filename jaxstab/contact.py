@@ -79,9 +79,11 @@ class Contact(eqx.Module):
         require_smooth(self.scan)
 
     @property
-    def has_core(self) -> Bool[Array, ""]:
+    def has_core(self) -> Bool[Array, ""] | bool:
         """Whether the potential rises without bound as a gap closes, so that none ever does."""
-        return self.scan.has_core
+        law = self.potential
+        known = law.has_core if isinstance(law, potentials.Scaled) else None
+        return self.scan.has_core if known is None else known
 
     @property
     def scan(self) -> Scan:
@@ -118,10 +120,13 @@ class Contact(eqx.Module):
         _, exponent = jnp.frexp(jax.lax.stop_gradient(height * stiffness))
         return jnp.ldexp(jnp.ones((), height.dtype), exponent)
 
-    def in_units_of(self, pressure: Float[Array, ""]) -> "Contact":
-        """Return the same contact with pressures in another unit; lengths stay."""
+    def in_units_of(self, pressure: Float[Array, ""], has_core: bool | None = None) -> "Contact":
+        """Return the same contact with pressures in another unit; lengths stay.
+
+        What is known of its core goes with it, and need not be compiled for.
+        """
         solid = elasticity.Scaled(self.solid, 1 / pressure)
-        law = potentials.Scaled(self.potential, 1 / pressure)
+        law = potentials.Scaled(self.potential, 1 / pressure, has_core)
         return eqx.tree_at(lambda contact: (contact.solid, contact.potential), self, (solid, law))
 
     def gap(self, displacement: Float[Array, " *grid"]) -> Float[Array, " *grid"]:

@@ -148,10 +148,17 @@ class NoAdhesion(eqx.Module):
 
 
 class Scaled(eqx.Module):
-    """A law whose energy is that of another one times a factor."""
+    """A law whose energy is that of another one times a factor.
+
+    Attributes:
+        law: the other one.
+        factor: the factor.
+        has_core: whether they have a core, None if that is not known.
+    """
 
     law: Potential
     factor: Float[Array, ""]
+    has_core: bool | None = eqx.field(static=True, default=None)
 
     def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
         """Return the other energy per area at a gap [length], times the factor."""

@@ -158,13 +158,25 @@ def _undeformed(load: Load, heights: Float[Array, " *grid"]) -> Float[Array, " *
     return load.control(heights).starting_gap(heights)
 
 
-@program
 def find_equilibrium(
     contact: Contact, load: Load, solver: Solver, initial: Float[Array, " *grid"] | None
 ) -> Equilibrium:
     """Do what `equilibrate` does, on checked arguments, without derivatives."""
+    has_core = contact.has_core
+    has_core = None if is_traced(has_core) else bool(has_core)
+    return _find_in_own_units(contact, load, solver, initial, has_core)
+
+
+@partial(program, static_argnames="has_core")
+def _find_in_own_units(
+    contact: Contact,
+    load: Load,
+    solver: Solver,
+    initial: Float[Array, " *grid"] | None,
+    has_core: bool | None,
+) -> Equilibrium:
     unit = contact.own_pressure
-    own = contact.in_units_of(unit), load.in_units_of(unit)
+    own = contact.in_units_of(unit, has_core), load.in_units_of(unit)
     found = by_lanes(_find)(*own, solver, initial).in_units_of(1 / unit)
     overflows = (found.result == RESULTS.successful) & ~jnp.isfinite(found.energy)
     result = RESULTS.where(overflows, RESULTS.nonfinite, found.result)
