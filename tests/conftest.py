@@ -121,6 +121,30 @@ def state_of(contact, gap, reaction=1.0, load=js.MeanGap):
     return contact, state
 
 
+def check_optimality(contact, equilibrium, tolerance):
+    """Assert equations 9 and 10 field by field, on the equilibrium that is returned."""
+    pressure, reaction, gap = (
+        np.asarray(x) for x in (equilibrium.pressure, equilibrium.reaction, equilibrium.gap)
+    )
+    attraction = np.asarray(jnp.vectorize(jax.grad(contact.potential))(equilibrium.gap))
+    scale = np.sqrt(np.mean(pressure**2 + attraction**2))
+    error = np.sqrt(np.mean((pressure + attraction - reaction) ** 2))
+    assert error <= tolerance * scale
+    assert gap.min() >= 0
+    assert reaction.min() >= -tolerance * scale * np.sqrt(gap.size)
+    assert not (reaction * gap).any()
+    assert not reaction[~np.asarray(equilibrium.in_contact)].any()
+    np.testing.assert_allclose(pressure.mean(), equilibrium.mean_pressure, rtol=1e-6)
+    np.testing.assert_allclose((reaction - attraction).mean(), equilibrium.mean_pressure)
+    elastic = np.asarray(contact.solid.pressure(equilibrium.displacement))
+    np.testing.assert_allclose(pressure - pressure.mean(), elastic, atol=1e-6 * scale)
+
+
+def lennard_jones_force(separation, energy, length):
+    x = length / separation
+    return energy / 2 * 9 * (x**4 - x**10) / length
+
+
 def dense_hessian(contact, gap):
     n = gap.size
     columns = jax.vmap(contact.hessian(gap))(jnp.eye(n).reshape(n, *gap.shape))

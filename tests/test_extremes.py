@@ -5,9 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
-from conftest import rough_contact, smallest_on_critical_cone
-from test_equilibrium import check_optimality
-from test_potentials import lennard_jones_force
+from conftest import check_optimality, lennard_jones_force, rough_contact, smallest_on_critical_cone
 
 import jaxstab as js
 
@@ -138,3 +136,82 @@ def test_adhesion_may_vanish_or_prevail(strength):
         # The gap gathers in few points, so that the rest may close.
         assert equilibrium.contact_area > 0.9
     check_optimality(contact, equilibrium, 1e-8)
+
+
+def gaps_off(one, other, rms_height):
+    """Return how far two gaps are apart, in rms heights."""
+    difference = np.asarray(one.gap, float) - np.asarray(other.gap, float)
+    return np.sqrt(np.mean(difference**2)) / rms_height
+
+
+@pytest.mark.parametrize("strength", [10.0, 1e2, 1e5])
+@pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
+def test_a_uniform_attraction_hides_no_imbalance(strength, dtype):
+    """Held at a mean gap, the surface does not feel an attraction that is the same everywhere."""
+    bare = rough_contact(16, js.potentials.NoAdhesion())
+    # Within its range the attraction varies by a part of 5e-7.
+    law = js.potentials.Dugdale(strength * 100, 100.0, 1 / 15)
+    contact = js.Contact(bare.solid, bare.heights.astype(dtype), law)
+    expected = js.equilibrate(bare, js.MeanGap(0.1))
+    found = js.equilibrate(contact, js.MeanGap(0.1), throw=False)
+    if found.result == "successful":
+        assert gaps_off(found, expected, 0.1) < 1e-3
+    assert found.result == "successful" or (found.result == "stagnated" and dtype == jnp.float32)
+    assert found.result == "successful" or strength > 1e2
+
+
+@pytest.mark.parametrize("tension", [1.0, 1e6])
+def test_a_tension_that_cancels_a_linear_law_hides_no_imbalance(tension):
+    bare = rough_contact(16, js.potentials.NoAdhesion())
+    contact = js.Contact(bare.solid, bare.heights, lambda gap: tension * gap)
+    expected = js.equilibrate(bare, js.MeanPressure(0.1))
+    found = js.equilibrate(contact, js.MeanPressure(0.1 - tension))
+    assert gaps_off(found, expected, 0.1) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("dtype", "unit"),
+    [(jnp.float64, 1e-155), (jnp.float64, 1e200), (jnp.float32, 1e-30), (jnp.float32, 1e25)],
+)
+def test_pressures_in_any_unit_give_the_same_state_and_verdict(dtype, unit):
+    def solve(unit):
+        bare = rough_contact(16, js.potentials.Exponential(0.01 * unit, 0.1), unit)
+        contact = js.Contact(bare.solid, bare.heights.astype(dtype), bare.potential)
+        state = js.equilibrate(contact, js.MeanGap(0.1))
+        return state, js.assess_stability(contact, state)
+
+    expected, expected_stability = solve(1.0)
+    found, stability = solve(unit)
+    assert gaps_off(found, expected, 0.1) < 100 * jnp.finfo(dtype).eps
+    assert found.num_steps == expected.num_steps
+    np.testing.assert_allclose(found.mean_pressure / unit, expected.mean_pressure, rtol=1e-5)
+    assert stability.verdict == expected_stability.verdict.name
+    eigenvalue = stability.cone.eigenvalue / unit
+    np.testing.assert_allclose(eigenvalue, expected_stability.cone.eigenvalue, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("dtype", "start"), [(jnp.float64, 1e307), (jnp.float32, 1e37)])
+def test_a_start_of_any_size_meets_the_load(dtype, start):
+    bare = rough_contact(16, js.potentials.Exponential(0.01, 0.1))
+    contact = js.Contact(bare.solid, bare.heights.astype(dtype), bare.potential)
+    found = js.equilibrate(contact, js.MeanGap(0.1), initial=jnp.full((16, 16), start, dtype))
+    np.testing.assert_allclose(found.gap.mean(), 0.1, rtol=100 * jnp.finfo(dtype).eps)
+    assert gaps_off(found, js.equilibrate(bare, js.MeanGap(0.1)), 0.1) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("seed", "surface_energy", "length", "mean_gap"),
+    [(42, 2.29, 1.2e-8, 4.4e-8), (3, 0.013, 4e-9, 5e-8), (19, 0.1, 8e-9, 4e-8)],
+)
+def test_in_single_precision_errors_cover_what_is_in_doubt(seed, surface_energy, length, mean_gap):
+    grid = js.Grid(32, 1e-5)
+    heights = js.surfaces.self_affine(grid, jax.random.key(seed), k_high=8, rms_height=1e-7)
+    pairs = []
+    for dtype in (jnp.float64, jnp.float32):
+        law = js.potentials.Exponential(surface_energy, length)
+        contact = js.Contact(js.HalfSpace(grid, 1e9, 0.3), heights.astype(dtype), law)
+        state = js.equilibrate(contact, js.MeanGap(mean_gap))
+        pairs.append(js.assess_stability(contact, state).critical)
+    exact, found = pairs
+    distance = abs(float(exact.eigenvalue) - float(found.eigenvalue))
+    assert distance <= float(exact.error) + float(found.error)

@@ -2,6 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conftest import lennard_jones_force
 
 import jaxstab as js
 from jaxstab.potentials import (
@@ -42,11 +43,6 @@ def test_laws_and_their_derivatives_match_the_formulae_of_the_paper(law):
 
 
 SEPARATIONS = np.linspace(0.5, 3.0, 26)
-
-
-def lennard_jones_force(separation, energy, length):
-    x = length / separation
-    return energy / 2 * 9 * (x**4 - x**10) / length
 
 
 def test_lennard_jones_matches_its_formula_and_is_least_where_it_says():

@@ -2,8 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import dense_hessian, rough_contact, smallest_on_critical_cone
-from test_equilibrium import check_optimality
+from conftest import check_optimality, dense_hessian, rough_contact, smallest_on_critical_cone
 
 import jaxstab as js
 from jaxstab.references import westergaard
