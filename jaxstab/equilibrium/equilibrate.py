@@ -116,8 +116,9 @@ def equilibrate(
         solver: the algorithm, `PreconditionedConjugateGradient()` by default.
         initial: a gap [length], an equilibrium or what holds one to start from, brought under the
             load; by default the undeformed solid, cut where it meets the surface.
-        throw: raise where the solver fails, or a derivative is asked for that does not exist;
-            otherwise look at `result`, and such a derivative is NaN. Under vmap the failure of
+        throw: raise where the solver fails, or a derivative is asked for that does not exist (in
+            forward mode outside of jit, of any field); otherwise look at `result`, and such a
+            derivative is NaN. Under vmap the failure of
             one lane raises for all, so choose False there.
 
     Returns:

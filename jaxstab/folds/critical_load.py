@@ -65,7 +65,8 @@ def critical_load(
             its end. If the branch from the first does not end before the second, that from the
             second is followed towards the first.
         initial: where equilibria at both loads start, as in `equilibrate`.
-        throw: raise where no fold is found; otherwise look at `result`.
+        throw: raise where no fold is found, or a derivative is asked for that does not exist;
+            otherwise look at `result`, and such a derivative is NaN.
 
     Returns:
         The fold. Its load, equilibrium and mode can be differentiated with respect to the contact:

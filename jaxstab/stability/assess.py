@@ -103,9 +103,10 @@ def assess_stability(
     starts can miss the smallest, and call "stable" what is held by contact.
 
     Eigenvalues, modes, barrier and complementarity are differentiable functions of the contact and
-    the equilibrium: d lambda = x.(dA) x, A depending on the gap too. A multiple eigenvalue has no
-    derivative; of several modes on different faces of the cone that are equally low, the
-    derivative is that of the one found.
+    the equilibrium: d lambda = x.(dA) x, A depending on the gap too. No derivative
+    has a multiple eigenvalue, a least reaction that several points share, and the barrier of a
+    state that is not held. Of several modes on different faces of the cone that are equally low,
+    the derivative is that of the one found.
 
     Arguments:
         contact: the contact problem.
@@ -116,7 +117,7 @@ def assess_stability(
         verdict_only: stop when a number proves the verdict; those not computed are NaN, with the
             result "not_computed".
         throw: raise where a solver fails, or a derivative is asked for that does not exist (in
-            forward mode outside of jit, of any of the three numbers); otherwise look at `result`,
+            forward mode outside of jit, of any of the numbers); otherwise look at `result`,
             and such a derivative is NaN. Under vmap the failure of one lane raises for all, so
             choose False there.
 
