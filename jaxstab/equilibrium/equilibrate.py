@@ -30,6 +30,9 @@ from jaxstab.stacks import Stackable, require_single
 # Over the precision: what part of itself a mean gap may be off.
 _ROUNDING = 1e3
 
+# The fields that hold pressures, or energies.
+_PRESSURES = ("pressure", "reaction", "mean_pressure", "energy")
+
 Solver = PolonskyKeerRey | PreconditionedConjugateGradient | SaddleNewton
 
 
@@ -74,11 +77,8 @@ class Equilibrium(Stackable, eqx.Module):
         return replace(
             self,
             load=self.load.in_units_of(pressure),
-            pressure=self.pressure / pressure,
-            reaction=self.reaction / pressure,
-            mean_pressure=self.mean_pressure / pressure,
-            energy=self.energy / pressure,
             history=self.history.scaled(energy=1 / pressure),
+            **_in_units_of(pressure, {name: getattr(self, name) for name in _PRESSURES}),
         )
 
 
@@ -189,12 +189,17 @@ def with_derivatives(
 ) -> Equilibrium:
     """Return an equilibrium as a differentiable function of the contact and the load."""
     unit = contact.own_pressure
-    found = found.in_units_of(unit)
-    fields = {name: getattr(found, name) for name in DIFFERENTIABLE}
+    fields = _in_units_of(unit, {name: getattr(found, name) for name in DIFFERENTIABLE})
     is_found = found.result == RESULTS.successful
     own = contact.in_units_of(unit), load.in_units_of(unit)
     fields = attach(changes_of_fields, throw, fields, is_found, own)
-    return replace(replace(found, **fields).in_units_of(1 / unit), load=load)
+    return replace(found, load=load, **_in_units_of(1 / unit, fields))
+
+
+def _in_units_of(pressure: Float[Array, ""], fields: dict[str, Array]) -> dict[str, Array]:
+    return {
+        name: field / pressure if name in _PRESSURES else field for name, field in fields.items()
+    }
 
 
 def _find(
