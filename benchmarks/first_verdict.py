@@ -1,0 +1,130 @@
+"""Seconds from a fresh process to its first verdict, and what they go into.
+
+Each run is a process of its own: it imports JAX, then jaxstab, then does the README's example with
+a law of its own, without and with a warm compilation cache. One more run counts the programs that
+it compiles and lists the costliest.
+"""
+
+import argparse
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from statistics import median
+
+import jax
+
+import jaxstab as js
+
+PROGRAM = """
+import json, sys, time
+
+marks = [time.perf_counter()]
+mark = lambda: marks.append(time.perf_counter())
+
+import jax, jax.numpy as jnp
+mark()
+import jaxstab as js
+mark()
+jax.config.update("jax_enable_x64", True)
+grid = js.Grid(int(sys.argv[1]))
+heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=16, rms_height=0.1)
+solid = js.HalfSpace(grid, youngs_modulus=0.05, poisson_ratio=0.3)
+contact = js.Contact(solid, heights, lambda gap: -0.01 * jnp.exp(-gap / 0.2))
+mark()
+equilibrium = jax.block_until_ready(js.equilibrate(contact, js.MeanGap(0.15)))
+mark()
+str(js.assess_stability(contact, equilibrium).verdict)
+mark()
+print(json.dumps([after - before for before, after in zip(marks, marks[1:])]))
+"""
+STAGES = ("import jax", "import jaxstab", "contact", "equilibrate", "assess_stability")
+
+
+def main() -> None:
+    options = parse_options()
+    with tempfile.TemporaryDirectory() as warm:
+        print("filling the cache", flush=True)
+        run(options.size, warm)
+        # In turn, so that both meet the same machine.
+        runs = {"no cache": [], "warm cache": []}
+        for i in range(options.repeats):
+            runs["no cache"].append(run(options.size)[0])
+            runs["warm cache"].append(run(options.size, warm)[0])
+            print(f"{i + 1} of {options.repeats} runs", flush=True)
+        programs = compilations(run(options.size, JAX_LOG_COMPILES="1")[1])
+    lines = report(options, runs, programs)
+    print("\n".join(lines))
+    if options.out:
+        options.out.write_text("\n".join(lines) + "\n")
+
+
+def parse_options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--size", type=int, default=128, help="points a side")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--out", type=Path, help="a file for the table as well")
+    return parser.parse_args()
+
+
+def run(size: int, cache: str | None = None, **environment: str) -> tuple[list[float], str]:
+    """Return the seconds of each stage in a fresh process, and what it logged."""
+    kept = {key: value for key, value in os.environ.items() if "_CACHE_" not in key}
+    if cache is not None:
+        environment["JAX_COMPILATION_CACHE_DIR"] = cache
+        environment["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+        environment["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
+    command = [sys.executable, "-c", PROGRAM, str(size)]
+    done = subprocess.run(command, env=kept | environment, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"The example failed:\n{done.stderr}")
+    return json.loads(done.stdout), done.stderr
+
+
+def compilations(log: str) -> list[tuple[float, float, str]]:
+    """Return the seconds that XLA and that lowering took, and the name, of every program."""
+    lowering, xla = (
+        [(float(seconds), name) for name, seconds in re.findall(pattern, log)]
+        for pattern in (
+            r"Finished jaxpr to MLIR module conversion (\S+) in ([\d.e+-]+) sec",
+            r"Finished XLA compilation of (\S+) in ([\d.e+-]+) sec",
+        )
+    )
+    # Each program is lowered, and then compiled, before the next.
+    if [name for _, name in lowering] != [name for _, name in xla]:
+        raise RuntimeError("This JAX logs its compilations in another way: read them anew here.")
+    pairs = zip(xla, lowering, strict=True)
+    return sorted(((x, l, name) for (x, name), (l, _) in pairs), reverse=True)
+
+
+def report(options, runs: dict[str, list[list[float]]], programs: list) -> list[str]:
+    lines = [
+        f"jaxstab {js.__version__}, jax {jax.__version__}; float64; {options.size}² points; "
+        f"{os.cpu_count()} cores; medians of {options.repeats} processes, in seconds",
+        "",
+        f"| | {' | '.join(STAGES)} | from `import jax` to the verdict |",
+        "|---|" + "---|" * (len(STAGES) + 1),
+    ]
+    for name, times in runs.items():
+        stages = [median(stage) for stage in zip(*times, strict=True)]
+        total = median(sum(time[1:]) for time in times)
+        cells = " | ".join(f"{seconds:.2f}" for seconds in (*stages, total))
+        lines.append(f"| {name} | {cells} |")
+    in_xla, in_lowering = (sum(program[i] for program in programs) for i in (0, 1))
+    lines += [
+        "",
+        f"{len(programs)} programs are compiled, in {in_xla:.2f} s of XLA and {in_lowering:.2f} s "
+        "of lowering. The costliest:",
+        "",
+        "| program | XLA [s] | lowering [s] |",
+        "|---|---|---|",
+    ]
+    lines += [f"| `{name}` | {xla:.2f} | {low:.2f} |" for xla, low, name in programs[:10]]
+    return lines
+
+
+if __name__ == "__main__":
+    main()
