@@ -64,8 +64,9 @@ class History(Stackable, eqx.Module):
 
     def scaled(self, **factors: Float[Array, ""]) -> "History":
         """Return the history with some of its indicators, if they are there, times a factor."""
-        columns = jnp.stack([jnp.ones(()), *(factors.get(name, 1.0) for name in self.names)])
-        return replace(self, table=self.table * columns.astype(self.table.dtype))
+        dtype = self.table.dtype
+        columns = [jnp.asarray(factors.get(name, 1), dtype) for name in ("step", *self.names)]
+        return replace(self, table=self.table * jnp.stack(columns))
 
     def record(self, count: Int[Array, ""], step: Int[Array, ""], new: Indicators) -> "History":
         """Return the history with the `count`-th measurement, taken at `step`, added.
