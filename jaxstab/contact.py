@@ -30,6 +30,9 @@ from jaxstab.potentials import (
 from jaxstab.programs import make_room
 from jaxstab.scan import Scan, require_smooth, scan
 
+# How much the mean of what is missed counts beside its rms.
+_MEAN_SHARE = 1e-2
+
 
 class Contact(eqx.Module):
     """A rigid rough surface against an elastic solid, with adhesion between them.
@@ -185,16 +188,20 @@ class Contact(eqx.Module):
             net = control.net_pressure(elastic + attraction, is_free)
             missed = jnp.where(is_free, net, jnp.minimum(net, 0))
             # Between flat surfaces nothing but the attraction tells how much is little.
-            resisting = jnp.where(conforming > 0, control.resisting(attraction), attraction)
+            resisting = control.resisting(attraction, is_free)
+            resisting = jnp.where(conforming > 0, resisting, attraction)
             scale = jnp.sqrt(total(elastic**2 + resisting**2) / gap.size)
             scale = jnp.maximum(scale, smallest_scale)
             residual = jnp.sqrt(total(missed**2) / gap.size)
+            residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
+            # A light load is all that keeps the surfaces where they are.
+            imbalance = _MEAN_SHARE * control.mean_imbalance(missed, attraction)
             return Balance(
                 net=net,
                 curvature=curvature,
                 elastic_energy=total(displacement * elastic) / 2,
                 adhesion=total(density),
-                residual=jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale)),
+                residual=jnp.maximum(residual, imbalance),
                 has_escaped=control.has_escaped(gap, escape),
             )
 
@@ -205,10 +212,11 @@ class Balance(eqx.Module):
     """How far a gap is from equilibrium (Rey & Bleyer, eqs. 9 and 10).
 
     Equilibrium asks that the net pressure K u + p0 + f'(g) vanish where g > 0 and not be negative
-    where g = 0. The residual is the rms of what is missed over that of K u and of what of f' the
-    load does not take by itself (under a held mean gap f' less its mean, otherwise f' + p0), or
-    over a hundredth of that of K h where this is larger (in single precision, which cannot
-    resolve less, a tenth).
+    where g = 0. The residual is the rms of what is missed over that of K u and, where g > 0, of
+    what of f' the load does not take by itself (under a held mean gap f' less its mean, otherwise
+    f' + p0), or over a hundredth of that of K h where this is larger (in single precision, which
+    cannot resolve less, a tenth). Under a held pressure it is not less than a hundredth of the mean
+    of what is missed over that of p0 and f'.
 
     Attributes:
         net: K u + p0 + f'(g) [pressure].

@@ -55,9 +55,9 @@ class Solid(eqx.Module):
 
     @property
     def is_valid(self) -> Bool[Array, ""]:
-        """Whether the stiffness of every wave is positive and finite, also where it is traced."""
+        """Whether every wave's stiffness is positive, and a number of full precision."""
         waves = self.multiplier.ravel()[1:]
-        return jnp.all((waves > 0) & jnp.isfinite(waves))
+        return jnp.all((waves >= jnp.finfo(waves.dtype).tiny) & jnp.isfinite(waves))
 
     @property
     @program
@@ -124,9 +124,9 @@ class HalfSpace(Solid):
 
     @property
     def is_valid(self) -> Bool[Array, ""]:
-        """Whether E is positive and finite and nu in (-1, 0.5], also where they are traced."""
-        modulus, nu = self.youngs_modulus, self.poisson_ratio
-        return (modulus > 0) & jnp.isfinite(modulus) & (nu > -1) & (nu <= 0.5)
+        """Whether nu is in (-1, 0.5] and every wave's stiffness positive, a number in range."""
+        nu = self.poisson_ratio
+        return super().is_valid & (nu > -1) & (nu <= 0.5)
 
     def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
         """Return E* |q| / 2 [pressure/length]."""

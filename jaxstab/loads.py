@@ -49,8 +49,12 @@ class Control(eqx.Module):
         """Return by what part of itself a gap misses the load."""
 
     @abstractmethod
-    def resisting(self, attraction: Field) -> Field:
-        """Return the part of the attraction that the load does not take by itself [pressure]."""
+    def resisting(self, attraction: Field, is_free: Mask) -> Field:
+        """Return the part of the attraction that neither load nor contact takes [pressure]."""
+
+    @abstractmethod
+    def mean_imbalance(self, missed: Field, attraction: Field) -> Float[Array, ""]:
+        """Return the mean of the pressures out of balance, over that of those that balance."""
 
     @abstractmethod
     def net_pressure(self, gradient: Field, is_free: Mask) -> Field:
@@ -98,9 +102,13 @@ class GapControl(Control):
         unit = jnp.where(self.mean_gap == 0, 1, self.mean_gap)
         return jnp.abs((total(gap) / gap.size - self.mean_gap) / unit)
 
-    def resisting(self, attraction: Field) -> Field:
-        """Return the attraction less its mean, which the mean pressure balances."""
-        return attraction - total(attraction) / attraction.size
+    def resisting(self, attraction: Field, is_free: Mask) -> Field:
+        """Return the attraction of the free points less its mean, which p0 balances."""
+        return centred(attraction, is_free)
+
+    def mean_imbalance(self, missed: Field, attraction: Field) -> Float[Array, ""]:
+        """Return zero: p0 is whatever balances the mean."""
+        return jnp.zeros((), missed.dtype)
 
     def net_pressure(self, gradient: Field, is_free: Mask) -> Field:
         """Return the gradient less its mean over the free points, which is -p0."""
@@ -147,9 +155,15 @@ class PressureControl(Control):
         """Return zero: any gap will do."""
         return jnp.zeros((), gap.dtype)
 
-    def resisting(self, attraction: Field) -> Field:
-        """Return the attraction plus p0, which it balances where that is a tension."""
-        return attraction + self.mean_pressure
+    def resisting(self, attraction: Field, is_free: Mask) -> Field:
+        """Return the attraction of the free points plus p0, which balances it if a tension."""
+        return jnp.where(is_free, attraction + self.mean_pressure, 0)
+
+    def mean_imbalance(self, missed: Field, attraction: Field) -> Float[Array, ""]:
+        """Return what is missed over p0 and the attraction, in the mean."""
+        balancing = jnp.abs(self.mean_pressure) + jnp.abs(total(attraction) / attraction.size)
+        mean = jnp.abs(total(missed) / missed.size)
+        return jnp.where(balancing > 0, mean / jnp.where(balancing > 0, balancing, 1), 0)
 
     def net_pressure(self, gradient: Field, is_free: Mask) -> Field:
         """Return the gradient plus p0."""

@@ -30,8 +30,9 @@ class RESULTS(Enumeration):
         "PreconditionedConjugateGradient), and that no input is NaN"
     )
     invalid_contact = member(
-        "the heights are not finite, or the solid has a stiffness that is "
-        "negative or not finite. Use a modulus > 0 and a Poisson's ratio in (-1, 0.5]"
+        "the heights are not finite, or the solid has a stiffness that is not positive, or beyond "
+        "the range of the precision. Use a modulus > 0 and a Poisson's ratio in (-1, 0.5], in units "
+        "that suit the precision"
     )
     infeasible_load = member(
         "a mean gap must be positive and finite, as the surfaces cannot enter "

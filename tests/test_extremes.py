@@ -215,3 +215,30 @@ def test_in_single_precision_errors_cover_what_is_in_doubt(seed, surface_energy,
     exact, found = pairs
     distance = abs(float(exact.eigenvalue) - float(found.eigenvalue))
     assert distance <= float(exact.error) + float(found.error)
+
+
+@pytest.mark.parametrize(("dtype", "pressure"), [(jnp.float64, 1e-10), (jnp.float32, 1e-5)])
+def test_a_light_pressure_is_carried_by_a_contact(dtype, pressure):
+    bare = rough_contact(16, js.potentials.NoAdhesion())
+    contact = js.Contact(bare.solid, bare.heights.astype(dtype), bare.potential)
+    found = js.equilibrate(contact, js.MeanPressure(pressure))
+    assert found.in_contact.any()
+    np.testing.assert_allclose(found.reaction.mean(), pressure, rtol=1e-2)
+
+
+def test_attraction_where_surfaces_touch_hides_no_imbalance_elsewhere():
+    """An attraction of no range holds contact points only, and moves no other."""
+    bare = rough_contact(16, js.potentials.NoAdhesion())
+    contact = js.Contact(bare.solid, bare.heights, js.potentials.Exponential(1.0, 1e-4))
+    expected = js.equilibrate(bare, js.MeanPressure(0.5))
+    found = js.equilibrate(contact, js.MeanPressure(0.5))
+    np.testing.assert_allclose(found.mean_pressure, 0.5, rtol=1e-6)
+    assert gaps_off(found, expected, 0.1) < 0.01
+
+
+def test_a_stiffness_out_of_range_is_refused():
+    solid = js.HalfSpace(js.Grid(16, 1e9), 1e-32)
+    heights = rough_contact(16, js.potentials.NoAdhesion()).heights * 1e9
+    contact = js.Contact(solid, heights.astype(jnp.float32), js.potentials.NoAdhesion())
+    found = js.equilibrate(contact, js.MeanGap(1e8), throw=False)
+    assert found.result == "invalid_contact"
