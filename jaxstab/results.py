@@ -31,7 +31,7 @@ class RESULTS(Enumeration):
     )
     invalid_contact = member(
         "the heights are not finite, or the solid has a stiffness that is not positive, or beyond "
-        "the range of the precision. Use a modulus > 0 and a Poisson's ratio in (-1, 0.5], or other "
+        "the range of the precision. Use a modulus > 0, a Poisson's ratio in (-1, 0.5], or other "
         "units"
     )
     infeasible_load = member(

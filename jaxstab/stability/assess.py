@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from jaxstab.checks import is_traced
-from jaxstab.contact import Balance, Contact
+from jaxstab.contact import Contact
 from jaxstab.display import block
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import State, equilibrium_of
@@ -191,7 +191,7 @@ def _judge(
     key: PRNGKeyArray,
 ) -> Stability:
     search, state = _prepared(contact, equilibrium, key, verdict_only)
-    return _stability(contact, equilibrium, state, search.run(solver))
+    return _stability(equilibrium, state, search.run(solver))
 
 
 class _State(eqx.Module):
@@ -199,11 +199,17 @@ class _State(eqx.Module):
 
     Attributes:
         result: whether it is an equilibrium of this contact.
+        unit: the contact's own unit of pressure, in which all is meanwhile.
+        area: that of a point [length^2].
+        scale: the rms of elastic pressure and attraction [pressure].
         imbalance: the norm of the pressures that are out of balance [pressure].
         sharpness: f'''(g) at the free points [pressure/length^2].
     """
 
     result: RESULTS
+    unit: Float[Array, ""]
+    area: Float[Array, ""]
+    scale: Float[Array, ""]
     imbalance: Float[Array, ""]
     sharpness: Float[Array, " *grid"]
 
@@ -236,7 +242,11 @@ def _prepared(
     balance = contact.balance(control)(gap)
     result = recognised_by(balance, contact, equilibrium)
     hessian = Hessian(contact.solid.multiplier.astype(gap.dtype), balance.curvature)
-    error = _net_error(contact, equilibrium, balance)
+    missed = jnp.where(in_contact, jnp.minimum(balance.net, 0), balance.net)
+    imbalance = jnp.sqrt(total(missed**2))
+    scale = pressure_scale(contact, gap, equilibrium.pressure)
+    # By how much the net pressure of a point may be wrong.
+    error = imbalance + _ROUNDING * jnp.finfo(gap.dtype).eps * scale
     weak = in_contact & (balance.net <= error)
     verge = ~in_contact & (gap * jnp.max(hessian.multiplier) <= error)
     nowhere = jnp.zeros_like(in_contact)
@@ -254,17 +264,14 @@ def _prepared(
         verdict_only=verdict_only,
     )
     sharpness = jnp.where(in_contact, 0, third_derivative(contact, gap))
-    missed = jnp.where(in_contact, jnp.minimum(balance.net, 0), balance.net)
-    return search, _State(result, jnp.sqrt(total(missed**2)), sharpness)
+    state = _State(result, unit, contact.grid.cell_area, scale, imbalance, sharpness)
+    return search, state
 
 
-@program
-def _stability(
-    contact: Contact, equilibrium: Equilibrium, state: _State, found: Found
-) -> Stability:
+@jax.jit
+def _stability(equilibrium: Equilibrium, state: _State, found: Found) -> Stability:
     """Return the verdict on what a search has found."""
-    unit = contact.own_pressure
-    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
+    equilibrium = equilibrium.in_units_of(state.unit)
     found = found.ordered()
     softest = jnp.abs(found.hull.eigenvalue)
     lower_bound, cone, critical, hull = (
@@ -280,17 +287,17 @@ def _stability(
         VERDICTS.undecided,
     )
     is_held = verdict == VERDICTS.held_by_contact
-    complementarity, barrier = margins_of(contact, equilibrium, cone, is_held)
+    complementarity, barrier = margins_of(state.scale, equilibrium, cone, is_held)
     stability = Stability(
         lower_bound=lower_bound,
         cone=cone,
         critical=critical,
         complementarity=complementarity,
-        barrier=barrier,
+        barrier=barrier.over(state.area),
         verdict=verdict,
         result=result,
     )
-    return stability.in_units_of(1 / unit)
+    return stability.in_units_of(1 / state.unit)
 
 
 def _first_failure(*pairs: Eigenpair) -> RESULTS:
@@ -299,17 +306,6 @@ def _first_failure(*pairs: Eigenpair) -> RESULTS:
         failed = (pair.result != RESULTS.successful) & (pair.result != RESULTS.not_computed)
         result = RESULTS.where(failed, pair.result, result)
     return result
-
-
-def _net_error(contact: Contact, equilibrium: Equilibrium, balance: Balance) -> Float[Array, ""]:
-    """Return by how much the net pressure of a point may be wrong [pressure]."""
-    missed = jnp.where(equilibrium.in_contact, jnp.minimum(balance.net, 0), balance.net)
-    rounding = (
-        _ROUNDING
-        * jnp.finfo(missed.dtype).eps
-        * pressure_scale(contact, equilibrium.gap, equilibrium.pressure)
-    )
-    return jnp.sqrt(total(missed**2)) + rounding
 
 
 def _verdict(

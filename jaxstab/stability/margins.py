@@ -1,5 +1,6 @@
 """How far a state is from losing its contact: the least reaction, and the barrier that holds it."""
 
+from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
@@ -44,19 +45,24 @@ class Barrier(Stackable, eqx.Module):
 
     __repr__ = inline
 
+    def over(self, area: Float[Array, ""]) -> "Barrier":
+        """Return the barrier of a surface from that per area of a point, given this."""
+        return replace(self, height=self.height * area.astype(self.height.dtype))
+
 
 # Complementarity and barrier, as in `Stability`.
 Margins = tuple[Float[Array, ""], Barrier]
 
 
 def margins_of(
-    contact: Contact, equilibrium: Equilibrium, cone: Eigenpair, is_held: Bool[Array, ""]
+    scale: Float[Array, ""], equilibrium: Equilibrium, cone: Eigenpair, is_held: Bool[Array, ""]
 ) -> Margins:
     """Return the margins of a state, given the pair on the cone and whether contact holds it.
 
-    The complementarity is +inf without contact, the barrier NaN where the state is not held.
+    The complementarity, over a scale of pressure, is +inf without contact; the barrier, per area
+    of a point, NaN where the state is not held.
     """
-    complementarity, barrier = _formulae(is_held, contact, *_state(equilibrium, cone))
+    complementarity, barrier = _over_scale(is_held, scale, *_state(equilibrium, cone))
     touches = jnp.any(equilibrium.in_contact)
     return (
         jnp.where(touches, complementarity, jnp.inf),
@@ -93,15 +99,22 @@ def _state(equilibrium: Equilibrium, cone: Eigenpair) -> tuple[Fields, Pair]:
 
 
 def _formulae(is_held: Bool[Array, ""], contact: Contact, fields: Fields, pair: Pair) -> Margins:
-    gap, pressure, reaction = fields
+    gap, pressure, _ = fields
     scale = pressure_scale(contact, gap, pressure)
+    complementarity, barrier = _over_scale(is_held, scale, fields, pair)
+    return complementarity, barrier.over(contact.grid.cell_area)
+
+
+def _over_scale(
+    is_held: Bool[Array, ""], scale: Float[Array, ""], fields: Fields, pair: Pair
+) -> Margins:
+    gap, _, reaction = fields
     least = jnp.min(jnp.where(gap == 0, reaction, jnp.max(reaction)))
     eigenvalue, mode = pair
     # The first-order cost of lifting off.
     cost = jnp.sum(reaction * mode)
     amplitude = -cost / jnp.where(is_held, eigenvalue, -1)
-    height = cost * amplitude / 2 * contact.grid.cell_area.astype(cost.dtype)
-    return least / jnp.where(scale == 0, 1, scale), Barrier(height, amplitude)
+    return least / jnp.where(scale == 0, 1, scale), Barrier(cost * amplitude / 2, amplitude)
 
 
 def _changes_of_margins(
