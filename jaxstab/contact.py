@@ -173,7 +173,7 @@ class Contact(eqx.Module):
     def balance(self, control: Control) -> Callable[[Float[Array, " *grid"]], "Balance"]:
         """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
         stiffness = self.solid.stiffness
-        conforming = self.conforming_pressure
+        conforming, stiffest = self.conforming_pressure, self.solid.max_stiffness
         # What a hundredth of the elastic pressures hides moves no point by a part of the heights.
         smallest_scale = conforming * max(1e-2, 1e6 * float(jnp.finfo(self.heights.dtype).eps))
         heights = self.heights - self.heights.ravel()[0]
@@ -187,12 +187,15 @@ class Contact(eqx.Module):
             is_free = gap > 0
             net = control.net_pressure(elastic + attraction, is_free)
             missed = jnp.where(is_free, net, jnp.minimum(net, 0))
-            # Between flat surfaces nothing but the attraction tells how much is little.
+            # Between flat surfaces only attraction and p0 tell how much is little.
+            whole = jnp.abs(attraction) + jnp.abs(net - elastic - attraction)
             resisting = control.resisting(attraction, is_free)
-            resisting = jnp.where(conforming > 0, resisting, attraction)
+            resisting = jnp.where(conforming > 0, resisting, whole)
             scale = jnp.sqrt(total(elastic**2 + resisting**2) / gap.size)
             scale = jnp.maximum(scale, smallest_scale)
-            residual = jnp.sqrt(total(missed**2) / gap.size)
+            # On a core stiffer than any wave, a point is as far off as its own stiffness says.
+            moving = missed / jnp.maximum(curvature / stiffest, 1)
+            residual = jnp.sqrt(total(moving**2) / gap.size)
             residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
             # A light load is all that keeps the surfaces where they are.
             imbalance = _MEAN_SHARE * control.mean_imbalance(missed, attraction)
@@ -215,8 +218,9 @@ class Balance(eqx.Module):
     where g = 0. The residual is the rms of what is missed over that of K u and, where g > 0, of
     what of f' the load does not take by itself (under a held mean gap f' less its mean, otherwise
     f' + p0), or over a hundredth of that of K h where this is larger (in single precision, which
-    cannot resolve less, a tenth). Under a held pressure it is not less than a hundredth of the mean
-    of what is missed over that of p0 and f'.
+    cannot resolve less, a tenth). Where a core is stiffer than any wave, what is missed counts by
+    as much less. Under a held pressure the residual is not less than a hundredth of the mean of
+    what is missed over that of p0 and f'.
 
     Attributes:
         net: K u + p0 + f'(g) [pressure].
