@@ -106,7 +106,7 @@ def sweep(
     start = initial_gap(contact, load, initial)
     problem = _Problem(contact, equilibrium_solver, stability_solver, key, stability)
     # Under jit even a constant is traced.
-    if is_traced((problem, load, start, jnp.zeros(()))):
+    if is_traced((problem, load, start, jax.device_put(np.zeros(())))):
         if progress:
             warnings.warn("Inside of JAX transformations no progress is shown.", stacklevel=2)
         solve = _solve_together if order == "independent" else _solve_in_turn
