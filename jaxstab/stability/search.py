@@ -66,7 +66,7 @@ class Search(eqx.Module):
         hull = _if_needed(
             touches & ~is_proved,
             lambda: _on_space(spaces, self.hessian, self.critical_cone.hull, start),
-            around,
+            _again(around),
         )
         critical = _if_needed(
             touches & ~is_proved & _flag(self.is_weak),
@@ -82,7 +82,7 @@ class Search(eqx.Module):
             cone = _if_needed(
                 touches & ~is_decided,
                 lambda: _on_cone(solver, self.hessian, self.cone, around, self.random),
-                around,
+                _again(around),
             )
         critical = _if_needed(
             _flag(self.is_doubtful), lambda: _critical_in_doubt(self, critical, hull), critical
@@ -220,6 +220,13 @@ def _if_needed(is_needed: Any, search: Callable[[], _Lowest], otherwise: _Lowest
     if is_traced(is_needed):
         return jax.lax.cond(is_needed, search, lambda: otherwise)
     return search() if is_needed else otherwise
+
+
+def _again(lowest: _Lowest) -> _Lowest:
+    """Return what is known already, at no cost."""
+    # Put, since JAX would compile a zero.
+    none = jax.device_put(np.zeros((), int))
+    return replace(lowest, pair=replace(lowest.pair, num_steps=none, num_applications=none))
 
 
 def _after(first: _Lowest, then: _Lowest) -> _Lowest:
