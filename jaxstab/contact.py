@@ -191,11 +191,11 @@ class Contact(eqx.Module):
             whole = jnp.abs(attraction) + jnp.abs(net - elastic - attraction)
             resisting = control.resisting(attraction, is_free)
             resisting = jnp.where(conforming > 0, resisting, whole)
-            scale = jnp.sqrt(total(elastic**2 + resisting**2) / gap.size)
-            scale = jnp.maximum(scale, smallest_scale)
             # On a core stiffer than any wave, a point is as far off as its own stiffness says.
-            moving = missed / jnp.maximum(curvature / stiffest, 1)
-            residual = jnp.sqrt(total(moving**2) / gap.size)
+            share = 1 / jnp.maximum(curvature / stiffest, 1)
+            scale = jnp.sqrt(total(elastic**2 + (share * resisting) ** 2) / gap.size)
+            scale = jnp.maximum(scale, smallest_scale)
+            residual = jnp.sqrt(total((share * missed) ** 2) / gap.size)
             residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
             # A light load is all that keeps the surfaces where they are.
             imbalance = _MEAN_SHARE * control.mean_imbalance(missed, attraction)
@@ -218,9 +218,9 @@ class Balance(eqx.Module):
     where g = 0. The residual is the rms of what is missed over that of K u and, where g > 0, of
     what of f' the load does not take by itself (under a held mean gap f' less its mean, otherwise
     f' + p0), or over a hundredth of that of K h where this is larger (in single precision, which
-    cannot resolve less, a tenth). Where a core is stiffer than any wave, what is missed counts by
-    as much less. Under a held pressure the residual is not less than a hundredth of the mean of
-    what is missed over that of p0 and f'.
+    cannot resolve less, a tenth). Where a core is stiffer than any wave, f' and what is missed
+    count by as much less. Under a held pressure the residual is not less than a hundredth of the
+    mean of what is missed over that of p0 and f'.
 
     Attributes:
         net: K u + p0 + f'(g) [pressure].
