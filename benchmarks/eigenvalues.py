@@ -169,7 +169,8 @@ def algorithm_1(
     """Do what `assess_stability` does on the cone, without looking for a lower eigenvalue."""
     hessian, cone = contact.hessian(equilibrium.gap), AdmissibleCone(equilibrium.in_contact)
     start = noise(jax.random.key(0), 4, equilibrium.gap)
-    return measured(hessian, cone, solver.solve(hessian, cone, start))
+    found = solver.solve(hessian, cone, start)
+    return measured(hessian, cone, found, found.vector)
 
 
 def count(stability: js.Stability) -> int:
@@ -196,7 +197,8 @@ class Hessian:
     def __init__(self, state: State, mode: np.ndarray):
         hessian = state.contact.hessian(state.equilibrium.gap)
         self.shape = state.contact.grid.shape
-        self.multiplier, self.curvature = map(np.asarray, (hessian.multiplier, hessian.curvature))
+        self.multiplier = np.asarray(hessian.solid.multiplier)
+        self.curvature = np.asarray(hessian.curvature)
         self.scale = float(hessian.scale)
         elastic = float(mode.ravel() @ self.convolved(mode, self.multiplier).ravel())
         self.shift = max(elastic, self.multiplier[self.multiplier > 0].min())

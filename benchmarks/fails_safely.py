@@ -207,23 +207,34 @@ def template(shape: tuple[int, ...], load: int) -> js.Equilibrium:
 
 
 def state_of(anchor: js.Equilibrium, case: Case) -> tuple[js.Contact, js.Equilibrium]:
-    """Return a contact, and a state of it as if it were in equilibrium."""
+    """Return a contact, and a state of it: the heights are such that pressures balance."""
     shape = anchor.gap.shape
     solid = js.HalfSpace(js.Grid(shape), case.youngs_modulus)
-    contact = js.Contact(solid, jnp.zeros(shape), Cosine(case.strength, case.phase))
     attraction = case.strength * jnp.sin(case.gap + case.phase)
+    pressure = case.reaction - attraction
+    heights = solid.displacement(pressure) - case.gap
+    contact = js.Contact(solid, heights, Cosine(case.strength, case.phase))
+    is_pressed = isinstance(anchor.load, js.MeanPressure)
+    load = anchor.load.at(jnp.mean(pressure if is_pressed else case.gap))
     wrong = jnp.where(jnp.arange(4) == case.fault - 1, jnp.nan, 0)
     fields = (
         case.gap.at[(0,) * len(shape)].add(wrong[0]),
         case.in_contact,
         case.reaction + wrong[1],
-        case.reaction - attraction + wrong[2],
+        pressure + wrong[2],
         js.RESULTS.where(case.fault == 4, js.RESULTS.stagnated, js.RESULTS.successful),
     )
     return contact, eqx.tree_at(
-        lambda state: (state.gap, state.in_contact, state.reaction, state.pressure, state.result),
+        lambda state: (
+            state.gap,
+            state.in_contact,
+            state.reaction,
+            state.pressure,
+            state.result,
+            state.load,
+        ),
         anchor,
-        fields,
+        (*fields, load),
     )
 
 

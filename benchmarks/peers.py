@@ -197,7 +197,7 @@ def tune(problem: Problem, peer: Peer, equilibrium: js.Equilibrium) -> float:
 
 def residual(problem: Problem, gap: np.ndarray | jax.Array) -> float:
     """Return jaxstab's optimality residual of an answer; contact is where its gap is zero."""
-    control = problem.load.control(problem.contact.heights)
+    control = problem.contact.control(problem.load)
     return float(problem.contact.balance(control)(jnp.asarray(gap)).residual)
 
 

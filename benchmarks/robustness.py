@@ -97,7 +97,7 @@ def outcome(solver, seed: int) -> Outcome:
 
 def is_a_saddle(contact: js.Contact, equilibrium: js.Equilibrium) -> bool:
     """Return whether a perturbation of zero mean, zero in contact, lowers the energy."""
-    multiplier = np.asarray(contact.solid.multiplier)
+    multiplier = np.asarray(contact.solid.waves.multiplier)
     curvature = np.asarray(contact.curvature(equilibrium.gap))
     free = ~np.asarray(equilibrium.in_contact)
     count = int(free.sum())

@@ -63,7 +63,7 @@ def report(
     runs = [
         partial(solve, first),
         partial(solve, last),
-        partial(transform, contact.heights, contact.solid.multiplier, count),
+        partial(transform, contact.heights, contact.solid.waves.multiplier, count),
     ]
     for run in runs:
         jax.block_until_ready(run())

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 from jaxstab import files, potentials, surfaces
 from jaxstab.calibration import Calibration, calibrate
 from jaxstab.contact import Contact
-from jaxstab.elasticity import HalfSpace, Spectral
+from jaxstab.elasticity import HalfSpace, Solid, Spectral
 from jaxstab.equilibrium import (
     Equilibrium,
+    EquilibriumSolver,
     PolonskyKeerRey,
     PreconditionedConjugateGradient,
     SaddleNewton,
@@ -20,15 +21,17 @@ from jaxstab.equilibrium import (
 )
 from jaxstab.folds import CriticalLoad, critical_load
 from jaxstab.grid import Grid
-from jaxstab.loads import MeanDisplacement, MeanGap, MeanPressure
+from jaxstab.loads import FarDisplacement, MeanDisplacement, MeanGap, MeanPressure, Spring
 from jaxstab.resolution import ResolutionWarning
 from jaxstab.results import RESULTS, VERDICTS, SolverError
 from jaxstab.stability import (
     LOBPCG,
     Barrier,
+    ConeSolver,
     Eigenpair,
     ProjectedLOBPCG,
     ProximalIteration,
+    SpaceSolver,
     Stability,
     assess_stability,
     lowest_modes,
@@ -47,10 +50,13 @@ __all__ = [
     "VERDICTS",
     "Barrier",
     "Calibration",
+    "ConeSolver",
     "Contact",
     "CriticalLoad",
     "Eigenpair",
     "Equilibrium",
+    "EquilibriumSolver",
+    "FarDisplacement",
     "Grid",
     "HalfSpace",
     "MeanDisplacement",
@@ -62,8 +68,11 @@ __all__ = [
     "ProximalIteration",
     "ResolutionWarning",
     "SaddleNewton",
+    "Solid",
     "SolverError",
+    "SpaceSolver",
     "Spectral",
+    "Spring",
     "Stability",
     "Sweep",
     "SweepInterrupted",

@@ -12,13 +12,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from jaxstab import elasticity, potentials
+from jaxstab import potentials
 from jaxstab.checks import cast, parameter, require_finite
 from jaxstab.display import block
 from jaxstab.elasticity import FieldMap, Solid
 from jaxstab.grid import Grid, total
 from jaxstab.hessian import Hessian
-from jaxstab.loads import Control
+from jaxstab.loads import Control, Load
 from jaxstab.potentials import (
     Potential,
     as_module,
@@ -27,8 +27,8 @@ from jaxstab.potentials import (
     energy_density,
     slope,
 )
+from jaxstab.profile import Profile, profile_of, require_smooth
 from jaxstab.programs import make_room
-from jaxstab.scan import Scan, require_smooth, scan
 
 # How much the mean of what is missed counts beside its rms.
 _MEAN_SHARE = 1e-2
@@ -79,19 +79,19 @@ class Contact(eqx.Module):
         self.solid = cast(solid, dtype)
         self.potential = as_module(potential, dtype)
         make_room(jax.tree.structure((self.solid, self.potential)))
-        require_smooth(self.scan)
+        require_smooth(self.profile)
 
     @property
     def has_core(self) -> Bool[Array, ""] | bool:
         """Whether the potential rises without bound as a gap closes, so that none ever does."""
         law = self.potential
         known = law.has_core if isinstance(law, potentials.Scaled) else None
-        return self.scan.has_core if known is None else known
+        return self.profile.has_core if known is None else known
 
     @property
-    def scan(self) -> Scan:
+    def profile(self) -> Profile:
         """The potential at gaps from far beyond the size of the grid down to zero."""
-        return scan(self.potential, self.grid.lengths)
+        return profile_of(self.potential, self.grid.lengths)
 
     @property
     def grid(self) -> Grid:
@@ -104,7 +104,7 @@ class Contact(eqx.Module):
 
         Well below 1 the grid pins contact edges, and jumps between its points are artefacts.
         """
-        return self.solid.max_stiffness / self.scan.max_curvature
+        return self.solid.max_stiffness / self.profile.max_curvature
 
     @property
     def is_valid(self) -> Bool[Array, ""]:
@@ -128,7 +128,7 @@ class Contact(eqx.Module):
 
         What is known of its core goes with it, and need not be compiled for.
         """
-        solid = elasticity.Scaled(self.solid, 1 / pressure)
+        solid = self.solid.scaled(1 / pressure)
         law = potentials.Scaled(self.potential, 1 / pressure, has_core)
         return eqx.tree_at(lambda contact: (contact.solid, contact.potential), self, (solid, law))
 
@@ -142,17 +142,17 @@ class Contact(eqx.Module):
 
     def energy(self, gap: Float[Array, " *grid"]) -> Float[Array, ""]:
         """Return the potential energy of the surface (Rey & Bleyer, eq. 5) [energy]."""
-        elastic = self.solid.energy(self.displacement(gap))
+        elastic = self.solid.held_by(0).energy(self.displacement(gap))
         adhesive = jnp.sum(energy_density(self.potential, gap)) * self.grid.cell_area
         return elastic + adhesive
 
     @property
     def gradient(self) -> FieldMap:
         """The map from a gap to K u + f'(g) [pressure], K prepared once, here."""
-        stiffness = self.solid.stiffness
+        solid = self.solid.held_by(0)
 
         def gradient(gap: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
-            return stiffness(self.displacement(gap)) + slope(self.potential, gap)
+            return solid.apply(self.displacement(gap)) + slope(self.potential, gap)
 
         return gradient
 
@@ -160,36 +160,43 @@ class Contact(eqx.Module):
         """Return f''(g), the diagonal of D (Rey & Bleyer, eq. 24) [pressure/length]."""
         return curvature(self.potential, gap)
 
-    def hessian(self, gap: Float[Array, " *grid"]) -> Hessian:
-        """Return the operator A = K + D (Rey & Bleyer, eq. 24) [pressure/length]."""
-        return Hessian(self.solid.multiplier.astype(gap.dtype), self.curvature(gap))
+    def control(self, load: Load) -> Control:
+        """Return what a load asks of the gap here."""
+        return load.control(self.solid, self.heights)
+
+    def hessian(self, gap: Float[Array, " *grid"], control: Control | None = None) -> Hessian:
+        """Return the operator A = K + D (Rey & Bleyer, eq. 24) [pressure/length].
+
+        Under a control K includes what the load is stiff; by default that is nothing.
+        """
+        stiffness = None if control is None else control.stiffness
+        return Hessian(self.solid, self.curvature(gap), stiffness)
 
     @property
     def conforming_pressure(self) -> Float[Array, ""]:
         """Rms elastic pressure that full contact takes, |K h| [pressure]: the problem's scale."""
-        pressure = self.solid.pressure(self.heights - jnp.mean(self.heights))
+        pressure = self.solid.apply(self.heights - jnp.mean(self.heights))
         return jnp.sqrt(jnp.mean(pressure**2))
 
     def balance(self, control: Control) -> Callable[[Float[Array, " *grid"]], "Balance"]:
         """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
-        stiffness = self.solid.stiffness
+        solid = self.solid.held_by(0)
         conforming, stiffest = self.conforming_pressure, self.solid.max_stiffness
         # What a hundredth of the elastic pressures hides moves no point by a part of the heights.
         smallest_scale = conforming * max(1e-2, 1e6 * float(jnp.finfo(self.heights.dtype).eps))
         heights = self.heights - self.heights.ravel()[0]
-        escape = control.escape_gap(self.scan)
+        escape = control.escape_gap(self.profile)
 
         def balance(gap: Float[Array, " *grid"]) -> Balance:
             # Less that of one point: K ignores a constant, but would lose digits to it.
             displacement = gap - gap.ravel()[0] + heights
-            elastic = stiffness(displacement)
+            elastic = solid.apply(displacement)
             density, attraction, curvature = derivatives(self.potential, gap)
-            is_free = gap > 0
-            net = control.net_pressure(elastic + attraction, is_free)
-            missed = jnp.where(is_free, net, jnp.minimum(net, 0))
+            net = control.net_pressure(elastic + attraction, gap)
+            missed = missed_pressure(net, gap)
             # Between flat surfaces only attraction and p0 tell how much is little.
             whole = jnp.abs(attraction) + jnp.abs(net - elastic - attraction)
-            resisting = control.resisting(attraction, is_free)
+            resisting = control.resisting(attraction, gap)
             resisting = jnp.where(conforming > 0, resisting, whole)
             # On a core stiffer than any wave, a point is as far off as its own stiffness says.
             share = 1 / jnp.maximum(curvature / stiffest, 1)
@@ -198,7 +205,7 @@ class Contact(eqx.Module):
             residual = jnp.sqrt(total((share * missed) ** 2) / gap.size)
             residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
             # A light load is all that keeps the surfaces where they are.
-            imbalance = _MEAN_SHARE * control.mean_imbalance(missed, attraction)
+            imbalance = _MEAN_SHARE * control.mean_imbalance(missed, attraction, gap)
             return Balance(
                 net=net,
                 curvature=curvature,
@@ -209,6 +216,13 @@ class Contact(eqx.Module):
             )
 
         return balance
+
+
+def missed_pressure(
+    net: Float[Array, " *grid"], gap: Float[Array, " *grid"]
+) -> Float[Array, " *grid"]:
+    """Return what of the net pressure is out of balance [pressure]."""
+    return jnp.where(gap > 0, net, jnp.minimum(net, 0))
 
 
 class Balance(eqx.Module):

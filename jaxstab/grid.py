@@ -123,7 +123,17 @@ def total(field: Float[Array, " *grid"]) -> Float[Array, ""]:
     return field
 
 
+def mean(field: Float[Array, " *grid"]) -> Float[Array, ""]:
+    """Return the mean of a field."""
+    return total(field) / field.size
+
+
+def mean_over(mask: Bool[Array, " *grid"], field: Float[Array, " *grid"]) -> Float[Array, ""]:
+    """Return the mean of a field over a mask, zero over none."""
+    count = jnp.maximum(total(mask.astype(field.dtype)), 1)
+    return total(jnp.where(mask, field, 0)) / count
+
+
 def centred(field: Float[Array, " *grid"], mask: Bool[Array, " *grid"]) -> Float[Array, " *grid"]:
     """Return the field less its mean over the mask, zero outside the mask."""
-    count = jnp.maximum(total(mask.astype(field.dtype)), 1)
-    return jnp.where(mask, field - total(jnp.where(mask, field, 0)) / count, 0)
+    return jnp.where(mask, field - mean_over(mask, field), 0)

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxstab.elasticity import apply_multiplier, softest_wave
+from jaxstab.elasticity import FieldMap, Solid, apart_from_mean
 from jaxstab.grid import total
 
 # Several fields along a leading axis.
@@ -46,38 +46,48 @@ class SymmetricOperator(eqx.Module):
 
 
 class Hessian(SymmetricOperator):
-    """A = K + D (Rey & Bleyer, eq. 24).
+    """A = K + D (Rey & Bleyer, eq. 24), and the part of the load.
 
     Arguments:
-        multiplier: K on the half spectrum [pressure/length].
+        solid: K.
         curvature: f''(g), the diagonal of D [pressure/length].
+        stiffness: that of the load on the mean of a perturbation [pressure/length], None for none.
+        mask: the points that may move, None for all.
     """
 
-    multiplier: Float[Array, " *modes"]
+    solid: Solid
     curvature: Float[Array, " *grid"]
+    stiffness: Float[Array, ""] | None
+    mask: Bool[Array, " *grid"] | None
     bound: Float[Array, ""]
     scale: Float[Array, ""]
-    softest: Float[Array, ""]
 
-    def __init__(self, multiplier: Float[Array, " *modes"], curvature: Float[Array, " *grid"]):
-        self.multiplier = multiplier
-        self.curvature = curvature
+    def __init__(
+        self,
+        solid: Solid,
+        curvature: Float[Array, " *grid"],
+        stiffness: Float[Array, ""] | None = None,
+        mask: Bool[Array, " *grid"] | None = None,
+    ):
+        self.solid = solid.held_by(0 if stiffness is None else stiffness)
+        self.curvature = curvature if mask is None else jnp.where(mask, curvature, 0)
+        self.stiffness = stiffness
+        self.mask = mask
         # Computed once, since eigensolvers ask for them at every step.
-        stiffest, softening = jnp.max(multiplier), -jnp.min(curvature)
+        stiffest, softening = solid.max_stiffness, -jnp.min(self.curvature)
+        highest = stiffest if stiffness is None else jnp.maximum(stiffest, stiffness)
         # K is not negative, so |A| <= max(K + D, -D).
-        highest = stiffest + jnp.maximum(jnp.max(curvature), 0)
-        self.bound = jnp.maximum(highest, softening)
-        # Points of large f'' take no part in lower modes.
+        self.bound = jnp.maximum(highest + jnp.maximum(jnp.max(self.curvature), 0), softening)
+        # Points of large f'' take no part in lower modes, nor does what is stiffly held.
         self.scale = jnp.maximum(stiffest, softening)
-        self.softest = softest_wave(multiplier)
 
     def __call__(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
-        """Return A x, at the price of one pair of Fourier transforms."""
-        return apply_multiplier(self.multiplier, field) + self.curvature * field
+        """Return A x, at the price of one application of K."""
+        return self.solid.apply(field) + self.curvature * field
 
     def restricted(self, mask: Bool[Array, " *grid"]) -> "Hessian":
         """Return an operator that does the same to fields which vanish outside the mask, there."""
-        return Hessian(self.multiplier, jnp.where(mask, self.curvature, 0))
+        return Hessian(self.solid, self.curvature, self.stiffness, mask)
 
     def precondition(
         self,
@@ -91,7 +101,16 @@ class Hessian(SymmetricOperator):
         decays where the adhesion is that stiff.
         """
         elastic = eigenvalue - total(self.curvature * mode**2)
-        shift = jnp.maximum(elastic, self.softest)
+        shift = jnp.clip(elastic, self.solid.min_stiffness, self.solid.max_stiffness)
         stiff = jnp.maximum(self.curvature - eigenvalue - shift, 0)
         share = jnp.sqrt(shift / (shift + stiff))
-        return share * apply_multiplier(1 / (self.multiplier + shift), share * field)
+        inverse = self.inverse(shift)
+        return share * inverse(share * field)
+
+    def inverse(self, shift: Float[Array, ""]) -> FieldMap:
+        """Return roughly the inverse of K + shift on fields that vanish outside the mask."""
+        inverse, stiffness = self.solid.precondition(shift), self.stiffness
+        if stiffness is None:
+            return inverse
+        mask = jnp.ones_like(self.curvature, bool) if self.mask is None else self.mask
+        return lambda field: apart_from_mean(inverse, field, mask, stiffness, shift)

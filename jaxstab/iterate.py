@@ -107,7 +107,8 @@ class IterativeSolver(eqx.Module):
     Attributes:
         tolerance: the residual to reach; None stands for `default_tolerance`.
         max_steps: the step limit.
-        default_tolerance: the residual that each precision can reach.
+        default_tolerance: the residual that each precision can reach; not needed where the
+            tolerance is never None.
         patience: the loop has stagnated when its last progress is older than this many steps and
             than half of all steps. Progress is a lower residual, or a lower "energy" where the
             solver measures one.
@@ -121,7 +122,7 @@ class IterativeSolver(eqx.Module):
     max_steps: eqx.AbstractVar[Int[Array, ""]]
 
     default_tolerance: ClassVar[Mapping[str, float]]
-    patience: ClassVar[int]
+    patience: ClassVar[int] = 300
     steps_per_check: ClassVar[int] = 1
 
     def __check_init__(self) -> None:
@@ -131,8 +132,9 @@ class IterativeSolver(eqx.Module):
 
     def tolerance_in(self, dtype: jnp.dtype) -> Float[Array, ""] | float:
         """Return the residual to reach in a precision."""
-        default = self.default_tolerance.get(dtype.name, max(self.default_tolerance.values()))
-        return default if self.tolerance is None else self.tolerance
+        if self.tolerance is not None:
+            return self.tolerance
+        return self.default_tolerance.get(dtype.name, max(self.default_tolerance.values()))
 
     def iterate(
         self,

@@ -11,7 +11,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.image import AxesImage
 
 from jaxstab.contact import Contact
-from jaxstab.equilibrium.equilibrate import State, equilibrium_of
+from jaxstab.equilibrium.state import State, equilibrium_of
 from jaxstab.grid import Grid
 from jaxstab.loads import MeanDisplacement, MeanGap, MeanPressure
 from jaxstab.potentials import Potential, energy_density, slope

@@ -22,7 +22,7 @@ def warn_if_coarse(contact: Contact) -> None:
     That is where |f''| exceeds the stiffness of the shortest wave. Nothing is said inside of
     `jax.jit` and `jax.vmap`, where values are not known yet.
     """
-    stiffest, sharpest = known(contact.solid.max_stiffness), known(contact.scan.max_curvature)
+    stiffest, sharpest = known(contact.solid.max_stiffness), known(contact.profile.max_curvature)
     if is_traced((stiffest, sharpest)) or stiffest >= sharpest:
         return
     resolution = stiffest / sharpest

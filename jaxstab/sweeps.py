@@ -14,8 +14,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 from jaxstab import display
 from jaxstab.checks import is_traced
 from jaxstab.contact import Contact
-from jaxstab.equilibrium import Equilibrium, equilibrate
-from jaxstab.equilibrium.equilibrate import Solver, initial_gap
+from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
+from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.loads import Load, require_load
 from jaxstab.programs import program
 from jaxstab.progress import progress_bar
@@ -55,7 +55,7 @@ def sweep(
     load: Load,
     *,
     order: Order = "independent",
-    equilibrium_solver: Solver | None = None,
+    equilibrium_solver: EquilibriumSolver | None = None,
     stability: bool = True,
     stability_solver: ConeSolver | None = None,
     initial: ArrayLike | Equilibrium | None = None,
@@ -127,7 +127,7 @@ class _Problem(eqx.Module):
     """What all loads of a sweep share."""
 
     contact: Contact
-    equilibrium_solver: Solver | None
+    equilibrium_solver: EquilibriumSolver | None
     stability_solver: ConeSolver | None
     key: PRNGKeyArray | None
     assesses: bool = eqx.field(static=True)
@@ -191,16 +191,16 @@ def _solve_together(problem: _Problem, load: Load, start: _Start, throw: bool = 
 @partial(program, static_argnames="throw")
 def _solve_in_turn(problem: _Problem, load: Load, start: _Start, throw: bool) -> Sweep:
     Carry = tuple[Float[Array, " *grid"], Bool[Array, ""]]
-    heights = problem.contact.heights
+    contact = problem.contact
 
     def solve(carry: Carry, load: Load) -> tuple[Carry, Sweep]:
         last, has_last = carry
-        start = jnp.where(has_last, last, load.control(heights).starting_gap(heights))
+        start = jnp.where(has_last, last, contact.control(load).starting_gap(contact.heights))
         state = problem.solve(load, start, throw)
         found = state.equilibrium.result == RESULTS.successful
         return (jnp.where(found, state.equilibrium.gap, last), has_last | found), state
 
-    last = jnp.zeros_like(heights) if start is None else start.astype(heights.dtype)
+    last = jnp.zeros_like(contact.heights) if start is None else start.astype(contact.heights.dtype)
     return jax.lax.scan(solve, (last, jnp.array(start is not None)), load)[1]
 
 

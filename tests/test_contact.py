@@ -18,7 +18,7 @@ POTENTIALS = [
 
 
 def residual_of(contact, gap):
-    return contact.balance(js.MeanGap(gap.mean()).control(contact.heights))(gap).residual
+    return contact.balance(contact.control(js.MeanGap(gap.mean())))(gap).residual
 
 
 @pytest.fixture(scope="module", params=POTENTIALS, ids=lambda law: type(law).__name__)
@@ -49,7 +49,7 @@ def test_the_hessian_is_the_derivative_of_the_gradient(contact, gap):
 
 def test_the_energy_is_that_of_equation_15_times_the_cell_area(contact, gap):
     n = gap.size
-    stiffness = jax.vmap(contact.solid.stiffness)(jnp.eye(n).reshape(n, *gap.shape))
+    stiffness = jax.vmap(contact.solid.apply)(jnp.eye(n).reshape(n, *gap.shape))
     u = np.asarray(contact.displacement(gap)).ravel()
     elastic = u @ np.asarray(stiffness).reshape(n, n) @ u / 2
     adhesive = sum(float(contact.potential(g)) for g in gap.ravel())
@@ -95,8 +95,9 @@ def test_flat_surfaces_without_adhesion_are_in_balance():
 
 def test_loads_prescribe_the_mean_gap():
     heights = jnp.array([[0.5, 1.5], [0.0, 2.0]])
-    assert js.MeanDisplacement(3.0).control(heights).mean_gap == 2.0
-    assert js.MeanGap(3.0).control(heights).mean_gap == 3.0
+    contact = js.Contact(js.HalfSpace(js.Grid(2), 1.0), heights, js.potentials.NoAdhesion())
+    assert contact.control(js.MeanDisplacement(3.0)).mean_gap == 2.0
+    assert contact.control(js.MeanGap(3.0)).mean_gap == 3.0
 
 
 @pytest.mark.parametrize(

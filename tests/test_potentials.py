@@ -10,7 +10,7 @@ from jaxstab.potentials import (
     energy_density,
     slope,
 )
-from jaxstab.scan import Scan
+from jaxstab.profile import Profile
 
 GAPS = jnp.linspace(0.0, 3.0, 25).reshape(5, 5)
 # f, f' and f'' written out by hand, at gamma = 2, rho = 0.7.
@@ -70,15 +70,15 @@ def test_dugdales_attraction_is_even_up_to_its_range_and_then_gone():
     np.testing.assert_allclose(curvature(law, edge), difference, rtol=1e-3, atol=1e-6)
 
 
-def test_a_scan_finds_how_sharply_a_law_bends_and_how_far_it_reaches():
+def test_a_profile_tells_how_sharply_a_law_bends_and_how_far_it_reaches():
     scale = jnp.array(100.0)
-    exponential = Scan(js.potentials.Exponential(2.0, 0.7), scale)
+    exponential = Profile(js.potentials.Exponential(2.0, 0.7), scale)
     assert exponential.max_curvature == pytest.approx(2 / 0.7**2)
     attraction = 2 / 0.7 * np.exp(-3)
     assert exponential.outermost_gap(attraction) == pytest.approx(2.1, rel=0.011)
     assert exponential.outermost_gap(1e9) == 0
     # Where it attracts only: a wall may be as hard as it likes.
-    lennard_jones = Scan(js.potentials.LennardJones(2.0, 0.7), scale)
+    lennard_jones = Profile(js.potentials.LennardJones(2.0, 0.7), scale)
     assert lennard_jones.max_curvature == pytest.approx(54 / 0.7**2, rel=0.12)
 
 
@@ -171,9 +171,9 @@ def test_weak_and_long_ranged_laws_are_not_taken_for_piecewise_linear():
     # Their curvature underflows, and so would any change of the slope over the grid.
     law = js.potentials.Exponential(1e-25, 1e10)
     solid = js.HalfSpace(js.Grid(4, 1e10), 1.0)
-    scan = js.Contact(solid, jnp.zeros((4, 4), jnp.float32), law).scan
-    assert scan.slopes.max() > 2 * scan.slopes.min()
-    assert not scan.curvatures.any()
+    profile = js.Contact(solid, jnp.zeros((4, 4), jnp.float32), law).profile
+    assert profile.slopes.max() > 2 * profile.slopes.min()
+    assert not profile.curvatures.any()
 
 
 def test_a_formula_that_leaves_the_range_of_single_precision_is_refused():

@@ -2,99 +2,43 @@
 
 from dataclasses import replace
 from functools import partial
-from typing import Any, Protocol
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.checks import is_traced, known, parameter, require, require_finite
 from jaxstab.contact import Contact
 from jaxstab.derivatives import attach
-from jaxstab.display import block
-from jaxstab.equilibrium.implicit import DIFFERENTIABLE, changes_of_fields
-from jaxstab.equilibrium.polonsky_keer_rey import PolonskyKeerRey
+from jaxstab.elasticity import Solid
+from jaxstab.equilibrium.implicit import changes_of_fields
 from jaxstab.equilibrium.preconditioned import PreconditionedConjugateGradient
-from jaxstab.equilibrium.saddle_newton import SaddleNewton
-from jaxstab.grid import resample, total
-from jaxstab.iterate import History
+from jaxstab.equilibrium.solver import EquilibriumSolver
+from jaxstab.equilibrium.state import (
+    DIFFERENTIABLE,
+    Equilibrium,
+    Field,
+    State,
+    assembled,
+    in_units_of,
+    single_equilibrium,
+)
+from jaxstab.grid import resample
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Control, GapControl, Load, require_load
-from jaxstab.potentials import slope
 from jaxstab.programs import program
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
-from jaxstab.stacks import Stackable, require_single
 
-# Over the precision: what part of itself a mean gap may be off.
+# In units of the precision: what part of itself a mean gap may be off.
 _ROUNDING = 1e3
-
-# The fields that hold pressures, or energies.
-_PRESSURES = ("pressure", "reaction", "mean_pressure", "energy")
-
-Solver = PolonskyKeerRey | PreconditionedConjugateGradient | SaddleNewton
-
-
-class Equilibrium(Stackable, eqx.Module):
-    """An equilibrium K u + p0 + f'(g) = mu, g >= 0, mu >= 0, mu g = 0 (Rey & Bleyer, 9 and 10).
-
-    Attributes:
-        load: the load that holds it.
-        displacement: u = g + h [length].
-        gap: g, exactly zero at the points in contact [length].
-        pressure: the elastic pressure K u + p0, positive in compression [pressure].
-        reaction: mu, the pressure of contact; zero out of contact [pressure].
-        in_contact: where the surfaces touch.
-        mean_pressure: p0 = mean(mu - f'(g)), positive in compression [pressure].
-        contact_area: the number of contact points over that of all points.
-        energy: elastic and adhesive energy of the surface [energy].
-        residual: the relative optimality residual.
-        num_steps: steps that the solver took.
-        result: a member of `RESULTS`: how the solver ended.
-        history: the indicator "residual" as the solver went, and "energy" [energy/area] where the
-            solver measures it.
-    """
-
-    load: Load
-    displacement: Float[Array, " *grid"]
-    gap: Float[Array, " *grid"]
-    pressure: Float[Array, " *grid"]
-    reaction: Float[Array, " *grid"]
-    in_contact: Bool[Array, " *grid"]
-    mean_pressure: Float[Array, ""]
-    contact_area: Float[Array, ""]
-    energy: Float[Array, ""]
-    residual: Float[Array, ""]
-    num_steps: Int[Array, ""]
-    result: RESULTS
-    history: History
-
-    __repr__ = block
-
-    def in_units_of(self, pressure: Float[Array, ""]) -> "Equilibrium":
-        """Return the same state with pressures in another unit; lengths stay."""
-        return replace(
-            self,
-            load=self.load.in_units_of(pressure),
-            history=self.history.scaled(energy=1 / pressure),
-            **_in_units_of(pressure, {name: getattr(self, name) for name in _PRESSURES}),
-        )
-
-
-class _HoldsEquilibrium(Protocol):
-    @property
-    def equilibrium(self) -> Equilibrium: ...
-
-
-# Also an entry of a sweep, or a fold.
-State = Equilibrium | _HoldsEquilibrium
 
 
 def equilibrate(
     contact: Contact,
     load: Load,
-    solver: Solver | None = None,
+    solver: EquilibriumSolver | None = None,
     *,
     initial: ArrayLike | State | None = None,
     throw: bool = True,
@@ -107,8 +51,8 @@ def equilibrate(
 
     Fields, mean pressure and energy are differentiable functions of the contact and the load, in
     both modes and to any order; contact area, residual and history count as constants, and where
-    the solver starts does not matter. On the verge of contact and at a fold they have no
-    derivative.
+    the solver starts does not matter. Where a point is about to touch or to let go, and at a fold,
+    they have no derivative.
 
     Arguments:
         contact: the contact problem.
@@ -142,7 +86,7 @@ def equilibrate(
     start = initial_gap(contact, load, initial)
     if start is None:
         # One program for all starts.
-        start = _undeformed(load, contact.heights)
+        start = _undeformed(load, contact.solid, contact.heights)
     inputs = jax.lax.stop_gradient((contact, load, solver, start))
     # Histories end in NaN, and what was not found is NaN.
     with jax.debug_nans(False):
@@ -155,12 +99,12 @@ def equilibrate(
 
 
 @jax.jit
-def _undeformed(load: Load, heights: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
-    return load.control(heights).starting_gap(heights)
+def _undeformed(load: Load, solid: Solid, heights: Field) -> Field:
+    return load.control(solid, heights).starting_gap(heights)
 
 
 def find_equilibrium(
-    contact: Contact, load: Load, solver: Solver, initial: Float[Array, " *grid"] | None
+    contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
 ) -> Equilibrium:
     """Do what `equilibrate` does, on checked arguments, without derivatives."""
     has_core = contact.has_core
@@ -172,8 +116,8 @@ def find_equilibrium(
 def _find_in_own_units(
     contact: Contact,
     load: Load,
-    solver: Solver,
-    initial: Float[Array, " *grid"] | None,
+    solver: EquilibriumSolver,
+    initial: Field | None,
     has_core: bool | None,
 ) -> Equilibrium:
     unit = contact.own_pressure
@@ -189,23 +133,17 @@ def with_derivatives(
 ) -> Equilibrium:
     """Return an equilibrium as a differentiable function of the contact and the load."""
     unit = contact.own_pressure
-    fields = _in_units_of(unit, {name: getattr(found, name) for name in DIFFERENTIABLE})
+    fields = in_units_of(unit, {name: getattr(found, name) for name in DIFFERENTIABLE})
     is_found = found.result == RESULTS.successful
     own = contact.in_units_of(unit), load.in_units_of(unit)
     fields = attach(changes_of_fields, throw, fields, is_found, own)
-    return replace(found, load=load, **_in_units_of(1 / unit, fields))
-
-
-def _in_units_of(pressure: Float[Array, ""], fields: dict[str, Array]) -> dict[str, Array]:
-    return {
-        name: field / pressure if name in _PRESSURES else field for name, field in fields.items()
-    }
+    return replace(found, load=load, **in_units_of(1 / unit, fields))
 
 
 def _find(
-    contact: Contact, load: Load, solver: Solver, initial: Float[Array, " *grid"] | None
+    contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
 ) -> Equilibrium:
-    control = load.control(contact.heights)
+    control = contact.control(load)
     start = control.starting_gap(contact.heights) if initial is None else initial
     start = jnp.maximum(start.astype(contact.heights.dtype), 0)
     gap = control.restore(start / jnp.max(start) if control.fixes_mean else start)
@@ -222,47 +160,35 @@ def _find(
     result = RESULTS.where(control.is_feasible, result, RESULTS.infeasible_load)
     result = RESULTS.where(contact.is_valid, result, RESULTS.invalid_contact)
 
-    in_contact = gap == 0
-    # Failed states have a gap of NaN throughout.
-    reaction = jnp.where(in_contact, balance.net, 0 * gap)
-    attraction = slope(contact.potential, gap)
-    mean_pressure = jnp.mean(reaction - attraction)
     return Equilibrium(
         load=load,
-        displacement=contact.displacement(gap),
-        gap=gap,
-        pressure=balance.net - attraction,
-        reaction=reaction,
-        in_contact=in_contact,
-        mean_pressure=mean_pressure,
-        contact_area=jnp.mean(jnp.where(jnp.isnan(gap), gap, in_contact)),
-        energy=energy,
+        in_contact=gap == 0,
+        contact_area=jnp.mean(jnp.where(jnp.isnan(gap), gap, gap == 0)),
         residual=iteration.residual,
         num_steps=iteration.num_steps,
         result=result,
         history=iteration.history,
+        **assembled(contact, gap, balance.net, energy),
     )
 
 
-def _lift_off_core(
-    contact: Contact, control: Control, gap: Float[Array, " *grid"]
-) -> Float[Array, " *grid"]:
+def _lift_off_core(contact: Contact, control: Control, gap: Field) -> Field:
     """Return the gap, or a wider one if its energy is lower or that of the gap not finite."""
-    scan = contact.scan
+    profile = contact.profile
     # Under tension, energy falls without end further out: look for the minimum near the core.
-    energies = scan.values + jnp.maximum(control.work(scan.gaps), 0)
-    lifted = control.restore(gap + scan.gaps[jnp.nanargmin(energies)])
+    energies = profile.values + jnp.maximum(control.energy(profile.gaps), 0)
+    lifted = control.restore(gap + profile.gaps[jnp.nanargmin(energies)])
 
-    def energy(gap: Float[Array, " *grid"]) -> Float[Array, ""]:
-        return contact.energy(gap) / contact.grid.cell_area + control.work(total(gap))
+    def energy(gap: Field) -> Float[Array, ""]:
+        return contact.energy(gap) / contact.grid.cell_area + gap.size * control.energy(
+            jnp.mean(gap)
+        )
 
     is_better = energy(gap) <= energy(lifted)
     return jnp.where(is_better & jnp.all(gap > 0), gap, lifted)
 
 
-def initial_gap(
-    contact: Contact, load: Load, initial: ArrayLike | State | None
-) -> Float[Array, " *grid"] | None:
+def initial_gap(contact: Contact, load: Load, initial: ArrayLike | State | None) -> Field | None:
     """Return what was given as `initial` as a gap on the contact's grid, checked.
 
     Raises:
@@ -284,51 +210,18 @@ def initial_gap(
     if gap.shape != shape:
         raise ValueError(f"The initial gap has shape {gap.shape}, the grid {shape}.")
     require_finite("The initial gap", gap)
-    if load.control(contact.heights).fixes_mean:
+    if contact.control(load).fixes_mean:
         largest = known(gap).max()
         cure = "it must be positive somewhere, for a load that holds the mean gap."
         require("The largest initial gap", largest, largest > 0, cure)
     return gap
 
 
-def single_equilibrium(state: Any) -> Equilibrium:
-    """Return the one equilibrium that a state is or holds.
-
-    Raises:
-        TypeError: for something that is not a state.
-        ValueError: for a stack of states.
-    """
-    equilibrium = getattr(state, "equilibrium", state)
-    if not isinstance(equilibrium, Equilibrium):
-        raise TypeError(
-            f"{type(state).__name__} is not a state: give what jaxstab.equilibrate returned, or an "
-            "entry of a sweep."
-        )
-    require_single(equilibrium)
-    return equilibrium
-
-
-def equilibrium_of(contact: Contact, state: State) -> Equilibrium:
-    """Return the one equilibrium that a state is or holds, on the contact's grid.
-
-    Raises:
-        TypeError: for something that is not a state.
-        ValueError: for a stack of states, or one that is not on the contact's grid.
-    """
-    equilibrium = single_equilibrium(state)
-    if equilibrium.gap.shape != contact.grid.shape:
-        raise ValueError(
-            f"The equilibrium has shape {equilibrium.gap.shape}, the contact's grid "
-            f"{contact.grid.shape}: use the contact that it came from."
-        )
-    return equilibrium
-
-
 def _describe(contact: Contact, equilibrium: Equilibrium) -> str:
     # Known also where derivatives are being taken.
     contact, equilibrium = jax.lax.stop_gradient((contact, equilibrium))
     load = equilibrium.load
-    control = load.control(contact.heights)
+    control = contact.control(load)
     held = f", a mean gap of {control.mean_gap:.6g}," if isinstance(control, GapControl) else ""
     return (
         f"No equilibrium found at {type(load).__name__}({load.value:.6g}){held} after "

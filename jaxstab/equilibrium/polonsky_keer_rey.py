@@ -12,13 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Balance, Contact
+from jaxstab.equilibrium.solver import EquilibriumSolver
 from jaxstab.grid import total
-from jaxstab.iterate import (
-    Indicators,
-    Iteration,
-    IterativeSolver,
-    optional_parameter,
-)
+from jaxstab.iterate import Indicators, Iteration, optional_parameter
 from jaxstab.loads import Control
 
 
@@ -29,7 +25,7 @@ class _State(eqx.Module):
     free_norm: Float[Array, ""]
 
 
-class PolonskyKeerRey(IterativeSolver):
+class PolonskyKeerRey(EquilibriumSolver):
     """Projected conjugate gradients on the gap at a prescribed mean gap (Rey et al., 2017).
 
     It differs from the original in two places. The step length along a direction t is
@@ -62,11 +58,11 @@ class PolonskyKeerRey(IterativeSolver):
         """
         if not control.fixes_mean:
             raise ValueError(
-                "PolonskyKeerRey holds the mean gap only: under MeanPressure use "
+                "PolonskyKeerRey holds the mean gap only: under any other load use "
                 "PreconditionedConjugateGradient."
             )
-        stiffness = contact.solid.stiffness
-        max_stiffness = contact.solid.max_stiffness
+        solid = contact.solid.held_by(0)
+        max_stiffness = solid.max_stiffness
         mean_gap = total(gap) / gap.size
         balance_of = contact.balance(control)
 
@@ -79,7 +75,7 @@ class PolonskyKeerRey(IterativeSolver):
             direction = net / max_stiffness + momentum * state.direction
             direction = jnp.where(is_free, direction, 0)
 
-            elastic = total(direction * stiffness(direction))
+            elastic = total(direction * solid.apply(direction))
             both = elastic + total(curvature * direction**2)
             length = _ratio(total(net * direction), jnp.where(both > 0, both, elastic))
 

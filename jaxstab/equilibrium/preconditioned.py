@@ -10,21 +10,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact import Balance, Contact
-from jaxstab.elasticity import apply_multiplier, softest_wave
+from jaxstab.elasticity import Solid
+from jaxstab.equilibrium.solver import EquilibriumSolver
 from jaxstab.grid import total
-from jaxstab.iterate import (
-    Indicators,
-    Iteration,
-    IterativeSolver,
-    optional_parameter,
-)
+from jaxstab.iterate import Indicators, Iteration, optional_parameter
 from jaxstab.loads import Control
 
 # Cuts of a step to a third before it is given up.
 _MAX_CUTS = 40
 # The least part of the fall of energy that the slope promises.
 _ARMIJO = 1e-4
-# Over the stiffest wave: the curvature from which a point moves by its own stiffness.
+# In units of the stiffest wave: the curvature from which a point moves by its own stiffness.
 _STIFF = 0.1
 
 
@@ -45,7 +41,7 @@ class _Trial(eqx.Module):
     count: Int[Array, ""]
 
 
-class PreconditionedConjugateGradient(IterativeSolver):
+class PreconditionedConjugateGradient(EquilibriumSolver):
     """Projected conjugate gradients on the gap, preconditioned in Fourier space.
 
     A step moves the points out of contact, and those in contact that are pulled off it. Its
@@ -64,7 +60,6 @@ class PreconditionedConjugateGradient(IterativeSolver):
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=20_000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
-    patience: ClassVar[int] = 300
 
     def solve(
         self,
@@ -73,12 +68,13 @@ class PreconditionedConjugateGradient(IterativeSolver):
         gap: Float[Array, " *grid"],
     ) -> Iteration[_State]:
         """Iterate from a gap that meets the load to an equilibrium under it."""
-        stiffness = contact.solid.stiffness
-        precondition = _preconditioner(contact, gap)
+        solid = contact.solid.held_by(0 if control.stiffness is None else control.stiffness)
+        precondition = _preconditioner(contact, solid, gap)
         balance_of = contact.balance(control)
 
         def energy_of(gap: Float[Array, " *grid"], balance: Balance) -> Float[Array, ""]:
-            return balance.elastic_energy + balance.adhesion + control.work(total(gap))
+            work = gap.size * control.energy(total(gap) / gap.size)
+            return balance.elastic_energy + balance.adhesion + work
 
         def search(state: _State, direction: Float[Array, " *grid"], length: Array) -> _Trial:
             energy = energy_of(state.gap, state.balance)
@@ -89,7 +85,7 @@ class PreconditionedConjugateGradient(IterativeSolver):
                 # A third of the last length; the last cut leaves the gap where it is.
                 shorter = jnp.where(trial.count < _MAX_CUTS - 1, trial.length / 3, 0)
                 length = jnp.where(trial.count < 0, trial.length, shorter)
-                new_gap = control.restore(jnp.maximum(state.gap - length * direction, 0))
+                new_gap = control.admissible(state.gap - length * direction)
                 balance = balance_of(new_gap)
                 change = new_gap - state.gap
                 before, after = total(state.balance.net * change), total(balance.net * change)
@@ -108,9 +104,10 @@ class PreconditionedConjugateGradient(IterativeSolver):
 
         def step(state: _State) -> _State:
             net = state.balance.net
-            is_moving = (state.gap > 0) | (net < 0)
+            is_moving = control.moving(state.gap, net)
             force = control.project(net, is_moving)
-            steepest = precondition(force, state.balance.curvature)
+            inverse = partial(precondition, state.balance.curvature)
+            steepest = control.precondition(inverse, force, is_moving)
             force_norm = total(force * steepest)
             change = force_norm - total(state.force * steepest)
             momentum = jnp.maximum(change, 0) / _nonzero(state.force_norm)
@@ -120,7 +117,7 @@ class PreconditionedConjugateGradient(IterativeSolver):
             direction = control.project(steepest + momentum * state.direction, is_moving)
 
             softening = state.balance.curvature * direction
-            curvature = total(direction * (stiffness(direction) + softening))
+            curvature = total(direction * (solid.apply(direction) + softening))
             is_convex = curvature > 0
             # To the preconditioner, which knows no negative curvature, the length is 1.
             length = jnp.where(is_convex, descent / _nonzero(curvature), state.reach)
@@ -148,32 +145,30 @@ class PreconditionedConjugateGradient(IterativeSolver):
 
 
 def _preconditioner(
-    contact: Contact, gap: Float[Array, " *grid"]
+    contact: Contact, solid: Solid, gap: Float[Array, " *grid"]
 ) -> Callable[[Float[Array, " *grid"], Float[Array, " *grid"]], Float[Array, " *grid"]]:
-    """Return the map from a force and f'' to 1 / (K + c) times the force.
+    """Return the map from f'' and a force to 1 / (K + c) times the force.
 
     The constant c is the stiffness of the softest wave and of the adhesion. Points that sit on a
     core, stiffer than any wave, move by their own stiffness instead.
     """
-    multiplier = contact.solid.multiplier.astype(gap.dtype)
-    softest = softest_wave(multiplier)
-    stiff = _STIFF * jnp.max(multiplier)
+    stiff = _STIFF * solid.max_stiffness
 
     def softness(curvature: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         return stiff / (stiff + jnp.maximum(curvature, 0))
 
     curvature = contact.curvature(gap)
-    shift = softest + total(jnp.maximum(curvature, 0) * softness(curvature)) / gap.size
-    inverse = 1 / (multiplier + shift)
+    adhesion = total(jnp.maximum(curvature, 0) * softness(curvature)) / gap.size
+    inverse = solid.precondition(solid.min_stiffness + adhesion)
 
-    def by_waves(force: Float[Array, " *grid"], _: Array) -> Float[Array, " *grid"]:
-        return apply_multiplier(inverse, force)
+    def by_waves(_: Array, force: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        return inverse(force)
 
     def by_waves_and_points(
-        force: Float[Array, " *grid"], curvature: Float[Array, " *grid"]
+        curvature: Float[Array, " *grid"], force: Float[Array, " *grid"]
     ) -> Float[Array, " *grid"]:
         share = softness(curvature)
-        waves = jnp.sqrt(share) * by_waves(jnp.sqrt(share) * force, curvature)
+        waves = jnp.sqrt(share) * inverse(jnp.sqrt(share) * force)
         return waves + share * (1 - share) / stiff * force
 
     return partial(jax.lax.cond, contact.has_core, by_waves_and_points, by_waves)

@@ -3,12 +3,12 @@
 import jax.numpy as jnp
 
 from jaxstab.contact import Balance, Contact
-from jaxstab.equilibrium.equilibrate import Equilibrium
+from jaxstab.equilibrium.state import Equilibrium
 from jaxstab.grid import total
 from jaxstab.programs import program
 from jaxstab.results import RESULTS
 
-# Over the precision: what rounding may add to a residual, and to a load that is met.
+# In units of the precision: what rounding may add to a residual, and to a load that is met.
 _ROUNDING = 1e3
 
 
@@ -17,7 +17,7 @@ def recognised(contact: Contact, equilibrium: Equilibrium) -> RESULTS:
     """Return whether a state is in equilibrium in this contact, under its load."""
     unit = contact.own_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
-    control = equilibrium.load.control(contact.heights)
+    control = contact.control(equilibrium.load)
     balance = contact.balance(control)(equilibrium.gap)
     return recognised_by(balance, contact, equilibrium)
 
@@ -26,7 +26,7 @@ def recognised_by(balance: Balance, contact: Contact, equilibrium: Equilibrium) 
     """Return the same, from the balance of pressures evaluated anew."""
     gap, reaction, pressure = equilibrium.gap, equilibrium.reaction, equilibrium.pressure
     rounding = _ROUNDING * jnp.finfo(gap.dtype).eps
-    missed = equilibrium.load.control(contact.heights).missed(gap)
+    missed = contact.control(equilibrium.load).missed(gap)
     is_own = (balance.residual <= 2 * equilibrium.residual + rounding) & (missed <= rounding)
     result = RESULTS.where(is_own, RESULTS.successful, RESULTS.other_contact)
     result = RESULTS.where(jnp.isfinite(balance.residual), result, RESULTS.nonfinite)

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Balance, Contact
-from jaxstab.elasticity import apply_multiplier, softest_wave
+from jaxstab.equilibrium.solver import EquilibriumSolver
 from jaxstab.grid import total
 from jaxstab.hessian import Hessian
-from jaxstab.iterate import Indicators, Iteration, IterativeSolver, optional_parameter
+from jaxstab.iterate import Indicators, Iteration, optional_parameter
 from jaxstab.loads import Control
 
 # Halvings of a step before it is taken as it is.
@@ -34,7 +34,7 @@ class _Trial(eqx.Module):
     count: Int[Array, ""]
 
 
-class SaddleNewton(IterativeSolver):
+class SaddleNewton(EquilibriumSolver):
     """Newton's method on the balance of pressures, which does not ask whether energy falls.
 
     It finds the equilibrium near its start, be it a minimum or a saddle: the far side of a fold,
@@ -65,14 +65,13 @@ class SaddleNewton(IterativeSolver):
         from jax.scipy.sparse.linalg import gmres
 
         balance_of = contact.balance(control)
-        multiplier = contact.solid.multiplier.astype(gap.dtype)
-        softest = softest_wave(multiplier)
 
         def newton_step(state: _State) -> Float[Array, " *grid"]:
             net, curvature = state.balance.net, state.balance.curvature
-            is_moving = (state.gap > 0) | (net < 0)
-            hessian = Hessian(multiplier, curvature)
-            shift = softest + total(jnp.abs(curvature)) / curvature.size
+            is_moving = control.moving(state.gap, net)
+            hessian = Hessian(contact.solid, curvature, control.stiffness, is_moving)
+            adhesion = total(jnp.abs(curvature)) / curvature.size
+            inverse = hessian.inverse(contact.solid.min_stiffness + adhesion)
 
             def project(field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
                 return control.project(field, is_moving)
@@ -81,7 +80,7 @@ class SaddleNewton(IterativeSolver):
             step, _ = gmres(
                 lambda field: project(hessian(project(field))) + field - project(field),
                 -project(net),
-                M=lambda field: project(apply_multiplier(1 / (multiplier + shift), project(field))),
+                M=lambda field: project(inverse(project(field))),
                 tol=_ACCURACY,
                 restart=_NUM_VECTORS,
                 maxiter=_MAX_RESTARTS,
@@ -92,7 +91,7 @@ class SaddleNewton(IterativeSolver):
             change = newton_step(state)
 
             def attempt(trial: _Trial) -> _Trial:
-                new = control.restore(jnp.maximum(state.gap + trial.length * change, 0))
+                new = control.admissible(state.gap + trial.length * change)
                 return _Trial(_State(new, balance_of(new)), trial.length / 2, trial.count + 1)
 
             def is_worse(trial: _Trial) -> Array:

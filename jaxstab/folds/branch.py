@@ -12,8 +12,8 @@ from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact
 from jaxstab.derivatives import FieldMap, LinearSystem
-from jaxstab.elasticity import softest_wave
-from jaxstab.equilibrium.implicit import fields_of, third_derivative
+from jaxstab.equilibrium.implicit import third_derivative
+from jaxstab.equilibrium.state import fields_of
 from jaxstab.grid import total
 from jaxstab.hessian import Block
 from jaxstab.loads import Load
@@ -40,23 +40,23 @@ class Point(eqx.Module):
 def point_at(contact: Contact, load: Load, gap: Field, modes: Block) -> Point:
     """Return a state of a branch, its modes sought from a block of others."""
     space = free_space(contact, load, gap)
-    hessian = contact.hessian(gap).restricted(space.is_moving)
+    hessian = contact.hessian(gap, contact.control(load)).restricted(space.is_moving)
     found = LOBPCG(_MODE_TOLERANCE[gap.dtype.name]).solve(hessian, space, modes)
-    pair = measured(hessian, space, found.at(found.vector[0]))
+    pair = measured(hessian, space, found, found.vector[0])
     return Point(load, gap, found.vector, pair)
 
 
 def free_space(contact: Contact, load: Load, gap: Field) -> Subspace:
     """Return the moves of the free points that a load allows."""
-    return Subspace(gap > 0, load.control(contact.heights).fixes_mean)
+    return Subspace(gap > 0, contact.control(load).fixes_mean)
 
 
-class Linear(NamedTuple):
+class Linearisation(NamedTuple):
     """A point of a branch to first order, in the load and in the free points.
 
     Attributes:
         pair: the lowest eigenvalue on the free points, and its mode x.
-        stiffening: s, what A is stiffened by along the mode.
+        stiffening: s, what A is stiffened by along the mode: as much as the softest wave is stiff.
         imbalance: the net pressure of the free points, up to what the load takes.
         gap_rate: how the gap follows the load where the free points do not move by themselves.
         imbalance_rate: how the imbalance of the free points does.
@@ -92,19 +92,19 @@ class Linear(NamedTuple):
         return LinearSystem(operator, self.precondition, self.project)
 
 
-def linearised(contact: Contact, load: Load, gap: Field, pair: Eigenpair) -> Linear:
+def linearised(contact: Contact, load: Load, gap: Field, pair: Eigenpair) -> Linearisation:
     """Return a branch to first order at one of its states."""
     space = free_space(contact, load, gap)
-    hessian = contact.hessian(gap).restricted(space.is_moving)
+    hessian = contact.hessian(gap, contact.control(load)).restricted(space.is_moving)
 
-    def at(load: Load) -> tuple[Field, Field]:
-        fields, net = fields_of(contact, load, gap)
+    def at(value: Scalar) -> tuple[Field, Field]:
+        fields, net = fields_of(contact, load.at(value), gap)
         return fields["gap"], space.project(net)
 
-    (_, imbalance), rates = jax.jvp(at, (load,), (jax.tree.map(jnp.ones_like, load),))
-    return Linear(
+    (_, imbalance), rates = jax.jvp(at, (load.value,), (jnp.ones_like(load.value),))
+    return Linearisation(
         pair,
-        stiffening_of(contact),
+        contact.solid.min_stiffness,
         imbalance,
         *rates,
         eigenvalue_slope=third_derivative(contact, gap) * pair.mode**2,
@@ -115,7 +115,7 @@ def linearised(contact: Contact, load: Load, gap: Field, pair: Eigenpair) -> Lin
 
 
 def newton_step(
-    linear: Linear, conditions: tuple[Field, Scalar], solve: FieldMap
+    linear: Linearisation, conditions: tuple[Field, Scalar], solve: FieldMap
 ) -> tuple[Scalar, Field]:
     """Return the changes of load and gap that cancel an imbalance and an eigenvalue.
 
@@ -138,9 +138,3 @@ def newton_step(
     change = (first * d - b * second) / determinant
     along_mode = (a * second - c * first) / determinant
     return change, still + change * rate + along_mode * mode / stiffness
-
-
-def stiffening_of(contact: Contact) -> Scalar:
-    """Return what A is stiffened by along its mode: as much as the softest wave is stiff."""
-    multiplier = contact.solid.multiplier.astype(contact.heights.dtype)
-    return softest_wave(multiplier)

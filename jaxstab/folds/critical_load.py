@@ -16,7 +16,7 @@ from jaxstab.contact import Contact
 from jaxstab.display import block
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import initial_gap
-from jaxstab.equilibrium.implicit import DIFFERENTIABLE, fields_of
+from jaxstab.equilibrium.state import DIFFERENTIABLE, fields_of
 from jaxstab.folds.branch import Field, free_space
 from jaxstab.folds.implicit import differentiable, differentiable_fields
 from jaxstab.folds.search import follow_to_fold
@@ -89,7 +89,7 @@ def critical_load(
     # Histories end in NaN, and what was not found is NaN.
     with jax.debug_nans(False):
         found = find_fold(*jax.lax.stop_gradient((contact, bracket, start)))
-    found = with_derivatives(contact, found, throw)
+    found = with_derivatives(contact, bracket, found, throw)
     if not throw:
         return found
     return throw_failure(found.result, found, lambda: _describe(bracket, found))
@@ -122,10 +122,13 @@ def find_fold(contact: Contact, bracket: Load, initial: Field | None) -> Critica
     )
 
 
-def with_derivatives(contact: Contact, found: CriticalLoad, throw: bool) -> CriticalLoad:
-    """Return a fold as a differentiable function of the contact."""
+def with_derivatives(
+    contact: Contact, bracket: Load, found: CriticalLoad, throw: bool
+) -> CriticalLoad:
+    """Return a fold as a differentiable function of the contact and what the bracket shares."""
     equilibrium, pair = found.equilibrium, found.critical
-    load, gap = differentiable(equilibrium.load, equilibrium.gap, pair, contact, throw)
+    load = bracket[0].at(equilibrium.load.value)
+    load, gap = differentiable(load, equilibrium.gap, pair, contact, throw)
     fields = {name: getattr(equilibrium, name) for name in DIFFERENTIABLE}
     is_found = found.result == RESULTS.successful
     fields = differentiable_fields(fields, is_found, contact, load, gap, throw)
@@ -133,7 +136,7 @@ def with_derivatives(contact: Contact, found: CriticalLoad, throw: bool) -> Crit
     return replace(
         found,
         equilibrium=replace(equilibrium, load=load, **fields),
-        critical=differentiable_pair(pair, space, contact, gap, throw),
+        critical=differentiable_pair(pair, space, contact, load, gap, throw),
     )
 
 

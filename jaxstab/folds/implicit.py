@@ -6,10 +6,11 @@ from jaxtyping import Array, Bool
 
 from jaxstab.contact import Contact
 from jaxstab.derivatives import attach, finite, pushed
-from jaxstab.equilibrium.implicit import Fields, fields_of, verge_of_contact
+from jaxstab.equilibrium.implicit import changing_contact
+from jaxstab.equilibrium.state import Fields, fields_of
 from jaxstab.folds.branch import (
     Field,
-    Linear,
+    Linearisation,
     Scalar,
     free_space,
     linearised,
@@ -33,8 +34,13 @@ _BIFURCATION = (
 def differentiable(
     load: Load, gap: Field, pair: Eigenpair, contact: Contact, throw: bool
 ) -> tuple[Load, Field]:
-    """Return load and gap of a fold as functions of the contact; the pair says if there is one."""
-    return attach(_changes_of_fold, throw, (load, gap), pair, (contact,))
+    """Return load and gap of a fold as functions of the contact and what else the load has.
+
+    The pair says whether there is one.
+    """
+    inputs = contact, load.at(jax.lax.stop_gradient(load.value))
+    value, gap = attach(_changes_of_fold, throw, (load.value, gap), pair, inputs)
+    return load.at(value), gap
 
 
 def differentiable_fields(
@@ -45,29 +51,34 @@ def differentiable_fields(
 
 
 def _changes_of_fold(
-    fold: tuple[Load, Field], pair: Eigenpair, inputs: tuple[Contact], changes: tuple[Contact]
-) -> tuple[tuple[Load, Field], list[Obstacle]]:
+    fold: tuple[Scalar, Field],
+    pair: Eigenpair,
+    inputs: tuple[Contact, Load],
+    changes: tuple[Contact, Load],
+) -> tuple[tuple[Scalar, Field], list[Obstacle]]:
     is_found = pair.result == RESULTS.successful
-    (contact,), (load, gap), pair = finite(is_found, (inputs, fold, pair))
-    pair = differentiable_pair(pair, free_space(contact, load, gap), contact, gap, throw=False)
+    inputs, (_, gap), pair = finite(is_found, (inputs, fold, pair))
+    contact, load = inputs
+    space = free_space(contact, load, gap)
+    pair = differentiable_pair(pair, space, contact, load, gap, throw=False)
     linear = linearised(contact, load, gap, pair)
 
-    def conditions(contact: Contact) -> tuple[Field, Field, Scalar]:
+    def conditions(contact: Contact, load: Load) -> tuple[Field, Field, Scalar]:
         fields, net = fields_of(contact, load, gap)
-        moved = contact.hessian(fields["gap"])(pair.mode)
+        moved = contact.hessian(fields["gap"], contact.control(load))(pair.mode)
         return fields["gap"], linear.project(net), total(pair.mode * moved)
 
     _, net = fields_of(contact, load, gap)
     obstacles = [
         Obstacle(~is_found, NOT_FOUND),
         Obstacle(_is_bifurcation(linear), _BIFURCATION),
-        verge_of_contact(net, gap, contact.hessian(gap)),
+        changing_contact(net, gap, contact.hessian(gap, contact.control(load))),
     ]
-    shift, *missed = pushed(conditions, (contact,), changes)
+    shift, *missed = pushed(conditions, inputs, changes)
     imbalance, eigenvalue = (jnp.where(any_exists(obstacles), 0, part) for part in missed)
     solve = linear.stiffened.differentiable_solution
     change, move = newton_step(linear, (imbalance, eigenvalue), solve)
-    return (jax.tree.map(lambda _: change, load), shift + move), obstacles
+    return (change, shift + move), obstacles
 
 
 def _changes_of_fields(
@@ -77,7 +88,7 @@ def _changes_of_fields(
     return moved, [Obstacle(~is_found, NOT_FOUND)]
 
 
-def _is_bifurcation(linear: Linear) -> Bool[Array, ""]:
+def _is_bifurcation(linear: Linearisation) -> Bool[Array, ""]:
     """Whether the load does not act on the mode, or the eigenvalue does not change along it."""
 
     mode = linear.pair.mode

@@ -1,13 +1,15 @@
 """Stability of equilibria: cones, eigensolvers, and `assess_stability`."""
 
-from jaxstab.stability.assess import Barrier, Stability, assess_stability
+from jaxstab.stability.assess import assess_stability
 from jaxstab.stability.eigenpairs import Eigenpair
 from jaxstab.stability.lobpcg import LOBPCG
+from jaxstab.stability.margins import Barrier
 from jaxstab.stability.modes import lowest_modes
 from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.proximal import ProximalIteration
 from jaxstab.stability.release import release
-from jaxstab.stability.search import ConeSolver
+from jaxstab.stability.solver import ConeSolver, SpaceSolver
+from jaxstab.stability.verdict import Stability
 
 __all__ = [
     "LOBPCG",
@@ -16,6 +18,7 @@ __all__ = [
     "Eigenpair",
     "ProjectedLOBPCG",
     "ProximalIteration",
+    "SpaceSolver",
     "Stability",
     "assess_stability",
     "lowest_modes",

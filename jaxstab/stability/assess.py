@@ -9,12 +9,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from jaxstab.checks import is_traced
-from jaxstab.contact import Contact
-from jaxstab.display import block
+from jaxstab.contact import Contact, missed_pressure
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.equilibrate import State, equilibrium_of
 from jaxstab.equilibrium.implicit import third_derivative
 from jaxstab.equilibrium.recognition import recognised_by
+from jaxstab.equilibrium.state import State, equilibrium_of
 from jaxstab.grid import total
 from jaxstab.hessian import Hessian
 from jaxstab.lanes import by_lanes
@@ -24,66 +23,20 @@ from jaxstab.results import RESULTS, VERDICTS, throw_failure
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpairs import Eigenpair
 from jaxstab.stability.implicit import differentiable
-from jaxstab.stability.margins import Barrier, margins_of, pressure_scale
 from jaxstab.stability.margins import differentiable as differentiable_margins
+from jaxstab.stability.margins import margins_of, pressure_scale
 from jaxstab.stability.modes import noise
 from jaxstab.stability.projected import ProjectedLOBPCG
-from jaxstab.stability.search import ConeSolver, Found, Search
-from jaxstab.stacks import Stackable
+from jaxstab.stability.search import Found, Search
+from jaxstab.stability.solver import ConeSolver
+from jaxstab.stability.verdict import Stability, describe, first_failure, verdict_on
 
 # Random vectors to start from.
 _NUM_RANDOM = 8
-# Over the precision: reactions below this part of the pressure are none.
+# In units of the precision: reactions below this part of the pressure are none.
 _ROUNDING = 1e3
 # How much more than estimated a gap may be off.
 _DOUBT = 10
-
-
-class Stability(Stackable, eqx.Module):
-    """What is known of the stability of an equilibrium.
-
-    Always lower_bound <= cone <= critical.
-
-    Attributes:
-        lower_bound: the smallest eigenvalue among all perturbations that the load allows: those of
-            zero mean under a prescribed mean gap, all under a prescribed pressure.
-        cone: that on V0+, where perturbations do not enter the surface either (Rey & Bleyer,
-            eq. 26). Positive means stable; negative proves nothing where contact presses, since
-            lifting off then costs energy at first order.
-        critical: that on the critical cone, where points in contact stay if they press, and may
-            lift off if they do not. Negative means unstable.
-        complementarity: the least reaction at a point in contact, over the rms of elastic pressure
-            and attraction; +inf without contact. Near zero, a point is about to lift off.
-        barrier: that of a state held by contact, along the cone's mode to second order; NaN
-            elsewhere.
-        verdict: a member of `VERDICTS`.
-        result: how the solvers ended: the first failure, or successful.
-    """
-
-    lower_bound: Eigenpair
-    cone: Eigenpair
-    critical: Eigenpair
-    complementarity: Float[Array, ""]
-    barrier: Barrier
-    verdict: VERDICTS
-    result: RESULTS
-
-    __repr__ = block
-
-    def in_units_of(self, pressure: Float[Array, ""]) -> "Stability":
-        """Return the same stability with pressures in another unit; lengths stay."""
-        return replace(
-            self,
-            lower_bound=self.lower_bound.in_units_of(pressure),
-            cone=self.cone.in_units_of(pressure),
-            critical=self.critical.in_units_of(pressure),
-            barrier=replace(self.barrier, height=self.barrier.height / pressure),
-        )
-
-    @property
-    def pairs(self) -> dict[str, Eigenpair]:
-        """The three eigenpairs by name, from the lowest to the highest."""
-        return {"lower_bound": self.lower_bound, "cone": self.cone, "critical": self.critical}
 
 
 def assess_stability(
@@ -135,15 +88,15 @@ def assess_stability(
     inputs = jax.lax.stop_gradient((contact, equilibrium, solver, key))
     # Histories end in NaN, and what was not found is NaN.
     with jax.debug_nans(False):
-        stability = judge(*inputs, verdict_only)
+        stability = _assess(*inputs, verdict_only)
     if is_traced((contact, equilibrium)):
         stability = with_derivatives(contact, equilibrium, stability, throw)
     if not throw:
         return stability
-    return throw_failure(stability.result, stability, lambda: _describe(stability))
+    return throw_failure(stability.result, stability, lambda: describe(stability))
 
 
-def judge(
+def _assess(
     contact: Contact,
     equilibrium: Equilibrium,
     solver: ConeSolver,
@@ -152,19 +105,19 @@ def judge(
 ) -> Stability:
     """Do what `assess_stability` does, on checked arguments, without derivatives."""
     if is_traced((contact, equilibrium, solver, key)):
-        return by_lanes(partial(_judge, verdict_only))(contact, equilibrium, solver, key)
-    return _judge(verdict_only, contact, equilibrium, solver, key)
+        return by_lanes(partial(_assess_one, verdict_only))(contact, equilibrium, solver, key)
+    return _assess_one(verdict_only, contact, equilibrium, solver, key)
 
 
 def with_derivatives(
     contact: Contact, equilibrium: Equilibrium, stability: Stability, throw: bool = False
 ) -> Stability:
     """Return a stability as a differentiable function of the contact and the equilibrium."""
-    fixes_mean = equilibrium.load.control(contact.heights).fixes_mean
+    fixes_mean = contact.control(equilibrium.load).fixes_mean
 
     def attach(pair: Eigenpair, is_moving: Bool[Array, " *grid"]) -> Eigenpair:
         face = Subspace(is_moving, fixes_mean)
-        return differentiable(pair, face, contact, equilibrium.gap, throw)
+        return differentiable(pair, face, contact, equilibrium.load, equilibrium.gap, throw)
 
     free = ~equilibrium.in_contact
     cone = attach(stability.cone, free | (stability.cone.mode > 0))
@@ -183,7 +136,7 @@ def with_derivatives(
     )
 
 
-def _judge(
+def _assess_one(
     verdict_only: bool,
     contact: Contact,
     equilibrium: Equilibrium,
@@ -238,29 +191,30 @@ def _prepared(
     unit = contact.own_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     gap, in_contact = equilibrium.gap, equilibrium.in_contact
-    control = equilibrium.load.control(contact.heights)
+    control = contact.control(equilibrium.load)
     balance = contact.balance(control)(gap)
     result = recognised_by(balance, contact, equilibrium)
-    hessian = Hessian(contact.solid.multiplier.astype(gap.dtype), balance.curvature)
-    missed = jnp.where(in_contact, jnp.minimum(balance.net, 0), balance.net)
-    imbalance = jnp.sqrt(total(missed**2))
+    is_found = result == RESULTS.successful
+    in_contact &= is_found
+    curvature = jnp.where(is_found, balance.curvature, 0)
+    hessian = Hessian(contact.solid, curvature, control.stiffness)
+    imbalance = jnp.sqrt(total(missed_pressure(balance.net, gap) ** 2))
     scale = pressure_scale(contact, gap, equilibrium.pressure)
     # By how much the net pressure of a point may be wrong.
     error = imbalance + _ROUNDING * jnp.finfo(gap.dtype).eps * scale
     weak = in_contact & (balance.net <= error)
-    verge = ~in_contact & (gap * jnp.max(hessian.multiplier) <= error)
-    nowhere = jnp.zeros_like(in_contact)
-    random = noise(key, _NUM_RANDOM, gap)
+    nearly_touching = ~in_contact & (gap * hessian.solid.max_stiffness <= error)
+    # Where there is nothing to assess, nothing moves.
+    nowhere = jnp.zeros_like(in_contact) | ~is_found
     search = Search(
         hessian=hessian,
         cone=AdmissibleCone(in_contact, nowhere, control.fixes_mean),
-        critical_cone=AdmissibleCone(weak, in_contact & ~weak, control.fixes_mean),
-        # From NaN, solvers end at once.
-        random=jnp.where(result == RESULTS.successful, random, jnp.nan),
-        verge=verge,
+        critical_cone=AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean),
+        random=noise(key, _NUM_RANDOM, gap),
+        nearly_touching=nearly_touching,
         touches=jnp.any(in_contact),
         is_weak=jnp.any(weak),
-        is_doubtful=jnp.any(weak | verge),
+        is_doubtful=jnp.any(weak | nearly_touching),
         verdict_only=verdict_only,
     )
     sharpness = jnp.where(in_contact, 0, third_derivative(contact, gap))
@@ -278,12 +232,12 @@ def _stability(equilibrium: Equilibrium, state: _State, found: Found) -> Stabili
         state.covered(pair, softest)
         for pair in (found.lower_bound, found.cone, found.critical, found.hull)
     )
-    result = _first_failure(lower_bound, cone, critical)
+    result = first_failure(lower_bound, cone, critical)
     # Where all points in doubt may move and nothing gives way, nothing does where they stay.
     holds = (critical.sign > 0) | (hull.sign > 0)
     verdict = VERDICTS.where(
         result == RESULTS.successful,
-        _verdict(lower_bound, cone, critical, holds),
+        verdict_on(lower_bound, cone, critical, holds),
         VERDICTS.undecided,
     )
     is_held = verdict == VERDICTS.held_by_contact
@@ -298,33 +252,3 @@ def _stability(equilibrium: Equilibrium, state: _State, found: Found) -> Stabili
         result=result,
     )
     return stability.in_units_of(1 / state.unit)
-
-
-def _first_failure(*pairs: Eigenpair) -> RESULTS:
-    result = RESULTS.successful
-    for pair in reversed(pairs):
-        failed = (pair.result != RESULTS.successful) & (pair.result != RESULTS.not_computed)
-        result = RESULTS.where(failed, pair.result, result)
-    return result
-
-
-def _verdict(
-    lower_bound: Eigenpair, cone: Eigenpair, critical: Eigenpair, holds: Bool[Array, ""]
-) -> VERDICTS:
-    is_held = (cone.sign < 0) & holds
-    verdict = VERDICTS.where(is_held, VERDICTS.held_by_contact, VERDICTS.undecided)
-    verdict = VERDICTS.where(critical.sign < 0, VERDICTS.unstable, verdict)
-    is_stable = (cone.sign > 0) | (lower_bound.sign > 0)
-    return VERDICTS.where(is_stable, VERDICTS.stable, verdict)
-
-
-def _describe(stability: Stability) -> str:
-    for name, pair in stability.pairs.items():
-        if pair.result == RESULTS.other_contact:
-            return "There is nothing to assess"
-        if pair.result != RESULTS.successful and pair.result != RESULTS.not_computed:
-            return (
-                f"The {name} eigenvalue was not found after {int(pair.num_steps)} steps; at "
-                f"{float(pair.eigenvalue):.6g} the projected residual is {float(pair.residual):.3g}"
-            )
-    return "All eigenvalues were found"

@@ -12,34 +12,13 @@ from jaxstab.hessian import SymmetricOperator
 from jaxstab.iterate import History
 from jaxstab.results import RESULTS
 from jaxstab.stability.cones import AdmissibleCone, Subspace
+from jaxstab.stability.solver import Minimum
 from jaxstab.stacks import Stackable
 
 Admissible = Subspace | AdmissibleCone
 
 # What rounding adds to an eigenvalue's error, in units of the precision and the bound on |A|.
 _ROUNDING = 32
-
-
-class Minimiser(eqx.Module):
-    """What a solver found: a vector near a minimiser of the Rayleigh quotient, and at what cost.
-
-    Attributes:
-        vector: the vector, which need not be admissible to the last digit.
-        num_steps: steps taken.
-        num_applications: applications of A and of the preconditioner.
-        result: how the solver ended.
-        history: its indicators as it went.
-    """
-
-    vector: Float[Array, " *grid"]
-    num_steps: Int[Array, ""]
-    num_applications: Int[Array, ""]
-    result: RESULTS
-    history: History
-
-    def at(self, vector: Float[Array, " *grid"]) -> "Minimiser":
-        """Return the same with another vector."""
-        return replace(self, vector=vector)
 
 
 class Eigenpair(Stackable, eqx.Module):
@@ -83,9 +62,11 @@ class Eigenpair(Stackable, eqx.Module):
         return jnp.where(is_sure, jnp.where(self.eigenvalue > 0, 1, -1), 0)
 
 
-def measured(operator: SymmetricOperator, cone: Admissible, found: Minimiser) -> Eigenpair:
-    """Return the eigenpair of what a solver found, brought onto the cone and measured anew."""
-    eigenvalue, mode, residual = admissible_pair(operator, cone, found.vector)
+def measured(
+    operator: SymmetricOperator, cone: Admissible, found: Minimum, vector: Float[Array, " *grid"]
+) -> Eigenpair:
+    """Return the eigenpair of a vector that a solver found, brought onto the cone."""
+    eigenvalue, mode, residual = admissible_pair(operator, cone, vector)
     return Eigenpair(
         eigenvalue=eigenvalue,
         mode=mode,

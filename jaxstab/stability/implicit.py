@@ -9,6 +9,8 @@ from jaxtyping import Array, Bool, Float
 from jaxstab.contact import Contact
 from jaxstab.derivatives import LinearSystem, attach, finite, pushed
 from jaxstab.grid import total
+from jaxstab.hessian import Hessian
+from jaxstab.loads import Load
 from jaxstab.refusals import Obstacle, any_exists
 from jaxstab.results import RESULTS
 from jaxstab.stability.cones import Subspace
@@ -26,33 +28,34 @@ _MULTIPLE = (
 
 
 def differentiable(
-    pair: Eigenpair, face: Subspace, contact: Contact, gap: Field, throw: bool
+    pair: Eigenpair, face: Subspace, contact: Contact, load: Load, gap: Field, throw: bool
 ) -> Eigenpair:
-    """Return a pair whose eigenvalue and mode are functions of contact and gap.
+    """Return a pair whose eigenvalue and mode are functions of contact, load and gap.
 
     Arguments:
         pair: an eigenpair, not to be differentiated itself.
         face: the linear space on which the mode is that of the smallest eigenvalue.
         contact: the contact problem.
+        load: the load, whose stiffness is a part of A.
         gap: the gap of the equilibrium.
         throw: whether a derivative that does not exist is an error, or NaN.
     """
     known = pair.error, pair.result == RESULTS.successful, face
     values = pair.eigenvalue, pair.mode
-    eigenvalue, mode = attach(_changes_of_pair, throw, values, known, (contact, gap))
+    eigenvalue, mode = attach(_changes_of_pair, throw, values, known, (contact, load, gap))
     return replace(pair, eigenvalue=eigenvalue, mode=mode)
 
 
 def _changes_of_pair(
     pair: tuple[Float[Array, ""], Field],
     known: tuple[Float[Array, ""], Bool[Array, ""], Subspace],
-    inputs: tuple[Contact, Field],
-    changes: tuple[Contact, Field],
+    inputs: tuple[Contact, Load, Field],
+    changes: tuple[Contact, Load, Field],
 ) -> tuple[tuple[Array, Field], list[Obstacle]]:
     error, is_found, face = known
-    inputs = contact, gap = finite(is_found, inputs)
+    inputs = finite(is_found, inputs)
     eigenvalue, mode = finite(is_found & jnp.isfinite(pair[0]), pair)
-    hessian = contact.hessian(gap).restricted(face.is_moving)
+    hessian = _hessian(*inputs).restricted(face.is_moving)
 
     def project(field: Field) -> Field:
         field = face.project(field)
@@ -70,9 +73,13 @@ def _changes_of_pair(
         Obstacle(~is_found, _NOT_FOUND),
         Obstacle(~(separation > _ERRORS_APART * error), _MULTIPLE),
     ]
-    change = pushed(lambda c, g: c.hessian(g)(mode), inputs, changes)
+    change = pushed(lambda *inputs: _hessian(*inputs)(mode), inputs, changes)
     right_side = jnp.where(any_exists(obstacles), 0, -change)
     return (total(mode * change), system.differentiable_solution(right_side)), obstacles
+
+
+def _hessian(contact: Contact, load: Load, gap: Field) -> Hessian:
+    return contact.hessian(gap, contact.control(load))
 
 
 def _separation(system: LinearSystem, mode: Field) -> Float[Array, ""]:

@@ -14,9 +14,9 @@ from jaxtyping import Array, Float, Int
 
 from jaxstab.grid import total
 from jaxstab.hessian import Block, SymmetricOperator
-from jaxstab.iterate import Indicators, IterativeSolver, optional_parameter
+from jaxstab.iterate import Indicators, optional_parameter
 from jaxstab.stability.cones import Subspace
-from jaxstab.stability.eigenpairs import Minimiser
+from jaxstab.stability.solver import Minimum, SpaceSolver
 
 
 class _State(eqx.Module):
@@ -28,7 +28,7 @@ class _State(eqx.Module):
     residuals: Block
 
 
-class LOBPCG(IterativeSolver):
+class LOBPCG(SpaceSolver):
     """Locally optimal block preconditioned conjugate gradients, on a linear space.
 
     Arguments:
@@ -42,23 +42,11 @@ class LOBPCG(IterativeSolver):
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=5000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
-    patience: ClassVar[int] = 300
 
     def solve(
         self, operator: SymmetricOperator, space: Subspace, starts: Block, count: int = 1
-    ) -> Minimiser:
-        """Return the modes of a block, the lowest `count` of them to the tolerance.
-
-        Arguments:
-            operator: A.
-            space: where modes must lie.
-            starts: a vector for every mode of the block.
-            count: how many modes decide.
-
-        Returns:
-            As vectors the whole block, in the order of the eigenvalues; zero where the block is
-            larger than the space.
-        """
+    ) -> Minimum:
+        """Return the modes of a block, as `SpaceSolver` says."""
         size = len(starts)
         scale = operator.scale
         apply, precondition = jax.vmap(operator), jax.vmap(operator.precondition)
@@ -97,7 +85,7 @@ class LOBPCG(IterativeSolver):
 
         starts = normalised(project(starts))
         iteration = self.iterate(step, measure, ritz(starts, apply(starts)))
-        return Minimiser(
+        return Minimum(
             vector=iteration.state.modes,
             num_steps=iteration.num_steps,
             num_applications=size * (1 + 2 * iteration.num_steps),

@@ -5,14 +5,13 @@ from functools import partial
 from typing import Literal
 
 import jax
-import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxstab.checks import integer, require_key
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.equilibrate import State, equilibrium_of
 from jaxstab.equilibrium.recognition import recognised
+from jaxstab.equilibrium.state import State, equilibrium_of
 from jaxstab.hessian import Block
 from jaxstab.iterate import refuse_derivatives
 from jaxstab.programs import program
@@ -21,6 +20,7 @@ from jaxstab.results import RESULTS, throw_failure
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpairs import Eigenpair, measured
 from jaxstab.stability.lobpcg import LOBPCG
+from jaxstab.stability.solver import SpaceSolver
 
 # The lowest waves of a square come in fours.
 BLOCK_SIZE = 4
@@ -34,7 +34,7 @@ def lowest_modes(
     count: int,
     *,
     space: Literal["lower_bound", "critical"] = "lower_bound",
-    solver: LOBPCG | None = None,
+    solver: SpaceSolver | None = None,
     key: PRNGKeyArray | None = None,
     throw: bool = True,
 ) -> Eigenpair:
@@ -81,7 +81,7 @@ def lowest_modes(
 def _lowest_modes(
     contact: Contact,
     equilibrium: Equilibrium,
-    solver: LOBPCG,
+    solver: SpaceSolver,
     key: PRNGKeyArray,
     count: int,
     stays_in_contact: bool,
@@ -90,19 +90,21 @@ def _lowest_modes(
     state = recognised(contact, equilibrium)
     unit = contact.own_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
-    fixes_mean = equilibrium.load.control(contact.heights).fixes_mean
-    space = Subspace(~(equilibrium.in_contact & stays_in_contact), fixes_mean)
-    hessian = contact.hessian(equilibrium.gap).restricted(space.is_moving)
+    control = contact.control(equilibrium.load)
     is_equilibrium = state == RESULTS.successful
+    # Where there is nothing to assess, nothing moves.
+    is_moving = is_equilibrium & ~(equilibrium.in_contact & stays_in_contact)
+    space = Subspace(is_moving, control.fixes_mean)
+    hessian = contact.hessian(equilibrium.gap, control).restricted(space.is_moving)
     starts = noise(key, max(count + _GUARD, BLOCK_SIZE), equilibrium.gap)
-    starts = jnp.where(is_equilibrium, starts, jnp.nan)
     found = solver.solve(hessian, space, starts, count)
     found = replace(
         found,
         num_applications=found.num_applications + count - 1,
         result=RESULTS.where(is_equilibrium, found.result, state),
     )
-    pairs = jax.vmap(lambda mode: measured(hessian, space, found.at(mode)))(found.vector[:count])
+    modes = found.vector[:count]
+    pairs = jax.vmap(lambda mode: measured(hessian, space, found, mode))(modes)
     return pairs.in_units_of(1 / unit)
 
 

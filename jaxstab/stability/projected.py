@@ -11,12 +11,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.grid import total
 from jaxstab.hessian import Block, SymmetricOperator
-from jaxstab.iterate import History, Indicators, Iteration, IterativeSolver, optional_parameter
+from jaxstab.iterate import History, Indicators, Iteration, optional_parameter
 from jaxstab.lanes import map_lanes
 from jaxstab.results import RESULTS
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.eigenpairs import Minimiser, descended, projected_residual, scaled_to_unit
+from jaxstab.stability.eigenpairs import descended, projected_residual, scaled_to_unit
 from jaxstab.stability.lobpcg import combine, inner_products, norms, rayleigh_ritz
+from jaxstab.stability.solver import ConeSolver, Minimum
 
 # Steps in each round of the competition between starts, and how many may go on to the next.
 _ROUNDS = ((4, 12), (8, 3), (10, 3), (15, 3), (25, 3), (40, 3), (60, 3), (2**31 - 1, 1))
@@ -54,16 +55,16 @@ class _Trial(eqx.Module):
     num_applications: Int[Array, ""]
 
 
-class ProjectedLOBPCG(IterativeSolver):
+class ProjectedLOBPCG(ConeSolver):
     """Locally optimal conjugate gradients on the faces of a cone, from several starts.
 
     A step goes to the lowest Ritz vector of x, its last move, and its residual, preconditioned on
     the face where x and the nearest vector of the cone to y = x - (A x - lambda x) / b lie, b the
     bound on |A|. It is projected back onto the cone, and taken if that lowers the Rayleigh
     quotient, or part of the way. Where it does not, the next step begins at y on the cone, which
-    never raises the quotient. Starts compete in rounds: one that is alike a lower one, or above
-    the lowest by more than its residual, is taken to be beaten; after two rounds three may go on.
-    The best is a local minimiser.
+    never raises the quotient. Starts compete in rounds: one that is nearly the same as a lower
+    one, or above the lowest by more than its residual, is taken to be beaten; after two rounds
+    three may go on. The best is a local minimiser.
 
     Arguments:
         tolerance: the projected residual |x - P(x - (A x - lambda x) / b)| b / s of a unit vector
@@ -76,7 +77,6 @@ class ProjectedLOBPCG(IterativeSolver):
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=5000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
-    patience: ClassVar[int] = 300
 
     def solve(
         self,
@@ -84,15 +84,8 @@ class ProjectedLOBPCG(IterativeSolver):
         cone: AdmissibleCone,
         starts: Block,
         is_needed: Bool[Array, " starts"] | bool = True,
-    ) -> Minimiser:
-        """Return the best minimiser of the Rayleigh quotient that the starts lead to.
-
-        Arguments:
-            operator: A.
-            cone: where perturbations must lie.
-            starts: vectors to start from, each brought onto the cone.
-            is_needed: which of them are.
-        """
+    ) -> Minimum:
+        """Return the best minimiser of the Rayleigh quotient that the starts lead to."""
 
         def compete(
             carry: tuple[Iteration[_State], Bool[Array, " starts"]],
@@ -118,7 +111,7 @@ class ProjectedLOBPCG(IterativeSolver):
         point = best.state.point
         # Brought onto the cone, once, this is exactly zero where the contact holds.
         vector = descended(operator, point.mode, point.product, point.eigenvalue)
-        return Minimiser(
+        return Minimum(
             vector=jnp.where(is_trivial, 0, vector),
             num_steps=jnp.sum(found.num_steps),
             num_applications=jnp.sum(found.state.num_applications),

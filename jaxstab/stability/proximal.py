@@ -15,18 +15,14 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.grid import total
 from jaxstab.hessian import Block, SymmetricOperator
-from jaxstab.iterate import Indicators, IterativeSolver, optional_parameter
+from jaxstab.iterate import Indicators, optional_parameter
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.eigenpairs import (
-    Minimiser,
-    admissible_pair,
-    descended,
-    unit_vector,
-)
+from jaxstab.stability.eigenpairs import admissible_pair, descended, unit_vector
+from jaxstab.stability.solver import ConeSolver, Minimum
 
 
 class _State(eqx.Module):
@@ -36,7 +32,7 @@ class _State(eqx.Module):
     z_change: Float[Array, ""]
 
 
-class ProximalIteration(IterativeSolver):
+class ProximalIteration(ConeSolver):
     """Algorithm 1 with tau = 1 / beta and sigma = beta / 2 (Rey & Bleyer, eqs. 34 to 39).
 
     Arguments:
@@ -58,18 +54,13 @@ class ProximalIteration(IterativeSolver):
         operator: SymmetricOperator,
         cone: AdmissibleCone,
         starts: Block,
-    ) -> Minimiser:
-        """Return a minimiser of the Rayleigh quotient, from the first of the starts alone.
-
-        Arguments:
-            operator: A [pressure/length].
-            cone: where perturbations must lie.
-            starts: vectors, of which the first is brought onto the cone.
-        """
+        is_needed: Bool[Array, " starts"] | bool = True,
+    ) -> Minimum:
+        """Return a minimiser of the Rayleigh quotient, from the last of the starts alone."""
         bound = operator.bound
         beta = bound * (1 + jnp.mean(cone.one_sided, dtype=bound.dtype))
         # One of the two signs survives the projection.
-        towards, away = (unit_vector(cone, sign * starts[0]) for sign in (1, -1))
+        towards, away = (unit_vector(cone, sign * starts[-1]) for sign in (1, -1))
         start = jnp.where(jnp.any(towards != 0), towards, away)
 
         def step(state: _State) -> _State:
@@ -96,7 +87,7 @@ class ProximalIteration(IterativeSolver):
         # One projected gradient step sets to exactly zero what the contact holds.
         eigenvalue, mode, _ = admissible_pair(operator, cone, iteration.state.x)
         eigenvalue = jnp.where(eigenvalue == jnp.inf, 0, eigenvalue)
-        return Minimiser(
+        return Minimum(
             vector=descended(operator, mode, operator(mode), eigenvalue),
             num_steps=iteration.num_steps,
             num_applications=iteration.num_steps + num_checks + 2,

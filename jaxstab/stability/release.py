@@ -7,9 +7,9 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.checks import parameter, require, require_finite
 from jaxstab.contact import Contact
-from jaxstab.equilibrium import Equilibrium, equilibrate
-from jaxstab.equilibrium.equilibrate import Solver, State, equilibrium_of
+from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
 from jaxstab.equilibrium.recognition import recognised
+from jaxstab.equilibrium.state import State, equilibrium_of
 from jaxstab.results import RESULTS, throw_failure
 
 _SMALL = 1e-3
@@ -21,7 +21,7 @@ def release(
     mode: ArrayLike,
     *,
     amplitude: ArrayLike | None = None,
-    solver: Solver | None = None,
+    solver: EquilibriumSolver | None = None,
     throw: bool = True,
 ) -> Equilibrium:
     """Return the equilibrium that a state relaxes to after a push along a mode.

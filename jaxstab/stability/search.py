@@ -23,9 +23,7 @@ from jaxstab.stability.eigenpairs import Eigenpair, admissible_pair, lowered, me
 from jaxstab.stability.lobpcg import LOBPCG, norms
 from jaxstab.stability.modes import BLOCK_SIZE
 from jaxstab.stability.projected import ProjectedLOBPCG
-from jaxstab.stability.proximal import ProximalIteration
-
-ConeSolver = ProximalIteration | ProjectedLOBPCG
+from jaxstab.stability.solver import ConeSolver
 
 
 class Search(eqx.Module):
@@ -36,7 +34,7 @@ class Search(eqx.Module):
         cone: V0+.
         critical_cone: the critical cone.
         random: vectors to start from.
-        verge: points out of contact that may be in contact, to within the error of the state.
+        nearly_touching: points that may be in contact, to within the error of the state.
         touches: whether the surfaces touch anywhere.
         is_weak: whether they do so anywhere without pressing beyond an error.
         is_doubtful: whether it is in doubt of any point that it touches or presses.
@@ -47,7 +45,7 @@ class Search(eqx.Module):
     cone: AdmissibleCone
     critical_cone: AdmissibleCone
     random: Block
-    verge: Bool[Array, " *grid"]
+    nearly_touching: Bool[Array, " *grid"]
     touches: Bool[Array, ""]
     is_weak: Bool[Array, ""]
     is_doubtful: Bool[Array, ""]
@@ -55,9 +53,9 @@ class Search(eqx.Module):
 
     def run(self, solver: ConeSolver) -> "Found":
         """Return the eigenpairs, the solver being the cone's; not compiled is what need not run."""
-        dtype = self.random.dtype
-        spaces = LOBPCG(solver.tolerance_in(dtype))
-        fast = solver if isinstance(solver, ProjectedLOBPCG) else ProjectedLOBPCG(spaces.tolerance)
+        spaces = LOBPCG(solver.tolerance_in(self.random.dtype))
+        is_default = isinstance(solver, ProjectedLOBPCG)
+        fast = solver if is_default else ProjectedLOBPCG(spaces.tolerance)
         touches = _flag(self.touches)
 
         start = self.random[:BLOCK_SIZE]
@@ -76,14 +74,15 @@ class Search(eqx.Module):
             hull,
         )
         is_decided = is_proved | (self.verdict_only & (_flag(critical.sign) < 0))
-        if isinstance(solver, ProximalIteration):
-            cone = _by_algorithm_1(solver, self.hessian, self.cone, self.random)
-        else:
+        if is_default:
             cone = _if_needed(
                 touches & ~is_decided,
                 lambda: _on_cone(solver, self.hessian, self.cone, around, self.random),
                 _again(around),
             )
+        else:
+            # One that the caller chose is one to look at.
+            cone = _on_cone(solver, self.hessian, self.cone, around, self.random)
         critical = _if_needed(
             _flag(self.is_doubtful), lambda: _critical_in_doubt(self, critical, hull), critical
         )
@@ -130,13 +129,13 @@ class _Lowest(eqx.Module):
 def _on_space(solver: LOBPCG, hessian: Hessian, space: Subspace, starts: Block) -> _Lowest:
     restricted = hessian.restricted(space.is_moving)
     found = solver.solve(restricted, space, starts)
-    pair = measured(restricted, space, found.at(found.vector[0]))
+    pair = measured(restricted, space, found, found.vector[0])
     return _Lowest(pair, pair.sign, found.vector)
 
 
 @jax.jit
 def _on_cone(
-    solver: ProjectedLOBPCG, hessian: Hessian, cone: AdmissibleCone, hull: _Lowest, random: Block
+    solver: ConeSolver, hessian: Hessian, cone: AdmissibleCone, hull: _Lowest, random: Block
 ) -> _Lowest:
     """Search a cone from the two lowest modes of its hull with both signs, and from noise.
 
@@ -152,18 +151,8 @@ def _on_cone(
     lowest = jnp.where(is_answer, signs[jnp.argmin(entering)], starts[0])
     is_needed = ~is_answer | (jnp.arange(len(starts)) == 0)
     found = solver.solve(restricted, cone, starts.at[0].set(lowest), is_needed)
-    pair = measured(restricted, cone, found)
+    pair = measured(restricted, cone, found, found.vector)
     return _Lowest(pair, pair.sign, modes)
-
-
-@jax.jit
-def _by_algorithm_1(
-    solver: ProximalIteration, hessian: Hessian, cone: AdmissibleCone, random: Block
-) -> _Lowest:
-    restricted = hessian.restricted(cone.is_moving)
-    # As it is, from one random vector.
-    pair = measured(restricted, cone, solver.solve(restricted, cone, random))
-    return _Lowest(pair, pair.sign, random[:BLOCK_SIZE])
 
 
 @jax.jit
@@ -174,7 +163,7 @@ def _critical_in_doubt(search: Search, critical: _Lowest, hull: _Lowest) -> _Low
     they all stay.
     """
     cone, pair = search.critical_cone, critical.pair
-    held = Subspace(~(search.cone.one_sided | search.verge), cone.fixes_mean)
+    held = Subspace(~(search.cone.one_sided | search.nearly_touching), cone.fixes_mean)
     above, _, _ = admissible_pair(search.hessian.restricted(held.is_moving), held, pair.mode)
     below = hull.pair.eigenvalue - hull.pair.error
     rise = _rise(above, pair.eigenvalue)
@@ -185,13 +174,13 @@ def _critical_in_doubt(search: Search, critical: _Lowest, hull: _Lowest) -> _Low
 def _cone_in_doubt(search: Search, cone: _Lowest) -> _Lowest:
     """Return a pair of V0+ whose error covers what the points in doubt may do.
 
-    Those on the verge of contact may be one-sided too, which raises the quotient of the mode; and
+    Those that nearly touch may be one-sided too, which raises the quotient of the mode; and
     those that hardly press may be free, where the mode leaves a residual.
     """
     hessian, pair = search.hessian, cone.pair
     touching, fixes_mean = search.cone.one_sided, search.cone.fixes_mean
     nowhere = jnp.zeros_like(touching)
-    closed = AdmissibleCone(touching | search.verge, nowhere, fixes_mean)
+    closed = AdmissibleCone(touching | search.nearly_touching, nowhere, fixes_mean)
     opened = AdmissibleCone(touching & ~search.critical_cone.one_sided, nowhere, fixes_mean)
     above, _, _ = admissible_pair(hessian, closed, pair.mode)
     _, _, residual = admissible_pair(hessian, opened, pair.mode)

@@ -1,9 +1,9 @@
 """The fit of an interaction law and a modulus to a measured curve of pressure over load."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import nullcontext
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -11,13 +11,22 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Float, Int
 
+from jaxstab.calibration.least_squares import (
+    Curve,
+    LeastSquares,
+    Measured,
+    Order,
+    Scale,
+    Slopes,
+    Values,
+)
 from jaxstab.checks import is_traced, parameter, require, require_finite
 from jaxstab.contact import Contact
 from jaxstab.display import block
 from jaxstab.elasticity import HalfSpace
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
-from jaxstab.iterate import History, Indicators, Iteration, IterativeSolver, refuse_derivatives
+from jaxstab.iterate import History, refuse_derivatives
 from jaxstab.loads import Load, MeanPressure, require_load
 from jaxstab.programs import program
 from jaxstab.progress import advance, progress_bar
@@ -28,11 +37,6 @@ from jaxstab.results import RESULTS, throw_failure
 if TYPE_CHECKING:
     import optax
 
-Order = Literal["independent", "continuation"]
-Values = Float[Array, " parameters"]
-Curve = Float[Array, " loads"]
-# A curve and its Jacobian.
-_Slopes = tuple[Curve, Float[Array, "loads parameters"]]
 Where = Callable[[Contact], Any]
 
 
@@ -154,10 +158,10 @@ def calibrate(
     cure = "one with a weight must differ from zero."
     require("The measured pressure", measured, jnp.any(w * measured != 0), cure)
     warn_if_coarse(contact)
-    solver = _LeastSquares(
+    solver = LeastSquares(
         None if tolerance is None else parameter(tolerance), max_steps, optimizer or _lbfgs(), order
     )
-    curve = _Measured(load, measured, w)
+    curve = Measured(load, measured, w)
     shown = progress_bar(max_steps, "step") if progress else nullcontext()
     # Histories end in NaN, and what was not found is NaN.
     with shown, jax.debug_nans(False):
@@ -175,125 +179,9 @@ def _lbfgs() -> "optax.GradientTransformation":
     return optax.lbfgs()
 
 
-class _Measured(eqx.Module):
-    load: Load
-    mean_pressure: Curve
-    weights: Curve
-
-    @property
-    def roots(self) -> Curve:
-        """Roots of the weights, such that the measurements have a norm of 1."""
-        roots = jnp.sqrt(self.weights)
-        return roots / jnp.linalg.norm(roots * self.mean_pressure)
-
-
-class _Scale(eqx.Module):
-    """The map to parameters from what is optimised, zero at the start: logarithms, or multiples."""
-
-    start: Values
-    unit: Values
-
-    def to_values(self, free: Values) -> Values:
-        is_positive = self.start > 0
-        grown = self.start * jnp.exp(jnp.where(is_positive, free, 0))
-        return jnp.where(is_positive, grown, self.start + self.unit * free)
-
-    def slopes(self, free: Values) -> Values:
-        return jnp.where(self.start > 0, self.to_values(free), self.unit)
-
-
-class _State(eqx.Module):
-    free: Values
-    optimizer: "optax.OptState"
-    mean_pressure: Curve
-    misfit: Curve
-    jacobian: Float[Array, "loads parameters"]
-
-    @property
-    def loss(self) -> Float[Array, ""]:
-        return jnp.sum(self.misfit**2) / 2
-
-    @property
-    def gradient(self) -> Values:
-        return self.misfit @ self.jacobian
-
-    @property
-    def covariance(self) -> Float[Array, "parameters parameters"]:
-        """That of what is optimised, |r|^2 / (n - p) (J^T J)^-1."""
-        _, sizes, axes = jnp.linalg.svd(self.jacobian, full_matrices=False)
-        smallest = jnp.finfo(sizes.dtype).eps * jnp.max(sizes)
-        scaled = axes / jnp.maximum(sizes, smallest)[:, None]
-        count = jnp.sum(jnp.any(self.jacobian != 0, axis=1)) - len(sizes)
-        return 2 * self.loss / jnp.maximum(count, 1) * (scaled.T @ scaled)
-
-
-class _LeastSquares(IterativeSolver):
-    """Steps of an optimiser of Optax, until Gauss and Newton's method would change little."""
-
-    tolerance: Float[Array, ""] | None
-    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray)
-    optimizer: "optax.GradientTransformation" = eqx.field(static=True)
-    order: Order = eqx.field(static=True)
-
-    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-6}
-    patience: ClassVar[int] = 100
-
-    def solve(
-        self,
-        curve: Callable[[Values], _Slopes],
-        measured: _Measured,
-        first: _Slopes,
-        advance: Callable[[Array], None],
-    ) -> Iteration[_State]:
-        """Minimise the misfit between a curve, with its Jacobian, and measurements, from zero."""
-        import optax
-
-        root = measured.roots
-        # What has no weight need not even be finite.
-        has_weight = root > 0
-        optimizer = optax.with_extra_args_support(self.optimizer)
-
-        def state_of(free: Any, optimizer_state: Any, evaluated: _Slopes) -> _State:
-            pressure, jacobian = evaluated
-            misfit = jnp.where(has_weight, root * (pressure - measured.mean_pressure), 0)
-            rows = jnp.where(has_weight[:, None], root[:, None] * jacobian, 0)
-            return _State(free, optimizer_state, pressure, misfit, rows)
-
-        @jax.custom_jvp
-        def loss(free: Values) -> Float[Array, ""]:
-            return state_of(free, None, curve(free)).loss
-
-        @loss.defjvp
-        def _(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Array, Array]:
-            # All of the Jacobian costs one adjoint solve for each load.
-            state = state_of(*primals, None, curve(*primals))
-            return state.loss, jnp.sum(state.gradient * tangents[0])
-
-        def step(state: _State) -> _State:
-            updates, optimizer_state = optimizer.update(
-                state.gradient,
-                state.optimizer,
-                state.free,
-                value=state.loss,
-                grad=state.gradient,
-                value_fn=loss,
-            )
-            advance(state.misfit)
-            free: Any = optax.apply_updates(state.free, updates)
-            return state_of(free, optimizer_state, curve(free))
-
-        def measure(state: _State) -> Indicators:
-            # Of combinations that are not determined, nothing is asked.
-            change = jnp.linalg.lstsq(state.jacobian, state.misfit)[0]
-            return {"residual": jnp.max(jnp.abs(change))}
-
-        free = jnp.zeros_like(first[1][0])
-        return self.iterate(step, measure, state_of(free, optimizer.init(free), first))
-
-
 @partial(program, static_argnames=("where", "progress"))
 def _fit(
-    contact: Contact, measured: _Measured, solver: _LeastSquares, where: Where, progress: bool
+    contact: Contact, measured: Measured, solver: LeastSquares, where: Where, progress: bool
 ) -> Calibration:
     contact, measured = refuse_derivatives((contact, measured))
     values, unravel = _values(where(contact))
@@ -310,26 +198,26 @@ def _fit(
 
     one_load = jax.value_and_grad(pressure, has_aux=True)
 
-    def together(values: Values) -> _Slopes:
+    def together(values: Values) -> Slopes:
         lanes = jax.vmap(lambda load: one_load(values, load, None))
         (pressures, _), jacobian = lanes(measured.load)
         return pressures, jacobian
 
-    def in_turn(values: Values) -> _Slopes:
+    def in_turn(values: Values) -> Slopes:
         def follow(start: Array, load: Load) -> tuple[Array, tuple[Array, Array]]:
             (value, gap), row = one_load(values, load, start)
             return jnp.where(jnp.isnan(value), start, gap), (value, row)
 
         first = jax.tree.map(lambda leaf: leaf[0], measured.load)
-        start = first.control(contact.heights).starting_gap(contact.heights)
+        start = contact.control(first).starting_gap(contact.heights)
         return jax.lax.scan(follow, start, measured.load)[1]
 
     by_values = together if solver.order == "independent" else in_turn
     pressures, jacobian = by_values(values)
     sizes = jnp.linalg.norm(measured.roots[:, None] * jacobian, axis=0)
-    scale = _Scale(values, 1 / jnp.where(sizes > 0, sizes, 1))
+    scale = Scale(values, 1 / jnp.where(sizes > 0, sizes, 1))
 
-    def curve(free: Values) -> _Slopes:
+    def curve(free: Values) -> Slopes:
         pressures, jacobian = by_values(scale.to_values(free))
         return pressures, jacobian * scale.slopes(free)
 

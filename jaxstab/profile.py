@@ -14,7 +14,7 @@ from jaxstab.programs import program
 _OCTAVES = (10, -40)
 
 
-class Scan(eqx.Module):
+class Profile(eqx.Module):
     """A potential at gaps from a thousand times the size of a grid to a trillionth of it, and zero.
 
     Attributes:
@@ -50,33 +50,33 @@ class Scan(eqx.Module):
         return jnp.max(jnp.where(self.slopes >= attraction, self.gaps, 0))
 
 
-scan = program(Scan)
+profile_of = program(Profile)
 
 
-def require_smooth(scan: Scan) -> None:
+def require_smooth(profile: Profile) -> None:
     """Raise `ValueError` if a law, where it is known, cannot be solved with.
 
     That is one that is not finite, or one of its first two derivatives, at a gap up to the size of
     the grid, the inside of a core excepted; and one that is piecewise linear.
     """
-    if is_traced(scan):
+    if is_traced(profile):
         return
-    scan = jax.tree.map(np.asarray, scan)
-    fields = {"": scan.values, " slope": scan.slopes, " curvature": scan.curvatures}
+    profile = jax.tree.map(np.asarray, profile)
+    fields = {"": profile.values, " slope": profile.slopes, " curvature": profile.curvatures}
     cure = (
         "with its first two derivatives it must be finite there, or else rise without bound as the "
         "gap closes."
     )
     for name, field in fields.items():
-        is_sound = np.isfinite(field[-1]) | scan.has_core
+        is_sound = np.isfinite(field[-1]) | profile.has_core
         require(f"The potential's{name} value at zero gap", field[-1], is_sound, cure)
 
-    innermost = scan.gaps[np.nanargmin(scan.values)] if scan.has_core else 0
-    matters = (scan.gaps >= innermost) & (scan.gaps <= scan.gaps[0] / 2.0 ** _OCTAVES[0])
+    innermost = profile.gaps[np.nanargmin(profile.values)] if profile.has_core else 0
+    matters = (profile.gaps >= innermost) & (profile.gaps <= profile.gaps[0] / 2.0 ** _OCTAVES[0])
     for name, field in fields.items():
         undefined = matters & ~np.isfinite(field)
         if undefined.any():
-            gap, value = scan.gaps[undefined][-1], field[undefined][-1]
+            gap, value = profile.gaps[undefined][-1], field[undefined][-1]
             raise ValueError(
                 f"The potential's{name} value at a gap of {gap:.6g} is {value}: with its first two "
                 "derivatives it must be finite there. In single precision a formula can leave the "
@@ -84,12 +84,12 @@ def require_smooth(scan: Scan) -> None:
             )
 
     # More than a curvature that underflows would change it.
-    steps = -np.diff(scan.gaps) * np.finfo(scan.gaps.dtype).tiny
-    jumps = not scan.curvatures.any() and np.abs(np.diff(scan.slopes)) > steps
+    steps = -np.diff(profile.gaps) * np.finfo(profile.gaps.dtype).tiny
+    jumps = not profile.curvatures.any() and np.abs(np.diff(profile.slopes)) > steps
     if np.any(jumps):
         raise ValueError(
             "The potential is piecewise linear: its curvature, on which equilibrium and stability "
             "rest, is zero at every gap while its slope jumps, from "
-            f"{scan.slopes.min():.6g} to {scan.slopes.max():.6g}. Give a smooth fit of it, such as "
-            "a spline of third order."
+            f"{profile.slopes.min():.6g} to {profile.slopes.max():.6g}. Give a smooth fit of it, "
+            "such as a spline of third order."
         )

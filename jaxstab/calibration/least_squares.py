@@ -1,0 +1,142 @@
+"""Nonlinear least squares: steps of an optimiser, until a Gauss-Newton step would be small."""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jaxstab.iterate import Indicators, Iteration, IterativeSolver
+from jaxstab.loads import Load
+
+# Imported where it is used, since that takes a while.
+if TYPE_CHECKING:
+    import optax
+
+Order = Literal["independent", "continuation"]
+Values = Float[Array, " parameters"]
+Curve = Float[Array, " loads"]
+# A curve and its Jacobian.
+Slopes = tuple[Curve, Float[Array, "loads parameters"]]
+
+
+class Measured(eqx.Module):
+    """A measured curve: loads, mean pressures and their weights."""
+
+    load: Load
+    mean_pressure: Curve
+    weights: Curve
+
+    @property
+    def roots(self) -> Curve:
+        """Roots of the weights, such that the measurements have a norm of 1."""
+        roots = jnp.sqrt(self.weights)
+        return roots / jnp.linalg.norm(roots * self.mean_pressure)
+
+
+class Scale(eqx.Module):
+    """The map to parameters from what is optimised, zero at the start: logarithms, or multiples."""
+
+    start: Values
+    unit: Values
+
+    def to_values(self, free: Values) -> Values:
+        """Return the parameters."""
+        is_positive = self.start > 0
+        grown = self.start * jnp.exp(jnp.where(is_positive, free, 0))
+        return jnp.where(is_positive, grown, self.start + self.unit * free)
+
+    def slopes(self, free: Values) -> Values:
+        """Return how the parameters change with what is optimised."""
+        return jnp.where(self.start > 0, self.to_values(free), self.unit)
+
+
+class _State(eqx.Module):
+    free: Values
+    optimizer: "optax.OptState"
+    mean_pressure: Curve
+    misfit: Curve
+    jacobian: Float[Array, "loads parameters"]
+
+    @property
+    def loss(self) -> Float[Array, ""]:
+        return jnp.sum(self.misfit**2) / 2
+
+    @property
+    def gradient(self) -> Values:
+        return self.misfit @ self.jacobian
+
+    @property
+    def covariance(self) -> Float[Array, "parameters parameters"]:
+        """That of what is optimised, |r|^2 / (n - p) (J^T J)^-1."""
+        _, sizes, axes = jnp.linalg.svd(self.jacobian, full_matrices=False)
+        smallest = jnp.finfo(sizes.dtype).eps * jnp.max(sizes)
+        scaled = axes / jnp.maximum(sizes, smallest)[:, None]
+        count = jnp.sum(jnp.any(self.jacobian != 0, axis=1)) - len(sizes)
+        return 2 * self.loss / jnp.maximum(count, 1) * (scaled.T @ scaled)
+
+
+class LeastSquares(IterativeSolver):
+    """Steps of an optimiser of Optax, until Gauss and Newton's method would change little."""
+
+    tolerance: Float[Array, ""] | None
+    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray)
+    optimizer: "optax.GradientTransformation" = eqx.field(static=True)
+    order: Order = eqx.field(static=True)
+
+    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-6}
+    patience: ClassVar[int] = 100
+
+    def solve(
+        self,
+        curve: Callable[[Values], Slopes],
+        measured: Measured,
+        first: Slopes,
+        advance: Callable[[Array], None],
+    ) -> Iteration[_State]:
+        """Minimise the misfit between a curve, with its Jacobian, and measurements, from zero."""
+        import optax
+
+        root = measured.roots
+        # What has no weight need not even be finite.
+        has_weight = root > 0
+        optimizer = optax.with_extra_args_support(self.optimizer)
+
+        def state_of(free: Any, optimizer_state: Any, evaluated: Slopes) -> _State:
+            pressure, jacobian = evaluated
+            misfit = jnp.where(has_weight, root * (pressure - measured.mean_pressure), 0)
+            rows = jnp.where(has_weight[:, None], root[:, None] * jacobian, 0)
+            return _State(free, optimizer_state, pressure, misfit, rows)
+
+        @jax.custom_jvp
+        def loss(free: Values) -> Float[Array, ""]:
+            return state_of(free, None, curve(free)).loss
+
+        @loss.defjvp
+        def _(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Array, Array]:
+            # All of the Jacobian costs one adjoint solve for each load.
+            state = state_of(*primals, None, curve(*primals))
+            return state.loss, jnp.sum(state.gradient * tangents[0])
+
+        def step(state: _State) -> _State:
+            updates, optimizer_state = optimizer.update(
+                state.gradient,
+                state.optimizer,
+                state.free,
+                value=state.loss,
+                grad=state.gradient,
+                value_fn=loss,
+            )
+            advance(state.misfit)
+            free: Any = optax.apply_updates(state.free, updates)
+            return state_of(free, optimizer_state, curve(free))
+
+        def measure(state: _State) -> Indicators:
+            # Of combinations that are not determined, nothing is asked.
+            change = jnp.linalg.lstsq(state.jacobian, state.misfit)[0]
+            return {"residual": jnp.max(jnp.abs(change))}
+
+        free = jnp.zeros_like(first[1][0])
+        return self.iterate(step, measure, state_of(free, optimizer.init(free), first))

@@ -1,0 +1,147 @@
+"""An equilibrium, its fields, and what can be taken for one."""
+
+from dataclasses import replace
+from typing import Any, Protocol
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxstab.contact import Contact
+from jaxstab.display import block
+from jaxstab.iterate import History
+from jaxstab.loads import Load
+from jaxstab.potentials import slope
+from jaxstab.results import RESULTS
+from jaxstab.stacks import Stackable, require_single
+
+Field = Float[Array, " *grid"]
+Fields = dict[str, Array]
+
+# The fields of an `Equilibrium` that can be differentiated, and those that hold pressures.
+DIFFERENTIABLE = ("displacement", "gap", "pressure", "reaction", "mean_pressure", "energy")
+_PRESSURES = ("pressure", "reaction", "mean_pressure", "energy")
+
+
+class Equilibrium(Stackable, eqx.Module):
+    """An equilibrium K u + p0 + f'(g) = mu, g >= 0, mu >= 0, mu g = 0 (Rey & Bleyer, 9 and 10).
+
+    Attributes:
+        load: the load that holds it.
+        displacement: u = g + h [length].
+        gap: g, exactly zero at the points in contact [length].
+        pressure: the elastic pressure K u + p0, positive in compression [pressure].
+        reaction: mu, the pressure of contact; zero out of contact [pressure].
+        in_contact: where the surfaces touch.
+        mean_pressure: p0 = mean(mu - f'(g)), positive in compression [pressure].
+        contact_area: the number of contact points over that of all points.
+        energy: elastic and adhesive energy of the surface [energy]; not that of a uniform
+            compression, nor of a spring.
+        residual: the relative optimality residual.
+        num_steps: steps that the solver took.
+        result: a member of `RESULTS`: how the solver ended.
+        history: the indicator "residual" as the solver went, and "energy" [energy/area] where the
+            solver measures it.
+    """
+
+    load: Load
+    displacement: Float[Array, " *grid"]
+    gap: Float[Array, " *grid"]
+    pressure: Float[Array, " *grid"]
+    reaction: Float[Array, " *grid"]
+    in_contact: Bool[Array, " *grid"]
+    mean_pressure: Float[Array, ""]
+    contact_area: Float[Array, ""]
+    energy: Float[Array, ""]
+    residual: Float[Array, ""]
+    num_steps: Int[Array, ""]
+    result: RESULTS
+    history: History
+
+    __repr__ = block
+
+    def in_units_of(self, pressure: Float[Array, ""]) -> "Equilibrium":
+        """Return the same state with pressures in another unit; lengths stay."""
+        return replace(
+            self,
+            load=self.load.in_units_of(pressure),
+            history=self.history.scaled(energy=1 / pressure),
+            **in_units_of(pressure, {name: getattr(self, name) for name in _PRESSURES}),
+        )
+
+
+def in_units_of(pressure: Float[Array, ""], fields: Fields) -> Fields:
+    """Return fields of an equilibrium with pressures in another unit; lengths stay."""
+    return {
+        name: field / pressure if name in _PRESSURES else field for name, field in fields.items()
+    }
+
+
+def fields_of(contact: Contact, load: Load, gap: Field) -> tuple[Fields, Field]:
+    """Return the differentiable fields of an equilibrium and its net pressure.
+
+    Its gap, brought under the load if the load is another one, moves with it.
+    """
+    control = contact.control(load)
+    gap = control.restore(gap)
+    net = control.net_pressure(contact.gradient(gap), gap)
+    return assembled(contact, gap, net, contact.energy(gap)), net
+
+
+def assembled(contact: Contact, gap: Field, net: Field, energy: Float[Array, ""]) -> Fields:
+    """Return the differentiable fields of a state from its gap, net pressure and energy.
+
+    Where its gap is NaN, so are they.
+    """
+    attraction = slope(contact.potential, gap)
+    reaction = jnp.where(gap > 0, 0, net)
+    return {
+        "displacement": contact.displacement(gap),
+        "gap": gap,
+        "pressure": net - attraction,
+        "reaction": reaction,
+        "mean_pressure": jnp.mean(reaction - attraction),
+        "energy": energy,
+    }
+
+
+class _HoldsEquilibrium(Protocol):
+    @property
+    def equilibrium(self) -> Equilibrium: ...
+
+
+# Also an entry of a sweep, or a fold.
+State = Equilibrium | _HoldsEquilibrium
+
+
+def single_equilibrium(state: Any) -> Equilibrium:
+    """Return the one equilibrium that a state is or holds.
+
+    Raises:
+        TypeError: for something that is not a state.
+        ValueError: for a stack of states.
+    """
+    equilibrium = getattr(state, "equilibrium", state)
+    if not isinstance(equilibrium, Equilibrium):
+        raise TypeError(
+            f"{type(state).__name__} is not a state: give what jaxstab.equilibrate returned, or an "
+            "entry of a sweep."
+        )
+    require_single(equilibrium)
+    return equilibrium
+
+
+def equilibrium_of(contact: Contact, state: State) -> Equilibrium:
+    """Return the one equilibrium that a state is or holds, on the contact's grid.
+
+    Raises:
+        TypeError: for something that is not a state.
+        ValueError: for a stack of states, or one that is not on the contact's grid.
+    """
+    equilibrium = single_equilibrium(state)
+    if equilibrium.gap.shape != contact.grid.shape:
+        raise ValueError(
+            f"The equilibrium has shape {equilibrium.gap.shape}, the contact's grid "
+            f"{contact.grid.shape}: use the contact that it came from."
+        )
+    return equilibrium

@@ -1,0 +1,24 @@
+"""Loads: what they all are, and one file per kind.
+
+A load acts on the mean of the gap: it holds it, or presses with a mean pressure p0 that may depend
+on it.
+"""
+
+from jaxstab.loads.gap import GapControl, MeanDisplacement, MeanGap
+from jaxstab.loads.load import Control, Load, require_load
+from jaxstab.loads.pressure import MeanPressure, PressureControl
+from jaxstab.loads.spring import FarDisplacement, Spring, SpringControl
+
+__all__ = [
+    "Control",
+    "FarDisplacement",
+    "GapControl",
+    "Load",
+    "MeanDisplacement",
+    "MeanGap",
+    "MeanPressure",
+    "PressureControl",
+    "Spring",
+    "SpringControl",
+    "require_load",
+]

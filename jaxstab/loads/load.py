@@ -1,0 +1,128 @@
+"""What a load is to all the rest, and what it asks of the gap: a `Control`, which solvers see."""
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
+
+from jaxstab.checks import parameter
+from jaxstab.display import inline
+from jaxstab.elasticity import Field, FieldMap, Solid
+from jaxstab.profile import Profile
+from jaxstab.stacks import Stackable
+
+Mask = Bool[Array, " *grid"]
+Scalar = Float[Array, ""]
+
+
+class Control(eqx.Module):
+    """What a load asks of the gap of one surface.
+
+    Attributes:
+        fixes_mean: whether perturbations under the load have zero mean.
+    """
+
+    fixes_mean: ClassVar[bool]
+
+    @property
+    @abstractmethod
+    def stiffness(self) -> Scalar | None:
+        """How p0 grows with the mean gap: the load's part of the Hessian [pressure/length].
+
+        None where it has none.
+        """
+
+    @property
+    @abstractmethod
+    def is_feasible(self) -> Bool[Array, ""]:
+        """Whether any gap meets the load."""
+
+    @abstractmethod
+    def starting_gap(self, heights: Field) -> Field:
+        """Return the gap of the undeformed solid, negative where it would enter the surface."""
+
+    @abstractmethod
+    def restore(self, gap: Field) -> Field:
+        """Return a gap that meets the load, near to one that is nowhere negative."""
+
+    @abstractmethod
+    def admissible(self, gap: Field) -> Field:
+        """Return a gap that meets the load and is nowhere negative, near to any other."""
+
+    @abstractmethod
+    def missed(self, gap: Field) -> Scalar:
+        """Return by what part of itself a gap misses the load."""
+
+    @abstractmethod
+    def energy(self, mean_gap: Array) -> Array:
+        """Return the energy of the load at a mean gap, or at several [energy/area]."""
+
+    @abstractmethod
+    def net_pressure(self, gradient: Field, gap: Field) -> Field:
+        """Return K u + p0 + f'(g) from K u + f'(g) [pressure]."""
+
+    @abstractmethod
+    def resisting(self, attraction: Field, gap: Field) -> Field:
+        """Return the part of the attraction that neither load nor contact takes [pressure]."""
+
+    @abstractmethod
+    def mean_imbalance(self, missed: Field, attraction: Field, gap: Field) -> Scalar:
+        """Return the mean of the pressures out of balance, over that of those that balance."""
+
+    @abstractmethod
+    def project(self, field: Field, is_moving: Mask) -> Field:
+        """Return the nearest perturbation of the moving points that the load allows."""
+
+    def moving(self, gap: Field, net: Field) -> Mask:
+        """Return the points that may move: those out of contact, and those pulled off it."""
+        return (gap > 0) | (net < 0)
+
+    def precondition(self, inverse: FieldMap, force: Field, is_moving: Mask) -> Field:
+        """Return the move of the moving points under a force, by roughly the inverse of K."""
+        return inverse(force)
+
+    def escape_gap(self, profile: Profile) -> Scalar:
+        """Return the gap beyond which nothing holds the surfaces against the load [length]."""
+        return jnp.array(jnp.inf)
+
+    def has_escaped(self, gap: Field, escape_gap: Scalar) -> Bool[Array, ""]:
+        """Whether the load has pulled the surfaces apart for good."""
+        return jnp.array(False)
+
+
+class Load(Stackable, eqx.Module):
+    """What holds the surfaces together: one value, or an array of values for a sweep."""
+
+    value: eqx.AbstractVar[Float[Array, "..."]]
+
+    __repr__ = inline
+
+    @abstractmethod
+    def control(self, solid: Solid, heights: Field) -> Control:
+        """Return what the load asks of the gap between this solid and this surface."""
+
+    def in_units_of(self, pressure: Scalar) -> "Load":
+        """Return the same load with pressures in another unit; lengths stay."""
+        return self
+
+    def at(self, value: Array) -> "Load":
+        """Return the same load at another value."""
+        return eqx.tree_at(lambda load: load.value, self, value)
+
+
+def require_load(load: Load) -> None:
+    """Raise `TypeError` if `load` is not one."""
+    if not isinstance(load, Load):
+        raise TypeError(
+            f"The load is {load!r}: say what it prescribes, with MeanDisplacement, MeanGap, "
+            "MeanPressure or Spring."
+        )
+
+
+def prescribed(value: ArrayLike) -> Float[Array, "..."]:
+    """Return a prescribed value as an array."""
+    # JAX compiles apart for a Python number and for an entry of an array.
+    return parameter(np.float64(value) if isinstance(value, float | int) else value)

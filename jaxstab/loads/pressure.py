@@ -1,0 +1,106 @@
+"""Loads that press: with a pressure of their own, whatever the gap."""
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxstab.elasticity import Field, Solid
+from jaxstab.grid import mean
+from jaxstab.loads.load import Control, Load, Mask, Scalar, prescribed
+from jaxstab.profile import Profile
+
+
+class PressingControl(Control):
+    """A mean pressure p0 presses, which may depend on the mean gap."""
+
+    fixes_mean: ClassVar[bool] = False
+
+    @abstractmethod
+    def pressure(self, gap: Field) -> Scalar:
+        """Return p0 at a gap, positive in compression [pressure]."""
+
+    def restore(self, gap: Field) -> Field:
+        """Return the gap itself: any that is not negative will do."""
+        return gap
+
+    def admissible(self, gap: Field) -> Field:
+        """Return the gap cut at zero."""
+        return jnp.maximum(gap, 0)
+
+    def missed(self, gap: Field) -> Scalar:
+        """Return zero: any gap will do."""
+        return jnp.zeros((), gap.dtype)
+
+    def net_pressure(self, gradient: Field, gap: Field) -> Field:
+        """Return the gradient plus p0."""
+        return gradient + self.pressure(gap)
+
+    def resisting(self, attraction: Field, gap: Field) -> Field:
+        """Return the attraction of the free points plus p0, which balances it if a tension."""
+        return jnp.where(gap > 0, attraction + self.pressure(gap), 0)
+
+    def mean_imbalance(self, missed: Field, attraction: Field, gap: Field) -> Scalar:
+        """Return what is missed over p0 and the attraction, in the mean."""
+        # A relaxed spring is balanced to a part of its length.
+        stiffness = 0 if self.stiffness is None else self.stiffness
+        balancing = jnp.abs(self.pressure(gap)) + jnp.abs(mean(attraction))
+        balancing = balancing + stiffness * mean(gap)
+        left = jnp.abs(mean(missed))
+        return jnp.where(balancing > 0, left / jnp.where(balancing > 0, balancing, 1), 0)
+
+    def project(self, field: Field, is_moving: Mask) -> Field:
+        """Return the field at the moving points, zero elsewhere."""
+        return jnp.where(is_moving, field, 0)
+
+
+class PressureControl(PressingControl):
+    """The mean pressure is held at p0, positive in compression [pressure]."""
+
+    mean_pressure: Scalar
+
+    @property
+    def stiffness(self) -> None:
+        """None: the pressure does not change with the gap."""
+
+    @property
+    def is_feasible(self) -> Bool[Array, ""]:
+        """Whether the pressure is finite."""
+        return jnp.isfinite(self.mean_pressure)
+
+    def pressure(self, gap: Field) -> Scalar:
+        """Return p0."""
+        return self.mean_pressure
+
+    def starting_gap(self, heights: Field) -> Field:
+        """Return the gap at which half of the surface would be in contact."""
+        return jnp.mean(heights) - heights
+
+    def energy(self, mean_gap: Array) -> Array:
+        """Return p0 times the mean gap."""
+        return self.mean_pressure * mean_gap
+
+    def escape_gap(self, profile: Profile) -> Scalar:
+        """Return the outermost gap with a thousandth of the attraction that would balance p0."""
+        outermost = profile.outermost_gap(-1e-3 * self.mean_pressure)
+        return jnp.where(self.mean_pressure < 0, outermost, jnp.inf)
+
+    def has_escaped(self, gap: Field, escape_gap: Scalar) -> Bool[Array, ""]:
+        """Whether all points are beyond that gap."""
+        return jnp.all((gap > 0) & (gap > escape_gap))
+
+
+class MeanPressure(Load):
+    """A prescribed p0 [pressure], positive in compression: one value, or an array for a sweep."""
+
+    value: Float[Array, "..."] = eqx.field(converter=prescribed)
+
+    def control(self, solid: Solid, heights: Field) -> PressureControl:
+        """Hold the mean pressure at the value."""
+        return PressureControl(self.value.astype(heights.dtype))
+
+    def in_units_of(self, pressure: Scalar) -> "MeanPressure":
+        """Return the same load with pressures in another unit; lengths stay."""
+        return MeanPressure(self.value / pressure)

@@ -1,0 +1,148 @@
+"""Loads that press like a spring: a machine in series, or the solid itself."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
+
+from jaxstab.checks import require_positive
+from jaxstab.elasticity import Field, FieldMap, Solid, apart_from_mean
+from jaxstab.grid import mean, mean_over, total
+from jaxstab.loads.load import Load, Mask, Scalar, prescribed
+from jaxstab.loads.pressure import PressingControl
+
+# In units of the precision: by what part of itself the mean of a gap may be off.
+_ROUNDING = 4
+
+
+class SpringControl(PressingControl):
+    """A spring holds the mean gap: p0 = k (mean(g) - g0).
+
+    Attributes:
+        relaxed_gap: g0, the mean gap at which the spring is relaxed [length].
+        constant: k [pressure/length].
+        softest: the stiffness of the softest wave of the solid [pressure/length].
+    """
+
+    relaxed_gap: Scalar
+    constant: Scalar
+    softest: Scalar
+
+    @property
+    def is_stiff(self) -> Bool[Array, ""]:
+        """Whether it is stiffer than the softest wave, and rather holds the gap than presses."""
+        return self.constant > self.softest
+
+    @property
+    def stiffness(self) -> Scalar:
+        """The constant k of the spring."""
+        return self.constant
+
+    @property
+    def is_feasible(self) -> Bool[Array, ""]:
+        """Whether the spring has a position and a stiffness."""
+        is_finite = jnp.isfinite(self.relaxed_gap) & jnp.isfinite(self.constant)
+        return is_finite & (self.constant > 0)
+
+    def pressure(self, gap: Field) -> Scalar:
+        """Return k (mean(g) - g0)."""
+        return self.constant * (mean(gap) - self.relaxed_gap)
+
+    def net_pressure(self, gradient: Field, gap: Field) -> Field:
+        """Return the gradient plus p0: of what rounding of the gap leaves open, the best."""
+        pressure = self.pressure(gap)
+        lengths = jnp.abs(self.relaxed_gap) + mean(gap)
+        rounding = _ROUNDING * jnp.finfo(gap.dtype).eps * self.constant * lengths
+        missed = pressure + mean_over(gap > 0, gradient)
+        open_part = jax.lax.stop_gradient(jnp.clip(missed, -rounding, rounding))
+        return gradient + (pressure - open_part)
+
+    def starting_gap(self, heights: Field) -> Field:
+        """Return that of a held mean gap for a stiff spring, that of a held pressure for others."""
+        mean_gap = jnp.where(self.is_stiff, jnp.maximum(self.relaxed_gap, 0), 0)
+        return mean_gap + jnp.mean(heights) - heights
+
+    def admissible(self, gap: Field) -> Field:
+        """Return the gap cut at zero; for a stiff spring, scaled to the mean it had before."""
+        cut = jnp.maximum(gap, 0)
+        before, after = total(gap), total(cut)
+        is_scaled = self.is_stiff & (before > 0)
+        return cut * jnp.where(is_scaled, before / jnp.where(is_scaled, after, 1), 1)
+
+    def moving(self, gap: Field, net: Field) -> Mask:
+        """Return the same; of a stiff spring, which points are pulled once it has relaxed."""
+        level = mean_over(gap > 0, net)
+        return (gap > 0) | (net < jnp.where(self.is_stiff, level, 0))
+
+    def precondition(self, inverse: FieldMap, force: Field, is_moving: Mask) -> Field:
+        """Return the move, under a stiff spring apart for the mean."""
+        return apart_from_mean(inverse, force, is_moving, self.constant, self.softest)
+
+    def energy(self, mean_gap: Array) -> Array:
+        """Return k (mean(g) - g0)^2 / 2."""
+        return self.constant * (mean_gap - self.relaxed_gap) ** 2 / 2
+
+
+class Spring(Load):
+    """A machine in series: p0 = k (mean(u) - position), a spring of stiffness k behind the solid.
+
+    Its limits are `MeanDisplacement` at a large stiffness, and `MeanPressure` at a small one and a
+    position of -p0 / k. Of one more than a million times stiffer than the waves, say
+    `MeanDisplacement`: the search of the cone stagnates, and says so.
+
+    Arguments:
+        position: where the far end of the spring is held [length]: one, or an array for a sweep.
+        stiffness: k [pressure/length]; one, or one for each position.
+
+    Raises:
+        ValueError: if a stiffness is not positive.
+    """
+
+    value: Float[Array, "..."]
+    stiffness: Float[Array, "..."]
+
+    def __init__(self, position: ArrayLike, stiffness: ArrayLike):
+        self.value, self.stiffness = _alike(prescribed(position), prescribed(stiffness))
+        require_positive("The stiffness of the spring", self.stiffness)
+
+    @property
+    def position(self) -> Float[Array, "..."]:
+        """Where the far end is held [length]: the value of this load."""
+        return self.value
+
+    def control(self, solid: Solid, heights: Field) -> SpringControl:
+        """Press with what the spring and the solid's far side, in series, are stiff."""
+        stiffness = self.stiffness.astype(heights.dtype)
+        far = solid.uniform_stiffness
+        # A half space gives way at its far side like the spring itself; others add to it.
+        held = jnp.where(far > 0, stiffness * far / (stiffness + far), stiffness)
+        return _spring(self.value, held, solid, heights)
+
+    def in_units_of(self, pressure: Scalar) -> "Spring":
+        """Return the same load with pressures in another unit; lengths stay."""
+        return eqx.tree_at(lambda load: load.stiffness, self, self.stiffness / pressure)
+
+
+class FarDisplacement(Load):
+    """A prescribed displacement of the far side of a solid that has one [length].
+
+    A half space is infinitely deep: its load is `MeanDisplacement`.
+    """
+
+    value: Float[Array, "..."] = eqx.field(converter=prescribed)
+
+    def control(self, solid: Solid, heights: Field) -> SpringControl:
+        """Press with what the solid itself is stiff."""
+        return _spring(self.value, solid.uniform_stiffness, solid, heights)
+
+
+def _spring(position: Scalar, stiffness: Scalar, solid: Solid, heights: Field) -> SpringControl:
+    relaxed_gap = position.astype(heights.dtype) - jnp.mean(heights)
+    return SpringControl(relaxed_gap, stiffness, solid.min_stiffness)
+
+
+def _alike(*values: Array) -> list[Array]:
+    """Return arrays in the shape that they share, without compiling anything if it is theirs."""
+    shape = np.broadcast_shapes(*(value.shape for value in values))
+    return [value if value.shape == shape else jnp.broadcast_to(value, shape) for value in values]

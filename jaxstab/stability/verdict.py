@@ -1,0 +1,92 @@
+"""What is known of a state's stability: three eigenvalues, and the verdict on them."""
+
+from dataclasses import replace
+
+import equinox as eqx
+from jaxtyping import Array, Bool, Float
+
+from jaxstab.display import block
+from jaxstab.results import RESULTS, VERDICTS
+from jaxstab.stability.eigenpairs import Eigenpair
+from jaxstab.stability.margins import Barrier
+from jaxstab.stacks import Stackable
+
+
+class Stability(Stackable, eqx.Module):
+    """What is known of the stability of an equilibrium.
+
+    Always lower_bound <= cone <= critical.
+
+    Attributes:
+        lower_bound: the smallest eigenvalue among all perturbations that the load allows: those of
+            zero mean under a prescribed mean gap, all under a prescribed pressure.
+        cone: that on V0+, where perturbations do not enter the surface either (Rey & Bleyer,
+            eq. 26). Positive means stable; negative proves nothing where contact presses, since
+            lifting off then costs energy at first order.
+        critical: that on the critical cone, where points in contact stay if they press, and may
+            lift off if they do not. Negative means unstable.
+        complementarity: the least reaction at a point in contact, over the rms of elastic pressure
+            and attraction; +inf without contact. Near zero, a point is about to lift off.
+        barrier: that of a state held by contact, along the cone's mode to second order; NaN
+            elsewhere.
+        verdict: a member of `VERDICTS`.
+        result: how the solvers ended: the first failure, or successful.
+    """
+
+    lower_bound: Eigenpair
+    cone: Eigenpair
+    critical: Eigenpair
+    complementarity: Float[Array, ""]
+    barrier: Barrier
+    verdict: VERDICTS
+    result: RESULTS
+
+    __repr__ = block
+
+    def in_units_of(self, pressure: Float[Array, ""]) -> "Stability":
+        """Return the same stability with pressures in another unit; lengths stay."""
+        return replace(
+            self,
+            lower_bound=self.lower_bound.in_units_of(pressure),
+            cone=self.cone.in_units_of(pressure),
+            critical=self.critical.in_units_of(pressure),
+            barrier=replace(self.barrier, height=self.barrier.height / pressure),
+        )
+
+    @property
+    def pairs(self) -> dict[str, Eigenpair]:
+        """The three eigenpairs by name, from the lowest to the highest."""
+        return {"lower_bound": self.lower_bound, "cone": self.cone, "critical": self.critical}
+
+
+def verdict_on(
+    lower_bound: Eigenpair, cone: Eigenpair, critical: Eigenpair, holds: Bool[Array, ""]
+) -> VERDICTS:
+    """Return the verdict on three eigenpairs, given whether contact is sure to hold."""
+    is_held = (cone.sign < 0) & holds
+    verdict = VERDICTS.where(is_held, VERDICTS.held_by_contact, VERDICTS.undecided)
+    verdict = VERDICTS.where(critical.sign < 0, VERDICTS.unstable, verdict)
+    is_stable = (cone.sign > 0) | (lower_bound.sign > 0)
+    return VERDICTS.where(is_stable, VERDICTS.stable, verdict)
+
+
+def first_failure(*pairs: Eigenpair) -> RESULTS:
+    """Return how the first of several pairs failed, or successful."""
+    result = RESULTS.successful
+    for pair in reversed(pairs):
+        failed = (pair.result != RESULTS.successful) & (pair.result != RESULTS.not_computed)
+        result = RESULTS.where(failed, pair.result, result)
+    return result
+
+
+def describe(stability: Stability) -> str:
+    """Say which eigenvalue was not found."""
+    for name, pair in stability.pairs.items():
+        if pair.result == RESULTS.other_contact:
+            return "There is nothing to assess"
+        if pair.result != RESULTS.successful and pair.result != RESULTS.not_computed:
+            return (
+                f"The {name} eigenvalue was not found after {int(pair.num_steps)} steps; at "
+                f"{float(pair.eigenvalue):.6g} the projected residual is {float(pair.residual):.3g}"
+            )
+    return "All eigenvalues were found"

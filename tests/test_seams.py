@@ -1,0 +1,215 @@
+"""A solid and solvers of one's own, through every call that takes ours."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import TIGHT, rough_contact, smallest_on_zero_mean
+from jaxtyping import Array
+
+import jaxstab as js
+from jaxstab.iterate import IterativeSolver
+from jaxstab.stability.solver import Minimum
+
+SHAPE = (4, 5)
+SIZE = 20
+FAR = 0.7
+
+
+class Dense(js.Solid):
+    """A solid given by its matrix, of which constants are an eigenvector."""
+
+    grid: js.Grid
+    matrix: Array
+    max_stiffness: Array
+    min_stiffness: Array
+
+    def apply(self, displacement):
+        return (self.matrix @ displacement.ravel()).reshape(displacement.shape)
+
+    def precondition(self, shift):
+        inverse = 1 / (jnp.diagonal(self.matrix) + shift)
+        return lambda field: inverse.reshape(field.shape) * field
+
+
+def matrix_of(modulus):
+    """Return a stiffness that no Fourier multiplier has; FAR times the modulus on constants."""
+    random = np.random.default_rng(0)
+    basis = np.linalg.qr(np.column_stack([np.ones(SIZE), random.normal(size=(SIZE, SIZE - 1))]))[0]
+    stiffnesses = np.array([FAR, *np.linspace(1, 9, SIZE - 1)])
+    return modulus * ((basis * stiffnesses) @ basis.T)
+
+
+def dense_contact(modulus=1.0, energy=0.1):
+    solid = Dense(
+        js.Grid(SHAPE), jnp.asarray(matrix_of(1.0)) * modulus, 9.0 * modulus, 1.0 * modulus
+    )
+    heights = 0.3 * jnp.asarray(np.random.default_rng(1).normal(size=SHAPE))
+    return js.Contact(solid, heights, js.potentials.Exponential(energy, 0.4))
+
+
+LOADS = {
+    "gap": js.MeanGap(0.2),
+    "pressure": js.MeanPressure(0.1),
+    "far": js.FarDisplacement(0.1),
+    "spring": js.Spring(0.0, 0.5),
+}
+
+
+@pytest.mark.parametrize("name", LOADS)
+def test_a_solid_of_ones_own_agrees_with_dense_algebra(name):
+    contact, load = dense_contact(), LOADS[name]
+    equilibrium = js.equilibrate(contact, load, TIGHT)
+    u, g, mu = (
+        np.asarray(field).ravel()
+        for field in (equilibrium.displacement, equilibrium.gap, equilibrium.reaction)
+    )
+    touching = g == 0
+    assert 0 < touching.sum() < SIZE
+    assert (mu >= -1e-12).all() and not mu[~touching].any()
+    # The far side moves until the mean pressure is that of the load.
+    p0 = float(equilibrium.mean_pressure)
+    attraction = 0.1 / 0.4 * np.exp(-g / 0.4)
+    residual = matrix_of(1.0) @ (u - u.mean()) + p0 + attraction - mu
+    np.testing.assert_allclose(residual, 0, atol=1e-10)
+    held = {
+        "gap": g.mean() - 0.2,
+        "pressure": p0 - 0.1,
+        "far": p0 - FAR * (u.mean() - 0.1),
+        # The spring and the solid's far side in series.
+        "spring": p0 * (1 / FAR + 1 / 0.5) - u.mean(),
+    }
+    np.testing.assert_allclose(held[name], 0, atol=1e-10)
+
+    stiffness = {"gap": 0, "pressure": 0, "far": FAR, "spring": 1 / (1 / FAR + 1 / 0.5)}[name]
+    matrix = matrix_of(1.0) + (stiffness - FAR) / SIZE - np.diag(attraction / 0.4)
+    free = ~touching
+    smallest = smallest_on_zero_mean if name == "gap" else lambda m: np.linalg.eigvalsh(m)[0]
+    stability = js.assess_stability(contact, equilibrium)
+    found = stability.lower_bound.eigenvalue, stability.critical.eigenvalue
+    exact = smallest(matrix), smallest(matrix[np.ix_(free, free)])
+    np.testing.assert_allclose(found, exact, atol=1e-8)
+    assert found[0] - 1e-12 <= stability.cone.eigenvalue <= found[1] + 1e-12
+
+
+@pytest.mark.parametrize("name", ["gap", "spring"])
+def test_a_solid_of_ones_own_has_derivatives(name):
+    @jax.jit
+    def outputs(modulus, energy):
+        contact = dense_contact(modulus, energy)
+        equilibrium = js.equilibrate(contact, LOADS[name], TIGHT, throw=False)
+        stability = js.assess_stability(contact, equilibrium, throw=False)
+        numbers = equilibrium.mean_pressure, equilibrium.energy, stability.critical.eigenvalue
+        return jnp.stack([*numbers, jnp.vdot(contact.heights, equilibrium.gap)])
+
+    step = 1e-5
+    for changes in ((step, 0.0), (0.0, step)):
+        ahead, behind = (outputs(1 + s * changes[0], 0.1 + s * changes[1]) for s in (1, -1))
+        tangent = tuple(change / step for change in changes)
+        slopes = jax.jvp(outputs, (1.0, 0.1), tangent)[1]
+        np.testing.assert_allclose(slopes, (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-7)
+
+
+class Descent(js.EquilibriumSolver):
+    """Steps down the net pressure, as long as the stiffest wave allows."""
+
+    tolerance: Array = 1e-8
+    max_steps: Array = 20_000
+    patience = 5_000
+
+    def solve(self, contact, control, gap):
+        balance_of = contact.balance(control)
+        length = 1 / contact.solid.max_stiffness
+
+        def step(state):
+            moves = control.project(state.balance.net, (state.gap > 0) | (state.balance.net < 0))
+            gap = control.admissible(state.gap - length * moves)
+            return State(gap, balance_of(gap))
+
+        return self.iterate(
+            step, lambda state: {"residual": state.balance.residual}, State(gap, balance_of(gap))
+        )
+
+
+class State(eqx.Module):
+    gap: Array
+    balance: eqx.Module
+
+
+class PowerIteration(js.ConeSolver):
+    """Steps down the Rayleigh quotient and back onto the cone, from the last start."""
+
+    tolerance: Array = 1e-6
+    max_steps: Array = 20_000
+    patience = 5_000
+
+    def solve(self, operator, cone, starts, is_needed=True):
+        def unit(vector):
+            vector = cone.project(vector)
+            return vector / jnp.linalg.norm(vector)
+
+        def descent(x):
+            product = operator(x)
+            return x - (product - jnp.sum(x * product) * x) / operator.bound
+
+        def measure(x):
+            moved = jnp.linalg.norm(x - cone.project(descent(x)))
+            return {"residual": moved * operator.bound / operator.scale}
+
+        found = self.iterate(lambda x: unit(descent(x)), measure, unit(jnp.abs(starts[-1])))
+        return Minimum(
+            descent(found.state), found.num_steps, 2 * found.num_steps, found.result, found.history
+        )
+
+
+@pytest.fixture(scope="module")
+def contact():
+    return rough_contact(16, js.potentials.Exponential(0.01, 0.1))
+
+
+def test_a_solver_of_ones_own_finds_equilibria_in_every_call(contact):
+    load, solver = js.MeanGap(0.08), Descent()
+    expected = js.equilibrate(contact, load)
+    found = js.equilibrate(contact, load, solver)
+    assert found.num_steps > 2 * expected.num_steps
+    np.testing.assert_allclose(found.gap, expected.gap, atol=1e-6)
+    swept = js.sweep(contact, js.MeanGap(jnp.array([0.08, 0.1])), equilibrium_solver=solver)
+    assert (swept[0].equilibrium.gap == found.gap).all()
+    mode = js.assess_stability(contact, found).critical.mode
+    released = js.release(contact, found, mode, solver=solver)
+    np.testing.assert_allclose(released.gap, expected.gap, atol=1e-6)
+    lanes = jax.vmap(lambda value: js.equilibrate(contact, js.MeanGap(value), solver, throw=False))
+    assert (lanes(jnp.array([0.08, 0.1])).gap == swept.equilibrium.gap).all()
+    short = js.equilibrate(contact, load, Descent(max_steps=3), throw=False)
+    assert short.result == js.RESULTS.max_steps_reached
+
+    def pressure(value, solver):
+        return js.equilibrate(contact, js.MeanGap(value), solver, throw=False).mean_pressure
+
+    slopes = [jax.grad(pressure)(0.08, method) for method in (solver, None)]
+    np.testing.assert_allclose(*slopes, rtol=1e-4)
+
+
+def test_a_solver_of_ones_own_finds_the_cones_eigenvalue_in_every_call(contact):
+    load, solver = js.MeanGap(0.08), PowerIteration()
+    state = js.equilibrate(contact, load)
+    assert state.in_contact.any()
+    expected = js.assess_stability(contact, state).cone
+    found = js.assess_stability(contact, state, solver).cone
+    assert found.num_steps > expected.num_steps
+    np.testing.assert_allclose(found.eigenvalue, expected.eigenvalue, rtol=1e-5)
+    swept = js.sweep(contact, js.MeanGap(jnp.array([0.08, 0.1])), stability_solver=solver)
+    assert swept[0].stability.cone.eigenvalue == found.eigenvalue
+    failed = js.assess_stability(contact, state, PowerIteration(max_steps=1), throw=False)
+    assert failed.cone.result == js.RESULTS.max_steps_reached
+    assert failed.verdict == "undecided"
+
+
+def test_solvers_of_a_kind_share_what_they_say():
+    for solver in (js.PreconditionedConjugateGradient, js.PolonskyKeerRey, js.SaddleNewton):
+        assert issubclass(solver, js.EquilibriumSolver)
+    for solver in (js.ProjectedLOBPCG, js.ProximalIteration):
+        assert issubclass(solver, js.ConeSolver)
+    assert issubclass(js.LOBPCG, js.SpaceSolver)
+    assert issubclass(js.SpaceSolver, IterativeSolver)

@@ -1,0 +1,188 @@
+"""A machine in series: against NumPy, dense algebra, its limits and finite differences."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import TIGHT, check_optimality, rough_contact
+
+import jaxstab as js
+
+N = 16
+LAW = js.potentials.Exponential(0.01, 0.1)
+# The softest wave of the unit square is stiff by pi.
+STIFFNESSES = [1e-3, 1.0, 30.0, 1e4]
+
+
+@pytest.fixture(scope="module")
+def contact():
+    return rough_contact(N, LAW)
+
+
+def stiffness_matrix(heights):
+    """Return K of a unit square and unit modulus, by NumPy's transforms."""
+    n = len(heights)
+    waves = np.fft.fftfreq(n, 1 / n)
+    multiplier = np.pi * np.hypot(*np.meshgrid(waves, waves, indexing="ij"))
+    identity = np.eye(n * n).reshape(-1, n, n)
+    return np.fft.ifft2(multiplier * np.fft.fft2(identity)).real.reshape(n * n, n * n)
+
+
+def hessian(contact, gap, stiffness):
+    """Return A with the spring's part k / N, of rank one."""
+    law = contact.potential
+    gap = np.asarray(gap).ravel()
+    curvature = -law.surface_energy / law.length**2 * np.exp(-gap / law.length)
+    return stiffness_matrix(contact.heights) + np.diag(curvature) + stiffness / gap.size
+
+
+@pytest.mark.parametrize("stiffness", STIFFNESSES)
+@pytest.mark.parametrize("pressure", [0.02, -0.005])
+def test_it_presses_with_its_stretch_and_is_part_of_the_hessian(contact, stiffness, pressure):
+    position = 0.1 - pressure / stiffness
+    equilibrium = js.equilibrate(contact, js.Spring(position, stiffness))
+    check_optimality(contact, equilibrium, 1e-8)
+    stretch = np.mean(equilibrium.displacement) - position
+    np.testing.assert_allclose(equilibrium.mean_pressure, stiffness * stretch, rtol=1e-6)
+    stability = js.assess_stability(contact, equilibrium)
+    matrix = hessian(contact, equilibrium.gap, stiffness)
+    free = ~np.asarray(equilibrium.in_contact).ravel()
+    assert free.any()
+    exact = np.linalg.eigvalsh(matrix)[0], np.linalg.eigvalsh(matrix[np.ix_(free, free)])[0]
+    found = stability.lower_bound.eigenvalue, stability.critical.eigenvalue
+    np.testing.assert_allclose(found, exact, atol=1e-8)
+
+
+def test_a_stiff_spring_holds_the_displacement_and_a_soft_one_the_pressure(contact):
+    def outcome(load):
+        equilibrium = js.equilibrate(contact, load, TIGHT)
+        lowest = js.lowest_modes(contact, equilibrium, 1, space="critical")
+        numbers = equilibrium.mean_pressure, equilibrium.energy, lowest.eigenvalue[0]
+        return np.array([*equilibrium.gap.ravel(), *equilibrium.reaction.ravel(), *numbers])
+
+    stiff, held = outcome(js.Spring(0.08, 1e10)), outcome(js.MeanDisplacement(0.08))
+    np.testing.assert_allclose(stiff, held, atol=1e-8)
+    for pressure in (0.05, -0.005):
+        soft = outcome(js.Spring(-pressure / 1e-9, 1e-9))
+        np.testing.assert_allclose(soft, outcome(js.MeanPressure(pressure)), atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["value", "stiffness"])
+def test_derivatives_by_position_and_stiffness_agree_with_differences(contact, name):
+    weights = jnp.asarray(np.random.default_rng(0).normal(size=(N, N)))
+
+    @jax.jit
+    def outputs(change):
+        position, stiffness = 0.05, 3.0
+        changed = {"value": position, "stiffness": stiffness}
+        changed[name] += change
+        equilibrium = js.equilibrate(contact, js.Spring(*changed.values()), TIGHT, throw=False)
+        solver = js.ProjectedLOBPCG(1e-10)
+        stability = js.assess_stability(contact, equilibrium, solver, throw=False)
+        numbers = jnp.stack(
+            [
+                equilibrium.mean_pressure,
+                equilibrium.energy,
+                jnp.sum(weights * equilibrium.gap),
+                stability.lower_bound.eigenvalue,
+                stability.critical.eigenvalue,
+                jnp.sum(
+                    weights * jnp.sign(stability.critical.mode.sum()) * stability.critical.mode
+                ),
+            ]
+        )
+        return numbers, equilibrium.in_contact
+
+    forward = jax.jvp(lambda change: outputs(change)[0], (0.0,), (1.0,))[1]
+    backward = jax.jacrev(lambda change: outputs(change)[0])(0.0)
+    step = 1e-5
+    (above, touching), (below, before) = outputs(step), outputs(-step)
+    assert (touching == before).all()
+    differences = (above - below) / (2 * step)
+    np.testing.assert_allclose(forward, differences, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(backward, forward, rtol=1e-9, atol=1e-12)
+
+
+def test_a_sweep_over_positions_gives_what_each_gives_alone(contact):
+    springs = js.Spring(jnp.linspace(0.0, 0.3, 4), 2.0)
+    swept = js.sweep(contact, springs)
+    for state, spring in zip(swept, springs, strict=True):
+        alone = js.equilibrate(contact, spring)
+        assert (state.equilibrium.gap == alone.gap).all()
+        assert state.load.position == spring.position
+        assert state.load.stiffness == 2.0
+    lanes = jax.vmap(lambda load: js.equilibrate(contact, load, throw=False))(springs)
+    assert (lanes.gap == swept.equilibrium.gap).all()
+
+
+def dense_fold(heights, gamma, rho, stiffness, guess):
+    """Return the position at the fold without contact, by NumPy and Newton's method.
+
+    Of gap g, position d and mode x: K (g + h) + k (mean(g + h) - d) + f'(g) = 0, A x = 0 and
+    x.x = 1.
+    """
+    matrix, h, g = stiffness_matrix(heights), heights.ravel(), guess.ravel()
+    n = g.size
+    spring = np.full((n, n), stiffness / n)
+
+    def slopes(g):
+        attraction = gamma / rho * np.exp(-g / rho)
+        return attraction, -attraction / rho, attraction / rho**2
+
+    first, second, _ = slopes(g)
+    x = np.linalg.eigh(matrix + np.diag(second) + spring)[1][:, 0]
+    position = np.mean(g + h) + np.mean(matrix @ (g + h) + first) / stiffness
+    for _ in range(20):
+        first, second, third = slopes(g)
+        a = matrix + np.diag(second) + spring
+        stretch = np.mean(g + h) - position
+        residual = np.concatenate(
+            [matrix @ (g + h) + stiffness * stretch + first, a @ x, [(x @ x - 1) / 2]]
+        )
+        column, zero = np.zeros((n, 1)), np.zeros((n, n))
+        jacobian = np.block(
+            [
+                [a, np.full((n, 1), -stiffness), zero],
+                [np.diag(third * x), column, a],
+                [column.T, 0, x[None]],
+            ]
+        )
+        change = np.linalg.solve(jacobian, -residual)
+        g, position, x = g + change[:n], position + change[n], x + change[n + 1 :]
+        if np.abs(change).max() < 1e-13:
+            break
+    return position
+
+
+@pytest.mark.parametrize("stiffness", [200.0, 20.0])
+def test_the_fold_of_hertz_moves_with_the_stiffness_as_in_dense_algebra(hertz, stiffness):
+    def fold(stiffness, throw=False):
+        ends = jnp.array([1.5, 1.2]) + 2.7 / stiffness
+        return js.critical_load(hertz, js.Spring(ends, stiffness), throw=throw)
+
+    found = fold(stiffness, throw=True)
+    gap = np.asarray(found.equilibrium.gap)
+    exact = dense_fold(np.asarray(hertz.heights), 10.0, 1.0, stiffness, gap)
+    np.testing.assert_allclose(found.load.position, exact, rtol=1e-9)
+    slope = jax.jit(jax.grad(lambda k: fold(k).load.position))(stiffness)
+    step = 1e-3 * stiffness
+    ahead, behind = (fold(stiffness + s * step).load.position for s in (1, -1))
+    np.testing.assert_allclose(slope, (ahead - behind) / (2 * step), rtol=1e-5)
+
+
+def test_units_do_not_matter(contact):
+    pascals, metres = 70e9, 1e-6
+    grid = js.Grid(N, metres)
+    law = js.potentials.Exponential(0.01 * pascals * metres, 0.1 * metres)
+    scaled = js.Contact(js.HalfSpace(grid, pascals), contact.heights * metres, law)
+    spring = js.Spring(0.05 * metres, 2.0 * pascals / metres)
+    found, expected = js.equilibrate(scaled, spring), js.equilibrate(contact, js.Spring(0.05, 2.0))
+    assert found.num_steps == expected.num_steps
+    np.testing.assert_allclose(found.gap / metres, expected.gap, atol=1e-10)
+    verdicts = (js.assess_stability(scaled, found), js.assess_stability(contact, expected))
+    assert verdicts[0].verdict == verdicts[1].verdict
+
+
+def test_a_spring_without_a_stiffness_is_refused():
+    with pytest.raises(ValueError, match=r"stiffness of the spring is 0\.0: it must be positive"):
+        js.Spring(0.1, 0.0)
