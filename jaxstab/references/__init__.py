@@ -1,5 +1,5 @@
 """Closed-form solutions that the numerical ones are held against; NumPy only."""
 
-from jaxstab.references import hertz, westergaard
+from jaxstab.references import guduru, hertz, jkr, johnson, maugis, westergaard
 
-__all__ = ["hertz", "westergaard"]
+__all__ = ["guduru", "hertz", "jkr", "johnson", "maugis", "westergaard"]

@@ -1,0 +1,38 @@
+"""What the arguments of the closed forms must satisfy, told in a sentence that names the value."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def require(name: str, value: ArrayLike, holds: ArrayLike, cure: str) -> None:
+    """Refuse `value`, named by its first entry for which `holds` is false.
+
+    Raises:
+        ValueError: if there is such an entry.
+    """
+    value, holds = np.broadcast_arrays(value, holds)
+    if not holds.all():
+        raise ValueError(f"The {name.replace('_', ' ')} is {value[~holds][0]:g}: give {cure}.")
+
+
+def positive(**values: ArrayLike) -> tuple[NDArray[np.float64], ...]:
+    """Return `values` as arrays of one shape, each positive and finite.
+
+    Raises:
+        ValueError: if one is not.
+    """
+    arrays = {name: np.asarray(value, np.float64) for name, value in values.items()}
+    for name, array in arrays.items():
+        require(name, array, (array > 0) & np.isfinite(array), "a positive, finite number")
+    return tuple(array.copy() for array in np.broadcast_arrays(*arrays.values()))
+
+
+def not_negative(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Return `value` as an array without negative entries, which may be infinite.
+
+    Raises:
+        ValueError: if an entry is negative, or no number.
+    """
+    array = np.asarray(value, np.float64)
+    require(name, array, array >= 0, "zero or a positive number")
+    return array

@@ -1,0 +1,264 @@
+"""Maugis (1992): an elastic sphere with adhesion as Dugdale has it, between JKR's and DMT's limits.
+
+A rigid paraboloid r^2 / (2 R) on an elastic half space of contact modulus E*, in contact up to the
+radius a; from there to the outer radius c, where the gap is w / s, a constant tension s acts.
+The branch of equilibria goes on without contact, a = 0, until c = 0 at d = -w / s.
+
+Signs: forces are positive in compression; displacements count the approach of the bodies from
+where the undeformed ones would touch in a point, positive into contact. Numbers may be arrays, of
+shapes that broadcast.
+
+D. Maugis, J. Colloid Interface Sci. 150, 243 (1992); K. L. Johnson, J. A. Greenwood, J. Colloid
+Interface Sci. 192, 326 (1997), for what happens without contact. In the equations A = a / a0 and
+N = sqrt(c^2 - a^2) / a0 are in the units of `jkr.units`, C = hypot(A, N), t = arctan(N / A).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jaxstab.references import jkr
+from jaxstab.references.checks import not_negative, positive, require
+from jaxstab.references.roots import bisect
+
+Array = NDArray[np.float64]
+
+# ln(N / A), from nearly JKR to nearly no contact; of folds, short of where rounding blurs them.
+_WIDTHS = (-40.0, 40.0)
+_FOLDS = (-20.0, 20.0)
+
+
+class State(NamedTuple):
+    """One equilibrium, or as many as the arrays have entries.
+
+    Attributes:
+        force: F, positive in compression [force].
+        displacement: d, the approach, positive into contact [length].
+        contact_radius: a [length].
+        outer_radius: c, up to which the tension acts [length].
+    """
+
+    force: Array
+    displacement: Array
+    contact_radius: Array
+    outer_radius: Array
+
+
+def transition_parameter(
+    radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike, strength: ArrayLike
+) -> Array:
+    """Return lambda = 2 s / (pi w K^2 / R)^(1/3), K = 4 E* / 3: JKR if large, DMT if small.
+
+    It is 1.157 times Tabor's parameter (Maugis 1992).
+
+    Arguments:
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        strength: s, the tension [pressure].
+
+    Returns:
+        lambda [1].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
+    """
+    radius, contact_modulus, work, strength = positive(
+        radius=radius,
+        contact_modulus=contact_modulus,
+        work_of_adhesion=work_of_adhesion,
+        strength=strength,
+    )
+    return 2 * strength / np.cbrt(np.pi * work * (4 / 3 * contact_modulus) ** 2 / radius)
+
+
+def curve(
+    contact_radius: ArrayLike,
+    radius: ArrayLike,
+    contact_modulus: ArrayLike,
+    work_of_adhesion: ArrayLike,
+    strength: ArrayLike,
+) -> State:
+    """Return the state F / F0 = A^3 - lambda (A N + C^2 t), d / d0 = A^2 - (4/3) lambda N.
+
+    Where the gap at c is w / s, which is (Maugis 1992):
+    (lambda/2) (A N + (C^2 - 2 A^2) t) + (4/3) lambda^2 (N t - C + A) = 1.
+
+    Arguments:
+        contact_radius: a [length].
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        strength: s, the tension [pressure].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
+    """
+    (contact_radius,) = positive(contact_radius=contact_radius)
+    sphere = radius, contact_modulus, work_of_adhesion
+    parameter = transition_parameter(*sphere, strength)
+    ratio = contact_radius / jkr.units(*sphere).contact_radius
+    width = bisect(lambda width: ratio - _radii(width, parameter)[0], *_WIDTHS)
+    ratio, width = np.broadcast_arrays(ratio, width)
+    return _in_contact(ratio, ratio * np.exp(width), *sphere, strength)
+
+
+def without_contact(
+    outer_radius: ArrayLike,
+    radius: ArrayLike,
+    contact_modulus: ArrayLike,
+    work_of_adhesion: ArrayLike,
+    strength: ArrayLike,
+) -> State:
+    """Return the state F = -pi s c^2, d = c^2 / (2 R) - 4 s c / (pi E*) - w / s without contact.
+
+    The gap at c is w / s (Johnson & Greenwood 1997). Where the middle touches, `first_touch`,
+    `curve` goes on.
+
+    Arguments:
+        outer_radius: c, at most that of `first_touch` [length].
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        strength: s, the tension [pressure].
+
+    Raises:
+        ValueError: if c is negative or too large, or another argument not positive and finite.
+    """
+    c = not_negative("outer_radius", outer_radius)
+    largest = first_touch(radius, contact_modulus, work_of_adhesion, strength).outer_radius
+    require("outer_radius", c, c <= largest, "at most that of first_touch")
+    return _without_contact(c, radius, contact_modulus, work_of_adhesion, strength)
+
+
+def first_touch(
+    radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike, strength: ArrayLike
+) -> State:
+    """Return the state between `without_contact` and `curve`: a = 0, and no gap in the middle.
+
+    lambda pi C^2 / 4 + (4/3) lambda^2 (pi/2 - 1) C = 1 (the equation of `curve` for A = 0).
+
+    Arguments:
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        strength: s, the tension [pressure].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
+    """
+    sphere = radius, contact_modulus, work_of_adhesion
+    parameter = transition_parameter(*sphere, strength)
+    outer = _positive_root(np.pi / 4 * parameter, 4 / 3 * parameter**2 * (np.pi / 2 - 1))
+    return _without_contact(outer * jkr.units(*sphere).contact_radius, *sphere, strength)
+
+
+def pull_off(
+    radius: ArrayLike,
+    contact_modulus: ArrayLike,
+    work_of_adhesion: ArrayLike,
+    strength: ArrayLike,
+    stiffness: ArrayLike = 0.0,
+) -> State:
+    """Return the state where the sphere lets go: dF/dd = -k, pulled through a spring.
+
+    The least F under dead load, k = 0 (Maugis 1992), and the least d under held displacement, k
+    infinite; for lambda < 0.938 the latter comes after contact has been lost, at
+    c = 4 s R / (pi E*) (Johnson & Greenwood 1997).
+
+    Arguments:
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        strength: s, the tension [pressure].
+        stiffness: k of the spring [force/length].
+
+    Raises:
+        ValueError: if k is negative, or another argument not positive and finite.
+    """
+    sphere = radius, contact_modulus, work_of_adhesion
+    unit = jkr.units(*sphere)
+    parameter = transition_parameter(*sphere, strength)
+    dead, held = jkr.spring_weights(stiffness, unit)
+    width = bisect(lambda width: -_slope(*_radii(width, parameter), parameter, dead, held), *_FOLDS)
+    in_contact = _in_contact(*_radii(width, parameter), *sphere, strength)
+
+    # Without contact F + k d is a parabola in c, whose lowest point is the fold if it gets there.
+    curvature = held - np.pi * parameter * dead
+    bends_up = curvature > 0
+    outer = held * 8 * parameter / (3 * np.pi) / np.where(bends_up, curvature, 1)
+    outer = outer * unit.contact_radius
+    is_apart = bends_up & (outer < first_touch(*sphere, strength).outer_radius)
+    apart = _without_contact(outer, *sphere, strength)
+    return State(*(np.where(is_apart, *pair) for pair in zip(apart, in_contact, strict=True)))
+
+
+def _positive_root(square: Array, linear: Array) -> Array:
+    """Return x > 0 with square x^2 + linear x = 1."""
+    return 2 / (linear + np.sqrt(linear**2 + 4 * square))
+
+
+def _radii(width: Array, parameter: Array) -> tuple[Array, Array]:
+    """Return A and N of given ln(N / A)."""
+    n = np.exp(width)
+    t = np.arctan(n)
+    # C / A - 1, of which rounding would leave little near JKR, is n^2 / (1 + C / A).
+    square = parameter / 2 * (n**2 * t + (n - t))
+    linear = 4 / 3 * parameter**2 * (n * t - n**2 / (1 + np.hypot(1, n)))
+    ratio = _positive_root(square, linear)
+    return ratio, n * ratio
+
+
+def _slope(ratio: Array, n: Array, parameter: Array, dead: Array, held: Array) -> Array:
+    """Return d(dead F + held d)/dA along the branch, without a positive factor."""
+    c, t = np.hypot(ratio, n), np.arctan2(n, ratio)
+    sine, cosine = n / c, ratio / c
+    # The gap at c is the same all along: its derivatives give dN / dA = -by_contact / by_width.
+    by_contact = parameter * ratio * (sine * cosine - t)
+    by_contact = by_contact - 4 / 3 * parameter**2 * sine**2 * cosine / (1 + cosine)
+    by_width = parameter * n * (sine * cosine + t)
+    by_width = by_width + 4 / 3 * parameter**2 * (t + sine * cosine - sine)
+    along_contact = dead * (3 * ratio**2 - 2 * parameter * ratio * t) + 2 * held * ratio
+    along_width = -2 * dead * parameter * (ratio + n * t) - 4 / 3 * held * parameter
+    return along_contact * by_width - along_width * by_contact
+
+
+def _in_contact(
+    ratio: Array,
+    n: Array,
+    radius: ArrayLike,
+    contact_modulus: ArrayLike,
+    work_of_adhesion: ArrayLike,
+    strength: ArrayLike,
+) -> State:
+    """Return the state of given A and N."""
+    unit = jkr.units(radius, contact_modulus, work_of_adhesion)
+    parameter = transition_parameter(radius, contact_modulus, work_of_adhesion, strength)
+    c, t = np.hypot(ratio, n), np.arctan2(n, ratio)
+    return State(
+        unit.force * (ratio**3 - parameter * (ratio * n + c**2 * t)),
+        unit.displacement * (ratio**2 - 4 / 3 * parameter * n),
+        unit.contact_radius * ratio,
+        unit.contact_radius * c,
+    )
+
+
+def _without_contact(
+    c: Array,
+    radius: ArrayLike,
+    contact_modulus: ArrayLike,
+    work_of_adhesion: ArrayLike,
+    strength: ArrayLike,
+) -> State:
+    """Return the state of given c, also where surfaces would overlap."""
+    radius, contact_modulus, work, strength = positive(
+        radius=radius,
+        contact_modulus=contact_modulus,
+        work_of_adhesion=work_of_adhesion,
+        strength=strength,
+    )
+    bulge = 4 * strength * c / (np.pi * contact_modulus)
+    displacement = c**2 / (2 * radius) - bulge - work / strength
+    c = np.broadcast_to(c, displacement.shape)
+    return State(-np.pi * strength * c**2, displacement, np.zeros_like(c), c.copy())

@@ -1,0 +1,31 @@
+"""Where a function of one variable changes sign, for arrays of such functions at once."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def bisect(
+    function: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    negative: ArrayLike,
+    positive: ArrayLike,
+) -> NDArray[np.float64]:
+    """Return the root of `function` between points where it is negative and where it is positive.
+
+    Arguments:
+        function: continuous, entry by entry, with one change of sign in between.
+        negative: where it is negative, above or below the root [any shape].
+        positive: where it is positive [a shape that broadcasts with it].
+
+    Returns:
+        The root, to the rounding of `function`. Where the sign never changes, the end to which
+        the only sign there is points.
+    """
+    below, above = np.asarray(negative, np.float64), np.asarray(positive, np.float64)
+    # A hundred halvings leave nothing of any interval but rounding.
+    for _ in range(100):
+        middle = (below + above) / 2
+        is_negative = function(middle) < 0
+        below, above = np.where(is_negative, middle, below), np.where(is_negative, above, middle)
+    return (below + above) / 2
