@@ -22,6 +22,7 @@ from jaxstab.equilibrium import (
 from jaxstab.folds import CriticalLoad, critical_load
 from jaxstab.grid import Grid
 from jaxstab.loads import FarDisplacement, MeanDisplacement, MeanGap, MeanPressure, Spring
+from jaxstab.paths import KINDS, Jump, Path, follow
 from jaxstab.resolution import ResolutionWarning
 from jaxstab.results import RESULTS, VERDICTS, SolverError
 from jaxstab.stability import (
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
+    "KINDS",
     "LOBPCG",
     "RESULTS",
     "VERDICTS",
@@ -59,9 +61,11 @@ __all__ = [
     "FarDisplacement",
     "Grid",
     "HalfSpace",
+    "Jump",
     "MeanDisplacement",
     "MeanGap",
     "MeanPressure",
+    "Path",
     "PolonskyKeerRey",
     "PreconditionedConjugateGradient",
     "ProjectedLOBPCG",
@@ -81,6 +85,7 @@ __all__ = [
     "critical_load",
     "equilibrate",
     "files",
+    "follow",
     "lowest_modes",
     "plots",
     "potentials",

@@ -55,6 +55,10 @@ class RESULTS(Enumeration):
         "positive, or jumps where points enter or leave contact, or the search left the branch: "
         "look at a sweep between them, and narrow the bracket"
     )
+    store_full = member(
+        "the store is full before the end. Give it more room, follow a shorter programme, or "
+        "locate fewer jumps"
+    )
     not_computed = member(
         "another number had already proved the verdict. Assess without `verdict_only`"
     )

@@ -155,7 +155,8 @@ def test_a_uniform_attraction_hides_no_imbalance(strength, dtype):
     expected = js.equilibrate(bare, js.MeanGap(0.1))
     found = js.equilibrate(contact, js.MeanGap(0.1), throw=False)
     if found.result == "successful":
-        assert gaps_off(found, expected, 0.1) < 1e-3
+        # Rounding of the attraction alone moves points by such a part.
+        assert gaps_off(found, expected, 0.1) < 1e-3 + strength * jnp.finfo(dtype).eps
     assert found.result == "successful" or (found.result == "stagnated" and dtype == jnp.float32)
     assert found.result == "successful" or strength > 1e2
 

@@ -105,6 +105,23 @@ def assembled(contact: Contact, gap: Field, net: Field, energy: Float[Array, ""]
     }
 
 
+def equilibrium_at(contact: Contact, load: Load, gap: Field) -> Equilibrium:
+    """Return the equilibrium of a gap that a solver has found before."""
+    control = contact.control(load)
+    balance = contact.balance(control)(gap)
+    is_finite = jnp.isfinite(balance.residual)
+    return Equilibrium(
+        load=load,
+        in_contact=gap == 0,
+        contact_area=jnp.mean(jnp.where(jnp.isnan(gap), gap, gap == 0)),
+        residual=balance.residual,
+        num_steps=jnp.array(0),
+        result=RESULTS.where(is_finite, RESULTS.successful, RESULTS.nonfinite),
+        history=History.empty(["residual"], gap.dtype),
+        **assembled(contact, gap, balance.net, contact.energy(gap)),
+    )
+
+
 class _HoldsEquilibrium(Protocol):
     @property
     def equilibrium(self) -> Equilibrium: ...

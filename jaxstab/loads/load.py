@@ -23,9 +23,11 @@ class Control(eqx.Module):
 
     Attributes:
         fixes_mean: whether perturbations under the load have zero mean.
+        stores_energy: whether the load's energy is one that it gives back, as a spring does.
     """
 
     fixes_mean: ClassVar[bool]
+    stores_energy: ClassVar[bool] = True
 
     @property
     @abstractmethod

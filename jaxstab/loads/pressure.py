@@ -59,6 +59,8 @@ class PressingControl(Control):
 class PressureControl(PressingControl):
     """The mean pressure is held at p0, positive in compression [pressure]."""
 
+    stores_energy: ClassVar[bool] = False
+
     mean_pressure: Scalar
 
     @property

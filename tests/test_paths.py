@@ -1,0 +1,125 @@
+"""Paths through jumps: against bisection, the energy balance, and each state against NumPy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import rough_contact
+
+import jaxstab as js
+
+# Sticky enough to jump at a held gap.
+STICKY = js.potentials.Exponential(0.02, 0.02)
+
+
+def bisected(contact, start, step, load, resolution=1e-9):
+    """Return the last load that contact survives, by ever smaller steps from state to state."""
+    state, value = js.equilibrate(contact, load(start)), start
+    while abs(step) > resolution:
+        new = js.equilibrate(contact, load(value + step), initial=state, throw=False)
+        if new.result == "successful" and new.in_contact.any():
+            state, value = new, value + step
+        else:
+            step /= 2
+    return value
+
+
+@pytest.fixture(scope="module")
+def loop(hertz):
+    turns = jnp.array([1.6, 1.2, 1.6])
+    return js.follow(hertz, js.MeanDisplacement(turns), smallest_jump=1e-5)
+
+
+def test_hertz_jumps_into_contact_at_the_fold_and_lets_go_where_a_reaction_vanishes(hertz, loop):
+    into, *_, out = loop.jumps
+    np.testing.assert_allclose(into.load.value, 1.2974855, atol=1e-6)
+    assert into.kind == "fold"
+    assert not into.before.in_contact.any() and into.after.in_contact.any()
+    assert out.kind == "release"
+    expected = bisected(hertz, 1.2, 0.01, js.MeanDisplacement)
+    np.testing.assert_allclose(out.load.value, expected, atol=1e-5)
+    least = jnp.min(jnp.where(out.before.in_contact, out.before.reaction, jnp.inf))
+    assert least < 1e-4 * hertz.conforming_pressure
+    # The mode that leads away opens a contact point, at no cost but to second order.
+    assert (jnp.where(out.before.in_contact, out.mode, 0) >= 0).any()
+    np.testing.assert_allclose(jnp.linalg.norm(out.mode), 1)
+    still = js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6])), disturbance=0.0)
+    np.testing.assert_allclose(still.jumps.load.value, loop.jumps.load.value, atol=2e-6)
+
+
+@pytest.mark.parametrize("load", ["displacement", "spring"])
+def test_around_a_loop_the_work_is_what_the_jumps_lose(hertz, loop, load):
+    if load == "spring":
+        loop = js.follow(hertz, js.Spring(jnp.array([1.8, 1.3, 1.8]), 20.0), smallest_jump=1e-5)
+    assert (loop.jumps.dissipation > 0).all()
+    np.testing.assert_allclose(loop.work, loop.jumps.dissipation.sum(), rtol=1e-2)
+    np.testing.assert_allclose(loop.work, loop.dissipation, rtol=1e-6)
+    states = loop.equilibrium
+    np.testing.assert_allclose(states.energy[-1], states.energy[0], rtol=1e-6)
+    # By a quadrature of its own: the load over what is prescribed.
+    quadrature = -np.trapezoid(states.mean_pressure, loop.load.value)
+    np.testing.assert_allclose(loop.work, quadrature, rtol=2e-2)
+
+
+def test_every_state_of_a_rough_path_is_an_equilibrium_and_every_jump_goes_down():
+    contact = rough_contact(32, STICKY, rms_height=0.05)
+    turns = js.MeanGap(jnp.array([0.2, 0.02, 0.2]))
+    path = js.follow(contact, turns, smallest_jump=1e-3, fields=True)
+    assert len(path.jumps) >= 3
+    waves = np.fft.fftfreq(32, 1 / 32)
+    multiplier = np.pi * np.hypot(*np.meshgrid(waves, waves, indexing="ij"))
+    for value, gap, pressure in zip(
+        path.load.value, path.equilibrium.gap, path.equilibrium.mean_pressure, strict=True
+    ):
+        displacement = np.asarray(gap + contact.heights)
+        elastic = np.fft.ifft2(multiplier * np.fft.fft2(displacement)).real
+        net = elastic + pressure + np.exp(-np.asarray(gap) / 0.02)
+        missed = np.where(gap > 0, net, np.minimum(net, 0))
+        np.testing.assert_allclose(missed, 0, atol=1e-6)
+        np.testing.assert_allclose(gap.mean(), value, rtol=1e-9)
+    for jump in path.jumps:
+        assert jump.dissipation > 0
+        assert jump.before.energy > jump.after.energy
+        verdict = js.assess_stability(contact, jump.before, throw=False).verdict
+        assert verdict != "unstable"
+    down, up = path.jumps.load.value[:1], path.jumps.load.value[-1:]
+    assert down < up
+
+
+def test_a_tension_pulls_apart_where_bisection_says_and_a_pressure_brings_back():
+    contact = rough_contact(32, js.potentials.Exponential(0.02, 0.08), rms_height=0.05)
+    path = js.follow(contact, js.MeanPressure(jnp.array([0.0, -0.2, 0.05])))
+    apart, touch = path.jumps
+    expected = bisected(contact, 0.0, -0.002, js.MeanPressure)
+    np.testing.assert_allclose(apart.load.value, expected, rtol=1e-5)
+    assert not apart.after.in_contact.any()
+    assert touch.kind == "touch"
+    assert touch.after.load.value > 0 and touch.after.in_contact.any()
+    # Of what falls apart no work is known.
+    assert jnp.isnan(path.work) and jnp.isfinite(path.equilibrium.work[5])
+
+
+def test_lanes_give_what_they_give_alone(hertz):
+    turns = jnp.array([1.6, 1.2])
+
+    def follow(load):
+        return js.follow(hertz, js.MeanDisplacement(load), max_states=64, max_jumps=4, throw=False)
+
+    together = jax.jit(jax.vmap(follow))(jnp.stack([turns, turns + 0.05]))
+    for i, shift in enumerate((0.0, 0.05)):
+        alone = follow(turns + shift)
+        number = len(alone.load.value)
+        assert (together.load.value[i][:number] == alone.load.value).all()
+        assert jnp.isnan(together.load.value[i][number:]).all()
+        assert together.jumps.load.value[i][0] == alone.jumps.load.value[0]
+
+
+def test_what_cannot_be_followed_is_told(hertz):
+    with pytest.raises(ValueError, match="takes the turning points of a load, two or more"):
+        js.follow(hertz, js.MeanDisplacement(1.3))
+    with pytest.raises(js.SolverError, match=r"MeanDisplacement\(1\.\d+\) after 7"):
+        js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=8)
+    short = js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=8, throw=False)
+    assert short.result == "store_full"
+    with pytest.raises(ValueError, match=r"disturbance is -1\.0"):
+        js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), disturbance=-1.0)
