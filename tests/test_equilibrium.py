@@ -118,10 +118,12 @@ PAPERS_CASES = [
 ]
 
 
-@pytest.mark.parametrize("solver", [js.PolonskyKeerRey(), js.PreconditionedConjugateGradient()])
+@pytest.mark.parametrize(
+    ("solver", "n"), [(js.PolonskyKeerRey(), 128), (js.PreconditionedConjugateGradient(), 256)]
+)
 @pytest.mark.parametrize(("potential", "displacement"), PAPERS_CASES)
-def test_the_papers_rough_cases_converge(potential, displacement, solver):
-    contact = rough_contact(256, potential)
+def test_the_papers_rough_cases_converge(potential, displacement, solver, n):
+    contact = rough_contact(n, potential)
     equilibrium = js.equilibrate(contact, js.MeanDisplacement(displacement), solver)
     assert equilibrium.residual <= 1e-8
     check_optimality(contact, equilibrium, 1e-7)
