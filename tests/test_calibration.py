@@ -31,7 +31,7 @@ def exact(start):
 
 
 def test_a_noisy_curve_gives_the_parameters_and_errors_that_cover_them(start, exact):
-    noise = jnp.asarray(np.random.default_rng(0).normal(size=(30, 16)))
+    noise = jnp.asarray(np.random.default_rng(0).normal(size=(50, 16)))
     curves = exact * (1 + 0.01 * noise)
 
     def fit(measured):

@@ -114,6 +114,15 @@ def test_lanes_give_what_they_give_alone(hertz):
         assert together.jumps.load.value[i][0] == alone.jumps.load.value[0]
 
 
+def test_a_path_has_no_derivative_and_says_so(hertz):
+    def work(end):
+        turns = js.MeanDisplacement(jnp.stack([1.6, end]))
+        return js.follow(hertz, turns, max_states=64, max_jumps=4, throw=False).work
+
+    with pytest.raises(NotImplementedError, match="follow and calibrate cannot be differentiated"):
+        jax.grad(work)(1.4)
+
+
 def test_what_cannot_be_followed_is_told(hertz):
     with pytest.raises(ValueError, match="takes the turning points of a load, two or more"):
         js.follow(hertz, js.MeanDisplacement(1.3))

@@ -22,6 +22,7 @@ from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, initial_gap
 from jaxstab.equilibrium.state import State, equilibrium_at
 from jaxstab.grid import mean
+from jaxstab.iterate import refuse_derivatives
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load
 from jaxstab.paths.explain import reason_of
@@ -122,7 +123,8 @@ def follow(
 
     Returns:
         The path. Under JAX transformations arrays have `max_states` and `max_jumps` entries, NaN
-        where there is none; otherwise as many as there are.
+        where there is none; otherwise as many as there are. It cannot be differentiated, and says
+        so.
 
     Raises:
         ValueError: for a load that does not hold two values or more in one dimension.
@@ -140,7 +142,7 @@ def follow(
     sizes = integer("max_states", max_states), integer("max_jumps", max_jumps)
     warn_if_coarse(contact)
     start = initial_gap(contact, load[0], initial)
-    inputs = jax.lax.stop_gradient((contact, load, start, share, noise))
+    inputs = contact, load, start, share, noise
     # What was not found is NaN.
     with jax.debug_nans(False):
         path, num_states, num_jumps = _follow(sizes, fields, *inputs)
@@ -153,7 +155,8 @@ def follow(
 
 @partial(program, static_argnums=(0, 1))
 def _follow(sizes: tuple[int, int], fields: bool, *inputs: Any) -> tuple[Path, Array, Array]:
-    return by_lanes(partial(_follow_one, sizes, fields))(*inputs)
+    constants: Any = refuse_derivatives(inputs)
+    return by_lanes(partial(_follow_one, sizes, fields))(*constants)
 
 
 def _follow_one(
