@@ -95,6 +95,7 @@ def test_a_tension_pulls_apart_where_bisection_says_and_a_pressure_brings_back()
     assert not apart.after.in_contact.any()
     assert touch.kind == "touch"
     assert touch.after.load.value > 0 and touch.after.in_contact.any()
+    assert jnp.isnan(apart.dissipation) and jnp.isnan(touch.dissipation)
     # Of what falls apart no work is known.
     assert jnp.isnan(path.work) and jnp.isfinite(path.equilibrium.work[5])
 
@@ -130,5 +131,15 @@ def test_what_cannot_be_followed_is_told(hertz):
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=8)
     short = js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=8, throw=False)
     assert short.result == "store_full"
+    with pytest.raises(ValueError, match=r"The load has 1 NaN or infinite values, the first at"):
+        js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, jnp.nan])))
+    lost = jax.jit(lambda end: js.follow(hertz, js.MeanGap(jnp.stack([1.6, end])), throw=False))
+    assert lost(jnp.nan).result == "infeasible_load"
+    with pytest.raises(ValueError, match="must be those of one machine"):
+        js.follow(hertz, js.Spring(jnp.array([1.6, 1.2]), jnp.array([1.0, 2.0])))
+    with pytest.raises(ValueError, match="must be those of one machine"):
+        js.critical_load(hertz, js.Spring(jnp.array([1.6, 1.2]), jnp.array([1.0, 2.0])))
+    with pytest.raises(ValueError, match="max_states is 1: a path has two states"):
+        js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=1)
     with pytest.raises(ValueError, match=r"disturbance is -1\.0"):
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), disturbance=-1.0)

@@ -20,7 +20,7 @@ from jaxstab.equilibrium.state import DIFFERENTIABLE, fields_of
 from jaxstab.folds.branch import Field, free_space
 from jaxstab.folds.implicit import differentiable, differentiable_fields
 from jaxstab.folds.search import follow_to_fold
-from jaxstab.loads import Load, require_load
+from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.programs import program
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
@@ -74,7 +74,8 @@ def critical_load(
         not end but branches off, by symmetry, there is no derivative.
 
     Raises:
-        ValueError: for other than two loads, or an initial gap that `equilibrate` refuses.
+        ValueError: for other than two loads, machines that differ, or an initial gap that
+            `equilibrate` refuses.
         SolverError: if `throw`, where the first load has no stable equilibrium, or the eigenvalue
             does not vanish in the bracket.
     """
@@ -84,6 +85,7 @@ def critical_load(
             f"critical_load takes two loads, but {type(bracket).__name__} holds an array of shape "
             f"{bracket.value.shape}: give one on the stable branch and one beyond its end."
         )
+    require_same_machine(bracket)
     warn_if_coarse(contact)
     start = initial_gap(contact, bracket, initial)
     # Histories end in NaN, and what was not found is NaN.

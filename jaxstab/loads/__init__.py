@@ -5,7 +5,7 @@ on it.
 """
 
 from jaxstab.loads.gap import GapControl, MeanDisplacement, MeanGap
-from jaxstab.loads.load import Control, Load, require_load
+from jaxstab.loads.load import Control, Load, require_load, require_same_machine
 from jaxstab.loads.pressure import MeanPressure, PressureControl
 from jaxstab.loads.spring import FarDisplacement, Spring, SpringControl
 
@@ -21,4 +21,5 @@ __all__ = [
     "Spring",
     "SpringControl",
     "require_load",
+    "require_same_machine",
 ]

@@ -4,11 +4,12 @@ from abc import abstractmethod
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from jaxstab.checks import parameter
+from jaxstab.checks import is_traced, known, parameter
 from jaxstab.display import inline
 from jaxstab.elasticity import Field, FieldMap, Solid
 from jaxstab.profile import Profile
@@ -122,6 +123,16 @@ def require_load(load: Load) -> None:
             f"The load is {load!r}: say what it prescribes, with MeanDisplacement, MeanGap, "
             "MeanPressure or Spring."
         )
+
+
+def require_same_machine(load: Load) -> None:
+    """Raise `ValueError` if the entries of a load, where known, differ in more than their value."""
+    for leaf in jax.tree.leaves(eqx.tree_at(lambda load: load.value, load, None)):
+        if not is_traced(leaf) and np.any(known(leaf) != known(leaf).flat[0]):
+            raise ValueError(
+                f"The load is {load!r}: its values must be those of one machine, so give one "
+                "stiffness for all of them."
+            )
 
 
 def prescribed(value: ArrayLike) -> Float[Array, "..."]:

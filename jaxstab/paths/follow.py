@@ -16,7 +16,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from jaxstab.checks import integer, is_traced, known, parameter, require, require_positive
+from jaxstab.checks import (
+    integer,
+    is_traced,
+    known,
+    parameter,
+    require,
+    require_finite,
+    require_positive,
+)
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, initial_gap
@@ -24,7 +32,7 @@ from jaxstab.equilibrium.state import State, equilibrium_at
 from jaxstab.grid import mean
 from jaxstab.iterate import refuse_derivatives
 from jaxstab.lanes import by_lanes
-from jaxstab.loads import Load, require_load
+from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.explain import reason_of
 from jaxstab.paths.path import KINDS, Jump, Path, States
 from jaxstab.programs import program
@@ -127,7 +135,8 @@ def follow(
         so.
 
     Raises:
-        ValueError: for a load that does not hold two values or more in one dimension.
+        ValueError: for a load that does not hold two finite values or more in one dimension, or
+            machines that differ; for room that is too small.
         SolverError: if `throw`, where an equilibrium is not found, or the store is full.
     """
     require_load(load)
@@ -136,10 +145,14 @@ def follow(
             f"follow takes the turning points of a load, two or more in one dimension, but "
             f"{type(load).__name__} holds an array of shape {load.value.shape}."
         )
+    require_finite("The load", load.value)
+    require_same_machine(load)
     share, noise = parameter(smallest_jump), parameter(disturbance)
     require_positive("smallest_jump", share)
     require("The disturbance", noise, known(noise) >= 0, "it must not be negative.")
     sizes = integer("max_states", max_states), integer("max_jumps", max_jumps)
+    require("max_states", sizes[0], sizes[0] >= 2, "a path has two states at least.")
+    require("max_jumps", sizes[1], sizes[1] >= 1, "leave room for one.")
     warn_if_coarse(contact)
     start = initial_gap(contact, load[0], initial)
     inputs = contact, load, start, share, noise
@@ -216,7 +229,7 @@ def _follow_one(
         # Loads that hold the gap never pull surfaces apart: what else fails, fails for good.
         has_failed = ~is_found & ~is_pulled & is_final & ~walk.is_apart
 
-        lost = jnp.where(is_jump | is_touch, jnp.where(is_found, loss, jnp.nan), loss)
+        lost = jnp.where(is_found & ~is_touch, loss, jnp.nan)
         # Of surfaces that fall apart nothing is known.
         missing = jnp.where(is_jump, jnp.nan, 0)
         dissipation = walk.dissipation + jnp.where(is_found & ~walk.is_apart, loss, missing)
@@ -291,7 +304,8 @@ def _follow_one(
         states=_put(_store(states, sizes[0], fields), states, none, jnp.array(True)),
         num_jumps=none,
         jumps=_store(jumps, sizes[1], True),
-        result=result,
+        # Towards a load that is no number no step would ever end.
+        result=RESULTS.where(jnp.isfinite(span), result, RESULTS.infeasible_load),
     )
     walk = jax.lax.while_loop(goes_on, step, walk)
     is_done = walk.part == turns.size - 1
