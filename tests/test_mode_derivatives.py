@@ -94,6 +94,8 @@ def test_a_multiple_eigenvalue_is_told(contact):
         return js.assess_stability(flat, equilibrium, throw=throw).lower_bound.eigenvalue
 
     refused(lowest, jnp.array(1.0), "the eigenvalue is multiple")
+    # The eigenvalue itself is there.
+    assert jnp.isfinite(lowest(jnp.array(1.0), True))
 
 
 def test_modes_of_a_block_refuse_to_be_differentiated(contact):

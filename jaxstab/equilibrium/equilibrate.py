@@ -20,7 +20,7 @@ from jaxstab.equilibrium.state import (
     Equilibrium,
     Field,
     State,
-    assembled,
+    equilibrium_at,
     in_units_of,
     single_equilibrium,
 )
@@ -152,7 +152,7 @@ def _find(
     gap = jnp.where(control.is_feasible & contact.is_valid, gap, jnp.nan)
     iteration = solver.solve(contact, control, gap)
     gap, balance = iteration.state.gap, iteration.state.balance
-    energy = (balance.elastic_energy + balance.adhesion) * contact.grid.cell_area
+    energy = balance.elastic_energy + balance.adhesion
     is_met = control.missed(gap) <= _ROUNDING * jnp.finfo(gap.dtype).eps
     is_finite = jnp.isfinite(energy) & is_met
     result = RESULTS.where(is_finite, iteration.result, RESULTS.nonfinite)
@@ -160,15 +160,15 @@ def _find(
     result = RESULTS.where(control.is_feasible, result, RESULTS.infeasible_load)
     result = RESULTS.where(contact.is_valid, result, RESULTS.invalid_contact)
 
-    return Equilibrium(
-        load=load,
-        in_contact=gap == 0,
-        contact_area=jnp.mean(jnp.where(jnp.isnan(gap), gap, gap == 0)),
+    return equilibrium_at(
+        contact,
+        load,
+        gap,
+        balance,
         residual=iteration.residual,
         num_steps=iteration.num_steps,
         result=result,
         history=iteration.history,
-        **assembled(contact, gap, balance.net, energy),
     )
 
 

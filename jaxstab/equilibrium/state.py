@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxstab.contact import Contact
+from jaxstab.contact import Balance, Contact
 from jaxstab.display import block
 from jaxstab.iterate import History
 from jaxstab.loads import Load
@@ -105,20 +105,17 @@ def assembled(contact: Contact, gap: Field, net: Field, energy: Float[Array, ""]
     }
 
 
-def equilibrium_at(contact: Contact, load: Load, gap: Field) -> Equilibrium:
-    """Return the equilibrium of a gap that a solver has found before."""
-    control = contact.control(load)
-    balance = contact.balance(control)(gap)
-    is_finite = jnp.isfinite(balance.residual)
+def equilibrium_at(
+    contact: Contact, load: Load, gap: Field, balance: Balance, **how: Any
+) -> Equilibrium:
+    """Return the state of a gap and its balance, given how it was found: residual, steps, ..."""
+    energy = (balance.elastic_energy + balance.adhesion) * contact.grid.cell_area
     return Equilibrium(
         load=load,
         in_contact=gap == 0,
         contact_area=jnp.mean(jnp.where(jnp.isnan(gap), gap, gap == 0)),
-        residual=balance.residual,
-        num_steps=jnp.array(0),
-        result=RESULTS.where(is_finite, RESULTS.successful, RESULTS.nonfinite),
-        history=History.empty(["residual"], gap.dtype),
-        **assembled(contact, gap, balance.net, contact.energy(gap)),
+        **assembled(contact, gap, balance.net, energy),
+        **how,
     )
 
 

@@ -19,7 +19,7 @@ from jaxstab.hessian import Block
 from jaxstab.loads import Load
 from jaxstab.stability import LOBPCG, Eigenpair
 from jaxstab.stability.cones import Subspace
-from jaxstab.stability.eigenpairs import measured
+from jaxstab.stability.modes import lowest_pair
 
 Field = Float[Array, " *grid"]
 Scalar = Float[Array, ""]
@@ -40,10 +40,9 @@ class Point(eqx.Module):
 def point_at(contact: Contact, load: Load, gap: Field, modes: Block) -> Point:
     """Return a state of a branch, its modes sought from a block of others."""
     space = free_space(contact, load, gap)
-    hessian = contact.hessian(gap, contact.control(load)).restricted(space.is_moving)
-    found = LOBPCG(_MODE_TOLERANCE[gap.dtype.name]).solve(hessian, space, modes)
-    pair = measured(hessian, space, found, found.vector[0])
-    return Point(load, gap, found.vector, pair)
+    hessian = contact.hessian(gap, contact.control(load))
+    pair, modes = lowest_pair(LOBPCG(_MODE_TOLERANCE[gap.dtype.name]), hessian, space, modes)
+    return Point(load, gap, modes, pair)
 
 
 def free_space(contact: Contact, load: Load, gap: Field) -> Subspace:

@@ -8,9 +8,9 @@ from jaxstab.grid import mean
 from jaxstab.loads import Load
 from jaxstab.paths.path import KINDS
 from jaxstab.stability.cones import Subspace
-from jaxstab.stability.eigenpairs import admissible_pair
+from jaxstab.stability.eigenpairs import Eigenpair
 from jaxstab.stability.lobpcg import LOBPCG
-from jaxstab.stability.modes import BLOCK_SIZE, noise
+from jaxstab.stability.modes import BLOCK_SIZE, lowest_pair, noise
 
 Field = Float[Array, " *grid"]
 
@@ -28,22 +28,17 @@ def reason_of(contact: Contact, load: Load, gap: Field, key: Array) -> tuple[KIN
     net = contact.balance(control)(gap).net
     touches = gap == 0
     lets_go = touches & (net <= _HARDLY_ANY * contact.conforming_pressure)
-    _, mode = _lowest(contact, load, gap, ~touches, key)
-    opened, released = _lowest(contact, load, gap, ~touches | lets_go, key)
-    is_release = jnp.any(lets_go) & (opened < 0)
+    hessian = contact.hessian(gap, control)
+    starts = noise(key, BLOCK_SIZE, gap)
+
+    def lowest(is_moving: Bool[Array, " *grid"]) -> Eigenpair:
+        space = Subspace(is_moving, control.fixes_mean)
+        return lowest_pair(LOBPCG(), hessian, space, starts)[0]
+
+    closed, opened = lowest(~touches), lowest(~touches | lets_go)
+    is_release = jnp.any(lets_go) & (opened.eigenvalue < 0)
     kind = KINDS.where(is_release, KINDS.release, KINDS.fold)
-    mode = jnp.where(is_release, released, mode)
+    mode = jnp.where(is_release, opened.mode, closed.mode)
     # A contact point opens.
     opening = jnp.where(touches, mode, 0)
     return kind, mode * jnp.where(mean(opening) < 0, -1, 1)
-
-
-def _lowest(
-    contact: Contact, load: Load, gap: Field, is_moving: Bool[Array, " *grid"], key: Array
-) -> tuple[Float[Array, ""], Field]:
-    control = contact.control(load)
-    space = Subspace(is_moving, control.fixes_mean)
-    hessian = contact.hessian(gap, control).restricted(is_moving)
-    found = LOBPCG().solve(hessian, space, noise(key, BLOCK_SIZE, gap))
-    eigenvalue, mode, _ = admissible_pair(hessian, space, found.vector[0])
-    return eigenvalue, mode

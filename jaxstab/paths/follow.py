@@ -30,7 +30,7 @@ from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, initial_gap
 from jaxstab.equilibrium.state import State, equilibrium_at
 from jaxstab.grid import mean
-from jaxstab.iterate import refuse_derivatives
+from jaxstab.iterate import History, refuse_derivatives
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.explain import reason_of
@@ -403,8 +403,8 @@ def _path(contact: Contact, load: Load, walk: _Walk, result: RESULTS, fields: bo
         return Jump(
             load=start,
             kind=kind,
-            before=equilibrium_at(contact, start, before.gap),
-            after=equilibrium_at(contact, end, after.gap),
+            before=_state(contact, start, before.gap),
+            after=_state(contact, end, after.gap),
             mode=mode,
             dissipation=lost,
             state=number,
@@ -425,6 +425,22 @@ def _path(contact: Contact, load: Load, walk: _Walk, result: RESULTS, fields: bo
         work=work(walk.here, walk.supplied),
         dissipation=walk.dissipation,
         result=result,
+    )
+
+
+def _state(contact: Contact, load: Load, gap: Field) -> Equilibrium:
+    """Return the equilibrium of a gap that was found before."""
+    balance = contact.balance(contact.control(load))(gap)
+    is_finite = jnp.isfinite(balance.residual)
+    return equilibrium_at(
+        contact,
+        load,
+        gap,
+        balance,
+        residual=balance.residual,
+        num_steps=jnp.array(0),
+        result=RESULTS.where(is_finite, RESULTS.successful, RESULTS.nonfinite),
+        history=History.empty(["residual"], gap.dtype),
     )
 
 

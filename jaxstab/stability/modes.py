@@ -12,7 +12,7 @@ from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.recognition import recognised
 from jaxstab.equilibrium.state import State, equilibrium_of
-from jaxstab.hessian import Block
+from jaxstab.hessian import Block, Hessian
 from jaxstab.iterate import refuse_derivatives
 from jaxstab.programs import program
 from jaxstab.resolution import warn_if_coarse
@@ -106,6 +106,15 @@ def _lowest_modes(
     modes = found.vector[:count]
     pairs = jax.vmap(lambda mode: measured(hessian, space, found, mode))(modes)
     return pairs.in_units_of(1 / unit)
+
+
+def lowest_pair(
+    solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Block
+) -> tuple[Eigenpair, Block]:
+    """Return the lowest pair on a linear space, and a block of modes to go on from."""
+    restricted = hessian.restricted(space.is_moving)
+    found = solver.solve(restricted, space, starts)
+    return measured(restricted, space, found, found.vector[0]), found.vector
 
 
 def noise(key: PRNGKeyArray, count: int, like: Float[Array, " *grid"]) -> Block:

@@ -21,7 +21,7 @@ from jaxstab.results import RESULTS
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpairs import Eigenpair, admissible_pair, lowered, measured
 from jaxstab.stability.lobpcg import LOBPCG, norms
-from jaxstab.stability.modes import BLOCK_SIZE
+from jaxstab.stability.modes import BLOCK_SIZE, lowest_pair
 from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.solver import ConeSolver
 
@@ -127,10 +127,8 @@ class _Lowest(eqx.Module):
 
 @jax.jit
 def _on_space(solver: LOBPCG, hessian: Hessian, space: Subspace, starts: Block) -> _Lowest:
-    restricted = hessian.restricted(space.is_moving)
-    found = solver.solve(restricted, space, starts)
-    pair = measured(restricted, space, found, found.vector[0])
-    return _Lowest(pair, pair.sign, found.vector)
+    pair, modes = lowest_pair(solver, hessian, space, starts)
+    return _Lowest(pair, pair.sign, modes)
 
 
 @jax.jit
