@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from jaxstab import files, potentials, surfaces
+from jaxstab.branches.critical_load import CriticalLoad
 from jaxstab.calibration import Calibration, calibrate
 from jaxstab.contact import Contact
 from jaxstab.elasticity import HalfSpace, Solid, Spectral
@@ -19,12 +20,11 @@ from jaxstab.equilibrium import (
     SaddleNewton,
     equilibrate,
 )
-from jaxstab.folds import CriticalLoad, critical_load
 from jaxstab.grid import Grid
 from jaxstab.loads import FarDisplacement, MeanDisplacement, MeanGap, MeanPressure, Spring
-from jaxstab.paths import KINDS, Jump, Path, follow
+from jaxstab.paths import Jump, Path, critical_load, follow
 from jaxstab.resolution import ResolutionWarning
-from jaxstab.results import RESULTS, VERDICTS, SolverError
+from jaxstab.results import KINDS, RESULTS, VERDICTS, SolverError
 from jaxstab.stability import (
     LOBPCG,
     Barrier,

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab import potentials
-from jaxstab.checks import cast, parameter, require_finite
+from jaxstab.checks import cast, is_traced, parameter, require_finite
 from jaxstab.display import block
 from jaxstab.elasticity import FieldMap, Solid
 from jaxstab.grid import Grid, total
@@ -131,6 +131,11 @@ class Contact(eqx.Module):
         solid = self.solid.scaled(1 / pressure)
         law = potentials.Scaled(self.potential, 1 / pressure, has_core)
         return eqx.tree_at(lambda contact: (contact.solid, contact.potential), self, (solid, law))
+
+    def in_own_units(self) -> tuple["Contact", Float[Array, ""]]:
+        """Return the same contact with pressures in a unit of its own, and that unit."""
+        unit, has_core = self.own_pressure, self.has_core
+        return self.in_units_of(unit, None if is_traced(has_core) else bool(has_core)), unit
 
     def gap(self, displacement: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         """Return g = u - h (Rey & Bleyer, eq. 2) [length]."""

@@ -29,11 +29,11 @@ def progress_bar(total: int, unit: str, *, shown: bool = True) -> Iterator[tqdm]
             _bars.remove(bar)
 
 
-def advance(after: Array) -> None:
-    """Move the bar by one unit once `after` is known; works inside compiled code."""
-    jax.debug.callback(_advance, after)
+def advance(units: Array) -> None:
+    """Move the bar to a number of units; works inside compiled code."""
+    jax.debug.callback(_advance, units)
 
 
-def _advance(_: Array) -> None:
+def _advance(units: Array) -> None:
     if _bars:
-        _bars[-1].update()
+        _bars[-1].update(int(units) - _bars[-1].n)

@@ -1,4 +1,4 @@
-"""What a solver or an assessment can say, and how a failure is raised."""
+"""What a solver, an assessment or a path can say, and how a failure is raised."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -51,9 +51,9 @@ class RESULTS(Enumeration):
         "out of balance. Use the contact and the load that it came from"
     )
     no_fold = member(
-        "the critical eigenvalue was not seen to vanish between the two loads. It stays "
-        "positive, or jumps where points enter or leave contact, or the search left the branch: "
-        "look at a sweep between them, and narrow the bracket"
+        "between the two loads neither the critical eigenvalue was seen to vanish, nor a contact "
+        "point to let go in a jump. Look at a path between them, by jaxstab.follow, and narrow the "
+        "bracket"
     )
     store_full = member(
         "the store is full before the end. Give it more room, follow a shorter programme, or "
@@ -74,6 +74,14 @@ class VERDICTS(Enumeration):
     )
     unstable = member("an arbitrarily small admissible perturbation lowers the energy")
     undecided = member("an eigenvalue is zero to within its error, or a solver did not converge")
+
+
+class KINDS(Enumeration):
+    """Why a branch of equilibria ends."""
+
+    fold = member("the smallest eigenvalue on the critical cone vanishes")
+    release = member("a contact point lets go, and on the cone that opens with it energy falls")
+    touch = member("surfaces that a pull had taken apart come back together")
 
 
 class SolverError(RuntimeError):

@@ -115,12 +115,39 @@ def test_lanes_give_what_they_give_alone(hertz):
         assert together.jumps.load.value[i][0] == alone.jumps.load.value[0]
 
 
-def test_a_path_has_no_derivative_and_says_so(hertz):
+def test_of_a_path_the_loads_of_jumps_have_derivatives_and_nothing_else_has(hertz):
+    # Points that are mirror images of each other would let go at once.
+    heights = hertz.heights + 1e-3 * jax.random.normal(jax.random.key(0), hertz.heights.shape)
+
+    def follow(energy, end=1.2, throw=True):
+        law = js.potentials.Exponential(energy, 1.0)
+        contact = js.Contact(hertz.solid, heights, law)
+        turns = js.MeanDisplacement(jnp.stack([1.6, end, 1.6]))
+        path = js.follow(contact, turns, max_states=256, max_jumps=8, throw=throw)
+        return path.jumps.load.value[jnp.array([0, -1])]
+
+    def release(energy):
+        law = js.potentials.Exponential(energy, 1.0)
+        contact = js.Contact(hertz.solid, heights, law)
+        turns = js.MeanDisplacement(jnp.array([1.2, 1.6]))
+        path = js.follow(contact, turns, max_states=128, max_jumps=1, throw=False)
+        return path.jumps.load.value[0]
+
+    rates = jax.jacrev(follow)(10.0)
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(release))(10.0), rates[1], rtol=1e-8)
+    differences = (follow(10.01) - follow(9.99)) / 0.02
+    # Jumps are located to 4e-7.
+    np.testing.assert_allclose(rates, differences, atol=8e-5, rtol=0)
+    assert (jnp.abs(rates) > 1e-2).all()
+
     def work(end):
         turns = js.MeanDisplacement(jnp.stack([1.6, end]))
-        return js.follow(hertz, turns, max_states=64, max_jumps=4, throw=False).work
+        return js.follow(hertz, turns, max_states=64, max_jumps=4).work
 
-    with pytest.raises(NotImplementedError, match="follow and calibrate cannot be differentiated"):
+    with pytest.raises(js.SolverError, match="two events coincide"):
+        heights = hertz.heights
+        jax.grad(lambda energy: follow(energy)[1])(10.0)
+    with pytest.raises(js.SolverError, match="of a path only the loads of its jumps have one"):
         jax.grad(work)(1.4)
 
 

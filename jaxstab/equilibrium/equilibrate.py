@@ -122,7 +122,7 @@ def _find_in_own_units(
 ) -> Equilibrium:
     unit = contact.own_pressure
     own = contact.in_units_of(unit, has_core), load.in_units_of(unit)
-    found = by_lanes(_find)(*own, solver, initial).in_units_of(1 / unit)
+    found = by_lanes(find)(*own, solver, initial).in_units_of(1 / unit)
     overflows = (found.result == RESULTS.successful) & ~jnp.isfinite(found.energy)
     result = RESULTS.where(overflows, RESULTS.nonfinite, found.result)
     return replace(found, load=load, result=result)
@@ -140,9 +140,10 @@ def with_derivatives(
     return replace(found, load=load, **in_units_of(1 / unit, fields))
 
 
-def _find(
+def find(
     contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
 ) -> Equilibrium:
+    """Do what `find_equilibrium` does, on a contact and a load in units of their own."""
     control = contact.control(load)
     start = control.starting_gap(contact.heights) if initial is None else initial
     start = jnp.maximum(start.astype(contact.heights.dtype), 0)

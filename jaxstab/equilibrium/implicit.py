@@ -8,10 +8,10 @@ from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact, missed_pressure
 from jaxstab.derivatives import LinearSystem, finite, pushed
+from jaxstab.elasticity import Solid
 from jaxstab.equilibrium.state import Field, Fields, fields_of
 from jaxstab.grid import total
-from jaxstab.hessian import Hessian
-from jaxstab.loads import Load
+from jaxstab.loads import Control, Load
 from jaxstab.potentials import slope
 from jaxstab.refusals import Obstacle, any_exists
 
@@ -37,7 +37,6 @@ def changes_of_fields(
     gap = fields["gap"]
     is_free = gap > 0
     control = contact.control(load)
-    hessian = contact.hessian(gap, control).restricted(is_free)
     net = fields["pressure"] + slope(contact.potential, gap)
     missed = missed_pressure(net, gap)
     sharpness = jnp.max(jnp.abs(jnp.where(is_free, third_derivative(contact, gap), 0)))
@@ -48,10 +47,8 @@ def changes_of_fields(
         error = sharpness * jnp.sqrt(total(missed**2)) / eigenvalue**2
         return error < _MAX_ERROR
 
-    obstacles = [Obstacle(~is_found, NOT_FOUND), changing_contact(net, gap, hessian)]
-    adhesion = total(jnp.maximum(hessian.curvature, 0)) / gap.size
-    inverse = hessian.inverse(hessian.solid.min_stiffness + adhesion)
-    system = LinearSystem(hessian, inverse, lambda field: control.project(field, is_free))
+    obstacles = [Obstacle(~is_found, NOT_FOUND), changing_contact(net, gap, contact.solid)]
+    system = free_system(contact, control, gap)
     change, imbalance = pushed(partial(fields_of, gap=gap), inputs, changes)
     right_side = jnp.where(any_exists(obstacles), 0, -imbalance)
     moved = system.differentiable_solution(right_side, is_sound)
@@ -65,17 +62,29 @@ def changes_of_fields(
     return sums, reasons
 
 
+def free_system(contact: Contact, control: Control, gap: Field) -> LinearSystem:
+    """Return the system of A on the free points, for an A that is positive there."""
+    is_free = gap > 0
+    hessian = contact.hessian(gap, control).restricted(is_free)
+    adhesion = total(jnp.maximum(hessian.curvature, 0)) / gap.size
+    inverse = hessian.inverse(contact.solid.min_stiffness + adhesion)
+    return LinearSystem(hessian, inverse, lambda field: control.project(field, is_free))
+
+
 def third_derivative(contact: Contact, gap: Field) -> Field:
     """Return f'''(g) at every point [pressure/length^2]."""
     return jax.jvp(contact.curvature, (gap,), (jnp.ones_like(gap),))[1]
 
 
-def changing_contact(net: Field, gap: Field, hessian: Hessian) -> Obstacle:
+def changing_contact(net: Field, gap: Field, solid: Solid) -> Obstacle:
     """Return the obstacle of a point of hardly any reaction, or hardly any gap."""
+    return Obstacle(jnp.any(changing_points(net, gap, solid)), _CHANGING)
+
+
+def changing_points(net: Field, gap: Field, solid: Solid) -> Bool[Array, " *grid"]:
+    """Return where there is hardly any reaction, or hardly any gap."""
     noise = pressure_noise(net, gap)
-    stiffness = hessian.solid.max_stiffness
-    is_changing = jnp.any(jnp.where(gap > 0, gap * stiffness, net) <= noise)
-    return Obstacle(is_changing, _CHANGING)
+    return jnp.where(gap > 0, gap * solid.max_stiffness, net) <= noise
 
 
 def pressure_noise(net: Field, gap: Field) -> Float[Array, ""]:

@@ -1,22 +1,15 @@
 """What a contact goes through: the states along a path, and the jumps between them."""
 
+from dataclasses import replace
+
 import equinox as eqx
 from jaxtyping import Array, Float, Int
 
 from jaxstab.display import block
-from jaxstab.enumerations import Enumeration, member
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
-from jaxstab.results import RESULTS
+from jaxstab.results import KINDS, RESULTS
 from jaxstab.stacks import Stackable
-
-
-class KINDS(Enumeration):
-    """Why a branch of equilibria ends."""
-
-    fold = member("the smallest eigenvalue on the critical cone vanishes")
-    release = member("a contact point lets go, and on the cone that opens with it energy falls")
-    touch = member("surfaces that a pull had taken apart come back together")
 
 
 class States(Stackable, eqx.Module):
@@ -42,12 +35,23 @@ class States(Stackable, eqx.Module):
 
     __repr__ = block
 
+    def in_units_of(self, pressure: Float[Array, ""]) -> "States":
+        """Return the same states with pressures in another unit; lengths stay."""
+        return replace(
+            self,
+            mean_pressure=self.mean_pressure / pressure,
+            energy=self.energy / pressure,
+            work=self.work / pressure,
+            dissipation=self.dissipation / pressure,
+        )
+
 
 class Jump(Stackable, eqx.Module):
     """Where a branch ends, and where the contact goes from there.
 
     Attributes:
-        load: the load [that of the path].
+        load: the load [that of the path]; a function of the contact, the only thing of a path that
+            can be differentiated.
         kind: a member of `KINDS`: why the branch ends.
         before: the last equilibrium of the branch.
         after: the one that the contact jumps to, at the next load; NaN where it is pulled off.
@@ -65,6 +69,16 @@ class Jump(Stackable, eqx.Module):
     state: Int[Array, "*jumps"]
 
     __repr__ = block
+
+    def in_units_of(self, pressure: Float[Array, ""]) -> "Jump":
+        """Return the same jumps with pressures in another unit; lengths stay."""
+        return replace(
+            self,
+            load=self.load.in_units_of(pressure),
+            before=self.before.in_units_of(pressure),
+            after=self.after.in_units_of(pressure),
+            dissipation=self.dissipation / pressure,
+        )
 
 
 class Path(eqx.Module):
@@ -87,3 +101,14 @@ class Path(eqx.Module):
     result: RESULTS
 
     __repr__ = block
+
+    def in_units_of(self, pressure: Float[Array, ""]) -> "Path":
+        """Return the same path with pressures in another unit; lengths stay."""
+        return replace(
+            self,
+            load=self.load.in_units_of(pressure),
+            equilibrium=self.equilibrium.in_units_of(pressure),
+            jumps=self.jumps.in_units_of(pressure),
+            work=self.work / pressure,
+            dissipation=self.dissipation / pressure,
+        )

@@ -1,12 +1,13 @@
-"""Why a branch ended at a state: the eigenvalue that vanished, or the contact point that let go."""
+"""Why a branch ends at a state: an eigenvalue that vanishes, or a contact point that lets go."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from jaxstab.branches.release import first_releases
 from jaxstab.contact import Contact
 from jaxstab.grid import mean
 from jaxstab.loads import Load
-from jaxstab.paths.path import KINDS
+from jaxstab.results import KINDS
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpairs import Eigenpair
 from jaxstab.stability.lobpcg import LOBPCG
@@ -14,20 +15,28 @@ from jaxstab.stability.modes import BLOCK_SIZE, lowest_pair, noise
 
 Field = Float[Array, " *grid"]
 
-# In units of the conforming pressure: a reaction that vanishes within the resolution of a path.
-_HARDLY_ANY = 1e-4
+# How far beyond the end of a branch, in units of how near it is known, a point may let go at it.
+_LEEWAY = 2
 
 
-def reason_of(contact: Contact, load: Load, gap: Field, key: Array) -> tuple[KINDS, Field]:
+def reason_of(
+    contact: Contact, load: Load, gap: Field, ahead: Float[Array, ""], key: Array
+) -> tuple[KINDS, Field]:
     """Return why the branch of a state ends just beyond it, and the mode that leads away.
 
-    It is a release if a point of contact has hardly any reaction and the energy falls where it
-    moves too; otherwise a fold.
+    It is a release if points of contact lose their reaction there and the energy falls where they
+    move too; otherwise a fold.
+
+    Arguments:
+        contact: the contact problem.
+        load: that of the state.
+        gap: of the state.
+        ahead: how far ahead the load lies that has no state of this branch, with its sign.
+        key: the random key of the eigensolver's start.
     """
     control = contact.control(load)
-    net = contact.balance(control)(gap).net
     touches = gap == 0
-    lets_go = touches & (net <= _HARDLY_ANY * contact.conforming_pressure)
+    lets_go = touches & (first_releases(contact, load, gap, ahead) <= _LEEWAY)
     hessian = contact.hessian(gap, control)
     starts = noise(key, BLOCK_SIZE, gap)
 

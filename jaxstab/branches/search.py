@@ -1,10 +1,11 @@
 """The way along a stable branch to its fold.
 
 The branch is followed towards the fold by the square of the eigenvalue, which falls linearly with
-the load. Then Newton's method takes both conditions of a fold together.
+the load. Newton's method goes the last part of it.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import ClassVar
 
@@ -13,21 +14,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from jaxstab.branches.branch import Field, Point, Scalar, linearised, point_at
+from jaxstab.branches.fold import FoldNewton
+from jaxstab.branches.limit import Limit, limit_of
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import PreconditionedConjugateGradient
-from jaxstab.equilibrium.equilibrate import find_equilibrium
-from jaxstab.folds.branch import (
-    Field,
-    Point,
-    Scalar,
-    linearised,
-    newton_step,
-    point_at,
-)
+from jaxstab.equilibrium.equilibrate import find
 from jaxstab.grid import total
 from jaxstab.iterate import Indicators, Iteration, IterativeSolver
 from jaxstab.loads import Load
-from jaxstab.results import RESULTS
+from jaxstab.results import KINDS, RESULTS
 from jaxstab.stability.modes import BLOCK_SIZE, noise
 
 # The part that a step goes of the way to where the fold is foreseen.
@@ -37,33 +33,30 @@ _SHARE = 0.75
 _SURPRISE = 2
 
 
-class Fold(eqx.Module):
-    """Where a search for a fold ended, and how."""
-
-    point: Point
-    newton: Iteration
-    num_steps: Int[Array, ""]
-    result: RESULTS
-
-
-def follow_to_fold(contact: Contact, loads: Load, start: Field | None) -> Fold:
+def follow_to_fold(contact: Contact, loads: Load, start: Field | None) -> Limit:
     """Return where the branch from the first load ends on its way to the second."""
     first, last = (jax.tree.map(lambda leaf, i=i: leaf[i], loads) for i in (0, 1))
-    equilibrium = find_equilibrium(contact, first, PreconditionedConjugateGradient(), start)
+    equilibrium = find(contact, first, PreconditionedConjugateGradient(), start)
     is_found = equilibrium.result == RESULTS.successful
     gap = jnp.where(is_found, equilibrium.gap, jnp.nan)
     point = point_at(contact, first, gap, noise(jax.random.key(0), BLOCK_SIZE, gap))
     approach = _Approach().solve(contact, point, last)
-    newton = _FoldNewton().solve(contact, approach.state.point)
-    end = newton.state.load.value
+    near = approach.state
+    newton = FoldNewton().solve(contact, near.point)
+    state = newton.state
+    end = state.load.value
     is_between = (end - first.value) * (last.value - end) >= 0
-    is_fold = (newton.result == RESULTS.successful) & is_between
+    # Another one may be the end of another branch.
+    is_near = jnp.abs(end - near.point.load.value) <= _SURPRISE * jnp.abs(near.distance)
+    is_ahead = near.distance * (last.value - near.point.load.value) > 0
+    is_foreseen = is_near & (is_ahead | (approach.result == RESULTS.successful))
+    is_fold = (newton.result == RESULTS.successful) & is_between & is_foreseen
     result = RESULTS.where(is_fold, RESULTS.successful, RESULTS.no_fold)
-    return Fold(
-        newton.state,
-        newton,
-        equilibrium.num_steps + approach.num_steps + newton.num_steps,
-        RESULTS.where(is_found, result, equilibrium.result),
+    limit = limit_of(KINDS.fold, state, jnp.zeros_like(gap, bool), state.pair, newton)
+    return replace(
+        limit,
+        num_steps=equilibrium.num_steps + approach.num_steps + newton.num_steps,
+        result=RESULTS.where(is_found, result, equilibrium.result),
     )
 
 
@@ -105,7 +98,7 @@ class _Approach(IterativeSolver):
             load = old.load.at(old.load.value + stride)
             start = jnp.maximum(old.gap + stride * state.rate, 0)
             solver = PreconditionedConjugateGradient()
-            equilibrium = find_equilibrium(contact, load, solver, start)
+            equilibrium = find(contact, load, solver, start)
             is_found = equilibrium.result == RESULTS.successful
             new = point_at(contact, load, jnp.where(is_found, equilibrium.gap, 1), old.modes)
             change = jnp.sqrt(total((new.gap - old.gap) ** 2))
@@ -119,36 +112,3 @@ class _Approach(IterativeSolver):
             return {"residual": jnp.where(is_ahead(state), jnp.abs(state.distance) / width, 1)}
 
         return self.iterate(step, measure, foresee(point, jnp.ones_like(width)))
-
-
-class _FoldNewton(IterativeSolver):
-    """Newton's method for a balance of pressures and an eigenvalue of zero."""
-
-    tolerance: Scalar | None = None
-    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=30)
-
-    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
-    patience: ClassVar[int] = 8
-
-    def solve(self, contact: Contact, point: Point) -> Iteration[Point]:
-        """Go from a point of the branch to the fold."""
-
-        def step(point: Point) -> Point:
-            linear = linearised(contact, point.load, point.gap, point.pair)
-            conditions = linear.imbalance, point.pair.eigenvalue
-            change, move = newton_step(
-                linear, conditions, lambda b: linear.stiffened.solution(b)[0]
-            )
-            # No free point closes.
-            limit = jnp.min(jnp.where(move < 0, -point.gap / jnp.where(move < 0, move, 1), jnp.inf))
-            length = jnp.minimum(1, 0.9 * limit)
-            load = point.load.at(point.load.value + length * change)
-            gap = contact.control(load).restore(point.gap + length * move)
-            return point_at(contact, load, gap, point.modes)
-
-        def measure(point: Point) -> Indicators:
-            balance = contact.balance(contact.control(point.load))(point.gap)
-            eigenvalue = jnp.abs(point.pair.eigenvalue) / contact.solid.min_stiffness
-            return {"residual": jnp.maximum(balance.residual, eigenvalue)}
-
-        return self.iterate(step, measure, point)

@@ -50,6 +50,20 @@ def free_space(contact: Contact, load: Load, gap: Field) -> Subspace:
     return Subspace(gap > 0, contact.control(load).fixes_mean)
 
 
+def rates(contact: Contact, load: Load, gap: Field) -> tuple[Field, Field, Field]:
+    """Return the net pressure of a state, and how its gap and this follow the load.
+
+    That is where no point moves by itself: a load that holds the mean scales the gap to it.
+    """
+
+    def at(value: Scalar) -> tuple[Field, Field]:
+        fields, net = fields_of(contact, load.at(value), gap)
+        return fields["gap"], net
+
+    (_, net), (gap_rate, net_rate) = jax.jvp(at, (load.value,), (jnp.ones_like(load.value),))
+    return net, gap_rate, net_rate
+
+
 class Linearisation(NamedTuple):
     """A point of a branch to first order, in the load and in the free points.
 
@@ -96,16 +110,13 @@ def linearised(contact: Contact, load: Load, gap: Field, pair: Eigenpair) -> Lin
     space = free_space(contact, load, gap)
     hessian = contact.hessian(gap, contact.control(load)).restricted(space.is_moving)
 
-    def at(value: Scalar) -> tuple[Field, Field]:
-        fields, net = fields_of(contact, load.at(value), gap)
-        return fields["gap"], space.project(net)
-
-    (_, imbalance), rates = jax.jvp(at, (load.value,), (jnp.ones_like(load.value),))
+    net, gap_rate, net_rate = rates(contact, load, gap)
     return Linearisation(
         pair,
         contact.solid.min_stiffness,
-        imbalance,
-        *rates,
+        space.project(net),
+        gap_rate,
+        space.project(net_rate),
         eigenvalue_slope=third_derivative(contact, gap) * pair.mode**2,
         operator=hessian,
         precondition=lambda field: hessian.precondition(field, pair.mode, pair.eigenvalue),

@@ -1,0 +1,45 @@
+"""Newton's method for a fold: both of its conditions taken together."""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from jaxstab.branches.branch import Point, Scalar, linearised, newton_step, point_at
+from jaxstab.contact import Contact
+from jaxstab.iterate import Indicators, Iteration, IterativeSolver
+
+
+class FoldNewton(IterativeSolver):
+    """Newton's method for a balance of pressures and an eigenvalue of zero."""
+
+    tolerance: Scalar | None = None
+    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=30)
+
+    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
+    patience: ClassVar[int] = 8
+
+    def solve(self, contact: Contact, point: Point) -> Iteration[Point]:
+        """Go from a point of the branch to the fold."""
+
+        def step(point: Point) -> Point:
+            linear = linearised(contact, point.load, point.gap, point.pair)
+            conditions = linear.imbalance, point.pair.eigenvalue
+            change, move = newton_step(
+                linear, conditions, lambda b: linear.stiffened.solution(b)[0]
+            )
+            # No free point closes.
+            limit = jnp.min(jnp.where(move < 0, -point.gap / jnp.where(move < 0, move, 1), jnp.inf))
+            length = jnp.minimum(1, 0.9 * limit)
+            load = point.load.at(point.load.value + length * change)
+            gap = contact.control(load).restore(point.gap + length * move)
+            return point_at(contact, load, gap, point.modes)
+
+        def measure(point: Point) -> Indicators:
+            balance = contact.balance(contact.control(point.load))(point.gap)
+            eigenvalue = jnp.abs(point.pair.eigenvalue) / contact.solid.min_stiffness
+            return {"residual": jnp.maximum(balance.residual, eigenvalue)}
+
+        return self.iterate(step, measure, point)

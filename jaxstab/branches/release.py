@@ -1,0 +1,135 @@
+"""Releases: where the reaction of a contact point vanishes, and the branch ends for want of it.
+
+Up to there the contact points stay where they are. With x the move that opens the point and that
+the free points follow at no cost, x_p = 1 and A x = 0 on them, the condition is x.r = 0, r being
+the net pressure K u + p0 + f'(g): of what is out of balance on the free points x.r is rid.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxstab.branches.branch import free_space, rates
+from jaxstab.contact import Contact
+from jaxstab.derivatives import LinearSystem
+from jaxstab.equilibrium.implicit import free_system
+from jaxstab.equilibrium.state import fields_of
+from jaxstab.grid import total
+from jaxstab.iterate import Indicators, Iteration, IterativeSolver
+from jaxstab.loads import Load
+from jaxstab.stability.cones import Subspace
+
+Field = Float[Array, " *grid"]
+Mask = Bool[Array, " *grid"]
+Scalar = Float[Array, ""]
+
+
+class Held(eqx.Module):
+    """A state of a branch, and the contact point that is about to let go."""
+
+    load: Load
+    gap: Field
+    point: Mask
+
+
+class Opening(NamedTuple):
+    """A branch to first order, about to lose a contact point.
+
+    Attributes:
+        move: x.
+        reaction: x.r, that of the point once the free points are in balance [pressure].
+        slope: how it follows the load.
+        imbalance: r on the free points.
+        gap_rate: how the gap follows the load where the free points do not move by themselves.
+        net_rate: how r does.
+        system: that of A on the free points.
+    """
+
+    move: Field
+    reaction: Scalar
+    slope: Scalar
+    imbalance: Field
+    gap_rate: Field
+    net_rate: Field
+    system: LinearSystem
+
+
+def opening(contact: Contact, load: Load, gap: Field, point: Mask) -> Opening:
+    """Return a branch to first order, and the move that opens one of its contact points."""
+    space, control = free_space(contact, load, gap), contact.control(load)
+    system = free_system(contact, control, gap)
+    opened = Subspace(space.is_moving | point, space.fixes_mean)
+    lifted = opened.project(point.astype(gap.dtype))
+    pulled = contact.hessian(gap, control)(lifted)
+    move = lifted - system.differentiable_solution(pulled)
+    net, gap_rate, net_rate = rates(contact, load, gap)
+    return Opening(
+        move,
+        total(move * net),
+        total(move * net_rate),
+        space.project(net),
+        gap_rate,
+        net_rate,
+        system,
+    )
+
+
+def first_releases(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Field:
+    """Return where each contact point loses its reaction, in units of how far one looks ahead.
+
+    That is to first order, and infinite for points that are pressed the more, or do not touch.
+    """
+    system = free_system(contact, contact.control(load), gap)
+    moved, _ = system.solution(-rates(contact, load, gap)[2])
+
+    def net(value: Scalar, gap: Field) -> Field:
+        return fields_of(contact, load.at(value), gap)[1]
+
+    reaction, rate = jax.jvp(net, (load.value, gap), (jnp.ones_like(load.value), moved))
+    loses = (gap == 0) & (rate * ahead < 0)
+    distance = -reaction / jnp.where(loses, rate * ahead, 1)
+    return jnp.where(loses, distance, jnp.inf)
+
+
+def first_of(distances: Field) -> Mask:
+    """Return the one point that is first to let go."""
+    return (jnp.arange(distances.size) == jnp.argmin(distances)).reshape(distances.shape)
+
+
+class ReleaseNewton(IterativeSolver):
+    """Newton's method for a balance of pressures and a reaction of zero."""
+
+    tolerance: Scalar | None = None
+    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=30)
+
+    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
+    patience: ClassVar[int] = 8
+
+    def solve(self, contact: Contact, held: Held) -> Iteration[Held]:
+        """Go from a state of the branch to the release."""
+        pressure = contact.conforming_pressure
+
+        def step(held: Held) -> Held:
+            near = opening(contact, held.load, held.gap, held.point)
+            change = -near.reaction / near.slope
+            move, _ = near.system.solution(-near.imbalance - change * near.net_rate)
+            move = move + change * near.gap_rate
+            # No free point closes.
+            limit = jnp.min(jnp.where(move < 0, -held.gap / jnp.where(move < 0, move, 1), jnp.inf))
+            length = jnp.minimum(1, 0.9 * limit)
+            load = held.load.at(held.load.value + length * change)
+            gap = contact.control(load).restore(held.gap + length * move)
+            return Held(load, jnp.where(held.gap > 0, gap, 0), held.point)
+
+        def measure(held: Held) -> Indicators:
+            net = rates(contact, held.load, held.gap)[0]
+            imbalance = jnp.where(held.gap > 0, net, 0)
+            reaction = total(jnp.where(held.point, net, 0))
+            missed = jnp.sqrt(total(imbalance**2) / net.size)
+            return {"residual": jnp.maximum(missed, jnp.abs(reaction)) / pressure}
+
+        return self.iterate(step, measure, held)

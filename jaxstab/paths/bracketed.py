@@ -1,0 +1,143 @@
+"""The load at which a stable branch of equilibria ends, in a fold or a release.
+
+At a fold the smallest eigenvalue on the free points vanishes, and the branch turns back:
+
+    K u + p0 + f'(g) = 0 on the free points,   lambda(g) = 0.
+
+At a release the reaction of a contact point vanishes instead, and the energy falls as it opens.
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import ArrayLike
+
+from jaxstab.branches.branch import Field
+from jaxstab.branches.critical_load import CriticalLoad, critical_load_at
+from jaxstab.branches.limit import Limit, locate
+from jaxstab.branches.reason import reason_of
+from jaxstab.branches.search import follow_to_fold
+from jaxstab.checks import is_traced
+from jaxstab.contact import Contact
+from jaxstab.equilibrium.equilibrate import initial_gap
+from jaxstab.equilibrium.state import State
+from jaxstab.lanes import by_lanes
+from jaxstab.loads import Load, require_load, require_same_machine
+from jaxstab.paths.walk import course_of, walk
+from jaxstab.programs import program
+from jaxstab.resolution import warn_if_coarse
+from jaxstab.results import KINDS, throw_failure
+
+# Jumps that lose a smaller part of the problem's own energy do not end a branch.
+_SMALLEST_JUMP = 1e-6
+_MAX_STATES = 512
+
+
+def critical_load(
+    contact: Contact,
+    bracket: Load,
+    *,
+    initial: ArrayLike | State | None = None,
+    throw: bool = True,
+) -> CriticalLoad:
+    """Return the load at which a branch of stable equilibria ends, on the way between two loads.
+
+    A fold is looked for first, by its eigenvalue, and if there is none a release. The end of a
+    branch need not be a pull-off: beyond it the contact may go on in another state, as rough
+    surfaces do many times. `jaxstab.pull_off` gives that, `jaxstab.follow` all of them.
+
+    Arguments:
+        contact: the contact problem.
+        bracket: a load that holds two values: one at which the branch is stable, and one beyond
+            its end. If the branch from the first does not end before the second, that from the
+            second is followed towards the first.
+        initial: where equilibria at both loads start, as in `equilibrate`.
+        throw: raise where no end is found, or a derivative is asked for that does not exist;
+            otherwise look at `result`, and such a derivative is NaN.
+
+    Returns:
+        The end of the branch. Its load, equilibrium and mode can be differentiated with respect to
+        the contact: dl = -(x.dr) / (x.dr/dl), r being the net pressure, and x the mode at a fold,
+        at a release the move that opens the point and that the free points follow. Where the
+        branch does not end but branches off, by symmetry, or two events coincide, there is none.
+
+    Raises:
+        ValueError: for other than two loads, machines that differ, or an initial gap that
+            `equilibrate` refuses.
+        SolverError: if `throw`, where the first load has no stable equilibrium, or its branch does
+            not end in the bracket.
+    """
+    require_load(bracket)
+    if bracket.value.shape != (2,):
+        raise ValueError(
+            f"critical_load takes two loads, but {type(bracket).__name__} holds an array of shape "
+            f"{bracket.value.shape}: give one on the stable branch and one beyond its end."
+        )
+    require_same_machine(bracket)
+    warn_if_coarse(contact)
+    start = initial_gap(contact, bracket, initial)
+    own, unit = contact.in_own_units()
+    loads = bracket.in_units_of(unit)
+    # Histories end in NaN, and what was not found is NaN.
+    with jax.debug_nans(False):
+        inputs = jax.lax.stop_gradient((own, loads, start))
+        # Outside of a trace nothing is compiled for a search that is not needed.
+        limit = by_lanes(_find)(*inputs) if is_traced(inputs) else _find(*inputs)
+    found = critical_load_at(limit, own, loads[0], throw).in_units_of(1 / unit)
+    if not throw:
+        return found
+    return throw_failure(found.result, found, lambda: _describe(bracket, found))
+
+
+def _find(contact: Contact, bracket: Load, start: Field | None) -> Limit:
+    """Return the end of the branch from the first load, or else of that from the second."""
+    inputs = contact, bracket, start
+    fold = _fold(*inputs)
+    limit = _unless_found(fold, lambda: _release(*inputs, fold))
+    back = jax.tree.map(lambda leaf: leaf[::-1], bracket)
+    return _unless_found(limit, lambda: _find_back(contact, back, start, fold))
+
+
+def _find_back(contact: Contact, bracket: Load, start: Field | None, first: Limit) -> Limit:
+    inputs = contact, bracket, start
+    fold = _fold(*inputs)
+    found = _unless_found(fold, lambda: _release(*inputs, fold))
+    # Where there is neither, it is the way that was asked for first that is told of.
+    return jax.tree.map(lambda x, y: jnp.where(found.is_found, x, y), found, first)
+
+
+def _unless_found(limit: Limit, search: Callable[[], Limit]) -> Limit:
+    """Return a limit, or what a search finds if there is none."""
+    if is_traced(limit.result):
+        return jax.lax.cond(limit.is_found, lambda: limit, search)
+    return limit if limit.is_found else search()
+
+
+_fold = program(follow_to_fold)
+
+
+@program
+def _release(contact: Contact, loads: Load, start: Field | None, fold: Limit) -> Limit:
+    """Return the release that ends the branch from the first load, or the fold that does not."""
+    first = loads[0]
+    begin = contact.control(first).starting_gap(contact.heights) if start is None else start
+    course = course_of(contact, loads, jnp.array(_SMALLEST_JUMP), jnp.array(0.0))
+    way = walk(course, begin, (_MAX_STATES, 1), fields=False)
+    jump = jax.tree.map(lambda leaf: leaf[0], way.jumps)
+    before, ahead = jump.before, jump.after.value - jump.before.value
+    load = first.at(before.value)
+    kind, _ = reason_of(contact, load, before.gap, ahead, jax.random.key(0))
+    limit = locate(contact, load, before.gap, kind, ahead)
+    is_release = limit.is_found & (way.num_jumps == 1) & (kind == KINDS.release)
+    return jax.tree.map(lambda x, y: jnp.where(is_release, x, y), limit, fold)
+
+
+def _describe(bracket: Load, found: CriticalLoad) -> str:
+    first, last = (float(value) for value in jax.lax.stop_gradient(bracket.value))
+    equilibrium = jax.lax.stop_gradient(found.equilibrium)
+    return (
+        f"No end of a branch found between {type(bracket).__name__}({first:.6g}) and ({last:.6g}): "
+        f"the search ended at {float(equilibrium.load.value):.6g} with a residual of "
+        f"{float(equilibrium.residual):.3g}"
+    )

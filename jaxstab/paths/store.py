@@ -1,0 +1,110 @@
+"""The states and jumps that a walk records, in stores of a bounded size."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxstab.contact import Contact
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.grid import mean
+
+Field = Float[Array, " *grid"]
+Scalar = Float[Array, ""]
+Flag = Bool[Array, ""]
+
+
+class Place(eqx.Module):
+    """A state on the way: its load and gap, and what follows from these.
+
+    Attributes:
+        value: of the load.
+        gap: g [length].
+        mean_gap: mean(g) [length].
+        mean_pressure: p0 [pressure].
+        contact_area: the number of contact points over that of all points.
+        energy: E, of the surface [energy].
+        stored: E and what the machine stores [energy].
+        potential: E + W [energy].
+        force: F, how the potential follows the load on a branch [energy over that of the load].
+    """
+
+    value: Scalar
+    gap: Field
+    mean_gap: Scalar
+    mean_pressure: Scalar
+    contact_area: Scalar
+    energy: Scalar
+    stored: Scalar
+    potential: Scalar
+    force: Scalar
+
+
+class Record(eqx.Module):
+    """A state recorded, and what was supplied and lost up to there [energy]."""
+
+    place: Place
+    supplied: Scalar
+    dissipation: Scalar
+
+
+class Event(eqx.Module):
+    """A jump: from where to where, what it loses, the number of its state, whether a touch."""
+
+    before: Place
+    after: Place
+    dissipation: Scalar
+    state: Int[Array, ""]
+    is_touch: Flag
+
+
+def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
+    """Return an equilibrium as a place of a walk, at a value of the load that may be meant."""
+    area = contact.grid.cell_area * contact.grid.size
+    load = found.load.at(value)
+    mean_gap = mean(found.gap)
+
+    def of_load(value: Scalar) -> Scalar:
+        return area * contact.control(load.at(value)).energy(mean_gap)
+
+    held, force = jax.value_and_grad(of_load)(value)
+    control = contact.control(load)
+    if control.fixes_mean:
+        # What holds the gap does the work of its pressure.
+        force = -area * found.mean_pressure
+    return Place(
+        value,
+        found.gap,
+        mean_gap,
+        found.mean_pressure,
+        found.contact_area,
+        found.energy,
+        found.energy + (held if control.stores_energy else 0),
+        found.energy + held,
+        force,
+    )
+
+
+def room(entry: Any, size: int, fields: bool) -> Any:
+    """Return room for a number of entries, without their gaps if these are not kept."""
+
+    def rows(leaf: Array) -> Array:
+        is_field = leaf.ndim > 0
+        if is_field and not fields:
+            return jnp.zeros((size, 0), leaf.dtype)
+        return jnp.full((size, *leaf.shape), jnp.nan if leaf.dtype.kind == "f" else 0, leaf.dtype)
+
+    return jax.tree.map(rows, entry)
+
+
+def put(store: Any, entry: Any, index: Int[Array, ""], is_kept: Flag) -> Any:
+    """Return a store with an entry, if it is kept."""
+
+    def placed(rows: Array, leaf: Array) -> Array:
+        if rows.shape[1:] != leaf.shape:
+            return rows
+        return rows.at[jnp.where(is_kept, index, len(rows))].set(leaf, mode="drop")
+
+    return jax.tree.map(placed, store, entry)
