@@ -22,7 +22,7 @@ from jaxstab.equilibrium import (
 )
 from jaxstab.grid import Grid
 from jaxstab.loads import FarDisplacement, MeanDisplacement, MeanGap, MeanPressure, Spring
-from jaxstab.paths import Jump, Path, critical_load, follow
+from jaxstab.paths import Jump, Path, critical_load, follow, pull_off
 from jaxstab.resolution import ResolutionWarning
 from jaxstab.results import KINDS, RESULTS, VERDICTS, SolverError
 from jaxstab.stability import (
@@ -89,6 +89,7 @@ __all__ = [
     "lowest_modes",
     "plots",
     "potentials",
+    "pull_off",
     "release",
     "surfaces",
     "sweep",

@@ -55,6 +55,10 @@ class RESULTS(Enumeration):
         "point to let go in a jump. Look at a path between them, by jaxstab.follow, and narrow the "
         "bracket"
     )
+    no_jump = member(
+        "the surfaces came apart without a jump, since the machine is stiff enough to hold them on "
+        "all the way. Take the largest tension of a path, by jaxstab.follow, or a softer machine"
+    )
     store_full = member(
         "the store is full before the end. Give it more room, follow a shorter programme, or "
         "locate fewer jumps"

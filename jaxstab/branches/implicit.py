@@ -26,7 +26,10 @@ from jaxstab.refusals import Obstacle, any_exists
 from jaxstab.results import KINDS
 from jaxstab.stability.implicit import differentiable as differentiable_pair
 
-NOT_FOUND = "the end of the branch was not located exactly (look at its result)"
+NOT_FOUND = (
+    "the end of the branch was not found (look at its result), or not exactly, since other points "
+    "touch or let go right before it"
+)
 _LEAST_COSINE = {"float64": 1e-6, "float32": 1e-3}
 _BIFURCATION = (
     "the branch does not turn back here but branches off, into states without its symmetry. "
@@ -87,7 +90,7 @@ def _changes_near_limit(
 def _changes_of_limit(
     values: Changes, limit: Limit, inputs: Inputs, changes: Inputs
 ) -> tuple[Changes, list[Obstacle]]:
-    is_found, is_release = limit.is_found, limit.kind == KINDS.release
+    is_found, is_release = limit.is_found & limit.is_exact, limit.kind == KINDS.release
     inputs, (_, gap), pair = finite(is_found, (inputs, values, limit.critical))
     contact, load = inputs
     space = free_space(contact, load, gap)

@@ -1,5 +1,6 @@
 """The limit of a branch of equilibria, a fold or a release, located exactly."""
 
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -39,6 +40,7 @@ class Limit(eqx.Module):
         residual: of the balance of pressures and the condition of the kind.
         num_steps: steps that it took to find it.
         history: of the residual.
+        is_exact: whether these conditions are met; otherwise the limit lies a little further on.
         result: how the search ended.
     """
 
@@ -50,11 +52,12 @@ class Limit(eqx.Module):
     residual: Scalar
     num_steps: Int[Array, ""]
     history: History
+    is_exact: Bool[Array, ""]
     result: RESULTS
 
     @property
     def is_found(self) -> Bool[Array, ""]:
-        """Whether the limit is where it says."""
+        """Whether there is one."""
         return self.result == RESULTS.successful
 
 
@@ -71,12 +74,15 @@ def limit_of(
         residual=newton.residual,
         num_steps=newton.num_steps,
         history=newton.history,
+        is_exact=newton.result == RESULTS.successful,
         result=newton.result,
     )
 
 
 def locate(contact: Contact, load: Load, gap: Field, kind: KINDS, ahead: Scalar) -> Limit:
     """Return the limit of a branch from a state close to it.
+
+    Where points touch or let go between the two, it is that state itself, and said not to be exact.
 
     Arguments:
         contact: the contact problem.
@@ -86,11 +92,12 @@ def locate(contact: Contact, load: Load, gap: Field, kind: KINDS, ahead: Scalar)
         ahead: how far ahead the load lies that has no state of this branch, with its sign.
     """
     starts = noise(jax.random.key(0), BLOCK_SIZE, gap)
+    nowhere = jnp.zeros_like(gap, bool)
+    near = point_at(contact, load, gap, starts)
 
     def at_fold() -> Limit:
-        newton = FoldNewton().solve(contact, point_at(contact, load, gap, starts))
-        found = newton.state
-        return limit_of(KINDS.fold, found, jnp.zeros_like(gap, bool), found.pair, newton)
+        newton = FoldNewton().solve(contact, near)
+        return limit_of(KINDS.fold, newton.state, nowhere, newton.state.pair, newton)
 
     def at_release() -> Limit:
         point = first_of(first_releases(contact, load, gap, ahead))
@@ -105,5 +112,15 @@ def locate(contact: Contact, load: Load, gap: Field, kind: KINDS, ahead: Scalar)
     limit = jax.lax.cond(kind == KINDS.release, at_release, at_fold)
     distance = jnp.abs(limit.load.value - load.value)
     is_near = (distance <= _LEEWAY * jnp.abs(ahead)) & limit.is_found
-    result = RESULTS.where(is_near | ~limit.is_found, limit.result, RESULTS.no_fold)
-    return eqx.tree_at(lambda limit: limit.result, limit, result)
+    residual = contact.balance(contact.control(load))(gap).residual
+    rough = replace(
+        limit,
+        load=load,
+        gap=gap,
+        point=nowhere,
+        critical=near.pair,
+        residual=residual,
+        is_exact=jnp.array(False),
+        result=RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite),
+    )
+    return jax.tree.map(lambda x, y: jnp.where(is_near, x, y), limit, rough)

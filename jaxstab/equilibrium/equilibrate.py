@@ -180,12 +180,12 @@ def _lift_off_core(contact: Contact, control: Control, gap: Field) -> Field:
     energies = profile.values + jnp.maximum(control.energy(profile.gaps), 0)
     lifted = control.restore(gap + profile.gaps[jnp.nanargmin(energies)])
 
-    def energy(gap: Field) -> Float[Array, ""]:
-        return contact.energy(gap) / contact.grid.cell_area + gap.size * control.energy(
-            jnp.mean(gap)
-        )
+    def energies_of(gap: Field) -> Float[Array, " energies"]:
+        surface = contact.energy(gap) / contact.grid.cell_area
+        return jnp.stack([surface, surface + gap.size * control.energy(jnp.mean(gap))])
 
-    is_better = energy(gap) <= energy(lifted)
+    # That a tension gains by drawing the surfaces apart says nothing of the core.
+    is_better = jnp.any(energies_of(gap) <= energies_of(lifted))
     return jnp.where(is_better & jnp.all(gap > 0), gap, lifted)
 
 

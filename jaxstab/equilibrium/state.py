@@ -119,6 +119,22 @@ def equilibrium_at(
     )
 
 
+def state_at(contact: Contact, load: Load, gap: Field) -> Equilibrium:
+    """Return the equilibrium of a gap that was found before."""
+    balance = contact.balance(contact.control(load))(gap)
+    is_finite = jnp.isfinite(balance.residual)
+    return equilibrium_at(
+        contact,
+        load,
+        gap,
+        balance,
+        residual=balance.residual,
+        num_steps=jnp.array(0),
+        result=RESULTS.where(is_finite, RESULTS.successful, RESULTS.nonfinite),
+        history=History.empty(["residual"], gap.dtype),
+    )
+
+
 class _HoldsEquilibrium(Protocol):
     @property
     def equilibrium(self) -> Equilibrium: ...

@@ -46,7 +46,7 @@ class PressingControl(Control):
         """Return what is missed over p0 and the attraction, in the mean."""
         # A relaxed spring is balanced to a part of its length.
         stiffness = 0 if self.stiffness is None else self.stiffness
-        balancing = jnp.abs(self.pressure(gap)) + jnp.abs(mean(attraction))
+        balancing = jnp.abs(self.pressure(gap)) + mean(jnp.abs(attraction))
         balancing = balancing + stiffness * mean(gap)
         left = jnp.abs(mean(missed))
         return jnp.where(balancing > 0, left / jnp.where(balancing > 0, balancing, 1), 0)

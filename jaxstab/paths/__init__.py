@@ -3,5 +3,6 @@
 from jaxstab.paths.bracketed import critical_load
 from jaxstab.paths.follow import follow
 from jaxstab.paths.path import Jump, Path, States
+from jaxstab.paths.pull_off import pull_off
 
-__all__ = ["Jump", "Path", "States", "critical_load", "follow"]
+__all__ = ["Jump", "Path", "States", "critical_load", "follow", "pull_off"]

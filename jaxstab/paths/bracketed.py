@@ -122,7 +122,7 @@ def _release(contact: Contact, loads: Load, start: Field | None, fold: Limit) ->
     """Return the release that ends the branch from the first load, or the fold that does not."""
     first = loads[0]
     begin = contact.control(first).starting_gap(contact.heights) if start is None else start
-    course = course_of(contact, loads, jnp.array(_SMALLEST_JUMP), jnp.array(0.0))
+    course = course_of(contact, loads, _SMALLEST_JUMP, disturbance=0.0)
     way = walk(course, begin, (_MAX_STATES, 1), fields=False)
     jump = jax.tree.map(lambda leaf: leaf[0], way.jumps)
     before, ahead = jump.before, jump.after.value - jump.before.value

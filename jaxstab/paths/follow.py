@@ -23,10 +23,8 @@ from jaxstab.checks import (
 )
 from jaxstab.contact import Contact
 from jaxstab.derivatives import attach
-from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import initial_gap
-from jaxstab.equilibrium.state import State, equilibrium_at
-from jaxstab.iterate import History
+from jaxstab.equilibrium.state import State, state_at
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.path import Jump, Path, States
@@ -36,7 +34,7 @@ from jaxstab.programs import program
 from jaxstab.progress import progress_bar
 from jaxstab.refusals import Obstacle
 from jaxstab.resolution import warn_if_coarse
-from jaxstab.results import KINDS, RESULTS, throw_failure
+from jaxstab.results import KINDS, throw_failure
 
 _NO_DERIVATIVE = (
     "of a path only the loads of its jumps have one. Differentiate `path.jumps.load`, or an "
@@ -166,8 +164,8 @@ def _path(contact: Contact, load: Load, ended: Walk, fields: bool) -> Path:
         return Jump(
             load=load,
             kind=KINDS.where(event.is_touch, KINDS.touch, kind),
-            before=_state(contact, load, before.gap),
-            after=_state(contact, one.at(after.value), after.gap),
+            before=state_at(contact, load, before.gap),
+            after=state_at(contact, one.at(after.value), after.gap),
             mode=mode,
             dissipation=event.dissipation,
             state=event.state,
@@ -188,22 +186,6 @@ def _path(contact: Contact, load: Load, ended: Walk, fields: bool) -> Path:
         work=work(ended.here.place, ended.here.supplied),
         dissipation=ended.here.dissipation,
         result=ended.result,
-    )
-
-
-def _state(contact: Contact, load: Load, gap: Field) -> Equilibrium:
-    """Return the equilibrium of a gap that was found before."""
-    balance = contact.balance(contact.control(load))(gap)
-    is_finite = jnp.isfinite(balance.residual)
-    return equilibrium_at(
-        contact,
-        load,
-        gap,
-        balance,
-        residual=balance.residual,
-        num_steps=jnp.array(0),
-        result=RESULTS.where(is_finite, RESULTS.successful, RESULTS.nonfinite),
-        history=History.empty(["residual"], gap.dtype),
     )
 
 

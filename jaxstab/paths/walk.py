@@ -13,7 +13,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import PreconditionedConjugateGradient
@@ -23,10 +23,10 @@ from jaxstab.paths.store import Event, Field, Flag, Place, Record, Scalar, place
 from jaxstab.progress import advance
 from jaxstab.results import RESULTS
 
-# How near a jump is located, over the range of the loads.
-_RESOLUTION = 1e-6
 # Steps of a monotone part of the programme, at least.
 _NUM_STEPS = 32
+# By what factor further on a state is sought where the solver is lost beyond the end of a branch.
+_FURTHER = 8
 
 
 class Search(eqx.Module):
@@ -35,10 +35,12 @@ class Search(eqx.Module):
     Attributes:
         distance: how far ahead the nearest such load lies; infinite if there is none.
         loss: what a step there would lose, as far as that is known.
+        nearness: how near the end of the branch is to be located.
     """
 
     distance: Scalar
     loss: Scalar
+    nearness: Scalar
 
     @property
     def is_on(self) -> Flag:
@@ -89,7 +91,7 @@ class Trial(eqx.Module):
         is_jump: whether it left the branch, at its end.
         is_pulled: whether the surfaces fell apart in that jump.
         is_touch: whether surfaces that were apart came together.
-        has_failed: whether there is no way on.
+        is_lost: whether no equilibrium was found where the branch has ended.
     """
 
     place: Place
@@ -102,7 +104,7 @@ class Trial(eqx.Module):
     is_jump: Flag
     is_pulled: Flag
     is_touch: Flag
-    has_failed: Flag
+    is_lost: Flag
 
 
 class Course(eqx.Module):
@@ -126,7 +128,7 @@ class Course(eqx.Module):
     def longest(self) -> Scalar:
         """The longest step."""
         turns = self.load.value
-        return (jnp.max(turns) - jnp.min(turns)) / _NUM_STEPS
+        return jnp.maximum((jnp.max(turns) - jnp.min(turns)) / _NUM_STEPS, self.resolution)
 
     def at(self, value: Scalar, part: Int[Array, ""]) -> Load:
         """Return the load at a value on a part of the programme."""
@@ -145,7 +147,13 @@ class Course(eqx.Module):
         return jnp.max(self.contact.heights) - self.contact.heights
 
 
-def course_of(contact: Contact, load: Load, smallest_jump: Scalar, disturbance: Scalar) -> Course:
+def course_of(
+    contact: Contact,
+    load: Load,
+    smallest_jump: ArrayLike,
+    disturbance: ArrayLike,
+    resolution: ArrayLike = 1e-6,
+) -> Course:
     """Return the course of a programme.
 
     Arguments:
@@ -153,15 +161,18 @@ def course_of(contact: Contact, load: Load, smallest_jump: Scalar, disturbance: 
         load: the turning points of the programme.
         smallest_jump: the loss from which a jump is located, over the problem's own energy.
         disturbance: the size of a random field, over the rms height.
+        resolution: how near a jump is located, over the range of the loads.
     """
     turns, heights = load.value, contact.heights
     noise = jax.random.normal(jax.random.key(0), heights.shape, heights.dtype)
+    # Loads that are nearer to each other are the same.
+    finest = 4 * jnp.finfo(turns.dtype).eps * jnp.max(jnp.abs(turns))
     return Course(
         contact,
         load,
-        threshold=smallest_jump * _own_energy(contact),
-        resolution=_RESOLUTION * (jnp.max(turns) - jnp.min(turns)),
-        disturbance=disturbance * jnp.std(heights) * noise,
+        threshold=jnp.asarray(smallest_jump) * _own_energy(contact),
+        resolution=jnp.maximum(resolution * (jnp.max(turns) - jnp.min(turns)), finest),
+        disturbance=jnp.asarray(disturbance) * jnp.std(heights) * noise,
     )
 
 
@@ -187,7 +198,7 @@ def walk(
         here=here,
         last=first,
         stride=course.longest / 8,
-        search=Search(zero + jnp.inf, zero + jnp.inf),
+        search=Search(zero + jnp.inf, zero + jnp.inf, course.resolution),
         part=none,
         is_apart=jnp.array(False),
         states=put(room(here, sizes[0], fields), here, none, jnp.array(True)),
@@ -220,7 +231,7 @@ def _try(course: Course, walk: Walk) -> Trial:
     target = course.load.value[walk.part + 1]
     left = jnp.abs(target - here.value)
     # The last step to a load that failed is a jump, if it fails again.
-    is_final = search.distance <= course.resolution
+    is_final = search.distance <= search.nearness
     # Where it lost by its length alone, what is left of the step loses less.
     tries_whole = is_final | (search.loss <= course.threshold)
     within = jnp.where(tries_whole, search.distance, search.distance / 2)
@@ -250,8 +261,7 @@ def _try(course: Course, walk: Walk) -> Trial:
         is_jump=is_jump,
         is_pulled=is_jump & is_pulled,
         is_touch=walk.is_apart & is_found & presses,
-        # Loads that hold the gap never pull surfaces apart: what else fails, fails for good.
-        has_failed=~is_found & ~is_pulled & is_final & ~walk.is_apart,
+        is_lost=~is_found & ~is_pulled & is_final & ~walk.is_apart,
     )
 
 
@@ -278,7 +288,9 @@ def _after(course: Course, walk: Walk, trial: Trial) -> Walk:
     is_kept = accepts & ~is_apart & (~searches | trial.is_jump | trial.is_end)
     lost = jnp.where(trial.is_touch | trial.is_pulled, jnp.nan, trial.loss)
     event = Event(walk.here.place, here.place, lost, num_states - 1, trial.is_touch)
-    search = _search(walk, trial, accepts, is_event)
+    # The solver may find its way from further on, but not from anywhere.
+    has_failed = trial.is_lost & (trial.is_end | (trial.length > course.longest / _FURTHER))
+    search = _search(course, walk, trial, accepts, is_event)
     return Walk(
         here=here,
         last=_choose(is_event, here.place, last),
@@ -290,17 +302,24 @@ def _after(course: Course, walk: Walk, trial: Trial) -> Walk:
         num_states=num_states + is_kept,
         jumps=put(walk.jumps, event, walk.num_jumps, is_event),
         num_jumps=walk.num_jumps + is_event,
-        result=RESULTS.where(trial.has_failed, trial.result, walk.result),
+        result=RESULTS.where(has_failed, trial.result, walk.result),
     )
 
 
-def _search(walk: Walk, trial: Trial, accepts: Flag, is_event: Flag) -> Search:
+def _search(course: Course, walk: Walk, trial: Trial, accepts: Flag, is_event: Flag) -> Search:
     """Return what is known of a load ahead after a step."""
     distance = jnp.where(accepts, walk.search.distance - trial.length, trial.length)
     is_over = is_event | (distance <= 0) | (accepts & trial.is_end)
     # An error of quadrature falls with the cube of the length, what a jump loses does not.
     loss = jnp.where(accepts, walk.search.loss / 8, jnp.abs(trial.loss))
-    return Search(jnp.where(is_over, jnp.inf, distance), loss)
+    # Where the solver is lost right beyond the end, it may find its way from further on.
+    distance = jnp.where(trial.is_lost, _FURTHER * distance, distance)
+    nearness = jnp.where(trial.is_lost, distance, walk.search.nearness)
+    return Search(
+        jnp.where(is_over, jnp.inf, distance),
+        loss,
+        jnp.where(is_over, course.resolution, nearness),
+    )
 
 
 def _stride(

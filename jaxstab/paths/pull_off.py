@@ -1,0 +1,136 @@
+"""The pull-off: the largest tension that a contact survives as it is unloaded."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxstab.branches.branch import Field
+from jaxstab.branches.critical_load import CriticalLoad, critical_load_at
+from jaxstab.branches.limit import Limit, locate
+from jaxstab.branches.reason import reason_of
+from jaxstab.checks import parameter
+from jaxstab.contact import Contact
+from jaxstab.equilibrium import Equilibrium, equilibrate
+from jaxstab.equilibrium.state import State, single_equilibrium, state_at
+from jaxstab.lanes import by_lanes
+from jaxstab.loads import Load, MeanPressure, Spring
+from jaxstab.paths.walk import course_of, walk
+from jaxstab.programs import program
+from jaxstab.resolution import warn_if_coarse
+from jaxstab.results import RESULTS, throw_failure
+
+_SMALLEST_JUMP = 1e-4
+_DISTURBANCE = 1e-6
+_RESOLUTION = {"float64": 1e-9, "float32": 1e-5}
+_SIZES = (1024, 128)
+# What part of the largest attraction is taken for none.
+_HARDLY_ANY = 1e-3
+
+
+def pull_off(
+    contact: Contact,
+    *,
+    initial: ArrayLike | State | None = None,
+    spring: ArrayLike | None = None,
+    throw: bool = True,
+) -> CriticalLoad:
+    """Return the largest tension that a contact survives as it is unloaded, and what ends it.
+
+    The contact is followed as by `jaxstab.follow`: unlike a fold in a bracket, this is the last
+    jump, whatever jumps come before. Under a dead load it leaves no state. A machine of a finite
+    stiffness can catch the contact again: of its jumps the one from the largest tension counts. If
+    it is so stiff that tension passes a maximum without a jump, that was larger.
+
+    Arguments:
+        contact: the contact problem.
+        initial: a state in contact to unload from, at its own mean pressure, or a gap, at none; by
+            default the equilibrium at zero mean pressure.
+        spring: the stiffness of a machine in series [pressure/length]; by default a dead load.
+        throw: raise where there is no pull-off, or a derivative is asked for that does not exist;
+            otherwise look at `result`, and such a derivative is NaN.
+
+    Returns:
+        The last state before the pull-off, its load a `MeanPressure` or a `Spring`, located
+        exactly; `kind` says whether it ends in a fold or a release, and `after` is the state that
+        remains, NaN where there is none. It can be differentiated like that of `critical_load`,
+        with respect to contact and spring.
+
+    Raises:
+        ValueError: for a stiffness that is not positive, or an initial gap that `equilibrate`
+            refuses.
+        SolverError: if `throw`, where there is no state to unload from, or it comes apart without
+            a jump.
+    """
+    warn_if_coarse(contact)
+    constant = jax.lax.stop_gradient(contact)
+    state = _start(constant, initial)
+    if spring is None:
+        load: Load = MeanPressure(jnp.stack([state.mean_pressure, -_deepest(constant)]))
+    else:
+        load = _retraction(constant, state, parameter(spring, "The stiffness of the spring"))
+    own, unit = contact.in_own_units()
+    loads = load.in_units_of(unit)
+    inputs = jax.lax.stop_gradient((own, loads, state.gap))
+    # What was not found is NaN.
+    with jax.debug_nans(False):
+        limit, after = _find(*inputs)
+    found = critical_load_at(limit, own, loads[0], throw)
+    found = replace(found, after=after).in_units_of(1 / unit)
+    if not throw:
+        return found
+    return throw_failure(found.result, found, lambda: _describe(load))
+
+
+@program
+def _find(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
+    return by_lanes(_find_one)(contact, load, start)
+
+
+def _find_one(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
+    dtype = contact.heights.dtype.name
+    course = course_of(contact, load, _SMALLEST_JUMP, _DISTURBANCE, _RESOLUTION[dtype])
+    ended = walk(course, start, _SIZES, fields=False)
+    jumps, one = ended.jumps, load[0]
+    is_jump = jnp.arange(_SIZES[1]) < ended.num_jumps
+    tension = jnp.where(is_jump & ~jumps.is_touch, -jumps.before.mean_pressure, -jnp.inf)
+    last = jnp.argmax(tension)
+    before, after = (jax.tree.map(lambda leaf: leaf[last], x) for x in (jumps.before, jumps.after))
+    ahead = after.value - before.value
+    kind, _ = reason_of(contact, one.at(before.value), before.gap, ahead, jax.random.key(0))
+    limit = locate(contact, one.at(before.value), before.gap, kind, ahead)
+    has_jumped = jnp.any(is_jump)
+    result = RESULTS.where(has_jumped, limit.result, RESULTS.no_jump)
+    result = RESULTS.where(ended.result == RESULTS.successful, result, ended.result)
+    return replace(limit, result=result), state_at(contact, one.at(after.value), after.gap)
+
+
+def _start(contact: Contact, initial: ArrayLike | State | None) -> Equilibrium:
+    """Return the state to unload from."""
+    if isinstance(initial, eqx.Module):
+        return single_equilibrium(initial)
+    return equilibrate(contact, MeanPressure(0.0), initial=initial, throw=False)
+
+
+def _retraction(contact: Contact, state: Equilibrium, stiffness: Array) -> Spring:
+    """Return the positions of a spring from that of a state to one that leaves nothing together."""
+    mean_displacement = jnp.mean(state.gap) + jnp.mean(contact.heights)
+    deepest = _deepest(contact)
+    reach = contact.profile.outermost_gap(_HARDLY_ANY * deepest)
+    spread = jnp.max(contact.heights) - jnp.min(contact.heights)
+    first = mean_displacement - state.mean_pressure / stiffness
+    last = mean_displacement + deepest / stiffness + reach + spread
+    return Spring(jax.lax.stop_gradient(jnp.stack([first, last])), stiffness)
+
+
+def _deepest(contact: Contact) -> Float[Array, ""]:
+    """Return the largest attraction of the law: no mean tension can exceed it."""
+    slopes = contact.profile.slopes
+    return jnp.max(jnp.where(jnp.isfinite(slopes), slopes, 0))
+
+
+def _describe(load: Load) -> str:
+    first, last = (float(value) for value in jax.lax.stop_gradient(load.value))
+    return f"No pull-off found from {type(load).__name__}({first:.6g}) to ({last:.6g})"
