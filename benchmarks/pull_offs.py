@@ -57,7 +57,7 @@ def with_changes(contact, changes, point):
 
 
 def derivatives(contact, pull):
-    """Return how far derivatives by surface energy and a height are off differences, or a refusal."""
+    """Return how far two derivatives are off differences of whole pull-offs, or a refusal."""
     gap = np.asarray(pull.equilibrium.gap)
     # A point near the edge of contact.
     point = np.unravel_index(np.argmin(np.where(gap > 0, gap, np.inf)), gap.shape)

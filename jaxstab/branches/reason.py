@@ -1,5 +1,6 @@
 """Why a branch ends at a state: an eigenvalue that vanishes, or a contact point that lets go."""
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -9,7 +10,6 @@ from jaxstab.grid import mean
 from jaxstab.loads import Load
 from jaxstab.results import KINDS
 from jaxstab.stability.cones import Subspace
-from jaxstab.stability.eigenpairs import Eigenpair
 from jaxstab.stability.lobpcg import LOBPCG
 from jaxstab.stability.modes import BLOCK_SIZE, lowest_pair, noise
 
@@ -40,14 +40,18 @@ def reason_of(
     hessian = contact.hessian(gap, control)
     starts = noise(key, BLOCK_SIZE, gap)
 
-    def lowest(is_moving: Bool[Array, " *grid"]) -> Eigenpair:
+    def lowest(is_moving: Bool[Array, " *grid"]) -> tuple[Float[Array, ""], Field]:
         space = Subspace(is_moving, control.fixes_mean)
-        return lowest_pair(LOBPCG(), hessian, space, starts)[0]
+        pair, _ = lowest_pair(LOBPCG(), hessian, space, starts)
+        return pair.eigenvalue, pair.mode
 
-    closed, opened = lowest(~touches), lowest(~touches | lets_go)
-    is_release = jnp.any(lets_go) & (opened.eigenvalue < 0)
+    nothing = jnp.array(jnp.inf, gap.dtype), jnp.zeros_like(gap)
+    opened, mode = jax.lax.cond(
+        jnp.any(lets_go), lambda: lowest(~touches | lets_go), lambda: nothing
+    )
+    is_release = opened < 0
     kind = KINDS.where(is_release, KINDS.release, KINDS.fold)
-    mode = jnp.where(is_release, opened.mode, closed.mode)
+    mode = jax.lax.cond(is_release, lambda: mode, lambda: lowest(~touches)[1])
     # A contact point opens.
     opening = jnp.where(touches, mode, 0)
     return kind, mode * jnp.where(mean(opening) < 0, -1, 1)

@@ -160,7 +160,11 @@ def _path(contact: Contact, load: Load, ended: Walk, fields: bool) -> Path:
     def jump(event: Event) -> Jump:
         before, after = event.before, event.after
         load, ahead = one.at(before.value), after.value - before.value
-        kind, mode = reason_of(contact, load, before.gap, ahead, jax.random.key(0))
+        kind, mode = jax.lax.cond(
+            jnp.isfinite(before.value),
+            lambda: reason_of(contact, load, before.gap, ahead, jax.random.key(0)),
+            lambda: (KINDS.fold, jnp.full_like(before.gap, jnp.nan)),
+        )
         return Jump(
             load=load,
             kind=KINDS.where(event.is_touch, KINDS.touch, kind),
