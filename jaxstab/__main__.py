@@ -1,4 +1,4 @@
-"""The command line: the unloading study of Rey & Bleyer, section 4.2.3, with options."""
+"""The command line: a rough contact loaded and unloaded, or the unloading study of the paper."""
 
 import argparse
 import os
@@ -15,11 +15,14 @@ import numpy as np
 
 from jaxstab.contact import Contact
 from jaxstab.elasticity import HalfSpace
-from jaxstab.files import save_sweep
+from jaxstab.files import save_path, save_sweep
 from jaxstab.grid import Grid
 from jaxstab.loads import Load, MeanDisplacement, MeanGap
+from jaxstab.paths import follow
+from jaxstab.plots import path as plot_path
 from jaxstab.plots import stability_curve
 from jaxstab.potentials import Exponential, Gaussian, NoAdhesion, Potential, Rational
+from jaxstab.results import RESULTS, SolverError
 from jaxstab.surfaces import self_affine
 from jaxstab.sweeps import Sweep, SweepInterrupted, sweep
 
@@ -41,39 +44,64 @@ def main(arguments: list[str] | None = None) -> None:
     matplotlib.use("Agg")
     try:
         _study(options)
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, SolverError) as error:
         raise SystemExit(f"jaxstab: {error}") from error
     except KeyboardInterrupt:
         raise SystemExit("jaxstab: interrupted.") from None
 
 
 def _study(options: argparse.Namespace) -> None:
-    contact, load = _contact(options), _loads(options)
+    contact = _contact(options)
     folder = _new_folder(options.output)
     print(_summary(options, contact))
+    study = _follow_loop if options.study == "loop" else _assess_unloading
+    complaint = study(options, contact, folder)
+    print(f"\nFigure and data are in {folder.resolve()}")
+    if complaint:
+        raise SystemExit(f"jaxstab: {complaint}")
+
+
+def _follow_loop(options: argparse.Namespace, contact: Contact, folder: Path) -> str | None:
+    """Follow the contact from the last load to the first and back."""
+    turns = LOADS[options.load](jnp.array([options.last, options.first, options.last]))
+    path = follow(contact, turns, smallest_jump=options.smallest_jump, progress=True, throw=False)
+    print(path)
+    figure = plot_path(path).get_figure(root=True)
+    assert figure is not None
+    figure.savefig(folder / "loop.png", dpi=150)
+    save_path(folder / "loop.npz", contact, path)
+    is_done = path.result == RESULTS.successful
+    return None if is_done else f"the path ended before its end: {RESULTS[path.result]}."
+
+
+def _assess_unloading(options: argparse.Namespace, contact: Contact, folder: Path) -> str | None:
+    """Assess the stability of the equilibria from the first load to the last."""
     with warnings.catch_warnings():
         # Said at the end instead.
         warnings.simplefilter("ignore", SweepInterrupted)
-        result = sweep(contact, load, order=options.order, progress=True)
+        result = sweep(contact, _loads(options), order=options.order, progress=True)
     print(result)
     _draw(result, folder / "unloading.png")
     save_sweep(folder / "unloading.npz", contact, result)
-    print(f"\nFigure and data are in {folder.resolve()}")
     done = result.load.value.size
     if done < options.number:
-        raise SystemExit(f"jaxstab: interrupted, {done} of {options.number} loads are done.")
+        return f"interrupted, {done} of {options.number} loads are done."
     assert result.stability is not None
     if not np.any(result.stability.result == "successful"):
-        raise SystemExit("jaxstab: every load failed, as the last column says.")
+        return "every load failed, as the last column says."
+    return None
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="jaxstab",
-        description="Unload a self-affine rough surface from an adhesive elastic half space, and "
-        "judge the stability of every state on the way (Rey & Bleyer, section 4.2.3).",
+        description="Press a self-affine rough surface on an adhesive elastic half space and draw "
+        "it off again, through every jump on the way; or judge the stability of each of many "
+        "states as it is unloaded (Rey & Bleyer, section 4.2.3).",
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
+    kinds = ["loop", "unloading"]
+    parser.add_argument("--study", choices=kinds, default=kinds[0], help="what to do")
     surface = parser.add_argument_group("surface (cut-offs in waves per side of the unit cell)")
     surface.add_argument("--size", type=int, default=256, help="points along a side")
     surface.add_argument("--seed", type=_whole(0, 2**32 - 1), default=0, help="which surface")
@@ -93,9 +121,14 @@ def _parser() -> argparse.ArgumentParser:
     loads.add_argument("--load", choices=[*LOADS], default="gap", help="the mean of what")
     loads.add_argument("--first", type=float, default=1e-5, help="first load")
     loads.add_argument("--last", type=float, default=2 + 1e-5, help="last load")
-    loads.add_argument("--number", type=_whole(1), default=21, help="number of loads")
+    loop = parser.add_argument_group("loop, from the last load to the first and back")
+    help = "part of the problem's energy that a jump loses for it to be located"
+    loop.add_argument("--smallest-jump", type=float, default=2e-3, help=help)
+    unloading = parser.add_argument_group("unloading, from the first load to the last")
+    unloading.add_argument("--number", type=_whole(1), default=21, help="number of loads")
     orders = ["continuation", "independent"]
-    loads.add_argument("--order", choices=orders, default=orders[0], help="where each load starts")
+    help = "where each load starts"
+    unloading.add_argument("--order", choices=orders, default=orders[0], help=help)
     run = parser.add_argument_group("run")
     run.add_argument("--precision", choices=["float64", "float32"], default="float64", help="type")
     default = Path("results")

@@ -102,7 +102,11 @@ class Contact(eqx.Module):
     def resolution(self) -> Float[Array, ""]:
         """Stiffness of the grid's shortest wave over the largest |f''| where the law attracts.
 
-        Well below 1 the grid pins contact edges, and jumps between its points are artefacts.
+        Below 1 the grid pins contact edges, and jumps between its points are artefacts. The tension
+        of a pull-off is too large by about 0.2 over its square: measured on Johnson's sinusoid,
+
+            resolution   16      8      4      2     1     0.5
+            error        0.07 %  0.3 %  1.3 %  6 %   30 %  100 %
         """
         return self.solid.max_stiffness / self.profile.max_curvature
 

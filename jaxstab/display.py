@@ -57,6 +57,35 @@ def sweep(self: Any) -> str:
         return block(self)
 
 
+def path(self: Any) -> str:
+    """Return what a path is in lines, and a table with one line for each of its jumps."""
+    try:
+        loads, jumps = np.asarray(self.load.value), self.jumps
+        name = type(self.load).__name__
+        lines = [
+            f"Path: {name} {_number(loads[0])} to {_number(loads[-1])} in {loads.size} states, "
+            f"{len(jumps)} jumps; {self.result.name}",
+            f"  work         {described(self.work)}",
+            f"  dissipation  {described(self.dissipation)}",
+        ]
+        return "\n".join([*lines, _table(_jumps(name, jumps))] if len(jumps) else lines)
+    except UNREADABLE:
+        return block(self)
+
+
+def _jumps(name: str, jumps: Any) -> dict[str, list[str]]:
+    areas = [state.contact_area for state in (jumps.before, jumps.after)]
+    before, after = (_column(area, lambda part: f"{100 * part:.2f} %") for area in areas)
+    return {
+        name: _column(jumps.load.value, "{:.8g}".format),
+        "kind": _column(jumps.kind.name, str),
+        "dissipation": _column(jumps.dissipation, "{:.4e}".format),
+        "mean pressure": _column(jumps.before.mean_pressure, "{:+.4e}".format),
+        "contact area": before,
+        "after": after,
+    }
+
+
 def _columns(sweep: Any) -> dict[str, list[str]]:
     equilibrium, stability = sweep.equilibrium, sweep.stability
     pairs = {} if stability is None else stability.pairs

@@ -16,20 +16,31 @@ class ResolutionWarning(UserWarning):
     """The grid is too coarse for the adhesion."""
 
 
-def warn_if_coarse(contact: Contact) -> None:
+# What a state needs, and what a jump does: there pinning shows in full.
+FOR_STATES, FOR_JUMPS = 1.0, 4.0
+# The error of a pull-off times the square of the resolution, measured on Johnson's wave.
+_PINNING = 0.2
+
+
+def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
     """Warn, once for each such problem, if contact edges are pinned to the grid.
 
-    That is where |f''| exceeds the stiffness of the shortest wave. Nothing is said inside of
-    `jax.jit` and `jax.vmap`, where values are not known yet.
+    That is where `contact.resolution` is below what is needed. Nothing is said inside of `jax.jit`
+    and `jax.vmap`, where values are not known yet.
     """
     stiffest, sharpest = known(contact.solid.max_stiffness), known(contact.profile.max_curvature)
-    if is_traced((stiffest, sharpest)) or stiffest >= sharpest:
+    if is_traced((stiffest, sharpest)) or stiffest >= needed * sharpest:
         return
     resolution = stiffest / sharpest
+    effect = (
+        "contact edges may be pinned to the grid, and jumps be artefacts"
+        if resolution < FOR_STATES
+        else f"loads of jumps and pull-offs may be off by {100 * _PINNING / resolution**2:.1g} %"
+    )
     message = (
         f"the grid of {_times(contact.grid.shape)} points is too coarse for the adhesion: the "
-        f"stiffness of its shortest wave is {resolution:.3g} of the largest |f''|, so that contact "
-        f"edges may be pinned to the grid, and jumps be artefacts. {_cure(contact, resolution)}"
+        f"stiffness of its shortest wave is {resolution:.3g} of the largest |f''|, so that "
+        f"{effect}. {_cure(contact, resolution / needed)}"
     )
     # A registry of its own, so that several functions say it once between them.
     warnings.warn_explicit(
@@ -37,9 +48,10 @@ def warn_if_coarse(contact: Contact) -> None:
     )
 
 
-def _cure(contact: Contact, resolution: np.floating) -> str:
+def _cure(contact: Contact, share: np.floating) -> str:
+    """Return which grid is as much stiffer as this share of what is needed asks for."""
     solid, refinement = contact.solid, 1
-    while solid.max_stiffness * resolution < contact.solid.max_stiffness:
+    while solid.max_stiffness * share < contact.solid.max_stiffness:
         refinement *= 2
         if refinement > _MAX_REFINEMENT:
             return "No grid of a size to compute with would do."

@@ -26,7 +26,7 @@ from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.walk import course_of, walk
 from jaxstab.programs import program
-from jaxstab.resolution import warn_if_coarse
+from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import KINDS, throw_failure
 
 # Jumps that lose a smaller part of the problem's own energy do not end a branch.
@@ -75,7 +75,7 @@ def critical_load(
             f"{bracket.value.shape}: give one on the stable branch and one beyond its end."
         )
     require_same_machine(bracket)
-    warn_if_coarse(contact)
+    warn_if_coarse(contact, FOR_JUMPS)
     start = initial_gap(contact, bracket, initial)
     own, unit = contact.in_own_units()
     loads = bracket.in_units_of(unit)

@@ -33,7 +33,7 @@ from jaxstab.paths.walk import Walk, course_of, walk
 from jaxstab.programs import program
 from jaxstab.progress import progress_bar
 from jaxstab.refusals import Obstacle
-from jaxstab.resolution import warn_if_coarse
+from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import KINDS, throw_failure
 
 _NO_DERIVATIVE = (
@@ -102,7 +102,7 @@ def follow(
     sizes = integer("max_states", max_states), integer("max_jumps", max_jumps)
     require("max_states", sizes[0], sizes[0] >= 2, "a path has two states at least.")
     require("max_jumps", sizes[1], sizes[1] >= 1, "leave room for one.")
-    warn_if_coarse(contact)
+    warn_if_coarse(contact, FOR_JUMPS)
     start = initial_gap(contact, load[0], initial)
     own, unit = contact.in_own_units()
     loads = load.in_units_of(unit)

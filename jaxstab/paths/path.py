@@ -5,6 +5,7 @@ from dataclasses import replace
 import equinox as eqx
 from jaxtyping import Array, Float, Int
 
+from jaxstab import display
 from jaxstab.display import block
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
@@ -100,7 +101,7 @@ class Path(eqx.Module):
     dissipation: Float[Array, ""]
     result: RESULTS
 
-    __repr__ = block
+    __repr__ = display.path
 
     def in_units_of(self, pressure: Float[Array, ""]) -> "Path":
         """Return the same path with pressures in another unit; lengths stay."""

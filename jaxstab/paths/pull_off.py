@@ -19,7 +19,7 @@ from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, MeanPressure, Spring
 from jaxstab.paths.walk import course_of, walk
 from jaxstab.programs import program
-from jaxstab.resolution import warn_if_coarse
+from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 
 _SMALLEST_JUMP = 1e-4
@@ -64,7 +64,7 @@ def pull_off(
         SolverError: if `throw`, where there is no state to unload from, or it comes apart without
             a jump.
     """
-    warn_if_coarse(contact)
+    warn_if_coarse(contact, FOR_JUMPS)
     constant = jax.lax.stop_gradient(contact)
     state = _start(constant, initial)
     if spring is None:

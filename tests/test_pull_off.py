@@ -1,0 +1,166 @@
+"""The pull-off: against bisection, differences of itself, Johnson's wave, and soft machines."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import rough_contact
+
+import jaxstab as js
+from jaxstab.references import johnson
+
+LAWS = {
+    "exponential": js.potentials.Exponential(0.02, 0.08),
+    "core": js.potentials.LennardJones(0.02, 0.08),
+}
+
+
+def surface(law, seed=0):
+    return rough_contact(32, law, seed=seed, rms_height=0.05)
+
+
+@pytest.fixture(scope="module", params=LAWS)
+def case(request):
+    contact = surface(LAWS[request.param])
+    return request.param, contact, js.pull_off(contact)
+
+
+def bisected(contact, resolution=1e-9):
+    """Return the largest tension that a warm-started equilibrium survives, by smaller steps."""
+    state, value, step = js.equilibrate(contact, js.MeanPressure(0.0)), 0.0, -4e-3
+    while abs(step) > resolution:
+        new = js.equilibrate(contact, js.MeanPressure(value + step), initial=state, throw=False)
+        if new.result == "successful":
+            state, value = new, value + step
+        else:
+            step /= 2
+    return value
+
+
+def test_it_is_where_bisection_ends(case):
+    name, contact, pull = case
+    np.testing.assert_allclose(pull.load.value, bisected(contact), rtol=1e-6)
+    # A wall lets go by a point's reaction, a core by an eigenvalue.
+    assert pull.kind == ("fold" if name == "core" else "release")
+    assert isinstance(pull.load, js.MeanPressure)
+    sign = pull.critical.eigenvalue / contact.solid.min_stiffness
+    assert abs(sign) < 1e-6 if name == "core" else sign < -1e-3
+    assert not pull.after.in_contact.any()
+    np.testing.assert_allclose(pull.equilibrium.mean_pressure, pull.load.value, rtol=1e-9)
+    assert pull.equilibrium.residual < 1e-8
+
+
+def test_its_derivatives_are_those_of_differences_in_both_modes(case):
+    _, contact, pull = case
+    point = np.unravel_index(
+        np.argmin(np.where(pull.equilibrium.in_contact, np.inf, pull.equilibrium.gap)), (32, 32)
+    )
+
+    @jax.jit
+    def changed(changes):
+        energy, height = changes
+        law = eqx.tree_at(lambda law: law.surface_energy, contact.potential, 0.02 + energy)
+        return js.Contact(contact.solid, contact.heights.at[point].add(height), law)
+
+    def value(changes):
+        return js.pull_off(changed(changes)).load.value
+
+    rates = jax.grad(value)(jnp.zeros(2))
+    for i, step in enumerate((1e-8, 1e-6)):
+        change = jnp.zeros(2).at[i].set(step)
+        difference = (value(change) - value(-change)) / (2 * step)
+        np.testing.assert_allclose(rates[i], difference, rtol=1e-4, atol=1e-6)
+
+    def traced(changes):
+        return js.pull_off(changed(changes), throw=False).load.value
+
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(traced))(jnp.zeros(2)), rates, rtol=1e-8)
+
+
+def test_lanes_give_what_they_give_alone():
+    contact = surface(LAWS["exponential"])
+
+    def value(energy):
+        law = eqx.tree_at(lambda law: law.surface_energy, contact.potential, energy)
+        return js.pull_off(js.Contact(contact.solid, contact.heights, law), throw=False).load.value
+
+    energies = jnp.array([0.02, 0.021])
+    together = jax.jit(jax.vmap(value))(energies)
+    np.testing.assert_allclose(together, [value(energy) for energy in energies], rtol=1e-9)
+
+
+def test_a_soft_machine_lets_go_like_a_dead_load_and_a_stiff_one_without_a_jump():
+    contact = surface(LAWS["exponential"])
+    dead = js.pull_off(contact)
+    soft = js.pull_off(contact, spring=1e-3)
+    assert isinstance(soft.load, js.Spring)
+    np.testing.assert_allclose(soft.equilibrium.mean_pressure, dead.load.value, rtol=1e-3)
+    path = js.follow(
+        contact, js.Spring(jnp.stack([0.0, soft.load.value * 1.5]), 1e-3), initial=dead.equilibrium
+    )
+    np.testing.assert_allclose(path.jumps.load.value[-1], soft.load.value, rtol=1e-5)
+    # The state that remains hangs on the machine alone.
+    assert not soft.after.in_contact.any()
+    assert -1e-2 < soft.after.mean_pressure / dead.load.value < 1e-2
+    with pytest.raises(js.SolverError, match="No pull-off found from Spring.*without a jump"):
+        js.pull_off(contact, spring=1e2)
+    rate = jax.grad(lambda k: js.pull_off(contact, spring=k).load.value)(1e-3)
+    step = 1e-8
+    ends = [js.pull_off(contact, spring=1e-3 + sign * step).load.value for sign in (1, -1)]
+    np.testing.assert_allclose(rate, (ends[0] - ends[1]) / (2 * step), rtol=1e-5)
+
+
+def test_it_starts_where_it_is_told_to(case):
+    name, contact, pull = case
+    pressed = js.equilibrate(contact, js.MeanPressure(0.3))
+    loaded = js.pull_off(contact, initial=pressed)
+    # Contact that was made under pressure holds no less.
+    assert loaded.load.value <= pull.load.value * (1 - 1e-9) or loaded.load.value == pytest.approx(
+        pull.load.value, rel=1e-6
+    )
+    again = js.pull_off(contact, initial=pull.equilibrium)
+    np.testing.assert_allclose(again.load.value, pull.load.value, rtol=1e-6)
+
+
+def test_johnsons_wave_comes_off_where_it_says():
+    grid = js.Grid((1024,))
+    amplitude, alpha = 0.05, 0.5
+    work = (alpha * np.pi * amplitude) ** 2 / 2
+    # The grid resolves the law nine times.
+    law = js.potentials.Exponential(work, np.sqrt(9 * work / (np.pi * 512)))
+    (x,) = grid.coordinates
+    contact = js.Contact(js.HalfSpace(grid, 1.0), amplitude * jnp.cos(2 * np.pi * x), law)
+    assert contact.resolution == pytest.approx(9)
+    problem = amplitude, 1.0, 1.0, work
+    exact = johnson.pull_off(*problem)
+    start = js.equilibrate(contact, js.MeanGap(johnson.curve(0.3, *problem).mean_gap))
+    pull = js.pull_off(contact, initial=start)
+    np.testing.assert_allclose(pull.load.value, exact.mean_pressure, rtol=1e-2)
+    np.testing.assert_allclose(pull.equilibrium.contact_area, exact.contact_fraction, atol=2e-2)
+
+
+def test_a_start_in_a_core_under_tension_is_not_lifted_off():
+    contact = surface(LAWS["core"])
+    near = js.pull_off(contact).equilibrium
+    again = js.equilibrate(contact, js.MeanPressure(0.999 * near.load.value), initial=near)
+    np.testing.assert_allclose(again.mean_pressure, 0.999 * near.load.value, rtol=1e-8)
+    assert jnp.abs(again.gap - near.gap).max() < 0.2 * jnp.mean(near.gap)
+
+
+def test_any_unit_gives_the_same():
+    contact = surface(LAWS["exponential"])
+    pull = js.pull_off(contact)
+    for unit, dtype, rtol in ((1e-150, float, 1e-9), (1e-25, jnp.float32, 1e-3)):
+        solid = js.HalfSpace(js.Grid(32), jnp.asarray(unit, dtype))
+        law = js.potentials.Exponential(jnp.asarray(0.02 * unit, dtype), jnp.asarray(0.08, dtype))
+        scaled = js.pull_off(js.Contact(solid, contact.heights.astype(dtype), law))
+        np.testing.assert_allclose(scaled.load.value / unit, pull.load.value, rtol=rtol)
+
+
+def test_what_has_no_pull_off_is_told():
+    contact = surface(js.potentials.NoAdhesion())
+    with pytest.raises(js.SolverError, match="No pull-off found from MeanPressure"):
+        js.pull_off(contact)
+    with pytest.raises(ValueError, match="The stiffness of the spring is -1"):
+        js.pull_off(surface(LAWS["exponential"]), spring=-1.0)
