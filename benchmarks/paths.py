@@ -64,7 +64,14 @@ def random_loop(seed):
     length = rms_height * 10 ** random.uniform(-0.5, 0.7)
     energy = rms_height**2 * 10 ** random.uniform(0, 1.5)
     contact = surface(64, law(energy, length), seed, rms_height)
+    # Below that, points jump one by one.
+    while contact.resolution < 1:
+        energy /= 2
+        contact = surface(64, law(energy, length), seed, rms_height)
     far, near = 8 * rms_height, rms_height * 10 ** random.uniform(-1, 0.3)
+    if law is js.potentials.LennardJones:
+        # Nearer, its core takes pressures of any size.
+        near = max(near, 0.8 * length)
     middle = random.uniform(near, far)
     return contact, js.MeanGap(jnp.array([far, near, middle, near, far]))
 
@@ -86,7 +93,7 @@ def random_loops(number):
     irreversible, results = 0, {}
     for seed in range(number):
         contact, load = random_loop(seed)
-        path = js.follow(contact, load, fields=True, throw=False, **ROOM)
+        path = js.follow(contact, load, smallest_jump=1e-3, fields=True, throw=False, **ROOM)
         results[path.result.name] = results.get(path.result.name, 0) + 1
         if path.result != "successful":
             print(f"seed {seed}: {path.result.name} at {path.load.value[-1]:.4g}", flush=True)

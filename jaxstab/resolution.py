@@ -35,7 +35,7 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
     effect = (
         "contact edges may be pinned to the grid, and jumps be artefacts"
         if resolution < FOR_STATES
-        else f"loads of jumps and pull-offs may be off by {100 * _PINNING / resolution**2:.1g} %"
+        else f"loads of jumps and pull-offs may be off by {100 * _PINNING / resolution**2:.0f} %"
     )
     message = (
         f"the grid of {_times(contact.grid.shape)} points is too coarse for the adhesion: the "

@@ -13,7 +13,8 @@ import pytest
 import jaxstab as js
 from jaxstab.__main__ import _keep_programs, main
 
-SMALL = ["--size", "32", "--k-high", "8", "--number", "5"]
+SURFACE = ["--size", "32", "--k-high", "8"]
+SMALL = [*SURFACE, "--study", "unloading", "--number", "5"]
 
 
 COMMAND = [sys.executable, "-m", "jaxstab"]
@@ -55,7 +56,27 @@ def twice(run, cache, environment, tmp_path_factory):
     return folder / "mine", results, programs
 
 
-def test_the_main_job_prints_a_table_and_writes_figure_and_data(tmp_path, run):
+def test_the_main_job_shows_a_loop_with_its_jumps_and_writes_figure_and_data(tmp_path, run):
+    result = run(tmp_path, *SURFACE)
+    assert result.returncode == 0, result.stderr
+    assert "100%" in result.stderr
+    header, *rows = (
+        line.split()
+        for line in result.stdout.splitlines()
+        if re.search(r"\b(kind|fold|release)\b", line)
+    )
+    assert header[:3] == ["MeanGap", "kind", "dissipation"] and len(rows) >= 2
+    folder = tmp_path / "results" / "1"
+    assert (folder / "loop.png").stat().st_size > 10_000
+    data = np.load(folder / "loop.npz")
+    assert data["load"][0] == data["load"][-1] == 2 + 1e-5 and data["load"].min() == 1e-5
+    np.testing.assert_allclose(data["jump_load"], [float(row[0]) for row in rows], rtol=1e-6)
+    assert list(data["jump_kind"]) == [row[1] for row in rows]
+    assert data["jump_gap_before"].shape == (len(rows), 32, 32)
+    np.testing.assert_allclose(data["work"][-1], data["dissipation"][-1])
+
+
+def test_the_unloading_study_prints_a_table_and_writes_figure_and_data(tmp_path, run):
     result = run(tmp_path, *SMALL)
     assert result.returncode == 0, result.stderr
     lines = result.stdout.splitlines()

@@ -154,7 +154,7 @@ def test_of_a_path_the_loads_of_jumps_have_derivatives_and_nothing_else_has(hert
 def test_what_cannot_be_followed_is_told(hertz):
     with pytest.raises(ValueError, match="takes the turning points of a load, two or more"):
         js.follow(hertz, js.MeanDisplacement(1.3))
-    with pytest.raises(js.SolverError, match=r"MeanDisplacement\(1\.\d+\) after 7"):
+    with pytest.raises(js.SolverError, match=r"MeanDisplacement\(1\.\d+\) after 8"):
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=8)
     short = js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=8, throw=False)
     assert short.result == "store_full"

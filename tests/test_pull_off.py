@@ -103,7 +103,7 @@ def test_a_soft_machine_lets_go_like_a_dead_load_and_a_stiff_one_without_a_jump(
     # The state that remains hangs on the machine alone.
     assert not soft.after.in_contact.any()
     assert -1e-2 < soft.after.mean_pressure / dead.load.value < 1e-2
-    with pytest.raises(js.SolverError, match="No pull-off found from Spring.*without a jump"):
+    with pytest.raises(js.SolverError, match=r"No pull-off found from Spring.*without a jump"):
         js.pull_off(contact, spring=1e2)
     rate = jax.grad(lambda k: js.pull_off(contact, spring=k).load.value)(1e-3)
     step = 1e-8
@@ -112,7 +112,7 @@ def test_a_soft_machine_lets_go_like_a_dead_load_and_a_stiff_one_without_a_jump(
 
 
 def test_it_starts_where_it_is_told_to(case):
-    name, contact, pull = case
+    _, contact, pull = case
     pressed = js.equilibrate(contact, js.MeanPressure(0.3))
     loaded = js.pull_off(contact, initial=pressed)
     # Contact that was made under pressure holds no less.

@@ -64,3 +64,16 @@ def test_a_solid_that_no_grid_would_resolve_is_told_apart():
     contact = js.Contact(foundation, rough_contact(16, COARSE).heights, COARSE)
     with pytest.warns(js.ResolutionWarning, match="No grid of a size"):
         js.equilibrate(contact, LOAD, throw=False)
+
+
+def test_jumps_need_more_and_are_told_how_far_they_may_be_off():
+    law = js.potentials.Exponential(0.02, 0.02)
+    contact = rough_contact(32, law, rms_height=0.05)
+    assert 1 < contact.resolution < 2
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        js.equilibrate(contact, LOAD)
+    assert not said
+    load = js.MeanGap(jnp.array([0.3, 0.2]))
+    with pytest.warns(js.ResolutionWarning, match=r"be off by 10 %. A grid of 128 x 128 would"):
+        js.follow(contact, load)

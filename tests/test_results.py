@@ -225,8 +225,15 @@ def test_states_print_numbers_shapes_and_words(sweep):
 
 def test_folds_and_fits_print_what_they_found(sweep, contact):
     state = sweep[1]
-    fold = js.CriticalLoad(state.equilibrium, state.stability.critical, js.RESULTS.no_fold)
-    equilibrium, critical, result = repr(fold).splitlines()[1:]
+    fold = js.CriticalLoad(
+        equilibrium=state.equilibrium,
+        kind=js.KINDS.fold,
+        critical=state.stability.critical,
+        after=None,
+        result=js.RESULTS.no_fold,
+    )
+    equilibrium, kind, critical, after, result = repr(fold).splitlines()[1:]
+    assert kind.split() == ["kind", "fold"] and after.split() == ["after", "None"]
     assert "Equilibrium(load=MeanGap(value=1), mean_pressure=1, " in equilibrium
     assert "Eigenpair(eigenvalue=1, " in critical and "no_fold" in result
 
@@ -287,3 +294,17 @@ def test_nothing_that_is_printed_raises_or_reads_what_is_traced(sweep, contact):
     deleted = jax.tree.map(jnp.copy, sweep)
     jax.tree.map(lambda leaf: leaf.delete(), deleted)
     assert repr(deleted) and repr(deleted.stability.verdict)
+
+
+def test_a_path_prints_what_it_is_and_its_jumps(hertz):
+    path = js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6])), smallest_jump=1e-5)
+    first, work, _, header, _, *rows = repr(path).splitlines()
+    assert first.startswith("Path: MeanDisplacement 1.6 to 1.6 in ") and "successful" in first
+    assert float(work.split()[-1]) == pytest.approx(float(path.work), rel=1e-5)
+    assert header.split()[:3] == ["MeanDisplacement", "kind", "dissipation"]
+    assert [row.split()[1] for row in rows] == list(path.jumps.kind.name)
+    assert float(rows[0].split()[0]) == pytest.approx(float(path.jumps.load.value[0]), rel=1e-7)
+    assert repr(path.jumps[0]).startswith("Jump")
+    traced = []
+    jax.eval_shape(lambda path: traced.append(repr(path)), path)
+    assert traced[0].startswith("Path")

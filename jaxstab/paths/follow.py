@@ -51,7 +51,7 @@ def follow(
     disturbance: ArrayLike = 1e-6,
     fields: bool = False,
     progress: bool = False,
-    max_states: int = 512,
+    max_states: int = 1024,
     max_jumps: int = 64,
     throw: bool = True,
 ) -> Path:

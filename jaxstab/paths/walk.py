@@ -210,8 +210,7 @@ def walk(
     )
 
     def goes_on(walk: Walk) -> Flag:
-        # A step records two states at most.
-        has_room = (walk.num_states < sizes[0] - 1) & (walk.num_jumps < sizes[1])
+        has_room = (walk.num_states < sizes[0]) & (walk.num_jumps < sizes[1])
         return (walk.part < turns.size - 1) & has_room & (walk.result == RESULTS.successful)
 
     def step(walk: Walk) -> Walk:
@@ -280,14 +279,9 @@ def _after(course: Course, walk: Walk, trial: Trial) -> Walk:
     )
     here = _choose(accepts, new, walk.here)
     last = _choose(accepts, walk.here.place, walk.last)
-    searches = walk.search.is_on
-    # The way to a jump is left out, but for the last state before it.
-    ends_branch = trial.is_jump & searches
-    states = put(walk.states, walk.here, walk.num_states, ends_branch)
-    num_states = walk.num_states + ends_branch
-    is_kept = accepts & ~is_apart & (~searches | trial.is_jump | trial.is_end)
+    is_kept = accepts & ~is_apart
     lost = jnp.where(trial.is_touch | trial.is_pulled, jnp.nan, trial.loss)
-    event = Event(walk.here.place, here.place, lost, num_states - 1, trial.is_touch)
+    event = Event(walk.here.place, here.place, lost, walk.num_states - 1, trial.is_touch)
     # The solver may find its way from further on, but not from anywhere.
     has_failed = trial.is_lost & (trial.is_end | (trial.length > course.longest / _FURTHER))
     search = _search(course, walk, trial, accepts, is_event)
@@ -298,8 +292,8 @@ def _after(course: Course, walk: Walk, trial: Trial) -> Walk:
         search=search,
         part=walk.part + (accepts & trial.is_end),
         is_apart=is_apart,
-        states=put(states, here, num_states, is_kept),
-        num_states=num_states + is_kept,
+        states=put(walk.states, here, walk.num_states, is_kept),
+        num_states=walk.num_states + is_kept,
         jumps=put(walk.jumps, event, walk.num_jumps, is_event),
         num_jumps=walk.num_jumps + is_event,
         result=RESULTS.where(has_failed, trial.result, walk.result),
