@@ -29,11 +29,21 @@ def progress_bar(total: int, unit: str, *, shown: bool = True) -> Iterator[tqdm]
             _bars.remove(bar)
 
 
-def advance(units: Array) -> None:
+def advance(after: Array) -> None:
+    """Move the bar by one unit once `after` is known; works inside compiled code."""
+    jax.debug.callback(_advance, after)
+
+
+def advance_to(units: Array) -> None:
     """Move the bar to a number of units; works inside compiled code."""
-    jax.debug.callback(_advance, units)
+    jax.debug.callback(_advance_to, units)
 
 
-def _advance(units: Array) -> None:
+def _advance(_: Array) -> None:
+    if _bars:
+        _bars[-1].update()
+
+
+def _advance_to(units: Array) -> None:
     if _bars:
         _bars[-1].update(int(units) - _bars[-1].n)

@@ -121,6 +121,7 @@ def test_a_second_run_compiles_nothing_and_is_as_quiet(twice):
 
 def test_every_option_reaches_the_problem_that_is_solved(tmp_path):
     options = {
+        "study": "unloading",
         "size": 24,
         "seed": 3,
         "hurst": 0.6,

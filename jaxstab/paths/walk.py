@@ -20,7 +20,7 @@ from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
 from jaxstab.loads import Load
 from jaxstab.paths.store import Event, Field, Flag, Place, Record, Scalar, place_of, put, room
-from jaxstab.progress import advance
+from jaxstab.progress import advance_to
 from jaxstab.results import RESULTS
 
 # Steps of a monotone part of the programme, at least.
@@ -216,7 +216,7 @@ def walk(
     def step(walk: Walk) -> Walk:
         new = _after(course, walk, _try(course, walk))
         if progress:
-            advance(100 * _travelled(course, new))
+            advance_to(100 * _travelled(course, new))
         return new
 
     ended = jax.lax.while_loop(goes_on, step, begun)
