@@ -62,7 +62,7 @@ def compare(contact, path):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--surfaces", type=int, default=10)
+    parser.add_argument("--surfaces", type=int, default=5)
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()
     rows = [

@@ -25,7 +25,7 @@ LAWS = (
     js.potentials.Dugdale,
     js.potentials.LennardJones,
 )
-STATES = 8
+STATES = 4
 ROOM = {"max_states": 2048, "max_jumps": 512}
 
 
@@ -76,21 +76,32 @@ def random_loop(seed):
     return contact, js.MeanGap(jnp.array([far, near, middle, near, far]))
 
 
+@jax.jit
+def slopes_of(law, gaps):
+    return jax.vmap(jax.grad(law))(gaps)
+
+
 def missed(contact, gap, pressure):
-    """Return the rms of what is out of balance over that of the elastic pressures, by NumPy."""
+    """Return the rms of what is out of balance over that of the elastic pressures, by NumPy.
+
+    Or over a hundredth of what full contact takes, where this is more.
+    """
     n = gap.shape[0]
     waves = np.fft.fftfreq(n, 1 / n)
     multiplier = np.pi * np.hypot(*np.meshgrid(waves, waves, indexing="ij"))
-    elastic = np.fft.ifft2(multiplier * np.fft.fft2(gap + np.asarray(contact.heights))).real
-    slopes = np.asarray(jax.vmap(jax.grad(contact.potential))(jnp.asarray(gap).ravel()))
+    heights = np.asarray(contact.heights)
+    elastic = np.fft.ifft2(multiplier * np.fft.fft2(gap + heights)).real
+    conforming = np.fft.ifft2(multiplier * np.fft.fft2(heights)).real
+    slopes = np.asarray(slopes_of(contact.potential, gap.ravel()))
     net = elastic + pressure + slopes.reshape(gap.shape)
     off = np.where(gap > 0, net, np.minimum(net, 0))
-    return np.sqrt(np.mean(off**2) / np.mean(elastic**2))
+    scale = max(np.mean(elastic**2), 1e-4 * np.mean(conforming**2))
+    return np.sqrt(np.mean(off**2) / scale)
 
 
 def random_loops(number):
     worst, unstable, undecided, checked, rises, num_states, num_jumps = 0, 0, 0, 0, 0, 0, 0
-    irreversible, results = 0, {}
+    lost, results = 0.0, {}
     for seed in range(number):
         contact, load = random_loop(seed)
         path = js.follow(contact, load, smallest_jump=1e-3, fields=True, throw=False, **ROOM)
@@ -110,15 +121,15 @@ def random_loops(number):
             undecided += bool(verdict == "undecided")
             checked += 1
         rises += int((path.jumps.dissipation <= 0).sum())
-        # Without a jump the way back is the way there.
+        # Where no jump is located the way back is, but for small ones, the way there.
         if len(path.jumps) == 0:
-            irreversible += abs(float(path.work)) > 1e-3 * float(jnp.ptp(states.energy))
+            lost = max(lost, abs(float(path.work)) / float(jnp.ptp(states.energy)))
     return [
         f"{number} random loops of 64² points: {results}; {num_states} states, {num_jumps} jumps",
         f"- largest residual by NumPy {worst:.1e}",
         f"- of {checked} states assessed {unstable} unstable, {undecided} undecided",
         f"- {rises} jumps that do not lose energy",
-        f"- {irreversible} loops without a jump whose way back is not the way there",
+        f"- at most {lost:.1e} of the energy's range lost in loops without a located jump",
     ]
 
 

@@ -248,3 +248,33 @@ def test_where_no_fold_is_the_user_is_told():
     assert jnp.isnan(jax.grad(lambda values: find(values, ends).load.value)(VALUES)).all()
     with pytest.raises(ValueError, match="takes two loads"):
         find(VALUES, 1.3)
+
+
+def test_a_branch_that_a_contact_point_ends_is_found_with_its_derivative(hertz):
+    # Points that are mirror images of each other would let go at once.
+    heights = hertz.heights + 1e-3 * jax.random.normal(jax.random.key(0), hertz.heights.shape)
+    bracket = js.MeanDisplacement(jnp.array([1.2, 1.6]))
+
+    def release(energy):
+        law = js.potentials.Exponential(energy, 1.0)
+        return js.critical_load(js.Contact(hertz.solid, heights, law), bracket)
+
+    found = release(10.0)
+    assert found.kind == "release" and found.after is None
+    assert found.equilibrium.in_contact.any()
+    state = js.equilibrate(js.Contact(hertz.solid, heights, hertz.potential), bracket[0])
+    value, step = 1.2, 0.01
+    while step > 1e-8:
+        contact = js.Contact(hertz.solid, heights, hertz.potential)
+        new = js.equilibrate(contact, js.MeanDisplacement(value + step), initial=state)
+        if new.in_contact.any():
+            state, value = new, value + step
+        else:
+            step /= 2
+    np.testing.assert_allclose(found.load.value, value, atol=1e-7)
+    reaction = jnp.where(found.equilibrium.in_contact, found.equilibrium.reaction, jnp.inf)
+    assert jnp.abs(reaction).min() < 1e-8 < jnp.sort(reaction.ravel())[1]
+    assert found.critical.eigenvalue < -1e-3
+    rate = jax.grad(lambda energy: release(energy).load.value)(10.0)
+    ends = [release(10.0 + sign * 1e-3).load.value for sign in (1, -1)]
+    np.testing.assert_allclose(rate, (ends[0] - ends[1]) / 2e-3, rtol=1e-6)
