@@ -87,6 +87,18 @@ def rough_contact(n, potential, youngs_modulus=1.0, seed=0, rms_height=0.1):
     return js.Contact(js.HalfSpace(grid, youngs_modulus), heights, potential)
 
 
+def bisected(contact, load, start, step, holds=lambda state: True, resolution=1e-9):
+    """Return the last load at which a warm-started equilibrium holds, by ever smaller steps."""
+    state, value = js.equilibrate(contact, load(start)), start
+    while abs(step) > resolution:
+        new = js.equilibrate(contact, load(value + step), initial=state, throw=False)
+        if new.result == "successful" and holds(new):
+            state, value = new, value + step
+        else:
+            step /= 2
+    return value
+
+
 def with_parameters(contact, energy, length, modulus):
     solid = js.HalfSpace(contact.grid, modulus)
     return js.Contact(solid, contact.heights, js.potentials.Exponential(energy, length))

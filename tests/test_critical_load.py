@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import rough_contact, smallest_on_critical_cone
+from conftest import bisected, rough_contact, smallest_on_critical_cone
 
 import jaxstab as js
 
@@ -262,15 +262,8 @@ def test_a_branch_that_a_contact_point_ends_is_found_with_its_derivative(hertz):
     found = release(10.0)
     assert found.kind == "release" and found.after is None
     assert found.equilibrium.in_contact.any()
-    state = js.equilibrate(js.Contact(hertz.solid, heights, hertz.potential), bracket[0])
-    value, step = 1.2, 0.01
-    while step > 1e-8:
-        contact = js.Contact(hertz.solid, heights, hertz.potential)
-        new = js.equilibrate(contact, js.MeanDisplacement(value + step), initial=state)
-        if new.in_contact.any():
-            state, value = new, value + step
-        else:
-            step /= 2
+    contact = js.Contact(hertz.solid, heights, hertz.potential)
+    value = bisected(contact, js.MeanDisplacement, 1.2, 0.01, lambda state: state.in_contact.any())
     np.testing.assert_allclose(found.load.value, value, atol=1e-7)
     reaction = jnp.where(found.equilibrium.in_contact, found.equilibrium.reaction, jnp.inf)
     assert jnp.abs(reaction).min() < 1e-8 < jnp.sort(reaction.ravel())[1]

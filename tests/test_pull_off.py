@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import rough_contact
+from conftest import bisected, rough_contact
 
 import jaxstab as js
 from jaxstab.references import johnson
@@ -26,21 +26,11 @@ def case(request):
     return request.param, contact, js.pull_off(contact)
 
 
-def bisected(contact, resolution=1e-9):
-    """Return the largest tension that a warm-started equilibrium survives, by smaller steps."""
-    state, value, step = js.equilibrate(contact, js.MeanPressure(0.0)), 0.0, -4e-3
-    while abs(step) > resolution:
-        new = js.equilibrate(contact, js.MeanPressure(value + step), initial=state, throw=False)
-        if new.result == "successful":
-            state, value = new, value + step
-        else:
-            step /= 2
-    return value
-
-
 def test_it_is_where_bisection_ends(case):
     name, contact, pull = case
-    np.testing.assert_allclose(pull.load.value, bisected(contact), rtol=1e-6)
+    np.testing.assert_allclose(
+        pull.load.value, bisected(contact, js.MeanPressure, 0.0, -4e-3), rtol=1e-6
+    )
     # A wall lets go by a point's reaction, a core by an eigenvalue.
     assert pull.kind == ("fold" if name == "core" else "release")
     assert isinstance(pull.load, js.MeanPressure)

@@ -64,6 +64,17 @@ def rates(contact: Contact, load: Load, gap: Field) -> tuple[Field, Field, Field
     return net, gap_rate, net_rate
 
 
+def moved_along(
+    contact: Contact, load: Load, gap: Field, change: Scalar, move: Field
+) -> tuple[Load, Field]:
+    """Return load and gap after a step of both, cut short before a free point closes."""
+    closes = move < 0
+    limit = jnp.min(jnp.where(closes, -gap / jnp.where(closes, move, 1), jnp.inf))
+    length = jnp.minimum(1, 0.9 * limit)
+    load = load.at(load.value + length * change)
+    return load, contact.control(load).restore(gap + length * move)
+
+
 class Linearisation(NamedTuple):
     """A point of a branch to first order, in the load and in the free points.
 

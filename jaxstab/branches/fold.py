@@ -7,7 +7,14 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxstab.branches.branch import Point, Scalar, linearised, newton_step, point_at
+from jaxstab.branches.branch import (
+    Point,
+    Scalar,
+    linearised,
+    moved_along,
+    newton_step,
+    point_at,
+)
 from jaxstab.contact import Contact
 from jaxstab.iterate import Indicators, Iteration, IterativeSolver
 
@@ -30,11 +37,7 @@ class FoldNewton(IterativeSolver):
             change, move = newton_step(
                 linear, conditions, lambda b: linear.stiffened.solution(b)[0]
             )
-            # No free point closes.
-            limit = jnp.min(jnp.where(move < 0, -point.gap / jnp.where(move < 0, move, 1), jnp.inf))
-            length = jnp.minimum(1, 0.9 * limit)
-            load = point.load.at(point.load.value + length * change)
-            gap = contact.control(load).restore(point.gap + length * move)
+            load, gap = moved_along(contact, point.load, point.gap, change, move)
             return point_at(contact, load, gap, point.modes)
 
         def measure(point: Point) -> Indicators:

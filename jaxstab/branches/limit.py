@@ -1,6 +1,7 @@
 """The limit of a branch of equilibria, a fold or a release, located exactly."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -10,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.branches.branch import point_at
 from jaxstab.branches.fold import FoldNewton
+from jaxstab.branches.reason import reason_of
 from jaxstab.branches.release import Held, ReleaseNewton, first_of, first_releases
 from jaxstab.contact import Contact
 from jaxstab.iterate import History, Iteration
@@ -79,6 +81,15 @@ def limit_of(
     )
 
 
+def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limit:
+    """Return the limit of a branch from a state close to it, of whichever kind it is.
+
+    The arguments are those of `locate`.
+    """
+    kind, _ = reason_of(contact, load, gap, ahead)
+    return locate(contact, load, gap, kind, ahead)
+
+
 def locate(contact: Contact, load: Load, gap: Field, kind: KINDS, ahead: Scalar) -> Limit:
     """Return the limit of a branch from a state close to it.
 
@@ -123,4 +134,4 @@ def locate(contact: Contact, load: Load, gap: Field, kind: KINDS, ahead: Scalar)
         is_exact=jnp.array(False),
         result=RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite),
     )
-    return jax.tree.map(lambda x, y: jnp.where(is_near, x, y), limit, rough)
+    return jax.tree.map(partial(jnp.where, is_near), limit, rough)

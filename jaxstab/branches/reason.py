@@ -20,7 +20,7 @@ _LEEWAY = 2
 
 
 def reason_of(
-    contact: Contact, load: Load, gap: Field, ahead: Float[Array, ""], key: Array
+    contact: Contact, load: Load, gap: Field, ahead: Float[Array, ""]
 ) -> tuple[KINDS, Field]:
     """Return why the branch of a state ends just beyond it, and the mode that leads away.
 
@@ -32,13 +32,12 @@ def reason_of(
         load: that of the state.
         gap: of the state.
         ahead: how far ahead the load lies that has no state of this branch, with its sign.
-        key: the random key of the eigensolver's start.
     """
     control = contact.control(load)
     touches = gap == 0
     lets_go = touches & (first_releases(contact, load, gap, ahead) <= _LEEWAY)
     hessian = contact.hessian(gap, control)
-    starts = noise(key, BLOCK_SIZE, gap)
+    starts = noise(jax.random.key(0), BLOCK_SIZE, gap)
 
     def lowest(is_moving: Bool[Array, " *grid"]) -> tuple[Float[Array, ""], Field]:
         space = Subspace(is_moving, control.fixes_mean)

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxstab.branches.branch import free_space, rates
+from jaxstab.branches.branch import free_space, moved_along, rates
 from jaxstab.contact import Contact
 from jaxstab.derivatives import LinearSystem
 from jaxstab.equilibrium.implicit import free_system
@@ -118,12 +118,8 @@ class ReleaseNewton(IterativeSolver):
             change = -near.reaction / near.slope
             move, _ = near.system.solution(-near.imbalance - change * near.net_rate)
             move = move + change * near.gap_rate
-            # No free point closes.
-            limit = jnp.min(jnp.where(move < 0, -held.gap / jnp.where(move < 0, move, 1), jnp.inf))
-            length = jnp.minimum(1, 0.9 * limit)
-            load = held.load.at(held.load.value + length * change)
-            gap = contact.control(load).restore(held.gap + length * move)
-            return Held(load, jnp.where(held.gap > 0, gap, 0), held.point)
+            load, gap = moved_along(contact, held.load, held.gap, change, move)
+            return Held(load, gap, held.point)
 
         def measure(held: Held) -> Indicators:
             net = rates(contact, held.load, held.gap)[0]

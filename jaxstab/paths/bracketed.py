@@ -8,6 +8,7 @@ At a release the reaction of a contact point vanishes instead, and the energy fa
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +16,7 @@ from jaxtyping import ArrayLike
 
 from jaxstab.branches.branch import Field
 from jaxstab.branches.critical_load import CriticalLoad, critical_load_at
-from jaxstab.branches.limit import Limit, locate
-from jaxstab.branches.reason import reason_of
+from jaxstab.branches.limit import Limit, limit_ahead
 from jaxstab.branches.search import follow_to_fold
 from jaxstab.checks import is_traced
 from jaxstab.contact import Contact
@@ -104,7 +104,7 @@ def _find_back(contact: Contact, bracket: Load, start: Field | None, first: Limi
     fold = _fold(*inputs)
     found = _unless_found(fold, lambda: _release(*inputs, fold))
     # Where there is neither, it is the way that was asked for first that is told of.
-    return jax.tree.map(lambda x, y: jnp.where(found.is_found, x, y), found, first)
+    return jax.tree.map(partial(jnp.where, found.is_found), found, first)
 
 
 def _unless_found(limit: Limit, search: Callable[[], Limit]) -> Limit:
@@ -125,12 +125,9 @@ def _release(contact: Contact, loads: Load, start: Field | None, fold: Limit) ->
     course = course_of(contact, loads, _SMALLEST_JUMP, disturbance=0.0)
     way = walk(course, begin, (_MAX_STATES, 1), fields=False)
     jump = jax.tree.map(lambda leaf: leaf[0], way.jumps)
-    before, ahead = jump.before, jump.after.value - jump.before.value
-    load = first.at(before.value)
-    kind, _ = reason_of(contact, load, before.gap, ahead, jax.random.key(0))
-    limit = locate(contact, load, before.gap, kind, ahead)
-    is_release = limit.is_found & (way.num_jumps == 1) & (kind == KINDS.release)
-    return jax.tree.map(lambda x, y: jnp.where(is_release, x, y), limit, fold)
+    limit = limit_ahead(contact, first.at(jump.before.value), jump.before.gap, jump.ahead)
+    is_release = limit.is_found & (way.num_jumps == 1) & (limit.kind == KINDS.release)
+    return jax.tree.map(partial(jnp.where, is_release), limit, fold)
 
 
 def _describe(bracket: Load, found: CriticalLoad) -> str:

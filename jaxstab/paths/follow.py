@@ -29,7 +29,7 @@ from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.path import Jump, Path, States
 from jaxstab.paths.store import Event, Field, Place, Scalar
-from jaxstab.paths.walk import Walk, course_of, walk
+from jaxstab.paths.walk import DISTURBANCE, SMALLEST_JUMP, Walk, course_of, walk
 from jaxstab.programs import program
 from jaxstab.progress import progress_bar
 from jaxstab.refusals import Obstacle
@@ -47,8 +47,8 @@ def follow(
     load: Load,
     *,
     initial: ArrayLike | State | None = None,
-    smallest_jump: ArrayLike = 1e-4,
-    disturbance: ArrayLike = 1e-6,
+    smallest_jump: ArrayLike = SMALLEST_JUMP,
+    disturbance: ArrayLike = DISTURBANCE,
     fields: bool = False,
     progress: bool = False,
     max_states: int = 1024,
@@ -162,10 +162,10 @@ def _path(contact: Contact, load: Load, ended: Walk, fields: bool) -> Path:
 
     def jump(event: Event) -> Jump:
         before, after = event.before, event.after
-        load, ahead = one.at(before.value), after.value - before.value
+        load = one.at(before.value)
         kind, mode = jax.lax.cond(
             jnp.isfinite(before.value),
-            lambda: reason_of(contact, load, before.gap, ahead, jax.random.key(0)),
+            lambda: reason_of(contact, load, before.gap, event.ahead),
             lambda: (KINDS.fold, jnp.full_like(before.gap, jnp.nan)),
         )
         return Jump(

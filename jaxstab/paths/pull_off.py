@@ -9,21 +9,18 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.branches.branch import Field
 from jaxstab.branches.critical_load import CriticalLoad, critical_load_at
-from jaxstab.branches.limit import Limit, locate
-from jaxstab.branches.reason import reason_of
+from jaxstab.branches.limit import Limit, limit_ahead
 from jaxstab.checks import parameter
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.state import State, single_equilibrium, state_at
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, MeanPressure, Spring
-from jaxstab.paths.walk import course_of, walk
+from jaxstab.paths.walk import DISTURBANCE, SMALLEST_JUMP, course_of, walk
 from jaxstab.programs import program
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 
-_SMALLEST_JUMP = 1e-4
-_DISTURBANCE = 1e-6
 _RESOLUTION = {"float64": 1e-9, "float32": 1e-5}
 _SIZES = (1024, 128)
 # What part of the largest attraction is taken for none.
@@ -91,16 +88,15 @@ def _find(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibriu
 
 def _find_one(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
     dtype = contact.heights.dtype.name
-    course = course_of(contact, load, _SMALLEST_JUMP, _DISTURBANCE, _RESOLUTION[dtype])
+    course = course_of(contact, load, SMALLEST_JUMP, DISTURBANCE, _RESOLUTION[dtype])
     ended = walk(course, start, _SIZES, fields=False)
     jumps, one = ended.jumps, load[0]
     is_jump = jnp.arange(_SIZES[1]) < ended.num_jumps
     tension = jnp.where(is_jump & ~jumps.is_touch, -jumps.before.mean_pressure, -jnp.inf)
     last = jnp.argmax(tension)
-    before, after = (jax.tree.map(lambda leaf: leaf[last], x) for x in (jumps.before, jumps.after))
-    ahead = after.value - before.value
-    kind, _ = reason_of(contact, one.at(before.value), before.gap, ahead, jax.random.key(0))
-    limit = locate(contact, one.at(before.value), before.gap, kind, ahead)
+    jump = jax.tree.map(lambda leaf: leaf[last], jumps)
+    before, after = jump.before, jump.after
+    limit = limit_ahead(contact, one.at(before.value), before.gap, jump.ahead)
     has_jumped = jnp.any(is_jump)
     result = RESULTS.where(has_jumped, limit.result, RESULTS.no_jump)
     result = RESULTS.where(ended.result == RESULTS.successful, result, ended.result)

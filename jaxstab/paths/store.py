@@ -59,6 +59,11 @@ class Event(eqx.Module):
     state: Int[Array, ""]
     is_touch: Flag
 
+    @property
+    def ahead(self) -> Scalar:
+        """How far ahead of the state before the load of the one after lies, with its sign."""
+        return self.after.value - self.before.value
+
 
 def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
     """Return an equilibrium as a place of a walk, at a value of the load that may be meant."""
