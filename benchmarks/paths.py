@@ -43,7 +43,7 @@ def loop_row(seed):
     load = js.MeanGap(jnp.array([0.4, 0.02, 0.4]))
     texts = []
     # Steps go with the cube root of what they may lose unseen.
-    for share in (1e-4, 1e-4 / 8, 1e-4 / 64):
+    for share in (1e-5, 1e-5 / 8, 1e-5 / 64):
         path = js.follow(contact, load, smallest_jump=share, **ROOM)
         area = float(jnp.prod(contact.grid.lengths))
         work = -area * np.trapezoid(path.equilibrium.mean_pressure, path.load.value)

@@ -57,6 +57,8 @@ class Contact(eqx.Module):
     solid: Solid
     heights: Float[Array, " *grid"]
     potential: Potential
+    # That of lengths, where a measured surface has one: figures and data sets show it.
+    unit: str | None = eqx.field(static=True)
 
     __repr__ = block
 
@@ -77,6 +79,7 @@ class Contact(eqx.Module):
             raise TypeError(f"heights are {dtype}: give them in float32 or float64.")
         require_finite("heights", self.heights)
         self.solid = cast(solid, dtype)
+        self.unit = None
         self.potential = as_module(potential, dtype)
         make_room(jax.tree.structure((self.solid, self.potential)))
         require_smooth(self.profile)

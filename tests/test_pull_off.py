@@ -113,6 +113,14 @@ def test_it_starts_where_it_is_told_to(case):
     np.testing.assert_allclose(again.load.value, pull.load.value, rtol=1e-6)
 
 
+def test_a_start_on_another_grid_is_taken_to_this_one(case):
+    name, contact, pull = case
+    solid = js.HalfSpace(js.Grid(16), 1.0)
+    coarse = js.Contact(solid, contact.heights[::2, ::2], LAWS[name])
+    again = js.pull_off(contact, initial=js.equilibrate(coarse, js.MeanPressure(0.0)))
+    np.testing.assert_allclose(again.load.value, pull.load.value, rtol=1e-6)
+
+
 def test_johnsons_wave_comes_off_where_it_says():
     grid = js.Grid((1024,))
     amplitude, alpha = 0.05, 0.5
@@ -154,3 +162,5 @@ def test_what_has_no_pull_off_is_told():
         js.pull_off(contact)
     with pytest.raises(ValueError, match="The stiffness of the spring is -1"):
         js.pull_off(surface(LAWS["exponential"]), spring=-1.0)
+    with pytest.raises(ValueError, match=r"one spring.*shape \(2,\): use jax.vmap"):
+        js.pull_off(surface(LAWS["exponential"]), spring=jnp.ones(2))

@@ -5,22 +5,25 @@ from dataclasses import replace
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike
 
-from jaxstab.branches.branch import Field
+from jaxstab.branches.branch import Field, Scalar
 from jaxstab.branches.critical_load import CriticalLoad, critical_load_at
 from jaxstab.branches.limit import Limit, limit_ahead
 from jaxstab.checks import parameter
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, equilibrate
+from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.state import State, single_equilibrium, state_at
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, MeanPressure, Spring
-from jaxstab.paths.walk import DISTURBANCE, SMALLEST_JUMP, course_of, walk
+from jaxstab.paths.walk import DISTURBANCE, course_of, walk
 from jaxstab.programs import program
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 
+# Only the last jump matters.
+_SMALLEST_JUMP = 1e-4
 _RESOLUTION = {"float64": 1e-9, "float32": 1e-5}
 _SIZES = (1024, 128)
 # What part of the largest attraction is taken for none.
@@ -43,8 +46,8 @@ def pull_off(
 
     Arguments:
         contact: the contact problem.
-        initial: a state in contact to unload from, at its own mean pressure, or a gap, at none; by
-            default the equilibrium at zero mean pressure.
+        initial: a state in contact to unload from, on this grid or another, at its own mean
+            pressure, or a gap, at none; by default the equilibrium at zero mean pressure.
         spring: the stiffness of a machine in series [pressure/length]; by default a dead load.
         throw: raise where there is no pull-off, or a derivative is asked for that does not exist;
             otherwise look at `result`, and such a derivative is NaN.
@@ -56,21 +59,21 @@ def pull_off(
         with respect to contact and spring.
 
     Raises:
-        ValueError: for a stiffness that is not positive, or an initial gap that `equilibrate`
+        ValueError: for a stiffness that is not one positive number, or a start that `equilibrate`
             refuses.
         SolverError: if `throw`, where there is no state to unload from, or it comes apart without
             a jump.
     """
     warn_if_coarse(contact, FOR_JUMPS)
     constant = jax.lax.stop_gradient(contact)
-    state = _start(constant, initial)
+    pressure, start = _start(constant, initial)
     if spring is None:
-        load: Load = MeanPressure(jnp.stack([state.mean_pressure, -_deepest(constant)]))
+        load: Load = MeanPressure(jnp.stack([pressure, -_deepest(constant)]))
     else:
-        load = _retraction(constant, state, parameter(spring, "The stiffness of the spring"))
+        load = _retraction(constant, pressure, start, _stiffness(spring))
     own, unit = contact.in_own_units()
     loads = load.in_units_of(unit)
-    inputs = jax.lax.stop_gradient((own, loads, state.gap))
+    inputs = jax.lax.stop_gradient((own, loads, start))
     # What was not found is NaN.
     with jax.debug_nans(False):
         limit, after = _find(*inputs)
@@ -88,7 +91,7 @@ def _find(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibriu
 
 def _find_one(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
     dtype = contact.heights.dtype.name
-    course = course_of(contact, load, SMALLEST_JUMP, DISTURBANCE, _RESOLUTION[dtype])
+    course = course_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, _RESOLUTION[dtype])
     ended = walk(course, start, _SIZES, fields=False)
     jumps, one = ended.jumps, load[0]
     is_jump = jnp.arange(_SIZES[1]) < ended.num_jumps
@@ -103,25 +106,39 @@ def _find_one(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equili
     return replace(limit, result=result), state_at(contact, one.at(after.value), after.gap)
 
 
-def _start(contact: Contact, initial: ArrayLike | State | None) -> Equilibrium:
-    """Return the state to unload from."""
-    if isinstance(initial, eqx.Module):
-        return single_equilibrium(initial)
-    return equilibrate(contact, MeanPressure(0.0), initial=initial, throw=False)
+def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar, Field]:
+    """Return the mean pressure to unload from, and the gap there."""
+    if not isinstance(initial, eqx.Module):
+        state = equilibrate(contact, MeanPressure(0.0), initial=initial, throw=False)
+        return state.mean_pressure, state.gap
+    pressure = single_equilibrium(initial).mean_pressure
+    gap = initial_gap(contact, MeanPressure(pressure), initial)
+    assert gap is not None
+    return pressure, gap
 
 
-def _retraction(contact: Contact, state: Equilibrium, stiffness: Array) -> Spring:
+def _stiffness(spring: ArrayLike) -> Array:
+    stiffness = parameter(spring, "The stiffness of the spring")
+    if stiffness.shape != ():
+        raise ValueError(
+            f"pull_off takes one spring, but was given an array of stiffnesses of shape "
+            f"{stiffness.shape}: use jax.vmap."
+        )
+    return stiffness
+
+
+def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array) -> Spring:
     """Return the positions of a spring from that of a state to one that leaves nothing together."""
-    mean_displacement = jnp.mean(state.gap) + jnp.mean(contact.heights)
+    mean_displacement = jnp.mean(gap) + jnp.mean(contact.heights)
     deepest = _deepest(contact)
     reach = contact.profile.outermost_gap(_HARDLY_ANY * deepest)
     spread = jnp.max(contact.heights) - jnp.min(contact.heights)
-    first = mean_displacement - state.mean_pressure / stiffness
+    first = mean_displacement - pressure / stiffness
     last = mean_displacement + deepest / stiffness + reach + spread
     return Spring(jax.lax.stop_gradient(jnp.stack([first, last])), stiffness)
 
 
-def _deepest(contact: Contact) -> Float[Array, ""]:
+def _deepest(contact: Contact) -> Scalar:
     """Return the largest attraction of the law: no mean tension can exceed it."""
     slopes = contact.profile.slopes
     return jnp.max(jnp.where(jnp.isfinite(slopes), slopes, 0))

@@ -23,9 +23,7 @@ from jaxstab.paths.store import Event, Field, Flag, Place, Record, Scalar, place
 from jaxstab.progress import advance_to
 from jaxstab.results import RESULTS
 
-# By default: the loss from which a jump is located, over the problem's own energy, and the size of
-# the disturbance over the rms height.
-SMALLEST_JUMP = 1e-4
+# By default, over the rms height.
 DISTURBANCE = 1e-6
 # Steps of a monotone part of the programme, at least.
 _NUM_STEPS = 32
