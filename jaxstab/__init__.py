@@ -20,6 +20,7 @@ from jaxstab.equilibrium import (
     SaddleNewton,
     equilibrate,
 )
+from jaxstab.files import load, save, to_dataset
 from jaxstab.grid import Grid
 from jaxstab.loads import FarDisplacement, MeanDisplacement, MeanGap, MeanPressure, Spring
 from jaxstab.paths import Jump, Path, critical_load, follow, pull_off
@@ -86,13 +87,16 @@ __all__ = [
     "equilibrate",
     "files",
     "follow",
+    "load",
     "lowest_modes",
     "plots",
     "potentials",
     "pull_off",
     "release",
+    "save",
     "surfaces",
     "sweep",
+    "to_dataset",
 ]
 
 

@@ -24,14 +24,14 @@ _LONGEST_TEXT = 120
 
 def inline(self: Any) -> str:
     """Return a module on one line, without fields on a grid and history: a `__repr__`."""
-    arguments = [f"{name}={_text(value)}" for name, value in _named(self, with_grids=False)]
+    arguments = [f"{name}={text(value)}" for name, value in _named(self, with_grids=False)]
     return f"{type(self).__name__}({', '.join(arguments)})"
 
 
 def block(self: Any) -> str:
     """Return a module as one aligned line for each field: a `__repr__`."""
     rows = {
-        name: shorten(_text(value), _LONGEST_TEXT, placeholder=" ...")
+        name: shorten(text(value), _LONGEST_TEXT, placeholder=" ...")
         for name, value in _named(self, with_grids=True)
     }
     width = max(map(len, rows), default=0)
@@ -141,7 +141,8 @@ def _named(module: Any, with_grids: bool) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def _text(value: Any) -> str:
+def text(value: Any) -> str:
+    """Return what is shown of a field: of an array its range, of a number itself."""
     if _is_array(value):
         return described(value)
     if isinstance(value, int | float | complex):
@@ -149,7 +150,7 @@ def _text(value: Any) -> str:
     if isinstance(value, eqx.Module) and type(value).__repr__ in (eqx.Module.__repr__, block):
         return inline(value)
     if isinstance(value, tuple | list | dict):
-        words = jax.tree.map(lambda part: _Word(_text(part)), value, is_leaf=_is_content)
+        words = jax.tree.map(lambda part: _Word(text(part)), value, is_leaf=_is_content)
         return repr(words)
     return " ".join(repr(value).split())
 

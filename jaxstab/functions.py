@@ -48,6 +48,11 @@ def as_pytree(name: str, function: Any, argument: jax.ShapeDtypeStruct, cure: st
     )
 
 
+def is_bare(value: Any) -> bool:
+    """Whether `value` is what `as_pytree` made of a bare function."""
+    return isinstance(value, _Function)
+
+
 class _Function(eqx.Module):
     """A bare function: its formula, and the arrays that it closes over as leaves."""
 

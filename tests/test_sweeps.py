@@ -80,13 +80,10 @@ def test_a_traced_sweep_gives_the_same_and_says_that_it_shows_no_progress(unload
     np.testing.assert_allclose(gap, outside.equilibrium.gap, rtol=0, atol=1e-12)
 
 
-def test_stability_can_be_left_out(unloading, independent, tmp_path):
+def test_stability_can_be_left_out(unloading, independent):
     swept = js.sweep(unloading, js.MeanGap(LOADS[:4]), stability=False, throw=True)
     assert swept.stability is None
     assert_same(swept.equilibrium, independent[:4].equilibrium)
-    data = np.load(js.files.save_sweep(tmp_path / "sweep.npz", unloading, swept))
-    np.testing.assert_array_equal(data["gap"], swept.equilibrium.gap)
-    assert "verdict" not in data
     with pytest.raises(ValueError, match="stability=True"):
         js.plots.stability_curve(swept)
     with pytest.raises(js.SolverError, match=r"1 of 1 loads.*infeasible_load"):

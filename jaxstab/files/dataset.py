@@ -1,0 +1,187 @@
+"""Results as labelled data sets of xarray."""
+
+import json
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import numpy as np
+
+from jaxstab.contact import Contact
+from jaxstab.display import text
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.files.labels import LENGTH, PRESSURE, QUANTITIES
+from jaxstab.files.law import law_variables
+from jaxstab.files.records import Record, Recorder, Structure, indicators
+from jaxstab.loads import FarDisplacement, MeanDisplacement, MeanGap, MeanPressure, Spring
+from jaxstab.paths import Path
+from jaxstab.stability import Stability
+from jaxstab.sweeps import Sweep
+
+# Imported where it is used, since that takes a while and few need it.
+if TYPE_CHECKING:
+    import xarray
+
+Result = Equilibrium | Stability | Sweep | Path
+
+# The form of the structure, to be raised when a reader of today could not read it.
+FORMAT = 1
+_PACKAGES = ("jaxstab", "jax", "jaxlib", "equinox", "numpy")
+_PATH_AXES = {"load": ("state",), "equilibrium": ("state",), "jumps": ("jump",)}
+_LOAD_UNITS = {
+    FarDisplacement: LENGTH,
+    MeanDisplacement: LENGTH,
+    MeanGap: LENGTH,
+    MeanPressure: PRESSURE,
+    Spring: LENGTH,
+}
+
+
+def to_dataset(
+    contact: Contact, result: Result, *, solver: eqx.Module | None = None, fields: bool = True
+) -> "xarray.Dataset":
+    """Return a result as a data set with named dimensions, coordinates, units and long names.
+
+    Fields lie on the dimensions x and y; the states of a sweep on `load`, those of a path on
+    `state`, its jumps on `jump`. Beside the result it holds every parameter of contact, law and
+    solid, the law itself at many gaps, and the versions of the packages.
+
+    Arguments:
+        contact: the contact problem.
+        result: what `equilibrate`, `assess_stability`, `sweep` or `follow` returned for it.
+        solver: the algorithm, where it was not the default, to be named in the attributes.
+        fields: whether to keep the fields and histories, without which `jaxstab.load` cannot give
+            the result back.
+
+    Returns:
+        The data set. Its units of length are those of the surface where it has one.
+
+    Raises:
+        ImportError: without xarray.
+        TypeError: for something that is not a result, or is traced.
+        ValueError: for a result on another grid, or several paths at once.
+    """
+    xarray = _xarray()
+    recorder = Recorder(contact.grid.shape)
+    structure = {
+        "format": FORMAT,
+        "contact": recorder.structure(contact, ("contact",)),
+        "result": recorder.structure(result, (), *_axes(contact, result)),
+    }
+    records = recorder.records
+    if not fields:
+        records = {name: record for name, record in records.items() if _is_scalar(record)}
+    dataset = xarray.Dataset(
+        {name: _variable(name, record, contact, result) for name, record in records.items()},
+        attrs=_attributes(contact, result, solver, structure if fields else None),
+    )
+    return dataset.assign_coords(_coordinates(contact, structure, dataset)).assign(
+        law_variables(contact, _named(LENGTH, contact))
+    )
+
+
+def _xarray() -> Any:
+    try:
+        import xarray
+    except ImportError:
+        raise ImportError(
+            "Labelled data sets need xarray and h5netcdf: pip install 'jaxstab[data]'."
+        ) from None
+    return xarray
+
+
+def _axes(contact: Contact, result: Result) -> tuple[tuple[str, ...], Mapping[str, Any]]:
+    """Return the names of a result's leading axes, and those of its fields that have others."""
+    if not isinstance(result, Equilibrium | Stability | Sweep | Path):
+        raise TypeError(
+            f"{type(result).__name__} is no result of equilibrate, assess_stability, sweep or "
+            "follow. Of what holds an equilibrium, give that: pull.equilibrium."
+        )
+    if isinstance(result, Path):
+        if np.ndim(result.work):
+            raise ValueError("These are several paths: choose one of them by jax.tree.map.")
+        stacked, field = 1, result.jumps.mode
+        axes: tuple[str, ...] = ()
+    else:
+        stacked = len(result.stack_shape)
+        last = "load" if isinstance(result, Sweep) else "state"
+        axes = (*(f"lane_{i}" for i in range(stacked - 1)), last)[:stacked]
+        state = result.equilibrium if isinstance(result, Sweep) else result
+        field = state.cone.mode if isinstance(state, Stability) else state.gap
+    if np.shape(field)[stacked:] != contact.grid.shape:
+        raise ValueError(
+            f"The result has fields of shape {np.shape(field)[stacked:]}, the contact's grid is "
+            f"{contact.grid.shape}: give the contact that it came from."
+        )
+    return axes, _PATH_AXES if isinstance(result, Path) else {}
+
+
+def _is_scalar(record: Record) -> bool:
+    return not {"x", "y", "record"} & set(record.dims)
+
+
+def _variable(name: str, record: Record, contact: Contact, result: Result) -> Any:
+    attributes = {}
+    long_name, unit = _label(record, contact, result)
+    if long_name:
+        attributes["long_name"] = long_name
+    if unit:
+        attributes["units"] = unit
+    return record.dims, record.values, attributes
+
+
+def _label(record: Record, contact: Contact, result: Result) -> tuple[str, str]:
+    *holders, field = (word for word in record.path if word not in ("table", "contact"))
+    load = None if isinstance(result, Stability) else result.load
+    if field == "value" and holders[-1:] == ["load"] and load is not None:
+        long_name, unit = f"load: {type(load).__name__}", _LOAD_UNITS.get(type(load), "")
+    else:
+        long_name, unit = QUANTITIES.get(field, (field.replace("_", " "), ""))
+    if field == "length" and holders[-1:] == ["potential"]:
+        long_name, unit = "range", LENGTH
+    if field == "height":
+        long_name, unit = "height", "energy"
+    silent = ("equilibrium", "stability", "load", "solid", "grid", "potential")
+    words = [word.replace("_", " ") for word in holders if word not in silent]
+    return ", ".join([*words, long_name]), _named(unit, contact)
+
+
+def _named(unit: str, contact: Contact) -> str:
+    return contact.unit if unit == LENGTH and contact.unit else unit
+
+
+def _coordinates(contact: Contact, structure: Structure, dataset: Any) -> dict[str, Any]:
+    grid, unit = contact.grid, _named(LENGTH, contact)
+    coordinates: dict[str, Any] = {}
+    for axis, (name, n) in enumerate(zip(("x", "y"), grid.shape, strict=False)):
+        if name in dataset.dims:
+            spacing = np.asarray(grid.spacing)[axis]
+            places = np.arange(n, dtype=spacing.dtype) * spacing
+            coordinates[name] = (name, places, {"long_name": name, "units": unit})
+    for name, columns in indicators(structure).items():
+        if name in dataset:
+            coordinates[f"{name}_indicator"] = (f"{name}_indicator", list(columns))
+    return coordinates
+
+
+def _attributes(
+    contact: Contact, result: Result, solver: eqx.Module | None, structure: Structure
+) -> dict[str, str]:
+    versions = {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()}
+    attributes = {
+        "title": f"{type(result).__name__} of an adhesive contact, by jaxstab",
+        "solid": text(contact.solid),
+        "law": text(contact.potential),
+        "versions": json.dumps(versions),
+    }
+    if not isinstance(result, Stability):
+        attributes["load_kind"] = type(result.load).__name__
+    if contact.unit:
+        attributes["unit_of_length"] = contact.unit
+    if solver is not None:
+        attributes["solver"] = text(solver)
+    if structure is not None:
+        attributes["structure"] = json.dumps(structure)
+    return attributes

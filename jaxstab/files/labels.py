@@ -1,0 +1,38 @@
+"""What each quantity is called, and what it is measured in."""
+
+LENGTH, PRESSURE, ENERGY, NUMBER = "length", "pressure", "energy", "1"
+STIFFNESS, SURFACE_ENERGY = "pressure/length", "energy/area"
+
+# By the name of the field that holds it.
+QUANTITIES = {
+    "amplitude": ("amplitude", LENGTH),
+    "complementarity": ("least reaction over the rms pressure", NUMBER),
+    "contact_area": ("number of contact points over that of all", NUMBER),
+    "dissipation": ("energy lost", ENERGY),
+    "displacement": ("displacement u", LENGTH),
+    "eigenvalue": ("smallest eigenvalue", STIFFNESS),
+    "energy": ("elastic and adhesive energy", ENERGY),
+    "error": ("error of the eigenvalue", STIFFNESS),
+    "gap": ("gap g", LENGTH),
+    "heights": ("height h of the rigid surface", LENGTH),
+    "history": ("indicators of the solver as it went", NUMBER),
+    "in_contact": ("whether the surfaces touch", NUMBER),
+    "kind": ("why the branch ends", NUMBER),
+    "lengths": ("side lengths of the cell", LENGTH),
+    "mean_gap": ("mean gap", LENGTH),
+    "mean_pressure": ("mean pressure p0, positive in compression", PRESSURE),
+    "mode": ("mode of unit norm", NUMBER),
+    "num_applications": ("applications of the Hessian", NUMBER),
+    "num_steps": ("steps of the solver", NUMBER),
+    "poisson_ratio": ("Poisson's ratio", NUMBER),
+    "pressure": ("elastic pressure p, positive in compression", PRESSURE),
+    "reaction": ("contact reaction", PRESSURE),
+    "residual": ("relative residual", NUMBER),
+    "result": ("how the solver ended", NUMBER),
+    "state": ("number of the state before", NUMBER),
+    "stiffness": ("stiffness", STIFFNESS),
+    "surface_energy": ("surface energy", SURFACE_ENERGY),
+    "verdict": ("verdict on the stability", NUMBER),
+    "work": ("work done by what is prescribed", ENERGY),
+    "youngs_modulus": ("Young's modulus", PRESSURE),
+}

@@ -1,0 +1,160 @@
+"""Results on disk, as NetCDF."""
+
+import json
+import os
+import warnings
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from jaxstab.contact import Contact
+from jaxstab.files.dataset import FORMAT, Result, to_dataset
+from jaxstab.files.law import require_same_law
+from jaxstab.files.records import LostFunction, Structure, class_is_found, functions_of, restored
+from jaxstab.potentials import Potential, as_module
+
+# Arrays of more numbers are compressed.
+_LARGE = 1000
+
+
+def save(
+    path: str | Path,
+    contact: Contact,
+    result: Result,
+    *,
+    solver: eqx.Module | None = None,
+    fields: bool = True,
+) -> Path:
+    """Write a contact and a result as NetCDF: the data set of `to_dataset`.
+
+    A law that is a module comes back by its import path and its numbers. Of a bare function the
+    file keeps values only, and a warning says so.
+
+    Arguments:
+        path: the file; it must not exist yet.
+        contact: the contact problem.
+        result, solver, fields: as in `to_dataset`.
+
+    Returns:
+        The path of the file, which is there as a whole or not at all.
+
+    Raises:
+        ValueError: if the name does not end in .nc, and as `to_dataset`.
+        FileExistsError: if the file exists.
+        ImportError: without xarray and h5netcdf.
+    """
+    path = Path(path)
+    if path.suffix != ".nc":
+        raise ValueError(f"{path} does not end in .nc.")
+    dataset = to_dataset(contact, result, solver=solver, fields=fields)
+    lost = functions_of(json.loads(dataset.attrs.get("structure", "null")))
+    if lost:
+        warnings.warn(
+            f"{path.name} holds values of `{lost[0]}`, no formula: to go on from it, give that to "
+            "jaxstab.load(path, potential=...), or write it as an equinox.Module in a module that "
+            "can be imported.",
+            stacklevel=2,
+        )
+    # Taken first, so that no other run can take the name.
+    path.open("xb").close()
+    part = path.with_name(f".{path.name}.part")
+    try:
+        dataset.to_netcdf(part, engine="h5netcdf", encoding=_encoding(dataset))
+        os.replace(part, path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        path.unlink()
+        raise
+    return path
+
+
+def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Contact, Any]:
+    """Return the contact and the result that `save` wrote, to the last bit.
+
+    Arguments:
+        path: the file.
+        potential: the law, where the file has values of it only, or its class is not found.
+
+    Returns:
+        The contact, and the equilibrium, stability, sweep or path. Without its law the contact
+        serves for figures; a solver that asks for the law says what is missing.
+
+    Raises:
+        ValueError: for a file of another kind, of a later version or without fields, or one in
+            double precision where JAX is set to single; for a law that has other values than that
+            of the file, and a class of another version than it.
+        FileNotFoundError: if there is no such file.
+        ImportError: without xarray and h5netcdf.
+    """
+    path = Path(path)
+    arrays, structure = _read(path)
+    is_double = any(a.dtype.kind in "fiu" and a.dtype.itemsize == 8 for a in arrays.values())
+    if is_double and jax.dtypes.canonicalize_dtype(np.float64) != np.float64:
+        raise ValueError(
+            f"{path} is in double precision, which JAX would cut to single: before all else, "
+            'call jax.config.update("jax_enable_x64", True).'
+        )
+    problem = structure["contact"]
+    law = problem["fields"].pop("potential")
+    contact = restored({**problem, "fields": {**problem["fields"], "potential": None}}, arrays)
+    law = _law(law, arrays, potential, contact.heights.dtype)
+    object.__setattr__(contact, "potential", law)
+    if not isinstance(law, LostFunction):
+        require_same_law(contact, arrays, path)
+    return contact, restored(structure["result"], arrays)
+
+
+def _encoding(dataset: Any) -> dict[str, Any]:
+    # Numbers as they are: no value stands for a missing one.
+    plain: dict[str, Any] = {"_FillValue": None}
+    packed = {**plain, "zlib": True, "complevel": 1, "shuffle": True}
+    return {
+        name: packed if array.size > _LARGE and array.dtype.kind == "f" else plain
+        for name, array in dataset.variables.items()
+        if array.dtype.kind in "fiub"
+    }
+
+
+def _read(path: Path) -> tuple[dict[str, np.ndarray], Structure]:
+    try:
+        import h5netcdf  # noqa: F401
+        import xarray
+    except ImportError:
+        raise ImportError("To read results, pip install 'jaxstab[data]'.") from None
+    if not path.exists():
+        raise FileNotFoundError(f"There is no file {path}.")
+    try:
+        with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+            attributes = dict(dataset.attrs)
+            arrays = {str(name): np.asarray(array) for name, array in dataset.variables.items()}
+    except (OSError, ValueError, KeyError) as error:
+        message = f"{path} is no NetCDF file that can be read, or not a whole one."
+        raise ValueError(message) from error
+    if "versions" not in attributes or "law_gap" not in arrays:
+        raise ValueError(f"{path} was not written by jaxstab.save.")
+    if "structure" not in attributes:
+        raise ValueError(
+            f"{path} was written with fields=False, which a result cannot be made of: open it with "
+            "xarray.open_dataset."
+        )
+    structure = json.loads(attributes["structure"])
+    if structure["format"] > FORMAT:
+        raise ValueError(
+            f"{path} was written by jaxstab {json.loads(attributes['versions'])['jaxstab']}, in a "
+            "form that this version does not know: install that one or a later one."
+        )
+    return arrays, structure
+
+
+def _law(
+    structure: Structure, arrays: dict[str, np.ndarray], given: Potential | None, dtype: Any
+) -> Potential:
+    if given is not None:
+        return as_module(given, dtype)
+    lost = functions_of(structure)
+    if not lost and not class_is_found(structure):
+        lost = [structure["class"]]
+    return LostFunction(lost[0]) if lost else restored(structure, arrays)

@@ -1,0 +1,241 @@
+"""Pytrees as named arrays and a structure in JSON, and back.
+
+Classes are kept by their import path, so that one's own laws, solids and loads come back too. Bare
+functions have none: of these only the name is kept.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from importlib import import_module
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from jaxstab import results
+from jaxstab.checks import is_traced
+from jaxstab.enumerations import Enumeration
+from jaxstab.functions import is_bare
+from jaxstab.iterate import History
+
+# JSON, as Python has it.
+Structure = Any
+# Parts of a path that a name is clear without.
+_SILENT = {"contact", "equilibrium", "stability", "value", "table", "code"}
+_SINGULAR = {"jumps": "jump"}
+# Of a whole path, beside those up to each of its states.
+_TOTALS = {("work",), ("dissipation",)}
+
+
+class LostFunction(eqx.Module):
+    """A law that a file holds no formula of.
+
+    Attributes:
+        name: of the function or class that it was.
+    """
+
+    name: str = eqx.field(static=True)
+
+    def __call__(self, argument: Any) -> Any:
+        """Raise `ValueError`, since nothing is known but values."""
+        raise ValueError(
+            f"Of `{self.name}` the file holds values only, no formula: give it to "
+            "jaxstab.load(path, potential=...), or rebuild the contact with it."
+        )
+
+
+@dataclass(frozen=True)
+class Record:
+    """An array of a pytree.
+
+    Attributes:
+        values: the array; words where it holds members of an enumeration.
+        dims: the names of its axes.
+        path: the fields that lead to it.
+    """
+
+    values: np.ndarray
+    dims: tuple[str, ...]
+    path: tuple[str, ...]
+
+
+class Recorder:
+    """The arrays of pytrees by name, `records`, as they are recorded."""
+
+    def __init__(self, grid_shape: tuple[int, ...]):
+        self.grid_shape = grid_shape
+        self.records: dict[str, Record] = {}
+
+    def structure(
+        self,
+        value: Any,
+        path: tuple[str, ...],
+        axes: tuple[str, ...] = (),
+        axes_of: Mapping[str, tuple[str, ...]] | None = None,
+    ) -> Structure:
+        """Record the arrays of a pytree and return its structure.
+
+        Arguments:
+            value: the pytree.
+            path: the fields that lead to it.
+            axes: the names of the leading axes of all of its arrays.
+            axes_of: those of a field of its own, where they are others.
+        """
+        if value is None:
+            return None
+        if isinstance(value, Enumeration):
+            return {"members": type(value).__name__, **self._array(value.name, path, axes)}
+        if isinstance(value, jax.Array | np.ndarray | np.generic):
+            return self._array(value, path, axes)
+        if isinstance(value, bool | int | float | str):
+            return {"value": value}
+        if isinstance(value, tuple | list):
+            parts = [self.structure(x, (*path, str(i)), axes) for i, x in enumerate(value)]
+            return {type(value).__name__: parts}
+        if isinstance(value, dict):
+            parts = {key: self.structure(x, (*path, key), axes) for key, x in value.items()}
+            return {"dict": parts}
+        if not _has_import_path(value):
+            return {"function": repr(value) if is_bare(value) else type(value).__qualname__}
+        contents = {
+            field.name: self.structure(
+                getattr(value, field.name),
+                (*path, field.name),
+                (axes_of or {}).get(field.name, axes),
+            )
+            for field in fields(value)
+        }
+        return {"class": f"{type(value).__module__}:{type(value).__qualname__}", "fields": contents}
+
+    def _array(self, array: Any, path: tuple[str, ...], axes: tuple[str, ...]) -> Structure:
+        if is_traced(array):
+            raise TypeError("What JAX is tracing has no numbers yet: save it outside of jit.")
+        values = np.asarray(array)
+        words = [_SINGULAR.get(word, word) for word in path]
+        words = ["total", *words] if path in _TOTALS else words
+        name = "_".join([word for word in words if word not in _SILENT]) or path[-1]
+        record = Record(values, (*axes, *self._own_dims(name, values.shape[len(axes) :])), path)
+        if name in self.records and not _is_same(self.records[name], record):
+            name = "_".join(words)
+        self.records[name] = record
+        return {"array": name}
+
+    def _own_dims(self, name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
+        if name.endswith("history"):
+            return ("record", f"{name}_indicator")
+        if shape == self.grid_shape:
+            return ("x", "y")[: len(shape)]
+        if name.endswith("grid_lengths"):
+            return ("side",)
+        return tuple(f"{name}_{i}" for i in range(len(shape)))
+
+
+def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> Any:
+    """Return the pytree of a structure and its arrays.
+
+    Raises:
+        ValueError: for a class that is not found, or whose fields are no longer those of the file.
+    """
+    if structure is None:
+        return None
+    match structure:
+        case {"members": name, "array": array}:
+            members = getattr(results, name)
+            codes = {word: code for code, word in enumerate(members.names.tolist())}
+            return members(_coded(arrays[array], codes))
+        case {"array": name}:
+            return jax.device_put(arrays[name])
+        case {"value": value}:
+            return value
+        case {"tuple": parts}:
+            return tuple(restored(part, arrays) for part in parts)
+        case {"list": parts}:
+            return [restored(part, arrays) for part in parts]
+        case {"dict": parts}:
+            return {key: restored(part, arrays) for key, part in parts.items()}
+        case {"function": name}:
+            return LostFunction(name)
+    found = _class(structure["class"])
+    names = [field.name for field in fields(found)]
+    if set(names) != set(structure["fields"]):
+        raise ValueError(
+            f"{structure['class']} has the fields {', '.join(names)}, in the file "
+            f"{', '.join(structure['fields'])}: it was written with another version of the class."
+        )
+    module = object.__new__(found)
+    for name, part in structure["fields"].items():
+        object.__setattr__(module, name, restored(part, arrays))
+    return module
+
+
+def _has_import_path(value: Any) -> bool:
+    is_local = "<locals>" in type(value).__qualname__
+    return isinstance(value, eqx.Module) and not is_bare(value) and not is_local
+
+
+def class_is_found(structure: Structure) -> bool:
+    """Whether the class of a structure can be imported."""
+    try:
+        _class(structure["class"])
+    except ValueError:
+        return False
+    return True
+
+
+def _class(path: str) -> type:
+    module, _, name = path.partition(":")
+    try:
+        found: Any = import_module(module)
+        for part in name.split("."):
+            found = getattr(found, part)
+    except (ImportError, AttributeError):
+        message = f"The class {path} of the file is not found: import or define it."
+        raise ValueError(message) from None
+    # A file can name anything.
+    if not (isinstance(found, type) and issubclass(found, eqx.Module)):
+        raise ValueError(f"{path} of the file is no equinox.Module.")
+    return found
+
+
+def _coded(words: np.ndarray, codes: Mapping[str, int]) -> np.ndarray:
+    unknown = set(words.ravel().tolist()) - set(codes)
+    if unknown:
+        raise ValueError(f"{', '.join(unknown)} in the file is not one of {', '.join(codes)}.")
+    numbers = [codes[word] for word in words.ravel().tolist()]
+    return np.array(numbers, np.int32).reshape(words.shape)
+
+
+def _is_same(one: Record, other: Record) -> bool:
+    # The load of a sweep is that of its equilibria.
+    same_kind = one.dims == other.dims and one.values.dtype == other.values.dtype
+    return "load" in one.path and same_kind and one.values.tobytes() == other.values.tobytes()
+
+
+def functions_of(structure: Structure) -> list[str]:
+    """Return the names of the functions of which a structure has no formula."""
+    return [part["function"] for part in _parts(structure) if set(part) == {"function"}]
+
+
+def indicators(structure: Structure) -> dict[str, list[str]]:
+    """Return what the columns of each history hold, by the name of its array."""
+    histories = [
+        part["fields"]
+        for part in _parts(structure)
+        if str(part.get("class", "")).endswith(f":{History.__name__}")
+    ]
+    return {
+        fields["table"]["array"]: ["step", *(name["value"] for name in fields["names"]["tuple"])]
+        for fields in histories
+    }
+
+
+def _parts(structure: Structure) -> Iterator[dict[str, Any]]:
+    """Yield a structure and all that it is made of."""
+    if isinstance(structure, dict):
+        yield structure
+        for part in structure.values():
+            yield from _parts(part)
+    elif isinstance(structure, list):
+        for part in structure:
+            yield from _parts(part)

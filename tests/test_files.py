@@ -1,0 +1,266 @@
+"""Results as data sets and files: what goes in comes out, here and in plain xarray."""
+
+import json
+import subprocess
+import sys
+import warnings
+
+import equinox as eqx
+import h5netcdf
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray
+
+import jaxstab as js
+
+SHAPE, LENGTHS = (16, 12), (1.0, 0.7)
+
+
+class Bumpy(eqx.Module):
+    """A law of one's own: with a list, a static part and a plain number."""
+
+    depths: list
+    length: jax.Array
+    power: int = eqx.field(static=True)
+    share: float = 0.5
+
+    def __call__(self, gap):
+        first, second = self.depths
+        near = first * jnp.exp(-((gap / self.length) ** self.power))
+        return -near - self.share * second * jnp.exp(-gap / self.length)
+
+
+def own_law(dtype):
+    return Bumpy([jnp.array(0.008, dtype), jnp.array(0.004, dtype)], jnp.array(0.2, dtype), 2)
+
+
+def contact_of(potential, dtype=float):
+    grid = js.Grid(SHAPE, jnp.array(LENGTHS, dtype))
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=5, rms_height=0.1)
+    solid = js.HalfSpace(grid, jnp.array(0.05, dtype), jnp.array(0.3, dtype))
+    return js.Contact(solid, heights.astype(dtype), potential)
+
+
+@pytest.fixture(scope="module", params=["float64", "float32", "own law"])
+def case(request):
+    dtype = jnp.float32 if request.param == "float32" else jnp.float64
+    if request.param == "own law":
+        contact = contact_of(own_law(dtype))
+    else:
+        contact = contact_of(js.potentials.Exponential(0.01, 0.2), dtype)
+    sweep = js.sweep(contact, js.Spring(jnp.linspace(0.0, 0.2, 3), 0.3))
+    return contact, sweep
+
+
+@pytest.fixture(scope="module")
+def followed():
+    contact = contact_of(js.potentials.Exponential(0.02, 0.03))
+    turns = js.MeanGap(jnp.array([0.3, 0.05, 0.3]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", js.ResolutionWarning)
+        return contact, js.follow(contact, turns, smallest_jump=1e-3, fields=True)
+
+
+def assert_same_bits(one, other):
+    leaves, structure = jax.tree.flatten(one)
+    others, other_structure = jax.tree.flatten(other)
+    assert structure == other_structure
+    for x, y in zip(leaves, others, strict=True):
+        x, y = np.asarray(x), np.asarray(y)
+        assert (x.dtype, x.shape, x.tobytes()) == (y.dtype, y.shape, y.tobytes())
+
+
+def test_each_result_comes_back_to_the_last_bit(case, tmp_path):
+    contact, sweep = case
+    results = sweep, sweep[1], sweep.equilibrium, sweep[2].equilibrium, sweep[0].stability
+    for i, result in enumerate(results):
+        path = js.save(tmp_path / f"{i}.nc", contact, result)
+        assert_same_bits((contact, result), js.load(path))
+
+
+def test_a_path_comes_back_to_the_last_bit(followed, tmp_path):
+    contact, path = followed
+    assert len(path.jumps) >= 2
+    assert_same_bits(followed, js.load(js.save(tmp_path / "path.nc", contact, path)))
+    scalars = js.to_dataset(contact, path, fields=False)
+    np.testing.assert_array_equal(scalars.jump_load, path.jumps.load.value)
+    assert scalars.jump_kind.values.tolist() == path.jumps.kind.name.tolist()
+    np.testing.assert_array_equal(scalars.work[-1], scalars.total_work)
+    assert not {"x", "y"} & set(scalars.dims)
+
+
+def test_a_data_set_says_what_everything_is(case):
+    contact, sweep = case
+    dataset = js.to_dataset(contact, sweep, solver=js.PreconditionedConjugateGradient())
+    assert dataset.gap.dims == ("load", "x", "y") and dataset.cone_mode.dims == ("load", "x", "y")
+    np.testing.assert_array_equal(dataset["load"], sweep.load.value)
+    np.testing.assert_array_equal(dataset.load_stiffness, sweep.load.stiffness)
+    for axis, name in enumerate(("x", "y")):
+        places = np.moveaxis(contact.grid.coordinates[axis], axis, 0)[:, 0]
+        np.testing.assert_allclose(dataset[name], places, rtol=1e-6)
+    assert dataset.gap.attrs == {"long_name": "gap g", "units": "length"}
+    assert dataset.cone_eigenvalue.attrs["long_name"] == "cone, smallest eigenvalue"
+    assert dataset["load"].attrs == {"long_name": "load: Spring", "units": "length"}
+    assert dataset.verdict.values.tolist() == sweep.stability.verdict.name.tolist()
+    assert json.loads(dataset.versions)["jax"] == jax.__version__
+    assert "tolerance" in dataset.attrs["solver"] and "0.3" in dataset.attrs["solid"]
+    energies = [contact.potential(gap) for gap in dataset.law_gap.values.astype(dataset.gap.dtype)]
+    np.testing.assert_allclose(dataset.law_energy, energies, rtol=1e-5)
+    unlabelled = [
+        name
+        for name, array in dataset.data_vars.items()
+        if "long_name" not in array.attrs
+        or (array.dtype.kind == "f" and "units" not in array.attrs and "potential" not in name)
+    ]
+    assert unlabelled == []
+
+
+def test_plain_xarray_opens_it_without_this_package(case, tmp_path):
+    contact, sweep = case
+    path = js.save(tmp_path / "sweep.nc", contact, sweep)
+    script = (
+        "import sys, xarray; data = xarray.open_dataset(sys.argv[1]);"
+        "print(float(data.mean_pressure[1]), data.verdict.values[1], 'jax' in sys.modules)"
+    )
+    command = [sys.executable, "-c", script, str(path)]
+    said = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path).stdout
+    pressure, verdict, has_jax = said.split()
+    assert float(pressure) == float(sweep[1].equilibrium.mean_pressure)
+    assert verdict == sweep[1].stability.verdict.name
+    assert has_jax == "False"
+
+
+def test_a_law_defined_in_a_script_comes_back_in_it_and_is_asked_for_elsewhere(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys, equinox as eqx, jax.numpy as jnp, jaxstab as js\n"
+        "class Mine(eqx.Module):\n"
+        "    depth: float\n"
+        "    def __call__(self, gap):\n"
+        "        return -self.depth * jnp.exp(-gap)\n"
+        "grid = js.Grid(8)\n"
+        "heights = js.surfaces.sinusoid(grid, 0.1)\n"
+        "contact = js.Contact(js.HalfSpace(grid, 1.0), heights, Mine(0.01))\n"
+        "state = js.equilibrate(contact, js.MeanGap(0.2))\n"
+        "contact, again = js.load(js.save(sys.argv[1], contact, state))\n"
+        "assert type(contact.potential) is Mine and contact.potential.depth == 0.01\n"
+        "assert (js.equilibrate(contact, again.load).gap == state.gap).all()\n"
+    )
+    path = tmp_path / "mine.nc"
+    subprocess.run([sys.executable, str(script), str(path)], check=True, cwd=tmp_path)
+    contact, state = js.load(path)
+    with pytest.raises(ValueError, match=r"`__main__:Mine` the file holds values only.*potential="):
+        js.equilibrate(contact, state.load)
+    contact, state = js.load(path, potential=lambda gap: -0.01 * jnp.exp(-gap))
+    assert js.equilibrate(contact, state.load, initial=state).num_steps == 0
+    with pytest.raises(ValueError, match="is not the one of .*mine.nc: at a gap of"):
+        js.load(path, potential=lambda gap: -0.011 * jnp.exp(-gap))
+
+
+def test_of_a_bare_function_values_are_kept_and_a_warning_says_so(case, tmp_path):
+    _, sweep = case
+    dtype = sweep.equilibrium.gap.dtype
+    contact = contact_of(lambda gap: -0.01 * jnp.exp(-gap / 0.2), dtype)
+    with pytest.warns(UserWarning, match=r"bare.nc holds values of `<lambda>`, no formula"):
+        path = js.save(tmp_path / "bare.nc", contact, sweep)
+    loaded, result = js.load(path)
+    assert_same_bits(result, sweep)
+    js.plots.gap(loaded, result[0])
+    with pytest.raises(ValueError, match="`<lambda>` the file holds values only"):
+        js.assess_stability(loaded, result[0])
+
+
+def test_a_sweep_goes_on_from_a_loaded_state_as_if_never_interrupted(tmp_path):
+    contact = contact_of(js.potentials.Exponential(0.01, 0.2))
+    loads = js.MeanGap(jnp.linspace(0.05, 0.3, 5))
+    whole = js.sweep(contact, loads, order="continuation", stability=False)
+    path = js.save(tmp_path / "half.nc", contact, whole[:3])
+    contact, half = js.load(path)
+    rest = js.sweep(contact, loads[3:], order="continuation", stability=False, initial=half[-1])
+    assert_same_bits(rest.equilibrium.gap, whole[3:].equilibrium.gap)
+
+
+def test_nothing_is_overwritten_and_no_half_of_a_file_is_left(case, tmp_path, monkeypatch):
+    contact, sweep = case
+    path = js.save(tmp_path / "a.nc", contact, sweep)
+    before = path.read_bytes()
+    with pytest.raises(FileExistsError):
+        js.save(path, contact, sweep[0])
+    assert path.read_bytes() == before
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(xarray.Dataset, "to_netcdf", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        js.save(tmp_path / "b.nc", contact, sweep)
+    assert [file.name for file in tmp_path.iterdir()] == ["a.nc"]
+
+
+def test_what_cannot_be_written_is_refused(case, followed, tmp_path):
+    contact, sweep = case
+    with pytest.raises(ValueError, match=r"run.npz does not end in .nc"):
+        js.save(tmp_path / "run.npz", contact, sweep)
+    with pytest.raises(TypeError, match="tuple is no result"):
+        js.to_dataset(contact, (sweep[0].equilibrium, sweep[0].stability))
+    other = js.Contact(js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), lambda gap: 0 * gap)
+    with pytest.raises(ValueError, match=r"shape \(16, 12\), the contact's grid is \(8, 8\)"):
+        js.to_dataset(other, sweep)
+    with pytest.raises(TypeError, match="tracing"):
+        jax.jit(lambda state: js.to_dataset(contact, state).gap.values)(sweep[0].equilibrium)
+    twice = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), followed[1])
+    with pytest.raises(ValueError, match="several paths"):
+        js.to_dataset(followed[0], twice)
+
+
+def test_what_cannot_be_read_is_refused_in_a_sentence(case, tmp_path):
+    contact, sweep = case
+    path = js.save(tmp_path / "run.nc", contact, sweep[0])
+    with pytest.raises(FileNotFoundError, match=r"There is no file .*none.nc"):
+        js.load(tmp_path / "none.nc")
+    (tmp_path / "cut.nc").write_bytes(path.read_bytes()[:5000])
+    (tmp_path / "text.nc").write_text("gap 1 2 3")
+    for name in ("cut", "text"):
+        with pytest.raises(ValueError, match=f"{name}.nc is no NetCDF file that can be read"):
+            js.load(tmp_path / f"{name}.nc")
+    xarray.Dataset({"gap": ("x", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
+    with pytest.raises(ValueError, match=r"other.nc was not written by jaxstab.save"):
+        js.load(tmp_path / "other.nc")
+    scalars = js.save(tmp_path / "scalars.nc", contact, sweep, fields=False)
+    with pytest.raises(ValueError, match=r"fields=False, which a result cannot be made of"):
+        js.load(scalars)
+    with jax.enable_x64(False), pytest.raises(ValueError, match="is in double precision"):
+        js.load(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: text.replace('"format": 1', '"format": 99'), "a form that this version"),
+        (lambda text: text.replace('"num_steps": {', '"num_loops": {'), "another version of the"),
+        (lambda text: text.replace("iterate:History", "iterate:Chronicle"), "is not found"),
+        (lambda text: text.replace("jaxstab.iterate:History", "os:system"), "no equinox.Module"),
+        (lambda text: text.replace('"RESULTS"', '"VERDICTS"'), "successful in the file is not one"),
+    ],
+)
+def test_a_file_of_another_version_is_refused_in_a_sentence(case, tmp_path, change, message):
+    contact, sweep = case
+    path = js.save(tmp_path / "run.nc", contact, sweep[0].equilibrium)
+    with h5netcdf.File(path, "r+") as file:
+        structure = file.attrs["structure"]
+        assert change(structure) != structure
+        file.attrs["structure"] = change(structure)
+    with pytest.raises(ValueError, match=message):
+        js.load(path)
+
+
+def test_a_line_has_one_dimension(tmp_path):
+    grid = js.Grid((32,))
+    law = js.potentials.Exponential(0.01, 0.1)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), js.surfaces.sinusoid(grid, 0.1), law)
+    state = js.equilibrate(contact, js.MeanPressure(0.02))
+    assert js.to_dataset(contact, state).gap.dims == ("x",)
+    assert js.to_dataset(contact, state)["load"].attrs["units"] == "pressure"
+    assert_same_bits((contact, state), js.load(js.save(tmp_path / "line.nc", contact, state)))
