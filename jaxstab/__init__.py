@@ -23,7 +23,7 @@ from jaxstab.equilibrium import (
 from jaxstab.files import load, save, to_dataset
 from jaxstab.grid import Grid
 from jaxstab.loads import FarDisplacement, MeanDisplacement, MeanGap, MeanPressure, Spring
-from jaxstab.paths import Jump, Path, critical_load, follow, pull_off
+from jaxstab.paths import Jump, Path, PathInterrupted, critical_load, follow, pull_off
 from jaxstab.resolution import ResolutionWarning
 from jaxstab.results import KINDS, RESULTS, VERDICTS, SolverError
 from jaxstab.stability import (
@@ -67,6 +67,7 @@ __all__ = [
     "MeanGap",
     "MeanPressure",
     "Path",
+    "PathInterrupted",
     "PolonskyKeerRey",
     "PreconditionedConjugateGradient",
     "ProjectedLOBPCG",

@@ -136,6 +136,8 @@ def _named(module: Any, with_grids: bool) -> Iterator[tuple[str, Any]]:
     axes = {name: value.ndim for name, value in values.items() if _is_array(value)}
     fewest = min(axes.values(), default=0)
     for name, value in values.items():
+        if value is None:
+            continue
         is_long = axes.get(name, 0) > fewest or type(value).__repr__ is history
         if with_grids or not is_long:
             yield name, value

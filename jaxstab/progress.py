@@ -34,16 +34,6 @@ def advance(after: Array) -> None:
     jax.debug.callback(_advance, after)
 
 
-def advance_to(units: Array) -> None:
-    """Move the bar to a number of units; works inside compiled code."""
-    jax.debug.callback(_advance_to, units)
-
-
 def _advance(_: Array) -> None:
     if _bars:
         _bars[-1].update()
-
-
-def _advance_to(units: Array) -> None:
-    if _bars:
-        _bars[-1].update(int(units) - _bars[-1].n)

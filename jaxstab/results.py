@@ -63,6 +63,7 @@ class RESULTS(Enumeration):
         "the store is full before the end. Give it more room, follow a shorter programme, or "
         "locate fewer jumps"
     )
+    interrupted = member("it was interrupted; what was done until then is there")
     not_computed = member(
         "another number had already proved the verdict. Assess without `verdict_only`"
     )

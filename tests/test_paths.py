@@ -1,5 +1,8 @@
 """Paths through jumps: against bisection, the energy balance, and each state against NumPy."""
 
+import signal
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -141,6 +144,27 @@ def test_of_a_path_the_loads_of_jumps_have_derivatives_and_nothing_else_has(hert
         jax.grad(lambda energy: follow(energy)[1])(10.0)
     with pytest.raises(js.SolverError, match="of a path only the loads of its jumps have one"):
         jax.grad(work)(1.4)
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
+    module = sys.modules["jaxstab.paths.follow"]
+    go_on, calls = module._go_on, []
+
+    def interrupted(*arguments):
+        calls.append(None)
+        if len(calls) == 4:
+            signal.raise_signal(signal.SIGINT)
+        return go_on(*arguments)
+
+    monkeypatch.setattr(module, "_go_on", interrupted)
+    with pytest.warns(js.PathInterrupted, match=r"interrupted at \d+ %"):
+        turns = js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6]))
+        path = js.follow(hertz, turns, smallest_jump=1e-5)
+    assert path.result == "interrupted"
+    # Batches of one, two and four steps, of which some only try.
+    assert 2 <= len(path.load.value) <= 8
+    np.testing.assert_array_equal(path.load.value, loop.load.value[: len(path.load.value)])
 
 
 def test_what_cannot_be_followed_is_told(hertz):

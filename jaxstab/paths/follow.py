@@ -1,7 +1,9 @@
 """The path of a contact under a programme of loads, through its jumps."""
 
+import warnings
 from dataclasses import replace
 from functools import partial
+from time import perf_counter
 from typing import Any
 
 import equinox as eqx
@@ -29,17 +31,23 @@ from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.path import Jump, Path, States
 from jaxstab.paths.store import Event, Field, Place, Scalar
-from jaxstab.paths.walk import DISTURBANCE, Walk, course_of, walk
+from jaxstab.paths.walk import DISTURBANCE, Walk, begin, course_of, go_on, travelled
 from jaxstab.programs import program
 from jaxstab.progress import progress_bar
 from jaxstab.refusals import Obstacle
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.results import KINDS, throw_failure
+from jaxstab.results import KINDS, RESULTS, throw_failure
+
+_BATCH_SECONDS = 0.5
 
 _NO_DERIVATIVE = (
     "of a path only the loads of its jumps have one. Differentiate `path.jumps.load`, or an "
     "equilibrium at a load of the path, found by `equilibrate` from the path's gap there"
 )
+
+
+class PathInterrupted(UserWarning):
+    """A path was interrupted; it holds the states so far."""
 
 
 def follow(
@@ -64,6 +72,8 @@ def follow(
     (benchmarks/results/jumps.md). Jumps that lose less than `smallest_jump` are not located, but
     what they lose is counted. Surfaces that a tension has pulled apart stay so until there is a
     pressure.
+
+    Ctrl-C ends a path within about a second and returns the states so far.
 
     Arguments:
         contact: the contact problem.
@@ -113,44 +123,77 @@ def follow(
     loads = load.in_units_of(unit)
     inputs = jax.lax.stop_gradient((own, loads, start, share, noise))
     # What was not found is NaN.
-    with jax.debug_nans(False), progress_bar(100, "%", shown=progress):
-        path, num_states, num_jumps = _follow(sizes, fields, progress, *inputs)
-    if not is_traced(num_states):
-        path = _cut(path, int(num_states), int(num_jumps))
+    with jax.debug_nans(False), progress_bar(100, "%", shown=progress) as bar:
+        ended = _begin(sizes, fields, *inputs)
+        if is_traced(ended):
+            ended = _go_on(ended, None, *inputs)
+        else:
+            ended = _go_on_by_and_by(ended, inputs, bar)
+        path = _path(fields, ended, *inputs[:2])
+    if not is_traced(ended):
+        path = _cut(path, int(ended.num_states), int(ended.num_jumps))
     if is_traced((contact, load)):
         others = [part for part in (start, share, noise) if part is not None]
         path = _with_derivatives(path, own, loads, others, throw)
     path = path.in_units_of(1 / unit)
-    if not throw:
+    if not throw or (not is_traced(path.result) and path.result == RESULTS.interrupted):
         return path
     return throw_failure(path.result, path, lambda: _describe(path, load))
 
 
-@partial(program, static_argnums=(0, 1, 2))
-def _follow(
-    sizes: tuple[int, int], fields: bool, progress: bool, *inputs: Any
-) -> tuple[Path, Array, Array]:
-    return by_lanes(partial(_follow_one, sizes, fields, progress))(*inputs)
+@partial(program, static_argnums=(0, 1))
+def _begin(sizes: tuple[int, int], fields: bool, *inputs: Any) -> Walk:
+    def first(
+        contact: Contact, load: Load, start: Field | None, share: Scalar, disturbance: Scalar
+    ) -> Walk:
+        if start is None:
+            start = contact.control(load[0]).starting_gap(contact.heights)
+        return begin(course_of(contact, load, share, disturbance), start, sizes, fields)
+
+    return by_lanes(first)(*inputs)
 
 
-def _follow_one(
-    sizes: tuple[int, int],
-    fields: bool,
-    progress: bool,
-    contact: Contact,
-    load: Load,
-    start: Field | None,
-    share: Scalar,
-    disturbance: Scalar,
-) -> tuple[Path, Int[Array, ""], Int[Array, ""]]:
-    course = course_of(contact, load, share, disturbance)
-    if start is None:
-        start = contact.control(load[0]).starting_gap(contact.heights)
-    ended = walk(course, start, sizes, fields, progress)
-    return _path(contact, load, ended, fields), ended.num_states, ended.num_jumps
+@program
+def _go_on(walk: Walk, num_steps: int | None, *inputs: Any) -> Walk:
+    def further(
+        walk: Walk,
+        num_steps: Int[Array, ""] | None,
+        contact: Contact,
+        load: Load,
+        _: Field | None,
+        share: Scalar,
+        disturbance: Scalar,
+    ) -> Walk:
+        return go_on(course_of(contact, load, share, disturbance), walk, num_steps)
+
+    return by_lanes(further)(walk, num_steps, *inputs)
 
 
-def _path(contact: Contact, load: Load, ended: Walk, fields: bool) -> Path:
+def _go_on_by_and_by(walk: Walk, inputs: Any, bar: Any) -> Walk:
+    """Go on to the end, or until interrupted, in batches of steps of about a second each."""
+    load, num_steps = inputs[1], 1
+    num_parts = load.value.size - 1
+    try:
+        while walk.result == RESULTS.successful and walk.part < num_parts:
+            start = perf_counter()
+            # While it waits, an interrupt stays pending.
+            walk = jax.block_until_ready(_go_on(walk, num_steps, *inputs))
+            bar.update(int(100 * travelled(load, walk)) - bar.n)
+            # The first time it is compiled.
+            num_steps = 2 * num_steps if perf_counter() - start < _BATCH_SECONDS else num_steps
+    except KeyboardInterrupt:
+        message = f"The path was interrupted at {100 * float(travelled(load, walk)):.0f} %."
+        warnings.warn(message, PathInterrupted, stacklevel=3)
+        walk = replace(walk, result=RESULTS.interrupted)
+    return walk
+
+
+@partial(program, static_argnums=0)
+def _path(fields: bool, ended: Walk, contact: Contact, load: Load) -> Path:
+    return by_lanes(partial(_path_of, fields))(ended, contact, load)
+
+
+def _path_of(fields: bool, ended: Walk, contact: Contact, load: Load) -> Path:
     place, one = ended.states.place, load[0]
 
     def loads(values: Array) -> Load:

@@ -20,7 +20,6 @@ from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
 from jaxstab.loads import Load
 from jaxstab.paths.store import Event, Field, Flag, Place, Record, Scalar, place_of, put, room
-from jaxstab.progress import advance_to
 from jaxstab.results import RESULTS
 
 # By default, over the rms height.
@@ -178,17 +177,19 @@ def course_of(
     )
 
 
-def walk(
-    course: Course, start: Field, sizes: tuple[int, int], fields: bool, progress: bool = False
-) -> Walk:
-    """Return where a path ends and what it has recorded, in a bounded number of states and jumps.
+def walk(course: Course, start: Field, sizes: tuple[int, int], fields: bool) -> Walk:
+    """Return where a path ends and what it has recorded, as `begin` and `go_on` do."""
+    return go_on(course, begin(course, start, sizes, fields))
+
+
+def begin(course: Course, start: Field, sizes: tuple[int, int], fields: bool) -> Walk:
+    """Return a walk at the first turning point.
 
     Arguments:
         course: what is the same all the way.
         start: where the first equilibrium starts.
         sizes: of the stores of states and of jumps.
         fields: whether to record the gaps of states.
-        progress: whether to move a progress bar.
     """
     turns = course.load.value
     span = jnp.max(turns) - jnp.min(turns)
@@ -196,7 +197,7 @@ def walk(
     first, result = course.state(turns[0], none, jnp.maximum(start, 0))
     here = Record(first, zero, zero)
     event = Event(first, first, zero, none, jnp.array(False))
-    begun = Walk(
+    return Walk(
         here=here,
         last=first,
         stride=course.longest / 8,
@@ -211,19 +212,26 @@ def walk(
         result=RESULTS.where(jnp.isfinite(span), result, RESULTS.infeasible_load),
     )
 
-    def goes_on(walk: Walk) -> Flag:
-        has_room = (walk.num_states < sizes[0]) & (walk.num_jumps < sizes[1])
-        return (walk.part < turns.size - 1) & has_room & (walk.result == RESULTS.successful)
 
-    def step(walk: Walk) -> Walk:
+def go_on(course: Course, walk: Walk, num_steps: ArrayLike | None = None) -> Walk:
+    """Return a walk after a number of steps more, or at its end."""
+    turns = course.load.value
+    max_states, max_jumps = walk.states.dissipation.size, walk.jumps.dissipation.size
+
+    def goes_on(carry: tuple[Walk, Int[Array, ""]]) -> Flag:
+        walk, number = carry
+        is_open = (walk.part < turns.size - 1) & (walk.result == RESULTS.successful)
+        return is_open if num_steps is None else is_open & (number < num_steps)
+
+    def step(carry: tuple[Walk, Int[Array, ""]]) -> tuple[Walk, Int[Array, ""]]:
+        walk, number = carry
         new = _after(course, walk, _try(course, walk))
-        if progress:
-            advance_to(100 * _travelled(course, new))
-        return new
+        has_room = (new.num_states < max_states) & (new.num_jumps < max_jumps)
+        is_short = ~has_room & (new.result == RESULTS.successful) & (new.part < turns.size - 1)
+        result = RESULTS.where(is_short, RESULTS.store_full, new.result)
+        return replace(new, result=result), number + 1
 
-    ended = jax.lax.while_loop(goes_on, step, begun)
-    is_short = (ended.result == RESULTS.successful) & (ended.part < turns.size - 1)
-    return replace(ended, result=RESULTS.where(is_short, RESULTS.store_full, ended.result))
+    return jax.lax.while_loop(goes_on, step, (walk, jnp.array(0)))[0]
 
 
 def _try(course: Course, walk: Walk) -> Trial:
@@ -331,9 +339,10 @@ def _stride(
     return jnp.where(is_free, stride, walk.stride)
 
 
-def _travelled(course: Course, walk: Walk) -> Scalar:
+@jax.jit
+def travelled(load: Load, walk: Walk) -> Scalar:
     """Return the part of the programme that is done."""
-    turns, here = course.load.value, walk.here.place.value
+    turns, here = load.value, walk.here.place.value
     lengths = jnp.abs(jnp.diff(turns))
     done = jnp.sum(jnp.where(jnp.arange(lengths.size) < walk.part, lengths, 0))
     return (done + jnp.abs(here - turns[walk.part])) / jnp.sum(lengths)
