@@ -18,7 +18,7 @@ from jaxstab.checks import require
 from jaxstab.contact import Contact
 from jaxstab.plots.fields import add_colour_bar, draw_map
 from jaxstab.plots.paths import path as draw_path
-from jaxstab.plots.paths import require_one_path
+from jaxstab.plots.paths import require_path
 from jaxstab.plots.saving import new_file, written
 from jaxstab.plots.style import BLACK, axes_or_new, with_unit
 
@@ -43,14 +43,15 @@ def animation(contact: Contact, path: paths.Path, file: str | Path, *, seconds: 
         The path of the file.
 
     Raises:
+        TypeError: for something that is not a path.
         ValueError: for a path without fields or of another contact, several paths, another
             ending, or a time that is not positive.
         FileExistsError: if the file exists.
         ImportError: for an .mp4 where there is no ffmpeg.
     """
-    target = new_file(file, _WRITERS)
-    require("seconds", seconds, 0 < seconds < np.inf, "a film takes some time.")
     gaps = _gaps(contact, path)
+    target = new_file(file, _WRITERS)
+    require("seconds", seconds, 0 < seconds < np.inf, "it must be positive and finite.")
     frames = np.linspace(0, len(gaps) - 1, min(len(gaps), max(int(_MOST_PER_SECOND * seconds), 2)))
     figure = Figure(_SIZE, _DPI, layout="constrained")
     left, right = map(axes_or_new, figure.subplots(1, 2))
@@ -72,7 +73,7 @@ def animation(contact: Contact, path: paths.Path, file: str | Path, *, seconds: 
 
 
 def _gaps(contact: Contact, path: paths.Path) -> np.ndarray:
-    require_one_path(path)
+    require_path(path)
     if path.equilibrium.gap is None:
         raise ValueError("This path left its fields out: follow it with fields=True.")
     gaps = np.asarray(path.equilibrium.gap)

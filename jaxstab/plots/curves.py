@@ -8,10 +8,10 @@ from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
+from jaxstab.plots.fields import require_pair
 from jaxstab.plots.style import QUANTITIES, VERDICT_MARKERS, axes_or_new, load_label
 from jaxstab.potentials import Potential, energy_density, slope
 from jaxstab.stability import Eigenpair
-from jaxstab.stacks import require_single
 from jaxstab.surfaces import PowerSpectrum
 from jaxstab.sweeps import Sweep
 
@@ -49,7 +49,7 @@ def force(
 
 def convergence(pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
     """Draw the indicators of the eigensolver over its steps (Rey & Bleyer, fig. 5)."""
-    require_single(pair)
+    require_pair(pair)
     axes = axes_or_new(axes)
     for name, values in pair.history.values.items():
         label = "projected residual" if name == "residual" else rf"$\{name}$"
@@ -142,8 +142,8 @@ def _rings(spectrum: PowerSpectrum) -> tuple[np.ndarray, np.ndarray]:
     density = np.asarray(spectrum.density)
     if density.ndim != 1:
         raise ValueError(f"This is a stack of {len(density)} spectra: give them as a list.")
-    # Rounding in heights leaves a part of eps in each amplitude.
-    rounding = np.finfo(density.dtype).eps ** 2 * density.max()
+    # In each amplitude heights and transforms leave a few eps of the largest.
+    rounding = (8 * np.finfo(density.dtype).eps) ** 2 * density.max()
     drawn = (np.asarray(spectrum.num_waves) > 0) & (density > rounding)
     if not drawn.any():
         raise ValueError("The spectrum is zero: a flat surface has none to draw.")

@@ -56,7 +56,7 @@ def mode(contact: Contact, pair: Eigenpair, *, axes: Axes | None = None) -> Axes
         TypeError: for anything but an eigenpair, such as `stability.cone`.
         ValueError: for a stack of modes, or one on another grid than the contact's.
     """
-    _require_pair(contact, pair)
+    _require_mode(contact, pair)
     axes = _field(contact, pair.mode, "mode x [1]", "RdBu_r", axes, centred=True)
     title = rf"$\lambda$ = {float(pair.eigenvalue):.4g} [pressure/length]"
     axes.set_title(with_unit(contact, title))
@@ -86,7 +86,7 @@ def mode_cut(
     """
     if len(contact.grid.shape) != 2:
         raise ValueError("A mode on a line has no rows: draw it with jaxstab.plots.mode.")
-    _require_pair(contact, pair)
+    _require_mode(contact, pair)
     axes = axes_or_new(axes)
     row = contact.grid.shape[1] // 2 if row is None else row
     x, y = (np.asarray(side) for side in contact.grid.coordinates)
@@ -99,6 +99,16 @@ def mode_cut(
     axes.set(xlabel=with_unit(contact, "x [length]"), ylabel="mode x [1]")
     axes.set_title(with_unit(contact, f"at y = {y[0, row]:.4g} [length]"))
     return axes
+
+
+def require_pair(pair: Eigenpair) -> None:
+    """Raise `TypeError` for what is not an eigenpair, and `ValueError` for a stack of them."""
+    if not isinstance(pair, Eigenpair):
+        raise TypeError(
+            f"{type(pair).__name__} is not an eigenpair: give one of a stability, such as "
+            "stability.cone."
+        )
+    require_single(pair)
 
 
 def outline_contact(axes: Axes, contact: Contact, touches: Bool[Array, " *grid"]) -> None:
@@ -142,8 +152,10 @@ def _field(
         axes.plot(np.asarray(contact.grid.coordinates[0]), values)
         axes.set(xlabel=with_unit(contact, "x [length]"), ylabel=label)
         return axes
-    limit = np.abs(values).max() if centred else None
-    image = draw_map(axes, contact, values, cmap=colours, vmin=limit and -limit, vmax=limit)
+    # Of a closed gap there is no negative part to show.
+    most = np.abs(values).max() if centred else values.max() or 1
+    least = -most if centred else values.min()
+    image = draw_map(axes, contact, values, cmap=colours, vmin=least, vmax=most)
     add_colour_bar(axes, image, label)
     return axes
 
@@ -155,13 +167,8 @@ def _shade(axes: Axes, x: np.ndarray, touches: np.ndarray) -> None:
     )
 
 
-def _require_pair(contact: Contact, pair: Eigenpair) -> None:
-    if not isinstance(pair, Eigenpair):
-        raise TypeError(
-            f"{type(pair).__name__} is not an eigenpair: give one of a stability, such as "
-            "stability.cone."
-        )
-    require_single(pair)
+def _require_mode(contact: Contact, pair: Eigenpair) -> None:
+    require_pair(pair)
     if pair.mode.shape != contact.grid.shape:
         raise ValueError(
             f"The mode has shape {pair.mode.shape}, the contact's grid {contact.grid.shape}: use "

@@ -30,13 +30,14 @@ def path(
         axes: where to draw.
 
     Raises:
+        TypeError: for something that is not a path.
         ValueError: for a quantity that cannot be drawn, and for several paths at once.
     """
+    require_path(path)
     for name, quantity in (("x", x), ("y", y)):
         if quantity not in (*QUANTITIES, "load"):
             choices = ", ".join([*QUANTITIES, "load"])
             raise ValueError(f"{name} is {quantity!r}: choose one of {choices}.")
-    require_one_path(path)
     if axes is not None:
         return _draw(path, x, y, axes_or_new(axes))
     _, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
@@ -44,8 +45,13 @@ def path(
     return _draw(path, x, y, left)
 
 
-def require_one_path(path: Path) -> None:
-    """Raise `ValueError` for several paths at once."""
+def require_path(path: Path) -> None:
+    """Raise `TypeError` for what is not a path, and `ValueError` for several at once."""
+    if not isinstance(path, Path):
+        raise TypeError(
+            f"{type(path).__name__} is not a path: give what jaxstab.follow returned. A sweep is "
+            "drawn by jaxstab.plots.stability_curve."
+        )
     if path.load.value.ndim != 1:
         raise ValueError("These are several paths: draw one of them, chosen by jax.tree.map.")
 

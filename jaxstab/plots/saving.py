@@ -67,6 +67,7 @@ def new_file(file: str | Path, endings: Collection[str]) -> Path:
     Raises:
         ValueError: for another ending.
         FileExistsError: if it exists.
+        FileNotFoundError: if its folder does not.
     """
     path = Path(file)
     if path.suffix[1:].lower() not in endings:
@@ -74,6 +75,8 @@ def new_file(file: str | Path, endings: Collection[str]) -> Path:
         raise ValueError(f"{path} has no ending that can be written: choose one of {known}.")
     if path.exists():
         raise FileExistsError(f"{path} exists, and is not overwritten: choose another name.")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"The folder {path.parent} does not exist: make it first.")
     return path
 
 
@@ -104,11 +107,11 @@ def _as_printed(figure: Figure, width: float) -> Iterator[None]:
         afterwards.callback(figure.set_size_inches, before, height, forward=False)
         figure.set_size_inches(width, height * width / before, forward=False)
         _lay_out(figure, afterwards)
+        at_ticks = {text for axis in figure.findobj(Axis) for text in _set_ticks(axis, afterwards)}
         for text in figure.findobj(Text):
-            put(text, fontsize=_FONT)
-        for axis in figure.findobj(Axis):
-            _set_ticks(axis, afterwards)
-            put(axis.get_offset_text(), fontsize=_TICK_FONT)
+            put(text, fontsize=_TICK_FONT if text in at_ticks else _FONT)
+        # Another size may have more ticks.
+        figure.draw_without_rendering()
         shrunk = min(max(width / before, _MOST_SHRUNK), 1)
         for line in figure.findobj(Line2D):
             put(line, linewidth=shrunk * line.get_linewidth())
@@ -131,9 +134,14 @@ def _lay_out(figure: Figure, afterwards: ExitStack) -> None:
     figure.set_layout_engine("constrained")
 
 
-def _set_ticks(axis: Axis, afterwards: ExitStack) -> None:
-    """Set the labels of ticks, also of those that a figure of another size adds."""
-    labels = axis.get_ticklabels() + axis.get_ticklabels(minor=True)
-    if labels:
-        afterwards.callback(axis.set_tick_params, which="both", labelsize=labels[0].get_fontsize())
-        axis.set_tick_params(which="both", labelsize=_TICK_FONT)
+def _set_ticks(axis: Any, afterwards: ExitStack) -> list[Text]:
+    """Set the labels of ticks, also of those that another size of the figure adds; return them."""
+    texts = [axis.get_offset_text()]
+    for which in ("major", "minor"):
+        labels = axis.get_ticklabels(which=which)
+        texts += labels
+        if labels:
+            size = labels[0].get_fontsize()
+            afterwards.callback(axis.set_tick_params, which=which, labelsize=size)
+            axis.set_tick_params(which=which, labelsize=_TICK_FONT)
+    return texts

@@ -90,8 +90,9 @@ def _numbers(contact: Contact, state: Equilibrium, stability: Stability) -> list
             ("barrier", f"{float(barrier.height):.3g} [energy]"),
             ("at amplitude", f"{float(barrier.amplitude):.3g} [length]"),
         ]
-    failed = [part.result.name for part in (state, stability) if part.result != "successful"]
-    lines += [("result", name.replace("_", " ")) for name in failed]
+    for part in (state, stability):
+        if part.result != "successful":
+            lines.append((type(part).__name__.lower(), part.result.name.replace("_", " ")))
     return [(name, with_unit(contact, value)) for name, value in lines]
 
 
