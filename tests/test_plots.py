@@ -1,7 +1,10 @@
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 import jaxstab as js
 from jaxstab import plots
@@ -13,12 +16,15 @@ def state(hertz):
     return hertz, equilibrium, js.assess_stability(hertz, equilibrium).cone
 
 
+def line_contact():
+    grid = js.Grid((64,), (2.0,))
+    heights = js.surfaces.sinusoid(grid, 0.1)
+    return js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.NoAdhesion())
+
+
 @pytest.fixture(scope="module")
 def line():
-    grid = js.Grid((64,), (2.0,))
-    contact = js.Contact(
-        js.HalfSpace(grid, 1.0), js.surfaces.sinusoid(grid, 0.1), js.potentials.NoAdhesion()
-    )
+    contact = line_contact()
     equilibrium = js.equilibrate(contact, js.MeanGap(0.05))
     return contact, equilibrium, js.assess_stability(contact, equilibrium).cone
 
@@ -43,6 +49,14 @@ DRAW = {
 }
 
 
+class Measured(js.Contact):
+    """A contact whose lengths have a unit."""
+
+    def __init__(self, contact, unit):
+        self.solid, self.heights = contact.solid, contact.heights
+        self.potential, self.unit = contact.potential, unit
+
+
 @pytest.mark.parametrize("name", DRAW)
 @pytest.mark.parametrize("kind", ["state", "line"])
 def test_each_plot_draws_into_the_axes_given_and_labels_them(name, kind, request):
@@ -52,6 +66,37 @@ def test_each_plot_draws_into_the_axes_given_and_labels_them(name, kind, request
     assert axes.get_xlabel()
     assert axes.images or axes.lines or axes.collections
     assert DRAW[name](*request.getfixturevalue(kind), None) is not axes
+
+
+@pytest.mark.parametrize("kind", ["state", "line"])
+def test_lengths_have_the_contacts_unit_and_pressures_none(kind, request):
+    contact, equilibrium, pair = request.getfixturevalue(kind)
+    measured = Measured(contact, "µm")
+    for drawn, unit in ((contact, "length"), (measured, "µm")):
+        axes = plots.gap(drawn, equilibrium)
+        (bar,) = axes.child_axes or [axes]
+        assert axes.get_xlabel() == f"x [{unit}]"
+        assert bar.get_ylabel() == f"gap g [{unit}]"
+        axes = plots.pressure(drawn, equilibrium)
+        (bar,) = axes.child_axes or [axes]
+        assert bar.get_ylabel() == "elastic pressure p [pressure]"
+        assert plots.mode(drawn, pair).get_title().endswith(f"[pressure/{unit}]")
+
+
+def test_a_stability_is_not_taken_for_one_of_its_modes(state):
+    contact, equilibrium, pair = state
+    stability = js.assess_stability(contact, equilibrium)
+    for draw in (lambda x: plots.mode(contact, x), plots.convergence):
+        with pytest.raises(TypeError, match=r"Stability is not an eigenpair.*stability\.cone"):
+            draw(stability)
+    with pytest.raises(ValueError, match=r"shape \(32, 32\), the contact's grid \(64,\)"):
+        plots.mode(line_contact(), pair)
+
+
+def test_a_closed_gap_is_shown_as_zero(state):
+    contact, equilibrium, _ = state
+    closed = eqx.tree_at(lambda x: x.gap, equilibrium, jnp.zeros((32, 32)))
+    assert plots.gap(contact, closed).images[0].get_clim()[0] == 0
 
 
 def test_maps_put_the_first_index_along_x(state):
@@ -89,23 +134,88 @@ def test_laws_and_forces_are_those_asked_for():
     np.testing.assert_allclose(axes.lines[0].get_ydata(), 2 * np.asarray(gaps))
 
 
-def test_stability_curves_fill_the_markers_of_stable_states(hertz):
-    sweep = js.sweep(hertz, js.MeanDisplacement(jnp.array([1.2, 1.31, 1.4])))
+@pytest.fixture(scope="module")
+def sweep(hertz):
+    return js.sweep(hertz, js.MeanDisplacement(jnp.array([1.2, 1.31, 1.4])))
+
+
+def test_stability_curves_fill_the_markers_of_stable_states(sweep):
     axes = plots.stability_curve(sweep, "contact_area")
     stable, held = axes.collections
     assert len(stable.get_offsets()) == 2
     assert len(held.get_offsets()) == 1
     assert held.get_label() == "held by contact"
-    colours = {tuple(marks.get_facecolor()[0]) for marks in (stable, held)}
-    assert len(colours) == 2
+    assert tuple(held.get_facecolor()[0]) == (1, 1, 1, 1)
+    np.testing.assert_array_equal(stable.get_facecolor(), stable.get_edgecolor())
     assert plots.stability_curve(sweep).get_ylabel().startswith("mean pressure")
     with pytest.raises(ValueError, match="choose one of"):
         plots.stability_curve(sweep, "gap")
 
 
+def test_verdicts_differ_without_colour(sweep):
+    codes = jnp.arange(len(js.VERDICTS))
+    every = eqx.tree_at(lambda x: x.stability.verdict.code, sweep[[0, 1, 2, 0]], codes)
+    looks = {
+        (marks.get_paths()[0].vertices.tobytes(), marks.get_facecolor()[0].mean() > 0.99)
+        for marks in plots.stability_curve(every).collections
+    }
+    assert len(looks) == len(js.VERDICTS)
+
+
+def test_curves_have_the_colours_of_okabe_and_ito():
+    gaps = jnp.linspace(0, 1, 5)
+    laws = [js.potentials.Exponential(depth, 0.5) for depth in (1.0, 2.0, 3.0)]
+    axes = plots.potential(laws, gaps)
+    drawn = [np.multiply(plt.matplotlib.colors.to_rgb(x.get_color()), 255) for x in axes.lines[:3]]
+    np.testing.assert_allclose(drawn, [(0, 114, 178), (213, 94, 0), (0, 158, 115)])
+
+
+def test_a_load_of_ones_own_is_named_by_its_class(sweep):
+    class Magnet(js.MeanDisplacement):
+        pass
+
+    pulled = eqx.tree_at(lambda x: x.load, sweep, Magnet(sweep.load.value))
+    assert plots.stability_curve(pulled).get_xlabel() == "Magnet"
+
+
+def test_a_spectrum_shows_the_rings_that_hold_waves():
+    grid = js.Grid(32, (1.0, 0.5))
+    heights = js.surfaces.sinusoid(grid, 0.1, (3, 0)) + js.surfaces.sinusoid(grid, 0.2, (0, 4))
+    axes = plots.spectrum(js.surfaces.power_spectrum(grid, heights), labels=["two waves"])
+    wavenumbers, densities = axes.lines[0].get_data()
+    np.testing.assert_allclose(wavenumbers, 2 * np.pi * np.array([3, 8]))
+    # Of a wave, two of the waves in its ring have A^2 / 4 times the area.
+    num_waves = js.surfaces.power_spectrum(grid, heights).num_waves[jnp.array([2, 7])]
+    np.testing.assert_allclose(densities * num_waves, 0.5 * np.array([0.01, 0.04]) / 2)
+    assert axes.get_xscale() == axes.get_yscale() == "log"
+    assert axes.get_ylabel() == "power spectral density [length$^4$]"
+    assert axes.get_legend().get_texts()[0].get_text() == "two waves"
+
+
+def test_the_spectrum_of_a_line_has_the_unit_of_a_line():
+    contact = line_contact()
+    spectrum = js.surfaces.power_spectrum(contact.grid, contact.heights)
+    axes = plots.spectrum([spectrum, spectrum])
+    assert axes.get_ylabel() == "power spectral density [length$^3$]"
+    assert len(axes.lines) == 2
+
+
+def test_what_is_no_spectrum_is_refused():
+    grid = js.Grid(8)
+    flat = js.surfaces.power_spectrum(grid, jnp.zeros((8, 8)))
+    with pytest.raises(ValueError, match="a flat surface has none"):
+        plots.spectrum(flat)
+    with pytest.raises(ValueError, match="stack of 2 spectra"):
+        plots.spectrum(jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), flat))
+    with pytest.raises(TypeError, match="ArrayImpl is not a spectrum"):
+        plots.spectrum([flat.density])
+
+
 @pytest.fixture(scope="module")
 def loop(hertz):
-    return js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6])), smallest_jump=1e-5)
+    return js.follow(
+        hertz, js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6])), smallest_jump=1e-5, fields=True
+    )
 
 
 def test_a_path_is_drawn_with_its_jumps_and_the_energy_of_its_loop(loop):
@@ -143,3 +253,52 @@ def test_a_pull_off_is_drawn_as_the_end_that_it_is(hertz):
 def test_what_cannot_be_drawn_of_a_path_is_told(loop):
     with pytest.raises(ValueError, match=r"y is 'gap': choose one of mean_gap, .*, load\."):
         plots.path(loop, y="gap")
+    with pytest.raises(TypeError, match="Equilibrium is not a path"):
+        plots.path(loop.jumps.before)
+
+
+def words(figure):
+    return {text.get_text() for text in figure.findobj(Text)}
+
+
+def test_a_summary_tells_the_numbers_of_a_state(hertz, sweep):
+    state = sweep[0]
+    figure = plots.summary(hertz, state)
+    shown = words(figure)
+    stability = state.stability
+    for pair in stability.pairs.values():
+        value, error = float(pair.eigenvalue), float(pair.error)
+        assert f"{value:.3g} ± {error:.1g}" in shown
+    assert {"held by contact", "1.2 [length]", "[pressure/length]"} <= shown
+    assert f"{float(state.equilibrium.mean_pressure):.3g} [pressure]" in shown
+    assert f"{100 * float(state.equilibrium.contact_area):.1f} %" in shown
+    assert f"{float(stability.barrier.height):.3g} [energy]" in shown
+    images = [axes.images[0].get_array() for axes in figure.axes if axes.images]
+    fields = [hertz.heights, state.equilibrium.gap, state.equilibrium.pressure, stability.cone.mode]
+    np.testing.assert_array_equal(images, [np.asarray(field).T for field in fields])
+    given = plots.summary(hertz, state.equilibrium, stability, figure=plt.figure())
+    assert words(given) == shown
+    assert "barrier" not in words(plots.summary(hertz, sweep[1]))
+
+
+def test_a_summary_of_a_line_shades_the_contact(line):
+    contact, equilibrium, _ = line
+    figure = plots.summary(contact, equilibrium, js.assess_stability(contact, equilibrium))
+    assert [len(axes.collections) for axes in figure.axes] == [0, 1, 0, 0, 0]
+
+
+def test_a_failed_state_says_so_in_its_summary(hertz, sweep):
+    failed = js.RESULTS.infeasible_load
+    state = eqx.tree_at(lambda x: x.equilibrium.result, sweep[0], failed)
+    assert {"equilibrium", "infeasible load"} <= words(plots.summary(hertz, state))
+
+
+def test_what_cannot_be_summed_up_is_told(hertz, sweep):
+    with pytest.raises(ValueError, match=r"stack of shape \(3,\)"):
+        plots.summary(hertz, sweep)
+    with pytest.raises(ValueError, match=r"stack of shape \(3,\)"):
+        plots.summary(hertz, sweep[0], sweep.stability)
+    with pytest.raises(ValueError, match="stability of this state is missing"):
+        plots.summary(hertz, sweep[0].equilibrium)
+    with pytest.raises(TypeError, match="Eigenpair is not a stability"):
+        plots.summary(hertz, sweep[0], sweep[0].stability.cone)

@@ -1,0 +1,29 @@
+"""Figures: each function draws into a Matplotlib `Axes`, its own or a given one, and returns it.
+
+`summary` draws a whole figure, `save` writes one for print, `animation` a film of a path.
+"""
+
+from jaxstab.plots.animation import animation
+from jaxstab.plots.curves import convergence, force, potential, spectrum, stability_curve
+from jaxstab.plots.fields import contact_map, gap, mode, mode_cut, pressure, surface
+from jaxstab.plots.paths import path
+from jaxstab.plots.saving import save
+from jaxstab.plots.summary import summary
+
+__all__ = [
+    "animation",
+    "contact_map",
+    "convergence",
+    "force",
+    "gap",
+    "mode",
+    "mode_cut",
+    "path",
+    "potential",
+    "pressure",
+    "save",
+    "spectrum",
+    "stability_curve",
+    "summary",
+    "surface",
+]

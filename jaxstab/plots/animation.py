@@ -1,0 +1,155 @@
+"""A film of a path: the gap of its states beside the curve of their pressure."""
+
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from shutil import which
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from jaxstab import paths
+from jaxstab.checks import require
+from jaxstab.contact import Contact
+from jaxstab.plots.fields import add_colour_bar, draw_map
+from jaxstab.plots.paths import path as draw_path
+from jaxstab.plots.paths import require_path
+from jaxstab.plots.saving import new_file, written
+from jaxstab.plots.style import BLACK, axes_or_new, with_unit
+
+_WRITERS = {"gif": PillowWriter, "mp4": FFMpegWriter}
+_MOST_PER_SECOND = 15
+_SIZE, _DPI = (10, 4.4), 100
+
+
+def animation(contact: Contact, path: paths.Path, file: str | Path, *, seconds: float = 10) -> Path:
+    """Write a film of a path: left its gap, with the contact in black, right its pressure.
+
+    The colours of the gap, or on a line its scale, are the same throughout. Frames are spread
+    evenly over the states, at most 15 a second.
+
+    Arguments:
+        contact: the contact problem.
+        path: its path, followed with `fields=True`.
+        file: where to, a .gif or an .mp4; it must not exist yet.
+        seconds: how long the film lasts, about: a GIF counts in hundredths of a second.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        TypeError: for something that is not a path.
+        ValueError: for a path without fields or of another contact, several paths, another
+            ending, or a time that is not positive.
+        FileExistsError: if the file exists.
+        ImportError: for an .mp4 where there is no ffmpeg.
+    """
+    gaps = _gaps(contact, path)
+    target = new_file(file, _WRITERS)
+    require("seconds", seconds, 0 < seconds < np.inf, "it must be positive and finite.")
+    frames = np.linspace(0, len(gaps) - 1, min(len(gaps), max(int(_MOST_PER_SECOND * seconds), 2)))
+    figure = Figure(_SIZE, _DPI, layout="constrained")
+    left, right = map(axes_or_new, figure.subplots(1, 2))
+    show_gap = (_map if gaps.ndim == 3 else _profile)(left, contact, gaps)
+    show_place = _curve(right, contact, path)
+    # What moves must not move the panels.
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    ending = target.suffix[1:].lower()
+    with plt.rc_context(_with_ffmpeg() if ending == "mp4" else {}), TemporaryDirectory() as folder:
+        film = Path(folder) / f"film.{ending}"
+        writer = _WRITERS[ending](fps=len(frames) / seconds)
+        with writer.saving(figure, str(film), _DPI):
+            for state in frames.round().astype(int):
+                show_gap(state)
+                show_place(state)
+                writer.grab_frame()
+        return written(target, film.read_bytes())
+
+
+def _gaps(contact: Contact, path: paths.Path) -> np.ndarray:
+    require_path(path)
+    if path.equilibrium.gap is None:
+        raise ValueError("This path left its fields out: follow it with fields=True.")
+    gaps = np.asarray(path.equilibrium.gap)
+    if gaps.shape[1:] != contact.grid.shape:
+        raise ValueError(
+            f"The gaps of the path have shape {gaps.shape[1:]}, the contact's grid "
+            f"{contact.grid.shape}: use the contact that it came from."
+        )
+    return gaps
+
+
+def _map(axes: Axes, contact: Contact, gaps: np.ndarray) -> Callable[[int], None]:
+    """Draw a map of the gap, and return what shows that of another state."""
+    # No more colours than a GIF has room for beside those of the rest.
+    colours = plt.get_cmap("viridis", 128).with_extremes(bad=BLACK)
+    most = gaps.max() or 1
+    image = draw_map(axes, contact, gaps[0], cmap=colours, vmin=0, vmax=most)
+    add_colour_bar(axes, image, with_unit(contact, "gap g [length]"))
+
+    def show(state: int) -> None:
+        image.set_data(np.ma.masked_equal(gaps[state], 0).T)
+        _say_area(axes, gaps[state])
+
+    show(0)
+    return show
+
+
+def _profile(axes: Axes, contact: Contact, gaps: np.ndarray) -> Callable[[int], None]:
+    """Draw a profile of the gap, and return what shows that of another state."""
+    x = np.asarray(contact.grid.coordinates[0])
+    (line,) = axes.plot(x, gaps[0])
+    (touching,) = axes.plot(x, np.zeros_like(x), color=BLACK, linewidth=4)
+    axes.set(xlabel=with_unit(contact, "x [length]"), ylabel=with_unit(contact, "gap g [length]"))
+    most = gaps.max() or 1
+    axes.set_ylim(-0.02 * most, 1.05 * most)
+
+    def show(state: int) -> None:
+        line.set_ydata(gaps[state])
+        touching.set_ydata(np.where(gaps[state] == 0, 0, np.nan))
+        _say_area(axes, gaps[state])
+
+    show(0)
+    return show
+
+
+def _say_area(axes: Axes, gap: np.ndarray) -> None:
+    axes.set_title(f"contact area {100 * np.mean(gap == 0):.1f} %, in black")
+
+
+def _curve(axes: Axes, contact: Contact, path: paths.Path) -> Callable[[int], None]:
+    """Draw pressure over gap with a marker on one state, and return what moves it to another."""
+    draw_path(path, axes=axes)
+    axes.set_xlabel(with_unit(contact, axes.get_xlabel()))
+    for title in (legend.get_title() for legend in [axes.get_legend()] if legend):
+        title.set_text(with_unit(contact, title.get_text()))
+    there, across = (
+        np.asarray(path.equilibrium.mean_gap),
+        np.asarray(path.equilibrium.mean_pressure),
+    )
+    (marker,) = axes.plot([], [], "o", color=BLACK, markersize=9, markeredgecolor="white")
+
+    def show(state: int) -> None:
+        marker.set_data([there[state]], [across[state]])
+
+    show(0)
+    return show
+
+
+def _with_ffmpeg() -> dict[Any, Any]:
+    """Return the settings under which Matplotlib finds ffmpeg."""
+    if which(plt.rcParams["animation.ffmpeg_path"]):
+        return {}
+    try:
+        return {"animation.ffmpeg_path": import_module("imageio_ffmpeg").get_ffmpeg_exe()}
+    except (ImportError, RuntimeError):
+        raise ImportError(
+            "An .mp4 needs ffmpeg: install it on your system, or pip install 'jaxstab[animation]'. "
+            "A .gif needs neither."
+        ) from None

@@ -1,0 +1,174 @@
+"""Curves: interaction laws, the steps of an eigensolver, states over the load, power spectra."""
+
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Array, Float
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator
+
+from jaxstab.plots.fields import require_pair
+from jaxstab.plots.style import QUANTITIES, VERDICT_MARKERS, axes_or_new, load_label
+from jaxstab.potentials import Potential, energy_density, slope
+from jaxstab.stability import Eigenpair
+from jaxstab.surfaces import PowerSpectrum
+from jaxstab.sweeps import Sweep
+
+_OF_A_SWEEP = ("mean_pressure", "contact_area", "energy")
+
+
+def potential(
+    laws: Potential | Sequence[Potential],
+    gaps: Float[Array, " gaps"],
+    *,
+    labels: Sequence[str] | None = None,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw interaction laws f(g) (Rey & Bleyer, fig. 7a).
+
+    Arguments:
+        laws: one or more functions of the gap.
+        gaps: where to draw them [length].
+        labels: their names, by default those of their classes.
+        axes: where to draw.
+    """
+    return _laws(energy_density, "energy per area f(g) [energy/area]", laws, gaps, labels, axes)
+
+
+def force(
+    laws: Potential | Sequence[Potential],
+    gaps: Float[Array, " gaps"],
+    *,
+    labels: Sequence[str] | None = None,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw the attraction f'(g) of interaction laws (Rey & Bleyer, fig. 7b)."""
+    return _laws(slope, "attraction f'(g) [pressure]", laws, gaps, labels, axes)
+
+
+def convergence(pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
+    """Draw the indicators of the eigensolver over its steps (Rey & Bleyer, fig. 5)."""
+    require_pair(pair)
+    axes = axes_or_new(axes)
+    for name, values in pair.history.values.items():
+        label = "projected residual" if name == "residual" else rf"$\{name}$"
+        # At the start epsilon and eta are zero by construction.
+        axes.semilogy(pair.history.steps[1:], values[1:], label=label)
+    axes.set(xlabel="step [1]", ylabel="indicator [1]")
+    axes.legend()
+    return axes
+
+
+def stability_curve(
+    sweep: Sweep,
+    quantity: Literal["mean_pressure", "contact_area", "energy"] = "mean_pressure",
+    *,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw a quantity over the load, with filled markers where it is stable (Rey & Bleyer, 12).
+
+    Arguments:
+        sweep: the states.
+        quantity: a field of `Equilibrium` that is one number for each load.
+        axes: where to draw.
+
+    Raises:
+        ValueError: for a quantity that cannot be drawn, a single state, or a sweep without
+            stability.
+    """
+    if quantity not in _OF_A_SWEEP:
+        raise ValueError(f"quantity is {quantity!r}: choose one of {', '.join(_OF_A_SWEEP)}.")
+    if not isinstance(sweep, Sweep) or len(sweep.stack_shape) != 1:
+        raise ValueError(
+            "stability_curve draws a whole sweep over one axis of loads: give it what "
+            "jaxstab.sweep returned, not a state of it."
+        )
+    if sweep.stability is None:
+        raise ValueError("This sweep left stability out: run it with stability=True.")
+    axes = axes_or_new(axes)
+    load, values = np.asarray(sweep.load.value), np.asarray(getattr(sweep.equilibrium, quantity))
+    axes.plot(load, values, color="0.8", linewidth=1, zorder=1)
+    for name, marker in VERDICT_MARKERS.items():
+        chosen = np.asarray(sweep.stability.verdict == name)
+        if chosen.any():
+            axes.scatter(load[chosen], values[chosen], label=name.replace("_", " "), **marker)
+    axes.set(xlabel=load_label(sweep.load), ylabel=QUANTITIES[quantity])
+    axes.legend()
+    return axes
+
+
+def spectrum(
+    spectrum: PowerSpectrum | Sequence[PowerSpectrum],
+    *,
+    labels: Sequence[str] | None = None,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw power spectra of surfaces over the wavenumber, both on logarithmic axes.
+
+    Rings without waves are left out, and those whose density is zero but for rounding.
+
+    Arguments:
+        spectrum: one or more of what `jaxstab.surfaces.power_spectrum` returned.
+        labels: their names, shown in a legend.
+        axes: where to draw.
+
+    Raises:
+        TypeError: for what is not a spectrum.
+        ValueError: for a stack of spectra, a spectrum that is zero, and for as many labels as
+            there are not spectra.
+    """
+    spectra = [spectrum] if isinstance(spectrum, PowerSpectrum) else list(spectrum)
+    names = [None] * len(spectra) if labels is None else labels
+    axes = axes_or_new(axes)
+    for each, name in zip(spectra, names, strict=True):
+        axes.loglog(*_rings(each), ".-", label=name)
+    # Of the others labels would overlap.
+    axes.xaxis.set_minor_locator(LogLocator(subs=(2, 5)))
+    power = 3 if all(_is_of_a_line(each) for each in spectra) else 4
+    axes.set(xlabel="wavenumber q [1/length]", ylabel=f"power spectral density [length$^{power}$]")
+    if labels is not None:
+        axes.legend()
+    return axes
+
+
+def _rings(spectrum: PowerSpectrum) -> tuple[np.ndarray, np.ndarray]:
+    """Return wavenumber and density of the rings that can be drawn."""
+    if not isinstance(spectrum, PowerSpectrum):
+        raise TypeError(
+            f"{type(spectrum).__name__} is not a spectrum: give what "
+            "jaxstab.surfaces.power_spectrum returned."
+        )
+    density = np.asarray(spectrum.density)
+    if density.ndim != 1:
+        raise ValueError(f"This is a stack of {len(density)} spectra: give them as a list.")
+    # In each amplitude heights and transforms leave a few eps of the largest.
+    rounding = (8 * np.finfo(density.dtype).eps) ** 2 * density.max()
+    drawn = (np.asarray(spectrum.num_waves) > 0) & (density > rounding)
+    if not drawn.any():
+        raise ValueError("The spectrum is zero: a flat surface has none to draw.")
+    return np.asarray(spectrum.wavenumber)[drawn], density[drawn]
+
+
+def _is_of_a_line(spectrum: PowerSpectrum) -> bool:
+    # There a ring holds a wave and its mirror image.
+    return np.asarray(spectrum.num_waves).max() <= 2
+
+
+def _laws(
+    derivative: Callable[[Potential, Float[Array, " gaps"]], Float[Array, " gaps"]],
+    ylabel: str,
+    laws: Potential | Sequence[Potential],
+    gaps: Float[Array, " gaps"],
+    labels: Sequence[str] | None,
+    axes: Axes | None,
+) -> Axes:
+    axes = axes_or_new(axes)
+    laws = [laws] if callable(laws) else list(laws)
+    labels = [type(law).__name__ for law in laws] if labels is None else labels
+    for law, label in zip(laws, labels, strict=True):
+        axes.plot(np.asarray(gaps), np.asarray(derivative(law, gaps)), label=label)
+    axes.axhline(0, color="0.6", linewidth=0.8)
+    axes.set(xlabel="gap g [length]", ylabel=ylabel)
+    axes.legend()
+    return axes

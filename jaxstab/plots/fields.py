@@ -1,0 +1,176 @@
+"""Fields over the surface: maps, or profiles on a line."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Array, Bool, Float
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.image import AxesImage
+
+from jaxstab.contact import Contact
+from jaxstab.equilibrium.state import State, equilibrium_of
+from jaxstab.plots.style import axes_or_new, with_unit
+from jaxstab.stability import Eigenpair
+from jaxstab.stacks import require_single
+
+
+def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
+    """Draw the heights h: a map, or a profile on a line."""
+    return _field(contact, contact.heights, "height h [length]", "cividis", axes)
+
+
+def gap(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
+    """Draw the gap g: a map, or a profile on a line."""
+    equilibrium = equilibrium_of(contact, equilibrium)
+    return _field(contact, equilibrium.gap, "gap g [length]", "viridis", axes)
+
+
+def pressure(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
+    """Draw the elastic pressure p, positive in compression: a map, or a profile on a line."""
+    field, label = equilibrium_of(contact, equilibrium).pressure, "elastic pressure p [pressure]"
+    return _field(contact, field, label, "RdBu_r", axes, centred=True)
+
+
+def contact_map(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
+    """Draw where the surfaces touch, in black (Rey & Bleyer, fig. 8)."""
+    equilibrium = equilibrium_of(contact, equilibrium)
+    axes = axes_or_new(axes)
+    touches = np.asarray(equilibrium.in_contact)
+    x, *y = (np.asarray(side) for side in contact.grid.coordinates)
+    if y:
+        colours, norm = ListedColormap(["white", "black"]), BoundaryNorm([0, 0.5, 1], 2)
+        draw_map(axes, contact, touches, cmap=colours, norm=norm)
+    else:
+        axes.fill_between(x, touches, step="mid", color="black")
+        axes.set(xlabel=with_unit(contact, "x [length]"))
+        axes.set(yticks=[0, 1], yticklabels=["apart", "in contact"])
+    axes.set_title(f"contact area {100 * float(equilibrium.contact_area):.1f} %")
+    return axes
+
+
+def mode(contact: Contact, pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
+    """Draw a mode of unit norm: a map, or a profile on a line (Rey & Bleyer, fig. 9).
+
+    Raises:
+        TypeError: for anything but an eigenpair, such as `stability.cone`.
+        ValueError: for a stack of modes, or one on another grid than the contact's.
+    """
+    _require_mode(contact, pair)
+    axes = _field(contact, pair.mode, "mode x [1]", "RdBu_r", axes, centred=True)
+    title = rf"$\lambda$ = {float(pair.eigenvalue):.4g} [pressure/length]"
+    axes.set_title(with_unit(contact, title))
+    return axes
+
+
+def mode_cut(
+    contact: Contact,
+    pair: Eigenpair,
+    equilibrium: State | None = None,
+    *,
+    row: int | None = None,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw a mode along x at one row of y, and where that row is in contact.
+
+    Arguments:
+        contact: the contact problem, on a two-dimensional grid.
+        pair: the eigenpair whose mode to draw.
+        equilibrium: shades the points in contact if given.
+        row: index along y, by default the middle of the cell (Rey & Bleyer, fig. 4b).
+        axes: where to draw.
+
+    Raises:
+        TypeError: as `mode`.
+        ValueError: as `mode`, on a line, which has no rows, and for a stack of states.
+    """
+    if len(contact.grid.shape) != 2:
+        raise ValueError("A mode on a line has no rows: draw it with jaxstab.plots.mode.")
+    _require_mode(contact, pair)
+    axes = axes_or_new(axes)
+    row = contact.grid.shape[1] // 2 if row is None else row
+    x, y = (np.asarray(side) for side in contact.grid.coordinates)
+    axes.plot(x[:, row], np.asarray(pair.mode)[:, row], ".-")
+    axes.axhline(0, color="0.6", linewidth=0.8)
+    if equilibrium is not None:
+        touches = np.asarray(equilibrium_of(contact, equilibrium).in_contact)[:, row]
+        _shade(axes, x[:, row], touches)
+        axes.legend()
+    axes.set(xlabel=with_unit(contact, "x [length]"), ylabel="mode x [1]")
+    axes.set_title(with_unit(contact, f"at y = {y[0, row]:.4g} [length]"))
+    return axes
+
+
+def require_pair(pair: Eigenpair) -> None:
+    """Raise `TypeError` for what is not an eigenpair, and `ValueError` for a stack of them."""
+    if not isinstance(pair, Eigenpair):
+        raise TypeError(
+            f"{type(pair).__name__} is not an eigenpair: give one of a stability, such as "
+            "stability.cone."
+        )
+    require_single(pair)
+
+
+def outline_contact(axes: Axes, contact: Contact, touches: Bool[Array, " *grid"]) -> None:
+    """Outline in white on a map, or shade on a profile, where the surfaces touch."""
+    x, *y = (np.asarray(side) for side in contact.grid.coordinates)
+    inside = np.asarray(touches)
+    if not y:
+        _shade(axes, x, inside)
+    elif inside.any() and not inside.all():
+        axes.contour(x, y[0], inside, levels=[0.5], colors="white", linewidths=0.8)
+
+
+def draw_map(axes: Axes, contact: Contact, values: np.ndarray, **style: Any) -> AxesImage:
+    """Draw a field as an image over x and y."""
+    width, height = (float(length) for length in contact.grid.lengths)
+    # The first index runs along x, and each point stands in the middle of its pixel.
+    dx, dy = (float(spacing) / 2 for spacing in contact.grid.spacing)
+    extent = (-dx, width - dx, -dy, height - dy)
+    image = axes.imshow(values.T, origin="lower", extent=extent, interpolation="nearest", **style)
+    axes.set(xlabel=with_unit(contact, "x [length]"), ylabel=with_unit(contact, "y [length]"))
+    return image
+
+
+def add_colour_bar(axes: Axes, image: AxesImage, label: str) -> None:
+    """Add a colour bar as high as the map."""
+    axes.figure.colorbar(image, cax=axes.inset_axes((1.03, 0, 0.05, 1)), label=label)
+
+
+def _field(
+    contact: Contact,
+    field: Float[Array, " *grid"],
+    label: str,
+    colours: str,
+    axes: Axes | None,
+    centred: bool = False,
+) -> Axes:
+    """Draw a field as a map with a colour bar, or on a line as a profile."""
+    axes = axes_or_new(axes)
+    values, label = np.asarray(field), with_unit(contact, label)
+    if values.ndim == 1:
+        axes.plot(np.asarray(contact.grid.coordinates[0]), values)
+        axes.set(xlabel=with_unit(contact, "x [length]"), ylabel=label)
+        return axes
+    # Of a closed gap there is no negative part to show.
+    most = np.abs(values).max() if centred else values.max() or 1
+    least = -most if centred else values.min()
+    image = draw_map(axes, contact, values, cmap=colours, vmin=least, vmax=most)
+    add_colour_bar(axes, image, label)
+    return axes
+
+
+def _shade(axes: Axes, x: np.ndarray, touches: np.ndarray) -> None:
+    across = axes.get_xaxis_transform()
+    axes.fill_between(
+        x, 0, 1, where=touches, step="mid", transform=across, color="0.88", label="in contact"
+    )
+
+
+def _require_mode(contact: Contact, pair: Eigenpair) -> None:
+    require_pair(pair)
+    if pair.mode.shape != contact.grid.shape:
+        raise ValueError(
+            f"The mode has shape {pair.mode.shape}, the contact's grid {contact.grid.shape}: use "
+            "the contact that it came from."
+        )

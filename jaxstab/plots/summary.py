@@ -1,0 +1,118 @@
+"""A state at a glance."""
+
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from jaxstab.contact import Contact
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.state import State, equilibrium_of
+from jaxstab.plots.fields import gap, mode, outline_contact, pressure, surface
+from jaxstab.plots.style import load_label, with_unit
+from jaxstab.stability import Eigenpair, Stability
+from jaxstab.stacks import require_single
+
+_PANELS: list[Any] = [["surface", "gap", "numbers"], ["pressure", "mode", "numbers"]]
+# In sizes of the font.
+_LINE_SPACING = 1.7
+
+
+def summary(
+    contact: Contact,
+    equilibrium: State,
+    stability: Stability | None = None,
+    *,
+    figure: Figure | None = None,
+) -> Figure:
+    """Draw a state in one figure: surface, gap, pressure, the cone's mode, and its numbers.
+
+    The contact is outlined on the gap, or on a line shaded.
+
+    Arguments:
+        contact: the contact problem.
+        equilibrium: the state; an entry of a sweep holds its stability too.
+        stability: what `assess_stability` returned for it.
+        figure: where to draw.
+
+    Returns:
+        The figure.
+
+    Raises:
+        TypeError: for something that is not a state, or a stability that is not one.
+        ValueError: for a stack, a state without its stability, or one on another grid.
+    """
+    state = equilibrium_of(contact, equilibrium)
+    known = getattr(equilibrium, "stability", None) if stability is None else stability
+    if known is None:
+        raise ValueError(
+            "The stability of this state is missing: give it, as in summary(contact, equilibrium, "
+            "jaxstab.assess_stability(contact, equilibrium))."
+        )
+    if not isinstance(known, Stability):
+        raise TypeError(
+            f"{type(known).__name__} is not a stability: give what jaxstab.assess_stability "
+            "returned."
+        )
+    require_single(known)
+    figure = plt.figure(figsize=(10, 5.2)) if figure is None else figure
+    if figure.get_layout_engine() is None:
+        figure.set_layout_engine("constrained")
+    panels = figure.subplot_mosaic(_PANELS, width_ratios=[1, 1, 1.2])
+    surface(contact, axes=panels["surface"])
+    gap(contact, state, axes=panels["gap"])
+    outline_contact(panels["gap"], contact, state.in_contact)
+    pressure(contact, state, axes=panels["pressure"])
+    mode(contact, known.cone, axes=panels["mode"]).set_title("")
+    _write(panels["numbers"], _numbers(contact, state, known))
+    return figure
+
+
+def _numbers(contact: Contact, state: Equilibrium, stability: Stability) -> list[tuple[str, str]]:
+    """Return a state's numbers as lines of a name and a value."""
+    load, _, unit = load_label(state.load).partition(" [")
+    lines = [
+        # Without the symbol, whose index would shift the lines below.
+        (load.split(" $")[0], f"{float(state.load.value):.4g}" + (f" [{unit}" if unit else "")),
+        ("mean pressure", f"{float(state.mean_pressure):.3g} [pressure]"),
+        ("contact area", f"{100 * float(state.contact_area):.1f} %"),
+        ("", ""),
+        ("smallest eigenvalues", "[pressure/length]"),
+        *((name.replace("_", " "), _value(pair)) for name, pair in stability.pairs.items()),
+        ("", ""),
+        ("verdict", stability.verdict.name.replace("_", " ")),
+    ]
+    barrier = stability.barrier
+    if np.isfinite(barrier.height):
+        lines += [
+            ("barrier", f"{float(barrier.height):.3g} [energy]"),
+            ("at amplitude", f"{float(barrier.amplitude):.3g} [length]"),
+        ]
+    for part in (state, stability):
+        if part.result != "successful":
+            lines.append((type(part).__name__.lower(), part.result.name.replace("_", " ")))
+    return [(name, with_unit(contact, value)) for name, value in lines]
+
+
+def _value(pair: Eigenpair) -> str:
+    """Return an eigenvalue with its error, or why it has none."""
+    if pair.result != "successful":
+        return pair.result.name.replace("_", " ")
+    value, error = float(pair.eigenvalue), float(pair.error)
+    return f"{value:.3g} ± {error:.1g}" if np.isfinite(value) else "none admissible"
+
+
+def _write(axes: Axes, lines: list[tuple[str, str]]) -> None:
+    axes.axis("off")
+    for row, line in enumerate(lines, start=1):
+        for side, text in enumerate(line):
+            axes.annotate(
+                text,
+                (side, 1),
+                (0, -_LINE_SPACING * row),
+                xycoords="axes fraction",
+                textcoords="offset fontsize",
+                ha="right" if side else "left",
+            )
