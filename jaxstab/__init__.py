@@ -38,6 +38,7 @@ from jaxstab.stability import (
     lowest_modes,
     release,
 )
+from jaxstab.surfaces import SurfaceWarning
 from jaxstab.sweeps import Sweep, SweepInterrupted, sweep
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ __all__ = [
     "Spectral",
     "Spring",
     "Stability",
+    "SurfaceWarning",
     "Sweep",
     "SweepInterrupted",
     "assess_stability",

@@ -136,9 +136,9 @@ def _require_spectrum(
     cutoffs = [k_low, k_rolloff, k_high]
     ordered = (k_low > 0) & (k_low <= k_rolloff) & (k_rolloff <= k_high)
     require("[k_low, k_rolloff, k_high]", cutoffs, ordered, "they must be positive and ascend.")
-    nyquist = nyquist(grid.shape, known(grid.lengths)).min()
-    cure = f"the grid resolves {nyquist} waves per longest side; refine it or lower k_high."
-    require("k_high", k_high, k_high <= nyquist * (1 + _ROUNDING), cure)
+    resolved = nyquist(grid.shape, known(grid.lengths)).min()
+    cure = f"the grid resolves {resolved} waves per longest side; refine it or lower k_high."
+    require("k_high", k_high, k_high <= resolved * (1 + _ROUNDING), cure)
 
 
 @partial(jax.jit, static_argnames=("exponent", "order"))

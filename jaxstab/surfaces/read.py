@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -98,22 +99,25 @@ def _readers(path: Path, content: bytes) -> Iterator[Callable[[], Scan]]:
 def _made(scan: Scan, lengths: Sequence[float] | ArrayLike | None, unit: str | None) -> Topography:
     """Return a surface of what a file and its user say, which must not contradict each other."""
     points = " x ".join(map(str, scan.heights.shape))
-    if lengths is None and scan.lengths is None:
+    sides = lengths if scan.lengths is None else scan.lengths
+    if sides is None:
         raise ValueError(
             f"its {points} heights come without side lengths: give them in the unit of the "
             "heights, as in `js.surfaces.read(path, lengths=(3.0, 1.4))`."
         )
-    if lengths is not None and scan.lengths is not None:
-        if not np.allclose(np.asarray(lengths, float), scan.lengths, rtol=_AGREEMENT, atol=0):
-            said = " x ".join(f"{length:.10g}" for length in scan.lengths)
-            raise ValueError(
-                f"lengths are {lengths}, but the file says {said} {scan.unit or ''}".rstrip()
-                + ": leave `lengths` out."
-            )
+    if lengths is not None and scan.lengths is not None and not _agree(lengths, scan.lengths):
+        said = " x ".join(f"{length:.10g}" for length in scan.lengths)
+        said += f" {scan.unit}" if scan.unit else ""
+        raise ValueError(f"lengths are {lengths}, but the file says {said}: leave them out.")
     if unit is not None and scan.unit not in (None, unit_of(unit)):
         raise ValueError(
             f"the unit is {unit!r}, but the file says {scan.unit!r}: leave `unit` out, and convert "
             f'by `.in_unit("{unit}")`.'
         )
-    grid = Grid(scan.heights.shape, lengths if scan.lengths is None else scan.lengths)
+    grid = Grid(scan.heights.shape, sides)
     return Topography(grid, scan.heights, scan.unit or unit, scan.remarks, scan.is_periodic)
+
+
+def _agree(lengths: Any, others: Sequence[float]) -> bool:
+    given = np.asarray(lengths, float)
+    return given.shape in ((), (len(others),)) and np.allclose(given, others, _AGREEMENT, 0)

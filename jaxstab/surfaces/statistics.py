@@ -143,7 +143,7 @@ def effective_work_of_adhesion(
     """
     squared_slope = sum(slope**2 for slope in _gradient(solid.grid, heights))
     true_area = jnp.mean(jnp.sqrt(1 + squared_slope))
-    return work * true_area - full_contact_energy(solid, heights)
+    return true_area * work - full_contact_energy(solid, heights)
 
 
 def _gradient(grid: Grid, heights: Float[Array, " *grid"]) -> list[Float[Array, " *grid"]]:

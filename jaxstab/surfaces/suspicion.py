@@ -134,6 +134,7 @@ def _tilt(heights: np.ndarray) -> np.ndarray | None:
 
 
 def rms(heights: np.ndarray) -> float:
+    """Return the rms about the mean of the points there are."""
     present = heights[np.isfinite(heights)] if np.isnan(heights).any() else heights.ravel()
     about_mean = present - present.mean()
     return math.sqrt(about_mean @ about_mean / present.size)

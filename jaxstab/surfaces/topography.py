@@ -7,7 +7,7 @@ from typing import Any, Literal
 import jax
 import numpy as np
 
-from jaxstab.checks import require_finite
+from jaxstab.checks import is_traced, known, require_finite
 from jaxstab.grid import Grid, resample
 from jaxstab.surfaces import processing, suspicion, units
 
@@ -49,14 +49,16 @@ class Topography:
         heights = np.ma.asarray(self.heights)
         if heights.dtype.kind not in "fiub":
             raise TypeError(f"The array of heights is {heights.dtype}: give real numbers.")
-        heights = heights.astype(float).filled(np.nan)
+        heights = np.ma.filled(heights.astype(float), np.nan)
         if heights.shape != self.grid.shape:
             raise ValueError(
                 f"heights have shape {heights.shape}, the grid {self.grid.shape}: they must agree."
             )
         if np.isnan(heights).all():
             raise ValueError("all heights are missing.")
-        require_finite("The array of heights", np.where(np.isnan(heights), 0, heights))
+        require_finite(
+            "The array of heights", np.nan_to_num(heights, posinf=np.inf, neginf=-np.inf)
+        )
         heights.flags.writeable = False
         object.__setattr__(self, "heights", heights)
         if self.unit is not None:
@@ -98,6 +100,24 @@ class Topography:
                 f"{purpose} needs all heights, of which {missing} of {self.grid.size} are missing: "
                 "fill them by `.filled()`."
             )
+
+    def on(self, grid: Grid) -> np.ndarray:
+        """Return the heights for a contact on a grid, which must be this one.
+
+        Raises:
+            ValueError: if points are missing, or the grid has another shape or other lengths.
+        """
+        self.require_complete("A contact")
+        lengths = known(grid.lengths)
+        is_same = grid.shape == self.grid.shape and (
+            is_traced(lengths) or np.allclose(lengths, self.lengths, _ROUNDING, 0)
+        )
+        if not is_same:
+            raise ValueError(
+                f"The solid is on {_described(grid)}, the topography on {_described(self.grid)}: "
+                "build the solid on its grid, as HalfSpace(topography.grid, ...)."
+            )
+        return self.heights
 
     def filled(self, method: Literal["harmonic", "biharmonic"] = "harmonic") -> "Topography":
         """Return the surface with missing points filled by what the others suggest.
@@ -267,3 +287,9 @@ def _choice(name: str, value: Any, choices: Any) -> Any:
 
 def _times(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape))
+
+
+def _described(grid: Grid) -> str:
+    lengths = known(grid.lengths)
+    sides = "" if is_traced(lengths) else " of " + " x ".join(f"{length:.6g}" for length in lengths)
+    return f"{_times(grid.shape)} points{sides}"

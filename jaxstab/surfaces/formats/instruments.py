@@ -2,9 +2,6 @@
 
 import zipfile
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from jaxstab.surfaces.formats.scan import Scan, UnknownContent, on_a_side_or_two
 from jaxstab.surfaces.units import unit_of

@@ -1,7 +1,8 @@
 """NetCDF, classic and on HDF5, also as SurfaceTopography writes it."""
 
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from jaxstab.surfaces.units import converted, unit_of
 _SINGLE = 1e-6
 
 
-def read_netcdf(path: Path, engine: str) -> Scan:
+def read_netcdf(path: Path, engine: Literal["scipy", "h5netcdf"]) -> Scan:
     """Return the heights of a data set over the dimensions x and y, in either order, or x alone.
 
     That is its variable `heights`, or the only one over these. Side lengths are the number of
@@ -28,12 +29,12 @@ def read_netcdf(path: Path, engine: str) -> Scan:
         import xarray
 
         if engine == "h5netcdf":
-            import h5netcdf as _
+            import_module("h5netcdf")
     except ImportError:
         raise ImportError("NetCDF files need xarray: pip install 'jaxstab[data]'.") from None
     try:
-        with xarray.open_dataset(path, engine=engine, decode_times=False) as file:  # pyright: ignore[reportArgumentType]
-            data = file.load()
+        with path.open("rb") as stream:
+            data = xarray.load_dataset(stream, engine=engine, decode_times=False)
     except Exception as error:
         raise UnknownContent(f"this NetCDF file is truncated or damaged ({error}).") from None
     variable = data[_name(data)]
@@ -46,10 +47,10 @@ def read_netcdf(path: Path, engine: str) -> Scan:
     for axis, spacing in enumerate(spacings):
         heights = np.flip(heights, axis) if spacing and spacing < 0 else heights
     lengths = [_length(data, side, spacing) for side, spacing in zip(sides, spacings, strict=True)]
-    unit_of_sides = {_unit(data[side]) for side in sides if side in data.coords} - {None}
-    if len(unit_of_sides) > 1:
-        raise ValueError(f"x and y are in different units, {' and '.join(sorted(unit_of_sides))}.")
-    side_unit = next(iter(unit_of_sides), None)
+    named = {unit for side in sides if side in data.coords and (unit := _unit(data[side]))}
+    side_unit, *others = named or {None}
+    if others:
+        raise ValueError(f"x and y are in different units, {side_unit} and {others[0]}.")
     if unit and side_unit:
         heights = converted(heights, unit, side_unit)
     return Scan(
@@ -92,8 +93,8 @@ def _length(data: Any, side: str, spacing: float | None) -> float | None:
     said = float(data[side].attrs.get("length", length))
     if abs(said - length) > _SINGLE * length:
         raise ValueError(
-            f"its length of {side} is {said:g}, but its coordinates say {length:g}: {data.sizes[side]} "
-            f"points {abs(spacing):g} apart."
+            f"its length of {side} is {said:g}, but its coordinates say {length:g}: "
+            f"{data.sizes[side]} points {abs(spacing):g} apart."
         )
     return length
 
