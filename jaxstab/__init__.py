@@ -39,6 +39,7 @@ from jaxstab.stability import (
     lowest_modes,
     release,
 )
+from jaxstab.surfaces import SurfaceWarning
 from jaxstab.sweeps import Sweep, SweepInterrupted, sweep
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ __all__ = [
     "Spectral",
     "Spring",
     "Stability",
+    "SurfaceWarning",
     "Sweep",
     "SweepInterrupted",
     "assess_stability",

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab import potentials
@@ -29,6 +30,7 @@ from jaxstab.potentials import (
 )
 from jaxstab.profile import Profile, profile_of, require_smooth
 from jaxstab.programs import make_room
+from jaxstab.surfaces import Topography, suspicion
 
 # How much the mean of what is missed counts beside its rms.
 _MEAN_SHARE = 1e-2
@@ -41,13 +43,19 @@ class Contact(eqx.Module):
 
     Arguments:
         solid: the elastic solid.
-        heights: h at the points of the solid's grid [length]; summits touch first.
+        heights: h at the points of the solid's grid [length]; summits touch first. An array, or a
+            `jaxstab.surfaces.Topography` on that grid, whose unit the contact then has.
         potential: adhesive energy per area as a scalar function of the gap, twice differentiable
             for every gap >= 0, or for every gap > 0 if it rises without bound towards zero: a
             law of `jaxstab.potentials`, any `equinox.Module`, or a bare function.
 
+    Warns:
+        SurfaceWarning: for heights that look wrong: tilted, with opposite edges that do not meet,
+            or in another unit than the lengths.
+
     Raises:
-        ValueError: for heights of another shape than the grid or not finite, and for a potential
+        ValueError: for heights of another shape than the grid or not finite, for a topography
+            with missing points or on another grid, and for a potential
             that is not scalar to scalar, or at zero gap not finite with its two derivatives and not
             rising to it, or not finite at other gaps, or piecewise linear.
         TypeError: for a solid that is not one, for heights that are masked, complex or of another
@@ -62,13 +70,15 @@ class Contact(eqx.Module):
 
     __repr__ = block
 
-    def __init__(self, solid: Solid, heights: ArrayLike, potential: Potential):
+    def __init__(self, solid: Solid, heights: ArrayLike | Topography, potential: Potential):
         if not isinstance(solid, Solid):
             raise TypeError(
                 f"The solid is a {type(solid).__name__}: give a solid such as HalfSpace(grid, ...) "
                 "first, then the heights, then the potential."
             )
-        self.heights = parameter(heights, "The array of heights")
+        topography = heights if isinstance(heights, Topography) else None
+        values = topography.on(solid.grid) if topography else heights
+        self.heights = parameter(values, "The array of heights")
         if self.heights.shape != solid.grid.shape:
             raise ValueError(
                 f"heights have shape {self.heights.shape}, the solid's grid {solid.grid.shape}: "
@@ -78,8 +88,12 @@ class Contact(eqx.Module):
         if dtype not in (jnp.float32, jnp.float64):
             raise TypeError(f"heights are {dtype}: give them in float32 or float64.")
         require_finite("heights", self.heights)
+        if topography:
+            suspicion.warn(topography.suspicions)
+        elif not is_traced(self.heights):
+            suspicion.warn(suspicion.looks_wrong(np.asarray(self.heights)))
         self.solid = cast(solid, dtype)
-        self.unit = None
+        self.unit = topography.unit if topography else None
         self.potential = as_module(potential, dtype)
         make_room(jax.tree.structure((self.solid, self.potential)))
         require_smooth(self.profile)

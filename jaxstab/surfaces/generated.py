@@ -1,13 +1,8 @@
-"""Rough surfaces and their statistics, all of them exact in Fourier space.
-
-A surface is an array of heights on a grid [length]; summits point towards the elastic solid.
-"""
+"""Surfaces made to order: paraboloids, waves and self-affine surfaces."""
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +10,7 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Int, PRNGKeyArray
 
 from jaxstab.checks import integer, known, parameter, require, require_key, require_positive
 from jaxstab.grid import Grid
+from jaxstab.surfaces.statistics import nyquist, rms_derivative
 
 
 def paraboloid(grid: Grid, radius: ArrayLike) -> Float[Array, " *grid"]:
@@ -129,65 +125,8 @@ def self_affine(
     return heights
 
 
-@jax.jit
-def rms_height(heights: Float[Array, " *grid"]) -> Float[Array, ""]:
-    """Return the root mean square height about the mean [length]."""
-    return jnp.std(heights)
-
-
-@jax.jit
-def rms_slope(grid: Grid, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
-    """Return the root mean square of |grad h|."""
-    return _rms_derivative(grid, heights, 1)
-
-
-@jax.jit
-def rms_curvature(grid: Grid, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
-    """Return the root mean square of the mean curvature, lap h / d in d dimensions [1/length]."""
-    return _rms_derivative(grid, heights, 2) / len(grid.shape)
-
-
-class PowerSpectrum(eqx.Module):
-    """The radial average of a surface's power spectral density.
-
-    Attributes:
-        wavenumber: the middle q of each ring, a multiple of 2 pi over the longest side [1/length].
-        density: mean of |h(q)|^2 over the waves of the ring, with h(q) the Fourier transform over
-            the cell divided by the root of its area, so that the mean square height is the sum
-            over all waves of density / area [length^4 on a surface, length^3 on a line].
-        num_waves: how many waves the ring holds; density is zero where there are none.
-    """
-
-    wavenumber: Float[Array, " rings"]
-    density: Float[Array, " rings"]
-    num_waves: Float[Array, " rings"]
-
-
-def power_spectrum(grid: Grid, heights: Float[Array, " *grid"]) -> PowerSpectrum:
-    """Return the radial power spectrum of a surface, up to the corner of its spectrum.
-
-    Arguments:
-        grid: the grid; its lengths must be known, since they decide the number of rings.
-        heights: the surface [length].
-    """
-    lengths = np.asarray(grid.lengths)
-    fundamental = 2 * np.pi / lengths.max()
-    num_rings = int(np.linalg.norm(_nyquist(grid.shape, lengths))) + 2
-    ring = jnp.round(grid.wavenumbers / fundamental).astype(int)
-    multiplicity = grid.mode_multiplicity
-    power = multiplicity * jnp.abs(jnp.fft.rfftn(heights)) ** 2 * grid.cell_area / grid.size
-    num_waves = jnp.zeros(num_rings).at[ring].add(multiplicity)
-    density = jnp.zeros(num_rings).at[ring].add(power) / jnp.maximum(num_waves, 1)
-    return PowerSpectrum(fundamental * jnp.arange(1, num_rings), density[1:], num_waves[1:])
-
-
 # Rounding must not decide whether a wave at a cut-off belongs to the spectrum.
 _ROUNDING = 1e-5
-
-
-def _nyquist(shape: tuple[int, ...], lengths: Any) -> Any:
-    """Return the most waves per longest side that points along each side resolve."""
-    return lengths.max() * np.array(shape) / (2 * lengths)
 
 
 def _require_spectrum(
@@ -197,9 +136,9 @@ def _require_spectrum(
     cutoffs = [k_low, k_rolloff, k_high]
     ordered = (k_low > 0) & (k_low <= k_rolloff) & (k_rolloff <= k_high)
     require("[k_low, k_rolloff, k_high]", cutoffs, ordered, "they must be positive and ascend.")
-    nyquist = _nyquist(grid.shape, known(grid.lengths)).min()
-    cure = f"the grid resolves {nyquist} waves per longest side; refine it or lower k_high."
-    require("k_high", k_high, k_high <= nyquist * (1 + _ROUNDING), cure)
+    resolved = nyquist(grid.shape, known(grid.lengths)).min()
+    cure = f"the grid resolves {resolved} waves per longest side; refine it or lower k_high."
+    require("k_high", k_high, k_high <= resolved * (1 + _ROUNDING), cure)
 
 
 @partial(jax.jit, static_argnames=("exponent", "order"))
@@ -220,14 +159,7 @@ def _filtered_noise(
     spectrum = jnp.maximum(jnp.where(passes, k, k_rolloff), k_rolloff) ** -power
     modes = jnp.where(passes, jnp.sqrt(spectrum), 0) * _wave_noise(grid, key)
     heights = jnp.fft.irfftn(modes, s=grid.shape)
-    return heights * (target / _rms_derivative(grid, heights, order)), jnp.sum(passes)
-
-
-def _rms_derivative(grid: Grid, heights: Float[Array, " *grid"], order: int) -> Float[Array, ""]:
-    """Return the rms of |q|^order h(q), by Parseval's theorem."""
-    q = grid.wavenumbers
-    squares = jnp.where(q > 0, (q**order * jnp.abs(jnp.fft.rfftn(heights))) ** 2, 0)
-    return jnp.sqrt(jnp.sum(grid.mode_multiplicity * squares)) / grid.size
+    return heights * (target / rms_derivative(grid, heights, order)), jnp.sum(passes)
 
 
 def _wave_noise(grid: Grid, key: PRNGKeyArray) -> Complex[Array, " *modes"]:

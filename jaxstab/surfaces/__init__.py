@@ -1,0 +1,43 @@
+"""Rough surfaces, generated and measured, and their statistics.
+
+A surface is an array of heights on a grid [length]; summits point towards the elastic solid. One
+that was measured is a `Topography`, which `read` makes of a file: it knows its grid and its unit,
+and is made fit for a contact by its methods.
+"""
+
+from jaxstab.surfaces.generated import paraboloid, self_affine, sinusoid
+from jaxstab.surfaces.power_law import PowerLaw, power_law
+from jaxstab.surfaces.read import read
+from jaxstab.surfaces.statistics import (
+    Autocorrelation,
+    PowerSpectrum,
+    autocorrelation,
+    effective_work_of_adhesion,
+    full_contact_energy,
+    power_spectrum,
+    rms_curvature,
+    rms_height,
+    rms_slope,
+)
+from jaxstab.surfaces.suspicion import SurfaceWarning
+from jaxstab.surfaces.topography import Topography
+
+__all__ = [
+    "Autocorrelation",
+    "PowerLaw",
+    "PowerSpectrum",
+    "SurfaceWarning",
+    "Topography",
+    "autocorrelation",
+    "effective_work_of_adhesion",
+    "full_contact_energy",
+    "paraboloid",
+    "power_law",
+    "power_spectrum",
+    "read",
+    "rms_curvature",
+    "rms_height",
+    "rms_slope",
+    "self_affine",
+    "sinusoid",
+]

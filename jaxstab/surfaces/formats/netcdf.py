@@ -1,0 +1,104 @@
+"""NetCDF, classic and on HDF5, also as SurfaceTopography writes it."""
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from jaxstab.surfaces.formats.scan import Scan, UnknownContent, even_spacing, on_a_side_or_two
+from jaxstab.surfaces.units import converted, unit_of
+
+# The relative error that sizes in single precision have.
+_SINGLE = 1e-6
+
+
+def read_netcdf(path: Path, engine: Literal["scipy", "h5netcdf"]) -> Scan:
+    """Return the heights of a data set over the dimensions x and y, in either order, or x alone.
+
+    That is its variable `heights`, or the only one over these. Side lengths are the number of
+    points times the spacing of the coordinates, in double precision, or their attribute `length`.
+    Units are the attributes `units` or `unit`; heights come in that of the coordinates. A variable
+    `mask` marks missing points, an attribute `periodic` of the coordinates edges that meet.
+
+    Raises:
+        ValueError: for a damaged file, and for coordinates that are uneven or contradict `length`.
+        ImportError: without the extra `data`.
+    """
+    try:
+        import xarray
+
+        if engine == "h5netcdf":
+            import_module("h5netcdf")
+    except ImportError:
+        raise ImportError("NetCDF files need xarray: pip install 'jaxstab[data]'.") from None
+    try:
+        with path.open("rb") as stream:
+            data = xarray.load_dataset(stream, engine=engine, decode_times=False)
+    except Exception as error:
+        raise UnknownContent(f"this NetCDF file is truncated or damaged ({error}).") from None
+    variable = data[_name(data)]
+    sides = [name for name in ("x", "y") if name in variable.dims]
+    if "mask" in data:
+        variable = variable.where(data["mask"] == 0)
+    variable = variable.transpose(*sides)
+    heights, unit = on_a_side_or_two(variable.values), _unit(variable)
+    spacings = [_spacing(data, side) for side in sides]
+    for axis, spacing in enumerate(spacings):
+        heights = np.flip(heights, axis) if spacing and spacing < 0 else heights
+    lengths = [_length(data, side, spacing) for side, spacing in zip(sides, spacings, strict=True)]
+    named = {unit for side in sides if side in data.coords and (unit := _unit(data[side]))}
+    side_unit, *others = named or {None}
+    if others:
+        raise ValueError(f"x and y are in different units, {side_unit} and {others[0]}.")
+    if unit and side_unit:
+        heights = converted(heights, unit, side_unit)
+    return Scan(
+        heights,
+        None if None in lengths else tuple(length for length in lengths if length),
+        side_unit or unit,
+        is_periodic=all(data[s].attrs.get("periodic", 0) == 1 if s in data else 0 for s in sides),
+    )
+
+
+def _name(data: Any) -> str:
+    names = [str(name) for name, v in data.items() if set(v.dims) in ({"x", "y"}, {"x"})]
+    if "heights" in names:
+        return "heights"
+    names = [name for name in names if name != "mask"]
+    maps = [name for name in names if data[name].ndim == 2] or names
+    if not maps:
+        found = ", ".join(f"{name}{tuple(v.dims)}" for name, v in data.items()) or "no variable"
+        raise UnknownContent(
+            f"this NetCDF file has no variable over the dimensions x and y, but {found}."
+        )
+    if len(maps) > 1:
+        raise ValueError(f"it has several maps, {', '.join(maps)}: name the surface `heights`.")
+    return maps[0]
+
+
+def _spacing(data: Any, side: str) -> float | None:
+    if side not in data.coords:
+        return None
+    spacing = even_spacing(np.asarray(data[side].values, float))
+    if spacing is None:
+        raise ValueError(f"its coordinates {side} are not evenly spaced.")
+    return spacing
+
+
+def _length(data: Any, side: str, spacing: float | None) -> float | None:
+    if spacing is None:
+        return None
+    length = abs(spacing) * data.sizes[side]
+    said = float(data[side].attrs.get("length", length))
+    if abs(said - length) > _SINGLE * length:
+        raise ValueError(
+            f"its length of {side} is {said:g}, but its coordinates say {length:g}: "
+            f"{data.sizes[side]} points {abs(spacing):g} apart."
+        )
+    return length
+
+
+def _unit(variable: Any) -> str | None:
+    unit = variable.attrs.get("units", variable.attrs.get("unit"))
+    return unit_of(str(unit)) if unit else None

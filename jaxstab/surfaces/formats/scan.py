@@ -1,0 +1,59 @@
+"""What a file says of a surface."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+# The relative error up to which coordinates in a file are evenly spaced.
+_UNEVEN = 1e-2
+
+
+@dataclass(frozen=True)
+class Scan:
+    """What a file says of a surface; None stands for what it does not say.
+
+    Attributes:
+        heights: on a map or a line, the first index along x; NaN where missing.
+        lengths: side lengths, in the unit of the heights.
+        unit: that of lengths and heights.
+        remarks: what the reader chose.
+        is_periodic: whether the file says so.
+    """
+
+    heights: np.ndarray
+    lengths: tuple[float, ...] | None = None
+    unit: str | None = None
+    remarks: tuple[str, ...] = ()
+    is_periodic: bool = False
+
+
+class UnknownContent(ValueError):
+    """Another reader may understand the file."""
+
+
+def on_a_side_or_two(values: Any) -> np.ndarray:
+    """Return an array as heights of float64: a map, or of a single row or column a line.
+
+    Raises:
+        ValueError: for other than real numbers and for other than one or two axes.
+    """
+    if values.dtype.kind not in "fiub":
+        raise ValueError(f"its array is of {values.dtype}: heights are real numbers.")
+    heights = np.ma.filled(values.astype(float), np.nan)
+    if heights.ndim == 2 and 1 in heights.shape:
+        heights = heights.ravel()
+    if heights.ndim not in (1, 2) or min(heights.shape) < 2:
+        raise ValueError(
+            f"its array has shape {heights.shape}: a surface has two axes and a profile one, of 2 "
+            "points or more."
+        )
+    return heights
+
+
+def even_spacing(coordinates: np.ndarray) -> float | None:
+    """Return the spacing, negative if they fall, of coordinates that follow each other evenly."""
+    spacing = (coordinates[-1] - coordinates[0]) / (coordinates.size - 1)
+    even = coordinates[0] + spacing * np.arange(coordinates.size)
+    is_even = np.abs(coordinates - even).max() <= _UNEVEN * abs(spacing)
+    return float(spacing) if spacing and is_even else None

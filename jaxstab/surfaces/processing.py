@@ -1,0 +1,157 @@
+"""What is done to measured heights, in NumPy: NaN is a missing point, the first index runs along x.
+
+SciPy is imported late, since it takes long.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+Heights = np.ndarray
+# A stencil: weights of neighbouring points, by how many points they lie further along each side.
+Stencil = dict[tuple[int, int], float]
+
+
+def trend(heights: Heights, order: int) -> Heights:
+    """Return the polynomial of an order (0, 1 or 2) that fits best the points there are.
+
+    Moments of the points take products with a few vectors each, also where points are missing.
+    """
+    field = np.atleast_2d(heights.T).T
+    is_present = np.isfinite(field)
+    x, y = (np.linspace(-1, 1, n) if n > 1 else np.zeros(1) for n in field.shape)
+    powers = [(a, b) for a in range(order + 1) for b in range(order + 1 - a) if not b or y.size > 1]
+    along, across = (np.vander(side, 2 * order + 1, increasing=True) for side in (x, y))
+    moments = along.T @ is_present.astype(float) @ across
+    products = along.T @ np.where(is_present, field, 0) @ across
+    gram = np.array([[moments[a + c, b + d] for c, d in powers] for a, b in powers])
+    # With too few points for an order the smallest coefficients do.
+    fitted = np.linalg.lstsq(gram, np.array([products[p] for p in powers]), rcond=1e-13)[0]
+    coefficients = np.zeros((order + 1, order + 1))
+    coefficients[tuple(np.transpose(powers))] = fitted
+    values = along[:, : order + 1] @ coefficients @ across[:, : order + 1].T
+    return values.reshape(heights.shape)
+
+
+def filled(heights: Heights, spacing: Sequence[float], order: int) -> Heights:
+    """Return heights with missing points such that squared derivatives of an order sum to least.
+
+    For the first order that is the discrete Laplace equation (harmonic), for the second, all of
+    hxx, hxy and hyy, the biharmonic one; natural conditions hold at the edges of the map.
+
+    Raises:
+        ValueError: if the points there are do not decide the others.
+    """
+    from scipy.sparse import csr_array, hstack
+    from scipy.sparse.linalg import splu
+
+    field = np.atleast_2d(heights.T).T
+    is_missing = np.isnan(field)
+    number = np.where(is_missing, np.cumsum(is_missing).reshape(field.shape) - 1, -1)
+    rows, targets = [], []
+    for stencil in _stencils(spacing, order):
+        matrix, target = _equations(field, number, stencil)
+        rows.append(matrix)
+        targets.append(target)
+    least_squares = hstack([csr_array(matrix.T) for matrix in rows], format="csr")
+    right_side = least_squares @ np.concatenate(targets)
+    try:
+        factors = splu(
+            (least_squares @ least_squares.T).tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+        values = factors.solve(right_side)
+    except RuntimeError:
+        values = np.full(right_side.shape, np.nan)
+    lowest, highest = np.nanmin(heights), np.nanmax(heights)
+    reach = 1e6 * max(highest - lowest, np.finfo(float).tiny)
+    if not np.all((values >= lowest - reach) & (values <= highest + reach)):
+        raise ValueError("the points there are do not decide the missing ones.")
+    result = field.copy()
+    result[is_missing] = values
+    return result.reshape(heights.shape)
+
+
+def _stencils(spacing: Sequence[float], order: int) -> Iterator[Stencil]:
+    """Yield differences for each derivative of an order, in units of the first spacing."""
+    dx, dy = 1.0, spacing[-1] / spacing[0]
+    if order == 1:
+        yield {(0, 0): -1 / dx, (1, 0): 1 / dx}
+        if len(spacing) > 1:
+            yield {(0, 0): -1 / dy, (0, 1): 1 / dy}
+        return
+    yield {(0, 0): 1 / dx**2, (1, 0): -2 / dx**2, (2, 0): 1 / dx**2}
+    if len(spacing) > 1:
+        yield {(0, 0): 1 / dy**2, (0, 1): -2 / dy**2, (0, 2): 1 / dy**2}
+        # hxy stands twice among the squares.
+        mixed = math.sqrt(2) / (dx * dy)
+        yield {(0, 0): mixed, (1, 0): -mixed, (0, 1): -mixed, (1, 1): mixed}
+
+
+def _equations(field: Heights, number: np.ndarray, stencil: Stencil) -> tuple[Any, np.ndarray]:
+    """Return the equations that a stencil is zero wherever it holds a missing point."""
+    from scipy.sparse import csr_array
+
+    size = number.max() + 1
+    reach = [max(offset[axis] for offset in stencil) for axis in (0, 1)]
+    windows = {
+        offset: tuple(
+            slice(start, max(n - last + start, 0))
+            for start, n, last in zip(offset, field.shape, reach, strict=True)
+        )
+        for offset in stencil
+    }
+    has_missing = np.any([number[window] >= 0 for window in windows.values()], axis=0)
+    columns = np.stack([number[window][has_missing] for window in windows.values()], axis=1)
+    values = np.stack([field[window][has_missing] for window in windows.values()], axis=1)
+    weights = np.broadcast_to(list(stencil.values()), columns.shape)
+    is_missing = columns >= 0
+    target = -np.sum(np.where(is_missing, 0, weights * values), axis=1)
+    row = np.nonzero(is_missing)[0]
+    entries = weights[is_missing], (row, columns[is_missing])
+    return csr_array(entries, shape=(len(columns), size)), target
+
+
+def taper(shape: tuple[int, ...], share: float) -> np.ndarray:
+    """Return a window that rises from the edges over a share of each side as a cosine does."""
+    window = np.ones(())
+    for n in shape:
+        place = (np.arange(n) + 0.5) / n
+        nearness = np.minimum(np.minimum(place, 1 - place) / share, 1)
+        window = np.multiply.outer(window, (1 - np.cos(np.pi * nearness)) / 2)
+    return window
+
+
+def area_average(heights: Heights, shape: tuple[int, ...]) -> Heights:
+    """Return the mean over each of the equal tiles of another number, of the points that are there.
+
+    A point stands for the tile of which it is the corner with the least coordinates.
+    """
+    is_present = np.isfinite(heights)
+    totals, areas = np.where(is_present, heights, 0), is_present.astype(float)
+    for axis, n in enumerate(shape):
+        overlap = _overlap(heights.shape[axis], n)
+        totals, areas = (
+            np.moveaxis(np.tensordot(overlap, field, (1, axis)), 0, axis)
+            for field in (totals, areas)
+        )
+    return np.where(areas > 0, totals / np.where(areas > 0, areas, 1), np.nan)
+
+
+def _overlap(n: int, other: int) -> np.ndarray:
+    """Return the share of each of n equal parts of a side in each of another number of them."""
+    edges, others = np.arange(n + 1) * other, np.arange(other + 1) * n
+    low = np.maximum(edges[None, :-1], others[:-1, None])
+    high = np.minimum(edges[None, 1:], others[1:, None])
+    return np.maximum(high - low, 0) / n
+
+
+def band_passed(heights: Heights, waves: np.ndarray, low: float, high: float) -> Heights:
+    """Return heights with those of their waves from one number to another, and their mean."""
+    modes = np.fft.rfftn(heights)
+    passes = (waves >= low) & (waves <= high) | (waves == 0)
+    return np.fft.irfftn(np.where(passes, modes, 0), s=heights.shape, axes=range(heights.ndim))

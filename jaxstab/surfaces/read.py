@@ -1,0 +1,123 @@
+"""Surfaces from files, whose format is told by their content."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import ArrayLike
+
+from jaxstab.grid import Grid
+from jaxstab.surfaces import suspicion
+from jaxstab.surfaces.formats.instruments import read_instrument
+from jaxstab.surfaces.formats.netcdf import read_netcdf
+from jaxstab.surfaces.formats.npy import read_npy
+from jaxstab.surfaces.formats.scan import Scan, UnknownContent
+from jaxstab.surfaces.formats.text import read_text
+from jaxstab.surfaces.topography import Topography
+from jaxstab.surfaces.units import unit_of
+
+# The relative error up to which given side lengths agree with those of a file.
+_AGREEMENT = 1e-6
+# What no text holds.
+_CONTROL = bytes(set(range(32)) - set(b"\t\n\v\f\r"))
+
+
+def read(
+    path: str | Path,
+    lengths: Sequence[float] | ArrayLike | None = None,
+    unit: str | None = None,
+) -> Topography:
+    """Return the surface in a file, which its content tells how to read, not its name.
+
+    The first index of heights runs along x. A text matrix has a line for each x, as
+    `numpy.savetxt(path, heights)` writes it, and so has an array in a `.npy` file; a single row or
+    column is a profile. Three columns of text that lie on a lattice are points x, y, z in any
+    order, two with an evenly rising first one a profile x, z. Of NetCDF the dimensions x and y
+    count, in either order. Any other file, as .x3p and .gwy, is read through SurfaceTopography.
+    A side is as long as its number of points times their spacing.
+
+    Missing points (nan, an empty field between separators, a masked point) stay NaN.
+
+    Arguments:
+        path: the file.
+        lengths: side lengths, in the unit of the heights; needed where the file says none.
+        unit: that of lengths and heights, where the file does not say.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if the file holds no surface, or is damaged, and if `lengths` are needed, or
+            contradict it, or `unit` does.
+        ImportError: if the format needs a package that is not installed.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path} does not exist.")
+    try:
+        topography = _made(_scan(path), lengths, unit)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    suspicion.warn(suspicion.has_wrong_scale(topography.heights, topography.lengths))
+    return topography
+
+
+def _scan(path: Path) -> Scan:
+    """Return what the first reader that understands a file makes of it."""
+    if not path.is_file():
+        raise ValueError("this is no file.")
+    content = path.read_bytes()
+    if not content:
+        raise ValueError("the file is empty.")
+    errors = []
+    for reader in _readers(path, content):
+        try:
+            return reader()
+        except UnknownContent as error:
+            errors.append(error)
+        except ImportError:
+            if not errors:
+                raise
+    raise errors[0]
+
+
+def _readers(path: Path, content: bytes) -> Iterator[Callable[[], Scan]]:
+    """Yield readers for a content, the likeliest first."""
+    if content.startswith(b"\x93NUMPY"):
+        yield partial(read_npy, path)
+        return
+    if content.startswith(b"CDF"):
+        yield partial(read_netcdf, path, "scipy")
+    elif content.startswith(b"\x89HDF\r\n\x1a\n"):
+        yield partial(read_netcdf, path, "h5netcdf")
+    elif content.translate(None, _CONTROL) == content:
+        # What is not of Unicode stands in comments, or is no number either way.
+        yield partial(read_text, content.decode("utf-8-sig", errors="replace"))
+    yield partial(read_instrument, path)
+
+
+def _made(scan: Scan, lengths: Sequence[float] | ArrayLike | None, unit: str | None) -> Topography:
+    """Return a surface of what a file and its user say, which must not contradict each other."""
+    points = " x ".join(map(str, scan.heights.shape))
+    sides = lengths if scan.lengths is None else scan.lengths
+    if sides is None:
+        raise ValueError(
+            f"its {points} heights come without side lengths: give them in the unit of the "
+            "heights, as in `js.surfaces.read(path, lengths=(3.0, 1.4))`."
+        )
+    if lengths is not None and scan.lengths is not None and not _agree(lengths, scan.lengths):
+        said = " x ".join(f"{length:.10g}" for length in scan.lengths)
+        said += f" {scan.unit}" if scan.unit else ""
+        raise ValueError(f"lengths are {lengths}, but the file says {said}: leave them out.")
+    if unit is not None and scan.unit not in (None, unit_of(unit)):
+        raise ValueError(
+            f"the unit is {unit!r}, but the file says {scan.unit!r}: leave `unit` out, and convert "
+            f'by `.in_unit("{unit}")`.'
+        )
+    grid = Grid(scan.heights.shape, sides)
+    return Topography(grid, scan.heights, scan.unit or unit, scan.remarks, scan.is_periodic)
+
+
+def _agree(lengths: Any, others: Sequence[float]) -> bool:
+    given = np.asarray(lengths, float)
+    return given.shape in ((), (len(others),)) and np.allclose(given, others, _AGREEMENT, 0)

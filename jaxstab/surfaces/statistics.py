@@ -1,0 +1,167 @@
+"""Statistics of surfaces, all of them exact in Fourier space."""
+
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxstab.grid import Grid
+
+if TYPE_CHECKING:
+    from jaxstab.elasticity import Solid
+
+# Rounding must not decide which ring a point at its edge belongs to.
+_ROUNDING = 1e-3
+
+
+@jax.jit
+def rms_height(heights: Float[Array, " *grid"]) -> Float[Array, ""]:
+    """Return the root mean square height about the mean [length]."""
+    return jnp.std(heights)
+
+
+@jax.jit
+def rms_slope(grid: Grid, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
+    """Return the root mean square of |grad h|."""
+    return rms_derivative(grid, heights, 1)
+
+
+@jax.jit
+def rms_curvature(grid: Grid, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
+    """Return the root mean square of the mean curvature, lap h / d in d dimensions [1/length]."""
+    return rms_derivative(grid, heights, 2) / len(grid.shape)
+
+
+class PowerSpectrum(eqx.Module):
+    """The radial average of a surface's power spectral density.
+
+    Attributes:
+        wavenumber: the middle q of each ring, a multiple of 2 pi over the longest side [1/length].
+        density: mean of |h(q)|^2 over the waves of the ring, with h(q) the Fourier transform over
+            the cell divided by the root of its area, so that the mean square height is the sum
+            over all waves of density / area [length^4 on a surface, length^3 on a line].
+        num_waves: how many waves the ring holds; density is zero where there are none.
+    """
+
+    wavenumber: Float[Array, " rings"]
+    density: Float[Array, " rings"]
+    num_waves: Float[Array, " rings"]
+
+
+def power_spectrum(grid: Grid, heights: Float[Array, " *grid"]) -> PowerSpectrum:
+    """Return the radial power spectrum of a surface, up to the corner of its spectrum.
+
+    Arguments:
+        grid: the grid; its lengths must be known, since they decide the number of rings.
+        heights: the surface [length].
+    """
+    lengths = np.asarray(grid.lengths)
+    fundamental = 2 * np.pi / lengths.max()
+    num_rings = int(np.linalg.norm(nyquist(grid.shape, lengths))) + 2
+    ring = jnp.round(grid.wavenumbers / fundamental).astype(int)
+    multiplicity = grid.mode_multiplicity
+    power = multiplicity * jnp.abs(jnp.fft.rfftn(heights)) ** 2 * grid.cell_area / grid.size
+    num_waves = jnp.zeros(num_rings).at[ring].add(multiplicity)
+    density = jnp.zeros(num_rings).at[ring].add(power) / jnp.maximum(num_waves, 1)
+    return PowerSpectrum(fundamental * jnp.arange(1, num_rings), density[1:], num_waves[1:])
+
+
+class Autocorrelation(eqx.Module):
+    """The radial average of a surface's autocorrelation.
+
+    Attributes:
+        distance: mean |r| of the points of each ring, the first zero alone, up to half
+            the longest side [length].
+        value: mean of <h(x) h(x + r)> over them, the mean square height at zero [length^2].
+    """
+
+    distance: Float[Array, " rings"]
+    value: Float[Array, " rings"]
+
+
+def autocorrelation(grid: Grid, heights: Float[Array, " *grid"]) -> Autocorrelation:
+    """Return the radial autocorrelation <h(x) h(x + r)> of heights about their mean.
+
+    It is the Fourier transform of |h(q)|^2 (Wiener and Khinchin), averaged over rings as wide as
+    the larger spacing.
+
+    Arguments:
+        grid: the grid; its lengths must be known, since they decide the number of rings.
+        heights: the surface [length].
+    """
+    lengths = np.asarray(grid.lengths)
+    width = (lengths / grid.shape).max()
+    num_rings = int(lengths.max() / (2 * width) + _ROUNDING) + 1
+    sides = zip(grid.coordinates, grid.lengths, strict=True)
+    distance = jnp.sqrt(sum(jnp.minimum(x, length - x) ** 2 for x, length in sides))
+    # What lies farther than the last ring is dropped, as is usual in JAX beyond an array's end.
+    ring = jnp.ceil(distance / width - _ROUNDING).astype(int)
+    power = jnp.abs(jnp.fft.rfftn(heights - jnp.mean(heights))) ** 2
+    value = jnp.fft.irfftn(power, s=grid.shape) / grid.size
+
+    def averaged(field: Float[Array, " *grid"]) -> Float[Array, " rings"]:
+        return jnp.zeros(num_rings, field.dtype).at[ring].add(field, mode="drop")
+
+    num_points = averaged(jnp.ones_like(distance))
+    return Autocorrelation(averaged(distance) / num_points, averaged(value) / num_points)
+
+
+def full_contact_energy(solid: "Solid", heights: Float[Array, " *grid"]) -> Float[Array, ""]:
+    """Return the elastic energy of full contact per area of the cell.
+
+    That is u.Ku / 2 with u = h, for a half space E*/4 sum |q| |h(q)|^2 (Persson & Tosatti, J. Chem.
+    Phys. 115, 2001).
+
+    Arguments:
+        solid: the solid, of any kind.
+        heights: the surface on its grid [length].
+
+    Returns:
+        The energy per area, above that of the solid moved as a whole [energy/area].
+    """
+    return solid.energy(heights - jnp.mean(heights)) / jnp.prod(solid.grid.lengths)
+
+
+def effective_work_of_adhesion(
+    solid: "Solid", heights: Float[Array, " *grid"], work: ArrayLike
+) -> Float[Array, ""]:
+    """Return w A / A0 - U / A0, what closing the rough interface gains (Persson & Tosatti, 2001).
+
+    A / A0 is the mean of sqrt(1 + |grad h|^2), with the gradient of the Fourier series. Below zero
+    the surfaces do not stay in full contact.
+
+    Arguments:
+        solid: the solid, of any kind.
+        heights: the surface on its grid [length].
+        work: w, the work of adhesion between flat surfaces [energy/area].
+
+    Returns:
+        The effective work of adhesion [energy/area].
+    """
+    squared_slope = sum(slope**2 for slope in _gradient(solid.grid, heights))
+    true_area = jnp.mean(jnp.sqrt(1 + squared_slope))
+    return true_area * work - full_contact_energy(solid, heights)
+
+
+def _gradient(grid: Grid, heights: Float[Array, " *grid"]) -> list[Float[Array, " *grid"]]:
+    """Return the derivatives of the Fourier series along each side."""
+    modes = jnp.fft.rfftn(heights)
+    sides = zip(grid.waves, grid.shape, grid.lengths, strict=True)
+    # The wave of two points is a cosine on the points, whose slope there is zero.
+    factors = [2j * jnp.pi / L * np.where(2 * abs(k) == n, 0, k) for k, n, L in sides]
+    return [jnp.fft.irfftn(factor * modes, s=grid.shape) for factor in factors]
+
+
+def nyquist(shape: tuple[int, ...], lengths: Any) -> Any:
+    """Return the most waves per longest side that points along each side resolve."""
+    return lengths.max() * np.array(shape) / (2 * lengths)
+
+
+def rms_derivative(grid: Grid, heights: Float[Array, " *grid"], order: int) -> Float[Array, ""]:
+    """Return the rms of |q|^order h(q), by Parseval's theorem."""
+    q = grid.wavenumbers
+    squares = jnp.where(q > 0, (q**order * jnp.abs(jnp.fft.rfftn(heights))) ** 2, 0)
+    return jnp.sqrt(jnp.sum(grid.mode_multiplicity * squares)) / grid.size

@@ -1,0 +1,144 @@
+"""What looks wrong with a surface, before anything is computed with it."""
+
+import math
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxstab.surfaces.processing import trend
+
+# Jumps across an edge above so many rms steps between neighbours are none of a periodic surface.
+_JUMP = 4.0
+# A tilt falls back across the periodic edge by more than this share of its rise along the side.
+_SHARE = 0.5
+_SLOPES = 1e-5, 10.0
+_already_said: dict[str | tuple[str, type[Warning], int], int] = {}
+
+
+class SurfaceWarning(UserWarning):
+    """Heights look as if a contact of them would not be the one that was meant."""
+
+
+def warn(sentences: list[str]) -> None:
+    """Warn of what looks wrong, once for each sentence."""
+    for sentence in sentences:
+        # A registry of its own, so that reading and building a contact say it once between them.
+        warnings.warn_explicit(
+            sentence, SurfaceWarning, "jaxstab", 1, module=__name__, registry=_already_said
+        )
+
+
+def looks_wrong(heights: np.ndarray) -> list[str]:
+    """Return what is wrong with heights on a periodic grid, a sentence for each: tilt and edges.
+
+    A tilt above the roughness is one whose edges do not meet; of what is left of it the edges are
+    looked at again.
+    """
+    sentences, tilt = [], _tilt(heights)
+    if tilt is not None:
+        heights = heights - tilt
+        sentences.append(
+            f"the surface is tilted: the rms of its best plane is {rms(tilt):.3g}, that of the "
+            f"roughness left {rms(heights):.3g}. `Topography.detrended()` takes the tilt off."
+        )
+    for axis, name in enumerate("xy"[: heights.ndim]):
+        steps = Steps.along(heights, axis)
+        if steps.do_not_meet:
+            sentences.append(
+                f"opposite edges do not meet along {name}: the rms jump across the periodic edge "
+                f"is {steps.jump:.3g}, {steps.jump / steps.rms:.3g} times that between neighbours "
+                f"({steps.rms:.3g}). Make it periodic by "
+                '`Topography.periodic("window")` or "mirror".'
+            )
+    return sentences
+
+
+def has_wrong_scale(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
+    """Return a sentence if heights and lengths are in scales that cannot belong together."""
+    slope = rms_slope(heights, lengths)
+    if slope == 0 or _SLOPES[0] <= slope <= _SLOPES[1]:
+        return []
+    sides = " x ".join(f"{length:.4g}" for length in lengths)
+    return [
+        f"the rms slope is {slope:.3g}: heights of rms {rms(heights):.3g} on sides of {sides} are "
+        "hardly in one unit. Give `lengths` in the unit of the heights."
+    ]
+
+
+def rms_slope(heights: np.ndarray, lengths: np.ndarray) -> float:
+    """Return the rms slope between neighbours that are both there, none across an edge."""
+    spacing = lengths / heights.shape
+    squares = [(Steps.along(heights, axis).rms / dx) ** 2 for axis, dx in enumerate(spacing)]
+    return float(np.sqrt(sum(squares)))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Steps between neighbours along a side.
+
+    Attributes:
+        rms: that of all steps inside.
+        largest: the largest rms over one line across the side.
+        jump: the rms across the periodic edge.
+        rounding: what a step of nothing may be.
+    """
+
+    rms: float
+    largest: float
+    jump: float
+    rounding: float
+
+    @classmethod
+    def along(cls, heights: np.ndarray, axis: int) -> "Steps":
+        """Return those along an axis."""
+        lines = np.moveaxis(heights, axis, 0).reshape(heights.shape[axis], -1)
+        squares, counts = _squares(np.diff(lines, axis=0))
+        jump, present = _squares(lines[:1] - lines[-1:])
+        return cls(
+            rms=float(np.sqrt(squares.sum() / max(counts.sum(), 1))),
+            largest=float(np.sqrt(np.max(squares / np.maximum(counts, 1)))),
+            jump=float(np.sqrt(jump[0] / max(present[0], 1))),
+            rounding=100 * float(np.finfo(heights.dtype).eps * _largest(lines)),
+        )
+
+    @property
+    def do_not_meet(self) -> bool:
+        """Whether the edge is no step as others are: neither on average nor as the largest one.
+
+        A pattern with steep walls may have one of them at the edge.
+        """
+        return self.jump > max(_JUMP * self.rms, self.largest, self.rounding)
+
+
+def _squares(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sum of squares of each line, and of how many steps that are there."""
+    is_there = np.isfinite(steps)
+    if is_there.all():
+        return np.einsum("ij,ij->i", steps, steps), np.full(len(steps), steps.shape[1])
+    steps = np.where(is_there, steps, 0)
+    return np.einsum("ij,ij->i", steps, steps), is_there.sum(axis=1)
+
+
+def _tilt(heights: np.ndarray) -> np.ndarray | None:
+    """Return the best plane about its mean if it is a tilt above the roughness."""
+    plane = trend(heights, 1)
+    plane -= plane.mean()
+    if rms(plane) <= max(rms(heights - plane), np.finfo(heights.dtype).eps * _largest(heights)):
+        return None
+    # A single long wave fits a plane as well, but meets itself at the edge.
+    rises = [np.take(plane, -1, axis).flat[0] - plane.flat[0] for axis in range(plane.ndim)]
+    axis = int(np.argmax(np.abs(rises)))
+    fall = np.nanmean(np.take(heights, -1, axis) - np.take(heights, 0, axis))
+    return plane if fall / rises[axis] > _SHARE else None
+
+
+def rms(heights: np.ndarray) -> float:
+    """Return the rms about the mean of the points there are."""
+    present = heights[np.isfinite(heights)] if np.isnan(heights).any() else heights.ravel()
+    about_mean = present - present.mean()
+    return math.sqrt(about_mean @ about_mean / present.size)
+
+
+def _largest(heights: np.ndarray) -> float:
+    return float(np.nanmax(np.abs(heights), initial=0))

@@ -1,0 +1,295 @@
+"""A measured surface: heights on a grid, in a unit, with points that may be missing."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import jax
+import numpy as np
+
+from jaxstab.checks import is_traced, known, require_finite
+from jaxstab.grid import Grid, resample
+from jaxstab.surfaces import processing, suspicion, units
+
+_TAPER = 0.1
+_TRENDS = ("its mean", "its best plane", "its best quadric")
+_FILLINGS = {"harmonic": 1, "biharmonic": 2}
+# Rounding must not decide whether a point or a wave at a limit belongs to what is kept.
+_ROUNDING = 1e-5
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Topography:
+    """A measured surface. Its methods return new ones, and `print` shows what was done to it.
+
+    Arguments:
+        grid: the grid; a side is as long as its points times their spacing, since the surface is
+            to be periodic.
+        heights: h at its points [length], the first index along x; NaN where points are missing,
+            and so is what is masked. Kept as float64 of NumPy.
+        unit: that of heights and lengths, from pm to km, or None.
+        remarks: what was done to it, in words.
+        is_periodic: whether opposite edges are known to meet.
+
+    Raises:
+        ValueError: for heights of another shape than the grid, infinite, or missing altogether,
+            and for a unit that is none of length.
+        TypeError: for what is not a grid, and for heights that are not real numbers.
+    """
+
+    grid: Grid
+    heights: np.ndarray
+    unit: str | None = None
+    remarks: tuple[str, ...] = ()
+    is_periodic: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.grid, Grid):
+            raise TypeError(f"The grid is a {type(self.grid).__name__}: give a jaxstab.Grid first.")
+        heights = np.ma.asarray(self.heights)
+        if heights.dtype.kind not in "fiub":
+            raise TypeError(f"The array of heights is {heights.dtype}: give real numbers.")
+        heights = np.ma.filled(heights.astype(float), np.nan)
+        if heights.shape != self.grid.shape:
+            raise ValueError(
+                f"heights have shape {heights.shape}, the grid {self.grid.shape}: they must agree."
+            )
+        if np.isnan(heights).all():
+            raise ValueError("all heights are missing.")
+        require_finite(
+            "The array of heights", np.nan_to_num(heights, posinf=np.inf, neginf=-np.inf)
+        )
+        heights.flags.writeable = False
+        object.__setattr__(self, "heights", heights)
+        if self.unit is not None:
+            object.__setattr__(self, "unit", units.unit_of(self.unit))
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """Side lengths [length]."""
+        return np.asarray(self.grid.lengths, float)
+
+    @property
+    def num_missing(self) -> int:
+        """How many points are missing."""
+        return int(np.isnan(self.heights).sum())
+
+    @property
+    def suspicions(self) -> list[str]:
+        """What looks wrong, a sentence each: scales, tilt, and edges unless known to meet."""
+        scale = suspicion.has_wrong_scale(self.heights, self.lengths)
+        return scale if self.is_periodic else scale + suspicion.looks_wrong(self.heights)
+
+    def __repr__(self) -> str:
+        missing, unit = self.num_missing, f" {self.unit}" if self.unit else " (unit unknown)"
+        rows = [
+            ("points", " x ".join(map(str, self.grid.shape))),
+            ("lengths", " x ".join(f"{length:.6g}" for length in self.lengths) + unit),
+            ("rms height", f"{suspicion.rms(self.heights):.4g}{unit}"),
+            ("rms slope", f"{suspicion.rms_slope(self.heights, self.lengths):.4g}"),
+            ("missing", f"{missing} points ({100 * missing / self.grid.size:.3g} %)"),
+            *(("done", remark) for remark in self.remarks),
+            *(("looks wrong", sentence) for sentence in self.suspicions),
+        ]
+        return "\n".join(["Topography", *(f"  {name:<11}  {text}" for name, text in rows)])
+
+    def require_complete(self, purpose: str) -> None:
+        """Raise `ValueError` if points are missing, and say what needs them."""
+        if missing := self.num_missing:
+            raise ValueError(
+                f"{purpose} needs all heights, of which {missing} of {self.grid.size} are missing: "
+                "fill them by `.filled()`."
+            )
+
+    def on(self, grid: Grid) -> np.ndarray:
+        """Return the heights for a contact on a grid, which must be this one.
+
+        Raises:
+            ValueError: if points are missing, or the grid has another shape or other lengths.
+        """
+        self.require_complete("A contact")
+        lengths = known(grid.lengths)
+        is_same = grid.shape == self.grid.shape and (
+            is_traced(lengths) or np.allclose(lengths, self.lengths, _ROUNDING, 0)
+        )
+        if not is_same:
+            raise ValueError(
+                f"The solid is on {_described(grid)}, the topography on {_described(self.grid)}: "
+                "build the solid on its grid, as HalfSpace(topography.grid, ...)."
+            )
+        return self.heights
+
+    def filled(self, method: Literal["harmonic", "biharmonic"] = "harmonic") -> "Topography":
+        """Return the surface with missing points filled by what the others suggest.
+
+        Arguments:
+            method: "harmonic", like a membrane through the points around (the least squared
+                gradient), or "biharmonic", like a thin plate, which carries slopes on.
+
+        Raises:
+            ValueError: for another method, and where the points there are do not decide.
+        """
+        order = _FILLINGS[_choice("method", method, _FILLINGS)]
+        if not (missing := self.num_missing):
+            return self
+        heights = processing.filled(self.heights, list(self.lengths / self.grid.shape), order)
+        share = f"{100 * missing / self.grid.size:.3g} % of the points filled, {method}"
+        return self._changed(share, heights=heights)
+
+    def detrended(self, order: int = 1) -> "Topography":
+        """Return heights less the polynomial that fits the points there are best.
+
+        Arguments:
+            order: 0 takes off the mean, 1 the best plane, 2 the best quadric.
+
+        Raises:
+            ValueError: for another order.
+        """
+        _choice("order", order, (0, 1, 2))
+        heights = self.heights - processing.trend(self.heights, order)
+        is_periodic = self.is_periodic and order == 0
+        return self._changed(f"{_TRENDS[order]} off", heights=heights, is_periodic=is_periodic)
+
+    def in_unit(self, unit: str) -> "Topography":
+        """Return the surface with lengths and heights in another unit of length.
+
+        Raises:
+            ValueError: if the unit of the surface is unknown, or the other one is none of length.
+        """
+        if self.unit is None:
+            raise ValueError(
+                "The unit of this topography is unknown: say it first, by `unit=` in "
+                "`js.surfaces.read` or `Topography(grid, heights, unit)`."
+            )
+        unit = units.unit_of(unit)
+        lengths = units.converted(self.lengths, self.unit, unit)
+        heights = units.converted(self.heights, self.unit, unit)
+        return replace(self, grid=Grid(self.grid.shape, lengths), heights=heights, unit=unit)
+
+    def cropped(self, x: tuple[float, float], y: tuple[float, float] | None = None) -> "Topography":
+        """Return the part with x0 <= x < x1, y0 <= y < y1 of the points.
+
+        Arguments:
+            x: x0 and x1 [length].
+            y: y0 and y1 [length]; all of that side by default.
+
+        Raises:
+            ValueError: if fewer than two points are left along a side, and for y on a line.
+        """
+        intervals = [x] if y is None else [x, y]
+        if len(intervals) > len(self.grid.shape):
+            raise ValueError("y is given, but the surface is a line.")
+        spacing, kept = self.lengths / self.grid.shape, []
+        for name, n, dx, interval in zip("xy", self.grid.shape, spacing, intervals, strict=False):
+            start, end = (int(np.ceil(np.clip(end / dx - _ROUNDING, 0, n))) for end in interval)
+            if end - start < 2:
+                raise ValueError(
+                    f"{max(end - start, 0)} points lie in {interval[0]} <= {name} < {interval[1]}: "
+                    f"take 2 or more of those from 0 to {(n - 1) * dx:.6g}."
+                )
+            kept.append(slice(start, end))
+        heights = self.heights[tuple(kept)]
+        grid = Grid(heights.shape, spacing * heights.shape)
+        is_periodic = self.is_periodic and heights.shape == self.grid.shape
+        remark = f"cropped from {_times(self.grid.shape)} points"
+        return self._changed(remark, grid=grid, heights=heights, is_periodic=is_periodic)
+
+    def resampled(
+        self, shape: int | Sequence[int], method: Literal["spectral", "area"] = "spectral"
+    ) -> "Topography":
+        """Return the surface on another number of points.
+
+        Arguments:
+            shape: number of points along each side; one integer counts for all sides.
+            method: "spectral", by the Fourier series, exact for what both numbers of points
+                resolve if opposite edges meet; or "area", by the mean over tiles, for any surface,
+                where a missing point counts for nothing.
+
+        Raises:
+            ValueError: for another method, and where the Fourier series misses points.
+        """
+        _choice("method", method, ("spectral", "area"))
+        numbers: Any = shape if np.ndim(shape) else (shape,) * len(self.grid.shape)
+        grid = Grid(numbers, self.lengths)
+        if len(grid.shape) != len(self.grid.shape):
+            raise ValueError(f"The shape is {grid.shape}: give {len(self.grid.shape)} numbers.")
+        if grid.shape == self.grid.shape:
+            return self
+        if method == "area":
+            heights = processing.area_average(self.heights, grid.shape)
+        else:
+            self.require_complete('`.resampled(method="spectral")`')
+            # In double precision, whatever that of the contact is to be.
+            with jax.enable_x64(True):
+                heights = np.asarray(resample(jax.device_put(self.heights), grid.shape))
+        remark = f"resampled from {_times(self.grid.shape)} points ({method})"
+        return self._changed(remark, grid=grid, heights=heights)
+
+    def filtered(self, k_low: float | None = None, k_high: float | None = None) -> "Topography":
+        """Return the waves from k_low to k_high, sharply cut, and the mean.
+
+        Arguments:
+            k_low, k_high: numbers of waves per longest side, as in `self_affine`; all the waves
+                below or above where there is none.
+
+        Raises:
+            ValueError: if no cut-off is given, they are not positive and in order, or points miss.
+        """
+        low, high = 0.0 if k_low is None else k_low, np.inf if k_high is None else k_high
+        if (k_low, k_high) == (None, None) or not (0 <= low <= high and high > 0):
+            raise ValueError(
+                f"k_low is {k_low}, k_high {k_high}: give one or both, positive and in order."
+            )
+        self.require_complete("`.filtered()`")
+        sides = zip(self.grid.waves, self.lengths.max() / self.lengths, strict=True)
+        waves = np.sqrt(sum((k * ratio) ** 2 for k, ratio in sides))
+        margin = 1 + _ROUNDING
+        heights = processing.band_passed(self.heights, waves, low / margin, high * margin)
+        return self._changed(f"waves from {low:g} to {high:g} per longest side", heights=heights)
+
+    def periodic(self, how: Literal["window", "mirror", "as_is"]) -> "Topography":
+        """Return a surface whose opposite edges meet.
+
+        Arguments:
+            how: "window": heights about their mean times a window that falls to zero as a cosine
+                over the outer tenth of each side; "mirror": the surface and its mirror images,
+                twice as long along each side; "as_is": the same heights, said to meet.
+
+        Raises:
+            ValueError: for another way, and for a window where points are missing.
+        """
+        _choice("how", how, ("window", "mirror", "as_is"))
+        if how == "as_is":
+            return self._changed("said to be periodic", is_periodic=True)
+        grid, heights = self.grid, self.heights
+        if how == "window":
+            self.require_complete('`.periodic("window")`')
+            mean = heights.mean()
+            heights = mean + (heights - mean) * processing.taper(grid.shape, _TAPER)
+            remark = "heights about the mean windowed over the outer tenth of each side"
+        else:
+            for axis in range(heights.ndim):
+                heights = np.concatenate([heights, np.flip(heights, axis)], axis)
+            grid = Grid(heights.shape, 2 * self.lengths)
+            remark = "mirrored, twice as long along each side"
+        return self._changed(remark, grid=grid, heights=heights, is_periodic=True)
+
+    def _changed(self, remark: str, **fields: Any) -> "Topography":
+        return replace(self, remarks=(*self.remarks, remark), **fields)
+
+
+def _choice(name: str, value: Any, choices: Any) -> Any:
+    if value not in choices:
+        options = ", ".join(repr(choice) for choice in choices)
+        raise ValueError(f"{name} is {value!r}: choose one of {options}.")
+    return value
+
+
+def _times(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape))
+
+
+def _described(grid: Grid) -> str:
+    lengths = known(grid.lengths)
+    sides = "" if is_traced(lengths) else " of " + " x ".join(f"{length:.6g}" for length in lengths)
+    return f"{_times(grid.shape)} points{sides}"

@@ -1,0 +1,30 @@
+"""Units of length."""
+
+import numpy as np
+
+_EXPONENTS = {"km": 3, "m": 0, "mm": -3, "µm": -6, "nm": -9, "Å": -10, "pm": -12}
+# With the Greek letter, the micro sign, or neither; and the angstrom sign beside the letter.
+_SPELLINGS = {"um": "µm", "\u03bcm": "µm", "A": "Å", "\u212b": "Å", "angstrom": "Å"} | {
+    prefix + name + plural: unit
+    for prefix, unit in {"": "m", "kilo": "km", "milli": "mm", "micro": "µm", "nano": "nm"}.items()
+    for name in ("meter", "metre")
+    for plural in ("", "s")
+}
+
+
+def unit_of(name: str) -> str:
+    """Return the usual symbol of a unit of length.
+
+    Raises:
+        ValueError: for what is none of those known.
+    """
+    unit = _SPELLINGS.get(name, _SPELLINGS.get(name.lower(), name))
+    if unit not in _EXPONENTS:
+        raise ValueError(f"the unit is {name!r}: choose one of {', '.join(_EXPONENTS)}.")
+    return unit
+
+
+def converted(value: np.ndarray, unit: str, other: str) -> np.ndarray:
+    """Return lengths in another unit, rounded once: units are whole powers of ten apart."""
+    exponent = _EXPONENTS[unit] - _EXPONENTS[other]
+    return value * 10.0**exponent if exponent >= 0 else value / 10.0**-exponent
