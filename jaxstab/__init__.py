@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from jaxstab import files, potentials, surfaces
 from jaxstab.branches.critical_load import CriticalLoad
 from jaxstab.calibration import Calibration, calibrate
+from jaxstab.citations import cite
 from jaxstab.contact import Contact
 from jaxstab.elasticity import HalfSpace, Solid, Spectral
 from jaxstab.equilibrium import (
@@ -41,7 +42,7 @@ from jaxstab.stability import (
 from jaxstab.sweeps import Sweep, SweepInterrupted, sweep
 
 if TYPE_CHECKING:
-    from jaxstab import plots
+    from jaxstab import plots, references
 
     __version__: str
 
@@ -82,6 +83,7 @@ __all__ = [
     "SweepInterrupted",
     "assess_stability",
     "calibrate",
+    "cite",
     "critical_load",
     "equilibrate",
     "files",
@@ -90,6 +92,7 @@ __all__ = [
     "plots",
     "potentials",
     "pull_off",
+    "references",
     "release",
     "surfaces",
     "sweep",
@@ -98,8 +101,8 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     # Late, since Matplotlib takes longer to import than all the rest.
-    if name == "plots":
-        return import_module("jaxstab.plots")
+    if name in ("plots", "references"):
+        return import_module(f"jaxstab.{name}")
     if name == "__version__":
         return import_module("importlib.metadata").version("jaxstab")
     raise AttributeError(f"module 'jaxstab' has no attribute {name!r}")
