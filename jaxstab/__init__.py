@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from jaxstab import files, potentials, surfaces
 from jaxstab.branches.critical_load import CriticalLoad
 from jaxstab.calibration import Calibration, calibrate
+from jaxstab.citations import cite
 from jaxstab.contact import Contact
 from jaxstab.elasticity import HalfSpace, Solid, Spectral
 from jaxstab.equilibrium import (
@@ -43,7 +44,7 @@ from jaxstab.surfaces import SurfaceWarning
 from jaxstab.sweeps import Sweep, SweepInterrupted, sweep
 
 if TYPE_CHECKING:
-    from jaxstab import plots
+    from jaxstab import plots, references
 
     __version__: str
 
@@ -86,6 +87,7 @@ __all__ = [
     "SweepInterrupted",
     "assess_stability",
     "calibrate",
+    "cite",
     "critical_load",
     "equilibrate",
     "files",
@@ -95,6 +97,7 @@ __all__ = [
     "plots",
     "potentials",
     "pull_off",
+    "references",
     "release",
     "save",
     "surfaces",
@@ -105,8 +108,8 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     # Late, since Matplotlib takes longer to import than all the rest.
-    if name == "plots":
-        return import_module("jaxstab.plots")
+    if name in ("plots", "references"):
+        return import_module(f"jaxstab.{name}")
     if name == "__version__":
         return import_module("importlib.metadata").version("jaxstab")
     raise AttributeError(f"module 'jaxstab' has no attribute {name!r}")

@@ -1,0 +1,97 @@
+"""What of jaxstab is public, and where each thing is written; needs no Sphinx."""
+
+import ast
+import re
+import sys
+from functools import cache
+from importlib import import_module
+from operator import attrgetter
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+PACKAGE = "jaxstab"
+
+
+def resolve(name: str) -> Any:
+    """Return the object of a dotted name, be it a module or what one holds."""
+    package, _, rest = name.partition(".")
+    try:
+        return attrgetter(rest)(import_module(package)) if rest else import_module(package)
+    except AttributeError:
+        return import_module(name)
+
+
+def home_of(item: Any) -> str:
+    """Return the name of the module in which something is written."""
+    return item.__name__ if isinstance(item, ModuleType) else getattr(item, "__module__", "") or ""
+
+
+def is_inside(module: str, room: str) -> bool:
+    """Whether a module is a room or lies in it."""
+    return module == room or module.startswith(f"{room}.")
+
+
+def members(module: ModuleType) -> list[str]:
+    """Return the public names of a module, without its own."""
+    if hasattr(module, "__all__"):
+        return list(module.__all__)
+    own = {name: item for name, item in vars(module).items() if not name.startswith("_")}
+    return [
+        name
+        for name, item in own.items()
+        if callable(item) and is_inside(home_of(item), module.__name__)
+    ]
+
+
+@cache
+def everything() -> dict[str, Any]:
+    """Return all that is public by its dotted name, but for modules."""
+    found: dict[str, Any] = {}
+
+    def collect(module: ModuleType) -> None:
+        for name in members(module):
+            item = getattr(module, name)
+            if isinstance(item, ModuleType):
+                collect(item)
+            else:
+                found[f"{module.__name__}.{name}"] = item
+
+    collect(import_module(PACKAGE))
+    return found
+
+
+def names_of(entry: str) -> list[str]:
+    """Return the names that an entry of a page stands for.
+
+    A public module stands for what it holds, any other module for what of it is public, and a name
+    for itself.
+    """
+    item = resolve(entry)
+    if not isinstance(item, ModuleType):
+        return [entry]
+    below = [name for name in everything() if name.rpartition(".")[0] == entry]
+    return below or [name for name, item in everything().items() if is_inside(home_of(item), entry)]
+
+
+def entries_of(page: str) -> list[str]:
+    """Return the entries of all `public` directives in the text of a page."""
+    blocks = re.findall(r"^:::\{public\}\n(.*?)^:::", page, re.DOTALL | re.MULTILINE)
+    return "".join(blocks).split()
+
+
+@cache
+def _tree(module: str) -> ast.Module:
+    path = sys.modules[module].__file__
+    assert path is not None
+    return ast.parse(Path(path).read_text(encoding="utf-8"))
+
+
+def definition(item: Any) -> ast.FunctionDef | ast.ClassDef:
+    """Return where a function or a class is written."""
+    node: Any = _tree(item.__module__)
+    for name in item.__qualname__.split("."):
+        named = (ast.FunctionDef, ast.ClassDef)
+        # The last, since an overload may come before.
+        node = [x for x in node.body if isinstance(x, named) and x.name == name][-1]
+    return node

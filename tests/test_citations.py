@@ -1,0 +1,132 @@
+"""What is to be cited for what, and whether the bibliography is one."""
+
+import re
+from inspect import isclass, isfunction
+
+import jax.numpy as jnp
+import pytest
+
+import jaxstab as js
+
+# Sources whose papers name what they are about: (what, surnames of the authors, year).
+KNOWN = [
+    (js.PolonskyKeerRey, ["Polonsky", "Keer"], "1999"),
+    (js.PolonskyKeerRey, ["Rey", "Anciaux", "Molinari"], "2017"),
+    (js.equilibrate, ["Rey", "Bleyer"], "2018"),
+    (js.assess_stability, ["Rey", "Bleyer"], "2018"),
+    (js.ProximalIteration, ["Rey", "Bleyer"], "2018"),
+    (js.LOBPCG, ["Knyazev"], "2001"),
+    (js.HalfSpace, ["Westergaard"], "1939"),
+    (js.potentials.Dugdale, ["Dugdale"], "1960"),
+    (js.references.maugis, ["Maugis"], "1992"),
+    (js.references.jkr, ["Johnson", "Kendall", "Roberts"], "1971"),
+    (js.references.jkr.pull_off, ["Maugis", "Barquins"], "1978"),
+    (js.references.johnson, ["Johnson"], "1995"),
+    (js.references.guduru, ["Guduru"], "2007"),
+    (js.references.guduru, ["Kesari", "Lew"], "2011"),
+    (js.references.hertz, ["Hertz"], "1882"),
+    (js.references.westergaard, ["Westergaard"], "1939"),
+]
+
+
+def entries(bibtex):
+    """Return the entries of BibTeX by key, with a parser that knows nothing of ours."""
+    found, depth, start = {}, 0, 0
+    for place, character in enumerate(bibtex):
+        if character == "{":
+            depth += 1
+        elif character == "}":
+            depth -= 1
+            assert depth >= 0
+            if depth == 0:
+                entry = bibtex[start : place + 1].strip()
+                key = re.match(r"@\w+\{(\w+),", entry)
+                assert key and key[1] not in found
+                found[key[1]] = entry
+                start = place + 1
+    assert depth == 0
+    assert not bibtex[start:].strip()
+    return found
+
+
+def surnames(entry):
+    authors = re.search(r"author = \{(.*)\},", entry)
+    assert authors
+    return [name.split(",")[0] for name in authors[1].split(" and ")]
+
+
+@pytest.mark.parametrize(("what", "authors", "year"), KNOWN)
+def test_a_source_is_cited_for_what_it_is_behind(what, authors, year):
+    cited = entries(js.cite(what).bibtex).values()
+    assert any(surnames(x) == authors and f"year = {{{year}}}" in x for x in cited)
+
+
+def test_everything_public_is_accepted_and_the_software_always_cited():
+    for name in js.__all__:
+        citations = js.cite(getattr(js, name))
+        assert "jaxstab" in entries(citations.bibtex)
+        assert "The jaxstab developers" in str(citations)
+
+
+def test_without_arguments_the_software_and_its_method_are_cited():
+    assert [surnames(x) for x in entries(js.cite().bibtex).values()] == [
+        ["{The jaxstab developers}"],
+        ["Rey", "Bleyer"],
+    ]
+
+
+def test_the_whole_bibliography_is_well_formed_and_complete():
+    found = entries(js.cite(js).bibtex)
+    assert len(found) > 15
+    for key, entry in found.items():
+        kind = entry[1 : entry.index("{")]
+        expected = {"misc": ["version"], "book": ["publisher", "year"]}.get(
+            kind, ["journal", "year"]
+        )
+        for field in ["author", "title", *expected]:
+            assert re.search(rf"^  {field} = \{{.+\}},$", entry, re.MULTILINE), (key, field)
+        assert "behind" not in entry
+        doi = re.search(r"doi = \{(.*)\}", entry)
+        assert doi is None or re.fullmatch(r"10\.\d{4}/\S+", doi[1])
+    assert js.__version__ in found["jaxstab"]
+
+
+def test_text_names_each_source_once_and_what_asked_for_it():
+    text = str(js.cite(js.PolonskyKeerRey, js.references.maugis, js.PolonskyKeerRey))
+    assert text.count("L. M. Keer") == text.count("Daniel Maugis") == 1
+    assert text.count("L. M. Keer") == text.count("Daniel Maugis") == 1
+    assert "Wear 231, 206-219 (1999). doi:10.1016/S0043-1648(99)00113-1" in text
+    assert "(behind references.maugis)" in text
+    assert "{" not in text
+
+
+def test_a_result_stands_for_its_class_and_its_parts():
+    grid = js.Grid(4)
+    contact = js.Contact(
+        js.HalfSpace(grid, 1.0), jnp.zeros(grid.shape), js.potentials.Dugdale(1.0, 1.0)
+    )
+    found = str(js.cite(contact))
+    assert all(name in found for name in ("Bleyer", "Westergaard", "Dugdale"))
+    assert "Polonsky" in str(js.cite(js.PolonskyKeerRey()))
+
+
+def test_a_solid_of_ones_own_stands_for_what_it_derives_from():
+    class Stiffer(js.HalfSpace):
+        """A half space."""
+
+    assert "Westergaard" in str(js.cite(Stiffer))
+
+
+def test_a_module_stands_for_all_that_it_holds():
+    of_all = set(js.cite(js.references).reasons)
+    for name in js.references.__all__:
+        module = getattr(js.references, name)
+        members = [x for x in vars(module).values() if isfunction(x) or isclass(x)]
+        own = [x for x in members if x.__module__ == module.__name__]
+        assert set(js.cite(*own).reasons) <= set(js.cite(module).reasons) <= of_all
+
+
+@pytest.mark.parametrize("what", [len, jnp, "equilibrate", 3, lambda gap: gap])
+def test_what_is_not_of_jaxstab_is_refused_in_a_sentence(what):
+    with pytest.raises(ValueError, match="is not of jaxstab: cite takes"):
+        js.cite(what)
