@@ -155,7 +155,7 @@ def test_a_law_defined_in_a_script_comes_back_in_it_and_is_asked_for_elsewhere(t
         js.equilibrate(contact, state.load)
     contact, state = js.load(path, potential=lambda gap: -0.01 * jnp.exp(-gap))
     assert js.equilibrate(contact, state.load, initial=state).num_steps == 0
-    with pytest.raises(ValueError, match="is not the one of .*mine.nc: at a gap of"):
+    with pytest.raises(ValueError, match=r"is not the one of .*mine.nc: at a gap of"):
         js.load(path, potential=lambda gap: -0.011 * jnp.exp(-gap))
 
 

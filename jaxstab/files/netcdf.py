@@ -16,6 +16,8 @@ from jaxstab.files.law import require_same_law
 from jaxstab.files.records import LostFunction, Structure, class_is_found, functions_of, restored
 from jaxstab.potentials import Potential, as_module
 
+# How a NetCDF file begins.
+_MAGIC = b"\x89HDF"
 # Arrays of more numbers are compressed.
 _LARGE = 1000
 
@@ -90,7 +92,8 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
         ImportError: without xarray and h5netcdf.
     """
     path = Path(path)
-    arrays, structure = _read(path)
+    arrays, attributes = _read(path)
+    structure = _structure(path, attributes)
     is_double = any(a.dtype.kind in "fiu" and a.dtype.itemsize == 8 for a in arrays.values())
     if is_double and jax.dtypes.canonicalize_dtype(np.float64) != np.float64:
         raise ValueError(
@@ -107,6 +110,15 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
     return contact, restored(structure["result"], arrays)
 
 
+def attributes_of(path: str | Path) -> dict[str, Any] | None:
+    """Return what a file that `save` wrote says of itself; of any other file nothing."""
+    path = Path(path)
+    if not path.is_file() or path.read_bytes()[:4] != _MAGIC:
+        return None
+    attributes = _read(path)[1]
+    return attributes if "versions" in attributes else None
+
+
 def _encoding(dataset: Any) -> dict[str, Any]:
     # Numbers as they are: no value stands for a missing one.
     plain: dict[str, Any] = {"_FillValue": None}
@@ -118,7 +130,8 @@ def _encoding(dataset: Any) -> dict[str, Any]:
     }
 
 
-def _read(path: Path) -> tuple[dict[str, np.ndarray], Structure]:
+def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Return the arrays of a NetCDF file, and its attributes."""
     try:
         import h5netcdf  # noqa: F401
         import xarray
@@ -128,12 +141,15 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Structure]:
         raise FileNotFoundError(f"There is no file {path}.")
     try:
         with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
-            attributes = dict(dataset.attrs)
             arrays = {str(name): np.asarray(array) for name, array in dataset.variables.items()}
+            return arrays, dict(dataset.attrs)
     except (OSError, ValueError, KeyError) as error:
         message = f"{path} is no NetCDF file that can be read, or not a whole one."
         raise ValueError(message) from error
-    if "versions" not in attributes or "law_gap" not in arrays:
+
+
+def _structure(path: Path, attributes: dict[str, Any]) -> Structure:
+    if "versions" not in attributes:
         raise ValueError(f"{path} was not written by jaxstab.save.")
     if "structure" not in attributes:
         raise ValueError(
@@ -146,7 +162,7 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Structure]:
             f"{path} was written by jaxstab {json.loads(attributes['versions'])['jaxstab']}, in a "
             "form that this version does not know: install that one or a later one."
         )
-    return arrays, structure
+    return structure
 
 
 def _law(

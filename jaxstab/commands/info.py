@@ -1,0 +1,49 @@
+"""`jaxstab info`: what a file holds, a surface or a result."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from jaxstab.commands.parsing import Parser
+from jaxstab.commands.problem import add_file_options
+from jaxstab.files import load
+from jaxstab.files.netcdf import attributes_of
+from jaxstab.surfaces import read
+
+DESCRIPTION = "Say what a file holds: a surface, with its statistics, or a result."
+
+
+def add_options(parser: Parser) -> None:
+    """Add the options of the command."""
+    parser.add_argument("file", type=Path, metavar="FILE", help="a surface or a result")
+    add_file_options(parser, "a surface")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print what the file holds."""
+    attributes = attributes_of(options.file)
+    if attributes is None:
+        print(read(options.file, options.lengths, options.unit))
+        return
+    print(_described(attributes))
+    if "structure" in attributes:
+        jax.config.update("jax_enable_x64", True)
+        contact, result = load(options.file)
+        print(f"\n{contact}\n\n{result}")
+
+
+def _described(attributes: dict[str, Any]) -> str:
+    """Return a line for each thing that a result says of itself."""
+    versions = json.loads(attributes["versions"])
+    texts = {
+        name.replace("_", " "): text
+        for name, text in attributes.items()
+        if name not in ("title", "structure", "versions")
+    }
+    texts["versions"] = ", ".join(f"{name} {number}" for name, number in versions.items())
+    width = max(map(len, texts))
+    lines = (f"  {name:<{width}}  {text}" for name, text in texts.items())
+    return "\n".join([attributes["title"], *lines])

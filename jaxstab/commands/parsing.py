@@ -1,0 +1,90 @@
+"""How arguments are read: bad ones end in one line and the exit code 2."""
+
+import argparse
+import tomllib
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, NoReturn
+
+# How a command ends.
+FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that says in one line what is wrong, and takes no abbreviations."""
+
+    def __init__(self, **options: Any):
+        super().__init__(
+            allow_abbrev=False, formatter_class=argparse.RawDescriptionHelpFormatter, **options
+        )
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with a line on what is wrong."""
+        self.exit(BAD_INPUT, f"{self.prog}: {' '.join(message.split())}\n")
+
+
+class Ended(Exception):
+    """A command ended before its end.
+
+    Attributes:
+        code: the exit code.
+    """
+
+    def __init__(self, message: str, code: int):
+        super().__init__(message)
+        self.code = code
+
+
+def whole(least: int, most: int | None = None) -> Callable[[str], int]:
+    """Return a converter of text that lets whole numbers of a range pass."""
+    limits = f"of at least {least}" if most is None else f"from {least} to {most}"
+
+    def convert(text: str) -> int:
+        try:
+            number = int(text)
+        except ValueError:
+            number = None
+        if number is None or number < least or (most is not None and number > most):
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number {limits}.")
+        return number
+
+    return convert
+
+
+def number(text: str) -> float:
+    """Return the finite number that a text is."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not abs(value) < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a finite number.")
+    return value
+
+
+def from_config(parser: Parser, path: Path) -> list[str]:
+    """Return the options that a TOML file holds, at its top or in tables, as arguments."""
+    try:
+        with path.open("rb") as file:
+            content = tomllib.load(file)
+    except OSError as error:
+        parser.error(f"argument --config: {path}: {error.strerror}.")
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        parser.error(f"argument --config: {path} is not TOML: {error}.")
+    arguments: list[str] = []
+    for name, value in _flat(content.items()):
+        values = value if isinstance(value, list) else [value]
+        if not all(type(part) in (int, float, str) for part in values) or not values:
+            parser.error(f"argument --config: {path}: {name} is {value!r}: give a number or text.")
+        option = f"--{name.replace('_', '-')}"
+        # In one word a negative number is no option.
+        arguments += [f"{option}={values[0]}", *map(str, values[1:])]
+    return arguments
+
+
+def _flat(items: Iterable[tuple[str, Any]]) -> Iterable[tuple[str, Any]]:
+    for name, value in items:
+        if isinstance(value, dict):
+            yield from _flat(value.items())
+        else:
+            yield name, value

@@ -1,0 +1,184 @@
+"""The options that describe a contact and its loads, and what is made of them."""
+
+import argparse
+import warnings
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxstab import surfaces
+from jaxstab.commands.parsing import Parser, number, whole
+from jaxstab.contact import Contact
+from jaxstab.elasticity import HalfSpace
+from jaxstab.grid import Grid
+from jaxstab.loads import Load, MeanDisplacement, MeanGap, MeanPressure, Spring
+from jaxstab.potentials import (
+    Dugdale,
+    Exponential,
+    Gaussian,
+    LennardJones,
+    NoAdhesion,
+    Potential,
+    Rational,
+)
+
+LAWS = {
+    "exponential": Exponential,
+    "gaussian": Gaussian,
+    "rational": Rational,
+    "dugdale": Dugdale,
+    "lennard-jones": LennardJones,
+}
+LOADS = {"gap": MeanGap, "displacement": MeanDisplacement, "pressure": MeanPressure}
+_LOAD_KINDS = [*LOADS, "spring"]
+# What belongs to a surface that is made here, and its defaults.
+_GENERATED: dict[str, Any] = {
+    "size": 256,
+    "seed": 0,
+    "hurst": 0.8,
+    "k_low": 2.0,
+    "k_rolloff": 2.0,
+    "k_high": 32.0,
+    "rms_height": 0.1,
+}
+_MEASURED: dict[str, Any] = {"lengths": None, "unit": None, "detrend": 1, "periodic": None}
+# Those of the paper's example, which suit the surface made here.
+_MATERIAL: dict[str, Any] = {"youngs_modulus": 1e-3, "surface_energy": 1e-2, "range": 1.0}
+
+
+def add_options(parser: Parser) -> None:
+    """Add the options of surface, solid, law and loads."""
+    add = parser.add_argument_group("surface, made here (cut-offs in waves per side)").add_argument
+    add("--size", type=whole(2), help="points along a side (default 256)")
+    add("--seed", type=whole(0, 2**32 - 1), help="which surface (default 0)")
+    add("--hurst", type=number, help="Hurst exponent (default 0.8)")
+    add("--k-low", type=number, help="lower cut-off (default 2)")
+    add("--k-rolloff", type=number, help="roll-off (default 2)")
+    add("--k-high", type=number, help="upper cut-off (default 32)")
+    add("--rms-height", type=number, help="rms height (default 0.1)")
+    add_file_options(parser, "surface, from a file", "--surface")
+    add = parser.add_argument_group("its treatment").add_argument
+    add("--detrend", type=whole(0, 2), help="order of the trend that is removed (default 1)")
+    help = "what makes its edges meet (default: as they are, with a warning)"
+    add("--periodic", choices=["window", "mirror", "as_is"], help=help)
+    add = parser.add_argument_group("solid and adhesion (all needed with --surface)").add_argument
+    add("--youngs-modulus", type=number, help="E (default 1e-3)")
+    add("--poisson-ratio", type=number, default=0.0, help="nu (default 0)")
+    choices = [*LAWS, "none"]
+    add("--potential", choices=choices, default="exponential", help="law (default exponential)")
+    add("--surface-energy", type=number, help="gamma (default 1e-2)")
+    add("--range", type=number, help="rho (default 1)")
+    add("--smoothing", type=number, help="of the edge of Dugdale's law, over rho (default 0.1)")
+    add = parser.add_argument_group("loads").add_argument
+    add("--load", choices=_LOAD_KINDS, default="gap", help="which kind (default gap)")
+    add("--stiffness", type=number, help="of the spring")
+    add("--first", type=number, help="first load (a gap: default 1e-4 rms heights)")
+    add("--last", type=number, help="last load (a gap: default 20 rms heights more)")
+
+
+def add_file_options(parser: Parser, title: str, *names: str) -> None:
+    """Add the options of a measured surface."""
+    add = parser.add_argument_group(title).add_argument
+    for name in names:
+        add(name, type=Path, metavar="FILE", help="a scan: text, xyz, npy, NetCDF, x3p, gwy, ...")
+    add("--lengths", type=number, nargs="+", metavar="L", help="of its sides, if it says none")
+    add("--unit", help="of lengths and heights, if it says none")
+
+
+def settle(parser: Parser, options: argparse.Namespace) -> None:
+    """Refuse options that do not belong together, and set the defaults of the others."""
+    is_measured = options.surface is not None
+    others, reason = (
+        (_GENERATED, "describes a surface made here, not one of a file")
+        if is_measured
+        else (_MEASURED, "belongs to --surface")
+    )
+    for name in others:
+        if getattr(options, name) is not None:
+            parser.error(f"argument {_option(name)} {reason}.")
+    for name in _MATERIAL:
+        is_needed = options.potential != "none" or name == "youngs_modulus"
+        if is_measured and is_needed and getattr(options, name) is None:
+            parser.error(f"argument {_option(name)} is needed with --surface, whose units are its.")
+    if options.smoothing is not None and options.potential != "dugdale":
+        parser.error("argument --smoothing belongs to --potential dugdale.")
+    if (options.stiffness is not None) != (options.load == "spring"):
+        parser.error("argument --stiffness belongs to --load spring, which needs it.")
+    for name in ("first", "last"):
+        if options.load not in ("gap", "displacement") and getattr(options, name) is None:
+            parser.error(f"argument --{name} is needed with --load {options.load}.")
+    for name, value in {**_GENERATED, **_MEASURED, **_MATERIAL}.items():
+        if getattr(options, name) is None:
+            setattr(options, name, value)
+
+
+def contact_of(options: argparse.Namespace) -> Contact:
+    """Return the contact that the options describe."""
+    if options.surface is not None:
+        heights = topography_of(options)
+        grid = heights.grid
+    else:
+        grid = Grid(options.size)
+        heights = surfaces.self_affine(
+            grid,
+            jax.random.key(options.seed),
+            **{name: getattr(options, name) for name in _GENERATED if name not in ("size", "seed")},
+        )
+    solid = HalfSpace(grid, options.youngs_modulus, options.poisson_ratio)
+    return Contact(solid, heights, _potential(options))
+
+
+def topography_of(options: argparse.Namespace) -> surfaces.Topography:
+    """Return the surface of a file, without gaps and trend."""
+    topography = surfaces.read(options.surface, options.lengths, options.unit)
+    if topography.num_missing:
+        share = topography.num_missing / topography.heights.size
+        warnings.warn(f"{100 * share:.3g} % of the points are missing, and filled.", stacklevel=1)
+        topography = topography.filled()
+    topography = topography.detrended(options.detrend)
+    return topography.periodic(options.periodic) if options.periodic else topography
+
+
+def _potential(options: argparse.Namespace) -> Potential:
+    if options.potential == "none":
+        return NoAdhesion()
+    parameters = [options.surface_energy, options.range]
+    if options.smoothing is not None:
+        parameters.append(options.smoothing)
+    return LAWS[options.potential](*parameters)
+
+
+def loads_of(options: argparse.Namespace, contact: Contact, shares: Any) -> Load:
+    """Return loads at shares of the way from the first to the last."""
+    rms = float(np.std(contact.heights))
+    first = 1e-4 * rms if options.first is None else options.first
+    last = first + 20 * rms if options.last is None else options.last
+    values = jnp.asarray(first + (last - first) * np.asarray(shares))
+    if options.load == "spring":
+        return Spring(values, options.stiffness)
+    return LOADS[options.load](values)
+
+
+def described(options: argparse.Namespace, contact: Contact) -> str:
+    """Say what the problem is, in lines."""
+    shape = " x ".join(map(str, contact.grid.shape))
+    what = f"Self-affine surface {options.seed}"
+    if options.surface is not None:
+        unit = f" {contact.unit}" if contact.unit else ""
+        lengths = " x ".join(f"{float(length):.4g}" for length in contact.grid.lengths)
+        what = f"{options.surface.name}, {lengths}{unit}"
+    law = options.potential
+    if law != "none":
+        law += f", gamma = {options.surface_energy:g}, rho = {options.range:g}"
+    return (
+        f"{what}, {shape} points, rms height {float(np.std(contact.heights)):.4g}\n"
+        f"Half space, E = {options.youngs_modulus:g}, nu = {options.poisson_ratio:g}; "
+        f"adhesion: {law}; {contact.heights.dtype}\n"
+    )
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
