@@ -27,6 +27,7 @@ from jaxstab.potentials import (
     derivatives,
     energy_density,
     slope,
+    varying_fields,
 )
 from jaxstab.profile import Profile, profile_of, require_smooth
 from jaxstab.programs import make_room
@@ -95,6 +96,12 @@ class Contact(eqx.Module):
         self.solid = cast(solid, dtype)
         self.unit = topography.unit if topography else None
         self.potential = as_module(potential, dtype)
+        for field in varying_fields(self.potential):
+            if field.shape != self.heights.shape:
+                raise ValueError(
+                    f"A parameter of the law varies over points of shape {field.shape}, the "
+                    f"heights have shape {self.heights.shape}: give one for each point."
+                )
         make_room(jax.tree.structure((self.solid, self.potential)))
         require_smooth(self.profile)
 

@@ -3,7 +3,7 @@
 Derivatives are taken by automatic differentiation only, so that a law is one formula.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -147,6 +147,23 @@ class NoAdhesion(eqx.Module):
         return jnp.zeros_like(gap)
 
 
+class Varying(eqx.Module):
+    """A law that varies over the surface: f(g, x), where parameters of `law` are fields f(x).
+
+    As a function of one gap for all points it is the mean over the surface.
+
+    Arguments:
+        law: a law of which parameters are arrays of the grid's shape, others numbers. With a core
+            it must have one everywhere.
+    """
+
+    law: Potential
+
+    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the mean energy per area at a gap [length]."""
+        return jnp.mean(self.law(gap))
+
+
 class Scaled(eqx.Module):
     """A law whose energy is that of another one times a factor.
 
@@ -178,7 +195,7 @@ def as_module(potential: Potential, dtype: Any) -> Potential:
         potential = cast(potential, dtype)
     cure = (
         "it must return one real scalar, the energy per area. (It is applied point by point; its "
-        "parameters must be scalars too.)"
+        "parameters must be scalars too, or fields inside of jaxstab.potentials.Varying.)"
     )
     return as_pytree("The potential", potential, jax.ShapeDtypeStruct((), dtype), cure)
 
@@ -186,17 +203,58 @@ def as_module(potential: Potential, dtype: Any) -> Potential:
 def derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
     """Return f(g) [energy/area], f'(g) [pressure] and f''(g) [pressure/length] at every point."""
 
-    def slope_and_value(gap: Float[Array, ""]) -> tuple[Array, Array]:
-        value, slope = jax.value_and_grad(potential)(gap)
-        return slope, value
+    fields, law_at = _by_points(potential)
+    shapes = [field.shape for field in fields]
+    try:
+        jnp.broadcast_shapes(*shapes, gap.shape)
+    except ValueError:
+        raise ValueError(
+            f"The law varies over points of shape {shapes[0]}, but the gaps have shape "
+            f"{gap.shape}: give one for each point."
+        ) from None
 
-    def at_point(gap: Float[Array, ""]) -> tuple[Array, Array, Array]:
+    def at_point(gap: Float[Array, ""], *values: Array) -> tuple[Array, Array, Array]:
+        law = law_at(values)
+
+        def slope_and_value(gap: Float[Array, ""]) -> tuple[Array, Array]:
+            value, slope = jax.value_and_grad(law)(gap)
+            return slope, value
+
         # Nested, so that what the three share is computed once.
         (slope, value), curvature = jax.value_and_grad(slope_and_value, has_aux=True)(gap)
         return value, slope, curvature
 
-    value, slope, curvature = jnp.vectorize(at_point)(gap)
+    value, slope, curvature = jnp.vectorize(at_point)(gap, *fields)
     return value.astype(gap.dtype), slope.astype(gap.dtype), curvature.astype(gap.dtype)
+
+
+def varying_fields(potential: Potential) -> list[Array]:
+    """Return the parameters of a law that vary over the surface."""
+    return _by_points(potential)[0]
+
+
+def with_fields(potential: Potential, fields: Sequence[Array]) -> Potential:
+    """Return a law with others in place of its `varying_fields`."""
+    return _by_points(potential)[1](fields)
+
+
+def _by_points(potential: Potential) -> tuple[list[Array], Callable[[Sequence[Array]], Potential]]:
+    """Return the fields of a law, and what makes a law of others in their place."""
+
+    def varies(node: Any) -> Any:
+        is_varying = isinstance(node, Varying)
+        return jax.tree.map(lambda leaf: is_varying and jnp.ndim(leaf) > 0, node)
+
+    flags = jax.tree.map(varies, potential, is_leaf=lambda node: isinstance(node, Varying))
+    leaves, structure = jax.tree.flatten(potential)
+    is_field = jax.tree.leaves(flags)
+
+    def law_at(values: Sequence[Array]) -> Potential:
+        rest = iter(values)
+        merged = [next(rest) if f else leaf for leaf, f in zip(leaves, is_field, strict=True)]
+        return jax.tree.unflatten(structure, merged)
+
+    return [leaf for leaf, f in zip(leaves, is_field, strict=True) if f], law_at
 
 
 def energy_density(potential: Potential, gap: Field) -> Field:

@@ -7,15 +7,19 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxstab.checks import is_traced, require
-from jaxstab.potentials import Potential, derivatives
+from jaxstab.potentials import Potential, derivatives, varying_fields, with_fields
 from jaxstab.programs import program
 
 # From the largest gap to the smallest, as multiples of the size of the grid.
 _OCTAVES = (10, -40)
+# At how many points a law that varies is looked at, beside its extremes.
+_NUM_POINTS = 64
 
 
 class Profile(eqx.Module):
     """A potential at gaps from a thousand times the size of a grid to a trillionth of it, and zero.
+
+    Of one that varies over the surface, the extremes over many of its points.
 
     Attributes:
         gaps: from the largest to the smallest [length].
@@ -38,12 +42,17 @@ class Profile(eqx.Module):
         # 64 to the octave.
         octaves = np.linspace(*_OCTAVES, 50 * 64 + 1)
         self.gaps = size * jnp.asarray(np.append(2.0**octaves, 0), size.dtype)
-        self.values, self.slopes, self.curvatures = derivatives(potential, self.gaps)
+        values, slopes, curvatures = derivatives(_at_some_points(potential), self.gaps)
+        attracting = jnp.abs(jnp.where(slopes >= 0, curvatures, 0))
+        if values.ndim == 2:
+            values, slopes = jnp.min(values, 0), jnp.max(slopes, 0)
+            curvatures = jnp.max(curvatures, 0)
+        self.values, self.slopes, self.curvatures = values, slopes, curvatures
         finite = jnp.isfinite(self.values) & jnp.isfinite(self.slopes)
         last = jnp.max(jnp.where(finite, jnp.arange(finite.size), 0))
         rises = (self.values[last] > 0) & (self.slopes[last] < 0)
         self.has_core = rises & ~jnp.isfinite(self.values[-1])
-        self.max_curvature = jnp.max(jnp.abs(jnp.where(self.slopes >= 0, self.curvatures, 0)))
+        self.max_curvature = jnp.max(attracting)
 
     def outermost_gap(self, attraction: Float[Array, ""]) -> Float[Array, ""]:
         """Return the largest gap at which f' is not below an attraction, or zero [length]."""
@@ -51,6 +60,21 @@ class Profile(eqx.Module):
 
 
 profile_of = program(Profile)
+
+
+def _at_some_points(potential: Potential) -> Potential:
+    """Return a law with its fields at points spread over the surface, and where it is extreme."""
+    fields = varying_fields(potential)
+    if not fields:
+        return potential
+    flat = [field.ravel() for field in jnp.broadcast_arrays(*fields)]
+    size = flat[0].size
+    _, slopes, curvatures = derivatives(with_fields(potential, flat), jnp.zeros_like(flat[0]))
+    numbers = [*flat, jnp.nan_to_num(slopes), jnp.nan_to_num(jnp.abs(curvatures))]
+    extreme = [pick(values) for values in numbers for pick in (jnp.argmin, jnp.argmax)]
+    spread = np.linspace(0, size - 1, min(size, _NUM_POINTS)).astype(int)
+    chosen = jnp.concatenate([jnp.asarray(spread), jnp.stack(extreme)])
+    return with_fields(potential, [field[chosen][:, None] for field in flat])
 
 
 def require_smooth(profile: Profile) -> None:

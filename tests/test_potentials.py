@@ -192,3 +192,64 @@ def test_a_potential_may_branch_on_the_scalar_gap():
 
     np.testing.assert_allclose(energy_density(law, GAPS), -(np.maximum(1 - GAPS, 0) ** 3))
     np.testing.assert_allclose(curvature(law, GAPS), -6 * np.maximum(1 - GAPS, 0), atol=1e-12)
+
+
+def varying(energies, dtype=float):
+    grid = js.Grid((24, 16), (1.0, 0.8))
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=7, rms_height=0.1)
+    law = js.potentials.Varying(js.potentials.Exponential(energies, 0.2))
+    return js.Contact(js.HalfSpace(grid, 0.05), heights.astype(dtype), law)
+
+
+def stripes():
+    x, _ = js.Grid((24, 16)).coordinates
+    return 0.01 + 0.008 * jnp.cos(4 * jnp.pi * x)
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(jnp.float64, 1e-8), (jnp.float32, 1e-3)])
+def test_a_law_that_varies_balances_at_every_point_by_its_own_parameters(dtype, tolerance):
+    energies = stripes()
+    contact = varying(energies, dtype)
+    state = js.equilibrate(contact, js.MeanGap(0.12))
+    n, m = contact.grid.shape
+    waves = np.hypot(np.fft.fftfreq(n, 1 / n)[:, None], np.fft.fftfreq(m, 0.8 / m))
+    elastic = np.fft.ifft2(0.05 * np.pi * waves * np.fft.fft2(state.displacement)).real
+    net = elastic + float(state.mean_pressure) + energies / 0.2 * np.exp(-state.gap / 0.2)
+    assert state.in_contact.any() and not state.in_contact.all()
+    assert np.abs(np.where(state.in_contact, np.minimum(net, 0), net)).max() < tolerance * 0.09
+    # The largest curvature is that of the stickiest point.
+    stiffest = contact.solid.max_stiffness
+    expected = stiffest / (energies.max() / 0.2**2)
+    np.testing.assert_allclose(contact.resolution, expected, rtol=1e-6)
+
+
+def test_a_law_that_varies_by_nothing_is_the_law_itself():
+    uniform = varying(0.01)
+    contact = varying(jnp.full((24, 16), 0.01))
+    load = js.MeanPressure(-0.005)
+    expected, state = (js.equilibrate(x, load) for x in (uniform, contact))
+    np.testing.assert_allclose(state.gap, expected.gap, atol=1e-12)
+    verdicts = [js.assess_stability(x, state) for x in (uniform, contact)]
+    np.testing.assert_allclose(*(v.cone.eigenvalue for v in verdicts), rtol=1e-6)
+
+
+def test_a_law_that_varies_has_a_derivative_by_each_of_its_numbers():
+    def pressure(energies):
+        return js.equilibrate(varying(energies), js.MeanGap(0.12)).mean_pressure
+
+    energies = stripes()
+    move = 1e-7 * jax.random.normal(jax.random.key(1), energies.shape)
+    slope = jnp.sum(jax.jit(jax.grad(pressure))(energies) * move)
+    difference = (pressure(energies + move) - pressure(energies - move)) / 2
+    np.testing.assert_allclose(slope, difference, rtol=1e-4)
+    lanes = jax.vmap(pressure)(jnp.stack([energies, energies + move]))
+    np.testing.assert_allclose(lanes, [pressure(energies), pressure(energies + move)], rtol=1e-9)
+
+
+def test_a_law_that_varies_over_other_points_is_refused():
+    with pytest.raises(ValueError, match=r"varies over points of shape \(4, 16\), the heights"):
+        varying(jnp.full((4, 16), 0.01))
+    law = js.potentials.Varying(js.potentials.Exponential(stripes(), 0.2))
+    with pytest.raises(ValueError, match=r"shape \(24, 16\), but the gaps have shape \(5,\)"):
+        js.plots.force(law, jnp.linspace(0, 1, 5))
+    np.testing.assert_allclose(law(0.0), -0.01)

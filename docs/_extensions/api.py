@@ -156,7 +156,9 @@ class _Linked(ast.NodeTransformer):
         if not isinstance(node.value, str):
             return node
         is_name = f"{PACKAGE}.{node.value}" in everything()
-        return self.visit_Name(ast.Name(node.value)) if is_name else ast.Constant(node.value.strip())
+        return (
+            self.visit_Name(ast.Name(node.value)) if is_name else ast.Constant(node.value.strip())
+        )
 
 
 def _construction(item: type) -> str:
