@@ -255,7 +255,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("public", Public)
     app.add_directive("module-text", ModuleText)
     app.add_role("js", Reference())
+    labels = {"parameter": "Arguments", "variable": "Attributes"}
     for field in PyObject.doc_field_types:
-        if field.name == "variable":
-            field.label = "Attributes"
+        field.label = labels.get(field.name, field.label)
     return {"parallel_read_safe": True}
