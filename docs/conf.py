@@ -38,7 +38,7 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_title = f"jaxstab {release}"
 # Pages without a section of their own need no list of its pages.
-html_sidebars = dict.fromkeys(["index", "start", "performance", "changelog"], [])
+html_sidebars = {page: [] for page in ("index", "start", "performance", "changelog")}
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {

@@ -73,7 +73,9 @@ def verdicts() -> Figure:
         sets.text(left + 0.4, bottom + height - 0.3, text, va="top")
         label = f"smallest eigenvalue: {name}"
         sets.text(left + 0.4, bottom + height - 1.0, label, va="top", family="monospace", size=9)
-    sets.set(xlim=(-0.2, 10.2), ylim=(-0.2, 8.2), title="perturbations: a smaller set, a larger minimum")
+    sets.set(
+        xlim=(-0.2, 10.2), ylim=(-0.2, 8.2), title="perturbations: a smaller set, a larger minimum"
+    )
     sets.axis("off")
 
     t = np.linspace(0, 2.35, 200)

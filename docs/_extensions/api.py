@@ -145,7 +145,8 @@ class _Linked(ast.NodeTransformer):
         """Return a name in full, after the `~` that has Sphinx show its end; of a shape, that."""
         meant = vars(sys.modules[self.module]).get(node.id)
         if getattr(meant, "__module__", None) == "jaxtyping" and "[" in meant.__name__:
-            return ast.parse(meant.__name__, mode="eval").body
+            shape = re.sub(r"\[[\w.]+,", "[Array,", meant.__name__)
+            return ast.parse(shape, mode="eval").body
         near, top = f"{self.module}.{node.id}", f"{PACKAGE}.{node.id}"
         full = next((name for name in (near, top) if name in everything()), None)
         full = _STATE if full is None and node.id == "State" else full
@@ -156,7 +157,9 @@ class _Linked(ast.NodeTransformer):
         if not isinstance(node.value, str):
             return node
         is_name = f"{PACKAGE}.{node.value}" in everything()
-        return self.visit_Name(ast.Name(node.value)) if is_name else ast.Constant(node.value.strip())
+        return (
+            self.visit_Name(ast.Name(node.value)) if is_name else ast.Constant(node.value.strip())
+        )
 
 
 def _construction(item: type) -> str:
