@@ -16,7 +16,15 @@ from copy import deepcopy
 from typing import Any
 
 from docutils import nodes
-from public_names import PACKAGE, definition, everything, is_inside, names_of, resolve
+from public_names import (
+    PACKAGE,
+    definition,
+    everything,
+    is_inside,
+    name_of,
+    names_of,
+    resolve,
+)
 from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.domains.python import PyObject
@@ -147,8 +155,8 @@ class _Linked(ast.NodeTransformer):
         if getattr(meant, "__module__", None) == "jaxtyping" and "[" in meant.__name__:
             shape = re.sub(r"\[[\w.]+,", "[Array,", meant.__name__)
             return ast.parse(shape, mode="eval").body
-        near, top = f"{self.module}.{node.id}", f"{PACKAGE}.{node.id}"
-        full = next((name for name in (near, top) if name in everything()), None)
+        top = f"{PACKAGE}.{node.id}"
+        full = name_of(meant) or (top if top in everything() else None)
         full = _STATE if full is None and node.id == "State" else full
         return node if full is None else ast.UnaryOp(ast.Invert(), ast.Name(full))
 
