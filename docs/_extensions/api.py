@@ -13,6 +13,7 @@ import re
 import sys
 from collections.abc import Iterator
 from copy import deepcopy
+from types import ModuleType
 from typing import Any
 
 from docutils import nodes
@@ -255,10 +256,20 @@ def _inline(text: str, context: str) -> str:
 
 def _linked(code: str, context: str) -> str:
     name = re.sub(r"^(jaxstab|js)\.|\(\)$", "", code)
-    for full in (f"{PACKAGE}.{name}", f"{context.rpartition('.')[0]}.{name}"):
-        if full in everything():
-            return f"{{py:obj}}`{code} <{full}>`"
+    if code not in _argument_names(context):
+        for full in (f"{PACKAGE}.{name}", f"{context.rpartition('.')[0]}.{name}"):
+            if full in everything():
+                return f"{{py:obj}}`{code} <{full}>`"
     return f"`{code}`"
+
+
+def _argument_names(name: str) -> list[str]:
+    """Return the names of the arguments of a function, which may be those of functions too."""
+    item = resolve(name)
+    node = None if isinstance(item, ModuleType) else definition(item)
+    if not isinstance(node, ast.FunctionDef):
+        return []
+    return [argument.arg for argument in (*node.args.args, *node.args.kwonlyargs)]
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -5,6 +5,7 @@ import re
 import sys
 from functools import cache
 from importlib import import_module
+from inspect import isclass
 from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
@@ -70,15 +71,15 @@ def name_of(item: Any) -> str | None:
 def names_of(entry: str) -> list[str]:
     """Return the names that an entry of a page stands for.
 
-    A module stands for what is public in it or from it, anything else for itself.
+    A module stands for what is public in it or from it, of the latter functions first; anything
+    else for itself.
     """
     if not isinstance(resolve(entry), ModuleType):
         return [entry]
-    return [
-        name
-        for name, item in everything().items()
-        if name.rpartition(".")[0] in (entry, PACKAGE) and is_inside(home_of(item), entry)
-    ]
+    found = {name: x for name, x in everything().items() if is_inside(home_of(x), entry)}
+    inside = [name for name in found if name.rpartition(".")[0] == entry]
+    from_it = [name for name in found if name.rpartition(".")[0] == PACKAGE]
+    return sorted(from_it, key=lambda name: isclass(found[name])) + inside
 
 
 def entries_of(page: str) -> list[str]:
