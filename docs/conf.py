@@ -27,8 +27,8 @@ nb_execution_mode = "off"
 nb_merge_streams = True
 myst_enable_extensions = ["colon_fence", "dollarmath", "fieldlist"]
 myst_heading_anchors = 3
-# Apostrophes in formulae are derivatives.
-smartquotes = False
+# Dashes only: apostrophes in formulae are derivatives.
+smartquotes_action = "D"
 python_maximum_signature_line_length = 88
 toc_object_entries_show_parents = "hide"
 
@@ -37,6 +37,8 @@ html_math_renderer = "mathml"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_title = f"jaxstab {release}"
+# Pages without a section of their own need no list of its pages.
+html_sidebars = {page: [] for page in ("index", "start", "performance", "changelog")}
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {

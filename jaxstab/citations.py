@@ -9,6 +9,7 @@ from importlib.metadata import version
 from importlib.resources import files
 from inspect import isclass
 from operator import attrgetter
+from textwrap import fill
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -78,7 +79,8 @@ class Citations:
         for key, names in self.reasons.items():
             source = _sources()[key]
             behind = f" (behind {', '.join(names)})" if names else ""
-            entries.append(f"{source.text}\n    {source.fields['role']}{behind}")
+            entries.append(_wrapped(source.text, ""))
+            entries.append(_wrapped(source.fields["role"] + behind, "    "))
         return "\n".join(entries)
 
 
@@ -163,6 +165,17 @@ def _name(item: Any) -> str:
     if isinstance(item, ModuleType):
         return item.__name__.removeprefix("jaxstab.")
     return getattr(item, "__qualname__", type(item).__name__)
+
+
+def _wrapped(text: str, margin: str) -> str:
+    return fill(
+        text,
+        88,
+        initial_indent=margin,
+        subsequent_indent=margin + "  ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def _plain(text: str) -> str:

@@ -1,7 +1,8 @@
-"""The README's example and the notebooks, run as a reader would."""
+"""The README's example, the pages of the documentation and the notebooks, run as a reader would."""
 
 import os
 import re
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -11,6 +12,11 @@ from nbclient import NotebookClient
 
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+DOCS = ROOT / "docs"
+PAGES = sorted(path for path in DOCS.rglob("*.md") if "```python" in path.read_text())
+# A block of Python, and the block of text after it, if there is one, which is what it prints.
+BLOCK = re.compile(r"^```python\n(.*?)^```\n(?:\n^```text\n(.*?)^```)?", re.DOTALL | re.MULTILINE)
+NUMBER = re.compile(r"-{3,}|[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?")
 
 
 def test_the_readmes_example_runs_and_reaches_a_verdict(capsys):
@@ -19,6 +25,47 @@ def test_the_readmes_example_runs_and_reaches_a_verdict(capsys):
     exec(blocks[0], {})
     assert re.search(r"(stable|held_by_contact): ", capsys.readouterr().out)
     plt.close("all")
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+def test_a_pages_blocks_run_in_order_and_print_what_it_shows(path, capsys):
+    namespace = {}
+    for code, shown in BLOCK.findall(path.read_text()):
+        exec(code, namespace)
+        printed = capsys.readouterr().out
+        # Digits differ between machines.
+        assert not shown or words(printed) == words(shown)
+    plt.close("all")
+
+
+def words(text):
+    return NUMBER.sub("#", text).split()
+
+
+def test_the_reference_has_all_that_is_public_once():
+    public_names = load(DOCS / "_extensions" / "public_names.py")
+    pages = {path.stem: path.read_text() for path in (DOCS / "api").glob("*.md")}
+    names = [
+        name
+        for page in pages.values()
+        for entry in public_names.entries_of(page)
+        for name in public_names.names_of(entry)
+    ]
+    assert len(set(names)) == len(names)
+    missing = set(public_names.everything()) - set(names)
+    assert not missing, "give these a line in a `public` directive of a page in docs/api"
+    for name in names:
+        assert public_names.resolve(name).__doc__
+    assert set(pages["index"].split()) >= set(pages) - {"index"}
+
+
+def load(path):
+    """Return a module that is in no package."""
+    spec = spec_from_file_location(path.stem, path)
+    assert spec and spec.loader
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -13,10 +13,19 @@ import re
 import sys
 from collections.abc import Iterator
 from copy import deepcopy
+from types import ModuleType
 from typing import Any
 
 from docutils import nodes
-from public_names import PACKAGE, definition, everything, is_inside, names_of, resolve
+from public_names import (
+    PACKAGE,
+    definition,
+    everything,
+    is_inside,
+    name_of,
+    names_of,
+    resolve,
+)
 from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.domains.python import PyObject
@@ -145,9 +154,10 @@ class _Linked(ast.NodeTransformer):
         """Return a name in full, after the `~` that has Sphinx show its end; of a shape, that."""
         meant = vars(sys.modules[self.module]).get(node.id)
         if getattr(meant, "__module__", None) == "jaxtyping" and "[" in meant.__name__:
-            return ast.parse(meant.__name__, mode="eval").body
-        near, top = f"{self.module}.{node.id}", f"{PACKAGE}.{node.id}"
-        full = next((name for name in (near, top) if name in everything()), None)
+            shape = re.sub(r"\[[\w.]+,", "[Array,", meant.__name__)
+            return ast.parse(shape, mode="eval").body
+        top = f"{PACKAGE}.{node.id}"
+        full = name_of(meant) or (top if top in everything() else None)
         full = _STATE if full is None and node.id == "State" else full
         return node if full is None else ast.UnaryOp(ast.Invert(), ast.Name(full))
 
@@ -246,10 +256,20 @@ def _inline(text: str, context: str) -> str:
 
 def _linked(code: str, context: str) -> str:
     name = re.sub(r"^(jaxstab|js)\.|\(\)$", "", code)
-    for full in (f"{PACKAGE}.{name}", f"{context.rpartition('.')[0]}.{name}"):
-        if full in everything():
-            return f"{{py:obj}}`{code} <{full}>`"
+    if code not in _argument_names(context):
+        for full in (f"{PACKAGE}.{name}", f"{context.rpartition('.')[0]}.{name}"):
+            if full in everything():
+                return f"{{py:obj}}`{code} <{full}>`"
     return f"`{code}`"
+
+
+def _argument_names(name: str) -> list[str]:
+    """Return the names of the arguments of a function, which may be those of functions too."""
+    item = resolve(name)
+    node = None if isinstance(item, ModuleType) else definition(item)
+    if not isinstance(node, ast.FunctionDef):
+        return []
+    return [argument.arg for argument in (*node.args.args, *node.args.kwonlyargs)]
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
@@ -257,7 +277,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("public", Public)
     app.add_directive("module-text", ModuleText)
     app.add_role("js", Reference())
+    labels = {"parameter": "Arguments", "variable": "Attributes"}
     for field in PyObject.doc_field_types:
-        if field.name == "variable":
-            field.label = "Attributes"
+        field.label = labels.get(field.name, field.label)
     return {"parallel_read_safe": True}

@@ -21,15 +21,18 @@ def collect(notebooks: Path, target: Path) -> None:
     """Copy notebooks, with a picture of each and a page of cards, into a folder made anew."""
     shutil.rmtree(target, ignore_errors=True)
     target.mkdir()
-    cards = []
+    cards, contents = [], [":::{toctree}", ":hidden:", ""]
     for path in sorted(notebooks.glob("*.ipynb"), key=_place):
         cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
         shutil.copy(path, target)
         (target / f"{path.stem}.png").write_bytes(_picture(cells))
         title, text = _introduction(cells)
         cards.append(CARD.format(title=title, text=text, stem=path.stem))
-    grid = "\n".join([":::::{grid} 1 1 2 2", ":gutter: 3", "", *cards, ":::::", ""])
-    (target / "cards.md").write_text(grid, encoding="utf-8")
+        contents.append(f"_notebooks/{path.stem}")
+    (target / "cards.md").write_text(
+        "\n".join([":::::{grid} 1 1 2 2", ":gutter: 3", "", *cards, ":::::", "", *contents, ":::"]),
+        encoding="utf-8",
+    )
 
 
 def _place(path: Path) -> tuple[bool, str]:
@@ -44,7 +47,7 @@ def _introduction(cells: list[dict[str, Any]]) -> tuple[str, str]:
 
 
 def _picture(cells: list[dict[str, Any]]) -> bytes:
-    """Return the last of a notebook's pictures."""
+    """Return the picture of a notebook that shows most, by the size of its file."""
     outputs = [output for cell in cells for output in cell.get("outputs", [])]
     pictures = [x["data"]["image/png"] for x in outputs if "image/png" in x.get("data", {})]
-    return base64.b64decode("".join(pictures[-1]))
+    return max((base64.b64decode("".join(picture)) for picture in pictures), key=len)

@@ -5,6 +5,7 @@ import re
 import sys
 from functools import cache
 from importlib import import_module
+from inspect import isclass
 from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
@@ -46,32 +47,39 @@ def members(module: ModuleType) -> list[str]:
 
 @cache
 def everything() -> dict[str, Any]:
-    """Return all that is public by its dotted name, but for modules."""
+    """Return all that is public, but for modules, by its dotted name, the shortest if several."""
     found: dict[str, Any] = {}
 
     def collect(module: ModuleType) -> None:
-        for name in members(module):
-            item = getattr(module, name)
-            if isinstance(item, ModuleType):
-                collect(item)
-            else:
+        items = {name: getattr(module, name) for name in members(module)}
+        modules = [item for item in items.values() if isinstance(item, ModuleType)]
+        for name, item in items.items():
+            if item not in modules and not any(item is known for known in found.values()):
                 found[f"{module.__name__}.{name}"] = item
+        for inner in modules:
+            collect(inner)
 
     collect(import_module(PACKAGE))
     return found
 
 
+def name_of(item: Any) -> str | None:
+    """Return the name under which something is public, if it is."""
+    return next((name for name, known in everything().items() if known is item), None)
+
+
 def names_of(entry: str) -> list[str]:
     """Return the names that an entry of a page stands for.
 
-    A public module stands for what it holds, any other module for what of it is public, and a name
-    for itself.
+    A module stands for what is public in it or from it, of the latter functions first; anything
+    else for itself.
     """
-    item = resolve(entry)
-    if not isinstance(item, ModuleType):
+    if not isinstance(resolve(entry), ModuleType):
         return [entry]
-    below = [name for name in everything() if name.rpartition(".")[0] == entry]
-    return below or [name for name, item in everything().items() if is_inside(home_of(item), entry)]
+    found = {name: x for name, x in everything().items() if is_inside(home_of(x), entry)}
+    inside = [name for name in found if name.rpartition(".")[0] == entry]
+    from_it = [name for name in found if name.rpartition(".")[0] == PACKAGE]
+    return sorted(from_it, key=lambda name: isclass(found[name])) + inside
 
 
 def entries_of(page: str) -> list[str]:
