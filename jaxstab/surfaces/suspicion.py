@@ -11,7 +11,11 @@ from jaxstab.surfaces.processing import trend
 # Jumps across an edge above so many rms steps between neighbours are none of a periodic surface.
 _JUMP = 4.0
 # A tilt above the roughness jumps by more than this, since it does by sqrt(7) on white noise.
-_TILT_JUMP = 2.0
+_TILT_JUMP = 2.5
+# The steepest flank of a clean surface may lie at its edge, but is not so much steeper there.
+_ABOVE_LARGEST = 1.5
+# Of fewer points along a side nothing can be told.
+_FEWEST = 32
 _SLOPES = 1e-5, 10.0
 _already_said: dict[str | tuple[str, type[Warning], int], int] = {}
 
@@ -35,6 +39,8 @@ def looks_wrong(heights: np.ndarray) -> list[str]:
     A tilt above the roughness is one whose edges do not meet; of what is left of it the edges are
     looked at again.
     """
+    if min(heights.shape) < _FEWEST:
+        return []
     sentences, tilt = [], _tilt(heights)
     if tilt is not None:
         heights = heights - tilt
@@ -103,11 +109,11 @@ class Steps:
         )
 
     def jump_over(self, ratio: float) -> bool:
-        """Whether the edge is a step above the others: by a ratio, and above the largest of all.
+        """Whether the edge is a step above the others: by a ratio, and above all of them.
 
         A pattern with steep walls may have one of them at the edge.
         """
-        return self.jump > max(ratio * self.rms, self.largest, self.rounding)
+        return self.jump > max(ratio * self.rms, _ABOVE_LARGEST * self.largest, self.rounding)
 
 
 def _squares(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
