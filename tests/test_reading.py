@@ -253,7 +253,7 @@ def test_lengths_and_units_are_asked_for_and_not_contradicted(tmp_path):
             js.surfaces.read(tmp_path / "a.npy", wrong)
     with pytest.raises(ValueError, match="the unit is 'inch': choose one of"):
         js.surfaces.read(tmp_path / "a.npy", SIDES, "inch")
-    with pytest.raises(ValueError, match="the file says 3e-06 x 1.4e-06 m: leave them out"):
+    with pytest.raises(ValueError, match=r"the file says 3e-06 x 1\.4e-06 m: leave them out"):
         js.surfaces.read(tmp_path / "a.gwy", SIDES)
     with pytest.raises(ValueError, match=r"'um', but the file says 'm'.*\.in_unit\(\"um\"\)"):
         js.surfaces.read(tmp_path / "a.gwy", unit="um")
@@ -263,7 +263,10 @@ def test_lengths_and_units_are_asked_for_and_not_contradicted(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda data: data.rename(x="u"), r"no variable over the dimensions x and y, but z\('u'"),
+        (
+            lambda data: data.rename(x="u"),
+            r"no variable over the dimensions x and y, but z\('y', 'u'",
+        ),
         (lambda data: data.assign(w=2 * data.z), "several maps, z, w: name the surface `heights`"),
         (lambda data: data.assign_coords(x=data.x**2), "coordinates x are not evenly spaced"),
         (lambda data: data.assign_coords(x=data.x.assign_attrs(units="m")), "different units"),

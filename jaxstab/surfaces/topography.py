@@ -213,9 +213,9 @@ class Topography:
         """
         _choice("method", method, ("spectral", "area"))
         numbers: Any = shape if np.ndim(shape) else (shape,) * len(self.grid.shape)
+        if len(numbers) != len(self.grid.shape):
+            raise ValueError(f"The shape is {shape}: give {len(self.grid.shape)} numbers.")
         grid = Grid(numbers, self.lengths)
-        if len(grid.shape) != len(self.grid.shape):
-            raise ValueError(f"The shape is {grid.shape}: give {len(self.grid.shape)} numbers.")
         if grid.shape == self.grid.shape:
             return self
         if method == "area":
