@@ -22,7 +22,7 @@ def test_the_readmes_examples_run_and_reach_a_verdict(capsys, tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     SurfaceTopography.Topography(names["heights"], (1.0, 1.0), unit="µm").to_x3p("scan.x3p")
     exec(scan, names)
-    assert re.search(r"(stable|held_by_contact): ", capsys.readouterr().out)
+    assert re.search(r"verdict +(stable|held_by_contact)\n", capsys.readouterr().out)
     plt.close("all")
 
 
