@@ -2,6 +2,7 @@
 
 import io
 import struct
+import sys
 import zipfile
 
 import numpy as np
@@ -178,6 +179,7 @@ def test_three_columns_on_no_lattice_are_a_matrix(tmp_path):
     with pytest.warns(js.SurfaceWarning, match="rms slope"):
         read = js.surfaces.read(tmp_path / "a", (1, 1))
     np.testing.assert_array_equal(read.heights, heights)
+    assert "a matrix of three columns" in str(read)
 
 
 ROWS = "1 2 3\n4 5 6\n"
@@ -298,3 +300,28 @@ def test_heights_in_another_unit_than_the_sides_warn(tmp_path):
     as_npy(tmp_path / "a.npy")
     with pytest.warns(js.SurfaceWarning, match=r"rms slope is 1\.\d+e\+05.*sides of 3e-06 x"):
         js.surfaces.read(tmp_path / "a.npy", (3e-6, 1.4e-6))
+
+
+def test_an_instruments_text_is_read_as_such(tmp_path):
+    # By ISO 25178-71: metres, a row for each y.
+    header = {"ManufacID": "x", "CreateDate": "010120260000", "ModDate": "010120260000",
+              "NumPoints": 12, "NumProfiles": 7, "Xscale": 0.25e-6, "Yscale": 0.2e-6,
+              "Zscale": 1e-6, "Zresolution": -1, "Compression": 0, "DataType": 7,
+              "CheckType": 0}  # fmt: skip
+    lines = ["aISO-1.0", *(f"{name} = {value}" for name, value in header.items()), "*"]
+    rows = [" ".join(f"{h:.17g}" for h in row) for row in HEIGHTS.T]
+    (tmp_path / "a.txt").write_text("\n".join([*lines, *rows, "*", "*"]))
+    read = js.surfaces.read(tmp_path / "a.txt").in_unit("um")
+    np.testing.assert_allclose(read.heights, HEIGHTS, rtol=1e-12)
+    np.testing.assert_allclose(read.lengths, SIDES)
+
+
+@pytest.mark.parametrize(
+    ("write", "package", "extra"),
+    [(as_gwy, "SurfaceTopography.IO", "surfaces"), (as_netcdf, "xarray", "data")],
+)
+def test_a_missing_package_is_named_with_its_extra(tmp_path, monkeypatch, write, package, extra):
+    write(tmp_path / "a")
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(ImportError, match=rf"pip install 'jaxstab\[{extra}\]'"):
+        js.surfaces.read(tmp_path / "a")

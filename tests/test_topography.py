@@ -315,3 +315,17 @@ def test_statistics_printed_leave_missing_points_out():
     x, y = sides((48, 64), (1.5, 2.0))
     heights, _ = with_holes(0.3 * x - 0.4 * y)
     assert "rms slope    0.5" in str(topography(heights))
+
+
+def test_every_method_takes_a_profile():
+    grid = js.Grid((128,), (2.0,))
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=10, rms_height=0.05)
+    profile = Topography(grid, np.asarray(heights), "mm")
+    np.testing.assert_allclose(profile.in_unit("nm").in_unit("mm").heights, heights, rtol=1e-15)
+    there = profile.resampled(256).resampled((128,))
+    np.testing.assert_allclose(there.heights, heights, atol=1e-15)
+    np.testing.assert_allclose(profile.filtered(None, 10).heights, heights, atol=1e-15)
+    assert profile.periodic("mirror").grid.shape == (256,)
+    assert profile.detrended(2).cropped((0.5, 1.5)).periodic("window").grid.shape == (64,)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), profile, LAW)
+    np.testing.assert_array_equal(contact.heights, heights)
