@@ -2,6 +2,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import SurfaceTopography
+from scipy.special import ellipe
 
 import jaxstab as js
 from jaxstab import surfaces
@@ -128,3 +130,82 @@ def test_what_is_not_a_random_key_is_refused(key):
 def test_waves_that_do_not_fit_into_the_cell_are_refused():
     with pytest.raises(TypeError, match=r"number of waves is 1\.5: give an integer"):
         surfaces.sinusoid(js.Grid(8), 0.1, (1.5, 0))
+
+
+def test_a_power_law_is_found_in_a_spectrum_of_its_form():
+    q = np.arange(1.0, 301)
+    for dimension, most in ((2, 60), (1, 2)):
+        for hurst, rolloff, cutoff in ((0.8, 8, 200), (0.3, 1, 300), (0.5, 20, 90)):
+            density = 3.0 * np.maximum(q / rolloff, 1) ** -(dimension + 2 * hurst)
+            density[q > cutoff] *= 1e-4
+            spectrum = surfaces.PowerSpectrum(q, density, np.full(300, most))
+            law = surfaces.power_law(spectrum)
+            np.testing.assert_allclose(law.hurst, hurst, rtol=1e-6)
+            np.testing.assert_allclose(law.density, 3.0, rtol=1e-6)
+            assert (law.rolloff, law.cutoff) == (rolloff, cutoff)
+    with pytest.raises(ValueError, match="has 4 rings with waves: give 5"):
+        surfaces.power_law(surfaces.PowerSpectrum(q[:4], density[:4], np.ones(4)))
+
+
+@pytest.mark.parametrize("hurst", [0.3, 0.8])
+def test_a_generated_surface_has_the_power_law_asked_for(hurst):
+    grid = js.Grid(256, (2.0, 2.0))
+    heights = surfaces.self_affine(
+        grid, jax.random.key(1), hurst=hurst, k_low=1, k_rolloff=6, k_high=60, rms_height=0.1
+    )
+    law = surfaces.power_law(surfaces.power_spectrum(grid, heights))
+    assert law.hurst == pytest.approx(hurst, abs=0.05)
+    assert law.rolloff / np.pi == pytest.approx(6, abs=1)
+    assert law.cutoff / np.pi == pytest.approx(60, rel=1e-5)
+
+
+def test_the_autocorrelation_is_that_of_brute_force():
+    grid = js.Grid((9, 16), (1.8, 4.0))
+    heights = np.random.default_rng(0).normal(size=(9, 16)) + 3
+    found = surfaces.autocorrelation(grid, jnp.asarray(heights))
+    about_mean, rings = heights - heights.mean(), {}
+    for i in range(9):
+        for j in range(16):
+            distance = np.hypot(0.2 * min(i, 9 - i), 0.25 * min(j, 16 - j))
+            product = (about_mean * np.roll(about_mean, (i, j), (0, 1))).mean()
+            rings.setdefault(int(np.ceil(distance / 0.25 - 1e-9)), []).append((distance, product))
+    expected = np.array([np.mean(rings[k], axis=0) for k in range(9)])
+    np.testing.assert_allclose(found.distance, expected[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(found.value, expected[:, 1], rtol=1e-12)
+    np.testing.assert_allclose(found.value[0], heights.var(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(64,), (32, 48)])
+def test_full_contact_of_a_wave_stores_and_gains_what_calculus_says(shape):
+    lengths = (2.0, 3.0)[: len(shape)]
+    grid = js.Grid(shape, lengths)
+    heights = 5 + surfaces.sinusoid(grid, 0.3, (1, 2)[: len(shape)])
+    q = 2 * np.pi * np.linalg.norm(np.array((1, 2)[: len(shape)]) / lengths)
+    solid = js.HalfSpace(grid, 0.75, 0.5)
+    # Westergaard: E* q A^2 / 8 with E* = 1.
+    energy = q * 0.3**2 / 8
+    np.testing.assert_allclose(surfaces.full_contact_energy(solid, heights), energy, rtol=1e-12)
+    # The mean of sqrt(1 + s^2 sin^2) is an elliptic integral, of the second kind.
+    area = 2 / np.pi * ellipe(-((0.3 * q) ** 2))
+    work = jax.jit(surfaces.effective_work_of_adhesion)(solid, heights, 2.0)
+    np.testing.assert_allclose(work, 2 * area - energy, rtol=1e-12)
+    # A layer whose waves are all as stiff, k = 3: 3 A^2 / 4.
+    layer = js.Spectral(grid, lambda q: 3 + 0 * q)
+    np.testing.assert_allclose(surfaces.full_contact_energy(layer, heights), 3 * 0.09 / 4)
+
+
+def test_statistics_are_those_of_surface_topography():
+    grid = js.Grid((256, 192), (2.0, 1.5))
+    heights = surfaces.self_affine(grid, jax.random.key(2), k_high=10, rms_height=0.1)
+    other = SurfaceTopography.Topography(np.asarray(heights), (2.0, 1.5), periodic=True)
+    height = other.rms_height_from_area()
+    np.testing.assert_allclose(surfaces.rms_height(heights), height, rtol=1e-9)
+    # By differences of neighbours there, by the Fourier series here.
+    np.testing.assert_allclose(surfaces.rms_slope(grid, heights), other.rms_gradient(), rtol=0.01)
+    # There it is half the mean square difference of heights.
+    distance, structure = other.autocorrelation_from_area()
+    ours = surfaces.autocorrelation(grid, heights)
+    # Its rings grow wide farther out.
+    near = (distance > 0) & (distance < 0.5)
+    expected = height**2 - np.interp(distance[near], ours.distance, ours.value)
+    np.testing.assert_allclose(structure[near], expected, atol=0.01 * height**2)

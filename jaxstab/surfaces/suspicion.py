@@ -10,8 +10,12 @@ from jaxstab.surfaces.processing import trend
 
 # Jumps across an edge above so many rms steps between neighbours are none of a periodic surface.
 _JUMP = 4.0
-# A tilt falls back across the periodic edge by more than this share of its rise along the side.
-_SHARE = 0.5
+# A tilt above the roughness jumps by more than this, since it does by sqrt(7) on white noise.
+_TILT_JUMP = 2.5
+# The steepest flank of a clean surface may lie at its edge, but is not so much steeper there.
+_ABOVE_LARGEST = 1.5
+# Of fewer points along a side nothing can be told.
+_FEWEST = 32
 _SLOPES = 1e-5, 10.0
 _already_said: dict[str | tuple[str, type[Warning], int], int] = {}
 
@@ -35,6 +39,8 @@ def looks_wrong(heights: np.ndarray) -> list[str]:
     A tilt above the roughness is one whose edges do not meet; of what is left of it the edges are
     looked at again.
     """
+    if min(heights.shape) < _FEWEST:
+        return []
     sentences, tilt = [], _tilt(heights)
     if tilt is not None:
         heights = heights - tilt
@@ -44,7 +50,7 @@ def looks_wrong(heights: np.ndarray) -> list[str]:
         )
     for axis, name in enumerate("xy"[: heights.ndim]):
         steps = Steps.along(heights, axis)
-        if steps.do_not_meet:
+        if steps.jump_over(_JUMP):
             sentences.append(
                 f"opposite edges do not meet along {name}: the rms jump across the periodic edge "
                 f"is {steps.jump:.3g}, {steps.jump / steps.rms:.3g} times that between neighbours "
@@ -99,16 +105,15 @@ class Steps:
             rms=float(np.sqrt(squares.sum() / max(counts.sum(), 1))),
             largest=float(np.sqrt(np.max(squares / np.maximum(counts, 1)))),
             jump=float(np.sqrt(jump[0] / max(present[0], 1))),
-            rounding=100 * float(np.finfo(heights.dtype).eps * _largest(lines)),
+            rounding=_rounding(heights),
         )
 
-    @property
-    def do_not_meet(self) -> bool:
-        """Whether the edge is no step as others are: neither on average nor as the largest one.
+    def jump_over(self, ratio: float) -> bool:
+        """Whether the edge is a step above the others: by a ratio, and above all of them.
 
         A pattern with steep walls may have one of them at the edge.
         """
-        return self.jump > max(_JUMP * self.rms, self.largest, self.rounding)
+        return self.jump > max(ratio * self.rms, _ABOVE_LARGEST * self.largest, self.rounding)
 
 
 def _squares(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -124,13 +129,12 @@ def _tilt(heights: np.ndarray) -> np.ndarray | None:
     """Return the best plane about its mean if it is a tilt above the roughness."""
     plane = trend(heights, 1)
     plane -= plane.mean()
-    if rms(plane) <= max(rms(heights - plane), np.finfo(heights.dtype).eps * _largest(heights)):
+    if rms(plane) <= max(rms(heights - plane), _rounding(heights)):
         return None
     # A single long wave fits a plane as well, but meets itself at the edge.
     rises = [np.take(plane, -1, axis).flat[0] - plane.flat[0] for axis in range(plane.ndim)]
     axis = int(np.argmax(np.abs(rises)))
-    fall = np.nanmean(np.take(heights, -1, axis) - np.take(heights, 0, axis))
-    return plane if fall / rises[axis] > _SHARE else None
+    return plane if Steps.along(heights, axis).jump_over(_TILT_JUMP) else None
 
 
 def rms(heights: np.ndarray) -> float:
@@ -140,5 +144,6 @@ def rms(heights: np.ndarray) -> float:
     return math.sqrt(about_mean @ about_mean / present.size)
 
 
-def _largest(heights: np.ndarray) -> float:
-    return float(np.nanmax(np.abs(heights), initial=0))
+def _rounding(heights: np.ndarray) -> float:
+    """Return what may be rounding in differences of heights."""
+    return 100 * float(np.finfo(heights.dtype).eps * np.nanmax(np.abs(heights)))

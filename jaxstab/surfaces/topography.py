@@ -7,7 +7,7 @@ from typing import Any, Literal
 import jax
 import numpy as np
 
-from jaxstab.checks import is_traced, known, require_finite
+from jaxstab.checks import is_traced, known
 from jaxstab.grid import Grid, resample
 from jaxstab.surfaces import processing, suspicion, units
 
@@ -56,9 +56,12 @@ class Topography:
             )
         if np.isnan(heights).all():
             raise ValueError("all heights are missing.")
-        require_finite(
-            "The array of heights", np.nan_to_num(heights, posinf=np.inf, neginf=-np.inf)
-        )
+        if (infinite := np.isinf(heights)).any():
+            index = tuple(int(i) for i in np.argwhere(infinite)[0])
+            raise ValueError(
+                f"{infinite.sum()} heights are infinite, the first at {index}: mark missing points "
+                "by nan."
+            )
         heights.flags.writeable = False
         object.__setattr__(self, "heights", heights)
         if self.unit is not None:
@@ -210,9 +213,9 @@ class Topography:
         """
         _choice("method", method, ("spectral", "area"))
         numbers: Any = shape if np.ndim(shape) else (shape,) * len(self.grid.shape)
+        if len(numbers) != len(self.grid.shape):
+            raise ValueError(f"The shape is {shape}: give {len(self.grid.shape)} numbers.")
         grid = Grid(numbers, self.lengths)
-        if len(grid.shape) != len(self.grid.shape):
-            raise ValueError(f"The shape is {grid.shape}: give {len(self.grid.shape)} numbers.")
         if grid.shape == self.grid.shape:
             return self
         if method == "area":

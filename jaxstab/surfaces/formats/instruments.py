@@ -6,8 +6,8 @@ from pathlib import Path
 from jaxstab.surfaces.formats.scan import Scan, UnknownContent, on_a_side_or_two
 from jaxstab.surfaces.units import unit_of
 
-# Readers of these accept files of many kinds, for want of a mark to tell their own by.
-_UNMARKED = {"asc", "xyz", "hgt", "nms", "npy", "npz"}
+# Readers of these accept files of many kinds, or those that ours have refused.
+_UNMARKED = {"asc", "xyz", "hgt", "nms", "npy", "npz", "h5", "nc"}
 
 
 def read_instrument(path: Path) -> Scan:

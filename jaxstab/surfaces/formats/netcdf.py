@@ -25,6 +25,28 @@ def read_netcdf(path: Path, engine: Literal["scipy", "h5netcdf"]) -> Scan:
         ValueError: for a damaged file, and for coordinates that are uneven or contradict `length`.
         ImportError: without the extra `data`.
     """
+    data = _loaded(path, engine)
+    variable = data[_name(data)]
+    sides = [name for name in ("x", "y") if name in variable.dims]
+    if "mask" in data:
+        variable = variable.where(data["mask"] == 0)
+    heights = on_a_side_or_two(variable.transpose(*sides).values)
+    spacings = [_spacing(data, side) for side in sides]
+    for axis, spacing in enumerate(spacings):
+        heights = np.flip(heights, axis) if spacing and spacing < 0 else heights
+    lengths = [_length(data, side, spacing) for side, spacing in zip(sides, spacings, strict=True)]
+    unit, unit_of_sides = _unit(variable), _unit_of_sides(data, sides)
+    if unit and unit_of_sides:
+        heights = converted(heights, unit, unit_of_sides)
+    return Scan(
+        heights,
+        None if None in lengths else tuple(length for length in lengths if length),
+        unit_of_sides or unit,
+        is_periodic=all(s in data and data[s].attrs.get("periodic", 0) == 1 for s in sides),
+    )
+
+
+def _loaded(path: Path, engine: Literal["scipy", "h5netcdf"]) -> Any:
     try:
         import xarray
 
@@ -34,31 +56,9 @@ def read_netcdf(path: Path, engine: Literal["scipy", "h5netcdf"]) -> Scan:
         raise ImportError("NetCDF files need xarray: pip install 'jaxstab[data]'.") from None
     try:
         with path.open("rb") as stream:
-            data = xarray.load_dataset(stream, engine=engine, decode_times=False)
+            return xarray.load_dataset(stream, engine=engine, decode_times=False)
     except Exception as error:
         raise UnknownContent(f"this NetCDF file is truncated or damaged ({error}).") from None
-    variable = data[_name(data)]
-    sides = [name for name in ("x", "y") if name in variable.dims]
-    if "mask" in data:
-        variable = variable.where(data["mask"] == 0)
-    variable = variable.transpose(*sides)
-    heights, unit = on_a_side_or_two(variable.values), _unit(variable)
-    spacings = [_spacing(data, side) for side in sides]
-    for axis, spacing in enumerate(spacings):
-        heights = np.flip(heights, axis) if spacing and spacing < 0 else heights
-    lengths = [_length(data, side, spacing) for side, spacing in zip(sides, spacings, strict=True)]
-    named = {unit for side in sides if side in data.coords and (unit := _unit(data[side]))}
-    side_unit, *others = named or {None}
-    if others:
-        raise ValueError(f"x and y are in different units, {side_unit} and {others[0]}.")
-    if unit and side_unit:
-        heights = converted(heights, unit, side_unit)
-    return Scan(
-        heights,
-        None if None in lengths else tuple(length for length in lengths if length),
-        side_unit or unit,
-        is_periodic=all(data[s].attrs.get("periodic", 0) == 1 if s in data else 0 for s in sides),
-    )
 
 
 def _name(data: Any) -> str:
@@ -102,3 +102,12 @@ def _length(data: Any, side: str, spacing: float | None) -> float | None:
 def _unit(variable: Any) -> str | None:
     unit = variable.attrs.get("units", variable.attrs.get("unit"))
     return unit_of(str(unit)) if unit else None
+
+
+def _unit_of_sides(data: Any, sides: list[str]) -> str | None:
+    units = {_unit(data[side]) for side in sides if side in data.coords} - {None}
+    if len(units) > 1:
+        raise ValueError(
+            f"x and y are in different units, {' and '.join(sorted(map(str, units)))}."
+        )
+    return next(iter(units), None)

@@ -22,8 +22,10 @@ def read_text(text: str) -> Scan:
         ValueError: if a word is no number, a number infinite, or a line of another length.
     """
     table = _table([(i, line) for i, line in enumerate(text.splitlines(), 1)])
-    if table.shape[1] == 3 and (scan := _of_points(*table.T)):
-        return scan
+    if table.shape[1] == 3:
+        return _of_points(*table.T) or Scan(
+            on_a_side_or_two(table), remarks=("a matrix of three columns: no points of a lattice",)
+        )
     if table.shape[1] == 2 and (scan := _of_profile(*table.T)):
         return scan
     return Scan(on_a_side_or_two(table))

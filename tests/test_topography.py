@@ -1,0 +1,331 @@
+"""What is done to measured surfaces, and what is said of those that look wrong."""
+
+import warnings
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxstab as js
+from jaxstab.surfaces import Topography
+
+LAW = js.potentials.Exponential(0.01, 0.2)
+
+
+def clean(shape=(48, 64), lengths=(1.5, 2.0), seed=0):
+    grid = js.Grid(shape, lengths)
+    return np.asarray(
+        js.surfaces.self_affine(grid, jax.random.key(seed), k_high=10, rms_height=0.05)
+    )
+
+
+def topography(heights, lengths=(1.5, 2.0), unit="µm", **options):
+    return Topography(js.Grid(heights.shape, lengths), heights, unit, **options)
+
+
+def sides(shape, lengths):
+    axes = [np.arange(n) * length / n for n, length in zip(shape, lengths, strict=True)]
+    return np.meshgrid(*axes, indexing="ij")
+
+
+def with_holes(heights, seed=0):
+    holes = np.random.default_rng(seed).random(heights.shape) < 0.1
+    holes[10:20, 30:37] = True
+    # Away from the edges, where nothing carries a slope on.
+    holes[:3] = holes[-3:] = holes[:, :3] = holes[:, -3:] = False
+    return np.where(holes, np.nan, heights), holes
+
+
+def test_what_is_printed_names_numbers_unit_and_what_was_done():
+    heights = clean().copy()
+    heights[3, 4] = np.nan
+    text = str(topography(heights).filled().in_unit("nm"))
+    for part in (
+        "48 x 64",
+        "1500 x 2000 nm",
+        "missing      0 points",
+        "0.0326 % of the points fill",
+    ):
+        assert part in text
+    assert f"{1e3 * heights[np.isfinite(heights)].std():.2g}" in text
+    assert "unit unknown" in str(topography(heights, unit=None))
+    assert "looks wrong" not in text
+
+
+def test_heights_are_a_copy_that_stays():
+    heights = clean().astype(np.float32)
+    surface = topography(heights)
+    heights[:] = 0
+    assert surface.heights.any() and surface.heights.dtype == np.float64
+    with pytest.raises(ValueError, match="read-only"):
+        surface.heights[0, 0] = 1
+
+
+def test_masked_points_are_missing():
+    heights = np.ma.masked_greater(clean(), 0.05)
+    assert topography(heights).num_missing == heights.mask.sum() > 0
+
+
+@pytest.mark.parametrize("method", ["harmonic", "biharmonic"])
+def test_a_plane_with_holes_is_filled_exactly(method):
+    x, y = sides((48, 64), (1.5, 2.0))
+    heights, holes = with_holes(0.3 * x - 0.2 * y + 1)
+    filled = topography(heights).filled(method).heights
+    np.testing.assert_allclose(filled, 0.3 * x - 0.2 * y + 1, rtol=1e-11)
+    np.testing.assert_array_equal(filled[~holes], heights[~holes])
+
+
+def test_a_harmonic_filling_solves_the_laplace_equation_of_its_grid():
+    # With cos(a) + cosh(b) balanced, this solves the five-point equation for unequal spacings.
+    dx, dy = 1.5 / 48, 2.0 / 64
+    i, j = np.meshgrid(np.arange(48), np.arange(64), indexing="ij")
+    rate = np.arccosh(1 + (dy / dx) ** 2 * (1 - np.cos(0.3)))
+    heights, _ = with_holes(np.cos(0.3 * i) * np.cosh(rate * (j - 32)))
+    expected = np.cos(0.3 * i) * np.cosh(rate * (j - 32))
+    filled = topography(heights).filled().heights
+    np.testing.assert_allclose(filled, expected, rtol=1e-9)
+
+
+def test_a_biharmonic_filling_reproduces_quadrics_and_slopes_at_the_edge():
+    x, y = sides((48, 64), (1.5, 2.0))
+    quadric = x**2 - 3 * x * y + 0.5 * y**2 + x
+    filled = topography(with_holes(quadric)[0]).filled("biharmonic").heights
+    np.testing.assert_allclose(filled, quadric, atol=1e-9)
+    plane = 2 * x - y
+    corner = np.where((x < 0.2) & (y < 0.3), np.nan, plane)
+    np.testing.assert_allclose(topography(corner).filled("biharmonic").heights, plane, atol=1e-9)
+    # A membrane with a free edge lies flat there.
+    assert abs(topography(corner).filled().heights - plane).max() > 0.1
+
+
+def test_profiles_are_filled_in_straight_lines():
+    heights = np.array([0, 1, np.nan, np.nan, 4, 3, np.nan])
+    filled = topography(heights, 1.0).filled().heights
+    np.testing.assert_allclose(filled, [0, 1, 2, 3, 4, 3, 3])
+    filled = topography(heights, 1.0).filled("biharmonic").heights
+    np.testing.assert_allclose(filled[-1], 2, atol=1e-12)
+
+
+def test_what_the_points_do_not_decide_is_not_filled():
+    heights = np.full((8, 8), np.nan)
+    heights[3, 3:6] = 2.0
+    np.testing.assert_allclose(topography(heights).filled().heights, 2.0)
+    with pytest.raises(ValueError, match="lie on one line"):
+        topography(heights).filled("biharmonic")
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_detrending_takes_off_the_least_squares_polynomial(order):
+    x, y = sides((48, 64), (1.5, 2.0))
+    heights, holes = with_holes(clean() + 5 + x - 2 * y + x * y - 3 * y**2)
+    powers = [(a, b) for a in range(order + 1) for b in range(order + 1 - a)]
+    basis = np.stack([(x**a * y**b)[~holes] for a, b in powers], axis=1)
+    expected = heights[~holes] - basis @ np.linalg.lstsq(basis, heights[~holes])[0]
+    detrended = topography(heights).detrended(order)
+    np.testing.assert_allclose(detrended.heights[~holes], expected, atol=1e-10)
+    assert detrended.num_missing == holes.sum()
+
+
+def test_units_convert_exactly_and_back():
+    surface = topography(clean())
+    for unit, factor in {"m": 1e-6, "Å": 1e4, "um": 1.0, "\u03bcm": 1.0, "pm": 1e6}.items():
+        there = surface.in_unit(unit)
+        np.testing.assert_allclose(there.heights, factor * surface.heights, rtol=1e-15)
+        np.testing.assert_allclose(there.lengths, factor * surface.lengths, rtol=1e-15)
+        np.testing.assert_allclose(there.in_unit("µm").heights, surface.heights, rtol=1e-15)
+    assert surface.in_unit("angstrom").unit == surface.in_unit("A").unit == "Å"
+    with pytest.raises(ValueError, match=r"unit of this topography is unknown.*`unit=`"):
+        topography(clean(), unit=None).in_unit("m")
+
+
+def test_cropping_keeps_points_from_the_first_to_before_the_last_coordinate():
+    surface = topography(clean())
+    dx, dy = 1.5 / 48, 2.0 / 64
+    part = surface.cropped((3 * dx, 10 * dx), (0.3 * dy, 8.5 * dy))
+    np.testing.assert_array_equal(part.heights, surface.heights[3:10, 1:9])
+    np.testing.assert_allclose(part.lengths, [7 * dx, 8 * dy])
+    assert surface.cropped((0, 0.5)).grid.shape == (16, 64)
+    with pytest.raises(ValueError, match=r"1 points lie in 0 <= y < 0\.02"):
+        surface.cropped((0, 1), (0, 0.02))
+
+
+def test_spectral_resampling_is_exact_in_any_precision():
+    fine, coarse = clean((96, 128)), clean((48, 64))
+    with jax.enable_x64(False):
+        resampled = topography(fine).resampled((48, 64))
+    np.testing.assert_allclose(resampled.heights, coarse, atol=1e-14)
+    np.testing.assert_allclose(resampled.lengths, (1.5, 2.0), rtol=1e-7)
+
+
+def test_area_resampling_is_the_mean_over_tiles_for_every_ratio():
+    heights, _ = with_holes(clean())
+    halves = topography(clean()).resampled((24, 32), "area").heights
+    np.testing.assert_allclose(halves, clean().reshape(24, 2, 32, 2).mean((1, 3)), atol=1e-15)
+    # Over a common refinement, by brute force.
+    fine = np.repeat(np.repeat(heights, 5, 0), 3, 1).reshape(20, 12, 24, 8)
+    counts = np.isfinite(fine).sum((1, 3))
+    expected = np.nansum(fine, (1, 3)) / np.where(counts, counts, np.nan)
+    averaged = topography(heights).resampled((20, 24), "area").heights
+    np.testing.assert_allclose(averaged, expected, atol=1e-14)
+    line = topography(np.arange(6.0), 1.0).resampled(4, "area").heights
+    np.testing.assert_allclose(line, [1 / 3, 5 / 3, 10 / 3, 14 / 3])
+
+
+def test_filtering_keeps_the_waves_between_its_limits_and_the_mean():
+    x, y = sides((48, 64), (1.5, 2.0))
+    waves = [np.cos(2 * np.pi * (k * x / 1.5 + m * y / 2.0)) for k, m in ((1, 1), (3, 3), (6, 6))]
+    surface = topography(7 + sum(waves))
+    # The longest side is 2: (k, m) are sqrt((4 k / 3)^2 + m^2) = 5 k / 3 waves per longest side.
+    for limits, kept in {(2, 6): [1], (None, 5): [0, 1], (5, None): [1, 2], (5, 5): [1]}.items():
+        expected = 7 + sum(waves[i] for i in kept)
+        np.testing.assert_allclose(surface.filtered(*limits).heights, expected, atol=1e-13)
+
+
+def test_ways_to_make_a_surface_periodic():
+    x, y = sides((48, 64), (1.5, 2.0))
+    heights = clean() + 0.1 * x - y**2
+    surface = topography(heights)
+    window = surface.periodic("window").heights
+    about_mean = abs(heights - heights.mean())
+    assert (abs(window - heights.mean())[[0, -1]] <= 0.03 * about_mean[[0, -1]]).all()
+    np.testing.assert_allclose(window[5:-5, 7:-7], heights[5:-5, 7:-7], atol=1e-15)
+    mirror = surface.periodic("mirror")
+    np.testing.assert_array_equal(mirror.heights[::-1, ::-1], mirror.heights)
+    np.testing.assert_array_equal(mirror.heights[:48, :64], heights)
+    np.testing.assert_allclose(mirror.lengths, [3, 4])
+    assert surface.suspicions
+    for how in ("window", "mirror", "as_is"):
+        assert surface.periodic(how).is_periodic and not surface.periodic(how).suspicions
+    # Nor are the edges of what was made of it said to meet only.
+    for how in ("window", "mirror"):
+        assert not topography(surface.periodic(how).heights).suspicions
+
+
+def test_methods_that_need_every_point_name_the_cure():
+    surface = topography(with_holes(clean())[0])
+    for method in (
+        lambda: surface.resampled((20, 20)),
+        lambda: surface.filtered(1, 5),
+        lambda: surface.periodic("window"),
+        lambda: js.Contact(js.HalfSpace(surface.grid, 1.0), surface, LAW),
+    ):
+        with pytest.raises(ValueError, match=r"\d+ of 3072 are missing: fill .*\.filled\(\)"):
+            method()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: topography(clean()).filled("linear"), "method is 'linear': choose one of 'harm"),
+        (lambda: topography(clean()).detrended(3), "order is 3: choose one of 0, 1, 2"),
+        (lambda: topography(clean()).periodic("tile"), "how is 'tile'"),
+        (lambda: topography(clean()).resampled((8, 8), "cubic"), "method is 'cubic'"),
+        (lambda: topography(clean()).resampled((8,)), r"shape is \(8,\): give 2 numbers"),
+        (lambda: topography(clean()).filtered(), "k_low is None, k_high None: give"),
+        (lambda: topography(clean()).filtered(5, 2), "k_low is 5, k_high 2: give"),
+        (lambda: topography(clean()).in_unit("inch"), "unit is 'inch': choose one of km, m"),
+        (lambda: topography(clean()[:, 0], 1.0).cropped((0, 1), (0, 1)), "is a line"),
+        (lambda: Topography(js.Grid(8), clean()), r"shape \(48, 64\), the grid \(8, 8\)"),
+        (lambda: Topography(clean(), js.Grid(8)), "grid is a ndarray"),
+        (lambda: topography(clean() + 1j), "complex128: give real"),
+        (lambda: topography(np.full((8, 8), np.nan)), "all heights are missing"),
+    ],
+)
+def test_what_cannot_be_done_is_said(make, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        make()
+
+
+def test_a_contact_takes_a_topography_and_its_unit():
+    surface = topography(clean())
+    contact = js.Contact(js.HalfSpace(surface.grid, 1.0), surface, LAW)
+    np.testing.assert_array_equal(contact.heights, surface.heights)
+    assert contact.unit == "µm"
+    assert js.Contact(contact.solid, surface.heights, LAW).unit is None
+    modulus = jax.jit(
+        lambda modulus: js.Contact(js.HalfSpace(surface.grid, modulus), surface, LAW)
+        .solid.max_stiffness
+    )  # fmt: skip
+    np.testing.assert_allclose(modulus(2.0), 2 * contact.solid.max_stiffness)
+    for other in (js.Grid((48, 64)), js.Grid((64, 48), (1.5, 2.0))):
+        with pytest.raises(ValueError, match=r"topography on 48 x 64 points of 1.5 x 2: build"):
+            js.Contact(js.HalfSpace(other, 1.0), surface, LAW)
+
+
+def contact_of(surface, is_array):
+    solid = js.HalfSpace(surface.grid, 1.0)
+    return js.Contact(solid, jnp.asarray(surface.heights) if is_array else surface, LAW)
+
+
+@pytest.mark.parametrize("is_array", [False, True])
+def test_a_tilt_above_the_roughness_warns(is_array):
+    x, _ = sides((48, 64), (1.5, 2.0))
+    surface = topography(clean(seed=int(is_array)) + 0.2 * x)
+    with pytest.warns(
+        js.SurfaceWarning, match=r"best plane is 0\.0\d+.*`Topography.detrended"
+    ) as said:
+        contact_of(surface, is_array)
+    assert len(said) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        contact_of(surface.detrended(), is_array)
+
+
+@pytest.mark.parametrize("is_array", [False, True])
+def test_edges_that_do_not_meet_warn(is_array):
+    _, y = sides((48, 64), (1.5, 2.0))
+    surface = topography(clean(seed=2 + int(is_array)) + 0.2 * np.sin(4 * y))
+    with pytest.warns(js.SurfaceWarning, match=r'along y: .*periodic\("window"\)') as said:
+        contact_of(surface, is_array)
+    assert len(said) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        contact_of(surface.periodic("window"), is_array)
+        contact_of(surface.periodic("as_is"), False)
+
+
+def test_a_slope_that_cannot_be_warns():
+    with pytest.warns(js.SurfaceWarning, match=r"rms slope is \d.*sides of 1\.5e-06 x 2e-06"):
+        contact_of(topography(clean(), (1.5e-6, 2e-6)), False)
+    with pytest.warns(js.SurfaceWarning, match="rms slope"):
+        contact_of(topography(1e-9 * clean()), False)
+
+
+def test_clean_surfaces_are_not_suspected():
+    grid, phase = js.Grid(64), 2 * np.pi * np.arange(64) / 64
+    surfaces = [
+        *(js.surfaces.self_affine(grid, jax.random.key(i), hurst=0.1 + 0.2 * i, k_low=1,
+                                  k_rolloff=1, rms_height=0.1) for i in range(5)),
+        js.surfaces.paraboloid(grid, 2.0),
+        js.surfaces.sinusoid(grid, 0.1, (1, 2)),
+        # One long wave, as like to a plane as can be; walls at the edge; a flat; and noise.
+        np.add.outer(np.sin(phase), np.sin(phase)),
+        np.broadcast_to(phase < np.pi, (64, 64)).astype(float),
+        np.full((64, 64), 0.3),
+        np.random.default_rng(0).normal(size=(64, 64)),
+    ]  # fmt: skip
+    for heights in surfaces:
+        for surface in (np.asarray(heights), np.asarray(heights, np.float32) + np.float32(10)):
+            assert js.surfaces.suspicion.looks_wrong(surface) == []
+            assert js.surfaces.suspicion.looks_wrong(surface[:, 0]) == []
+
+
+def test_statistics_printed_leave_missing_points_out():
+    x, y = sides((48, 64), (1.5, 2.0))
+    heights, _ = with_holes(0.3 * x - 0.4 * y)
+    assert "rms slope    0.5" in str(topography(heights))
+
+
+def test_every_method_takes_a_profile():
+    grid = js.Grid((128,), (2.0,))
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=10, rms_height=0.05)
+    profile = Topography(grid, np.asarray(heights), "mm")
+    np.testing.assert_allclose(profile.in_unit("nm").in_unit("mm").heights, heights, rtol=1e-15)
+    there = profile.resampled(256).resampled((128,))
+    np.testing.assert_allclose(there.heights, heights, atol=1e-15)
+    np.testing.assert_allclose(profile.filtered(None, 10).heights, heights, atol=1e-15)
+    assert profile.periodic("mirror").grid.shape == (256,)
+    assert profile.detrended(2).cropped((0.5, 1.5)).periodic("window").grid.shape == (64,)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), profile, LAW)
+    np.testing.assert_array_equal(contact.heights, heights)
