@@ -33,7 +33,8 @@ def test_the_readmes_examples_run_and_reach_a_verdict(capsys, tmp_path, monkeypa
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
-def test_a_pages_blocks_run_in_order_and_print_what_it_shows(path, capsys):
+def test_a_pages_blocks_run_in_order_and_print_what_it_shows(path, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     namespace = {}
     for code, shown in BLOCK.findall(path.read_text()):
         exec(code, namespace)

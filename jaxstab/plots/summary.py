@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.state import State, equilibrium_of
+from jaxstab.loads import MeanPressure
 from jaxstab.plots.fields import gap, mode, outline_contact, pressure, surface
 from jaxstab.plots.style import load_label, with_unit
 from jaxstab.stability import Eigenpair, Stability
@@ -57,10 +58,10 @@ def summary(
             "returned."
         )
     require_single(known)
-    figure = plt.figure(figsize=(10, 5.2)) if figure is None else figure
+    figure = plt.figure(figsize=(11, 5.2)) if figure is None else figure
     if figure.get_layout_engine() is None:
         figure.set_layout_engine("constrained")
-    panels = figure.subplot_mosaic(_PANELS, width_ratios=[1, 1, 1.2])
+    panels = figure.subplot_mosaic(_PANELS, width_ratios=[1, 1, 1.4])
     surface(contact, axes=panels["surface"])
     gap(contact, state, axes=panels["gap"])
     outline_contact(panels["gap"], contact, state.in_contact)
@@ -73,13 +74,15 @@ def summary(
 def _numbers(contact: Contact, state: Equilibrium, stability: Stability) -> list[tuple[str, str]]:
     """Return a state's numbers as lines of a name and a value."""
     load, _, unit = load_label(state.load).partition(" [")
+    pressure = f"{float(state.mean_pressure):.3g} [pressure]"
     lines = [
         # Without the symbol, whose index would shift the lines below.
         (load.split(" $")[0], f"{float(state.load.value):.4g}" + (f" [{unit}" if unit else "")),
-        ("mean pressure", f"{float(state.mean_pressure):.3g} [pressure]"),
+        # Where it is the load, it is said.
+        *([] if isinstance(state.load, MeanPressure) else [("mean pressure", pressure)]),
         ("contact area", f"{100 * float(state.contact_area):.1f} %"),
         ("", ""),
-        ("smallest eigenvalues", "[pressure/length]"),
+        ("eigenvalues", "[pressure/length]"),
         *((name.replace("_", " "), _value(pair)) for name, pair in stability.pairs.items()),
         ("", ""),
         ("verdict", stability.verdict.name.replace("_", " ")),
