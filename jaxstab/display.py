@@ -33,6 +33,7 @@ def block(self: Any) -> str:
     rows = {
         name: shorten(text(value), _LONGEST_TEXT, placeholder=" ...")
         for name, value in _named(self, with_grids=True)
+        if value is not None
     }
     width = max(map(len, rows), default=0)
     return "\n".join([type(self).__name__, *(f"  {k:<{width}}  {v}" for k, v in rows.items())])
@@ -97,7 +98,9 @@ def _columns(sweep: Any) -> dict[str, list[str]]:
     }
     solvers = _column(equilibrium.result.name, str)
     if stability is not None:
-        columns["verdict"] = _column(stability.verdict.name, str)
+        is_local = np.atleast_1d((stability.verdict == "stable") & ~stability.proved)
+        names = zip(_column(stability.verdict.name, str), is_local, strict=True)
+        columns["verdict"] = [f"{name}, locally" if local else name for name, local in names]
         judged = _column(stability.result.name, str)
         solvers = [x if x != "successful" else y for x, y in zip(solvers, judged, strict=True)]
     steps = [_column(x.num_steps, str) for x in (equilibrium, *pairs.values())]
@@ -136,8 +139,6 @@ def _named(module: Any, with_grids: bool) -> Iterator[tuple[str, Any]]:
     axes = {name: value.ndim for name, value in values.items() if _is_array(value)}
     fewest = min(axes.values(), default=0)
     for name, value in values.items():
-        if value is None:
-            continue
         is_long = axes.get(name, 0) > fewest or type(value).__repr__ is history
         if with_grids or not is_long:
             yield name, value

@@ -173,3 +173,30 @@ def smallest_on_critical_cone(contact, equilibrium):
     """Return the smallest eigenvalue where contact points stay and the rest keeps its mean."""
     free = ~np.asarray(equilibrium.in_contact).ravel()
     return smallest_on_zero_mean(dense_hessian(contact, equilibrium.gap)[np.ix_(free, free)])
+
+
+def smallest_on_cone(matrix, touching):
+    """Return the smallest eigenvalue on V0+ by looking at each of its faces.
+
+    From the largest face down: on a part of a face no eigenvalue is smaller than on all of it.
+    """
+    free, smallest = np.flatnonzero(~touching), np.inf
+    faces = {tuple(np.flatnonzero(touching))}
+    while faces:
+        parts = set()
+        for lifting in faces:
+            face = np.concatenate([free, np.array(lifting, int)])
+            if len(face) < 2:
+                continue
+            basis = np.linalg.svd(np.ones((1, len(face))))[2][1:].T
+            values, vectors = np.linalg.eigh(basis.T @ matrix[np.ix_(face, face)] @ basis)
+            for value, vector in zip(values, (basis @ vectors).T, strict=True):
+                if value >= smallest:
+                    break
+                lifts = vector[len(free) :]
+                if (lifts > -1e-12).all() or (lifts < 1e-12).all():
+                    smallest = value
+            if values[0] < smallest:
+                parts |= {lifting[:i] + lifting[i + 1 :] for i in range(len(lifting))}
+        faces = parts
+    return smallest

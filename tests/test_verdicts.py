@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import (
     dense_hessian,
+    smallest_on_cone,
     smallest_on_critical_cone,
     smallest_on_zero_mean,
     state_of,
@@ -21,33 +22,6 @@ STRENGTH = 10.0
 
 def wavy(gap):
     return -STRENGTH * jnp.cos(gap)
-
-
-def smallest_on_cone(matrix, touching):
-    """Return the smallest eigenvalue on V0+ by looking at each of its faces.
-
-    From the largest face down: on a part of a face no eigenvalue is smaller than on all of it.
-    """
-    free, smallest = np.flatnonzero(~touching), np.inf
-    faces = {tuple(np.flatnonzero(touching))}
-    while faces:
-        parts = set()
-        for lifting in faces:
-            face = np.concatenate([free, np.array(lifting, int)])
-            if len(face) < 2:
-                continue
-            basis = np.linalg.svd(np.ones((1, len(face))))[2][1:].T
-            values, vectors = np.linalg.eigh(basis.T @ matrix[np.ix_(face, face)] @ basis)
-            for value, vector in zip(values, (basis @ vectors).T, strict=True):
-                if value >= smallest:
-                    break
-                lifts = vector[len(free) :]
-                if (lifts > -1e-12).all() or (lifts < 1e-12).all():
-                    smallest = value
-            if values[0] < smallest:
-                parts |= {lifting[:i] + lifting[i + 1 :] for i in range(len(lifting))}
-        faces = parts
-    return smallest
 
 
 def random_problems():

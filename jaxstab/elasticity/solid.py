@@ -66,6 +66,14 @@ class Solid(eqx.Module):
         """Return a solid whose stiffness is this one's times a factor."""
         return Altered(self, factor, factor * self.uniform_stiffness)
 
+    def lacking(self, level: Float[Array, ""]) -> tuple[FieldMap, Float[Array, ""]] | None:
+        """Return what K lacks of a stiffness, as an operator, and that on a point itself.
+
+        For each wave that is max(0, level - K), where the solid is one that has waves, as a
+        `SpectralSolid`; of others it is not known.
+        """
+        return None
+
     def pressure(self, displacement: Field) -> Field:
         """Return K u (Rey & Bleyer, eq. 12) [pressure]."""
         return self.apply(displacement)

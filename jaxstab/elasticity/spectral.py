@@ -61,6 +61,13 @@ class Waves(Solid):
         first = (0,) * self.multiplier.ndim
         return replace(self, multiplier=self.multiplier.at[first].set(stiffness))
 
+    def lacking(self, level: Float[Array, ""]) -> tuple[FieldMap, Float[Array, ""]]:
+        """Return max(0, level - K), the mean left out, and what it is on a point itself."""
+        first = (0,) * self.multiplier.ndim
+        lack = jnp.maximum(level - self.multiplier, 0).at[first].set(0)
+        on_point = jnp.sum(self.grid.mode_multiplicity * lack) / self.grid.size
+        return lambda field: _multiplied(lack, field), on_point
+
     def scaled(self, factor: Float[Array, ""]) -> "Waves":
         """Return the solid with its multiplier times a factor."""
         stiffnesses = self.multiplier, self.max_stiffness, self.min_stiffness
@@ -124,6 +131,10 @@ class SpectralSolid(Solid):
     def scaled(self, factor: Float[Array, ""]) -> Waves:
         """Return the same solid by its multiplier, times a factor."""
         return self.waves.scaled(factor)
+
+    def lacking(self, level: Float[Array, ""]) -> tuple[FieldMap, Float[Array, ""]]:
+        """Return max(0, level - K), the mean left out, and what it is on a point itself."""
+        return self.waves.lacking(level)
 
     def displacement(self, pressure: Field) -> Field:
         """Return the displacement of zero mean under a pressure (Rey & Bleyer, eq. 11) [length]."""

@@ -6,6 +6,7 @@ STIFFNESS, SURFACE_ENERGY = "pressure/length", "energy/area"
 # By the name of the field that holds it.
 QUANTITIES = {
     "amplitude": ("amplitude", LENGTH),
+    "bound": ("what the smallest eigenvalue is proved not to be below", STIFFNESS),
     "complementarity": ("least reaction over the rms pressure", NUMBER),
     "contact_area": ("number of contact points over that of all", NUMBER),
     "dissipation": ("energy lost", ENERGY),
@@ -26,6 +27,7 @@ QUANTITIES = {
     "num_steps": ("steps of the solver", NUMBER),
     "poisson_ratio": ("Poisson's ratio", NUMBER),
     "pressure": ("elastic pressure p, positive in compression", PRESSURE),
+    "proved": ("whether it is proved", NUMBER),
     "reaction": ("contact reaction", PRESSURE),
     "residual": ("relative residual", NUMBER),
     "result": ("how the solver ended", NUMBER),

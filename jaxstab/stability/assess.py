@@ -29,7 +29,13 @@ from jaxstab.stability.modes import noise
 from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.search import Found, Search
 from jaxstab.stability.solver import ConeSolver
-from jaxstab.stability.verdict import Stability, describe, first_failure, verdict_on
+from jaxstab.stability.verdict import (
+    Stability,
+    describe,
+    first_failure,
+    proof_of,
+    verdict_on,
+)
 
 # Random vectors to start from.
 _NUM_RANDOM = 8
@@ -179,6 +185,8 @@ class _State(eqx.Module):
             pair,
             eigenvalue=jnp.where(is_found, pair.eigenvalue, jnp.nan),
             error=pair.error + change,
+            proved=pair.proved & is_found,
+            bound=jnp.where(is_found, pair.bound - change, -jnp.inf),
             result=RESULTS.where(is_found, pair.result, self.result),
         )
 
@@ -232,6 +240,9 @@ def _stability(equilibrium: Equilibrium, state: _State, found: Found) -> Stabili
         state.covered(pair, softest)
         for pair in (found.lower_bound, found.cone, found.critical, found.hull)
     )
+    # On a smaller set the smallest is not lower.
+    cone = replace(cone, bound=jnp.maximum(cone.bound, lower_bound.bound))
+    critical = replace(critical, bound=jnp.maximum(critical.bound, cone.bound))
     result = first_failure(lower_bound, cone, critical)
     # Where all points in doubt may move and nothing gives way, nothing does where they stay.
     holds = (critical.sign > 0) | (hull.sign > 0)
@@ -249,6 +260,7 @@ def _stability(equilibrium: Equilibrium, state: _State, found: Found) -> Stabili
         complementarity=complementarity,
         barrier=barrier.over(state.area),
         verdict=verdict,
+        proved=proof_of(verdict, cone, critical),
         result=result,
     )
     return stability.in_units_of(1 / state.unit)

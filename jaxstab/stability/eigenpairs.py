@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxstab.display import block
 from jaxstab.grid import total
@@ -32,6 +32,9 @@ class Eigenpair(Stackable, eqx.Module):
             on |A| and s its size on the lower modes, which is b where f'' is nowhere positive.
         error: s times the residual, and rounding: how far lambda is from an eigenvalue of A on
             the face of the cone that x lies on [pressure/length].
+        proved: whether it is proved to be the smallest, to within its error: on a linear space,
+            and on a cone that holds the lowest mode of the space around it.
+        bound: what the smallest is proved not to be below [pressure/length]; -inf if nothing is.
         num_steps: steps that the solver took, from all its starts.
         num_applications: applications of A and of the preconditioner, at a pair of Fourier
             transforms each.
@@ -43,6 +46,8 @@ class Eigenpair(Stackable, eqx.Module):
     mode: Float[Array, " *grid"]
     residual: Float[Array, ""]
     error: Float[Array, ""]
+    proved: Bool[Array, ""]
+    bound: Float[Array, ""]
     num_steps: Int[Array, ""]
     num_applications: Int[Array, ""]
     result: RESULTS
@@ -52,14 +57,33 @@ class Eigenpair(Stackable, eqx.Module):
 
     def in_units_of(self, pressure: Float[Array, ""]) -> "Eigenpair":
         """Return the same pair with pressures in another unit; lengths stay."""
-        eigenvalue, error = self.eigenvalue / pressure, self.error / pressure
-        return replace(self, eigenvalue=eigenvalue, error=error)
+        return replace(
+            self,
+            eigenvalue=self.eigenvalue / pressure,
+            error=self.error / pressure,
+            bound=self.bound / pressure,
+        )
 
     @property
     def sign(self) -> Int[Array, ""]:
         """1 or -1 where the eigenvalue is converged and larger than its error, otherwise 0."""
         is_sure = (self.result == RESULTS.successful) & (jnp.abs(self.eigenvalue) > self.error)
         return jnp.where(is_sure, jnp.where(self.eigenvalue > 0, 1, -1), 0)
+
+    def with_proof(
+        self, is_proved: Bool[ArrayLike, ""], bound: Float[ArrayLike, ""] = -jnp.inf
+    ) -> "Eigenpair":
+        """Return the pair with what is proved of it.
+
+        Arguments:
+            is_proved: whether it is the smallest, if the solver found it.
+            bound: what it is not below, known otherwise.
+        """
+        proved = (self.result == RESULTS.successful) & is_proved
+        least = jnp.where(self.eigenvalue == jnp.inf, jnp.inf, self.eigenvalue - self.error)
+        return replace(
+            self, proved=proved, bound=jnp.maximum(jnp.where(proved, least, -jnp.inf), bound)
+        )
 
 
 def measured(
@@ -72,6 +96,8 @@ def measured(
         mode=mode,
         residual=residual,
         error=_error(operator, residual),
+        proved=jnp.array(False),
+        bound=jnp.full_like(eigenvalue, -jnp.inf),
         num_steps=found.num_steps,
         num_applications=found.num_applications + 1,
         result=found.result,
@@ -93,6 +119,8 @@ def lowered(pair: Eigenpair, other: Eigenpair) -> Eigenpair:
         mode=jnp.where(is_missed, other.mode, pair.mode),
         residual=jnp.where(is_missed, jnp.inf, pair.residual),
         error=jnp.where(is_missed, jnp.inf, pair.error),
+        proved=pair.proved & ~is_missed,
+        bound=jnp.where(is_missed, -jnp.inf, pair.bound),
         result=RESULTS.where(failed, RESULTS.stagnated, pair.result),
     )
 

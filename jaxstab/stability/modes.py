@@ -104,7 +104,7 @@ def _lowest_modes(
         result=RESULTS.where(is_equilibrium, found.result, state),
     )
     modes = found.vector[:count]
-    pairs = jax.vmap(lambda mode: measured(hessian, space, found, mode))(modes)
+    pairs = jax.vmap(lambda mode: measured(hessian, space, found, mode).with_proof(True))(modes)
     return pairs.in_units_of(1 / unit)
 
 

@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxstab.checks import is_traced
 from jaxstab.hessian import Block, Hessian
 from jaxstab.results import RESULTS
+from jaxstab.stability.certificate import certified_bound
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpairs import Eigenpair, admissible_pair, lowered, measured
 from jaxstab.stability.lobpcg import LOBPCG, norms
@@ -83,6 +84,12 @@ class Search(eqx.Module):
         else:
             # One that the caller chose is one to look at.
             cone = _on_cone(solver, self.hessian, self.cone, around, self.random)
+        is_open = (_flag(cone.sign) > 0) & (_flag(around.sign) <= 0) & ~_flag(cone.pair.proved)
+        cone = _if_needed(
+            touches & ~is_decided & is_open & ~_flag(self.is_doubtful),
+            lambda: _certified(spaces, self.hessian, self.cone, cone, around),
+            cone,
+        )
         critical = _if_needed(
             _flag(self.is_doubtful), lambda: _critical_in_doubt(self, critical, hull), critical
         )
@@ -128,7 +135,7 @@ class _Lowest(eqx.Module):
 @jax.jit
 def _on_space(solver: LOBPCG, hessian: Hessian, space: Subspace, starts: Block) -> _Lowest:
     pair, modes = lowest_pair(solver, hessian, space, starts)
-    return _Lowest(pair, pair.sign, modes)
+    return _Lowest(pair.with_proof(True), pair.sign, modes)
 
 
 @jax.jit
@@ -149,8 +156,20 @@ def _on_cone(
     lowest = jnp.where(is_answer, signs[jnp.argmin(entering)], starts[0])
     is_needed = ~is_answer | (jnp.arange(len(starts)) == 0)
     found = solver.solve(restricted, cone, starts.at[0].set(lowest), is_needed)
-    pair = measured(restricted, cone, found, found.vector)
+    # Or else there is nothing on the cone, or it may have been missed.
+    pair = measured(restricted, cone, found, found.vector).with_proof(is_answer | cone.is_trivial)
     return _Lowest(pair, pair.sign, modes)
+
+
+@jax.jit
+def _certified(
+    solver: LOBPCG, hessian: Hessian, cone: AdmissibleCone, found: _Lowest, hull: _Lowest
+) -> _Lowest:
+    """Return a pair on a cone with a bound that is proved."""
+    pair = found.pair
+    bound, cost = certified_bound(solver, hessian, cone, pair.eigenvalue, hull.modes)
+    pair = replace(pair.with_proof(False, bound), num_applications=pair.num_applications + cost)
+    return replace(found, pair=pair)
 
 
 @jax.jit
@@ -194,7 +213,7 @@ def _rise(above: Float[Array, ""], below: Float[Array, ""]) -> Float[Array, ""]:
 def _with_error(lowest: _Lowest, error: Float[Array, ""]) -> _Lowest:
     pair = lowest.pair
     pair = replace(pair, error=jnp.maximum(pair.error, jnp.where(jnp.isnan(error), jnp.inf, error)))
-    return replace(lowest, pair=pair, sign=pair.sign)
+    return replace(lowest, pair=pair.with_proof(pair.proved), sign=pair.sign)
 
 
 def _flag(value: Array) -> Array | np.ndarray:

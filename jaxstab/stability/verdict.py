@@ -30,6 +30,8 @@ class Stability(Stackable, eqx.Module):
         barrier: that of a state held by contact, along the cone's mode to second order; NaN
             elsewhere.
         verdict: a member of `VERDICTS`.
+        proved: whether the verdict is proved, and not only found: that no eigenvalue on which it
+            rests can have been missed.
         result: how the solvers ended: the first failure, or successful.
     """
 
@@ -39,6 +41,7 @@ class Stability(Stackable, eqx.Module):
     complementarity: Float[Array, ""]
     barrier: Barrier
     verdict: VERDICTS
+    proved: Bool[Array, ""]
     result: RESULTS
 
     __repr__ = block
@@ -68,6 +71,16 @@ def verdict_on(
     verdict = VERDICTS.where(critical.sign < 0, VERDICTS.unstable, verdict)
     is_stable = (cone.sign > 0) | (lower_bound.sign > 0)
     return VERDICTS.where(is_stable, VERDICTS.stable, verdict)
+
+
+def proof_of(verdict: VERDICTS, cone: Eigenpair, critical: Eigenpair) -> Bool[Array, ""]:
+    """Return whether a verdict is proved, given the pairs on both cones.
+
+    A negative eigenvalue proves itself, by its mode; a positive one must not be below zero.
+    """
+    is_held = (verdict == VERDICTS.held_by_contact) & (critical.bound > 0)
+    is_stable = (verdict == VERDICTS.stable) & (cone.bound > 0)
+    return is_stable | is_held | (verdict == VERDICTS.unstable)
 
 
 def first_failure(*pairs: Eigenpair) -> RESULTS:

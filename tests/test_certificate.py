@@ -1,0 +1,130 @@
+"""What is proved: against every face of the cone, by dense algebra, and as it is told."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import dense_hessian, rough_contact, smallest_on_cone, state_of
+
+import jaxstab as js
+
+SHAPE = (4, 4)
+
+
+def nearly_closed(seed, load=js.MeanGap):
+    """Return a contact closed but for three to six points, softer than its softest waves."""
+    random = np.random.default_rng(seed)
+    gap = np.zeros(SHAPE)
+    open_points = random.choice(gap.size, random.integers(3, 7), replace=False)
+    gap.flat[open_points] = random.uniform(0.05, 0.5, open_points.size)
+    solid = js.HalfSpace(js.Grid(SHAPE), 1.0)
+    length = 0.3
+    energy = random.uniform(0.9, 1.6) * float(solid.min_stiffness) * length**2
+    law = js.potentials.Exponential(energy, length)
+    contact = js.Contact(solid, np.zeros(SHAPE), law)
+    return state_of(contact, jnp.asarray(gap), reaction=1.0, load=load)
+
+
+@pytest.fixture(scope="module")
+def judged():
+    problems = [nearly_closed(seed) for seed in range(16)]
+    return [(*problem, js.assess_stability(*problem)) for problem in problems]
+
+
+def test_a_bound_is_never_above_the_minimum_and_proves_what_the_lower_bound_does_not(judged):
+    certified = 0
+    for contact, state, stability in judged:
+        matrix = dense_hessian(contact, state.gap)
+        exact = smallest_on_cone(matrix, np.asarray(state.in_contact).ravel())
+        rounding = 1e-12 * np.linalg.norm(matrix, 2)
+        assert stability.cone.bound <= exact + rounding
+        if stability.cone.proved:
+            np.testing.assert_allclose(stability.cone.eigenvalue, exact, atol=stability.cone.error)
+        if stability.verdict == "stable" and stability.proved:
+            assert exact > 0
+        certified += bool(stability.lower_bound.eigenvalue < 0 < stability.cone.bound)
+        np.testing.assert_allclose(
+            stability.lower_bound.bound,
+            stability.lower_bound.eigenvalue - stability.lower_bound.error,
+        )
+    assert certified >= 5
+
+
+def test_what_is_only_found_is_said_to_hold_locally(judged):
+    found = [s for _, _, s in judged if s.verdict == "stable" and not s.proved]
+    proved = [s for _, _, s in judged if s.verdict == "stable" and s.proved]
+    assert found and proved
+    for stability in found:
+        assert stability.cone.bound <= 0
+    _, state, stability = next(x for x in judged if x[2] is found[0])
+    sweep = js.Sweep(state.load, state, stability)
+    assert "stable, locally" in repr(sweep)
+    assert "proved           False" in repr(stability)
+
+
+def test_on_a_linear_space_and_by_a_mode_the_verdict_is_proved():
+    contact = rough_contact(16, js.potentials.Exponential(0.06, 0.06), rms_height=0.05)
+    states = {g: js.equilibrate(contact, js.MeanGap(g)) for g in (0.1, 0.5)}
+    held, apart = (js.assess_stability(contact, state) for state in states.values())
+    assert held.verdict == "held_by_contact" and held.proved and held.critical.proved
+    assert apart.verdict == "stable" and apart.proved
+    assert all(pair.proved for pair in apart.pairs.values())
+    modes = js.lowest_modes(contact, states[0.1], 3)
+    assert modes.proved.all() and (modes.bound <= modes.eigenvalue).all()
+    failed = js.assess_stability(contact, states[0.1], js.ProjectedLOBPCG(max_steps=1), throw=False)
+    assert not failed.cone.proved and not failed.proved
+
+
+def test_under_pressure_control_on_a_line_the_cone_needs_no_search():
+    # The kernel has no positive entry off its diagonal, so that the lowest mode is of one sign.
+    grid = js.Grid((64,))
+    law = js.potentials.Exponential(0.002, 0.1)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), js.surfaces.sinusoid(grid, 0.05), law)
+    state = js.equilibrate(contact, js.MeanPressure(0.02))
+    assert state.in_contact.any() and not state.in_contact.all()
+    stability = js.assess_stability(contact, state)
+    np.testing.assert_allclose(stability.cone.eigenvalue, stability.lower_bound.eigenvalue)
+    assert stability.cone.proved
+    assert stability.cone.num_applications < 60
+
+
+def test_proofs_are_the_same_in_lanes_and_in_single_precision():
+    problems = [nearly_closed(seed, load=js.MeanPressure) for seed in range(4)]
+    alone = [js.assess_stability(*problem) for problem in problems]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *problems)
+    lanes = jax.vmap(lambda contact, state: js.assess_stability(contact, state, throw=False))(
+        *stacked
+    )
+    np.testing.assert_array_equal(lanes.proved, [s.proved for s in alone])
+    for name in ("lower_bound", "cone", "critical"):
+        np.testing.assert_allclose(
+            getattr(lanes, name).bound, [getattr(s, name).bound for s in alone], rtol=1e-5
+        )
+    contact, state = jax.tree.map(
+        lambda leaf: leaf.astype(jnp.float32) if leaf.dtype == jnp.float64 else leaf,
+        nearly_closed(0),
+    )
+    single = js.assess_stability(contact, state, throw=False)
+    double = js.assess_stability(*nearly_closed(0))
+    assert single.cone.bound <= double.cone.bound + 1e-3 * abs(double.cone.eigenvalue)
+
+
+def test_a_solid_without_waves_has_no_certificate_but_a_verdict(judged):
+    class Dense(js.Solid):
+        grid: js.Grid
+        max_stiffness: jax.Array
+        min_stiffness: jax.Array
+        waves: js.Solid
+
+        def apply(self, displacement):
+            return self.waves.apply(displacement)
+
+        def precondition(self, shift):
+            return self.waves.precondition(shift)
+
+    contact, state, stability = next(x for x in judged if x[2].cone.bound > 0)
+    solid = contact.solid
+    dense = Dense(solid.grid, solid.max_stiffness, solid.min_stiffness, solid)
+    again = js.assess_stability(js.Contact(dense, contact.heights, contact.potential), state)
+    np.testing.assert_allclose(again.cone.eigenvalue, stability.cone.eigenvalue, rtol=1e-6)
+    assert again.verdict == "stable" and not again.proved
