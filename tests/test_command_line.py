@@ -244,6 +244,14 @@ def test_a_measured_surface_every_law_and_load_reach_the_problem(scan, tmp_path,
     assert "0.521 % of the points are missing, and filled." in said.err
     assert "scan.txt, 2 x 1.5 µm, 16 x 12 points" in said.out
     contact, sweep = js.load(tmp_path / "out" / "1" / "unloading.nc")
+    lines = [f'surface = "{scan}"', "lengths = [2, 1.5]", 'unit = "um"', 'study = "unloading"']
+    rest = options[7:-6]
+    lines += [f'{rest[i][2:]} = "{rest[i + 1]}"' for i in range(0, len(rest), 2)]
+    (tmp_path / "study.toml").write_text("\n".join(lines))
+    numbers = ["--number", "2", "--output", str(tmp_path / "out")]
+    main(["--config", str(tmp_path / "study.toml"), *numbers])
+    files = [tmp_path / "out" / name / "unloading.nc" for name in "12"]
+    xarray.testing.assert_identical(*map(xarray.load_dataset, files))
     topography = js.surfaces.read(scan, (2.0, 1.5), "um").filled().detrended()
     np.testing.assert_array_equal(contact.heights, topography.heights)
     np.testing.assert_allclose(contact.grid.lengths, [2, 1.5])
@@ -352,6 +360,11 @@ def test_options_that_make_no_sense_end_in_one_line(tmp_path, capsys, arguments,
         (["run", "--surface", "empty.txt", *MATERIAL], "empty.txt"),
         (["run", "--config", "empty.txt", "--output", "empty.txt"], "empty.txt"),
         (["run", "--config", "broken.toml"], "broken.toml is not TOML"),
+        (["run", "--config", "other.toml"], "other.toml names another one: give options only."),
+        (
+            ["--first", "1", "--last", "1", "--size", "16", "--k-high", "4"],
+            "that of the one before",
+        ),
         (["run", "--config", "wrong.toml"], "wrong.toml: size is True: give a number or text."),
     ],
 )
@@ -362,6 +375,7 @@ def test_files_that_make_no_sense_end_in_one_line(
     (tmp_path / "empty.txt").touch()
     (tmp_path / "broken.toml").write_text("size = = 3")
     (tmp_path / "wrong.toml").write_text("size = true")
+    (tmp_path / "other.toml").write_text('config = "wrong.toml"')
     refused(arguments, message, capsys)
 
 

@@ -210,6 +210,11 @@ def test_what_cannot_be_written_is_refused(case, followed, tmp_path):
         js.to_dataset(other, sweep)
     with pytest.raises(TypeError, match="tracing"):
         jax.jit(lambda state: js.to_dataset(contact, state).gap.values)(sweep[0].equilibrium)
+    with pytest.raises(TypeError, match="Sweep is no contact: give that first"):
+        js.save(tmp_path / "run.nc", sweep, contact)
+    contacts = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), contact)
+    with pytest.raises(ValueError, match="several contacts"):
+        js.to_dataset(contacts, sweep)
     twice = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), followed[1])
     with pytest.raises(ValueError, match="several paths"):
         js.to_dataset(followed[0], twice)
@@ -253,6 +258,63 @@ def test_a_file_of_another_version_is_refused_in_a_sentence(case, tmp_path, chan
         assert change(structure) != structure
         file.attrs["structure"] = change(structure)
     with pytest.raises(ValueError, match=message):
+        js.load(path)
+
+
+class Odd(eqx.Module):
+    """A law whose fields are named like those of results."""
+
+    my_history: jax.Array
+    grid_lengths: jax.Array
+    gap: jax.Array
+    load: jax.Array
+
+    def __call__(self, gap):
+        return -self.gap * self.load * jnp.exp(-gap / jnp.sum(self.my_history * self.grid_lengths))
+
+
+def test_names_of_a_law_do_not_clash_with_those_of_results(tmp_path):
+    law = Odd(jnp.array([0.1, 0.2]), jnp.array([0.5, 0.5]), jnp.array(0.1), jnp.array(0.1))
+    contact = contact_of(law)
+    state = js.equilibrate(contact, js.MeanGap(0.1))
+    assert_same_bits((contact, state), js.load(js.save(tmp_path / "odd.nc", contact, state)))
+
+
+def test_a_lost_law_inside_another_and_a_lost_solid_are_told(tmp_path):
+    class Local(eqx.Module):
+        depth: jax.Array
+
+        def __call__(self, gap):
+            return -self.depth * jnp.exp(-gap)
+
+    varying = js.potentials.Varying(Local(jnp.full(SHAPE, 0.01)))
+    state = js.equilibrate(contact_of(varying), js.MeanGap(0.1))
+    with pytest.warns(UserWarning, match="Local"):
+        path = js.save(tmp_path / "law.nc", contact_of(varying), state)
+    loaded, _ = js.load(path)
+    with pytest.raises(ValueError, match="Local` the file holds values only"):
+        js.equilibrate(loaded, state.load)
+    base = contact_of(js.potentials.Exponential(0.01, 0.2))
+    solid = js.Spectral(base.grid, lambda q: q / 2)
+    contact = js.Contact(solid, base.heights, base.potential)
+    state = js.equilibrate(contact, js.MeanGap(0.1))
+    with pytest.warns(UserWarning, match="<lambda>"):
+        path = js.save(tmp_path / "solid.nc", contact, state)
+    loaded, again = js.load(path)
+    assert_same_bits(again, state)
+    with pytest.raises(ValueError, match="for a solid, build the contact anew"):
+        js.equilibrate(loaded, state.load)
+
+
+def test_a_file_that_lacks_something_says_what(case, tmp_path):
+    contact, sweep = case
+    path = js.save(tmp_path / "run.nc", contact, sweep[0])
+    xarray.load_dataset(path).drop_vars("gap").to_netcdf(tmp_path / "less.nc", engine="h5netcdf")
+    with pytest.raises(ValueError, match="The file lacks gap: it was changed"):
+        js.load(tmp_path / "less.nc")
+    with h5netcdf.File(path, "r+") as file:
+        file.attrs["structure"] = "{"
+    with pytest.raises(ValueError, match="its structure cannot be read"):
         js.load(path)
 
 

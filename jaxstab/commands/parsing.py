@@ -73,12 +73,14 @@ def from_config(parser: Parser, path: Path) -> list[str]:
         parser.error(f"argument --config: {path} is not TOML: {error}.")
     arguments: list[str] = []
     for name, value in _flat(content.items()):
+        if name == "config":
+            parser.error(f"argument --config: {path} names another one: give options only.")
         values = value if isinstance(value, list) else [value]
         if not all(type(part) in (int, float, str) for part in values) or not values:
             parser.error(f"argument --config: {path}: {name} is {value!r}: give a number or text.")
-        option = f"--{name.replace('_', '-')}"
+        option, texts = f"--{name.replace('_', '-')}", list(map(str, values))
         # In one word a negative number is no option.
-        arguments += [f"{option}={values[0]}", *map(str, values[1:])]
+        arguments += [f"{option}={texts[0]}"] if len(texts) == 1 else [option, *texts]
     return arguments
 
 

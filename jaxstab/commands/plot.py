@@ -52,13 +52,13 @@ def _free_name(path: Path) -> Path:
 
 def _figure(contact: Contact, result: Result) -> Figure:
     if isinstance(result, Followed):
-        axes = plots.path(result)
+        axes = plots.path(result, unit=contact.unit)
     elif isinstance(result, Stability):
         axes = plots.mode(contact, result.cone)
     elif isinstance(result, Equilibrium):
         axes = plots.gap(contact, result)
     elif result.stack_shape and result.stability is not None:
-        axes = plots.stability_curve(result)
+        axes = plots.stability_curve(result, unit=contact.unit)
     elif result.stack_shape:
         raise ValueError("This sweep left stability out: choose one state of it, by --state.")
     elif result.stability is None:

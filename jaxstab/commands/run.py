@@ -98,7 +98,7 @@ def _loop(options: argparse.Namespace, contact: Contact, folder: Path) -> Ended 
         )
     print(path)
     if len(path.load.value) > 1:
-        figure = plot_path(path).get_figure(root=True)
+        figure = plot_path(path, unit=contact.unit).get_figure(root=True)
         assert figure is not None
         figure.savefig(folder / "loop.png", dpi=150)
     _save(folder / "loop.nc", contact, path)
@@ -117,7 +117,7 @@ def _unloading(options: argparse.Namespace, contact: Contact, folder: Path) -> E
         warnings.simplefilter("ignore", SweepInterrupted)
         result = sweep(contact, loads, order=options.order, progress=True)
     print(result)
-    _draw(result, folder / "unloading.png")
+    _draw(result, contact.unit, folder / "unloading.png")
     _save(folder / "unloading.nc", contact, result)
     done = result.load.value.size
     if done < options.number:
@@ -148,9 +148,9 @@ def _new_folder(parent: Path) -> Path:
             return folder
 
 
-def _draw(result: Sweep, path: Path) -> None:
+def _draw(result: Sweep, unit: str | None, path: Path) -> None:
     """Draw the two panels of Rey & Bleyer's fig. 12."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    stability_curve(result, "mean_pressure", axes=left)
-    stability_curve(result, "contact_area", axes=right)
+    stability_curve(result, "mean_pressure", unit=unit, axes=left)
+    stability_curve(result, "contact_area", unit=unit, axes=right)
     figure.savefig(path, dpi=150)

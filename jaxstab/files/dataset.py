@@ -64,6 +64,10 @@ def to_dataset(
         ValueError: for a result on another grid, or several paths at once.
     """
     xarray = _xarray()
+    if not isinstance(contact, Contact):
+        raise TypeError(f"{type(contact).__name__} is no contact: give that first.")
+    if contact.heights.shape != contact.grid.shape:
+        raise ValueError("These are several contacts: choose one of them by jax.tree.map.")
     recorder = Recorder(contact.grid.shape)
     structure = {
         "format": FORMAT,

@@ -13,7 +13,7 @@ import numpy as np
 from jaxstab.contact import Contact
 from jaxstab.files.dataset import FORMAT, Result, to_dataset
 from jaxstab.files.law import require_same_law
-from jaxstab.files.records import LostFunction, Structure, class_is_found, functions_of, restored
+from jaxstab.files.records import LostFunction, Structure, functions_of, lost_classes, restored
 from jaxstab.potentials import Potential, as_module
 
 # How a NetCDF file begins.
@@ -55,9 +55,9 @@ def save(
     lost = functions_of(json.loads(dataset.attrs.get("structure", "null")))
     if lost:
         warnings.warn(
-            f"{path.name} holds values of `{lost[0]}`, no formula: to go on from it, give that to "
-            "jaxstab.load(path, potential=...), or write it as an equinox.Module in a module that "
-            "can be imported.",
+            f"{path.name} holds values of `{lost[0]}`, no formula: to go on from it, give a law to "
+            "jaxstab.load(path, potential=...), or write it, and a solid, as an equinox.Module of "
+            "numbers and arrays that can be imported.",
             stacklevel=2,
         )
     # Taken first, so that no other run can take the name.
@@ -113,8 +113,11 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
 def attributes_of(path: str | Path) -> dict[str, Any] | None:
     """Return what a file that `save` wrote says of itself; of any other file nothing."""
     path = Path(path)
-    if not path.is_file() or path.read_bytes()[:4] != _MAGIC:
+    if not path.is_file():
         return None
+    with path.open("rb") as file:
+        if file.read(len(_MAGIC)) != _MAGIC:
+            return None
     attributes = _read(path)[1]
     return attributes if "versions" in attributes else None
 
@@ -156,7 +159,11 @@ def _structure(path: Path, attributes: dict[str, Any]) -> Structure:
             f"{path} was written with fields=False, which a result cannot be made of: open it with "
             "xarray.open_dataset."
         )
-    structure = json.loads(attributes["structure"])
+    try:
+        structure = json.loads(attributes["structure"])
+    except json.JSONDecodeError:
+        message = f"{path} was changed since it was written: its structure cannot be read."
+        raise ValueError(message) from None
     if structure["format"] > FORMAT:
         raise ValueError(
             f"{path} was written by jaxstab {json.loads(attributes['versions'])['jaxstab']}, in a "
@@ -170,7 +177,5 @@ def _law(
 ) -> Potential:
     if given is not None:
         return as_module(given, dtype)
-    lost = functions_of(structure)
-    if not lost and not class_is_found(structure):
-        lost = [structure["class"]]
+    lost = functions_of(structure) + lost_classes(structure)
     return LostFunction(lost[0]) if lost else restored(structure, arrays)

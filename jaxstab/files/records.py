@@ -29,7 +29,7 @@ _TOTALS = {("work",), ("dissipation",)}
 
 
 class LostFunction(eqx.Module):
-    """A law that a file holds no formula of.
+    """A function, of a law or a solid, that a file holds no formula of.
 
     Attributes:
         name: of the function or class that it was.
@@ -40,8 +40,8 @@ class LostFunction(eqx.Module):
     def __call__(self, argument: Any) -> Any:
         """Raise `ValueError`, since nothing is known but values."""
         raise ValueError(
-            f"Of `{self.name}` the file holds values only, no formula: give it to "
-            "jaxstab.load(path, potential=...), or rebuild the contact with it."
+            f"Of `{self.name}` the file holds values only, no formula. A law can be given to "
+            "jaxstab.load(path, potential=...); for a solid, build the contact anew."
         )
 
 
@@ -115,18 +115,22 @@ class Recorder:
         words = [_SINGULAR.get(word, word) for word in path]
         words = ["total", *words] if path in _TOTALS else words
         name = "_".join([word for word in words if word not in _SILENT]) or path[-1]
-        record = Record(values, (*axes, *self._own_dims(name, values.shape[len(axes) :])), path)
+        record = Record(
+            values, (*axes, *self._own_dims(name, path, values.shape[len(axes) :])), path
+        )
         if name in self.records and not _is_same(self.records[name], record):
             name = "_".join(words)
         self.records[name] = record
         return {"array": name}
 
-    def _own_dims(self, name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
-        if name.endswith("history"):
+    def _own_dims(
+        self, name: str, path: tuple[str, ...], shape: tuple[int, ...]
+    ) -> tuple[str, ...]:
+        if path[-2:] == ("history", "table"):
             return ("record", f"{name}_indicator")
         if shape == self.grid_shape:
             return ("x", "y")[: len(shape)]
-        if name.endswith("grid_lengths"):
+        if path[-2:] == ("grid", "lengths") and len(shape) == 1:
             return ("side",)
         return tuple(f"{name}_{i}" for i in range(len(shape)))
 
@@ -142,9 +146,11 @@ def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> Any:
     match structure:
         case {"members": name, "array": array}:
             members = getattr(results, name)
+            _require(array, arrays)
             codes = {word: code for code, word in enumerate(members.names.tolist())}
             return members(_coded(arrays[array], codes))
         case {"array": name}:
+            _require(name, arrays)
             return jax.device_put(arrays[name])
         case {"value": value}:
             return value
@@ -174,13 +180,22 @@ def _has_import_path(value: Any) -> bool:
     return isinstance(value, eqx.Module) and not is_bare(value) and not is_local
 
 
-def class_is_found(structure: Structure) -> bool:
-    """Whether the class of a structure can be imported."""
+def lost_classes(structure: Structure) -> list[str]:
+    """Return the classes of a structure that cannot be imported."""
+    return [part["class"] for part in _parts(structure) if "class" in part and not _is_found(part)]
+
+
+def _is_found(structure: Structure) -> bool:
     try:
         _class(structure["class"])
     except ValueError:
         return False
     return True
+
+
+def _require(name: str, arrays: Mapping[str, np.ndarray]) -> None:
+    if name not in arrays:
+        raise ValueError(f"The file lacks {name}: it was changed since it was written.")
 
 
 def _class(path: str) -> type:

@@ -99,8 +99,8 @@ def follow(
         says so.
 
     Raises:
-        ValueError: for a load that does not hold two finite values or more in one dimension, or
-            machines that differ; for room that is too small.
+        ValueError: for a load that does not hold two finite values or more in one dimension, each
+            another than the one before, or machines that differ; for room that is too small.
         SolverError: if `throw`, where an equilibrium is not found, or the store is full.
     """
     require_load(load)
@@ -110,6 +110,9 @@ def follow(
             f"{type(load).__name__} holds an array of shape {load.value.shape}."
         )
     require_finite("The load", load.value)
+    turns = known(load.value)
+    cure = "a turning point is that of the one before: leave it out."
+    require("The load", turns[1:], turns[1:] != turns[:-1], cure)
     require_same_machine(load)
     share, noise = parameter(smallest_jump), parameter(disturbance)
     require_positive("smallest_jump", share)

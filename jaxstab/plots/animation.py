@@ -125,10 +125,7 @@ def _say_area(axes: Axes, gap: np.ndarray) -> None:
 
 def _curve(axes: Axes, contact: Contact, path: paths.Path) -> Callable[[int], None]:
     """Draw pressure over gap with a marker on one state, and return what moves it to another."""
-    draw_path(path, axes=axes)
-    axes.set_xlabel(with_unit(contact, axes.get_xlabel()))
-    for title in (legend.get_title() for legend in [axes.get_legend()] if legend):
-        title.set_text(with_unit(contact, title.get_text()))
+    draw_path(path, unit=contact.unit, axes=axes)
     there, across = (
         np.asarray(path.equilibrium.mean_gap),
         np.asarray(path.equilibrium.mean_pressure),

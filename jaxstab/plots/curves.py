@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
 from jaxstab.plots.fields import require_pair
-from jaxstab.plots.style import QUANTITIES, VERDICT_MARKERS, axes_or_new, load_label
+from jaxstab.plots.style import QUANTITIES, VERDICT_MARKERS, axes_or_new, load_label, with_unit
 from jaxstab.potentials import Potential, energy_density, slope
 from jaxstab.stability import Eigenpair
 from jaxstab.surfaces import PowerSpectrum
@@ -64,6 +64,7 @@ def stability_curve(
     sweep: Sweep,
     quantity: Literal["mean_pressure", "contact_area", "energy"] = "mean_pressure",
     *,
+    unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw a quantity over the load, with filled markers where it is stable (Rey & Bleyer, 12).
@@ -71,6 +72,7 @@ def stability_curve(
     Arguments:
         sweep: the states.
         quantity: a field of `Equilibrium` that is one number for each load.
+        unit: that of lengths, as in `contact.unit`.
         axes: where to draw.
 
     Raises:
@@ -93,7 +95,7 @@ def stability_curve(
         chosen = np.asarray(sweep.stability.verdict == name)
         if chosen.any():
             axes.scatter(load[chosen], values[chosen], label=name.replace("_", " "), **marker)
-    axes.set(xlabel=load_label(sweep.load), ylabel=QUANTITIES[quantity])
+    axes.set(xlabel=with_unit(unit, load_label(sweep.load)), ylabel=QUANTITIES[quantity])
     axes.legend()
     return axes
 
@@ -102,6 +104,7 @@ def spectrum(
     spectrum: PowerSpectrum | Sequence[PowerSpectrum],
     *,
     labels: Sequence[str] | None = None,
+    unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw power spectra of surfaces over the wavenumber, both on logarithmic axes.
@@ -111,6 +114,7 @@ def spectrum(
     Arguments:
         spectrum: one or more of what `jaxstab.surfaces.power_spectrum` returned.
         labels: their names, shown in a legend.
+        unit: that of lengths, as in `topography.unit`.
         axes: where to draw.
 
     Raises:
@@ -126,7 +130,10 @@ def spectrum(
     # Of the others labels would overlap.
     axes.xaxis.set_minor_locator(LogLocator(subs=(2, 5)))
     power = 3 if all(_is_of_a_line(each) for each in spectra) else 4
-    axes.set(xlabel="wavenumber q [1/length]", ylabel=f"power spectral density [length$^{power}$]")
+    axes.set(
+        xlabel=with_unit(unit, "wavenumber q [1/length]"),
+        ylabel=with_unit(unit, f"power spectral density [length$^{power}$]"),
+    )
     if labels is not None:
         axes.legend()
     return axes

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from jaxstab.paths import Path
-from jaxstab.plots.style import PALETTE, QUANTITIES, axes_or_new, load_label
+from jaxstab.plots.style import PALETTE, QUANTITIES, axes_or_new, load_label, with_unit
 
 Quantity = Literal["mean_gap", "mean_pressure", "contact_area", "energy", "load"]
 
@@ -17,6 +17,7 @@ def path(
     x: Quantity = "mean_gap",
     y: Quantity = "mean_pressure",
     *,
+    unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw the states along a path, its jumps as arrows, and the energy lost around a loop.
@@ -27,6 +28,7 @@ def path(
         path: the path.
         x: what to draw over: a field of `States` that is one number for each, or "load".
         y: what to draw, of the same kind.
+        unit: that of lengths, as in `contact.unit`.
         axes: where to draw.
 
     Raises:
@@ -39,10 +41,10 @@ def path(
             choices = ", ".join([*QUANTITIES, "load"])
             raise ValueError(f"{name} is {quantity!r}: choose one of {choices}.")
     if axes is not None:
-        return _draw(path, x, y, axes_or_new(axes))
+        return _draw(path, x, y, unit, axes_or_new(axes))
     _, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    _draw(path, x, "contact_area", right)
-    return _draw(path, x, y, left)
+    _draw(path, x, "contact_area", unit, right)
+    return _draw(path, x, y, unit, left)
 
 
 def require_path(path: Path) -> None:
@@ -56,7 +58,7 @@ def require_path(path: Path) -> None:
         raise ValueError("These are several paths: draw one of them, chosen by jax.tree.map.")
 
 
-def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
+def _draw(path: Path, x: Quantity, y: Quantity, unit: str | None, axes: Axes) -> Axes:
     loads = np.asarray(path.load.value)
     there, across = (_of_states(path, quantity) for quantity in (x, y))
     # A state belongs to the part of the programme that leads to it.
@@ -78,8 +80,8 @@ def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
     if is_loop and (x, y) == ("mean_gap", "mean_pressure"):
         axes.fill(there, across, color="0.9", zorder=0)
         axes.set_title(f"lost around the loop: {float(path.dissipation):.4g} [energy]")
-    axes.set(xlabel=_label(path, x), ylabel=_label(path, y))
-    axes.legend(title=_label(path, "load"))
+    axes.set(xlabel=_label(path, x, unit), ylabel=_label(path, y, unit))
+    axes.legend(title=_label(path, "load", unit))
     return axes
 
 
@@ -99,5 +101,6 @@ def _of_states(path: Path, quantity: Quantity) -> np.ndarray:
     return np.asarray(values)
 
 
-def _label(path: Path, quantity: Quantity) -> str:
-    return load_label(path.load) if quantity == "load" else QUANTITIES[quantity]
+def _label(path: Path, quantity: Quantity, unit: str | None) -> str:
+    label = load_label(path.load) if quantity == "load" else QUANTITIES[quantity]
+    return with_unit(unit, label)

@@ -42,9 +42,9 @@ def load_label(load: Load) -> str:
     return _LOADS.get(type(load), type(load).__name__)
 
 
-def with_unit(contact: Contact | None, label: str) -> str:
-    """Return a label with the contact's own unit of length, if it has one, for the word."""
-    unit = None if contact is None else contact.unit
+def with_unit(contact: Contact | str | None, label: str) -> str:
+    """Return a label with a unit of length, that of a contact if it has one, for the word."""
+    unit = contact.unit if isinstance(contact, Contact) else contact
     return label if unit is None else label.replace("length", unit)
 
 
