@@ -9,7 +9,6 @@
 import argparse
 from pathlib import Path
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -72,8 +71,9 @@ def exact_minimum(contact, state):
 
 
 def searched_minimum(contact, state):
-    assess = eqx.filter_jit(lambda key: js.assess_stability(contact, state, key=key, throw=False))
-    return min(float(assess(jax.random.key(1 + i)).cone.eigenvalue) for i in range(NUM_KEYS))
+    keys = map(jax.random.key, range(1, 1 + NUM_KEYS))
+    found = [js.assess_stability(contact, state, key=key, throw=False) for key in keys]
+    return min(float(stability.cone.eigenvalue) for stability in found)
 
 
 def small(number, side, shares, minimum):
