@@ -123,7 +123,7 @@ def full_contact_energy(solid: "Solid", heights: Float[Array, " *grid"]) -> Floa
         The energy per area, above that of the solid moved as a whole [energy/area].
     """
     energy = solid.held_by(0).energy(heights - jnp.mean(heights))
-    return energy / jnp.prod(solid.grid.lengths)
+    return energy / solid.grid.area
 
 
 def effective_work_of_adhesion(
