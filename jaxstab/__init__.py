@@ -12,7 +12,7 @@ from jaxstab.branches.critical_load import CriticalLoad
 from jaxstab.calibration import Calibration, calibrate
 from jaxstab.citations import cite
 from jaxstab.contact import Contact
-from jaxstab.elasticity import HalfSpace, Solid, Spectral
+from jaxstab.elasticity import CoatedHalfSpace, HalfSpace, Layer, Solid, Spectral
 from jaxstab.equilibrium import (
     Equilibrium,
     EquilibriumSolver,
@@ -55,6 +55,7 @@ __all__ = [
     "VERDICTS",
     "Barrier",
     "Calibration",
+    "CoatedHalfSpace",
     "ConeSolver",
     "Contact",
     "CriticalLoad",
@@ -65,6 +66,7 @@ __all__ = [
     "Grid",
     "HalfSpace",
     "Jump",
+    "Layer",
     "MeanDisplacement",
     "MeanGap",
     "MeanPressure",

@@ -208,7 +208,7 @@ class Contact(eqx.Module):
     @property
     def conforming_pressure(self) -> Float[Array, ""]:
         """Rms elastic pressure that full contact takes, |K h| [pressure]: the problem's scale."""
-        pressure = self.solid.apply(self.heights - jnp.mean(self.heights))
+        pressure = self.solid.held_by(0).apply(self.heights - jnp.mean(self.heights))
         return jnp.sqrt(jnp.mean(pressure**2))
 
     def balance(self, control: Control) -> Callable[[Float[Array, " *grid"]], "Balance"]:

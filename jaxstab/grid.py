@@ -69,6 +69,12 @@ class Grid(eqx.Module):
 
     @property
     @jax.jit
+    def area(self) -> Float[Array, ""]:
+        """Area of the cell [length^2]; on a line, its length [length]."""
+        return jnp.prod(self.lengths)
+
+    @property
+    @jax.jit
     def coordinates(self) -> tuple[Float[Array, " *grid"], ...]:
         """Coordinates of every point [length], one array for each side."""
         sides = [jnp.arange(n) * dx for n, dx in zip(self.shape, self.spacing, strict=True)]

@@ -36,8 +36,9 @@ class RESULTS(Enumeration):
     )
     infeasible_load = member(
         "a mean gap must be positive and finite, as the surfaces cannot enter "
-        "each other, and a mean pressure finite; what holds a far side needs a stiffness, which a "
-        "half space has not. Prescribe a mean displacement above the mean height"
+        "each other, and a mean pressure finite; what holds a far side needs a finite stiffness, "
+        "where a half space has none and an incompressible layer an infinite one. Prescribe a mean "
+        "displacement above the mean height"
     )
     pulled_off = member(
         "no equilibrium was found at this tensile load, which drew the surfaces apart "

@@ -124,6 +124,7 @@ def state_of(contact, gap, reaction=1.0, load=js.MeanGap):
         in_contact=touches,
         mean_pressure=mean_pressure,
         contact_area=jnp.mean(touches),
+        area=contact.grid.area,
         energy=contact.energy(gap),
         residual=jnp.array(1e-9),
         num_steps=jnp.array(0),

@@ -78,6 +78,7 @@ def critical_load_at(limit: Limit, contact: Contact, shared: Load, throw: bool) 
             load=load,
             in_contact=in_contact,
             contact_area=jnp.where(is_found, jnp.mean(in_contact), jnp.nan),
+            area=contact.grid.area.astype(limit.gap.dtype),
             residual=limit.residual,
             num_steps=limit.num_steps,
             result=limit.result,

@@ -90,11 +90,11 @@ class SpectralSolid(Solid):
     @property
     @program
     def waves(self) -> Waves:
-        """The same solid by its multiplier, zero at q = 0."""
+        """The same solid by its multiplier."""
         q = self.grid.wavenumbers
         # The second `where` keeps a formula that is singular at q = 0 out of the derivatives.
         stiffness = self.stiffness_at(jnp.where(q > 0, q, jnp.max(q)))
-        return Waves.of(self.grid, jnp.where(q > 0, stiffness, 0))
+        return Waves.of(self.grid, jnp.where(q > 0, stiffness, self.uniform_stiffness))
 
     @property
     def max_stiffness(self) -> Float[Array, ""]:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -108,8 +108,8 @@ class SpectralSolid(Solid):
 
     @property
     def uniform_stiffness(self) -> Float[Array, ""]:
-        """That of the far side moving along: zero."""
-        return self.waves.uniform_stiffness
+        """The multiplier at q = 0: zero where the far side moves along [pressure/length]."""
+        return jnp.zeros((), self.grid.lengths.dtype)
 
     @property
     def is_valid(self) -> Bool[Array, ""]:
@@ -137,7 +137,10 @@ class SpectralSolid(Solid):
         return self.waves.lacking(level)
 
     def displacement(self, pressure: Field) -> Field:
-        """Return the displacement of zero mean under a pressure (Rey & Bleyer, eq. 11) [length]."""
+        """Return the displacement under a pressure (Rey & Bleyer, eq. 11) [length].
+
+        Where the far side moves along, it has zero mean.
+        """
         multiplier = self.waves.multiplier
         moves = multiplier > 0
         return _multiplied(jnp.where(moves, 1 / jnp.where(moves, multiplier, 1), 0), pressure)

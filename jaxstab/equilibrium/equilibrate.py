@@ -137,7 +137,8 @@ def with_derivatives(
     is_found = found.result == RESULTS.successful
     own = contact.in_units_of(unit), load.in_units_of(unit)
     fields = attach(changes_of_fields, throw, fields, is_found, own)
-    return replace(found, load=load, **in_units_of(1 / unit, fields))
+    area = contact.grid.area.astype(found.area.dtype)
+    return replace(found, load=load, area=area, **in_units_of(1 / unit, fields))
 
 
 def find(

@@ -35,6 +35,7 @@ class Equilibrium(Stackable, eqx.Module):
         in_contact: where the surfaces touch.
         mean_pressure: p0 = mean(mu - f'(g)), positive in compression [pressure].
         contact_area: the number of contact points over that of all points.
+        area: that of the cell [length^2]; on a line its length [length].
         energy: elastic and adhesive energy of the surface [energy]; not that of a uniform
             compression, nor of a spring.
         residual: the relative optimality residual.
@@ -52,6 +53,7 @@ class Equilibrium(Stackable, eqx.Module):
     in_contact: Bool[Array, " *grid"]
     mean_pressure: Float[Array, ""]
     contact_area: Float[Array, ""]
+    area: Float[Array, ""]
     energy: Float[Array, ""]
     residual: Float[Array, ""]
     num_steps: Int[Array, ""]
@@ -59,6 +61,14 @@ class Equilibrium(Stackable, eqx.Module):
     history: History
 
     __repr__ = block
+
+    @property
+    def force(self) -> Float[Array, ""]:
+        """The mean pressure times the area of the cell, positive in compression.
+
+        [pressure length^2]; on a line it is a force per length across it [pressure length].
+        """
+        return self.mean_pressure * self.area
 
     def in_units_of(self, pressure: Float[Array, ""]) -> "Equilibrium":
         """Return the same state with pressures in another unit; lengths stay."""
@@ -114,6 +124,7 @@ def equilibrium_at(
         load=load,
         in_contact=gap == 0,
         contact_area=jnp.mean(jnp.where(jnp.isnan(gap), gap, gap == 0)),
+        area=contact.grid.area.astype(gap.dtype),
         **assembled(contact, gap, balance.net, energy),
         **how,
     )

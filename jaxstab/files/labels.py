@@ -6,6 +6,7 @@ STIFFNESS, SURFACE_ENERGY = "pressure/length", "energy/area"
 # By the name of the field that holds it.
 QUANTITIES = {
     "amplitude": ("amplitude", LENGTH),
+    "area": ("area of the cell", f"{LENGTH}^2"),
     "bound": ("what the smallest eigenvalue is proved not to be below", STIFFNESS),
     "complementarity": ("least reaction over the rms pressure", NUMBER),
     "contact_area": ("number of contact points over that of all", NUMBER),
@@ -34,6 +35,7 @@ QUANTITIES = {
     "state": ("number of the state before", NUMBER),
     "stiffness": ("stiffness", STIFFNESS),
     "surface_energy": ("surface energy", SURFACE_ENERGY),
+    "thickness": ("thickness of the layer", LENGTH),
     "verdict": ("verdict on the stability", NUMBER),
     "work": ("work done by what is prescribed", ENERGY),
     "youngs_modulus": ("Young's modulus", PRESSURE),

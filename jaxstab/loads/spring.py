@@ -116,7 +116,7 @@ class Spring(Load):
         stiffness = self.stiffness.astype(heights.dtype)
         far = solid.uniform_stiffness
         # A half space gives way at its far side like the spring itself; others add to it.
-        held = jnp.where(far > 0, stiffness * far / (stiffness + far), stiffness)
+        held = stiffness / (1 + stiffness / jnp.where(far > 0, far, jnp.inf))
         return _spring(self.value, held, solid, heights)
 
     def in_units_of(self, pressure: Scalar) -> "Spring":
@@ -127,7 +127,8 @@ class Spring(Load):
 class FarDisplacement(Load):
     """A prescribed displacement of the far side of a solid that has one [length].
 
-    A half space is infinitely deep: its load is `MeanDisplacement`.
+    A half space is infinitely deep, and an incompressible layer keeps its volume: the load of both
+    is `MeanDisplacement`.
     """
 
     value: Float[Array, "..."] = eqx.field(converter=prescribed)

@@ -232,6 +232,7 @@ def _path_of(fields: bool, ended: Walk, contact: Contact, load: Load) -> Path:
             place.mean_gap,
             place.mean_pressure,
             place.contact_area,
+            jnp.broadcast_to(contact.grid.area, place.energy.shape).astype(place.energy.dtype),
             place.energy,
             work(place, ended.states.supplied),
             ended.states.dissipation,

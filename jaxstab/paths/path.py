@@ -20,6 +20,7 @@ class States(Stackable, eqx.Module):
         mean_gap: mean(g) [length].
         mean_pressure: p0, positive in compression [pressure].
         contact_area: the number of contact points over that of all points.
+        area: that of the cell [length^2]; on a line its length [length].
         energy: elastic and adhesive energy of the surface [energy].
         work: done up to here, on surface and spring, by what is prescribed [energy].
         dissipation: energy lost up to here, in jumps located or not [energy].
@@ -29,12 +30,21 @@ class States(Stackable, eqx.Module):
     mean_gap: Float[Array, "*states"]
     mean_pressure: Float[Array, "*states"]
     contact_area: Float[Array, "*states"]
+    area: Float[Array, "*states"]
     energy: Float[Array, "*states"]
     work: Float[Array, "*states"]
     dissipation: Float[Array, "*states"]
     gap: Float[Array, " *states_and_grid"] | None
 
     __repr__ = block
+
+    @property
+    def force(self) -> Float[Array, "*states"]:
+        """The mean pressure times the area of the cell, positive in compression.
+
+        [pressure length^2]; on a line it is a force per length across it [pressure length].
+        """
+        return self.mean_pressure * self.area
 
     def in_units_of(self, pressure: Float[Array, ""]) -> "States":
         """Return the same states with pressures in another unit; lengths stay."""

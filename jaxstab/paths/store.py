@@ -67,7 +67,7 @@ class Event(eqx.Module):
 
 def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
     """Return an equilibrium as a place of a walk, at a value of the load that may be meant."""
-    area = contact.grid.cell_area * contact.grid.size
+    area = contact.grid.area
     load = found.load.at(value)
     mean_gap = mean(found.gap)
 

@@ -353,7 +353,7 @@ def _own_energy(contact: Contact) -> Scalar:
     values = contact.profile.values
     deepest = -jnp.min(jnp.where(jnp.isfinite(values), values, 0))
     elastic = contact.solid.held_by(0).energy(contact.heights)
-    return elastic + contact.grid.cell_area * contact.grid.size * deepest
+    return elastic + contact.grid.area * deepest
 
 
 def _brings_together(contact: Contact, load: Load) -> Flag:

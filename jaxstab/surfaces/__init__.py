@@ -5,9 +5,10 @@ that was measured is a `Topography`, which `read` makes of a file: it knows its 
 and is made fit for a contact by its methods.
 """
 
-from jaxstab.surfaces.generated import paraboloid, self_affine, sinusoid
+from jaxstab.surfaces.generated import self_affine, sinusoid
 from jaxstab.surfaces.power_law import PowerLaw, power_law
 from jaxstab.surfaces.read import read
+from jaxstab.surfaces.shapes import cone, flat_punch, paraboloid, sphere, tip, wavy_sphere
 from jaxstab.surfaces.statistics import (
     Autocorrelation,
     PowerSpectrum,
@@ -29,7 +30,9 @@ __all__ = [
     "SurfaceWarning",
     "Topography",
     "autocorrelation",
+    "cone",
     "effective_work_of_adhesion",
+    "flat_punch",
     "full_contact_energy",
     "paraboloid",
     "power_law",
@@ -40,4 +43,7 @@ __all__ = [
     "rms_slope",
     "self_affine",
     "sinusoid",
+    "sphere",
+    "tip",
+    "wavy_sphere",
 ]

@@ -1,4 +1,4 @@
-"""Surfaces made to order: paraboloids, waves and self-affine surfaces."""
+"""Rough surfaces made to order: waves and self-affine surfaces."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -11,30 +11,6 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Int, PRNGKeyArray
 from jaxstab.checks import integer, known, parameter, require, require_key, require_positive
 from jaxstab.grid import Grid
 from jaxstab.surfaces.statistics import nyquist, rms_derivative
-
-
-def paraboloid(grid: Grid, radius: ArrayLike) -> Float[Array, " *grid"]:
-    """Return h = -r^2 / (2 R), its summit in the middle of the cell (Rey & Bleyer, eq. 40).
-
-    Arguments:
-        grid: the grid; on a line the summit is that of a parabolic cylinder.
-        radius: R, the radius of curvature at the summit [length].
-
-    Returns:
-        Heights [length], zero at the summit.
-
-    Raises:
-        ValueError: if the radius is not positive.
-    """
-    radius = parameter(radius, "The radius")
-    require_positive("The radius", radius)
-    return _paraboloid(grid, radius)
-
-
-@jax.jit
-def _paraboloid(grid: Grid, radius: Float[Array, ""]) -> Float[Array, " *grid"]:
-    distances = zip(grid.coordinates, grid.lengths, strict=True)
-    return -sum((x - length / 2) ** 2 for x, length in distances) / (2 * radius)
 
 
 def sinusoid(

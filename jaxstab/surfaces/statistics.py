@@ -122,7 +122,8 @@ def full_contact_energy(solid: "Solid", heights: Float[Array, " *grid"]) -> Floa
     Returns:
         The energy per area, above that of the solid moved as a whole [energy/area].
     """
-    return solid.energy(heights - jnp.mean(heights)) / jnp.prod(solid.grid.lengths)
+    energy = solid.held_by(0).energy(heights - jnp.mean(heights))
+    return energy / solid.grid.area
 
 
 def effective_work_of_adhesion(

@@ -1,0 +1,208 @@
+"""Single asperities, their summit in the middle of the cell: spheres, cones, punches and tips.
+
+On a line they are the profiles of cylinders, wedges and so on.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxstab.checks import known, parameter, require, require_finite, require_positive
+from jaxstab.grid import Grid
+
+Heights = Float[Array, " *grid"]
+Scalar = Float[Array, ""]
+
+
+def paraboloid(grid: Grid, radius: ArrayLike) -> Heights:
+    """Return h = -r^2 / (2 R), its summit in the middle of the cell (Rey & Bleyer, eq. 40).
+
+    Arguments:
+        grid: the grid; on a line the summit is that of a parabolic cylinder.
+        radius: R, the radius of curvature at the summit [length].
+
+    Returns:
+        Heights [length], zero at the summit.
+
+    Raises:
+        ValueError: if the radius is not positive.
+    """
+    return _paraboloid(grid, _positive("The radius", radius))
+
+
+@jax.jit
+def _paraboloid(grid: Grid, radius: Scalar) -> Heights:
+    return -_squared_distance(grid) / (2 * radius)
+
+
+def sphere(grid: Grid, radius: ArrayLike) -> Heights:
+    """Return h = sqrt(R^2 - r^2) - R up to r = R, and beyond it flat at -R.
+
+    Arguments:
+        grid: the grid; on a line it is a cylinder.
+        radius: R [length].
+
+    Returns:
+        Heights [length], zero at the summit.
+
+    Raises:
+        ValueError: if the radius is not positive.
+    """
+    return _sphere(grid, _positive("The radius", radius))
+
+
+@jax.jit
+def _sphere(grid: Grid, radius: Scalar) -> Heights:
+    share = _squared_distance(grid) / radius**2
+    is_inside = share < 1
+    # As R - sqrt(R^2 - r^2) it would lose digits near the summit.
+    depth = radius * share / (1 + jnp.sqrt(1 - jnp.where(is_inside, share, 0)))
+    return -jnp.where(is_inside, depth, radius)
+
+
+def cone(grid: Grid, slope: ArrayLike) -> Heights:
+    """Return h = -s r.
+
+    Arguments:
+        grid: the grid; on a line it is a wedge.
+        slope: s, the tangent of the angle between flank and plane.
+
+    Returns:
+        Heights [length], zero at the apex.
+
+    Raises:
+        ValueError: if the slope is not positive.
+    """
+    return _cone(grid, _positive("The slope", slope))
+
+
+@jax.jit
+def _cone(grid: Grid, slope: Scalar) -> Heights:
+    return -slope * _distance(grid)
+
+
+def flat_punch(grid: Grid, radius: ArrayLike, rim_radius: ArrayLike) -> Heights:
+    """Return a flat of radius a with a rounded rim: h = 0, beyond it -(r - a)^2 / (2 R).
+
+    Arguments:
+        grid: the grid; on a line the flat is a strip of width 2 a.
+        radius: a, of the flat [length].
+        rim_radius: R, the radius of curvature of its rim [length].
+
+    Returns:
+        Heights [length], zero on the flat.
+
+    Raises:
+        ValueError: if a radius is not positive.
+    """
+    radii = _positive("The radius", radius), _positive("The radius of the rim", rim_radius)
+    return _flat_punch(grid, *radii)
+
+
+@jax.jit
+def _flat_punch(grid: Grid, radius: Scalar, rim_radius: Scalar) -> Heights:
+    return -(jnp.maximum(_distance(grid) - radius, 0) ** 2) / (2 * rim_radius)
+
+
+def wavy_sphere(
+    grid: Grid, radius: ArrayLike, amplitude: ArrayLike, wavelength: ArrayLike
+) -> Heights:
+    """Return h = -r^2 / (2 R) - A (1 - cos(2 pi r / l)), a sphere with concentric waves (Guduru).
+
+    P. R. Guduru, J. Mech. Phys. Solids 55, 445 (2007).
+
+    Arguments:
+        grid: the grid.
+        radius: R of the paraboloid [length].
+        amplitude: A, half the height of a wave from trough to crest [length].
+        wavelength: l [length].
+
+    Returns:
+        Heights [length], zero at the summit.
+
+    Raises:
+        ValueError: if radius or wavelength are not positive, or the amplitude not finite.
+    """
+    amplitude = parameter(amplitude, "The amplitude")
+    require("The amplitude", amplitude, abs(known(amplitude)) < np.inf, "it must be finite.")
+    radius, wavelength = _positive("The radius", radius), _positive("The wavelength", wavelength)
+    return _wavy_sphere(grid, radius, amplitude, wavelength)
+
+
+@jax.jit
+def _wavy_sphere(grid: Grid, radius: Scalar, amplitude: Scalar, wavelength: Scalar) -> Heights:
+    waves = 1 - jnp.cos(2 * jnp.pi * _distance(grid) / wavelength)
+    return _paraboloid(grid, radius) - amplitude * waves
+
+
+def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Heights:
+    """Return the tip that a measured profile describes, the same all around.
+
+    Between the radii it is cubic, with a continuous slope, and never beyond the heights beside it
+    (Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5, 300, 1984); at r = 0 its slope is zero.
+
+    Arguments:
+        grid: the grid.
+        profile_radii: r, ascending from zero to the corners of the cell or beyond [length].
+        profile_heights: h there, the summit pointing towards the solid, upwards [length].
+
+    Returns:
+        Heights [length].
+
+    Raises:
+        ValueError: for radii that do not ascend from zero, or end before the corners; for heights
+            of another shape, or not finite.
+    """
+    radii = parameter(profile_radii, "The array of radii")
+    heights = parameter(profile_heights, "The array of heights")
+    if radii.ndim != 1 or radii.size < 2 or radii.shape != heights.shape:
+        raise ValueError(
+            f"The profile has radii of shape {radii.shape} and heights of shape {heights.shape}: "
+            "give as many heights as radii, two or more."
+        )
+    require_finite("The profile", heights)
+    r = known(radii)
+    require("The profile", r, (r[0] == 0) & (r[1:] > r[:-1]).all(), "radii must ascend from zero.")
+    corner = (known(grid.lengths) ** 2).sum() ** 0.5 / 2
+    cure = f"the corners of the cell lie at {corner}; continue the profile, or take a smaller cell."
+    # Rounding must not decide whether it reaches them.
+    require("The last radius of the profile", r[-1], r[-1] >= corner * (1 - 1e-6), cure)
+    return _tip(grid, radii, heights)
+
+
+@jax.jit
+def _tip(grid: Grid, radii: Float[Array, " n"], heights: Float[Array, " n"]) -> Heights:
+    widths, secants = jnp.diff(radii), jnp.diff(heights) / jnp.diff(radii)
+    before, after = secants[:-1], secants[1:]
+    # The harmonic mean, weighted by widths; zero at a summit or in a trough.
+    rises = before * after > 0
+    first, last = 2 * widths[1:] + widths[:-1], widths[1:] + 2 * widths[:-1]
+    inverse = first / jnp.where(rises, before, 1) + last / jnp.where(rises, after, 1)
+    inner = jnp.where(rises, (first + last) / inverse, 0)
+    slopes = jnp.concatenate([jnp.zeros(1, inner.dtype), inner, secants[-1:]])
+
+    r = jnp.minimum(_distance(grid), radii[-1])
+    i = jnp.clip(jnp.searchsorted(radii, r, side="right") - 1, 0, radii.size - 2)
+    t = (r - radii[i]) / widths[i]
+    # Hermite's cubics.
+    level = heights[i] + (3 - 2 * t) * t**2 * (heights[i + 1] - heights[i])
+    bend = (1 - t) * slopes[i] - t * slopes[i + 1]
+    return level + widths[i] * t * (1 - t) * bend
+
+
+def _squared_distance(grid: Grid) -> Heights:
+    sides = zip(grid.coordinates, grid.lengths, strict=True)
+    return jnp.sum(jnp.stack([(x - length / 2) ** 2 for x, length in sides]), axis=0)
+
+
+def _distance(grid: Grid) -> Heights:
+    """Return the distance from the middle; its derivatives by the lengths are zero there."""
+    squared = _squared_distance(grid)
+    return jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)
+
+
+def _positive(name: str, value: ArrayLike) -> Float[Array, "..."]:
+    number = parameter(value, name)
+    require_positive(name, number)
+    return number
