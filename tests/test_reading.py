@@ -277,6 +277,11 @@ def test_many_points_on_no_lattice_are_refused_as_points(tmp_path):
             js.surfaces.read(tmp_path / "a", (1, 1))
 
 
+def test_two_rows_of_three_are_a_matrix_and_no_half_of_a_lattice(tmp_path):
+    topography = read_text(tmp_path, "1,2,3\n4,5,6\n", (1, 1))
+    np.testing.assert_array_equal(topography.heights, [[1, 2, 3], [4, 5, 6]])
+
+
 def test_three_columns_on_no_lattice_are_a_matrix(tmp_path):
     heights = np.random.default_rng(0).normal(size=(40, 3))
     np.savetxt(tmp_path / "a", heights)

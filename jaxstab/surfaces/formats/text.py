@@ -53,7 +53,7 @@ def _of_three_columns(table: np.ndarray) -> Scan:
     if len(table) > _LONGEST_OF_THREE:
         raise ValueError(
             f"it has three columns that lie on no lattice, in {len(table)} rows: interpolate them "
-            "onto one, at least half full, if they are x, y, z. Save a matrix as .npy."
+            "onto one, more than half full, if they are x, y, z. Save a matrix as .npy."
         )
     remark = "a matrix of three columns: no points of a lattice"
     return Scan(on_a_side_or_two(table), remarks=(remark,))
@@ -132,7 +132,7 @@ def _of_points(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> Scan | None:
     if None in sides:
         return None
     (rows, nx, dx), (columns, ny, dy) = (side for side in sides if side)
-    if 2 * x.size < nx * ny:
+    if 2 * x.size <= nx * ny:
         return None
     heights = np.full((nx, ny), np.nan)
     heights[rows, columns] = z
