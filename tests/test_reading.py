@@ -74,6 +74,12 @@ def as_gwy(path, unit="m", per_height=1e-6):
     path.write_bytes(b"GWYP" + gwy_object("GwyContainer", gwy_part("/0/data", "o", field)))
 
 
+def as_text_of_gwyddion(path):
+    # A row for each y, in the order of the same image's .gwy file.
+    header = "Channel: Height\nWidth: 3.000 µm\nHeight: 1400 nm\nValue units: m"
+    np.savetxt(path, 1e-6 * HEIGHTS.T, delimiter="\t", header=header, encoding="utf-8")
+
+
 def as_netcdf(path, engine="h5netcdf"):
     # Rows from the top down, y first, heights in another unit than the sides.
     coordinates = {"x": ("x", x[:, 0], {"units": "um"}), "y": ("y", y[0], {"units": "um"})}
@@ -99,12 +105,21 @@ WRITERS = [
     as_npy,
     as_x3p,
     as_gwy,
+    as_text_of_gwyddion,
     as_netcdf,
     as_classic_netcdf,
     by_surface_topography,
 ]
 SAY_NOTHING = {as_text, as_npy}
 SAY_NO_UNIT = SAY_NOTHING | {as_xyz}
+REMARKS = {
+    as_netcdf: ("heights converted from nm to µm",),
+    as_classic_netcdf: ("heights converted from nm to µm",),
+    as_text_of_gwyddion: (
+        "an image of Gwyddion, a row for each y",
+        "heights converted from m to µm",
+    ),
+}
 
 
 @pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)
@@ -119,7 +134,8 @@ def test_one_surface_reads_alike_in_every_format_under_any_name(write, tmp_path)
     np.testing.assert_allclose(topography.heights, HEIGHTS, rtol=1e-14)
     np.testing.assert_allclose(topography.lengths, SIDES, rtol=1e-14)
     assert topography.heights.dtype == np.float64
-    assert (topography.unit, topography.remarks, topography.is_periodic) == ("µm", (), False)
+    assert (topography.unit, topography.is_periodic) == ("µm", False)
+    assert topography.remarks == REMARKS.get(write, ())
 
 
 def test_units_of_sides_and_heights_that_differ_become_one(tmp_path):
@@ -150,10 +166,68 @@ def test_separators_comments_and_missing_points_of_text(tmp_path, text):
     assert "1 points (16.7 %)" in str(topography)
 
 
+GWYDDION = "# Width: 2 µm\n# Height: 1 µm\n# Value units: µm\n"
+
+
+def test_a_header_of_gwyddion_may_have_decimal_commas_and_no_unit_of_heights(tmp_path):
+    text = "# Width: 2,5 µm\n# Height: 1,0 µm\n# Value units:\n0,1\t0,2\t0,3\n0,4\t0,5\t0,6\n"
+    topography = read_text(tmp_path, text)
+    np.testing.assert_array_equal(topography.heights, [[0.4, 0.1], [0.5, 0.2], [0.6, 0.3]])
+    np.testing.assert_allclose(topography.lengths, [2.5, 1.0])
+    assert topography.unit == "µm"
+    assert "unit of heights taken from the sides, µm" in str(topography)
+    # A single row is a profile along x, and a matrix of three columns no points.
+    np.testing.assert_allclose(read_text(tmp_path, GWYDDION + "1 2 3\n").lengths, [2])
+    assert read_text(tmp_path, GWYDDION + "1 2 3\n" * 60).grid.shape == (3, 60)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (GWYDDION + "1 2\n3 4\n" + GWYDDION + "1 2\n3 4\n", "several images: export one"),
+        (GWYDDION.replace("2 µm", "wide") + "1 2\n3 4\n", "its width is 'wide': write a number"),
+        (GWYDDION.replace("1 µm", "1 s") + "1 2\n3 4\n", "its height is '1 s': write a number"),
+        (GWYDDION.replace("2 µm", "2") + "1 2\n3 4\n", "comes without a unit"),
+        (GWYDDION.replace("units: µm", "units: V") + "1 2\n3 4\n", "the unit is 'V'"),
+    ],
+)
+def test_a_header_of_gwyddion_that_says_too_little_is_refused(tmp_path, text, message):
+    with pytest.raises(ValueError, match=rf"a\.txt: .*{message}"):
+        read_text(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    "text", ["1,5\t2\t3\n4\t\t6,25\n", "1,5 2 3\n4 nan 6,25\n", "1,5; 2;3\n4;;6,25\n"]
+)
+def test_decimal_commas_are_read_beside_another_separator(tmp_path, text):
+    topography = read_text(tmp_path, text, (1, 1))
+    np.testing.assert_array_equal(topography.heights, [[1.5, 2, 3], [4, np.nan, 6.25]])
+    assert "decimal commas taken for points" in str(topography)
+
+
+def test_a_column_of_decimal_commas_is_no_two_columns(tmp_path):
+    # Neither a profile x, z, nor a matrix, nor a column with a whole number.
+    for text in ("1,100\n2,150\n3,120\n", "1,100\n1,150\n", "1,5e-6\n2\n"):
+        with pytest.raises(ValueError, match=r"line 1: '1,.* looks like decimal commas.* 1\.5"):
+            read_text(tmp_path, text, 1.0)
+
+
+@pytest.mark.parametrize(
+    "text", ["0,1.5\n1,2.0\n2,3\n", "0, 1.5\n1, 2\n2, 3\n", "0.0,1.5\n1,2\n2,3"]
+)
+def test_commas_that_cannot_be_decimal_separate_columns(tmp_path, text):
+    topography = read_text(tmp_path, text)
+    np.testing.assert_array_equal(topography.heights, [1.5, 2, 3])
+    assert topography.remarks == ()
+
+
 def test_two_columns_are_a_profile_and_single_lines_too(tmp_path):
     topography = read_text(tmp_path, "0.5 3\n0.75 1\n1.0 2\n1.25 5\n")
     np.testing.assert_array_equal(topography.heights, [3, 1, 2, 5])
     np.testing.assert_allclose(topography.lengths, [1.0])
+    falling = read_text(tmp_path, "1.25 5\n1.0 2\n0.75 1\n0.5 3\n")
+    np.testing.assert_array_equal(falling.heights, [3, 1, 2, 5])
+    np.testing.assert_allclose(falling.lengths, [1.0])
     assert read_text(tmp_path, "3 1 2 5\n", 1.0).grid.shape == (4,)
     with pytest.raises(ValueError, match=r"a\.txt: its first column rises unevenly"):
         read_text(tmp_path, "0 3\n1 1\n3 2\n4 5\n", (1, 1))
@@ -171,6 +245,41 @@ def test_points_missing_from_a_lattice_are_missing_from_the_surface(tmp_path):
     assert "5 points of the lattice not in the file" in str(topography)
     with pytest.raises(ValueError, match=r"several heights at x = 0, y = 1"):
         read_text(tmp_path, "0 0 1\n0 1 2\n1 0 3\n1 1 4\n0 1 5\n")
+
+
+@pytest.mark.parametrize("noise", [0, 1e-5])
+def test_rounded_or_noisy_coordinates_lie_on_a_lattice(tmp_path, noise):
+    rng = np.random.default_rng(0)
+    i, j = (side.ravel() for side in np.meshgrid(np.arange(512), np.arange(4), indexing="ij"))
+    heights = 0.1 * rng.normal(size=(512, 4))
+    x = np.linspace(0, 10, 512)[i] + noise * rng.normal(size=i.size)
+    np.savetxt(tmp_path / "a", np.column_stack([x, j / 3, heights.ravel()]),
+               fmt=["%.4f" if not noise else "%.9f", "%.4f", "%.17g"])  # fmt: skip
+    topography = js.surfaces.read(tmp_path / "a")
+    np.testing.assert_array_equal(topography.heights, heights)
+    np.testing.assert_allclose(topography.lengths, [512 * 10 / 511, 4 / 3], rtol=1e-4)
+
+
+def test_lines_missing_from_a_lattice_do_not_widen_it(tmp_path):
+    points = [(i, j, i + j) for i in (0, 1, 3, 5, 7, 9) for j in range(4)]
+    topography = read_text(tmp_path, "\n".join(" ".join(map(str, p)) for p in points))
+    assert topography.grid.shape == (10, 4)
+    assert topography.num_missing == 16
+
+
+def test_many_points_on_no_lattice_are_refused_as_points(tmp_path):
+    points = np.random.default_rng(0).normal(size=(60, 3))
+    lattice = np.array([(i, j, i * j) for i in range(10) for j in range(6)], float)
+    lattice[7, 0] = np.nan
+    for table in (points, lattice):
+        np.savetxt(tmp_path / "a", table)
+        with pytest.raises(ValueError, match=r"lie on no lattice, in 60 rows: interpolate them"):
+            js.surfaces.read(tmp_path / "a", (1, 1))
+
+
+def test_two_rows_of_three_are_a_matrix_and_no_half_of_a_lattice(tmp_path):
+    topography = read_text(tmp_path, "1,2,3\n4,5,6\n", (1, 1))
+    np.testing.assert_array_equal(topography.heights, [[1, 2, 3], [4, 5, 6]])
 
 
 def test_three_columns_on_no_lattice_are_a_matrix(tmp_path):
@@ -193,7 +302,6 @@ ROWS = "1 2 3\n4 5 6\n"
         (ROWS + "7 8\n", "line 3 has 2 numbers, line 1 has 3"),
         (ROWS + "7 abc 9\n", "line 3: 'abc' is no number"),
         ("x y z\n" + ROWS, "line 1: 'x' is no number"),
-        ("1,5\t2,5\n", "line 1: '5\\\\t2' is no number"),
         (ROWS + "7 -inf 9\n", "line 3: '-inf' is infinite"),
         ("1\n", "shape .*of 2 points or more"),
         ("nan nan\nnan nan", "all heights are missing"),
@@ -250,7 +358,13 @@ def test_lengths_and_units_are_asked_for_and_not_contradicted(tmp_path):
     as_gwy(tmp_path / "a.gwy")
     with pytest.raises(ValueError, match=r"12 x 7 heights come without side lengths: give"):
         js.surfaces.read(tmp_path / "a.npy")
-    for wrong in (0.0, (0.0, 1.4), (3.0, -1.4), (1.0, 2.0, 3.0)):
+    with pytest.raises(
+        ValueError, match=r"lengths is 3\.0, one number for 12 x 7 points: give one"
+    ):
+        js.surfaces.read(tmp_path / "a.npy", 3.0)
+    np.save(tmp_path / "square.npy", HEIGHTS[:7])
+    np.testing.assert_allclose(js.surfaces.read(tmp_path / "square.npy", 3.0).lengths, [3, 3])
+    for wrong in ((0.0, 1.4), (3.0, -1.4), (1.0, 2.0, 3.0)):
         with pytest.raises(ValueError, match=r"a\.npy: .*rid length"):
             js.surfaces.read(tmp_path / "a.npy", wrong)
     with pytest.raises(ValueError, match="the unit is 'inch': choose one of"):
@@ -281,6 +395,27 @@ def test_netcdf_that_is_ambiguous_is_refused(tmp_path, change, message):
     change(xarray.load_dataset(tmp_path / "a.nc")).to_netcdf(tmp_path / "b.nc", engine="h5netcdf")
     with pytest.raises(ValueError, match=rf"b\.nc: .*{message}"):
         js.surfaces.read(tmp_path / "b.nc")
+
+
+@pytest.mark.parametrize(
+    ("change", "remark"),
+    [
+        (lambda data: data.z.attrs.pop("units"), "unit of heights taken from the sides, µm"),
+        (
+            lambda data: [data[side].attrs.pop("units") for side in "xy"],
+            "unit of lengths taken from the heights, nm",
+        ),
+    ],
+)
+def test_a_unit_that_netcdf_does_not_say_is_taken_with_a_remark(tmp_path, change, remark):
+    as_netcdf(tmp_path / "a.nc")
+    data = xarray.load_dataset(tmp_path / "a.nc")
+    data["z"] = data.z.copy(data=1e-3 * data.z.values)
+    change(data)
+    data.to_netcdf(tmp_path / "b.nc", engine="h5netcdf")
+    topography = js.surfaces.read(tmp_path / "b.nc")
+    assert topography.remarks == (remark,)
+    assert remark.endswith(topography.unit)
 
 
 def test_masked_points_of_netcdf_and_of_instruments_are_missing(tmp_path):

@@ -194,6 +194,80 @@ def test_full_contact_of_a_wave_stores_and_gains_what_calculus_says(shape):
     np.testing.assert_allclose(surfaces.full_contact_energy(layer, heights), 3 * 0.09 / 4)
 
 
+GRID = js.Grid((8, 12), (1.0, 2.0))
+HEIGHTS = np.random.default_rng(0).normal(size=(8, 12))
+SOLID = js.HalfSpace(GRID, 1.0)
+STATISTICS = [
+    lambda grid, heights: surfaces.rms_slope(grid, heights),
+    lambda grid, heights: surfaces.rms_curvature(grid, heights),
+    lambda grid, heights: surfaces.power_spectrum(grid, heights).density,
+    lambda grid, heights: surfaces.autocorrelation(grid, heights).value,
+    lambda grid, heights: surfaces.full_contact_energy(js.HalfSpace(grid, 1.0), heights),
+    lambda grid, heights: surfaces.effective_work_of_adhesion(
+        js.HalfSpace(grid, 1.0), heights, 1.0
+    ),
+]
+
+
+@pytest.mark.parametrize("statistic", STATISTICS)
+def test_statistics_take_a_topography_on_its_own_grid_alone(statistic):
+    topography = surfaces.Topography(GRID, HEIGHTS, "µm")
+    np.testing.assert_array_equal(statistic(GRID, topography), statistic(GRID, HEIGHTS))
+    with pytest.raises(ValueError, match="that of the topography 8 x 12 points of 1 x 2: give"):
+        statistic(js.Grid((8, 12), (1.0, 1.0)), topography)
+    gap = surfaces.Topography(GRID, np.where(HEIGHTS > 2, np.nan, HEIGHTS))
+    with pytest.raises(ValueError, match=r"of 96 are missing: fill them by `\.filled\(\)`"):
+        statistic(GRID, gap)
+
+
+@pytest.mark.parametrize("statistic", STATISTICS)
+def test_statistics_refuse_heights_off_the_grid_and_missing(statistic):
+    for wrong in (HEIGHTS[:6], HEIGHTS[0], 1.0):
+        with pytest.raises(ValueError, match=r"heights have shape \(.*\), the grid \(8, 12\)"):
+            statistic(GRID, wrong)
+    with pytest.raises(ValueError, match=r"1 of 96 heights are NaN .*\.filled\(\)"):
+        statistic(GRID, np.where(np.arange(96).reshape(8, 12) == 5, np.nan, HEIGHTS))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: surfaces.rms_height(np.array([1, np.nan])), "1 of 2 heights are NaN"),
+        (lambda: surfaces.rms_height("rough"), "array of heights is <U5: give real numbers"),
+        (lambda: surfaces.rms_slope(HEIGHTS, GRID), "grid is a ndarray: give the grid first"),
+        (lambda: surfaces.rms_curvature(HEIGHTS, GRID), "grid is a ndarray"),
+        (lambda: surfaces.power_spectrum(HEIGHTS, GRID), "grid is a ndarray"),
+        (lambda: surfaces.autocorrelation(SOLID, HEIGHTS), "grid is a HalfSpace: give the grid"),
+        (lambda: surfaces.full_contact_energy(HEIGHTS, SOLID), "solid is a ndarray: give the sol"),
+        (
+            lambda: surfaces.full_contact_energy(surfaces.Topography(GRID, HEIGHTS), SOLID),
+            "solid is a Topography: give the solid first",
+        ),
+        *(
+            (
+                lambda work=work: surfaces.effective_work_of_adhesion(SOLID, HEIGHTS, work),
+                rf"work of adhesion is {work}: it must be finite, and not negative",
+            )
+            for work in (-1.0, np.nan, np.inf)
+        ),
+        (
+            lambda: surfaces.power_law(
+                surfaces.PowerSpectrum(np.arange(9.0), np.full(9, np.nan), np.ones(9))
+            ),
+            "spectrum is NaN or infinite",
+        ),
+    ],
+)
+def test_statistics_of_nonsense_are_refused_in_a_sentence(make, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        make()
+
+
+def test_the_rms_height_of_a_topography_is_that_of_its_heights():
+    topography = surfaces.Topography(GRID, HEIGHTS)
+    np.testing.assert_allclose(surfaces.rms_height(topography), HEIGHTS.std(), rtol=1e-12)
+
+
 def test_statistics_are_those_of_surface_topography():
     grid = js.Grid((256, 192), (2.0, 1.5))
     heights = surfaces.self_affine(grid, jax.random.key(2), k_high=10, rms_height=0.1)

@@ -225,6 +225,16 @@ def test_methods_that_need_every_point_name_the_cure():
         (lambda: topography(clean()).filtered(), "k_low is None, k_high None: give"),
         (lambda: topography(clean()).filtered(5, 2), "k_low is 5, k_high 2: give"),
         (lambda: topography(clean()).in_unit("inch"), "unit is 'inch': choose one of km, m"),
+        (lambda: topography(clean()).in_unit(None), "unit is None: choose one of km, m"),
+        (lambda: topography(clean(), unit=5), "unit is 5: choose one of km, m"),
+        (lambda: topography(clean()).cropped((np.nan, 1)), r"x is \(nan, 1\): give two numbers"),
+        (
+            lambda: topography(clean()).cropped(1.0),
+            r"x is 1\.0: give two numbers, as in x=\(0, 0\.75",
+        ),
+        (lambda: topography(clean()).cropped((0, 1), "01"), "y is '01': give two numbers"),
+        (lambda: topography(clean()).filled([1]), r"method is \[1\]: choose one of 'harm"),
+        (lambda: topography(clean()).filtered("a"), "k_low is 'a', k_high None: give"),
         (lambda: topography(clean()[:, 0], 1.0).cropped((0, 1), (0, 1)), "is a line"),
         (lambda: Topography(js.Grid(8), clean()), r"shape \(48, 64\), the grid \(8, 8\)"),
         (lambda: Topography(clean(), js.Grid(8)), "grid is a ndarray"),
@@ -249,7 +259,7 @@ def test_a_contact_takes_a_topography_and_its_unit():
     )  # fmt: skip
     np.testing.assert_allclose(modulus(2.0), 2 * contact.solid.max_stiffness)
     for other in (js.Grid((48, 64)), js.Grid((64, 48), (1.5, 2.0))):
-        with pytest.raises(ValueError, match=r"topography on 48 x 64 points of 1.5 x 2: build"):
+        with pytest.raises(ValueError, match=r"topography 48 x 64 points of 1.5 x 2: give"):
             js.Contact(js.HalfSpace(other, 1.0), surface, LAW)
 
 

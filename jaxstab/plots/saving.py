@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
+from matplotlib.axis import Axis, Tick
 from matplotlib.collections import Collection as Marks
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
@@ -107,7 +107,10 @@ def _as_printed(figure: Figure, width: float) -> Iterator[None]:
         afterwards.callback(figure.set_size_inches, before, height, forward=False)
         figure.set_size_inches(width, height * width / before, forward=False)
         _lay_out(figure, afterwards)
-        at_ticks = {text for axis in figure.findobj(Axis) for text in _set_ticks(axis, afterwards)}
+        for axis in figure.findobj(Axis):
+            _set_ticks(axis, afterwards)
+        # Smaller labels bring more ticks into being.
+        at_ticks = _texts_at_ticks(figure)
         for text in figure.findobj(Text):
             put(text, fontsize=_TICK_FONT if text in at_ticks else _FONT)
         # Another size may have more ticks.
@@ -134,14 +137,18 @@ def _lay_out(figure: Figure, afterwards: ExitStack) -> None:
     figure.set_layout_engine("constrained")
 
 
-def _set_ticks(axis: Any, afterwards: ExitStack) -> list[Text]:
-    """Set the labels of ticks, also of those that another size of the figure adds; return them."""
-    texts = [axis.get_offset_text()]
+def _texts_at_ticks(figure: Figure) -> set[Text]:
+    """Return the labels of all ticks, and what is beside an axis for all of its ticks."""
+    ticks: list[Any] = figure.findobj(Tick)
+    axes: list[Any] = figure.findobj(Axis)
+    labels = {text for tick in ticks for text in (tick.label1, tick.label2)}
+    return labels | {axis.get_offset_text() for axis in axes}
+
+
+def _set_ticks(axis: Any, afterwards: ExitStack) -> None:
+    """Set the size of labels of ticks, also of those that another size of the figure adds."""
     for which in ("major", "minor"):
-        labels = axis.get_ticklabels(which=which)
-        texts += labels
-        if labels:
+        if labels := axis.get_ticklabels(which=which):
             size = labels[0].get_fontsize()
             afterwards.callback(axis.set_tick_params, which=which, labelsize=size)
             axis.set_tick_params(which=which, labelsize=_TICK_FONT)
-    return texts

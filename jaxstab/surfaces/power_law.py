@@ -41,11 +41,13 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
         spectrum: what `power_spectrum` returns; one ring holds at most two waves on a line.
 
     Raises:
-        ValueError: if the spectrum has fewer than five rings with waves.
+        ValueError: if the spectrum is not finite, or has fewer than five rings with waves.
     """
     q, density, count = (
         np.asarray(x, float) for x in (spectrum.wavenumber, spectrum.density, spectrum.num_waves)
     )
+    if not all(np.isfinite(part).all() for part in (q, density, count)):
+        raise ValueError("The spectrum is NaN or infinite: compute it of heights that are finite.")
     dimension = 1 if count.max() <= 2 else 2
     is_held = (count > 0) & (density > _NOTHING * density.max())
     first = int(np.argmax(is_held))

@@ -34,15 +34,19 @@ def read(
     The first index of heights runs along x. A text matrix has a line for each x, as
     `numpy.savetxt(path, heights)` writes it, and so has an array in a `.npy` file; a single row or
     column is a profile. Three columns of text that lie on a lattice are points x, y, z in any
-    order, two with an evenly rising first one a profile x, z. Of NetCDF the dimensions x and y
-    count, in either order. Any other file, as .x3p and .gwy, is read through SurfaceTopography.
-    A side is as long as its number of points times their spacing.
+    order, and refused where more than 50 rows lie on none; two with an evenly rising or falling
+    first one are a profile x, z. Text that Gwyddion exports is an image, by its header: a line is a
+    row along x, the first at y = 0, as in its own files. Decimal commas are read where fields are
+    separated otherwise. Of NetCDF the dimensions x and y count, in either order. Any other file, as
+    .x3p and .gwy, is read through SurfaceTopography, which leaves rows in the order of the file. A
+    side is as long as its number of points times their spacing.
 
     Missing points (nan, an empty field between separators, a masked point) stay NaN.
 
     Arguments:
         path: the file.
-        lengths: side lengths, in the unit of the heights; needed where the file says none.
+        lengths: side lengths, in the unit of the heights; needed where the file says none. One
+            number does for a line, and for as many points along either side.
         unit: that of lengths and heights, where the file does not say.
 
     Raises:
@@ -104,6 +108,10 @@ def _made(scan: Scan, lengths: Sequence[float] | ArrayLike | None, unit: str | N
         raise ValueError(
             f"its {points} heights come without side lengths: give them in the unit of the "
             "heights, as in `js.surfaces.read(path, lengths=(3.0, 1.4))`."
+        )
+    if scan.lengths is None and np.ndim(sides) == 0 and len(set(scan.heights.shape)) > 1:
+        raise ValueError(
+            f"lengths is {lengths}, one number for {points} points: give one for each side."
         )
     if lengths is not None and scan.lengths is not None and not _agree(lengths, scan.lengths):
         said = " x ".join(f"{length:.10g}" for length in scan.lengths)

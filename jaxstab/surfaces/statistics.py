@@ -1,5 +1,9 @@
-"""Statistics of surfaces, all of them exact in Fourier space."""
+"""Statistics of surfaces, all of them exact in Fourier space.
 
+Heights are an array or a `Topography`, whose grid is then the one to give.
+"""
+
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
@@ -8,7 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from jaxstab.checks import is_traced, known, parameter, require
 from jaxstab.grid import Grid
+from jaxstab.surfaces.topography import Topography
 
 if TYPE_CHECKING:
     from jaxstab.elasticity import Solid
@@ -17,22 +23,22 @@ if TYPE_CHECKING:
 _ROUNDING = 1e-3
 
 
-@jax.jit
-def rms_height(heights: Float[Array, " *grid"]) -> Float[Array, ""]:
+def rms_height(heights: Float[Array, " *grid"] | Topography) -> Float[Array, ""]:
     """Return the root mean square height about the mean [length]."""
-    return jnp.std(heights)
+    return _standard_deviation(_complete(heights))
 
 
-@jax.jit
-def rms_slope(grid: Grid, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
+_standard_deviation = jax.jit(jnp.std)
+
+
+def rms_slope(grid: Grid, heights: Float[Array, " *grid"] | Topography) -> Float[Array, ""]:
     """Return the root mean square of |grad h|."""
-    return rms_derivative(grid, heights, 1)
+    return rms_derivative(grid, _heights_on(grid, heights), 1)
 
 
-@jax.jit
-def rms_curvature(grid: Grid, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
+def rms_curvature(grid: Grid, heights: Float[Array, " *grid"] | Topography) -> Float[Array, ""]:
     """Return the root mean square of the mean curvature, lap h / d in d dimensions [1/length]."""
-    return rms_derivative(grid, heights, 2) / len(grid.shape)
+    return rms_derivative(grid, _heights_on(grid, heights), 2) / len(grid.shape)
 
 
 class PowerSpectrum(eqx.Module):
@@ -51,13 +57,18 @@ class PowerSpectrum(eqx.Module):
     num_waves: Float[Array, " rings"]
 
 
-def power_spectrum(grid: Grid, heights: Float[Array, " *grid"]) -> PowerSpectrum:
+def power_spectrum(grid: Grid, heights: Float[Array, " *grid"] | Topography) -> PowerSpectrum:
     """Return the radial power spectrum of a surface, up to the corner of its spectrum.
 
     Arguments:
         grid: the grid; its lengths must be known, since they decide the number of rings.
         heights: the surface [length].
+
+    Raises:
+        TypeError: for a grid that is none.
+        ValueError: for heights of another shape than the grid, or not finite.
     """
+    heights = _heights_on(grid, heights)
     lengths = np.asarray(grid.lengths)
     fundamental = 2 * np.pi / lengths.max()
     num_rings = int(np.linalg.norm(nyquist(grid.shape, lengths))) + 2
@@ -82,7 +93,7 @@ class Autocorrelation(eqx.Module):
     value: Float[Array, " rings"]
 
 
-def autocorrelation(grid: Grid, heights: Float[Array, " *grid"]) -> Autocorrelation:
+def autocorrelation(grid: Grid, heights: Float[Array, " *grid"] | Topography) -> Autocorrelation:
     """Return the radial autocorrelation <h(x) h(x + r)> of heights about their mean.
 
     It is the Fourier transform of |h(q)|^2 (Wiener and Khinchin), averaged over rings as wide as
@@ -91,7 +102,12 @@ def autocorrelation(grid: Grid, heights: Float[Array, " *grid"]) -> Autocorrelat
     Arguments:
         grid: the grid; its lengths must be known, since they decide the number of rings.
         heights: the surface [length].
+
+    Raises:
+        TypeError: for a grid that is none.
+        ValueError: for heights of another shape than the grid, or not finite.
     """
+    heights = _heights_on(grid, heights)
     lengths = np.asarray(grid.lengths)
     width = (lengths / grid.shape).max()
     num_rings = int(lengths.max() / (2 * width) + _ROUNDING) + 1
@@ -109,7 +125,9 @@ def autocorrelation(grid: Grid, heights: Float[Array, " *grid"]) -> Autocorrelat
     return Autocorrelation(averaged(distance) / num_points, averaged(value) / num_points)
 
 
-def full_contact_energy(solid: "Solid", heights: Float[Array, " *grid"]) -> Float[Array, ""]:
+def full_contact_energy(
+    solid: "Solid", heights: Float[Array, " *grid"] | Topography
+) -> Float[Array, ""]:
     """Return the elastic energy of full contact per area of the cell.
 
     That is u.Ku / 2 with u = h, for a half space E*/4 sum |q| |h(q)|^2 (Persson & Tosatti, J. Chem.
@@ -121,13 +139,18 @@ def full_contact_energy(solid: "Solid", heights: Float[Array, " *grid"]) -> Floa
 
     Returns:
         The energy per area, above that of the solid moved as a whole [energy/area].
+
+    Raises:
+        TypeError: for a solid that is none.
+        ValueError: for heights of another shape than its grid, or not finite.
     """
+    heights = _heights_on(_grid_of(solid), heights)
     energy = solid.held_by(0).energy(heights - jnp.mean(heights))
     return energy / solid.grid.area
 
 
 def effective_work_of_adhesion(
-    solid: "Solid", heights: Float[Array, " *grid"], work: ArrayLike
+    solid: "Solid", heights: Float[Array, " *grid"] | Topography, work: ArrayLike
 ) -> Float[Array, ""]:
     """Return w A / A0 - U / A0, what closing the rough interface gains (Persson & Tosatti, 2001).
 
@@ -141,10 +164,54 @@ def effective_work_of_adhesion(
 
     Returns:
         The effective work of adhesion [energy/area].
+
+    Raises:
+        TypeError: for a solid that is none.
+        ValueError: for heights of another shape than its grid, or not finite, and for work that is
+            negative or not finite.
     """
+    heights = _heights_on(_grid_of(solid), heights)
+    given = known(parameter(work, "The work of adhesion"))
+    is_possible = (given >= 0) & (given < np.inf)
+    require("The work of adhesion", given, is_possible, "it must be finite, and not negative.")
     squared_slope = sum(slope**2 for slope in _gradient(solid.grid, heights))
     true_area = jnp.mean(jnp.sqrt(1 + squared_slope))
     return true_area * work - full_contact_energy(solid, heights)
+
+
+def _grid_of(solid: "Solid") -> Grid:
+    grid = getattr(solid, "grid", None)
+    if isinstance(solid, Topography) or not isinstance(grid, Grid):
+        raise TypeError(
+            f"The solid is a {type(solid).__name__}: give the solid first, then the heights."
+        )
+    return grid
+
+
+def _heights_on(grid: Grid, heights: Any) -> Float[Array, " *grid"]:
+    """Return heights as an array, which must be on the grid."""
+    if not isinstance(grid, Grid):
+        raise TypeError(
+            f"The grid is a {type(grid).__name__}: give the grid first, then the heights."
+        )
+    heights = _complete(heights.on(grid) if isinstance(heights, Topography) else heights)
+    if heights.shape != grid.shape:
+        raise ValueError(
+            f"heights have shape {heights.shape}, the grid {grid.shape}: they must agree."
+        )
+    return heights
+
+
+def _complete(heights: Any) -> Float[Array, " *grid"]:
+    """Return heights as an array, which where it is known must be finite."""
+    given = heights.heights if isinstance(heights, Topography) else heights
+    heights = parameter(given, "The array of heights")
+    if not is_traced(heights) and (missing := int((~np.isfinite(known(heights))).sum())):
+        raise ValueError(
+            f"{missing} of {heights.size} heights are NaN or infinite: fill them by "
+            "`Topography.filled()`."
+        )
+    return heights
 
 
 def _gradient(grid: Grid, heights: Float[Array, " *grid"]) -> list[Float[Array, " *grid"]]:
@@ -161,6 +228,7 @@ def nyquist(shape: tuple[int, ...], lengths: Any) -> Any:
     return lengths.max() * np.array(shape) / (2 * lengths)
 
 
+@partial(jax.jit, static_argnums=2)
 def rms_derivative(grid: Grid, heights: Float[Array, " *grid"], order: int) -> Float[Array, ""]:
     """Return the rms of |q|^order h(q), by Parseval's theorem."""
     q = grid.wavenumbers

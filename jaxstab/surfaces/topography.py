@@ -79,7 +79,10 @@ class Topography:
 
     @property
     def suspicions(self) -> list[str]:
-        """What looks wrong, a sentence each: scales, tilt, and edges unless known to meet."""
+        """What looks wrong, a sentence each: scales, tilt, and edges unless known to meet.
+
+        Of tilt and edges nothing is said with fewer than 32 points along a side, too few to tell.
+        """
         scale = suspicion.has_wrong_scale(self.heights, self.lengths)
         return scale if self.is_periodic else scale + suspicion.looks_wrong(self.heights)
 
@@ -105,20 +108,20 @@ class Topography:
             )
 
     def on(self, grid: Grid) -> np.ndarray:
-        """Return the heights for a contact on a grid, which must be this one.
+        """Return the heights for what is computed on a grid, which must be this one.
 
         Raises:
             ValueError: if points are missing, or the grid has another shape or other lengths.
         """
-        self.require_complete("A contact")
+        self.require_complete("A contact or a statistic")
         lengths = known(grid.lengths)
         is_same = grid.shape == self.grid.shape and (
             is_traced(lengths) or np.allclose(lengths, self.lengths, _ROUNDING, 0)
         )
         if not is_same:
             raise ValueError(
-                f"The solid is on {_described(grid)}, the topography on {_described(self.grid)}: "
-                "build the solid on its grid, as HalfSpace(topography.grid, ...)."
+                f"The grid has {_described(grid)}, that of the topography {_described(self.grid)}: "
+                "give the topography's own, as in HalfSpace(topography.grid, ...)."
             )
         return self.heights
 
@@ -177,17 +180,23 @@ class Topography:
             y: y0 and y1 [length]; all of that side by default.
 
         Raises:
-            ValueError: if fewer than two points are left along a side, and for y on a line.
+            ValueError: for what is not two numbers, if fewer than two points are left along a
+                side, and for y on a line.
         """
         intervals = [x] if y is None else [x, y]
         if len(intervals) > len(self.grid.shape):
             raise ValueError("y is given, but the surface is a line.")
         spacing, kept = self.lengths / self.grid.shape, []
         for name, n, dx, interval in zip("xy", self.grid.shape, spacing, intervals, strict=False):
-            start, end = (int(np.ceil(np.clip(end / dx - _ROUNDING, 0, n))) for end in interval)
+            ends = [_real(end) for end in interval] if np.iterable(interval) else []
+            if len(ends) != 2 or np.isnan(ends).any():
+                raise ValueError(
+                    f"{name} is {interval!r}: give two numbers, as in {name}=(0, {n * dx / 2:.3g})."
+                )
+            start, end = (int(np.ceil(np.clip(end / dx - _ROUNDING, 0, n))) for end in ends)
             if end - start < 2:
                 raise ValueError(
-                    f"{max(end - start, 0)} points lie in {interval[0]} <= {name} < {interval[1]}: "
+                    f"{max(end - start, 0)} points lie in {ends[0]:g} <= {name} < {ends[1]:g}: "
                     f"take 2 or more of those from 0 to {(n - 1) * dx:.6g}."
                 )
             kept.append(slice(start, end))
@@ -238,10 +247,11 @@ class Topography:
         Raises:
             ValueError: if no cut-off is given, they are not positive and in order, or points miss.
         """
-        low, high = 0.0 if k_low is None else k_low, np.inf if k_high is None else k_high
-        if (k_low, k_high) == (None, None) or not (0 <= low <= high and high > 0):
+        low = 0.0 if k_low is None else _real(k_low)
+        high = np.inf if k_high is None else _real(k_high)
+        if (k_low is None and k_high is None) or not (0 <= low <= high and high > 0):
             raise ValueError(
-                f"k_low is {k_low}, k_high {k_high}: give one or both, positive and in order."
+                f"k_low is {k_low!r}, k_high {k_high!r}: give one or both, positive and in order."
             )
         self.require_complete("`.filtered()`")
         sides = zip(self.grid.waves, self.lengths.max() / self.lengths, strict=True)
@@ -282,10 +292,18 @@ class Topography:
 
 
 def _choice(name: str, value: Any, choices: Any) -> Any:
-    if value not in choices:
+    if not isinstance(value, str | int | np.integer) or value not in choices:
         options = ", ".join(repr(choice) for choice in choices)
         raise ValueError(f"{name} is {value!r}: choose one of {options}.")
     return value
+
+
+def _real(value: Any) -> float:
+    """Return a number, and NaN for what is none."""
+    try:
+        return np.nan if isinstance(value, str) else float(value)
+    except (TypeError, ValueError):
+        return np.nan
 
 
 def _times(shape: tuple[int, ...]) -> str:

@@ -1,5 +1,7 @@
 """Units of length."""
 
+from typing import Any
+
 import numpy as np
 
 _EXPONENTS = {"km": 3, "m": 0, "mm": -3, "µm": -6, "nm": -9, "Å": -10, "pm": -12}
@@ -12,14 +14,15 @@ _SPELLINGS = {"um": "µm", "\u03bcm": "µm", "A": "Å", "\u212b": "Å", "angstro
 }
 
 
-def unit_of(name: str) -> str:
+def unit_of(name: Any) -> str:
     """Return the usual symbol of a unit of length.
 
     Raises:
         ValueError: for what is none of those known.
     """
-    unit = _SPELLINGS.get(name, _SPELLINGS.get(name.lower(), name))
-    if unit not in _EXPONENTS:
+    word = str(name)
+    unit = _SPELLINGS.get(word, _SPELLINGS.get(word.lower(), word))
+    if not isinstance(name, str) or unit not in _EXPONENTS:
         raise ValueError(f"the unit is {name!r}: choose one of {', '.join(_EXPONENTS)}.")
     return unit
 

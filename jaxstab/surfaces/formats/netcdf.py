@@ -6,8 +6,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from jaxstab.surfaces.formats.scan import Scan, UnknownContent, even_spacing, on_a_side_or_two
-from jaxstab.surfaces.units import converted, unit_of
+from jaxstab.surfaces.formats.scan import (
+    Scan,
+    UnknownContent,
+    even_spacing,
+    in_one_unit,
+    on_a_side_or_two,
+)
+from jaxstab.surfaces.units import unit_of
 
 # The relative error that sizes in single precision have.
 _SINGLE = 1e-6
@@ -18,8 +24,9 @@ def read_netcdf(path: Path, engine: Literal["scipy", "h5netcdf"]) -> Scan:
 
     That is its variable `heights`, or the only one over these. Side lengths are the number of
     points times the spacing of the coordinates, in double precision, or their attribute `length`.
-    Units are the attributes `units` or `unit`; heights come in that of the coordinates. A variable
-    `mask` marks missing points, an attribute `periodic` of the coordinates edges that meet.
+    Units are the attributes `units` or `unit`; heights come in that of the coordinates, and where
+    one is not said it is taken from the other, with a remark. A variable `mask` marks missing
+    points, an attribute `periodic` of the coordinates edges that meet.
 
     Raises:
         ValueError: for a damaged file, and for coordinates that are uneven or contradict `length`.
@@ -35,13 +42,12 @@ def read_netcdf(path: Path, engine: Literal["scipy", "h5netcdf"]) -> Scan:
     for axis, spacing in enumerate(spacings):
         heights = np.flip(heights, axis) if spacing and spacing < 0 else heights
     lengths = [_length(data, side, spacing) for side, spacing in zip(sides, spacings, strict=True)]
-    unit, unit_of_sides = _unit(variable), _unit_of_sides(data, sides)
-    if unit and unit_of_sides:
-        heights = converted(heights, unit, unit_of_sides)
+    heights, unit, remarks = in_one_unit(heights, _unit(variable), _unit_of_sides(data, sides))
     return Scan(
         heights,
         None if None in lengths else tuple(length for length in lengths if length),
-        unit_of_sides or unit,
+        unit,
+        remarks,
         is_periodic=all(s in data and data[s].attrs.get("periodic", 0) == 1 for s in sides),
     )
 

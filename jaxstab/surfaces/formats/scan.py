@@ -1,9 +1,11 @@
 """What a file says of a surface."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+
+from jaxstab.surfaces.units import converted
 
 # The relative error up to which coordinates in a file are evenly spaced.
 _UNEVEN = 1e-2
@@ -26,6 +28,10 @@ class Scan:
     unit: str | None = None
     remarks: tuple[str, ...] = ()
     is_periodic: bool = False
+
+    def remarked(self, *remarks: str) -> "Scan":
+        """Return it with more remarks."""
+        return replace(self, remarks=(*self.remarks, *remarks))
 
 
 class UnknownContent(ValueError):
@@ -57,3 +63,20 @@ def even_spacing(coordinates: np.ndarray) -> float | None:
     even = coordinates[0] + spacing * np.arange(coordinates.size)
     is_even = np.abs(coordinates - even).max() <= _UNEVEN * abs(spacing)
     return float(spacing) if spacing and is_even else None
+
+
+def in_one_unit(
+    heights: np.ndarray, unit: str | None, unit_of_sides: str | None
+) -> tuple[np.ndarray, str | None, tuple[str, ...]]:
+    """Return heights in the unit of the sides, that unit, and a remark where they differ.
+
+    Where one unit is not known it is taken for the other.
+    """
+    if unit == unit_of_sides:
+        return heights, unit, ()
+    if unit is None:
+        return heights, unit_of_sides, (f"unit of heights taken from the sides, {unit_of_sides}",)
+    if unit_of_sides is None:
+        return heights, unit, (f"unit of lengths taken from the heights, {unit}",)
+    remark = f"heights converted from {unit} to {unit_of_sides}"
+    return converted(heights, unit, unit_of_sides), unit_of_sides, (remark,)

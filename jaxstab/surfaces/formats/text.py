@@ -1,15 +1,22 @@
-"""Text: matrices, points x y z of a lattice, and profiles x z."""
+"""Text: matrices, points x y z of a lattice, profiles x z, and images of Gwyddion."""
 
 import re
 from collections.abc import Iterator
 
 import numpy as np
 
+from jaxstab.surfaces.formats.gwyddion import Header, header_of
 from jaxstab.surfaces.formats.scan import Scan, UnknownContent, even_spacing, on_a_side_or_two
 
-# The relative error up to which coordinates lie on a lattice, and what gap is one of rounding.
+# The relative error up to which coordinates lie on a lattice, and what share of a gap is none.
 _OFF_LATTICE = 0.05
-_ROUNDING = 1e-4
+_NO_GAP = 0.1
+# Longer tables of three columns are points: what is no lattice then is no matrix either.
+_LONGEST_OF_THREE = 50
+# With digits on both sides, as `1, 2` and `1,,2` have not.
+_DECIMAL = re.compile(r"[+-]?\d+(,\d+)?(e[+-]?\d+)?|nan", re.IGNORECASE)
+
+Rows = list[tuple[int, str]]
 
 
 def read_text(text: str) -> Scan:
@@ -17,23 +24,68 @@ def read_text(text: str) -> Scan:
 
     A line is a row of numbers; what follows # or % is a comment. Separators are blanks or, where
     they occur, semicolons, commas or tabs; a field left empty between these is a missing point.
+    Commas are decimal ones where blanks, tabs or semicolons separate fields that all fit that.
+    Three columns in more than 50 rows are points x, y, z, never a matrix.
 
     Raises:
-        ValueError: if a word is no number, a number infinite, or a line of another length.
+        ValueError: if a word is no number, a number infinite, or a line of another length, if
+            commas may be decimal ones or not, and for points on no lattice.
     """
-    table = _table([(i, line) for i, line in enumerate(text.splitlines(), 1)])
+    rows = _uncommented(text)
+    has_decimal_commas = _has_decimal_commas(rows)
+    if has_decimal_commas:
+        rows = [(i, row.replace(",", ".")) for i, row in rows]
+    remarks = ("decimal commas taken for points",) if has_decimal_commas else ()
+    return _scan(_table(rows), header_of(text)).remarked(*remarks)
+
+
+def _scan(table: np.ndarray, header: Header | None) -> Scan:
+    if header:
+        return header.scan(table)
     if table.shape[1] == 3:
-        return _of_points(*table.T) or Scan(
-            on_a_side_or_two(table), remarks=("a matrix of three columns: no points of a lattice",)
-        )
+        return _of_points(*table.T) or _of_three_columns(table)
     if table.shape[1] == 2 and (scan := _of_profile(*table.T)):
         return scan
     return Scan(on_a_side_or_two(table))
 
 
-def _table(lines: list[tuple[int, str]]) -> np.ndarray:
-    uncommented = ((i, re.split("[#%]", line, maxsplit=1)[0].strip(" \r")) for i, line in lines)
-    rows = [(i, row) for i, row in uncommented if row.strip()]
+def _of_three_columns(table: np.ndarray) -> Scan:
+    if len(table) > _LONGEST_OF_THREE:
+        raise ValueError(
+            f"it has three columns that lie on no lattice, in {len(table)} rows: interpolate them "
+            "onto one, more than half full, if they are x, y, z. Save a matrix as .npy."
+        )
+    remark = "a matrix of three columns: no points of a lattice"
+    return Scan(on_a_side_or_two(table), remarks=(remark,))
+
+
+def _uncommented(text: str) -> Rows:
+    lines = enumerate(text.splitlines(), 1)
+    rows = ((i, re.split("[#%]", line, maxsplit=1)[0].strip(" \r")) for i, line in lines)
+    return [(i, row) for i, row in rows if row.strip()]
+
+
+def _has_decimal_commas(rows: Rows) -> bool:
+    """Return whether commas are decimal ones, which takes another separator to tell.
+
+    Raises:
+        ValueError: if there is none, and two columns are as likely as one.
+    """
+    if not any("," in row for _, row in rows):
+        return False
+    words = [[word for word in re.split(r"[;\s]+", row) if word] for _, row in rows]
+    if not all(_DECIMAL.fullmatch(word) for row in words for word in row):
+        return False
+    if all(len(row) == 1 for row in words) and not any(";" in row for _, row in rows):
+        line, row = next((i, row) for i, row in rows if "," in row)
+        raise ValueError(
+            f"line {line}: {row.strip()!r} looks like decimal commas, or like two columns: write "
+            "1.5, or put a blank after separating commas."
+        )
+    return True
+
+
+def _table(rows: Rows) -> np.ndarray:
     if not rows:
         raise ValueError("it holds no numbers.")
     values, first = [], rows[0][0]
@@ -48,7 +100,7 @@ def _table(lines: list[tuple[int, str]]) -> np.ndarray:
     return np.array(values)
 
 
-def _split(rows: list[tuple[int, str]]) -> Iterator[tuple[int, list[str]]]:
+def _split(rows: Rows) -> Iterator[tuple[int, list[str]]]:
     """Yield the words of each row."""
     separator = next((mark for mark in ";,\t" if any(mark in row for _, row in rows)), None)
     # Blanks within a field tell that tabs only align.
@@ -80,7 +132,7 @@ def _of_points(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> Scan | None:
     if None in sides:
         return None
     (rows, nx, dx), (columns, ny, dy) = (side for side in sides if side)
-    if 2 * x.size < nx * ny:
+    if 2 * x.size <= nx * ny:
         return None
     heights = np.full((nx, ny), np.nan)
     heights[rows, columns] = z
@@ -100,26 +152,39 @@ def _on_lattice(values: np.ndarray) -> tuple[np.ndarray, int, float] | None:
     gaps = np.diff(distinct)
     if not np.isfinite(distinct).all() or gaps.size == 0:
         return None
-    extent = distinct[-1] - distinct[0]
-    spacing = gaps[gaps > _ROUNDING * gaps.max()].min()
-    count = round(extent / spacing) + 1
-    if count > values.size:
+    # A gap is so many steps: none where coordinates differ by noise, several over missing lines.
+    steps = np.rint(gaps / _smallest_step(gaps))
+    if steps.sum() >= values.size:
         return None
-    spacing = extent / (count - 1)
+    count = int(steps.sum()) + 1
+    spacing = (distinct[-1] - distinct[0]) / (count - 1)
     places = (values - distinct[0]) / spacing
     nearest = np.rint(places).astype(int)
     is_on = np.abs(places - nearest).max() <= _OFF_LATTICE
     return (nearest, count, float(spacing)) if is_on else None
 
 
+def _smallest_step(gaps: np.ndarray) -> float:
+    """Return the smallest gap that is no noise beside the typical one, which half the extent has.
+
+    Noise makes most of the gaps, but little of the extent.
+    """
+    ascending = np.sort(gaps)
+    extents = np.cumsum(ascending)
+    typical = ascending[np.searchsorted(extents, extents[-1] / 2)]
+    return gaps[gaps > _NO_GAP * typical].min()
+
+
 def _of_profile(x: np.ndarray, z: np.ndarray) -> Scan | None:
-    """Return the profile of heights z at rising x.
+    """Return the profile of heights z at rising or falling x.
 
     Raises:
-        ValueError: if x rises unevenly.
+        ValueError: if x rises or falls unevenly.
     """
-    if x.size < 3 or not (np.diff(x) > 0).all():
+    if x.size < 3 or np.isnan(x).any() or abs(np.sign(np.diff(x)).sum()) < x.size - 1:
         return None
+    if x[0] > x[-1]:
+        x, z = x[::-1], z[::-1]
     spacing = even_spacing(x)
     if spacing is None:
         raise ValueError(
