@@ -172,7 +172,7 @@ GWYDDION = "# Width: 2 µm\n# Height: 1 µm\n# Value units: µm\n"
 def test_a_header_of_gwyddion_may_have_decimal_commas_and_no_unit_of_heights(tmp_path):
     text = "# Width: 2,5 µm\n# Height: 1,0 µm\n# Value units:\n0,1\t0,2\t0,3\n0,4\t0,5\t0,6\n"
     topography = read_text(tmp_path, text)
-    np.testing.assert_array_equal(topography.heights, [[0.4, 0.1], [0.5, 0.2], [0.6, 0.3]])
+    np.testing.assert_array_equal(topography.heights, [[0.1, 0.4], [0.2, 0.5], [0.3, 0.6]])
     np.testing.assert_allclose(topography.lengths, [2.5, 1.0])
     assert topography.unit == "µm"
     assert "unit of heights taken from the sides, µm" in str(topography)
