@@ -73,7 +73,7 @@ def follow(
     what they lose is counted. Surfaces that a tension has pulled apart stay so until there is a
     pressure.
 
-    Ctrl-C ends a path within about a second and returns the states so far.
+    Ctrl-C ends a path after the steps in hand, about a second, and returns the states so far.
 
     Arguments:
         contact: the contact problem.
