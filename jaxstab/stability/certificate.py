@@ -73,7 +73,7 @@ def certified_bound(
     size = jnp.maximum(total(contact.astype(eigenvalue.dtype)), 1)
     adhesion = total(jnp.where(contact, hessian.curvature, 0)) / size
 
-    def bound(share: float) -> tuple[Float[Array, ""], Int[Array, ""]]:
+    def bound(share: Float[Array, ""]) -> tuple[Float[Array, ""], Int[Array, ""]]:
         level = share * eigenvalue - adhesion
         lacking = restricted.solid.lacking(level)
         if lacking is None:
@@ -94,10 +94,15 @@ def certified_bound(
         cost = found.num_applications + found.num_steps * len(starts)
         return pair.with_proof(True).bound, cost
 
-    def tried(best: tuple[Array, Array], share: float) -> tuple[Array, Array]:
-        value, cost = bound(share)
-        return jnp.maximum(best[0], value), best[1] + cost
+    def attempt(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        number, best, cost = state
+        value, more = bound(jnp.asarray(_SHARES, eigenvalue.dtype)[number])
+        return number + 1, jnp.maximum(best, value), cost + more
 
-    first, second = _SHARES
-    best = bound(first)
-    return jax.lax.cond(best[0] > 0, lambda: best, lambda: tried(best, second))
+    def goes_on(state: tuple[Array, Array, Array]) -> Bool[Array, ""]:
+        number, best, _ = state
+        return (number < len(_SHARES)) & (best <= 0)
+
+    start = jnp.array(0), jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)
+    _, best, cost = jax.lax.while_loop(goes_on, attempt, start)
+    return best, cost
