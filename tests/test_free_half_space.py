@@ -99,8 +99,12 @@ def test_hertz_is_met_under_every_load(load):
 LAW = js.potentials.Exponential(0.01, 0.1)
 
 
-@pytest.mark.parametrize("grid", [js.Grid((5, 4), (1.0, 0.7)), js.Grid((9,), (1.0,))])
-@pytest.mark.parametrize("load", LOADS[::2] + [js.MeanPressure(-1e-3)])
+PLANE, LINE = js.Grid((5, 4), (1.0, 0.7)), js.Grid((9,), (1.0,))
+
+
+@pytest.mark.parametrize(
+    ("grid", "load"), [(PLANE, LOADS[0]), (LINE, LOADS[2]), (PLANE, js.MeanPressure(-1e-3))]
+)
 def test_equilibrium_and_eigenvalues_agree_with_dense_algebra(grid, load):
     contact = sphere_contact(0, LAW, grid=grid)
     equilibrium = js.equilibrate(contact, load, TIGHT)
@@ -133,25 +137,22 @@ def test_equilibrium_and_eigenvalues_agree_with_dense_algebra(grid, load):
     window = inverse + np.diag(-attraction / 0.1)
     stability = js.assess_stability(contact, equilibrium)
     assert stability.cone.mode.shape == grid.shape
-    # On more displacements the smallest eigenvalue is lower, but of the same sign.
-    exact = np.linalg.eigvalsh(window)[0]
-    assert np.sign(stability.lower_bound.eigenvalue) == np.sign(exact)
-    assert stability.lower_bound.eigenvalue <= exact + 1e-9
+    # A mode that reaches beyond the window is longer there, but its energy is the same.
+    exact, found = np.linalg.eigvalsh(window)[0], stability.lower_bound.eigenvalue
+    assert np.sign(found) == np.sign(exact) and abs(found) <= abs(exact)
 
 
 def test_a_pull_off_is_a_fold_and_its_derivative_agrees_with_differences():
     def force(energy):
-        law = js.potentials.Exponential(energy, 0.2)
-        return js.pull_off(sphere_contact(16, law, 2.0), throw=False)
+        law = js.potentials.Exponential(energy, 0.3)
+        return js.pull_off(sphere_contact(16, law, 4.0), throw=False)
 
     pull = force(0.05)
     assert pull.kind == "fold" and pull.equilibrium.gap.shape == (16, 16)
     np.testing.assert_allclose(pull.critical.eigenvalue, 0, atol=1e-9)
-    np.testing.assert_allclose(pull.equilibrium.force, pull.load.value * 4.0, rtol=1e-8)
-    slope = jax.grad(lambda energy: force(energy).equilibrium.force)(0.05)
-    difference = (
-        force(0.05 + 1e-6).equilibrium.force - force(0.05 - 1e-6).equilibrium.force
-    ) / 2e-6
+    np.testing.assert_allclose(pull.equilibrium.force, pull.load.value * 16.0, rtol=1e-8)
+    slope = jax.grad(lambda energy: force(energy).load.value)(0.05)
+    difference = (force(0.05 + 1e-6).load.value - force(0.05 - 1e-6).load.value) / 2e-6
     np.testing.assert_allclose(slope, difference, rtol=1e-4)
 
 
