@@ -45,10 +45,10 @@ def hertz_row(n):
 
 def punch_row(n):
     grid = js.Grid(n)
-    heights = js.surfaces.flat_punch(grid, 0.25, 1e-4)
+    heights = js.surfaces.flat_punch(grid, 0.25, 0.02)
     contact = js.Contact(js.FreeHalfSpace(grid, 1.0), heights, NONE)
-    force = js.equilibrate(contact, js.FarDisplacement(-0.01)).force
-    return f"| {n}² | {force / 0.01:.4f} | {100 * float(force / 0.01 / 0.5 - 1):+.2f} % |"
+    force = js.equilibrate(contact, js.FarDisplacement(-1e-4)).force
+    return f"| {n}² | {force / 1e-4:.4f} | {100 * float(force / 1e-4 / 0.5 - 1):+.2f} % |"
 
 
 def maugis_row(parameter, n):
