@@ -12,7 +12,14 @@ from jaxstab.branches.critical_load import CriticalLoad
 from jaxstab.calibration import Calibration, calibrate
 from jaxstab.citations import cite
 from jaxstab.contact import Contact
-from jaxstab.elasticity import CoatedHalfSpace, HalfSpace, Layer, Solid, Spectral
+from jaxstab.elasticity import (
+    CoatedHalfSpace,
+    FreeHalfSpace,
+    HalfSpace,
+    Layer,
+    Solid,
+    Spectral,
+)
 from jaxstab.equilibrium import (
     Equilibrium,
     EquilibriumSolver,
@@ -21,6 +28,7 @@ from jaxstab.equilibrium import (
     SaddleNewton,
     equilibrate,
 )
+from jaxstab.equilibrium.window import WindowWarning
 from jaxstab.files import load, save, to_dataset
 from jaxstab.grid import Grid
 from jaxstab.loads import FarDisplacement, MeanDisplacement, MeanGap, MeanPressure, Spring
@@ -63,6 +71,7 @@ __all__ = [
     "Equilibrium",
     "EquilibriumSolver",
     "FarDisplacement",
+    "FreeHalfSpace",
     "Grid",
     "HalfSpace",
     "Jump",
@@ -87,6 +96,7 @@ __all__ = [
     "SurfaceWarning",
     "Sweep",
     "SweepInterrupted",
+    "WindowWarning",
     "assess_stability",
     "calibrate",
     "cite",

@@ -16,7 +16,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from jaxstab import potentials
 from jaxstab.checks import cast, is_traced, parameter, require_finite
 from jaxstab.display import block
-from jaxstab.elasticity import FieldMap, Solid
+from jaxstab.elasticity import FieldMap, Solid, mirrored, padded
 from jaxstab.grid import Grid, total
 from jaxstab.hessian import Hessian
 from jaxstab.loads import Control, Load
@@ -30,11 +30,13 @@ from jaxstab.potentials import (
     varying_fields,
 )
 from jaxstab.profile import Profile, profile_of, require_smooth
-from jaxstab.programs import make_room
+from jaxstab.programs import make_room, program
 from jaxstab.surfaces import Topography, suspicion
 
 # How much the mean of what is missed counts beside its rms.
 _MEAN_SHARE = 1e-2
+# How far below a surface that ends the solid may sink beyond it, over the surface's depth.
+_DEPTH = 2
 
 
 class Contact(eqx.Module):
@@ -113,14 +115,25 @@ class Contact(eqx.Module):
         return self.profile.has_core if known is None else known
 
     @property
+    def whole(self) -> "Contact":
+        """The same contact on the grid that it is solved on: on a window a larger one."""
+        solid = self.solid.whole
+        return self if solid is self.solid else _continued(self, solid)
+
+    @property
     def profile(self) -> Profile:
         """The potential at gaps from far beyond the size of the grid down to zero."""
-        return profile_of(self.potential, self.grid.lengths)
+        return profile_of(potentials.everywhere(self.potential), self.grid.lengths)
 
     @property
     def grid(self) -> Grid:
         """The grid of the surface."""
         return self.solid.grid
+
+    @property
+    def area(self) -> Float[Array, ""]:
+        """That of the surface [length^2]; on a line its length [length]."""
+        return (self.grid.area * self.solid.share).astype(self.heights.dtype)
 
     @property
     def resolution(self) -> Float[Array, ""]:
@@ -208,7 +221,8 @@ class Contact(eqx.Module):
     @property
     def conforming_pressure(self) -> Float[Array, ""]:
         """Rms elastic pressure that full contact takes, |K h| [pressure]: the problem's scale."""
-        pressure = self.solid.held_by(0).apply(self.heights - jnp.mean(self.heights))
+        heights = self.solid.flush(self.heights)
+        pressure = self.solid.held_by(0).apply(heights - jnp.mean(heights))
         return jnp.sqrt(jnp.mean(pressure**2))
 
     def balance(self, control: Control) -> Callable[[Float[Array, " *grid"]], "Balance"]:
@@ -249,6 +263,26 @@ class Contact(eqx.Module):
             )
 
         return balance
+
+
+@program
+def _continued(contact: Contact, solid: Solid) -> Contact:
+    """Return a contact with its solid on a larger grid, on which there is no surface elsewhere."""
+    heights, law = contact.heights, contact.potential
+    lowest, spread = jnp.min(heights), jnp.max(heights) - jnp.min(heights)
+    # Not deeper than need be, as digits are lost to it.
+    depth = _DEPTH * spread + jnp.max(solid.grid.spacing).astype(heights.dtype)
+    fields = [mirrored(field) for field in varying_fields(law)]
+    is_there = padded(jnp.ones_like(heights, bool), False)
+    return eqx.tree_at(
+        lambda contact: (contact.solid, contact.heights, contact.potential),
+        contact,
+        (
+            solid,
+            padded(heights, lowest - depth),
+            potentials.Within(potentials.with_fields(law, fields), is_there),
+        ),
+    )
 
 
 def missed_pressure(

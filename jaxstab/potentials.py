@@ -4,13 +4,14 @@ Derivatives are taken by automatic differentiation only, so that a law is one fo
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab.checks import cast, known, parameter, require, require_positive
 from jaxstab.functions import as_pytree
@@ -164,6 +165,22 @@ class Varying(eqx.Module):
         return jnp.mean(self.law(gap))
 
 
+class Within(eqx.Module):
+    """A law between surfaces of which one is not everywhere; elsewhere nothing acts.
+
+    Arguments:
+        law: the law; what varies in it does so over all points.
+        is_there: where the surface is.
+    """
+
+    law: Potential
+    is_there: Bool[Array, " *grid"]
+
+    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the energy per area at a gap of a point [length]."""
+        return jnp.where(self.is_there, self.law(gap), 0)
+
+
 class Scaled(eqx.Module):
     """A law whose energy is that of another one times a factor.
 
@@ -228,6 +245,17 @@ def derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
     return value.astype(gap.dtype), slope.astype(gap.dtype), curvature.astype(gap.dtype)
 
 
+def everywhere(potential: Potential) -> Potential:
+    """Return a law as it is where there is a surface."""
+
+    def is_limited(node: Any) -> bool:
+        return isinstance(node, Within)
+
+    return jax.tree.map(
+        lambda node: node.law if is_limited(node) else node, potential, is_leaf=is_limited
+    )
+
+
 def varying_fields(potential: Potential) -> list[Array]:
     """Return the parameters of a law that vary over the surface."""
     return _by_points(potential)[0]
@@ -242,10 +270,15 @@ def _by_points(potential: Potential) -> tuple[list[Array], Callable[[Sequence[Ar
     """Return the fields of a law, and what makes a law of others in their place."""
 
     def varies(node: Any) -> Any:
+        if isinstance(node, Within):
+            return replace(node, law=flagged(node.law), is_there=True)
         is_varying = isinstance(node, Varying)
         return jax.tree.map(lambda leaf: is_varying and jnp.ndim(leaf) > 0, node)
 
-    flags = jax.tree.map(varies, potential, is_leaf=lambda node: isinstance(node, Varying))
+    def flagged(node: Any) -> Any:
+        return jax.tree.map(varies, node, is_leaf=lambda node: isinstance(node, Varying | Within))
+
+    flags = flagged(potential)
     leaves, structure = jax.tree.flatten(potential)
     is_field = jax.tree.leaves(flags)
 

@@ -40,6 +40,10 @@ class RESULTS(Enumeration):
         "where a half space has none and an incompressible layer an infinite one. Prescribe a mean "
         "displacement above the mean height"
     )
+    sunk = member(
+        "the solid is pressed in deeper than the surface reaches down, and comes round its edges. "
+        "Press less, or take a larger window"
+    )
     pulled_off = member(
         "no equilibrium was found at this tensile load, which drew the surfaces apart "
         "for good. Pull less, start from a state in contact, or prescribe the mean gap instead"

@@ -11,8 +11,9 @@ from jaxstab.branches.implicit import differentiable, differentiable_fields
 from jaxstab.branches.limit import Limit
 from jaxstab.contact import Contact
 from jaxstab.display import block
+from jaxstab.elasticity import Solid
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.state import fields_of
+from jaxstab.equilibrium.state import contact_area, fields_of
 from jaxstab.loads import Load
 from jaxstab.results import KINDS, RESULTS
 from jaxstab.stability import Eigenpair
@@ -46,6 +47,15 @@ class CriticalLoad(Stackable, eqx.Module):
         """The critical load."""
         return self.equilibrium.load
 
+    def on_surface(self, solid: Solid) -> "CriticalLoad":
+        """Return the same with the part of its fields that has a surface opposite to it."""
+        return replace(
+            self,
+            equilibrium=self.equilibrium.on_surface(solid),
+            critical=self.critical.on_surface(solid),
+            after=None if self.after is None else self.after.on_surface(solid),
+        )
+
     def in_units_of(self, pressure: Float[Array, ""]) -> "CriticalLoad":
         """Return the same with pressures in another unit; lengths stay."""
         return replace(
@@ -77,8 +87,8 @@ def critical_load_at(limit: Limit, contact: Contact, shared: Load, throw: bool) 
         equilibrium=Equilibrium(
             load=load,
             in_contact=in_contact,
-            contact_area=jnp.where(is_found, jnp.mean(in_contact), jnp.nan),
-            area=contact.grid.area.astype(limit.gap.dtype),
+            contact_area=jnp.where(is_found, contact_area(contact, limit.gap), jnp.nan),
+            area=contact.area,
             residual=limit.residual,
             num_steps=limit.num_steps,
             result=limit.result,

@@ -26,6 +26,7 @@ from jaxstab.display import block
 from jaxstab.elasticity import HalfSpace
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
+from jaxstab.equilibrium.window import whole_gap
 from jaxstab.iterate import History, refuse_derivatives
 from jaxstab.loads import Load, MeanPressure, require_load
 from jaxstab.programs import program
@@ -191,8 +192,11 @@ def _fit(
 
     def pressure(values: Values, load: Load, start: Array | None) -> tuple[Array, Array]:
         contact, method = contact_at(values), PreconditionedConjugateGradient()
-        inputs = jax.lax.stop_gradient((contact, load, method, start))
-        found = with_derivatives(contact, load, find_equilibrium(*inputs))
+        whole = contact.whole
+        start = whole_gap(contact, load, start)
+        inputs = jax.lax.stop_gradient((whole, load, method, start))
+        found = with_derivatives(whole, load, find_equilibrium(*inputs))
+        found = found.on_surface(whole.solid)
         is_found = found.result == RESULTS.successful
         return jnp.where(is_found, found.mean_pressure, jnp.nan), found.gap
 

@@ -1,18 +1,24 @@
 """Elastic solids: what they all are, and one file per kind."""
 
+from jaxstab.elasticity.free import FreeHalfSpace, Padded, mirrored, padded
 from jaxstab.elasticity.half_space import HalfSpace
 from jaxstab.elasticity.layers import CoatedHalfSpace, Layer
 from jaxstab.elasticity.solid import Field, FieldMap, Solid, apart_from_mean
-from jaxstab.elasticity.spectral import Spectral, SpectralSolid
+from jaxstab.elasticity.spectral import Spectral, SpectralSolid, multiplied
 
 __all__ = [
     "CoatedHalfSpace",
     "Field",
     "FieldMap",
+    "FreeHalfSpace",
     "HalfSpace",
     "Layer",
+    "Padded",
     "Solid",
     "Spectral",
     "SpectralSolid",
     "apart_from_mean",
+    "mirrored",
+    "multiplied",
+    "padded",
 ]

@@ -7,6 +7,7 @@ says how stiff it is (`Solid.held_by`).
 
 from abc import abstractmethod
 from collections.abc import Callable
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -37,7 +38,28 @@ class Solid(eqx.Module):
     max_stiffness: eqx.AbstractVar[Float[Array, ""]]
     min_stiffness: eqx.AbstractVar[Float[Array, ""]]
 
+    # Whether there is solid beyond the grid too, which no load can hold in the mean.
+    is_window: ClassVar[bool] = False
+
     __repr__ = inline
+
+    @property
+    def whole(self) -> "Solid":
+        """The solid on the grid that it is solved on: that of a window is larger than this."""
+        return self
+
+    @property
+    def share(self) -> float:
+        """What part of the grid has a surface opposite to it."""
+        return 1.0
+
+    def surface(self, field: Array) -> Array:
+        """Return the part of one field or several that has a surface opposite to it."""
+        return field
+
+    def flush(self, heights: Field) -> Field:
+        """Return the displacement that full contact takes."""
+        return heights
 
     @abstractmethod
     def apply(self, displacement: Field) -> Field:

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Self
 
 import jax
 import jax.numpy as jnp
@@ -30,7 +31,7 @@ class Waves(Solid):
     has_range: Bool[Array, ""]
 
     @classmethod
-    def of(cls, grid: Grid, multiplier: Float[Array, " *modes"]) -> "Waves":
+    def of(cls, grid: Grid, multiplier: Float[Array, " *modes"]) -> Self:
         """Return the solid of a multiplier."""
         waves = multiplier.ravel()[1:]
         most, least = jnp.max(waves), jnp.min(waves)
@@ -49,12 +50,12 @@ class Waves(Solid):
 
     def apply(self, displacement: Field) -> Field:
         """Return K u [pressure], at the price of one pair of Fourier transforms."""
-        return _multiplied(self.multiplier, displacement)
+        return multiplied(self.multiplier, displacement)
 
     def precondition(self, shift: Float[Array, ""]) -> FieldMap:
         """Return the inverse of K + shift."""
         inverse = 1 / (self.multiplier + shift)
-        return lambda field: _multiplied(inverse, field)
+        return lambda field: multiplied(inverse, field)
 
     def held_by(self, stiffness: ArrayLike) -> "Waves":
         """Return the same solid with another multiplier at q = 0."""
@@ -67,7 +68,7 @@ class Waves(Solid):
         lack = jnp.maximum(level - self.multiplier, 0).at[first].set(0)
         waves = self.grid.mode_multiplicity.astype(lack.dtype)
         on_point = jnp.sum(waves * lack) / self.grid.size
-        return lambda field: _multiplied(lack, field), on_point
+        return lambda field: multiplied(lack, field), on_point
 
     def scaled(self, factor: Float[Array, ""]) -> "Waves":
         """Return the solid with its multiplier times a factor."""
@@ -76,7 +77,8 @@ class Waves(Solid):
         return replace(self, multiplier=multiplier, max_stiffness=most, min_stiffness=least)
 
 
-def _multiplied(multiplier: Float[Array, " *modes"], field: Field) -> Field:
+def multiplied(multiplier: Float[Array, " *modes"], field: Field) -> Field:
+    """Return a field with its waves multiplied."""
     modes = multiplier.astype(field.dtype) * jnp.fft.rfftn(field)
     return jnp.fft.irfftn(modes, s=field.shape)
 
@@ -144,7 +146,7 @@ class SpectralSolid(Solid):
         """
         multiplier = self.waves.multiplier
         moves = multiplier > 0
-        return _multiplied(jnp.where(moves, 1 / jnp.where(moves, multiplier, 1), 0), pressure)
+        return multiplied(jnp.where(moves, 1 / jnp.where(moves, multiplier, 1), 0), pressure)
 
 
 class Spectral(SpectralSolid):

@@ -24,6 +24,7 @@ from jaxstab.equilibrium.state import (
     in_units_of,
     single_equilibrium,
 )
+from jaxstab.equilibrium.window import warn_at_edges, whole_gap
 from jaxstab.grid import resample
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Control, GapControl, Load, require_load
@@ -87,12 +88,16 @@ def equilibrate(
     if start is None:
         # One program for all starts.
         start = _undeformed(load, contact.solid, contact.heights)
-    inputs = jax.lax.stop_gradient((contact, load, solver, start))
+    whole = contact.whole
+    start = whole_gap(contact, load, start)
+    inputs = jax.lax.stop_gradient((whole, load, solver, start))
     # Histories end in NaN, and what was not found is NaN.
     with jax.debug_nans(False):
         equilibrium = find_equilibrium(*inputs)
     if is_traced((contact, load)):
-        equilibrium = with_derivatives(contact, load, equilibrium, throw)
+        equilibrium = with_derivatives(whole, load, equilibrium, throw)
+    equilibrium = equilibrium.on_surface(whole.solid)
+    warn_at_edges(contact, equilibrium)
     if not throw:
         return equilibrium
     return throw_failure(equilibrium.result, equilibrium, lambda: _describe(contact, equilibrium))
@@ -137,8 +142,7 @@ def with_derivatives(
     is_found = found.result == RESULTS.successful
     own = contact.in_units_of(unit), load.in_units_of(unit)
     fields = attach(changes_of_fields, throw, fields, is_found, own)
-    area = contact.grid.area.astype(found.area.dtype)
-    return replace(found, load=load, area=area, **in_units_of(1 / unit, fields))
+    return replace(found, load=load, area=contact.area, **in_units_of(1 / unit, fields))
 
 
 def find(
@@ -158,6 +162,8 @@ def find(
     is_met = control.missed(gap) <= _ROUNDING * jnp.finfo(gap.dtype).eps
     is_finite = jnp.isfinite(energy) & is_met
     result = RESULTS.where(is_finite, iteration.result, RESULTS.nonfinite)
+    is_sunk = jnp.sum(gap == 0) > jnp.sum(contact.solid.surface(gap == 0))
+    result = RESULTS.where(is_sunk, RESULTS.sunk, result)
     result = RESULTS.where(balance.has_escaped, RESULTS.pulled_off, result)
     result = RESULTS.where(control.is_feasible, result, RESULTS.infeasible_load)
     result = RESULTS.where(contact.is_valid, result, RESULTS.invalid_contact)

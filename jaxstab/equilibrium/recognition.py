@@ -4,6 +4,7 @@ import jax.numpy as jnp
 
 from jaxstab.contact import Balance, Contact
 from jaxstab.equilibrium.state import Equilibrium
+from jaxstab.equilibrium.window import whole_state
 from jaxstab.grid import total
 from jaxstab.programs import program
 from jaxstab.results import RESULTS
@@ -15,6 +16,7 @@ _ROUNDING = 1e3
 @program
 def recognised(contact: Contact, equilibrium: Equilibrium) -> RESULTS:
     """Return whether a state is in equilibrium in this contact, under its load."""
+    contact, equilibrium = whole_state(contact, equilibrium)
     unit = contact.own_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     control = contact.control(equilibrium.load)

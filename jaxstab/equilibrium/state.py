@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact import Balance, Contact
 from jaxstab.display import block
+from jaxstab.elasticity import Solid
 from jaxstab.iterate import History
 from jaxstab.loads import Load
 from jaxstab.potentials import slope
@@ -20,6 +21,7 @@ Fields = dict[str, Array]
 
 # The fields of an `Equilibrium` that can be differentiated, and those that hold pressures.
 DIFFERENTIABLE = ("displacement", "gap", "pressure", "reaction", "mean_pressure", "energy")
+_FIELDS = ("displacement", "gap", "pressure", "reaction", "in_contact")
 _PRESSURES = ("pressure", "reaction", "mean_pressure", "energy")
 
 
@@ -70,6 +72,10 @@ class Equilibrium(Stackable, eqx.Module):
         """
         return self.mean_pressure * self.area
 
+    def on_surface(self, solid: Solid) -> "Equilibrium":
+        """Return the same state with the part of its fields that has a surface opposite to it."""
+        return replace(self, **{name: solid.surface(getattr(self, name)) for name in _FIELDS})
+
     def in_units_of(self, pressure: Float[Array, ""]) -> "Equilibrium":
         """Return the same state with pressures in another unit; lengths stay."""
         return replace(
@@ -110,9 +116,14 @@ def assembled(contact: Contact, gap: Field, net: Field, energy: Float[Array, ""]
         "gap": gap,
         "pressure": net - attraction,
         "reaction": reaction,
-        "mean_pressure": jnp.mean(reaction - attraction),
+        "mean_pressure": jnp.mean(contact.solid.surface(reaction - attraction)),
         "energy": energy,
     }
+
+
+def contact_area(contact: Contact, gap: Field) -> Float[Array, ""]:
+    """Return the number of contact points over that of all points of the surface, NaN of NaN."""
+    return jnp.mean(contact.solid.surface(jnp.where(jnp.isnan(gap), gap, gap == 0)))
 
 
 def equilibrium_at(
@@ -123,8 +134,8 @@ def equilibrium_at(
     return Equilibrium(
         load=load,
         in_contact=gap == 0,
-        contact_area=jnp.mean(jnp.where(jnp.isnan(gap), gap, gap == 0)),
-        area=contact.grid.area.astype(gap.dtype),
+        contact_area=contact_area(contact, gap),
+        area=contact.area,
         **assembled(contact, gap, balance.net, energy),
         **how,
     )

@@ -72,6 +72,7 @@ class MeanDisplacement(Load):
 
     def control(self, solid: Solid, heights: Field) -> GapControl:
         """Hold the mean gap at mean(u) - mean(h)."""
+        _refuse_window("MeanDisplacement", solid)
         return GapControl(self.value.astype(heights.dtype) - jnp.mean(heights))
 
 
@@ -82,4 +83,13 @@ class MeanGap(Load):
 
     def control(self, solid: Solid, heights: Field) -> GapControl:
         """Hold the mean gap at the value."""
+        _refuse_window("MeanGap", solid)
         return GapControl(self.value.astype(heights.dtype))
+
+
+def _refuse_window(load: str, solid: Solid) -> None:
+    if solid.is_window:
+        raise ValueError(
+            f"{load} cannot be held on the window of a {type(solid).__name__}, which says nothing "
+            "of the solid beyond: prescribe a FarDisplacement, a MeanPressure or a Spring."
+        )

@@ -101,7 +101,7 @@ class MeanPressure(Load):
 
     def control(self, solid: Solid, heights: Field) -> PressureControl:
         """Hold the mean pressure at the value."""
-        return PressureControl(self.value.astype(heights.dtype))
+        return PressureControl(solid.share * self.value.astype(heights.dtype))
 
     def in_units_of(self, pressure: Scalar) -> "MeanPressure":
         """Return the same load with pressures in another unit; lengths stay."""

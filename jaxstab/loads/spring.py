@@ -113,7 +113,7 @@ class Spring(Load):
 
     def control(self, solid: Solid, heights: Field) -> SpringControl:
         """Press with what the spring and the solid's far side, in series, are stiff."""
-        stiffness = self.stiffness.astype(heights.dtype)
+        stiffness = solid.share * self.stiffness.astype(heights.dtype)
         far = solid.uniform_stiffness
         # A half space gives way at its far side like the spring itself; others add to it.
         held = stiffness / (1 + stiffness / jnp.where(far > 0, far, jnp.inf))

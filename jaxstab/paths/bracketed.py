@@ -22,6 +22,7 @@ from jaxstab.checks import is_traced
 from jaxstab.contact import Contact
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.state import State
+from jaxstab.equilibrium.window import whole_gap
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.walk import course_of, walk
@@ -77,7 +78,9 @@ def critical_load(
     require_same_machine(bracket)
     warn_if_coarse(contact, FOR_JUMPS)
     start = initial_gap(contact, bracket, initial)
-    own, unit = contact.in_own_units()
+    whole = contact.whole
+    start = whole_gap(contact, bracket[0], start)
+    own, unit = whole.in_own_units()
     loads = bracket.in_units_of(unit)
     # Histories end in NaN, and what was not found is NaN.
     with jax.debug_nans(False):
@@ -85,6 +88,7 @@ def critical_load(
         # Outside of a trace nothing is compiled for a search that is not needed.
         limit = by_lanes(_find)(*inputs) if is_traced(inputs) else _find(*inputs)
     found = critical_load_at(limit, own, loads[0], throw).in_units_of(1 / unit)
+    found = found.on_surface(whole.solid)
     if not throw:
         return found
     return throw_failure(found.result, found, lambda: _describe(bracket, found))

@@ -27,6 +27,7 @@ from jaxstab.contact import Contact
 from jaxstab.derivatives import attach
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.state import State, state_at
+from jaxstab.equilibrium.window import whole_gap
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.path import Jump, Path, States
@@ -122,7 +123,9 @@ def follow(
     require("max_jumps", sizes[1], sizes[1] >= 1, "leave room for one.")
     warn_if_coarse(contact, FOR_JUMPS)
     start = initial_gap(contact, load[0], initial)
-    own, unit = contact.in_own_units()
+    whole = contact.whole
+    start = whole_gap(contact, load[0], start)
+    own, unit = whole.in_own_units()
     loads = load.in_units_of(unit)
     inputs = jax.lax.stop_gradient((own, loads, start, share, noise))
     # What was not found is NaN.
@@ -138,7 +141,7 @@ def follow(
     if is_traced((contact, load)):
         others = [part for part in (start, share, noise) if part is not None]
         path = _with_derivatives(path, own, loads, others, throw)
-    path = path.in_units_of(1 / unit)
+    path = path.in_units_of(1 / unit).on_surface(whole.solid)
     if not throw or (not is_traced(path.result) and path.result == RESULTS.interrupted):
         return path
     return throw_failure(path.result, path, lambda: _describe(path, load))
@@ -232,7 +235,7 @@ def _path_of(fields: bool, ended: Walk, contact: Contact, load: Load) -> Path:
             place.mean_gap,
             place.mean_pressure,
             place.contact_area,
-            jnp.broadcast_to(contact.grid.area, place.energy.shape).astype(place.energy.dtype),
+            jnp.broadcast_to(contact.area, place.energy.shape),
             place.energy,
             work(place, ended.states.supplied),
             ended.states.dissipation,

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxstab import display
 from jaxstab.display import block
+from jaxstab.elasticity import Solid
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
 from jaxstab.results import KINDS, RESULTS
@@ -46,6 +47,10 @@ class States(Stackable, eqx.Module):
         """
         return self.mean_pressure * self.area
 
+    def on_surface(self, solid: Solid) -> "States":
+        """Return the same states with the part of their gaps that has a surface opposite to it."""
+        return replace(self, gap=None if self.gap is None else solid.surface(self.gap))
+
     def in_units_of(self, pressure: Float[Array, ""]) -> "States":
         """Return the same states with pressures in another unit; lengths stay."""
         return replace(
@@ -81,6 +86,15 @@ class Jump(Stackable, eqx.Module):
 
     __repr__ = block
 
+    def on_surface(self, solid: Solid) -> "Jump":
+        """Return the same jumps with the part of their fields that has a surface opposite to it."""
+        return replace(
+            self,
+            before=self.before.on_surface(solid),
+            after=self.after.on_surface(solid),
+            mode=solid.surface(self.mode),
+        )
+
     def in_units_of(self, pressure: Float[Array, ""]) -> "Jump":
         """Return the same jumps with pressures in another unit; lengths stay."""
         return replace(
@@ -112,6 +126,14 @@ class Path(eqx.Module):
     result: RESULTS
 
     __repr__ = display.path
+
+    def on_surface(self, solid: Solid) -> "Path":
+        """Return the same path with the part of its fields that has a surface opposite to it."""
+        return replace(
+            self,
+            equilibrium=self.equilibrium.on_surface(solid),
+            jumps=self.jumps.on_surface(solid),
+        )
 
     def in_units_of(self, pressure: Float[Array, ""]) -> "Path":
         """Return the same path with pressures in another unit; lengths stay."""

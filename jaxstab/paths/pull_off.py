@@ -15,6 +15,7 @@ from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.state import State, single_equilibrium, state_at
+from jaxstab.equilibrium.window import whole_gap
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, MeanPressure, Spring
 from jaxstab.paths.walk import DISTURBANCE, course_of, walk
@@ -67,18 +68,20 @@ def pull_off(
     warn_if_coarse(contact, FOR_JUMPS)
     constant = jax.lax.stop_gradient(contact)
     pressure, start = _start(constant, initial)
+    start = whole_gap(constant, MeanPressure(pressure), start)
+    constant, whole = constant.whole, contact.whole
     if spring is None:
         load: Load = MeanPressure(jnp.stack([pressure, -_deepest(constant)]))
     else:
         load = _retraction(constant, pressure, start, _stiffness(spring))
-    own, unit = contact.in_own_units()
+    own, unit = whole.in_own_units()
     loads = load.in_units_of(unit)
     inputs = jax.lax.stop_gradient((own, loads, start))
     # What was not found is NaN.
     with jax.debug_nans(False):
         limit, after = _find(*inputs)
     found = critical_load_at(limit, own, loads[0], throw)
-    found = replace(found, after=after).in_units_of(1 / unit)
+    found = replace(found, after=after).in_units_of(1 / unit).on_surface(whole.solid)
     if not throw:
         return found
     return throw_failure(found.result, found, lambda: _describe(load))
@@ -132,8 +135,11 @@ def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array
     mean_displacement = jnp.mean(gap) + jnp.mean(contact.heights)
     deepest = _deepest(contact)
     reach = contact.profile.outermost_gap(_HARDLY_ANY * deepest)
-    spread = jnp.max(contact.heights) - jnp.min(contact.heights)
-    first = mean_displacement - pressure / stiffness
+    surface = contact.solid.surface(contact.heights)
+    spread = jnp.max(surface) - jnp.min(surface)
+    # The far side of the solid, where it has one, gives way too.
+    control = Spring(0.0, stiffness).control(contact.solid, contact.heights)
+    first = mean_displacement - contact.solid.share * pressure / control.constant
     last = mean_displacement + deepest / stiffness + reach + spread
     return Spring(jax.lax.stop_gradient(jnp.stack([first, last])), stiffness)
 

@@ -352,8 +352,9 @@ def _own_energy(contact: Contact) -> Scalar:
     """Return the elastic energy of full contact and that of the deepest adhesion everywhere."""
     values = contact.profile.values
     deepest = -jnp.min(jnp.where(jnp.isfinite(values), values, 0))
-    elastic = contact.solid.held_by(0).energy(contact.heights)
-    return elastic + contact.grid.area * deepest
+    solid = contact.solid
+    elastic = solid.share * solid.held_by(0).energy(solid.flush(contact.heights))
+    return elastic + contact.area * deepest
 
 
 def _brings_together(contact: Contact, load: Load) -> Flag:

@@ -14,6 +14,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.implicit import third_derivative
 from jaxstab.equilibrium.recognition import recognised_by
 from jaxstab.equilibrium.state import State, equilibrium_of
+from jaxstab.equilibrium.window import whole_state
 from jaxstab.grid import total
 from jaxstab.hessian import Hessian
 from jaxstab.lanes import by_lanes
@@ -91,12 +92,14 @@ def assess_stability(
     warn_if_coarse(contact)
     solver = ProjectedLOBPCG() if solver is None else solver
     key = jax.random.key(0) if key is None else key
+    contact, equilibrium = whole_state(contact, equilibrium)
     inputs = jax.lax.stop_gradient((contact, equilibrium, solver, key))
     # Histories end in NaN, and what was not found is NaN.
     with jax.debug_nans(False):
         stability = _assess(*inputs, verdict_only)
     if is_traced((contact, equilibrium)):
         stability = with_derivatives(contact, equilibrium, stability, throw)
+    stability = stability.on_surface(contact.solid)
     if not throw:
         return stability
     return throw_failure(stability.result, stability, lambda: describe(stability))

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxstab.display import block
+from jaxstab.elasticity import Solid
 from jaxstab.grid import total
 from jaxstab.hessian import SymmetricOperator
 from jaxstab.iterate import History
@@ -54,6 +55,10 @@ class Eigenpair(Stackable, eqx.Module):
     history: History
 
     __repr__ = block
+
+    def on_surface(self, solid: Solid) -> "Eigenpair":
+        """Return the same pair with the part of its mode that has a surface opposite to it."""
+        return replace(self, mode=solid.surface(self.mode))
 
     def in_units_of(self, pressure: Float[Array, ""]) -> "Eigenpair":
         """Return the same pair with pressures in another unit; lengths stay."""

@@ -12,6 +12,7 @@ from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.recognition import recognised
 from jaxstab.equilibrium.state import State, equilibrium_of
+from jaxstab.equilibrium.window import whole_state
 from jaxstab.hessian import Block, Hessian
 from jaxstab.iterate import refuse_derivatives
 from jaxstab.programs import program
@@ -87,6 +88,7 @@ def _lowest_modes(
     stays_in_contact: bool,
 ) -> Eigenpair:
     contact, equilibrium = refuse_derivatives((contact, equilibrium))
+    contact, equilibrium = whole_state(contact, equilibrium)
     state = recognised(contact, equilibrium)
     unit = contact.own_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
@@ -105,7 +107,7 @@ def _lowest_modes(
     )
     modes = found.vector[:count]
     pairs = jax.vmap(lambda mode: measured(hessian, space, found, mode).with_proof(True))(modes)
-    return pairs.in_units_of(1 / unit)
+    return pairs.in_units_of(1 / unit).on_surface(contact.solid)
 
 
 def lowest_pair(

@@ -6,6 +6,7 @@ import equinox as eqx
 from jaxtyping import Array, Bool, Float
 
 from jaxstab.display import block
+from jaxstab.elasticity import Solid
 from jaxstab.results import RESULTS, VERDICTS
 from jaxstab.stability.eigenpairs import Eigenpair
 from jaxstab.stability.margins import Barrier
@@ -45,6 +46,15 @@ class Stability(Stackable, eqx.Module):
     result: RESULTS
 
     __repr__ = block
+
+    def on_surface(self, solid: Solid) -> "Stability":
+        """Return the same with the part of its modes that has a surface opposite to it."""
+        return replace(
+            self,
+            lower_bound=self.lower_bound.on_surface(solid),
+            cone=self.cone.on_surface(solid),
+            critical=self.critical.on_surface(solid),
+        )
 
     def in_units_of(self, pressure: Float[Array, ""]) -> "Stability":
         """Return the same stability with pressures in another unit; lengths stay."""

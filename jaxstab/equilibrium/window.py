@@ -1,0 +1,109 @@
+"""Between the window that users see and the grid that it is solved on, where that is a larger one.
+
+On any other solid all of it is the identity.
+"""
+
+import warnings
+from dataclasses import replace
+from typing import overload
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxstab.checks import is_traced
+from jaxstab.contact import Contact
+from jaxstab.derivatives import LinearSystem
+from jaxstab.elasticity import Field, Padded, mirrored, multiplied, padded
+from jaxstab.equilibrium.state import Equilibrium
+from jaxstab.grid import mean
+from jaxstab.hessian import Hessian
+from jaxstab.loads import Load
+from jaxstab.programs import program
+from jaxstab.results import RESULTS
+
+# Of the largest pressure.
+_MOST_AT_EDGES = 1e-2
+
+
+class WindowWarning(UserWarning):
+    """The contact is not small at the edges of the window that it is solved on."""
+
+
+def whole_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Equilibrium]:
+    """Return a contact and its equilibrium on the grid that it is solved on.
+
+    Outside of the window the displacement is that which the pressures on it make there.
+    """
+    whole = contact.whole
+    solid = whole.solid
+    if whole is contact or not isinstance(solid, Padded):
+        return contact, equilibrium
+    pressure = padded(equilibrium.pressure, 0)
+    shape = multiplied(1 / solid.multiplier, pressure)
+    far = mean(equilibrium.displacement - solid.surface(shape))
+    is_there = padded(jnp.ones_like(equilibrium.in_contact), False)
+    displacement = jnp.where(is_there, padded(equilibrium.displacement, 0), shape + far)
+    gap = jnp.where(is_there, padded(equilibrium.gap, 0), displacement - whole.heights)
+    return whole, replace(
+        equilibrium,
+        displacement=displacement,
+        gap=gap,
+        pressure=pressure,
+        reaction=padded(equilibrium.reaction, 0),
+        in_contact=padded(equilibrium.in_contact, False),
+    )
+
+
+@overload
+def whole_gap(contact: Contact, load: Load, gap: Field) -> Field: ...
+
+
+@overload
+def whole_gap(contact: Contact, load: Load, gap: None) -> Field | None: ...
+
+
+def whole_gap(contact: Contact, load: Load, gap: Field | None) -> Field | None:
+    """Return a gap to start from, if there is one, on the grid that the contact is solved on.
+
+    Outside of the window the displacement is what leaves no pressure there.
+    """
+    whole = contact.whole
+    if whole is contact:
+        return gap
+    if gap is None:
+        gap = contact.control(load).starting_gap(contact.heights)
+    return _relaxed_outside(whole, load, gap)
+
+
+def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
+    """Warn, where values are known, if a surface that ends acts on the solid at its edges."""
+    is_found = equilibrium.result == RESULTS.successful
+    if contact.whole is contact or is_traced((contact, equilibrium)) or not is_found:
+        return
+    pressures = np.abs(equilibrium.pressure)
+    largest, at_edges = pressures.max(), pressures.copy()
+    at_edges[(slice(1, -1),) * pressures.ndim] = 0
+    share = at_edges.max() / largest if largest > 0 else 0
+    if share > _MOST_AT_EDGES:
+        warnings.warn(
+            f"at the edges of the window the pressure is {share:.2g} of its largest value: contact "
+            "or attraction goes on beyond. Take a larger window.",
+            WindowWarning,
+            stacklevel=3,
+        )
+
+
+@program
+def _relaxed_outside(whole: Contact, load: Load, gap: Field) -> Field:
+    solid, control = whole.solid, whole.control(load)
+    is_outside = ~padded(jnp.ones_like(gap, bool), False)
+    displacement = mirrored(gap + solid.surface(whole.heights))
+    start = jnp.where(is_outside, displacement - whole.heights, padded(gap, 0))
+    hessian = Hessian(solid, jnp.zeros_like(start), control.stiffness, is_outside)
+    system = LinearSystem(
+        hessian,
+        hessian.inverse(solid.min_stiffness),
+        lambda field: jnp.where(is_outside, field, 0),
+    )
+    move, _ = system.solution(-control.net_pressure(whole.gradient(start), start))
+    return jnp.maximum(start + jnp.where(is_outside, move, 0), 0)
