@@ -66,8 +66,7 @@ class Waves(Solid):
         """Return max(0, level - K), the mean left out, and what it is on a point itself."""
         first = (0,) * self.multiplier.ndim
         lack = jnp.maximum(level - self.multiplier, 0).at[first].set(0)
-        waves = self.grid.mode_multiplicity.astype(lack.dtype)
-        on_point = jnp.sum(waves * lack) / self.grid.size
+        on_point = jnp.fft.irfftn(lack, s=self.grid.shape).ravel()[0]
         return lambda field: multiplied(lack, field), on_point
 
     def scaled(self, factor: Float[Array, ""]) -> "Waves":
