@@ -53,6 +53,19 @@ def parameter(value: Any, name: str = "A parameter") -> Float[Array, "..."]:
     return value.astype(float) if is_traced(value) else array(value, float)
 
 
+def scalar_parameter(value: Any, name: str) -> Float[Array, ""]:
+    """Return a parameter that must be a single number.
+
+    Raises:
+        ValueError: if it is an array of several.
+        TypeError: as `parameter` does.
+    """
+    number = parameter(value, name)
+    if number.shape != ():
+        raise ValueError(f"{name} has shape {number.shape}: give one number, or use jax.vmap.")
+    return number
+
+
 def cast(tree: Any, dtype: Any) -> Any:
     """Return `tree` with its floating-point leaves in `dtype`."""
 

@@ -54,7 +54,7 @@ class Contact(eqx.Module):
 
     Warns:
         SurfaceWarning: for heights that look wrong: tilted, with opposite edges that do not meet,
-            or in another unit than the lengths.
+            or in another unit than the lengths. On a window neither tilt nor edges matter.
 
     Raises:
         ValueError: for heights of another shape than the grid or not finite, for a topography
@@ -91,10 +91,7 @@ class Contact(eqx.Module):
         if dtype not in (jnp.float32, jnp.float64):
             raise TypeError(f"heights are {dtype}: give them in float32 or float64.")
         require_finite("heights", self.heights)
-        if topography:
-            suspicion.warn(topography.suspicions)
-        elif not is_traced(self.heights):
-            suspicion.warn(suspicion.looks_wrong(np.asarray(self.heights)))
+        suspicion.warn(_suspicions(solid, self.heights, topography))
         self.solid = cast(solid, dtype)
         self.unit = topography.unit if topography else None
         self.potential = as_module(potential, dtype)
@@ -263,6 +260,14 @@ class Contact(eqx.Module):
             )
 
         return balance
+
+
+def _suspicions(solid: Solid, heights: Array, topography: Topography | None) -> list[str]:
+    """Return what looks wrong with heights on a solid: on a window edges need not meet."""
+    if topography:
+        return topography.wrong_scale if solid.is_window else topography.suspicions
+    is_unknown = solid.is_window or is_traced(heights)
+    return [] if is_unknown else suspicion.looks_wrong(np.asarray(heights))
 
 
 @program

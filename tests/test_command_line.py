@@ -342,7 +342,7 @@ def test_what_to_cite_is_said(capsys):
     ],
 )
 def test_options_that_make_no_sense_end_in_one_line(tmp_path, capsys, arguments, message):
-    refused([*SMALL, "--output", str(tmp_path / "results"), *arguments], message, capsys)
+    assert_refused([*SMALL, "--output", str(tmp_path / "results"), *arguments], message, capsys)
     assert not (tmp_path / "results").exists()
 
 
@@ -376,10 +376,10 @@ def test_files_that_make_no_sense_end_in_one_line(
     (tmp_path / "broken.toml").write_text("size = = 3")
     (tmp_path / "wrong.toml").write_text("size = true")
     (tmp_path / "other.toml").write_text('config = "wrong.toml"')
-    refused(arguments, message, capsys)
+    assert_refused(arguments, message, capsys)
 
 
-def refused(arguments, message, capsys):
+def assert_refused(arguments, message, capsys):
     with pytest.raises(SystemExit) as refused:
         main(arguments)
     said = capsys.readouterr().err

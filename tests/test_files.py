@@ -325,4 +325,9 @@ def test_a_line_has_one_dimension(tmp_path):
     state = js.equilibrate(contact, js.MeanPressure(0.02))
     assert js.to_dataset(contact, state).gap.dims == ("x",)
     assert js.to_dataset(contact, state)["load"].attrs["units"] == "pressure"
+    measured = js.surfaces.Topography(grid, np.asarray(contact.heights), "um", is_periodic=True)
+    contact_in_um = js.Contact(contact.solid, measured, law)
+    dataset = js.to_dataset(contact_in_um, js.assess_stability(contact_in_um, state))
+    assert dataset.lengths.units == dataset.x.units == "µm"
+    assert dataset.cone_eigenvalue.units == "pressure/µm"
     assert_same_bits((contact, state), js.load(js.save(tmp_path / "line.nc", contact, state)))

@@ -293,6 +293,9 @@ def test_edges_that_do_not_meet_warn(is_array):
         warnings.simplefilter("error")
         contact_of(surface.periodic("window"), is_array)
         contact_of(surface.periodic("as_is"), False)
+        # Of a window no edges need meet.
+        window = js.FreeHalfSpace(surface.grid, 1.0)
+        js.Contact(window, jnp.asarray(surface.heights) if is_array else surface, LAW)
 
 
 def test_a_slope_that_cannot_be_warns():

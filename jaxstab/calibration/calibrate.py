@@ -26,7 +26,7 @@ from jaxstab.display import block
 from jaxstab.elasticity import HalfSpace
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
-from jaxstab.equilibrium.window import whole_gap
+from jaxstab.equilibrium.window import whole_start
 from jaxstab.iterate import History, refuse_derivatives
 from jaxstab.loads import Load, MeanPressure, require_load
 from jaxstab.programs import program
@@ -192,8 +192,7 @@ def _fit(
 
     def pressure(values: Values, load: Load, start: Array | None) -> tuple[Array, Array]:
         contact, method = contact_at(values), PreconditionedConjugateGradient()
-        whole = contact.whole
-        start = whole_gap(contact, load, start)
+        whole, start = whole_start(contact, load, start)
         inputs = jax.lax.stop_gradient((whole, load, method, start))
         found = with_derivatives(whole, load, find_equilibrium(*inputs))
         found = found.on_surface(whole.solid)

@@ -47,36 +47,43 @@ _GENERATED: dict[str, Any] = {
 _MEASURED: dict[str, Any] = {"lengths": None, "unit": None, "detrend": 1, "periodic": None}
 # Those of the paper's example, which suit the surface made here.
 _MATERIAL: dict[str, Any] = {"youngs_modulus": 1e-3, "surface_energy": 1e-2, "range": 1.0}
+_DEFAULTS = {**_GENERATED, **_MEASURED, **_MATERIAL}
 
 
 def add_options(parser: Parser) -> None:
     """Add the options of surface, solid, law and loads."""
     add = parser.add_argument_group("surface, made here (cut-offs in waves per side)").add_argument
-    add("--size", type=whole(2), help="points along a side (default 256)")
-    add("--seed", type=whole(0, 2**32 - 1), help="which surface (default 0)")
-    add("--hurst", type=number, help="Hurst exponent (default 0.8)")
-    add("--k-low", type=number, help="lower cut-off (default 2)")
-    add("--k-rolloff", type=number, help="roll-off (default 2)")
-    add("--k-high", type=number, help="upper cut-off (default 32)")
-    add("--rms-height", type=number, help="rms height (default 0.1)")
+    add("--size", type=whole(2), help=f"points along a side{_default('size')}")
+    add("--seed", type=whole(0, 2**32 - 1), help=f"which surface{_default('seed')}")
+    add("--hurst", type=number, help=f"Hurst exponent{_default('hurst')}")
+    add("--k-low", type=number, help=f"lower cut-off{_default('k_low')}")
+    add("--k-rolloff", type=number, help=f"roll-off{_default('k_rolloff')}")
+    add("--k-high", type=number, help=f"upper cut-off{_default('k_high')}")
+    add("--rms-height", type=number, help=f"rms height{_default('rms_height')}")
     add_file_options(parser, "surface, from a file", "--surface")
     add = parser.add_argument_group("its treatment").add_argument
-    add("--detrend", type=whole(0, 2), help="order of the trend that is removed (default 1)")
+    help = f"order of the trend that is removed{_default('detrend')}"
+    add("--detrend", type=whole(0, 2), help=help)
     help = "what makes its edges meet (default: as they are, with a warning)"
     add("--periodic", choices=["window", "mirror", "as_is"], help=help)
     add = parser.add_argument_group("solid and adhesion (all needed with --surface)").add_argument
-    add("--youngs-modulus", type=number, help="E (default 1e-3)")
-    add("--poisson-ratio", type=number, default=0.0, help="nu (default 0)")
+    add("--youngs-modulus", type=number, help=f"E{_default('youngs_modulus')}")
+    add("--poisson-ratio", type=number, default=0.0, help="nu (default %(default)g)")
     choices = [*LAWS, "none"]
-    add("--potential", choices=choices, default="exponential", help="law (default exponential)")
-    add("--surface-energy", type=number, help="gamma (default 1e-2)")
-    add("--range", type=number, help="rho (default 1)")
+    add("--potential", choices=choices, default=choices[0], help="law (default %(default)s)")
+    add("--surface-energy", type=number, help=f"gamma{_default('surface_energy')}")
+    add("--range", type=number, help=f"rho{_default('range')}")
     add("--smoothing", type=number, help="of the edge of Dugdale's law, over rho (default 0.1)")
     add = parser.add_argument_group("loads").add_argument
-    add("--load", choices=_LOAD_KINDS, default="gap", help="which kind (default gap)")
+    add("--load", choices=_LOAD_KINDS, default="gap", help="which kind (default %(default)s)")
     add("--stiffness", type=number, help="of the spring")
     add("--first", type=number, help="first load (a gap: default 1e-4 rms heights)")
     add("--last", type=number, help="last load (a gap: default 20 rms heights more)")
+
+
+def _default(name: str) -> str:
+    """Return what an option's help says of its default, which it has if it belongs here."""
+    return f" (default {_DEFAULTS[name]:g})"
 
 
 def add_file_options(parser: Parser, title: str, *names: str) -> None:
@@ -110,7 +117,7 @@ def settle(parser: Parser, options: argparse.Namespace) -> None:
     for name in ("first", "last"):
         if options.load not in ("gap", "displacement") and getattr(options, name) is None:
             parser.error(f"argument --{name} is needed with --load {options.load}.")
-    for name, value in {**_GENERATED, **_MEASURED, **_MATERIAL}.items():
+    for name, value in _DEFAULTS.items():
         if getattr(options, name) is None:
             setattr(options, name, value)
 

@@ -36,20 +36,24 @@ def add_options(parser: Parser) -> None:
     """Add the options of the command."""
     parser.add_argument("--config", type=Path, metavar="FILE", help="a TOML file of these options")
     kinds = list(_STUDIES)
-    help = f"what to do (default {kinds[0]})"
+    help = "what to do (default %(default)s)"
     parser.add_argument("--study", choices=kinds, default=kinds[0], help=help)
     problem.add_options(parser)
     add = parser.add_argument_group("loop, from the last load to the first and back").add_argument
-    help = "part of the problem's energy that a jump loses for it to be located (default 2e-3)"
+    default = _STUDIES["loop"]["smallest_jump"]
+    help = (
+        f"part of the problem's energy that a jump loses for it to be located (default {default})"
+    )
     add("--smallest-jump", type=number, help=help)
     add = parser.add_argument_group("unloading, from the first load to the last").add_argument
-    add("--number", type=whole(1), help="number of loads (default 21)")
-    help = "where each load starts (default continuation)"
+    defaults = _STUDIES["unloading"]
+    add("--number", type=whole(1), help=f"number of loads (default {defaults['number']})")
+    help = f"where each load starts (default {defaults['order']})"
     add("--order", choices=["continuation", "independent"], help=help)
     add = parser.add_argument_group("run").add_argument
-    help = "of all numbers (default float64)"
+    help = "of all numbers (default %(default)s)"
     add("--precision", choices=["float64", "float32"], default="float64", help=help)
-    help = "folder; runs are numbered in it (default results)"
+    help = "folder; runs are numbered in it (default %(default)s)"
     add("--output", type=Path, default=Path("results"), help=help)
 
 

@@ -6,19 +6,16 @@ side: there K is their inverse, and where no surface is, equilibrium itself make
 
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from jaxstab.derivatives import LinearSystem
 from jaxstab.elasticity.moduli import Scalar, contact_modulus, elastic_constants
 from jaxstab.elasticity.solid import Field, FieldMap, Solid
 from jaxstab.elasticity.spectral import Waves, multiplied
 from jaxstab.grid import Grid
 from jaxstab.programs import program
-
-# Of the pressure under a given displacement of the whole window.
-_TOLERANCE = {"float32": 1e-6, "float64": 1e-13}
 
 
 class Padded(Waves):
@@ -117,15 +114,14 @@ class FreeHalfSpace(Solid):
 
     @program
     def apply(self, displacement: Field) -> Field:
-        """Return the pressure of a displacement of the whole window, by conjugate gradients."""
+        """Return the pressure of a displacement of the whole window; NaN if it is not found."""
         whole = self.whole
 
         def precondition(field: Field) -> Field:
             return whole.surface(whole.apply(padded(field, 0)))
 
-        tolerance = _TOLERANCE[displacement.dtype.name]
-        solve = jax.scipy.sparse.linalg.cg
-        return solve(self.displacement, displacement, tol=tolerance, M=precondition)[0]
+        system = LinearSystem(self.displacement, precondition, lambda field: field)
+        return system.differentiable_solution(displacement)
 
     def precondition(self, shift: Scalar) -> FieldMap:
         """Return the window of the inverse of K + shift on the padded grid."""

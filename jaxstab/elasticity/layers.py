@@ -10,12 +10,11 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxstab.checks import require_positive
+from jaxstab.checks import require_positive, scalar_parameter
 from jaxstab.elasticity.moduli import (
     Scalar,
     elastic_constants,
     possible_ratio,
-    scalar_parameter,
     shear_modulus,
 )
 from jaxstab.elasticity.spectral import SpectralSolid

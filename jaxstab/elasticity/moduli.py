@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxstab.checks import known, parameter, require, require_positive
+from jaxstab.checks import known, require, require_positive, scalar_parameter
 
 Scalar = Float[Array, ""]
 
@@ -24,18 +24,6 @@ def elastic_constants(
     nu = known(ratio)
     require(ratio_name, nu, (nu > -1) & (nu <= 0.5), "it must lie in (-1, 0.5].")
     return modulus, ratio
-
-
-def scalar_parameter(value: ArrayLike, name: str) -> Scalar:
-    """Return a parameter that must be a single number.
-
-    Raises:
-        ValueError: if it is an array of several.
-    """
-    number = parameter(value, name)
-    if number.shape != ():
-        raise ValueError(f"{name} has shape {number.shape}: give one number, or use jax.vmap.")
-    return number
 
 
 def possible_ratio(poisson_ratio: Scalar) -> Scalar:

@@ -24,7 +24,7 @@ from jaxstab.equilibrium.state import (
     in_units_of,
     single_equilibrium,
 )
-from jaxstab.equilibrium.window import warn_at_edges, whole_gap
+from jaxstab.equilibrium.window import warn_at_edges, whole_start
 from jaxstab.grid import resample
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Control, GapControl, Load, require_load
@@ -88,8 +88,7 @@ def equilibrate(
     if start is None:
         # One program for all starts.
         start = _undeformed(load, contact.solid, contact.heights)
-    whole = contact.whole
-    start = whole_gap(contact, load, start)
+    whole, start = whole_start(contact, load, start)
     inputs = jax.lax.stop_gradient((whole, load, solver, start))
     # Histories end in NaN, and what was not found is NaN.
     with jax.debug_nans(False):

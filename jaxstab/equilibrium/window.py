@@ -5,8 +5,9 @@ On any other solid all of it is the identity.
 
 import warnings
 from dataclasses import replace
-from typing import overload
+from typing import TypeVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -20,6 +21,8 @@ from jaxstab.hessian import Hessian
 from jaxstab.loads import Load
 from jaxstab.programs import program
 from jaxstab.results import RESULTS
+
+Start = TypeVar("Start", Field, Field | None)
 
 # Of the largest pressure.
 _MOST_AT_EDGES = 1e-2
@@ -54,31 +57,30 @@ def whole_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Eq
     )
 
 
-@overload
-def whole_gap(contact: Contact, load: Load, gap: Field) -> Field: ...
+def whole_start(contact: Contact, load: Load, gap: Start) -> tuple[Contact, Start]:
+    """Return a contact on the grid that it is solved on, and a gap there to start from.
 
+    Outside of the window its displacement is what leaves no pressure there.
 
-@overload
-def whole_gap(contact: Contact, load: Load, gap: None) -> Field | None: ...
+    Arguments:
+        contact: the contact.
+        load: the load to start at.
+        gap: the gap to start from; by default, on a window, that of the undeformed solid.
 
-
-def whole_gap(contact: Contact, load: Load, gap: Field | None) -> Field | None:
-    """Return a gap to start from, if there is one, on the grid that the contact is solved on.
-
-    Outside of the window the displacement is what leaves no pressure there.
+    Returns:
+        The contact, and the gap: none where there is no window and none was given.
     """
     whole = contact.whole
     if whole is contact:
-        return gap
-    if gap is None:
-        gap = contact.control(load).starting_gap(contact.heights)
-    return _relaxed_outside(whole, load, gap)
+        return contact, gap
+    start = contact.control(load).starting_gap(contact.heights) if gap is None else gap
+    return whole, _relaxed_outside(*jax.lax.stop_gradient((whole, load, start)))
 
 
 def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
     """Warn, where values are known, if a surface that ends acts on the solid at its edges."""
     is_found = equilibrium.result == RESULTS.successful
-    if contact.whole is contact or is_traced((contact, equilibrium)) or not is_found:
+    if not contact.solid.is_window or is_traced((contact, equilibrium)) or not is_found:
         return
     pressures = np.abs(equilibrium.pressure)
     largest, at_edges = pressures.max(), pressures.copy()

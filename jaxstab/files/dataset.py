@@ -12,10 +12,9 @@ import numpy as np
 from jaxstab.contact import Contact
 from jaxstab.display import text
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.files.labels import LENGTH, PRESSURE, QUANTITIES
 from jaxstab.files.law import law_variables
 from jaxstab.files.records import Record, Recorder, Structure, indicators
-from jaxstab.loads import FarDisplacement, MeanDisplacement, MeanGap, MeanPressure, Spring
+from jaxstab.labels import LENGTH, QUANTITIES, with_unit
 from jaxstab.paths import Path
 from jaxstab.stability import Stability
 from jaxstab.sweeps import Sweep
@@ -30,13 +29,6 @@ Result = Equilibrium | Stability | Sweep | Path
 FORMAT = 1
 _PACKAGES = ("jaxstab", "jax", "jaxlib", "equinox", "numpy")
 _PATH_AXES = {"load": ("state",), "equilibrium": ("state",), "jumps": ("jump",)}
-_LOAD_UNITS = {
-    FarDisplacement: LENGTH,
-    MeanDisplacement: LENGTH,
-    MeanGap: LENGTH,
-    MeanPressure: PRESSURE,
-    Spring: LENGTH,
-}
 
 
 def to_dataset(
@@ -82,7 +74,7 @@ def to_dataset(
         attrs=_attributes(contact, result, solver, structure if fields else None),
     )
     return dataset.assign_coords(_coordinates(contact, structure, dataset)).assign(
-        law_variables(contact, _named(LENGTH, contact))
+        law_variables(contact, with_unit(contact, LENGTH))
     )
 
 
@@ -140,7 +132,7 @@ def _label(record: Record, contact: Contact, result: Result) -> tuple[str, str]:
     *holders, field = (word for word in record.path if word not in ("table", "contact"))
     load = None if isinstance(result, Stability) else result.load
     if field == "value" and holders[-1:] == ["load"] and load is not None:
-        long_name, unit = f"load: {type(load).__name__}", _LOAD_UNITS.get(type(load), "")
+        long_name, unit = f"load: {type(load).__name__}", load.unit
     else:
         long_name, unit = QUANTITIES.get(field, (field.replace("_", " "), ""))
     if field == "length" and holders[-1:] == ["potential"]:
@@ -149,15 +141,11 @@ def _label(record: Record, contact: Contact, result: Result) -> tuple[str, str]:
         long_name, unit = "height", "energy"
     silent = ("equilibrium", "stability", "load", "solid", "grid", "potential")
     words = [word.replace("_", " ") for word in holders if word not in silent]
-    return ", ".join([*words, long_name]), _named(unit, contact)
-
-
-def _named(unit: str, contact: Contact) -> str:
-    return contact.unit if unit == LENGTH and contact.unit else unit
+    return ", ".join([*words, long_name]), with_unit(contact, unit)
 
 
 def _coordinates(contact: Contact, structure: Structure, dataset: Any) -> dict[str, Any]:
-    grid, unit = contact.grid, _named(LENGTH, contact)
+    grid, unit = contact.grid, with_unit(contact, LENGTH)
     coordinates: dict[str, Any] = {}
     for axis, (name, n) in enumerate(zip(("x", "y"), grid.shape, strict=False)):
         if name in dataset.dims:

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxstab.contact import Contact
 from jaxstab.display import text
-from jaxstab.files.labels import PRESSURE, SURFACE_ENERGY
+from jaxstab.labels import PRESSURE, SURFACE_ENERGY
 
 # Every how many points of a law's profile are kept.
 _EVERY = 16

@@ -3,6 +3,8 @@
 import json
 import os
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -92,7 +94,9 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
         ImportError: without xarray and h5netcdf.
     """
     path = Path(path)
-    arrays, attributes = _read(path)
+    with _opened(path) as dataset:
+        arrays = {str(name): np.asarray(array) for name, array in dataset.variables.items()}
+        attributes = dict(dataset.attrs)
     structure = _structure(path, attributes)
     is_double = any(a.dtype.kind in "fiu" and a.dtype.itemsize == 8 for a in arrays.values())
     if is_double and jax.dtypes.canonicalize_dtype(np.float64) != np.float64:
@@ -118,8 +122,8 @@ def attributes_of(path: str | Path) -> dict[str, Any] | None:
     with path.open("rb") as file:
         if file.read(len(_MAGIC)) != _MAGIC:
             return None
-    attributes = _read(path)[1]
-    return attributes if "versions" in attributes else None
+    with _opened(path) as dataset:
+        return dict(dataset.attrs) if "versions" in dataset.attrs else None
 
 
 def _encoding(dataset: Any) -> dict[str, Any]:
@@ -133,8 +137,9 @@ def _encoding(dataset: Any) -> dict[str, Any]:
     }
 
 
-def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Return the arrays of a NetCDF file, and its attributes."""
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a NetCDF file; `ValueError` if it, or what is read of it, is damaged."""
     try:
         import h5netcdf  # noqa: F401
         import xarray
@@ -144,8 +149,7 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         raise FileNotFoundError(f"There is no file {path}.")
     try:
         with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
-            arrays = {str(name): np.asarray(array) for name, array in dataset.variables.items()}
-            return arrays, dict(dataset.attrs)
+            yield dataset
     except (OSError, ValueError, KeyError) as error:
         message = f"{path} is no NetCDF file that can be read, or not a whole one."
         raise ValueError(message) from error

@@ -68,6 +68,9 @@ class GapControl(Control):
 class MeanDisplacement(Load):
     """A prescribed mean(u) [length]: one value, or an array of them for a sweep."""
 
+    quantity: ClassVar[str] = "mean displacement $u_0$"
+    unit: ClassVar[str] = "length"
+
     value: Float[Array, "..."] = eqx.field(converter=prescribed)
 
     def control(self, solid: Solid, heights: Field) -> GapControl:
@@ -78,6 +81,9 @@ class MeanDisplacement(Load):
 
 class MeanGap(Load):
     """A prescribed mean(g) [length] (Rey & Bleyer, eq. 4): one value, or an array for a sweep."""
+
+    quantity: ClassVar[str] = "mean gap $g_0$"
+    unit: ClassVar[str] = "length"
 
     value: Float[Array, "..."] = eqx.field(converter=prescribed)
 

@@ -97,7 +97,15 @@ class Control(eqx.Module):
 
 
 class Load(Stackable, eqx.Module):
-    """What holds the surfaces together: one value, or an array of values for a sweep."""
+    """What holds the surfaces together: one value, or an array of values for a sweep.
+
+    Attributes:
+        quantity: what the value is, as figures call it; by default the name of the class.
+        unit: what it is measured in, "length" or "pressure".
+    """
+
+    quantity: ClassVar[str] = ""
+    unit: ClassVar[str] = ""
 
     value: eqx.AbstractVar[Float[Array, "..."]]
 

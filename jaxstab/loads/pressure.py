@@ -97,6 +97,9 @@ class PressureControl(PressingControl):
 class MeanPressure(Load):
     """A prescribed p0 [pressure], positive in compression: one value, or an array for a sweep."""
 
+    quantity: ClassVar[str] = "mean pressure $p_0$"
+    unit: ClassVar[str] = "pressure"
+
     value: Float[Array, "..."] = eqx.field(converter=prescribed)
 
     def control(self, solid: Solid, heights: Field) -> PressureControl:

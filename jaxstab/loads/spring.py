@@ -1,5 +1,7 @@
 """Loads that press like a spring: a machine in series, or the solid itself."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -99,6 +101,9 @@ class Spring(Load):
         ValueError: if a stiffness is not positive.
     """
 
+    quantity: ClassVar[str] = "position of the spring"
+    unit: ClassVar[str] = "length"
+
     value: Float[Array, "..."]
     stiffness: Float[Array, "..."]
 
@@ -130,6 +135,9 @@ class FarDisplacement(Load):
     A half space is infinitely deep, and an incompressible layer keeps its volume: the load of both
     is `MeanDisplacement`.
     """
+
+    quantity: ClassVar[str] = "displacement of the far side"
+    unit: ClassVar[str] = "length"
 
     value: Float[Array, "..."] = eqx.field(converter=prescribed)
 

@@ -22,7 +22,7 @@ from jaxstab.checks import is_traced
 from jaxstab.contact import Contact
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.state import State
-from jaxstab.equilibrium.window import whole_gap
+from jaxstab.equilibrium.window import whole_start
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.walk import course_of, walk
@@ -78,8 +78,7 @@ def critical_load(
     require_same_machine(bracket)
     warn_if_coarse(contact, FOR_JUMPS)
     start = initial_gap(contact, bracket, initial)
-    whole = contact.whole
-    start = whole_gap(contact, bracket[0], start)
+    whole, start = whole_start(contact, bracket[0], start)
     own, unit = whole.in_own_units()
     loads = bracket.in_units_of(unit)
     # Histories end in NaN, and what was not found is NaN.

@@ -27,7 +27,7 @@ from jaxstab.contact import Contact
 from jaxstab.derivatives import attach
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.state import State, state_at
-from jaxstab.equilibrium.window import whole_gap
+from jaxstab.equilibrium.window import whole_start
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.path import Jump, Path, States
@@ -123,8 +123,7 @@ def follow(
     require("max_jumps", sizes[1], sizes[1] >= 1, "leave room for one.")
     warn_if_coarse(contact, FOR_JUMPS)
     start = initial_gap(contact, load[0], initial)
-    whole = contact.whole
-    start = whole_gap(contact, load[0], start)
+    whole, start = whole_start(contact, load[0], start)
     own, unit = whole.in_own_units()
     loads = load.in_units_of(unit)
     inputs = jax.lax.stop_gradient((own, loads, start, share, noise))

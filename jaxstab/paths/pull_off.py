@@ -10,12 +10,12 @@ from jaxtyping import Array, ArrayLike
 from jaxstab.branches.branch import Field, Scalar
 from jaxstab.branches.critical_load import CriticalLoad, critical_load_at
 from jaxstab.branches.limit import Limit, limit_ahead
-from jaxstab.checks import parameter
+from jaxstab.checks import scalar_parameter
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.state import State, single_equilibrium, state_at
-from jaxstab.equilibrium.window import whole_gap
+from jaxstab.equilibrium.window import whole_start
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, MeanPressure, Spring
 from jaxstab.paths.walk import DISTURBANCE, course_of, walk
@@ -66,14 +66,14 @@ def pull_off(
             a jump.
     """
     warn_if_coarse(contact, FOR_JUMPS)
-    constant = jax.lax.stop_gradient(contact)
-    pressure, start = _start(constant, initial)
-    start = whole_gap(constant, MeanPressure(pressure), start)
-    constant, whole = constant.whole, contact.whole
+    pressure, start = _start(jax.lax.stop_gradient(contact), initial)
+    whole, start = whole_start(contact, MeanPressure(pressure), start)
+    constant = jax.lax.stop_gradient(whole)
     if spring is None:
         load: Load = MeanPressure(jnp.stack([pressure, -_deepest(constant)]))
     else:
-        load = _retraction(constant, pressure, start, _stiffness(spring))
+        stiffness = scalar_parameter(spring, "The stiffness of the spring")
+        load = _retraction(constant, pressure, start, stiffness)
     own, unit = whole.in_own_units()
     loads = load.in_units_of(unit)
     inputs = jax.lax.stop_gradient((own, loads, start))
@@ -118,16 +118,6 @@ def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar,
     gap = initial_gap(contact, MeanPressure(pressure), initial)
     assert gap is not None
     return pressure, gap
-
-
-def _stiffness(spring: ArrayLike) -> Array:
-    stiffness = parameter(spring, "The stiffness of the spring")
-    if stiffness.shape != ():
-        raise ValueError(
-            f"pull_off takes one spring, but was given an array of stiffnesses of shape "
-            f"{stiffness.shape}: use jax.vmap."
-        )
-    return stiffness
 
 
 def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array) -> Spring:

@@ -16,11 +16,12 @@ from matplotlib.figure import Figure
 from jaxstab import paths
 from jaxstab.checks import require
 from jaxstab.contact import Contact
+from jaxstab.labels import with_unit
 from jaxstab.plots.fields import add_colour_bar, draw_map
 from jaxstab.plots.paths import path as draw_path
 from jaxstab.plots.paths import require_path
 from jaxstab.plots.saving import new_file, written
-from jaxstab.plots.style import BLACK, axes_or_new, with_unit
+from jaxstab.plots.style import BLACK, axes_or_new
 
 _WRITERS = {"gif": PillowWriter, "mp4": FFMpegWriter}
 _MOST_PER_SECOND = 15

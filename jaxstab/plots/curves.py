@@ -8,8 +8,9 @@ from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
+from jaxstab.labels import with_unit
 from jaxstab.plots.fields import require_pair
-from jaxstab.plots.style import QUANTITIES, VERDICT_MARKERS, axes_or_new, load_label, with_unit
+from jaxstab.plots.style import QUANTITIES, VERDICT_MARKERS, axes_or_new, load_label
 from jaxstab.potentials import Potential, energy_density, slope
 from jaxstab.stability import Eigenpair
 from jaxstab.surfaces import PowerSpectrum

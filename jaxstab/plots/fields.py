@@ -10,7 +10,8 @@ from matplotlib.image import AxesImage
 
 from jaxstab.contact import Contact
 from jaxstab.equilibrium.state import State, equilibrium_of
-from jaxstab.plots.style import axes_or_new, with_unit
+from jaxstab.labels import with_unit
+from jaxstab.plots.style import axes_or_new
 from jaxstab.stability import Eigenpair
 from jaxstab.stacks import require_single
 

@@ -6,8 +6,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from jaxstab.labels import with_unit
 from jaxstab.paths import Path
-from jaxstab.plots.style import PALETTE, QUANTITIES, axes_or_new, load_label, with_unit
+from jaxstab.plots.style import PALETTE, QUANTITIES, axes_or_new, load_label
 
 Quantity = Literal["mean_gap", "mean_pressure", "contact_area", "energy", "load"]
 

@@ -5,8 +5,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-from jaxstab.contact import Contact
-from jaxstab.loads import FarDisplacement, Load, MeanDisplacement, MeanGap, MeanPressure, Spring
+from jaxstab.loads import Load
 
 # Okabe & Ito's, told apart by all kinds of colour vision; their yellow is too pale for a line.
 BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
@@ -28,24 +27,11 @@ QUANTITIES = {
     "contact_area": "contact area [1]",
     "energy": "energy [energy]",
 }
-_LOADS = {
-    FarDisplacement: "displacement of the far side [length]",
-    MeanDisplacement: "mean displacement $u_0$ [length]",
-    MeanGap: QUANTITIES["mean_gap"],
-    MeanPressure: QUANTITIES["mean_pressure"],
-    Spring: "position of the spring [length]",
-}
 
 
 def load_label(load: Load) -> str:
     """Return what the value of a load is; of one of the user's own, the name of its class."""
-    return _LOADS.get(type(load), type(load).__name__)
-
-
-def with_unit(contact: Contact | str | None, label: str) -> str:
-    """Return a label with a unit of length, that of a contact if it has one, for the word."""
-    unit = contact.unit if isinstance(contact, Contact) else contact
-    return label if unit is None else label.replace("length", unit)
+    return f"{load.quantity} [{load.unit}]" if load.quantity else type(load).__name__
 
 
 def axes_or_new(axes: Axes | None) -> Axes:

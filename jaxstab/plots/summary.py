@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.state import State, equilibrium_of
+from jaxstab.labels import with_unit
 from jaxstab.loads import MeanPressure
 from jaxstab.plots.fields import gap, mode, outline_contact, pressure, surface
-from jaxstab.plots.style import load_label, with_unit
+from jaxstab.plots.style import load_label
 from jaxstab.stability import Eigenpair, Stability
 from jaxstab.stacks import require_single
 

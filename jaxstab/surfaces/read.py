@@ -62,7 +62,7 @@ def read(
         topography = _made(_scan(path), lengths, unit)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    suspicion.warn(suspicion.has_wrong_scale(topography.heights, topography.lengths))
+    suspicion.warn(topography.wrong_scale)
     return topography
 
 

@@ -83,8 +83,13 @@ class Topography:
 
         Of tilt and edges nothing is said with fewer than 32 points along a side, too few to tell.
         """
-        scale = suspicion.has_wrong_scale(self.heights, self.lengths)
-        return scale if self.is_periodic else scale + suspicion.looks_wrong(self.heights)
+        edges = [] if self.is_periodic else suspicion.looks_wrong(self.heights)
+        return self.wrong_scale + edges
+
+    @property
+    def wrong_scale(self) -> list[str]:
+        """A sentence if heights and lengths are in scales that cannot belong together."""
+        return suspicion.has_wrong_scale(self.heights, self.lengths)
 
     def __repr__(self) -> str:
         missing, unit = self.num_missing, f" {self.unit}" if self.unit else " (unit unknown)"

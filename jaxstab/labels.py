@@ -1,5 +1,7 @@
 """What each quantity is called, and what it is measured in."""
 
+from jaxstab.contact import Contact
+
 LENGTH, PRESSURE, ENERGY, NUMBER = "length", "pressure", "energy", "1"
 STIFFNESS, SURFACE_ENERGY = "pressure/length", "energy/area"
 
@@ -40,3 +42,9 @@ QUANTITIES = {
     "work": ("work done by what is prescribed", ENERGY),
     "youngs_modulus": ("Young's modulus", PRESSURE),
 }
+
+
+def with_unit(contact: Contact | str | None, label: str) -> str:
+    """Return a label with a unit of length, that of a contact if it has one, for the word."""
+    unit = contact.unit if isinstance(contact, Contact) else contact
+    return label if unit is None else label.replace(LENGTH, unit)
