@@ -172,12 +172,16 @@ def test_curves_have_the_colours_of_okabe_and_ito():
     np.testing.assert_allclose(drawn, [(0, 114, 178), (213, 94, 0), (0, 158, 115)])
 
 
-def test_a_load_of_ones_own_is_named_by_its_class(sweep):
+def test_a_load_of_ones_own_is_named_as_it_says_or_by_its_class(sweep):
     class Magnet(js.MeanDisplacement):
-        pass
+        quantity, unit = "", ""
 
-    pulled = eqx.tree_at(lambda x: x.load, sweep, Magnet(sweep.load.value))
-    assert plots.stability_curve(pulled).get_xlabel() == "Magnet"
+    class Coil(js.MeanDisplacement):
+        quantity, unit = "current", "A"
+
+    for load, label in ((Magnet, "Magnet"), (Coil, "current [A]")):
+        pulled = eqx.tree_at(lambda x: x.load, sweep, load(sweep.load.value))
+        assert plots.stability_curve(pulled).get_xlabel() == label
 
 
 def test_a_spectrum_shows_the_rings_that_hold_waves():

@@ -162,5 +162,5 @@ def test_what_has_no_pull_off_is_told():
         js.pull_off(contact)
     with pytest.raises(ValueError, match="The stiffness of the spring is -1"):
         js.pull_off(surface(LAWS["exponential"]), spring=-1.0)
-    with pytest.raises(ValueError, match=r"spring has shape \(2,\): use jax.vmap"):
+    with pytest.raises(ValueError, match=r"spring has shape \(2,\): .* use jax.vmap"):
         js.pull_off(surface(LAWS["exponential"]), spring=jnp.ones(2))

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import nullcontext
-from functools import cache, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
@@ -108,7 +108,8 @@ def calibrate(
             default.
         where: picks the parameters to fit from a contact, as in `equinox.tree_at`; by default all
             of the potential and Young's modulus.
-        optimizer: any of Optax; `optax.lbfgs()` by default.
+        optimizer: any of Optax; by default Levenberg and Marquardt's method (J. SIAM 11, 431,
+            1963).
         order: as in `sweep`: whether all loads start alike, or each from the one before, as along
             a measured branch.
         tolerance: the relative change of every parameter, that a step of Gauss and Newton's method
@@ -160,7 +161,7 @@ def calibrate(
     require("The measured pressure", measured, jnp.any(w * measured != 0), cure)
     warn_if_coarse(contact)
     solver = LeastSquares(
-        None if tolerance is None else parameter(tolerance), max_steps, optimizer or _lbfgs(), order
+        None if tolerance is None else parameter(tolerance), max_steps, optimizer, order
     )
     curve = Measured(load, measured, w)
     shown = progress_bar(max_steps, "step") if progress else nullcontext()
@@ -170,14 +171,6 @@ def calibrate(
     if not throw:
         return fit
     return throw_failure(fit.result, fit, lambda: _describe(fit))
-
-
-@cache
-def _lbfgs() -> "optax.GradientTransformation":
-    import optax
-
-    # Made once, since a new one would compile anew.
-    return optax.lbfgs()
 
 
 @partial(program, static_argnames=("where", "progress"))

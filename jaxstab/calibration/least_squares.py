@@ -1,6 +1,8 @@
-"""Nonlinear least squares: steps of an optimiser, until a Gauss-Newton step would be small."""
+"""Nonlinear least squares: steps of a method, until a Gauss-Newton step would be small."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import equinox as eqx
@@ -20,6 +22,11 @@ Values = Float[Array, " parameters"]
 Curve = Float[Array, " loads"]
 # A curve and its Jacobian.
 Slopes = tuple[Curve, Float[Array, "loads parameters"]]
+
+# Marquardt's damping: the first, and by what it falls after a step that helps and grows after one
+# that does not.
+_DAMPING = 1e-2
+_FALL, _GROWTH = 0.1, 5.0
 
 
 class Measured(eqx.Module):
@@ -55,7 +62,8 @@ class Scale(eqx.Module):
 
 class _State(eqx.Module):
     free: Values
-    optimizer: "optax.OptState"
+    # What the method remembers: its damping, or the state of an optimiser.
+    memory: Any
     mean_pressure: Curve
     misfit: Curve
     jacobian: Float[Array, "loads parameters"]
@@ -79,11 +87,14 @@ class _State(eqx.Module):
 
 
 class LeastSquares(IterativeSolver):
-    """Steps of an optimiser of Optax, until Gauss and Newton's method would change little."""
+    """Levenberg and Marquardt's method, until that of Gauss and Newton would change little.
+
+    Or the steps of an optimiser of Optax, if one is given.
+    """
 
     tolerance: Float[Array, ""] | None
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray)
-    optimizer: "optax.GradientTransformation" = eqx.field(static=True)
+    optimizer: "optax.GradientTransformation | None" = eqx.field(static=True)
     order: Order = eqx.field(static=True)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-6}
@@ -97,41 +108,18 @@ class LeastSquares(IterativeSolver):
         advance: Callable[[Array], None],
     ) -> Iteration[_State]:
         """Minimise the misfit between a curve, with its Jacobian, and measurements, from zero."""
-        import optax
-
         root = measured.roots
         # What has no weight need not even be finite.
         has_weight = root > 0
-        optimizer = optax.with_extra_args_support(self.optimizer)
 
-        def state_of(free: Any, optimizer_state: Any, evaluated: Slopes) -> _State:
+        def state_of(free: Any, memory: Any, evaluated: Slopes) -> _State:
             pressure, jacobian = evaluated
             misfit = jnp.where(has_weight, root * (pressure - measured.mean_pressure), 0)
             rows = jnp.where(has_weight[:, None], root[:, None] * jacobian, 0)
-            return _State(free, optimizer_state, pressure, misfit, rows)
+            return _State(free, memory, pressure, misfit, rows)
 
-        @jax.custom_jvp
-        def loss(free: Values) -> Float[Array, ""]:
-            return state_of(free, None, curve(free)).loss
-
-        @loss.defjvp
-        def _(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Array, Array]:
-            # All of the Jacobian costs one adjoint solve for each load.
-            state = state_of(*primals, None, curve(*primals))
-            return state.loss, jnp.sum(state.gradient * tangents[0])
-
-        def step(state: _State) -> _State:
-            updates, optimizer_state = optimizer.update(
-                state.gradient,
-                state.optimizer,
-                state.free,
-                value=state.loss,
-                grad=state.gradient,
-                value_fn=loss,
-            )
-            advance(state.misfit)
-            free: Any = optax.apply_updates(state.free, updates)
-            return state_of(free, optimizer_state, curve(free))
+        def state_at(free: Any, memory: Any) -> _State:
+            return state_of(free, memory, curve(free))
 
         def measure(state: _State) -> Indicators:
             # Of combinations that are not determined, nothing is asked.
@@ -139,4 +127,67 @@ class LeastSquares(IterativeSolver):
             return {"residual": jnp.max(jnp.abs(change))}
 
         free = jnp.zeros_like(first[1][0])
-        return self.iterate(step, measure, state_of(free, optimizer.init(free), first))
+        method = _marquardt if self.optimizer is None else partial(_optimised, self.optimizer)
+        memory, move = method(state_at, free)
+
+        def step(state: _State) -> _State:
+            advance(state.misfit)
+            return move(state)
+
+        return self.iterate(step, measure, state_of(free, memory, first))
+
+
+StateAt = Callable[[Values, Any], _State]
+Move = Callable[[_State], _State]
+
+
+def _marquardt(state_at: StateAt, free: Values) -> tuple[Any, Move]:
+    """Return the first damping, and a step of Levenberg and Marquardt's method.
+
+    A step that does not lower the misfit, or leads to where there is none, is not taken: the next
+    one is shorter.
+    """
+
+    def move(state: _State) -> _State:
+        sizes = jnp.linalg.norm(state.jacobian, axis=0)
+        rows = jnp.concatenate([state.jacobian, jnp.diag(jnp.sqrt(state.memory) * sizes)])
+        aims = jnp.concatenate([state.misfit, jnp.zeros_like(sizes)])
+        tried = state_at(state.free - jnp.linalg.lstsq(rows, aims)[0], _FALL * state.memory)
+        stays = replace(state, memory=_GROWTH * state.memory)
+        is_lower = tried.loss <= state.loss
+        return jax.tree.map(lambda new, old: jnp.where(is_lower, new, old), tried, stays)
+
+    return jnp.asarray(_DAMPING, free.dtype), move
+
+
+def _optimised(
+    optimizer: "optax.GradientTransformation", state_at: StateAt, free: Values
+) -> tuple[Any, Move]:
+    """Return the first state of an optimiser of Optax, and a step of it."""
+    import optax
+
+    optimizer = optax.with_extra_args_support(optimizer)
+
+    @jax.custom_jvp
+    def loss(free: Values) -> Float[Array, ""]:
+        return state_at(free, None).loss
+
+    @loss.defjvp
+    def _(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Array, Array]:
+        # All of the Jacobian costs one adjoint solve for each load.
+        state = state_at(*primals, None)
+        return state.loss, jnp.sum(state.gradient * tangents[0])
+
+    def move(state: _State) -> _State:
+        updates, memory = optimizer.update(
+            state.gradient,
+            state.memory,
+            state.free,
+            value=state.loss,
+            grad=state.gradient,
+            value_fn=loss,
+        )
+        moved: Any = optax.apply_updates(state.free, updates)
+        return state_at(moved, memory)
+
+    return optimizer.init(free), move
