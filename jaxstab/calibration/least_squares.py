@@ -154,7 +154,8 @@ def _marquardt(state_at: StateAt, free: Values) -> tuple[Any, Move]:
         aims = jnp.concatenate([state.misfit, jnp.zeros_like(sizes)])
         tried = state_at(state.free - jnp.linalg.lstsq(rows, aims)[0], _FALL * state.memory)
         stays = replace(state, memory=_GROWTH * state.memory)
-        is_lower = tried.loss <= state.loss
+        # Beside an event of the contact there may be no derivative to go on by.
+        is_lower = (tried.loss <= state.loss) & jnp.all(jnp.isfinite(tried.jacobian))
         return jax.tree.map(lambda new, old: jnp.where(is_lower, new, old), tried, stays)
 
     return jnp.asarray(_DAMPING, free.dtype), move

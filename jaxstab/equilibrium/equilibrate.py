@@ -84,11 +84,10 @@ def equilibrate(
         )
     warn_if_coarse(contact)
     solver = solver or PreconditionedConjugateGradient()
-    start = initial_gap(contact, load, initial)
+    whole, start = whole_start(contact, load, initial_gap(contact, load, initial))
     if start is None:
         # One program for all starts.
-        start = _undeformed(load, contact.solid, contact.heights)
-    whole, start = whole_start(contact, load, start)
+        start = _undeformed(load, whole.solid, whole.heights)
     inputs = jax.lax.stop_gradient((whole, load, solver, start))
     # Histories end in NaN, and what was not found is NaN.
     with jax.debug_nans(False):

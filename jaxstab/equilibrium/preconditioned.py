@@ -159,7 +159,7 @@ def _preconditioner(
 
     curvature = contact.curvature(gap)
     adhesion = total(jnp.maximum(curvature, 0) * softness(curvature)) / gap.size
-    inverse = solid.precondition(solid.min_stiffness + adhesion)
+    inverse = solid.precondition(solid.share * solid.min_stiffness + adhesion)
 
     def by_waves(_: Array, force: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         return inverse(force)

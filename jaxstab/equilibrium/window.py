@@ -73,8 +73,12 @@ def whole_start(contact: Contact, load: Load, gap: Start) -> tuple[Contact, Star
     whole = contact.whole
     if whole is contact:
         return contact, gap
-    start = contact.control(load).starting_gap(contact.heights) if gap is None else gap
-    return whole, _relaxed_outside(*jax.lax.stop_gradient((whole, load, start)))
+    constant, load = jax.lax.stop_gradient((contact, load))
+    if gap is None:
+        # A solid that is not deformed has no pressures anywhere.
+        flat = constant.control(load).starting_gap(constant.heights)
+        return whole, _continued(constant.whole, flat)
+    return whole, _relaxed_outside(constant.whole, load, jax.lax.stop_gradient(gap))
 
 
 def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
@@ -96,11 +100,18 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
 
 
 @program
+def _continued(whole: Contact, gap: Field) -> Field:
+    """Return a gap of which the displacement goes on outside of the window by its mirror images."""
+    is_there = padded(jnp.ones_like(gap, bool), False)
+    displacement = mirrored(gap + whole.solid.surface(whole.heights))
+    return jnp.where(is_there, padded(gap, 0), displacement - whole.heights)
+
+
+@program
 def _relaxed_outside(whole: Contact, load: Load, gap: Field) -> Field:
     solid, control = whole.solid, whole.control(load)
     is_outside = ~padded(jnp.ones_like(gap, bool), False)
-    displacement = mirrored(gap + solid.surface(whole.heights))
-    start = jnp.where(is_outside, displacement - whole.heights, padded(gap, 0))
+    start = _continued(whole, gap)
     hessian = Hessian(solid, jnp.zeros_like(start), control.stiffness, is_outside)
     system = LinearSystem(
         hessian,
