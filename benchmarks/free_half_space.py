@@ -1,12 +1,23 @@
-"""The half space under a single contact against closed forms, and its steps beside a periodic one.
+"""The half space under a single contact against closed forms, a peer, and the periodic one.
 
 Hertz' sphere; a flat punch; Maugis' sphere under Dugdale's law, its pull-off under dead load and
-its jump under a held far side; steps for the same sphere, free and periodic.
+through springs, and its jump under a held far side; steps and time for the same sphere, free and
+periodic; and the free system of Adhesion and ContactMechanics, whose L-BFGS-B is stopped at about
+the same force. All run on the last core that is allowed; times are medians without compilation.
 """
 
+import os
+
+# Before any library starts its threads.
+os.environ["OMP_NUM_THREADS"] = "1"
+if hasattr(os, "sched_setaffinity"):
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
 import argparse
+import time
 import warnings
 from pathlib import Path
+from statistics import median
 
 import jax
 import jax.numpy as jnp
@@ -16,10 +27,10 @@ import jaxstab as js
 
 jax.config.update("jax_enable_x64", True)
 warnings.simplefilter("ignore", js.ResolutionWarning)
+warnings.simplefilter("ignore", js.WindowWarning)
 
 NONE = js.potentials.Exponential(0.0, 1.0)
-# Of Maugis, in units of d0 and F0: parameter, jump under a held far side, force there.
-JUMPS = {1.0: (0.9917, -0.8917), 2.0: (0.9386, -0.8401), 5.0: (0.9139, -0.8336)}
+REPEATS = 5
 
 
 def far_side(contact, equilibrium):
@@ -51,44 +62,107 @@ def punch_row(n):
     return f"| {n}² | {force / 1e-3:.4f} | {100 * float(force / 1e-3 / 0.5 - 1):+.2f} % |"
 
 
+# Maugis' sphere: its radius is 1.
+WORK, MODULUS = 1e-3, 0.75
+SPHERE = (1.0, MODULUS, WORK)
+UNIT = js.references.jkr.units(*SPHERE)
+
+
+def maugis(parameter, n):
+    """Return the contact of a transition parameter in a window of 8 a0, and its strength."""
+    strength = parameter / 2 * (np.pi * WORK * (4 / 3 * MODULUS) ** 2) ** (1 / 3)
+    side = 8 * float(UNIT.contact_radius)
+    grid = js.Grid(n, [side, side])
+    law = js.potentials.Dugdale(WORK, WORK / strength)
+    heights = js.surfaces.paraboloid(grid, 1.0)
+    return js.Contact(js.FreeHalfSpace(grid, MODULUS), heights, law), strength
+
+
 def maugis_row(parameter, n):
-    work, modulus = 1e-3, 4 / 3
-    a0, d0 = (np.pi * work / modulus) ** (1 / 3), (np.pi * work / modulus) ** (2 / 3)
-    force0 = np.pi * work
-    stress = parameter / 2 * (np.pi * work * modulus**2) ** (1 / 3)
-    grid = js.Grid(n, [8 * a0, 8 * a0])
-    law = js.potentials.Dugdale(work, work / stress)
-    contact = js.Contact(js.FreeHalfSpace(grid, 1.0), js.surfaces.paraboloid(grid, 1.0), law)
-    pull = float(js.pull_off(contact).equilibrium.force) / force0
-    exact = -float(PULL_OFFS[parameter])
-    path = js.follow(contact, js.FarDisplacement(jnp.array([0.0, 1.3 * d0])))
+    contact, strength = maugis(parameter, n)
+    pull = float(js.pull_off(contact).equilibrium.force)
+    dead = js.references.maugis.pull_off(*SPHERE, strength)
+    path = js.follow(contact, js.FarDisplacement(jnp.array([0.0, 1.3 * UNIT.displacement])))
     jump = path.jumps[int(jnp.argmax(path.jumps.dissipation))]
-    place, force = float(jump.load.value) / d0, float(jump.before.force) / force0
-    place0, force1 = JUMPS[parameter]
+    held = js.references.maugis.pull_off(*SPHERE, strength, np.inf)
+    place, force = -float(jump.load.value), float(jump.before.force)
     return (
-        f"| {parameter:g} | {n}² | {float(contact.resolution):.2g} | {pull:.4f} | "
-        f"{100 * (pull / exact - 1):+.2f} % | {jump.kind.name} | {place:.4f} | "
-        f"{100 * (place / place0 - 1):+.2f} % | {force:.4f} | {100 * (force / force1 - 1):+.2f} % |"
+        f"| {parameter:g} | {n}² | {float(contact.resolution):.2g} | {pull / UNIT.force:.4f} | "
+        f"{percent(pull, dead.force)} | {jump.kind.name} | {place / UNIT.displacement:.4f} | "
+        f"{percent(place, held.displacement)} | {force / UNIT.force:.4f} | "
+        f"{percent(force, held.force)} |"
     )
 
 
-# Maugis' pull-offs under dead load, in units of F0.
-PULL_OFFS = {1.0: 1.6007, 2.0: 1.5346, 5.0: 1.5063}
+def spring_row(stiffness, n):
+    contact, strength = maugis(1.0, n)
+    force_per_length = stiffness * UNIT.force / UNIT.displacement
+    pull = js.pull_off(contact, spring=force_per_length / float(contact.area))
+    exact = js.references.maugis.pull_off(*SPHERE, strength, force_per_length)
+    place, force = -far_side(contact, pull.equilibrium), float(pull.equilibrium.force)
+    return (
+        f"| {stiffness:g} | {n}² | {pull.kind.name} | {force / UNIT.force:.4f} | "
+        f"{percent(force, exact.force)} | {place / UNIT.displacement:.4f} | "
+        f"{percent(place, exact.displacement)} |"
+    )
+
+
+def percent(value, exact):
+    return f"{100 * (float(value) / float(exact) - 1):+.2f} %"
 
 
 def steps_row(n):
     grid = js.Grid(n)
     heights = js.surfaces.paraboloid(grid, 1.0)
     law = js.potentials.Exponential(2e-3, 0.02)
-    load = js.MeanPressure(0.01)
     solids = js.HalfSpace(grid, 1.0), js.FreeHalfSpace(grid, 1.0)
     contacts = [js.Contact(solid, heights, law) for solid in solids]
-    periodic, free = (int(js.equilibrate(contact, load).num_steps) for contact in contacts)
-    return f"| {n}² | {periodic} | {free} | {free / periodic:.2f} |"
+    runs = [solved(contact, js.MeanPressure(0.01)) for contact in contacts]
+    (_, periodic, _), (_, free, _) = runs
+    each = [1e3 * seconds / steps for _, steps, seconds in runs]
+    return (
+        f"| {n}² | {periodic} | {free} | {free / periodic:.2f} | "
+        f"{each[0]:.2f} | {each[1]:.2f} | {each[1] / each[0]:.1f} |"
+    )
+
+
+def solved(contact, load):
+    """Return the force at a load, the steps to it, and the seconds of them all."""
+    seconds = []
+    for _ in range(1 + REPEATS):
+        start = time.perf_counter()
+        state = jax.block_until_ready(js.equilibrate(contact, load))
+        seconds.append(time.perf_counter() - start)
+    return float(state.force), int(state.num_steps), median(seconds[1:])
+
+
+def peer_row(n):
+    from Adhesion.Interactions import Exponential
+    from Adhesion.System import BoundedSmoothContactSystem
+    from ContactMechanics import FreeFFTElasticHalfSpace
+    from SurfaceTopography import Topography
+
+    grid, law = js.Grid(n), (2e-3, 0.02)
+    heights = js.surfaces.paraboloid(grid, 1.0)
+    solid = js.FreeHalfSpace(grid, 1.0)
+    contact = js.Contact(solid, heights, js.potentials.Exponential(*law))
+    force, _, ours = solved(contact, js.FarDisplacement(-0.05))
+    system = BoundedSmoothContactSystem(
+        FreeFFTElasticHalfSpace((n, n), 1.0, (1.0, 1.0)),
+        Exponential(*law),
+        Topography(np.asarray(heights), (1.0, 1.0)),
+    )
+    options = {"gtol": 1e-5 / n**2, "ftol": 0, "maxiter": 10_000, "maxfun": 20_000}
+    start = time.perf_counter()
+    system.minimize_proxy(offset=0.05, options=options)
+    theirs = time.perf_counter() - start
+    difference = system.compute_normal_force() / force - 1
+    return f"| {n}² | {ours:.3f} | {theirs:.2f} | {theirs / ours:.0f} | {difference:+.1e} |"
 
 
 DEAD, HELD = ("pull-off", "error"), ("jump", "place", "error", "force", "error")
 MAUGIS = ("lambda", "points", "resolution", *DEAD, *HELD)
+
 TABLES = {
     "Hertz' sphere, a = 0.2 in a window of 1": (
         ("points", "force", "radius", "displacement"),
@@ -105,10 +179,20 @@ TABLES = {
         maugis_row,
         [(1.0, 64), (1.0, 128), (2.0, 128)],
     ),
-    "Steps of an adhesive sphere under a held pressure": (
-        ("points", "periodic", "free", "ratio"),
+    "Maugis' sphere at lambda = 1 pulled off through springs, in units of F0 / d0": (
+        ("stiffness", "points", "jump", "force", "error", "place", "error"),
+        spring_row,
+        [(0.5, 64), (2.0, 64), (8.0, 64)],
+    ),
+    "Steps of an adhesive sphere under a held pressure, and milliseconds of each": (
+        ("points", "periodic", "free", "ratio", "periodic [ms]", "free [ms]", "ratio"),
         steps_row,
         [(128,), (256,), (512,)],
+    ),
+    "Seconds to the force of an adhesive sphere, by jaxstab and by Adhesion": (
+        ("points", "jaxstab [s]", "Adhesion [s]", "ratio", "force differs by"),
+        peer_row,
+        [(64,), (128,), (256,)],
     ),
 }
 

@@ -78,7 +78,11 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
 
         def search(state: _State, direction: Float[Array, " *grid"], length: Array) -> _Trial:
             energy = energy_of(state.gap, state.balance)
-            terms = state.balance.elastic_energy, state.balance.adhesion, energy
+            # The work of a load that is nearly nothing, as at a spring that has relaxed, is no
+            # more certain than the mean gap.
+            mean_gap = total(state.gap) / gap.size
+            work = gap.size * mean_gap * jax.grad(control.energy)(mean_gap)
+            terms = state.balance.elastic_energy, state.balance.adhesion, energy, work
             noise = 100 * jnp.finfo(gap.dtype).eps * sum(map(jnp.abs, terms))
 
             def attempt(trial: _Trial) -> _Trial:
