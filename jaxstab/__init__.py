@@ -48,6 +48,7 @@ from jaxstab.stability import (
     lowest_modes,
     release,
 )
+from jaxstab.studies import StudyInterrupted, study
 from jaxstab.surfaces import SurfaceWarning
 from jaxstab.sweeps import Sweep, SweepInterrupted, sweep
 
@@ -93,6 +94,7 @@ __all__ = [
     "Spectral",
     "Spring",
     "Stability",
+    "StudyInterrupted",
     "SurfaceWarning",
     "Sweep",
     "SweepInterrupted",
@@ -112,6 +114,7 @@ __all__ = [
     "references",
     "release",
     "save",
+    "study",
     "surfaces",
     "sweep",
     "to_dataset",

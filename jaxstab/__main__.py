@@ -8,11 +8,11 @@ from pathlib import Path
 import jax
 import matplotlib
 
-from jaxstab.commands import cite, info, plot, run
+from jaxstab.commands import cite, info, plot, run, study
 from jaxstab.commands.parsing import BAD_INPUT, FAILED, INTERRUPTED, Ended, Parser
 from jaxstab.results import SolverError
 
-COMMANDS = {"run": run, "info": info, "plot": plot, "cite": cite}
+COMMANDS = {"run": run, "study": study, "info": info, "plot": plot, "cite": cite}
 
 
 def start() -> None:

@@ -16,11 +16,11 @@ _bars: list[tqdm] = []
 
 
 @contextmanager
-def progress_bar(total: int, unit: str, *, shown: bool = True) -> Iterator[tqdm]:
-    """Show a bar of `total` units that `advance` moves, until the block ends."""
+def progress_bar(total: int, unit: str, *, shown: bool = True, done: int = 0) -> Iterator[tqdm]:
+    """Show a bar of `total` units, some `done` before, that `advance` moves, to the block's end."""
     from tqdm import tqdm
 
-    with tqdm(total=total, unit=unit, disable=not shown) as bar:
+    with tqdm(total=total, unit=unit, disable=not shown, initial=done) as bar:
         _bars.append(bar)
         try:
             yield bar

@@ -1,0 +1,5 @@
+"""Many contacts in one store, of which nothing done is ever lost or run again."""
+
+from jaxstab.studies.study import StudyInterrupted, study
+
+__all__ = ["StudyInterrupted", "study"]

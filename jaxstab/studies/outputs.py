@@ -1,0 +1,125 @@
+"""What a case returns, as arrays that a store can hold."""
+
+import struct
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxstab.checks import is_traced
+from jaxstab.enumerations import Enumeration
+
+# What each case has beside what it returns.
+MARKS = ("result", "seconds", "error")
+MISSING = "missing"
+
+
+@dataclass(frozen=True)
+class Form:
+    """The kind and the shape of an output, which are those of all cases.
+
+    Attributes:
+        dtype: the kind of numbers; that of `str` for words.
+        shape: of one case.
+    """
+
+    dtype: np.dtype
+    shape: tuple[int, ...]
+
+    def __str__(self) -> str:
+        kind = "words" if self.dtype.kind == "U" else str(self.dtype)
+        return f"{kind} of shape {self.shape}" if self.shape else kind
+
+    @property
+    def missing(self) -> Any:
+        """What stands where there is no value: NaN, the least integer, False, or a word."""
+        kind = self.dtype.kind
+        if kind in "iu":
+            limits = np.iinfo(self.dtype)
+            return limits.min if kind == "i" else limits.max
+        return {"b": False, "U": MISSING}.get(kind, np.nan)
+
+
+def arrays_of(outputs: Any, taken: Collection[str]) -> dict[str, np.ndarray]:
+    """Return what a case returned as arrays, members of enumerations as words.
+
+    Arguments:
+        outputs: what the case returned.
+        taken: the names of the axes.
+
+    Raises:
+        TypeError: if it is no dict, or holds what is no array.
+        ValueError: for names that are taken, or are none.
+    """
+    if not isinstance(outputs, Mapping) or not outputs:
+        raise TypeError(
+            f"The case returned {type(outputs).__name__}: return a dict of arrays, as in "
+            '{"area": equilibrium.contact_area}.'
+        )
+    for name in outputs:
+        if not (isinstance(name, str) and name.isidentifier()):
+            raise ValueError(f"The case returned {name!r}: name outputs by letters and digits.")
+        if name in MARKS or name in taken:
+            raise ValueError(
+                f"The case returned `{name}`, which the study holds by itself: rename it."
+            )
+    return {name: _array(name, value) for name, value in outputs.items()}
+
+
+def form_of(array: np.ndarray) -> Form:
+    """Return the form of an output."""
+    return Form(np.dtype(str) if array.dtype.kind == "U" else array.dtype, array.shape)
+
+
+def require_forms(arrays: Mapping[str, np.ndarray], forms: Mapping[str, Form]) -> None:
+    """Raise `ValueError` where a case returned other outputs than those before it."""
+    if set(arrays) != set(forms):
+        raise ValueError(
+            f"The case returned {', '.join(sorted(arrays))}, cases before it "
+            f"{', '.join(sorted(forms))}: return the same in all."
+        )
+    for name, array in arrays.items():
+        form, expected = form_of(array), forms[name]
+        is_safe = np.can_cast(form.dtype, expected.dtype, "safe")
+        if form.shape != expected.shape or not is_safe:
+            raise ValueError(
+                f"{name} is {form} in this case, {expected} in those before: return the same kind "
+                "and shape in all, padded with NaN for instance."
+            )
+
+
+def encoded(array: np.ndarray, form: Form) -> bytes:
+    """Return an array as the bytes of a chunk of Zarr that is not compressed."""
+    if form.dtype.kind != "U":
+        return array.astype(form.dtype.newbyteorder("<")).tobytes()
+    words = [word.encode() for word in array.ravel().tolist()]
+    return struct.pack("<I", len(words)) + b"".join(
+        struct.pack("<I", len(word)) + word for word in words
+    )
+
+
+def decoded_word(chunk: bytes) -> str:
+    """Return the word of a chunk that holds one."""
+    return chunk[8:].decode()
+
+
+def _array(name: str, value: Any) -> np.ndarray:
+    if isinstance(value, Enumeration):
+        return np.asarray(value.name)
+    if is_traced(value):
+        raise TypeError(f"{name} is traced: call js.study outside of JAX transformations.")
+    array = np.asarray(value) if np.isscalar(value) or hasattr(value, "dtype") else None
+    if isinstance(value, list | tuple) and not any(map(_is_tree, value)):
+        array = np.asarray(value)
+    if array is None or array.dtype.kind not in "biufcU":
+        kind = type(value).__name__ if array is None else array.dtype
+        raise TypeError(
+            f"{name} is {kind}, which is no array: return the numbers of it that you need."
+        )
+    return array
+
+
+def _is_tree(value: Any) -> bool:
+    return not (np.isscalar(value) or isinstance(value, jax.Array | np.ndarray))

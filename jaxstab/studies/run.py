@@ -1,0 +1,144 @@
+"""The cases of a study, run one by one or in batches, on each of the devices."""
+
+import errno
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from time import perf_counter
+from typing import Any
+
+import jax
+
+from jaxstab.studies.axes import Axis, Index, arguments_of, stacked_at, values_at
+from jaxstab.studies.outputs import arrays_of
+from jaxstab.studies.queue import Queue
+from jaxstab.studies.store import Store
+
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+def run(
+    case: Callable[..., Any],
+    axes: Sequence[Axis],
+    store: Store,
+    queue: Queue,
+    batch: int,
+    report: Callable[[], None],
+) -> None:
+    """Run the cases of a queue until none is left, a thread to a device.
+
+    Arguments:
+        case: the function.
+        axes: what it is called with.
+        store: where its outputs go.
+        queue: the cases.
+        batch: how many at once.
+        report: called after each batch.
+    """
+    worker = _Worker(case, axes, store, queue, batch, report)
+    devices = jax.local_devices()
+    if len(devices) == 1:
+        worker.work()
+        return
+    with ThreadPoolExecutor(len(devices)) as threads:
+        futures = [threads.submit(worker.work, device) for device in devices]
+        try:
+            for future in futures:
+                future.result()
+        finally:
+            queue.stop()
+
+
+class _Worker:
+    def __init__(
+        self,
+        case: Callable[..., Any],
+        axes: Sequence[Axis],
+        store: Store,
+        queue: Queue,
+        batch: int,
+        report: Callable[[], None],
+    ):
+        self.case = case
+        self.axes = axes
+        self.store = store
+        self.queue = queue
+        self.batch = batch
+        self.report = report
+        self.together = jax.jit(jax.vmap(lambda values: case(**values)))
+
+    def work(self, device: Any = None) -> None:
+        """Run cases until none is left."""
+        solve = self.solve if self.batch == 1 else self.solve_together
+        try:
+            with jax.default_device(device):
+                while places := self.queue.take(self.batch):
+                    try:
+                        solve(places)
+                    finally:
+                        self.queue.finish(places)
+                    self.report()
+        finally:
+            self.queue.stop()
+
+    def solve(self, places: Sequence[Index]) -> None:
+        """Run and store cases one by one."""
+        for place in places:
+            start = perf_counter()
+            try:
+                outputs = self.case(**values_at(self.axes, place))
+                outputs = jax.block_until_ready(outputs)
+            except Exception as error:
+                if isinstance(error, OSError) and error.errno in _FULL:
+                    raise
+                seconds = perf_counter() - start
+                self.store.write(self.store.index(place), "failed", seconds, _text(error))
+            else:
+                self.keep(place, outputs, perf_counter() - start)
+
+    def solve_together(self, places: Sequence[Index]) -> None:
+        """Run and store cases at once; one by one where one of them raises."""
+        start = perf_counter()
+        # Of one length, copies of the last among them, they are one program.
+        padded = [*places, *[places[-1]] * (self.batch - len(places))]
+        stacked = self.stacked(padded)
+        try:
+            outputs = jax.device_get(jax.block_until_ready(self.together(stacked)))
+        except Exception:
+            self.solve(places)
+            return
+        seconds = (perf_counter() - start) / len(places)
+        for lane, place in enumerate(places):
+            self.keep(place, jax.tree.map(lambda leaf, i=lane: leaf[i], outputs), seconds)
+
+    def stacked(self, places: Sequence[Index]) -> dict[str, Any]:
+        """Return the arguments of a batch, once it is known that the function can be traced."""
+        stacked = stacked_at(self.axes, places)
+        words = [name for name, x in stacked.items() if x.dtype.kind == "U"]
+        if words:
+            raise ValueError(f"{words[0]} are words, which no batch can hold: use batch=1.")
+        try:
+            jax.eval_shape(self.together, stacked)
+        except Exception as error:
+            raise ValueError(
+                f"The case cannot be run in batches, since JAX cannot trace it: {_text(error)} "
+                "Write it with jax.numpy, and with throw=False in calls of jaxstab; or use batch=1."
+            ) from error
+        return stacked
+
+    def keep(self, place: Index, outputs: Any, seconds: float) -> None:
+        """Store what a case returned; the first must be what a store can hold."""
+        is_first = not self.store.has_forms
+        index = self.store.index(place)
+        try:
+            arrays = arrays_of(outputs, arguments_of(self.axes))
+            self.store.require_forms(arrays)
+        except (TypeError, ValueError) as error:
+            if is_first:
+                raise
+            self.store.write(index, "failed", seconds, _text(error))
+        else:
+            self.store.write(index, "successful", seconds, "", arrays)
+
+
+def _text(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"

@@ -1,0 +1,161 @@
+"""The public function: a study, from its axes to its data set."""
+
+import inspect
+import signal
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jaxstab.checks import integer
+from jaxstab.progress import progress_bar
+from jaxstab.studies.axes import LISTED, Axis, arguments_of, places, read_axes
+from jaxstab.studies.claims import claims_in
+from jaxstab.studies.fingerprint import fingerprint, source_of
+from jaxstab.studies.outputs import MARKS
+from jaxstab.studies.queue import Queue
+from jaxstab.studies.run import run
+from jaxstab.studies.store import Store, claims_file
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class StudyInterrupted(UserWarning):
+    """A study was interrupted; its store holds the cases done so far."""
+
+
+def study(
+    case: Callable[..., Mapping[str, Any]],
+    axes: Mapping[str, Any] | Sequence[Mapping[str, Any]],
+    path: str | Path,
+    *,
+    batch: int = 1,
+    progress: bool = False,
+) -> "xarray.Dataset":
+    """Run a function for each case of a study, and keep what it returns in a Zarr store.
+
+    What is done is never run again: after an end of any kind, the same call goes on from there.
+    Several processes can share one store, each started by this same call; the cases of one that
+    dies are taken over by the others, and each returns once all are done. On Windows, where the
+    system has no such locks, let one process at a time run a store. Values added to an axis extend
+    a store; values left out stay in it.
+
+    Arguments:
+        case: the function, called by names with numbers and words of Python or random keys. It
+            returns a dict of numbers, words and arrays, the same and of the same shapes in all
+            cases; members of enumerations such as `jaxstab.VERDICTS` are kept as words. A case
+            that raises is recorded with its message.
+        axes: one-dimensional arrays by name, whose product is run; or a list of dicts, the
+            combinations to be run, which lie on the dimension `case`.
+        path: the folder of the store; made where it does not exist.
+        batch: how many cases run at once, by `jax.vmap` of the compiled function.
+        progress: show a progress bar, with the number of failures.
+
+    Returns:
+        What was asked for, in its order, read from the store as it is looked at. Each case has a
+        `result` ("successful", "failed" or "missing"), its `seconds`, of a batch the average, and
+        the text of its `error`. Where a case has no value, there is NaN, the least integer, False
+        or "missing". `xarray.open_zarr(path)` reads the whole store.
+
+    Raises:
+        ValueError: for a store that was begun with another case, found by its source and all that
+            it refers to in its own module, or that has other axes; for axes that are empty or not
+            finite; for a function that has no source, or, in batches, that JAX cannot trace.
+        TypeError: for a function that takes other arguments, or returns what is no dict of arrays.
+        OSError: if the disk is full; what is done stays, and the same call goes on.
+        ImportError: without xarray and zarr.
+    """
+    _require_packages()
+    batch = integer("batch", batch)
+    if batch < 1:
+        raise ValueError(f"batch is {batch}: give at least 1.")
+    asked, path = read_axes(axes), Path(path)
+    _require_arguments(case, asked)
+    identity, source = fingerprint(case), source_of(case)
+    with claims_in(claims_file(path)) as claims:
+        store = Store(path, asked, claims, identity, source)
+        queue = Queue(store, claims, list(places(asked)))
+        _run_all(case, asked, store, queue, batch, progress)
+        return store.dataset()
+
+
+def _run_all(
+    case: Callable[..., Any],
+    axes: list[Axis],
+    store: Store,
+    queue: Queue,
+    batch: int,
+    progress: bool,
+) -> None:
+    total = len(list(places(axes)))
+
+    def stored() -> str:
+        return f"{queue.num_done} of {total} cases are in {store.path}"
+
+    with (
+        _stopped_by_interrupt(queue) as was_interrupted,
+        progress_bar(total, "case", shown=progress, done=queue.num_done) as bar,
+    ):
+
+        def report() -> None:
+            bar.set_postfix(failed=queue.num_failed, refresh=False)
+            bar.update(queue.num_done - bar.n)
+
+        try:
+            run(case, axes, store, queue, batch, report)
+        except OSError as error:
+            cure = "Once that is mended, the same call goes on."
+            message = f"{error.strerror or error}: {stored()}. {cure}"
+            raise OSError(error.errno, message) from error
+        report()
+    if was_interrupted() and queue.num_done < total:
+        message = f"The study was interrupted: {stored()}. The same call goes on."
+        warnings.warn(message, StudyInterrupted, stacklevel=3)
+
+
+@contextmanager
+def _stopped_by_interrupt(queue: Queue) -> Iterator[Callable[[], bool]]:
+    """Let Ctrl-C end the block after the cases in hand, a second one at once."""
+    count = 0
+
+    def stop(*_: object) -> None:
+        nonlocal count
+        count += 1
+        queue.stop()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield lambda: False
+        return
+    signal.signal(signal.SIGINT, stop)
+    try:
+        yield lambda: count > 0
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _require_packages() -> None:
+    try:
+        import xarray  # noqa: F401
+        import zarr  # noqa: F401
+    except ImportError:
+        raise ImportError("Studies need xarray and zarr: pip install 'jaxstab[studies]'.") from None
+
+
+def _require_arguments(case: Callable[..., Any], axes: list[Axis]) -> None:
+    if not callable(case):
+        raise TypeError(f"The case is {type(case).__name__}: give a function.")
+    names = arguments_of(axes)
+    taken = [name for name in names if name in (*MARKS, LISTED)]
+    if taken:
+        raise ValueError(f"An axis cannot be named {taken[0]}, as the study does: rename it.")
+    try:
+        inspect.signature(case).bind(**dict.fromkeys(names))
+    except TypeError as error:
+        raise TypeError(
+            f"The case takes {inspect.signature(case)}, the axes give {', '.join(names)}: {error}."
+        ) from None
