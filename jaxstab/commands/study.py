@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> None:
 
 def _imported(path: Path) -> Any:
     """Return the module that a file is."""
-    spec = spec_from_file_location(_MODULE, path)
+    spec = spec_from_file_location(_MODULE, path.resolve())
     if not path.is_file() or spec is None or spec.loader is None:
         raise ValueError(f"{path} is no file of Python.")
     module = module_from_spec(spec)
@@ -60,9 +60,8 @@ def _imported(path: Path) -> Any:
     try:
         spec.loader.exec_module(module)
     except Exception as error:
-        lines = [
-            x.lineno for x in traceback.extract_tb(error.__traceback__) if x.filename == str(path)
-        ]
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [frame.lineno for frame in frames if frame.filename == spec.origin]
         line = f", line {lines[-1]}" if lines else ""
         raise ValueError(f"{path}{line}: {type(error).__name__}: {error}") from error
     for name in ("case", "axes"):

@@ -121,7 +121,7 @@ class _Reader:
     def _function(self, function: FunctionType) -> str:
         if id(function) in self._seen:
             return self._seen[id(function)]
-        name = self._free(function.__qualname__)
+        name = self._free(function.__qualname__.rpartition("<locals>.")[-1])
         self._seen[id(function)] = f"function {name}"
         self.parts[name] = ""
         nodes, _ = definition(function)
@@ -141,7 +141,7 @@ class _Reader:
             return f"class {kind.__module__}.{kind.__qualname__}"
         if id(kind) in self._seen:
             return self._seen[id(kind)]
-        name = kind.__qualname__
+        name = kind.__qualname__.rpartition("<locals>.")[-1]
         self._seen[id(kind)] = f"class {name}"
         texts = [self._class(base) for base in kind.__bases__]
         texts += sorted(vars(kind).get("__annotations__", {}))

@@ -7,6 +7,7 @@ from time import perf_counter
 from typing import Any
 
 import jax
+import numpy as np
 
 from jaxstab.studies.axes import Axis, Index, arguments_of, stacked_at, values_at
 from jaxstab.studies.outputs import arrays_of
@@ -113,15 +114,17 @@ class _Worker:
     def stacked(self, places: Sequence[Index]) -> dict[str, Any]:
         """Return the arguments of a batch, once it is known that the function can be traced."""
         stacked = stacked_at(self.axes, places)
-        words = [name for name, x in stacked.items() if x.dtype.kind == "U"]
+        arrays = {name: x for name, x in stacked.items() if isinstance(x, np.ndarray)}
+        words = [name for name, x in arrays.items() if x.dtype.kind == "U"]
         if words:
             raise ValueError(f"{words[0]} are words, which no batch can hold: use batch=1.")
         try:
             jax.eval_shape(self.together, stacked)
         except Exception as error:
+            reason = _text(error).splitlines()[0]
             raise ValueError(
-                f"The case cannot be run in batches, since JAX cannot trace it: {_text(error)} "
-                "Write it with jax.numpy, and with throw=False in calls of jaxstab; or use batch=1."
+                f"The case cannot be run in batches, since JAX cannot trace it ({reason}). Write "
+                "it with jax.numpy, and with throw=False in calls of jaxstab; or use batch=1."
             ) from error
         return stacked
 

@@ -103,7 +103,7 @@ class Store:
     def result(self, index: Index) -> str | None:
         """Return the result of a case, or None where it is not done."""
         try:
-            chunk = Path(self._chunk("result", index, 0)).read_bytes()
+            chunk = self._chunk("result", index, 0).read_bytes()
         except FileNotFoundError:
             return None
         return decoded_word(chunk) if chunk else None
@@ -146,18 +146,12 @@ class Store:
             return
         path = self._chunk(name, index, len(form.shape))
         # Under one name, so that what a process leaves that dies is written over.
-        part = f"{path}.part"
-        try:
-            file = open(part, "wb")  # noqa: SIM115
-        except FileNotFoundError:
-            os.makedirs(os.path.dirname(path), exist_ok=True)
-            file = open(part, "wb")  # noqa: SIM115
-        with file:
-            file.write(encoded(array, form))
+        part = path.with_name(f"{path.name}.part")
+        part.write_bytes(encoded(array, form))
         os.replace(part, path)
 
-    def _chunk(self, name: str, index: Index, ndim: int) -> str:
-        return os.path.join(self.path, name, "c", *map(str, index), *("0" * ndim))
+    def _chunk(self, name: str, index: Index, ndim: int) -> Path:
+        return self.path / name / ".".join(["c", *map(str, index), *("0" * ndim)])
 
     def _group(self) -> Any:
         """Return the group of Zarr as its root knows it, None where that is not finished."""
@@ -218,6 +212,8 @@ class Store:
             dtype=str if form.dtype.kind == "U" else form.dtype.newbyteorder("<"),
             fill_value=missing,
             compressors=None,
+            # No folder to a case.
+            chunk_key_encoding={"name": "default", "separator": "."},
             dimension_names=(
                 *(axis.name for axis in self.axes),
                 *(f"{name}_{i}" for i in range(len(form.shape))),
