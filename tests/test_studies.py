@@ -34,7 +34,7 @@ import numpy as np
 def case(seed, energy):
     with open("log", "a") as log:
         log.write(f"{seed} {energy}\\n")
-    time.sleep(0.01)
+    time.sleep(0.003)
     if seed == 3:
         raise ValueError(f"no contact at {energy}")
     field = np.random.default_rng([seed, int(4 * energy)]).random((8, 8))
@@ -55,6 +55,14 @@ for folder in sys.stdin:
     os.chdir(folder.strip())
     sys.path.insert(0, folder.strip())
     from script import axes, case
+    if os.path.exists("dies_at"):
+        left = [int(open("dies_at").read())]
+
+        def replace(*paths, replace=os.replace):
+            left[0] -= 1
+            os._exit(9) if left[0] < 0 else replace(*paths)
+
+        os.replace = replace
     dataset = jaxstab.study(case, axes, "study.zarr")
     with open("returned", "w") as file:
         file.write(str(int((dataset.result != "missing").sum())))
@@ -138,7 +146,7 @@ def test_killed_again_and_again_a_study_ends_as_if_it_had_run_in_one_go(
         before = sum(runs(script).values())
         process = start_in(script)
         wait_until(lambda before=before: sum(runs(script).values()) > before)
-        time.sleep(0.04 * generator.random())
+        time.sleep(0.03 * generator.random())
         process.kill()
     assert len(runs(script)) < 30 and not (script / "returned").exists()
     assert start_in(script).num_returned() == 30
@@ -148,6 +156,19 @@ def test_killed_again_and_again_a_study_ends_as_if_it_had_run_in_one_go(
     xarray.testing.assert_identical(without_times(script), uninterrupted)
     assert start_in(script).num_returned() == 30
     assert sum(runs(script).values()) == count
+
+
+@pytest.mark.parametrize("write", [1, 6, 13, 17, 22, 28])
+def test_a_process_may_die_at_any_write(write, script, start_in, uninterrupted):
+    # Of the metadata, of coordinates, of the first cases and of what they return.
+    (script / "dies_at").write_text(str(write))
+    process = start_in(script)
+    wait_until(lambda: not process.is_alive())
+    (script / "dies_at").unlink()
+    assert not (script / "returned").exists()
+    assert start_in(script).num_returned() == 30
+    assert len(runs(script)) == 30 and sum(runs(script).values()) <= 31
+    xarray.testing.assert_identical(without_times(script), uninterrupted)
 
 
 def test_processes_share_a_store_and_take_over_from_one_that_dies(script, start_in, uninterrupted):
@@ -520,7 +541,7 @@ def test_a_batch_is_what_its_cases_are_alone(tmp_path):
         word = js.VERDICTS.where(draw.sum() > 0, "stable", "unstable")
         return {"field": energy * draw, "verdict": word}
 
-    axes = {"key": jax.random.split(jax.random.key(0), 5), "energy": [1.0, 2.0]}
+    axes = {"key": jax.random.split(jax.random.key(1), 5), "energy": [1.0, 2.0]}
     alone = js.study(case, axes, tmp_path / "alone.zarr").load()
     # Of which 4 do not divide the 10 cases.
     together = js.study(case, axes, tmp_path / "together.zarr", batch=4).load()

@@ -163,6 +163,9 @@ class Store:
         return zarr.open_group(self.path, mode="r+", use_consolidated=True)
 
     def _forget_unfinished(self, group: Any) -> None:
+        # Zarr's, of a process that died as it wrote the root.
+        for part in self.path.glob("*.partial"):
+            part.unlink()
         for metadata in self.path.glob(f"*/{_ROOT}"):
             if group is None or metadata.parent.name not in group:
                 metadata.unlink()
