@@ -1,5 +1,6 @@
 """The README's example, the pages of the documentation and the notebooks, run as a reader would."""
 
+import linecache
 import os
 import re
 from importlib.util import module_from_spec, spec_from_file_location
@@ -36,8 +37,11 @@ def test_the_readmes_examples_run_and_reach_a_verdict(capsys, tmp_path, monkeypa
 def test_a_pages_blocks_run_in_order_and_print_what_it_shows(path, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     namespace = {}
-    for code, shown in BLOCK.findall(path.read_text()):
-        exec(code, namespace)
+    for number, (code, shown) in enumerate(BLOCK.findall(path.read_text())):
+        # With a source to be found, as that of a notebook's cell is.
+        name = f"<{path.stem} {number}>"
+        linecache.cache[name] = (len(code), None, code.splitlines(keepends=True), name)
+        exec(compile(code, name, "exec"), namespace)
         printed = capsys.readouterr().out
         # Digits differ between machines.
         assert not shown or words(printed) == words(shown)

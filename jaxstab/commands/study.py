@@ -8,6 +8,8 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import jaxstab
 from jaxstab.commands.parsing import FAILED, INTERRUPTED, Ended, Parser, whole
 from jaxstab.studies import StudyInterrupted
@@ -75,6 +77,12 @@ def _described(dataset: Any, results: list[str]) -> str:
     lines = [f"{len(results)} cases: {', '.join(f'{n} {word}' for word, n in counts.items() if n)}"]
     lines.append(f"{float(dataset['seconds'].sum()):.3g} s of computation")
     if counts["failed"]:
-        first = results.index("failed")
-        lines.append(f"The first that failed: {dataset['error'].values.ravel()[first]}")
+        first = dataset[dict(zip(dataset["result"].dims, _place(dataset, results), strict=True))]
+        where = ", ".join(f"{name}={first[name].item()}" for name in first.coords)
+        lines.append(f"The first that failed, {where}: {first['error'].item()}")
     return "\n".join(lines)
+
+
+def _place(dataset: Any, results: list[str]) -> tuple[np.intp, ...]:
+    """Return where the first case lies that failed."""
+    return np.unravel_index(results.index("failed"), dataset["result"].shape)

@@ -133,13 +133,18 @@ class Store:
             self._write(name, index, np.asarray(value), _MARK_FORMS[name])
 
     def dataset(self) -> Any:
-        """Return what was asked for, in its order, as a data set that reads as it is looked at."""
+        """Return what was asked for, in its order; numbers are read as they are looked at."""
         import xarray
 
         dataset = xarray.open_zarr(self.path, chunks=None, consolidated=True)
-        return dataset.isel(
+        dataset = dataset.isel(
             {axis.name: p for axis, p in zip(self.axes, self._positions, strict=True)}
         )
+        # As Python's own words, which xarray can mask and join.
+        words = {
+            name: x.astype(object) for name, x in dataset.items() if x.dtype.kind not in "biufc"
+        }
+        return dataset.assign(words)
 
     def _write(self, name: str, index: Index, array: np.ndarray, form: Form) -> None:
         if array.size == 0:

@@ -55,7 +55,7 @@ def study(
         progress: show a progress bar, with the number of failures.
 
     Returns:
-        What was asked for, in its order, read from the store as it is looked at. Each case has a
+        What was asked for, in its order; numbers are read as they are looked at. Each case has a
         `result` ("successful", "failed" or "missing"), its `seconds`, of a batch the average, and
         the text of its `error`. Where a case has no value, there is NaN, the least integer, False
         or "missing". `xarray.open_zarr(path)` reads the whole store.
