@@ -205,6 +205,22 @@ def test_a_half_written_store_and_half_written_cases_are_as_if_they_were_not(
     xarray.testing.assert_identical(without_times(script), uninterrupted)
 
 
+def test_an_extension_that_was_not_finished_is_taken_back(tmp_path):
+    def case(seed, energy):
+        if seed == 1:
+            raise ValueError("no outputs are known yet")
+        return {"sum": seed + energy}
+
+    path = tmp_path / "study.zarr"
+    js.study(case, {"seed": [1], "energy": [0.5]}, path)
+    zarr.open_array(path / "energy", mode="r+").resize((3,))
+    zarr.open_array(path / "result", mode="r+").resize((1, 3))
+    js.study(case, {"seed": [1, 2], "energy": [0.5]}, path)
+    stored = xarray.open_zarr(path)
+    assert dict(stored.sizes) == {"seed": 2, "energy": 1}
+    np.testing.assert_array_equal(stored["sum"], [[np.nan], [2.5]])
+
+
 def test_cases_are_those_of_a_plain_loop_with_verdicts_as_words(tmp_path):
     grid = js.Grid(16)
 
@@ -366,7 +382,7 @@ def test_other_axes_than_those_of_the_store_are_refused(tmp_path):
     for axes in ({"seed": [1], "energy": [1]}, {"energy": [1], "seed": [1]}, [{"seed": 1}]):
         with pytest.raises(ValueError, match=r"has the axes seed, this study|another path"):
             js.study(case, axes, path)
-    with pytest.raises(ValueError, match=r"seed is float64, in .* int64"):
+    with pytest.raises(ValueError, match=r"seed is float64, in .* it is int64"):
         js.study(case, {"seed": [1.0, 2.0]}, path)
 
 
@@ -625,7 +641,7 @@ def test_the_command_line_begins_goes_on_and_sums_up(script, capsys, monkeypatch
         main(["study", "script.py", "--path", "study.zarr"])
         said = capsys.readouterr()
         assert "30 cases: 25 successful, 5 failed" in said.out
-        first = "The first that failed, seed=3, energy=0.0: ValueError: no contact at 0.0"
+        first = "The first that failed, energy=0.0, seed=3: ValueError: no contact at 0.0"
         assert first in said.out
         assert str(script / "study.zarr") in said.out and "30/30" in said.err
         assert "failed=5" in said.err

@@ -138,7 +138,7 @@ def _array(name: str, values: Any) -> Any:
         raise TypeError(f"{name} is {array.dtype}: give numbers, words or random keys.")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         raise ValueError(f"{name} has NaN or infinite values: leave them out.")
-    return array
+    return array.astype(array.dtype.newbyteorder("="))
 
 
 def _are_keys(values: Any) -> bool:
