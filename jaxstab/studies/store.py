@@ -132,7 +132,7 @@ class Store:
         return dataset.assign(words)
 
     def _words(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
-        """Return the words of all cases asked for, ten times as fast as Zarr reads them."""
+        """Return the words of all cases asked for; Zarr is slow with chunks this small."""
         missing = "" if name == "error" else MISSING
         words = [self._word(name, index) for index in product(*self._positions)]
         words = [missing if word is None else word for word in words]
