@@ -1,0 +1,134 @@
+"""A study is known again by what its case computes, and by nothing else."""
+
+import json
+import subprocess
+import sys
+import textwrap
+from importlib.util import module_from_spec, spec_from_file_location
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import jaxstab as js
+from jaxstab.studies.fingerprint import fingerprint
+
+MODULE = """
+import dataclasses
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+SCALE = 2.0
+TABLE = np.arange(3.0)
+UNUSED = 1
+
+
+class Law(eqx.Module):
+    energy: float
+
+    def __call__(self, gap):
+        return -self.energy * jnp.exp(-gap)
+
+
+LAW = Law(0.5)
+
+
+def helper(x):
+    # A comment.
+    return SCALE * x + TABLE.sum()
+
+
+def made(power):
+    def case(seed, shift=1):
+        \"\"\"What it does.\"\"\"
+        return {"a": helper(seed) ** power + LAW(shift)}
+
+    return case
+
+
+case = made(3)
+"""
+CHANGES = [
+    ("SCALE = 2.0", "SCALE = 3.0", "SCALE"),
+    ("np.arange(3.0)", "np.arange(3.0) + 1", "TABLE"),
+    ("* x + TABLE", "* x - TABLE", "helper"),
+    ("made(3)", "made(4)", "power"),
+    ("shift=1", "shift=2", "case"),
+    ("** power", "** power + 1", "case"),
+    ("-self.energy * jnp", "self.energy * jnp", "Law.__call__"),
+    ("Law(0.5)", "Law(0.6)", "LAW"),
+    ("UNUSED = 1", "UNUSED = 2", ""),
+    ("# A comment.", "# Another.", ""),
+    ("What it does.", "What it really does.", ""),
+    ("    return SCALE * x + TABLE.sum()", "    return (SCALE  *  x\n      + TABLE.sum())", ""),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "changed"), CHANGES, ids=[x[1][:20] for x in CHANGES])
+def test_a_change_of_what_a_case_computes_is_refused_and_no_other(old, new, changed, tmp_path):
+    text = MODULE.replace('\\"', '"')
+    assert text.count(old) == 1
+    one = module_of(tmp_path / "one.py", text)
+    other = module_of(tmp_path / "other.py", text.replace(old, new))
+    js.study(one.case, {"seed": [1]}, tmp_path / "study.zarr")
+    if not changed:
+        js.study(other.case, {"seed": [1, 2]}, tmp_path / "study.zarr")
+        return
+    with pytest.raises(ValueError, match=rf"study.zarr was begun .*: {changed} changed. Give"):
+        js.study(other.case, {"seed": [1, 2]}, tmp_path / "study.zarr")
+
+
+def module_of(path, text):
+    path.write_text(text)
+    spec = spec_from_file_location(path.stem, path)
+    module = sys.modules[path.stem] = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_fingerprint_is_the_same_in_every_process(tmp_path):
+    text = MODULE.replace('\\"', '"') + textwrap.dedent("""
+        SET = {"a", "b", "c", "d", "e"}
+        COMPILED = jax.jit(helper)
+        WITH_BARE_LAW = js.potentials.as_module(lambda gap: -SCALE * jnp.exp(-gap), float)
+        def with_more(seed):
+            return {"a": len(SET) + COMPILED(seed) + WITH_BARE_LAW(seed) + len(Path(".").name)}
+    """)
+    text = "from pathlib import Path\nimport jax\nimport jaxstab as js\n" + text
+    here = module_of(tmp_path / "module.py", text)
+    code = (
+        "import jax; jax.config.update('jax_enable_x64', True); import module, json\n"
+        "from jaxstab.studies.fingerprint import fingerprint\n"
+        "print(json.dumps([fingerprint(module.case), fingerprint(module.with_more)]))"
+    )
+    said = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert said.returncode == 0, said.stderr
+    assert json.loads(said.stdout) == [fingerprint(here.case), fingerprint(here.with_more)]
+
+
+def test_another_precision_is_another_study(tmp_path):
+    def case(seed):
+        return {"a": jnp.asarray(1.0) * seed}
+
+    js.study(case, {"seed": [1]}, tmp_path / "study.zarr")
+    with jax.enable_x64(False), pytest.raises(ValueError, match="jax_enable_x64 changed"):
+        js.study(case, {"seed": [1]}, tmp_path / "study.zarr")
+
+
+def test_what_cannot_be_known_again_is_refused_with_the_cure(tmp_path):
+    names = {}
+    exec("def case(seed):\n    return {'a': seed}", names)
+    with pytest.raises(ValueError, match=r"source of `case` is not found.*write it in a file"):
+        js.study(names["case"], {"seed": [1]}, tmp_path / "study.zarr")
+    thing = object()
+    with pytest.raises(TypeError, match=r"refers to `thing`.*builtins.object"):
+        js.study(lambda seed: {"a": thing}, {"seed": [1]}, tmp_path / "study.zarr")
+    text = "def case(seed):\n    return {'a': seed}\n"
+    module = module_of(tmp_path / "edited.py", text)
+    (tmp_path / "edited.py").write_text(text.replace("seed}", "seed + 1}"))
+    with pytest.raises(ValueError, match=r"`case` is no longer what stands in .*edited.py"):
+        js.study(module.case, {"seed": [1]}, tmp_path / "study.zarr")
+    assert not (tmp_path / "study.zarr").exists()
