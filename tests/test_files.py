@@ -328,6 +328,6 @@ def test_a_line_has_one_dimension(tmp_path):
     measured = js.surfaces.Topography(grid, np.asarray(contact.heights), "um", is_periodic=True)
     contact_in_um = js.Contact(contact.solid, measured, law)
     dataset = js.to_dataset(contact_in_um, js.assess_stability(contact_in_um, state))
-    assert dataset.lengths.units == dataset.x.units == "µm"
+    assert dataset.solid_grid_lengths.units == dataset.x.units == "µm"
     assert dataset.cone_eigenvalue.units == "pressure/µm"
     assert_same_bits((contact, state), js.load(js.save(tmp_path / "line.nc", contact, state)))

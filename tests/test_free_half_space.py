@@ -205,3 +205,26 @@ def test_what_a_window_cannot_answer_is_said():
         js.equilibrate(contact, js.FarDisplacement(-0.25))
     with pytest.raises(js.SolverError, match="comes round its edges"):
         js.equilibrate(contact, js.FarDisplacement(-5.0))
+
+
+def test_a_tip_jumps_in_at_a_fold_that_moves_as_its_derivative_says():
+    work, modulus = 1e-3, 0.75
+    unit = js.references.jkr.units(1.0, modulus, work)
+    grid = js.Grid(24, 8 * unit.contact_radius * np.ones(2))
+    # Maugis' parameter is 1.
+    length = work / (np.cbrt(np.pi * work * (4 / 3 * modulus) ** 2) / 2)
+    bracket = js.FarDisplacement(unit.displacement * jnp.array([1.2, 0.5]))
+
+    def fold(scale):
+        law = js.potentials.Dugdale(scale * work, scale * length)
+        solid = js.FreeHalfSpace(grid, modulus)
+        contact = js.Contact(solid, js.surfaces.paraboloid(grid, 1.0), law)
+        return js.critical_load(contact, bracket)
+
+    found = fold(1.0)
+    assert found.kind == "fold" and not found.equilibrium.in_contact.any()
+    softest = js.FreeHalfSpace(grid, modulus).min_stiffness
+    assert abs(found.critical.eigenvalue) < 1e-8 * softest
+    slope = jax.grad(lambda scale: fold(scale).load.value)(1.0)
+    difference = (fold(1 + 1e-5).load.value - fold(1 - 1e-5).load.value) / 2e-5
+    np.testing.assert_allclose(slope, difference, rtol=1e-4)

@@ -28,7 +28,7 @@ from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.walk import course_of, walk
 from jaxstab.programs import program
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.results import KINDS, throw_failure
+from jaxstab.results import throw_failure
 
 # Jumps that lose a smaller part of the problem's own energy do not end a branch.
 _SMALLEST_JUMP = 1e-6
@@ -44,9 +44,10 @@ def critical_load(
 ) -> CriticalLoad:
     """Return the load at which a branch of stable equilibria ends, on the way between two loads.
 
-    A fold is looked for first, by its eigenvalue, and if there is none a release. The end of a
-    branch need not be a pull-off: beyond it the contact may go on in another state, as rough
-    surfaces do many times. `jaxstab.pull_off` gives that, `jaxstab.follow` all of them.
+    A fold is looked for first, by its eigenvalue, and if none is found the branch is followed to
+    its jump, by a release or a fold. The end of a branch need not be a pull-off: beyond it the
+    contact may go on in another state, as rough surfaces do many times. `jaxstab.pull_off` gives
+    that, `jaxstab.follow` all of them.
 
     Arguments:
         contact: the contact problem.
@@ -97,7 +98,7 @@ def _find(contact: Contact, bracket: Load, start: Field | None) -> Limit:
     """Return the end of the branch from the first load, or else of that from the second."""
     inputs = contact, bracket, start
     fold = _fold(*inputs)
-    limit = _unless_found(fold, lambda: _release(*inputs, fold))
+    limit = _unless_found(fold, lambda: _jump(*inputs, fold))
     back = jax.tree.map(lambda leaf: leaf[::-1], bracket)
     return _unless_found(limit, lambda: _find_back(contact, back, start, fold))
 
@@ -105,7 +106,7 @@ def _find(contact: Contact, bracket: Load, start: Field | None) -> Limit:
 def _find_back(contact: Contact, bracket: Load, start: Field | None, first: Limit) -> Limit:
     inputs = contact, bracket, start
     fold = _fold(*inputs)
-    found = _unless_found(fold, lambda: _release(*inputs, fold))
+    found = _unless_found(fold, lambda: _jump(*inputs, fold))
     # Where there is neither, it is the way that was asked for first that is told of.
     return jax.tree.map(partial(jnp.where, found.is_found), found, first)
 
@@ -121,16 +122,16 @@ _fold = program(follow_to_fold)
 
 
 @program
-def _release(contact: Contact, loads: Load, start: Field | None, fold: Limit) -> Limit:
-    """Return the release that ends the branch from the first load, or the fold that does not."""
+def _jump(contact: Contact, loads: Load, start: Field | None, fold: Limit) -> Limit:
+    """Return the jump that ends the branch from the first load, or else the fold not found."""
     first = loads[0]
     begin = contact.control(first).starting_gap(contact.heights) if start is None else start
     course = course_of(contact, loads, _SMALLEST_JUMP, disturbance=0.0)
     way = walk(course, begin, (_MAX_STATES, 1), fields=False)
     jump = jax.tree.map(lambda leaf: leaf[0], way.jumps)
     limit = limit_ahead(contact, first.at(jump.before.value), jump.before.gap, jump.ahead)
-    is_release = limit.is_found & (way.num_jumps == 1) & (limit.kind == KINDS.release)
-    return jax.tree.map(partial(jnp.where, is_release), limit, fold)
+    is_end = limit.is_found & (way.num_jumps == 1)
+    return jax.tree.map(partial(jnp.where, is_end), limit, fold)
 
 
 def _describe(bracket: Load, found: CriticalLoad) -> str:

@@ -173,7 +173,7 @@ def course_of(
         load,
         threshold=jnp.asarray(smallest_jump) * _own_energy(contact),
         resolution=jnp.maximum(resolution * (jnp.max(turns) - jnp.min(turns)), finest),
-        disturbance=jnp.asarray(disturbance) * jnp.std(heights) * noise,
+        disturbance=jnp.asarray(disturbance) * jnp.std(contact.solid.surface(heights)) * noise,
     )
 
 
