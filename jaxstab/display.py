@@ -189,7 +189,9 @@ def _range(numbers: np.ndarray) -> str:
     missing = f"with {numbers.size - finite.size} not finite"
     if finite.size == 0:
         return missing
-    ends = f"from {finite.min():.4g} to {finite.max():.4g}"
+    # Of a negative zero nothing is to be read.
+    least, most = finite.min() + 0.0, finite.max() + 0.0
+    ends = f"from {least:.4g} to {most:.4g}"
     return ends if finite.size == numbers.size else f"{ends}, {missing}"
 
 

@@ -157,7 +157,10 @@ class _Linked(ast.NodeTransformer):
             shape = re.sub(r"\[[\w.]+,", "[Array,", meant.__name__)
             return ast.parse(shape, mode="eval").body
         top = f"{PACKAGE}.{node.id}"
-        full = name_of(meant) or (top if top in everything() else None)
+        full = name_of(meant)
+        if full is None and top in everything():
+            # What is imported for types only is not there; another `Path` is another thing.
+            full = top if meant is None else f"{meant.__module__}.{meant.__qualname__}"
         full = _STATE if full is None and node.id == "State" else full
         return node if full is None else ast.UnaryOp(ast.Invert(), ast.Name(full))
 
