@@ -73,12 +73,11 @@ def whole_start(contact: Contact, load: Load, gap: Start) -> tuple[Contact, Star
     whole = contact.whole
     if whole is contact:
         return contact, gap
-    constant, load = jax.lax.stop_gradient((contact, load))
+    constant, window, load, gap = jax.lax.stop_gradient((whole, contact, load, gap))
     if gap is None:
         # A solid that is not deformed has no pressures anywhere.
-        flat = constant.control(load).starting_gap(constant.heights)
-        return whole, _continued(constant.whole, flat)
-    return whole, _relaxed_outside(constant.whole, load, jax.lax.stop_gradient(gap))
+        return whole, _continued(constant, window.control(load).starting_gap(window.heights))
+    return whole, _relaxed_outside(constant, load, gap)
 
 
 def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
