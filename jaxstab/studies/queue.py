@@ -24,6 +24,7 @@ class Queue:
         places: all cases asked for.
 
     Attributes:
+        num_cases: how many cases there are.
         num_done: how many cases were seen to be done.
         num_failed: how many of them failed.
     """
@@ -33,7 +34,7 @@ class Queue:
         self._claims = claims
         self._guard = threading.Lock()
         self._is_stopped = False
-        self.num_done = self.num_failed = 0
+        self.num_cases, self.num_done, self.num_failed = len(places), 0, 0
         self._left: deque[Index] = deque()
         for place in places:
             if not self._is_done(place):

@@ -3,6 +3,7 @@
 import errno
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
@@ -17,17 +18,11 @@ from jaxstab.studies.store import Store
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
-def run(
-    case: Callable[..., Any],
-    axes: Sequence[Axis],
-    store: Store,
-    queue: Queue,
-    batch: int,
-    report: Callable[[], None],
-) -> None:
-    """Run the cases of a queue until none is left, a thread to a device.
+@dataclass
+class Runner:
+    """Runs the cases of a queue.
 
-    Arguments:
+    Attributes:
         case: the function.
         axes: what it is called with.
         store: where its outputs go.
@@ -35,37 +30,30 @@ def run(
         batch: how many at once.
         report: called after each batch.
     """
-    worker = _Worker(case, axes, store, queue, batch, report)
-    devices = jax.local_devices()
-    if len(devices) == 1:
-        worker.work()
-        return
-    with ThreadPoolExecutor(len(devices)) as threads:
-        futures = [threads.submit(worker.work, device) for device in devices]
-        try:
-            for future in futures:
-                future.result()
-        finally:
-            queue.stop()
 
+    case: Callable[..., Any]
+    axes: Sequence[Axis]
+    store: Store
+    queue: Queue
+    batch: int
+    report: Callable[[], None]
 
-class _Worker:
-    def __init__(
-        self,
-        case: Callable[..., Any],
-        axes: Sequence[Axis],
-        store: Store,
-        queue: Queue,
-        batch: int,
-        report: Callable[[], None],
-    ):
-        self.case = case
-        self.axes = axes
-        self.store = store
-        self.queue = queue
-        self.batch = batch
-        self.report = report
-        self.together = jax.jit(jax.vmap(lambda values: case(**values)))
+    def __post_init__(self) -> None:
+        self.together = jax.jit(jax.vmap(lambda values: self.case(**values)))
+
+    def run(self) -> None:
+        """Run cases until none is left, a thread to a device."""
+        devices = jax.local_devices()
+        if len(devices) == 1:
+            self.work()
+            return
+        with ThreadPoolExecutor(len(devices)) as threads:
+            futures = [threads.submit(self.work, device) for device in devices]
+            try:
+                for future in futures:
+                    future.result()
+            finally:
+                self.queue.stop()
 
     def work(self, device: Any = None) -> None:
         """Run cases until none is left."""

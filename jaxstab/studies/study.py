@@ -16,7 +16,7 @@ from jaxstab.studies.claims import claims_in
 from jaxstab.studies.fingerprint import fingerprint, source_of
 from jaxstab.studies.outputs import MARKS
 from jaxstab.studies.queue import Queue
-from jaxstab.studies.run import run
+from jaxstab.studies.run import Runner
 from jaxstab.studies.store import Store, claims_file
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def _run_all(
     batch: int,
     progress: bool,
 ) -> None:
-    total = len(list(places(axes)))
+    total = queue.num_cases
 
     def stored() -> str:
         return f"{queue.num_done} of {total} cases are in {store.path}"
@@ -105,7 +105,7 @@ def _run_all(
             bar.update(queue.num_done - bar.n)
 
         try:
-            run(case, axes, store, queue, batch, report)
+            Runner(case, axes, store, queue, batch, report).run()
         except OSError as error:
             cure = "Once that is mended, the same call goes on."
             message = f"{error.strerror or error}: {stored()}. {cure}"
