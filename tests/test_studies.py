@@ -9,6 +9,7 @@ import sys
 import textwrap
 import time
 from collections import Counter
+from contextlib import chdir
 from pathlib import Path
 
 import equinox as eqx
@@ -125,7 +126,8 @@ def uninterrupted(tmp_path_factory):
     """The data set of a study that ran in one go, in this process."""
     folder = tmp_path_factory.mktemp("uninterrupted")
     (folder / "script.py").write_text(SCRIPT)
-    main(["study", str(folder / "script.py"), "--path", str(folder / "study.zarr")])
+    with chdir(folder):
+        main(["study", "script.py", "--path", "study.zarr"])
     return without_times(folder)
 
 
