@@ -62,6 +62,21 @@ def test_an_exact_curve_gives_potential_and_modulus_exactly(start, exact, order)
     assert fit.contact.solid.youngs_modulus == modulus
 
 
+def test_the_modulus_of_a_layer_is_fitted_too(start):
+    grid = start.grid
+
+    def layer(modulus, law):
+        solid = js.Layer(grid, youngs_modulus=modulus, poisson_ratio=0.3, thickness=0.2)
+        return js.Contact(solid, start.heights, law)
+
+    truth = layer(1.0, js.potentials.Exponential(GAMMA, RHO))
+    curve = jax.vmap(lambda load: js.equilibrate(truth, load).mean_pressure)(LOAD)
+    fit = js.calibrate(layer(1.2, js.potentials.Exponential(0.025, 0.09)), LOAD, curve)
+    law, modulus = fit.parameters
+    found = [law.surface_energy, law.length, modulus]
+    np.testing.assert_allclose(found, [GAMMA, RHO, 1.0], rtol=1e-4)
+
+
 class Offset(eqx.Module):
     """An exponential law with a constant pressure, which may have any sign."""
 

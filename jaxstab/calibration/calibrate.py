@@ -23,7 +23,6 @@ from jaxstab.calibration.least_squares import (
 from jaxstab.checks import is_traced, parameter, require, require_finite
 from jaxstab.contact import Contact
 from jaxstab.display import block
-from jaxstab.elasticity import HalfSpace
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
 from jaxstab.equilibrium.window import whole_start
@@ -74,9 +73,8 @@ class Calibration(eqx.Module):
 
 def potential_and_modulus(contact: Contact) -> Any:
     """Pick the parameters of the potential, and Young's modulus where there is one."""
-    if isinstance(contact.solid, HalfSpace):
-        return contact.potential, contact.solid.youngs_modulus
-    return contact.potential
+    modulus = getattr(contact.solid, "youngs_modulus", None)
+    return contact.potential if modulus is None else (contact.potential, modulus)
 
 
 def calibrate(
