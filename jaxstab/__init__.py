@@ -36,9 +36,9 @@ from jaxstab.paths import Jump, Path, PathInterrupted, critical_load, follow, pu
 from jaxstab.resolution import ResolutionWarning
 from jaxstab.results import KINDS, RESULTS, VERDICTS, SolverError
 from jaxstab.stability import (
-    LOBPCG,
     Barrier,
     ConeSolver,
+    Davidson,
     Eigenpair,
     ProjectedLOBPCG,
     ProximalIteration,
@@ -59,7 +59,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "KINDS",
-    "LOBPCG",
     "RESULTS",
     "VERDICTS",
     "Barrier",
@@ -68,6 +67,7 @@ __all__ = [
     "ConeSolver",
     "Contact",
     "CriticalLoad",
+    "Davidson",
     "Eigenpair",
     "Equilibrium",
     "EquilibriumSolver",

@@ -129,6 +129,17 @@ def total(field: Float[Array, " *grid"]) -> Float[Array, ""]:
     return field
 
 
+def totals(fields: Sequence[Float[Array, " *grid"]]) -> Float[Array, " fields"]:
+    """Return the sums of several fields, which may be products, in one pass over all of them."""
+
+    def add(left: tuple[Array, ...], right: tuple[Array, ...]) -> tuple[Array, ...]:
+        return tuple(map(jnp.add, left, right))
+
+    zeros = tuple(jnp.zeros((), field.dtype) for field in fields)
+    rows = jnp.stack(jax.lax.reduce(tuple(fields), zeros, add, (fields[0].ndim - 1,)))
+    return jax.vmap(total)(rows) if rows.ndim > 1 else rows
+
+
 def mean(field: Float[Array, " *grid"]) -> Float[Array, ""]:
     """Return the mean of a field."""
     return total(field) / field.size

@@ -30,16 +30,12 @@ class SymmetricOperator(eqx.Module):
         """Apply the operator A."""
 
     @abstractmethod
-    def precondition(
-        self,
-        field: Float[Array, " *grid"],
-        mode: Float[Array, " *grid"],
-        eigenvalue: Float[Array, ""],
-    ) -> Float[Array, " *grid"]:
-        """Return roughly (A - lambda)^-1 times a field, by a positive operator.
+    def preconditioner(
+        self, mode: Float[Array, " *grid"], eigenvalue: Float[Array, ""]
+    ) -> FieldMap:
+        """Return a positive operator that is roughly (A - lambda)^-1.
 
         Arguments:
-            field: what to apply it to.
             mode: a unit vector near which it should be good.
             eigenvalue: the Rayleigh quotient of that vector.
         """
@@ -89,13 +85,10 @@ class Hessian(SymmetricOperator):
         """Return an operator that does the same to fields which vanish outside the mask, there."""
         return Hessian(self.solid, self.curvature, self.stiffness, mask)
 
-    def precondition(
-        self,
-        field: Float[Array, " *grid"],
-        mode: Float[Array, " *grid"],
-        eigenvalue: Float[Array, ""],
-    ) -> Float[Array, " *grid"]:
-        """Return F (K + s)^-1 F times a field, s the elastic part x.Kx of the eigenvalue.
+    def preconditioner(
+        self, mode: Float[Array, " *grid"], eigenvalue: Float[Array, ""]
+    ) -> FieldMap:
+        """Return F (K + s)^-1 F, s the elastic part x.Kx of the eigenvalue.
 
         F = (1 + (f'' - lambda - s) / s)^-1/2 where f'' is above lambda + s, 1 elsewhere: a mode
         decays where the adhesion is that stiff.
@@ -105,7 +98,7 @@ class Hessian(SymmetricOperator):
         stiff = jnp.maximum(self.curvature - eigenvalue - shift, 0)
         share = jnp.sqrt(shift / (shift + stiff))
         inverse = self.inverse(shift)
-        return share * inverse(share * field)
+        return lambda field: share * inverse(share * field)
 
     def inverse(self, shift: Float[Array, ""]) -> FieldMap:
         """Return roughly the inverse of K + shift on fields that vanish outside the mask."""

@@ -211,5 +211,5 @@ def test_solvers_of_a_kind_share_what_they_say():
         assert issubclass(solver, js.EquilibriumSolver)
     for solver in (js.ProjectedLOBPCG, js.ProximalIteration):
         assert issubclass(solver, js.ConeSolver)
-    assert issubclass(js.LOBPCG, js.SpaceSolver)
+    assert issubclass(js.Davidson, js.SpaceSolver)
     assert issubclass(js.SpaceSolver, IterativeSolver)

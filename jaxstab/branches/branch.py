@@ -17,7 +17,7 @@ from jaxstab.equilibrium.state import fields_of
 from jaxstab.grid import total
 from jaxstab.hessian import Block
 from jaxstab.loads import Load
-from jaxstab.stability import LOBPCG, Eigenpair
+from jaxstab.stability import Davidson, Eigenpair
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.modes import lowest_pair
 
@@ -41,7 +41,7 @@ def point_at(contact: Contact, load: Load, gap: Field, modes: Block) -> Point:
     """Return a state of a branch, its modes sought from a block of others."""
     space = free_space(contact, load, gap)
     hessian = contact.hessian(gap, contact.control(load))
-    pair, modes = lowest_pair(LOBPCG(_MODE_TOLERANCE[gap.dtype.name]), hessian, space, modes)
+    pair, modes = lowest_pair(Davidson(_MODE_TOLERANCE[gap.dtype.name]), hessian, space, modes)
     return Point(load, gap, modes, pair)
 
 
@@ -130,7 +130,7 @@ def linearised(contact: Contact, load: Load, gap: Field, pair: Eigenpair) -> Lin
         space.project(net_rate),
         eigenvalue_slope=third_derivative(contact, gap) * pair.mode**2,
         operator=hessian,
-        precondition=lambda field: hessian.precondition(field, pair.mode, pair.eigenvalue),
+        precondition=hessian.preconditioner(pair.mode, pair.eigenvalue),
         project=space.project,
     )
 

@@ -18,8 +18,8 @@ from jaxstab.iterate import History, Iteration
 from jaxstab.loads import Load
 from jaxstab.results import KINDS, RESULTS
 from jaxstab.stability.cones import Subspace
+from jaxstab.stability.davidson import Davidson
 from jaxstab.stability.eigenpairs import Eigenpair
-from jaxstab.stability.lobpcg import LOBPCG
 from jaxstab.stability.modes import BLOCK_SIZE, lowest_pair, noise
 
 Field = Float[Array, " *grid"]
@@ -117,7 +117,7 @@ def locate(contact: Contact, load: Load, gap: Field, kind: KINDS, ahead: Scalar)
         control = contact.control(found.load)
         space = Subspace((found.gap > 0) | point, control.fixes_mean)
         hessian = contact.hessian(found.gap, control)
-        pair, _ = lowest_pair(LOBPCG(), hessian, space, starts)
+        pair, _ = lowest_pair(Davidson(), hessian, space, starts)
         return limit_of(KINDS.release, found, point, pair, newton)
 
     limit = jax.lax.cond(kind == KINDS.release, at_release, at_fold)

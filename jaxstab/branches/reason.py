@@ -10,7 +10,7 @@ from jaxstab.grid import mean
 from jaxstab.loads import Load
 from jaxstab.results import KINDS
 from jaxstab.stability.cones import Subspace
-from jaxstab.stability.lobpcg import LOBPCG
+from jaxstab.stability.davidson import Davidson
 from jaxstab.stability.modes import BLOCK_SIZE, lowest_pair, noise
 
 Field = Float[Array, " *grid"]
@@ -41,7 +41,7 @@ def reason_of(
 
     def lowest(is_moving: Bool[Array, " *grid"]) -> tuple[Float[Array, ""], Field]:
         space = Subspace(is_moving, control.fixes_mean)
-        pair, _ = lowest_pair(LOBPCG(), hessian, space, starts)
+        pair, _ = lowest_pair(Davidson(), hessian, space, starts)
         return pair.eigenvalue, pair.mode
 
     nothing = jnp.array(jnp.inf, gap.dtype), jnp.zeros_like(gap)

@@ -1,8 +1,8 @@
 """Stability of equilibria: cones, eigensolvers, and `assess_stability`."""
 
 from jaxstab.stability.assess import assess_stability
+from jaxstab.stability.davidson import Davidson
 from jaxstab.stability.eigenpairs import Eigenpair
-from jaxstab.stability.lobpcg import LOBPCG
 from jaxstab.stability.margins import Barrier
 from jaxstab.stability.modes import lowest_modes
 from jaxstab.stability.projected import ProjectedLOBPCG
@@ -12,9 +12,9 @@ from jaxstab.stability.solver import ConeSolver, SpaceSolver
 from jaxstab.stability.verdict import Stability
 
 __all__ = [
-    "LOBPCG",
     "Barrier",
     "ConeSolver",
+    "Davidson",
     "Eigenpair",
     "ProjectedLOBPCG",
     "ProximalIteration",

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxstab.grid import centred, total
+from jaxstab.grid import centred, total, totals
 
 
 class Subspace(eqx.Module):
@@ -104,7 +104,8 @@ class AdmissibleCone(eqx.Module):
         if not self.fixes_mean:
             return jnp.zeros((), field.dtype)
         moves = self.is_moving & (uncut | (field > 0) | ~self.one_sided)
-        return total(jnp.where(moves, field, 0)) / jnp.maximum(_count(moves), 1)
+        moved, count = totals([jnp.where(moves, field, 0), moves.astype(field.dtype)])
+        return moved / jnp.maximum(count, 1)
 
     def _cut(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         cut = jnp.where(self.one_sided, jnp.maximum(field, 0), field)

@@ -12,6 +12,7 @@ from jaxstab.grid import total
 from jaxstab.hessian import SymmetricOperator
 from jaxstab.iterate import History
 from jaxstab.results import RESULTS
+from jaxstab.stability.blocks import scaled_to_unit
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.solver import Minimum
 from jaxstab.stacks import Stackable
@@ -169,12 +170,6 @@ def projected_residual(
 def unit_vector(cone: Admissible, vector: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
     """Return the cone's unit vector nearest to this one, or zero where there is none."""
     return scaled_to_unit(jnp.where(cone.is_trivial, 0, cone.project(vector)))
-
-
-def scaled_to_unit(vector: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
-    """Return a vector scaled to unit length, zero if it is zero."""
-    norm = jnp.sqrt(total(vector**2))
-    return vector / jnp.where(norm == 0, 1, norm)
 
 
 def _error(operator: SymmetricOperator, residual: Float[Array, ""]) -> Float[Array, ""]:

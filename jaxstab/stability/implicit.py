@@ -64,10 +64,7 @@ def _changes_of_pair(
     def shifted(field: Field) -> Field:
         return hessian(field) - eigenvalue * field
 
-    def precondition(field: Field) -> Field:
-        return hessian.precondition(field, mode, eigenvalue)
-
-    system = LinearSystem(shifted, precondition, project)
+    system = LinearSystem(shifted, hessian.preconditioner(mode, eigenvalue), project)
     separation = jax.lax.stop_gradient(_separation(system, mode))
     obstacles = [
         Obstacle(~is_found, _NOT_FOUND),

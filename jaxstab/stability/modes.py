@@ -19,12 +19,12 @@ from jaxstab.programs import program
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 from jaxstab.stability.cones import Subspace
+from jaxstab.stability.davidson import Davidson
 from jaxstab.stability.eigenpairs import Eigenpair, measured
-from jaxstab.stability.lobpcg import LOBPCG
 from jaxstab.stability.solver import SpaceSolver
 
-# The lowest waves of a square come in fours.
-BLOCK_SIZE = 4
+# The modes that a search for the lowest carries on.
+BLOCK_SIZE = 3
 # Modes beyond those asked for, which make them converge sooner.
 _GUARD = 2
 
@@ -47,7 +47,7 @@ def lowest_modes(
         count: how many.
         space: "lower_bound" for all perturbations that the load allows, "critical" for those that
             leave the points in contact where they are.
-        solver: the algorithm, `LOBPCG()` by default.
+        solver: the algorithm, `Davidson()` by default.
         key: the random key of the vectors to start from, `jax.random.key(0)` by default.
         throw: raise where the solver fails; otherwise look at `result`.
 
@@ -69,7 +69,7 @@ def lowest_modes(
     if space not in ("lower_bound", "critical"):
         raise ValueError(f'space is {space!r}: choose "lower_bound" or "critical".')
     warn_if_coarse(contact)
-    solver = LOBPCG() if solver is None else solver
+    solver = Davidson() if solver is None else solver
     key = jax.random.key(0) if key is None else key
     require_key(key)
     pairs = _lowest_modes(contact, equilibrium, solver, key, count, space == "critical")
@@ -121,4 +121,4 @@ def lowest_pair(
 
 def noise(key: PRNGKeyArray, count: int, like: Float[Array, " *grid"]) -> Block:
     """Return random fields to start from."""
-    return jax.random.normal(key, (count, *like.shape), like.dtype)
+    return jax.random.uniform(key, (count, *like.shape), like.dtype, -1, 1)

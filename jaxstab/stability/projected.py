@@ -1,22 +1,29 @@
 """The smallest eigenvalue on a cone: LOBPCG on its faces, or else projected gradients."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxstab.grid import total
+from jaxstab.grid import total, totals
 from jaxstab.hessian import Block, SymmetricOperator
 from jaxstab.iterate import History, Indicators, Iteration, optional_parameter
 from jaxstab.lanes import map_lanes
 from jaxstab.results import RESULTS
+from jaxstab.stability.blocks import (
+    combination,
+    inner_products,
+    norms,
+    rayleigh_ritz,
+    scaled_to_unit,
+)
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.eigenpairs import descended, projected_residual, scaled_to_unit
-from jaxstab.stability.lobpcg import combine, inner_products, norms, rayleigh_ritz
+from jaxstab.stability.eigenpairs import descended, projected_residual
 from jaxstab.stability.solver import ConeSolver, Minimum
 
 # Steps in each round of the competition between starts, and how many may go on to the next.
@@ -120,6 +127,19 @@ class ProjectedLOBPCG(ConeSolver):
         )
 
 
+def _inner_products(
+    basis: Sequence[Float[Array, " *grid"]], products: Sequence[Float[Array, " *grid"]]
+) -> tuple[Float[Array, "vectors vectors"], Float[Array, "vectors vectors"]]:
+    """Return those of the vectors of a basis with each other, and with A times each."""
+    size = len(basis)
+    pairs = [(left, right) for left in range(size) for right in range(left + 1)]
+    sums = totals([basis[i] * block[j] for block in (basis, products) for i, j in pairs])
+    rows, columns = np.transpose(pairs)
+    lower = jnp.zeros((2, size, size), sums.dtype).at[:, rows, columns].set(sums.reshape(2, -1))
+    gram, energies = lower.at[:, columns, rows].set(sums.reshape(2, -1))
+    return gram, energies
+
+
 def _places(
     found: Iteration[_State],
     goes_on: Bool[Array, " starts"],
@@ -131,7 +151,7 @@ def _places(
     # Zero may be the nearest vector of the cone.
     is_out = ~goes_on | jnp.isnan(found.residual) | (norms(modes) == 0)
     lowest = jnp.where(is_out, jnp.inf, found.state.point.eigenvalue)
-    is_alike = inner_products(modes, modes) > _SAME
+    is_alike = jax.vmap(partial(inner_products, modes))(modes) > _SAME
     order = _order(lowest)
     is_copy = jnp.any((order[:, None] < order) & is_alike, axis=0)
     is_higher = lowest - operator.scale * found.residual > jnp.min(lowest)
@@ -199,23 +219,23 @@ def _lower(
     """
     face = cone.face(jnp.maximum(point.mode, state.descended))
     residual = face.project(point.product - point.eigenvalue * point.mode)
-    steepest = operator.precondition(residual, point.mode, point.eigenvalue)
-    steepest = scaled_to_unit(face.project(steepest))
-    basis = jnp.stack([point.mode, steepest, state.move])
-    products = jnp.stack([point.product, operator(steepest), state.move_product])
-    gram = inner_products(basis, basis)
-    _, parts = rayleigh_ritz(gram, inner_products(basis, products), 1)
-    parts *= jnp.where((gram[0] @ parts)[0] < 0, -1, 1)
+    precondition = operator.preconditioner(point.mode, point.eigenvalue)
+    steepest = scaled_to_unit(face.project(precondition(residual)))
+    basis = [point.mode, steepest, state.move]
+    products = [point.product, operator(steepest), state.move_product]
+    gram, energies = _inner_products(basis, products)
+    parts = rayleigh_ritz(gram, energies, 1)[1][:, 0]
+    parts *= jnp.where(gram[0] @ parts < 0, -1, 1)
     stays, moves = parts.at[1:].set(0), parts.at[0].set(0)
     # Combined products have no digits left where the basis reaches into stiff points, nor that of
     # a tiny difference.
     lengths = jnp.sqrt(jnp.diagonal(gram))
     is_tiny = (lengths > 0) & (lengths < jnp.sqrt(jnp.finfo(lengths.dtype).eps))
-    is_rough = jnp.any(is_tiny | (norms(products / operator.scale) > lengths))
+    is_rough = jnp.any(is_tiny | (norms(products) > operator.scale * lengths))
 
     def attempt(trial: _Trial) -> _Trial:
         part = stays + trial.length * moves
-        vector, product = combine(part, basis)[0], combine(part, products)[0]
+        vector, product = combination(part, basis), combination(part, products)
         norm = jnp.sqrt(total(vector**2))
         is_new = is_rough | jnp.any(cone.one_sided & (vector < 0))
         tried = jax.lax.cond(

@@ -18,10 +18,11 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxstab.checks import is_traced
 from jaxstab.hessian import Block, Hessian
 from jaxstab.results import RESULTS
+from jaxstab.stability.blocks import norms
 from jaxstab.stability.certificate import certified_bound
 from jaxstab.stability.cones import AdmissibleCone, Subspace
+from jaxstab.stability.davidson import Davidson
 from jaxstab.stability.eigenpairs import Eigenpair, admissible_pair, lowered, measured
-from jaxstab.stability.lobpcg import LOBPCG, norms
 from jaxstab.stability.modes import BLOCK_SIZE, lowest_pair
 from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.solver import ConeSolver
@@ -54,7 +55,7 @@ class Search(eqx.Module):
 
     def run(self, solver: ConeSolver) -> "Found":
         """Return the eigenpairs, the solver being the cone's; not compiled is what need not run."""
-        spaces = LOBPCG(solver.tolerance_in(self.random.dtype))
+        spaces = Davidson(solver.tolerance_in(self.random.dtype))
         is_default = isinstance(solver, ProjectedLOBPCG)
         fast = solver if is_default else ProjectedLOBPCG(spaces.tolerance)
         touches = _flag(self.touches)
@@ -133,7 +134,7 @@ class _Lowest(eqx.Module):
 
 
 @jax.jit
-def _on_space(solver: LOBPCG, hessian: Hessian, space: Subspace, starts: Block) -> _Lowest:
+def _on_space(solver: Davidson, hessian: Hessian, space: Subspace, starts: Block) -> _Lowest:
     pair, modes = lowest_pair(solver, hessian, space, starts)
     return _Lowest(pair.with_proof(True), pair.sign, modes)
 
@@ -163,7 +164,7 @@ def _on_cone(
 
 @jax.jit
 def _certified(
-    solver: LOBPCG, hessian: Hessian, cone: AdmissibleCone, found: _Lowest, hull: _Lowest
+    solver: Davidson, hessian: Hessian, cone: AdmissibleCone, found: _Lowest, hull: _Lowest
 ) -> _Lowest:
     """Return a pair on a cone with a bound that is proved."""
     pair = found.pair
