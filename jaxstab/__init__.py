@@ -7,7 +7,7 @@ contact*, whose equation numbers the documentation quotes.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from jaxstab import files, potentials, surfaces
+from jaxstab import cases, files, potentials, surfaces
 from jaxstab.branches.critical_load import CriticalLoad
 from jaxstab.calibration import Calibration, calibrate
 from jaxstab.citations import cite
@@ -101,6 +101,7 @@ __all__ = [
     "WindowWarning",
     "assess_stability",
     "calibrate",
+    "cases",
     "cite",
     "critical_load",
     "equilibrate",

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar
 
 import equinox as eqx
@@ -11,6 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxstab import display
 from jaxstab.checks import parameter, require, require_positive
+from jaxstab.pause import Pause
 from jaxstab.results import RESULTS
 from jaxstab.stacks import Stackable
 
@@ -92,10 +94,25 @@ class Iteration(eqx.Module, Generic[State]):
     history: History
 
 
-class _Loop(eqx.Module, Generic[State]):
+class Loop(eqx.Module, Generic[State]):
+    """A loop that is under way, from which it can go on.
+
+    Attributes:
+        state: where it is.
+        residual: the residual there.
+        num_steps: the steps taken since it began or was resumed.
+        num_before: those taken before.
+        first: the indicators where it began.
+        best: the least that each indicator was at a step that made progress.
+        best_step: that step.
+        history: the indicators on record.
+    """
+
     state: State
     residual: Float[Array, ""]
     num_steps: Int[Array, ""]
+    num_before: Int[Array, ""]
+    first: Indicators
     best: Indicators
     best_step: Int[Array, ""]
     history: History
@@ -152,11 +169,7 @@ class IterativeSolver(eqx.Module):
             measure: its indicators, of which "residual" decides, every `steps_per_check` steps.
             state: where to start.
         """
-        first = measure(state)
-        zero = jnp.zeros((), int)
-        history = History.empty(first, first["residual"].dtype).record(zero, zero, first)
-        start = Iteration(state, first["residual"], zero, RESULTS.max_steps_reached, history)
-        return self.resume(step, measure, start, first)
+        return self._run(step, measure, partial(self.begin, measure, state), _NO_LIMIT)
 
     def resume(
         self,
@@ -171,27 +184,35 @@ class IterativeSolver(eqx.Module):
         Arguments:
             step, measure: as in `iterate`.
             before: where it stands.
-            first: its indicators there.
+            first: its indicators there, from which progress counts anew.
             max_steps: the number of steps after which to pause.
         """
-        tolerance = self.tolerance_in(first["residual"].dtype)
-        limit = jnp.minimum(max_steps, self.max_steps - before.num_steps)
+        return self._run(step, measure, partial(self.resumed, before, first), max_steps)
 
-        def is_progress(best: Indicators, new: Indicators) -> Bool[Array, ""]:
-            progress = new["residual"] < _STALL_FACTOR * best["residual"]
-            if "energy" in new:
-                fall = first["energy"] - best["energy"]
-                progress |= best["energy"] - new["energy"] > _LEAST_FALL * fall
-            return progress
+    def begin(self, measure: Callable[[State], Indicators], state: State) -> Loop[State]:
+        """Return the loop of `iterate` before its first step."""
+        first = measure(state)
+        zero = jnp.zeros((), int)
+        history = History.empty(first, first["residual"].dtype).record(zero, zero, first)
+        return Loop(state, first["residual"], zero, zero, first, first, zero, history)
 
-        def is_stalled(loop: _Loop[State]) -> Bool[Array, ""]:
-            return loop.num_steps > self.patience + 2 * loop.best_step
+    def resumed(self, before: Iteration[State], first: Indicators) -> Loop[State]:
+        """Return the loop of `resume` before its first step."""
+        zero = jnp.zeros_like(before.num_steps)
+        residual, history = before.residual, before.history
+        return Loop(before.state, residual, zero, before.num_steps, first, first, zero, history)
 
-        def goes_on(loop: _Loop[State]) -> Bool[Array, ""]:
-            unfinished = (loop.residual > tolerance) & jnp.isfinite(loop.residual)
-            return unfinished & (loop.num_steps < limit) & ~is_stalled(loop)
+    def go_on(
+        self,
+        step: Callable[[State], State],
+        measure: Callable[[State], Indicators],
+        loop: Loop[State],
+        max_steps: ArrayLike = _NO_LIMIT,
+    ) -> Loop[State]:
+        """Return a loop after at most `max_steps` steps more; pauses change nothing."""
+        limit = jnp.minimum(max_steps, _NO_LIMIT - loop.num_steps) + loop.num_steps
 
-        def advance(loop: _Loop[State]) -> _Loop[State]:
+        def advance(loop: Loop[State]) -> Loop[State]:
             state = loop.state
             if self.steps_per_check == 1:
                 state = step(state)
@@ -199,29 +220,66 @@ class IterativeSolver(eqx.Module):
                 state = jax.lax.fori_loop(0, self.steps_per_check, lambda _, s: step(s), state)
             num_steps = loop.num_steps + self.steps_per_check
             indicators = measure(state)
-            improved = is_progress(loop.best, indicators)
-            steps = before.num_steps + num_steps
-            return _Loop(
-                state,
-                indicators["residual"],
-                num_steps,
-                {
+            improved = _is_progress(loop, indicators)
+            steps = loop.num_before + num_steps
+            return replace(
+                loop,
+                state=state,
+                residual=indicators["residual"],
+                num_steps=num_steps,
+                best={
                     name: jnp.where(improved, jnp.minimum(best, indicators[name]), best)
                     for name, best in loop.best.items()
                 },
-                jnp.where(improved, num_steps, loop.best_step),
-                loop.history.record(steps // self.steps_per_check, steps, indicators),
+                best_step=jnp.where(improved, num_steps, loop.best_step),
+                history=loop.history.record(steps // self.steps_per_check, steps, indicators),
             )
 
-        zero = jnp.zeros_like(before.num_steps)
-        loop = _Loop(before.state, before.residual, zero, first, zero, before.history)
-        loop = jax.lax.while_loop(goes_on, advance, loop)
+        return jax.lax.while_loop(
+            lambda loop: ~self.is_over(loop) & (loop.num_steps < limit), advance, loop
+        )
 
-        result = RESULTS.where(is_stalled(loop), RESULTS.stagnated, RESULTS.max_steps_reached)
-        result = RESULTS.where(loop.residual <= tolerance, RESULTS.successful, result)
+    def is_over(self, loop: Loop[Any]) -> Bool[Array, ""]:
+        """Return whether a loop has come to its end."""
+        unfinished = (loop.residual > self._goal(loop)) & jnp.isfinite(loop.residual)
+        has_steps = loop.num_steps < self.max_steps - loop.num_before
+        return ~(unfinished & has_steps & ~self._is_stalled(loop))
+
+    def outcome(self, loop: Loop[State]) -> Iteration[State]:
+        """Return what a loop has come to, at its end or at a pause."""
+        stalled = self._is_stalled(loop)
+        result = RESULTS.where(stalled, RESULTS.stagnated, RESULTS.max_steps_reached)
+        result = RESULTS.where(loop.residual <= self._goal(loop), RESULTS.successful, result)
         result = RESULTS.where(jnp.isfinite(loop.residual), result, RESULTS.nonfinite)
-        num_steps = before.num_steps + loop.num_steps
+        num_steps = loop.num_before + loop.num_steps
         return Iteration(loop.state, loop.residual, num_steps, result, loop.history)
+
+    def _run(
+        self,
+        step: Callable[[State], State],
+        measure: Callable[[State], Indicators],
+        begin: Callable[[], Loop[State]],
+        max_steps: ArrayLike,
+    ) -> Iteration[State]:
+        pause = Pause.current()
+        if pause is None:
+            return self.outcome(self.go_on(step, measure, begin(), max_steps))
+        return self.outcome(pause.go_on(partial(self.go_on, step, measure), begin))
+
+    def _goal(self, loop: Loop[Any]) -> Float[Array, ""] | float:
+        return self.tolerance_in(loop.residual.dtype)
+
+    def _is_stalled(self, loop: Loop[Any]) -> Bool[Array, ""]:
+        return loop.num_steps > self.patience + 2 * loop.best_step
+
+
+def _is_progress(loop: Loop[Any], new: Indicators) -> Bool[Array, ""]:
+    first, best = loop.first, loop.best
+    progress = new["residual"] < _STALL_FACTOR * best["residual"]
+    if "energy" in new:
+        fall = first["energy"] - best["energy"]
+        progress |= best["energy"] - new["energy"] > _LEAST_FALL * fall
+    return progress
 
 
 @jax.custom_jvp

@@ -8,6 +8,7 @@ import pytest
 
 import jaxstab as js
 from jaxstab.iterate import History, IterativeSolver
+from jaxstab.pause import Pause
 from jaxstab.progress import advance, progress_bar
 
 
@@ -59,3 +60,26 @@ def test_a_falling_energy_is_progress_though_the_residual_is_not(ends_at, result
     iteration = Descent().iterate(lambda step: step + 1.0, measure, jnp.array(0.0))
     assert iteration.result == getattr(js.RESULTS, result)
     assert iteration.num_steps == (300 if result == "successful" else 41)
+
+
+@pytest.mark.parametrize("ends_at", [500, 10])
+def test_pauses_change_nothing(ends_at):
+    def measure(step):
+        residual = jnp.where(step < 300, 1.0 + step, 1e-4)
+        return {"residual": residual, "energy": 100.0 - jnp.minimum(step, ends_at)}
+
+    def solve(pause):
+        with pause:
+            return Descent().iterate(lambda step: step + 1.0, measure, jnp.array(0.0))
+
+    whole = Descent().iterate(lambda step: step + 1.0, measure, jnp.array(0.0))
+    pause = Pause()
+    assert solve(pause).num_steps == 0
+    for count in range(1, 100):
+        if Descent().is_over(pause.loop):
+            break
+        pause = Pause(pause.loop, 7)
+        assert solve(pause).num_steps == min(7 * count, whole.num_steps)
+    found = solve(Pause(pause.loop))
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(whole), strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -26,6 +27,7 @@ from jaxstab.equilibrium.state import (
 )
 from jaxstab.equilibrium.window import warn_at_edges, whole_start
 from jaxstab.grid import resample
+from jaxstab.iterate import Iteration
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Control, GapControl, Load, require_load
 from jaxstab.programs import program
@@ -125,7 +127,12 @@ def _find_in_own_units(
 ) -> Equilibrium:
     unit = contact.own_pressure
     own = contact.in_units_of(unit, has_core), load.in_units_of(unit)
-    found = by_lanes(find)(*own, solver, initial).in_units_of(1 / unit)
+    return in_users_units(by_lanes(find)(*own, solver, initial), unit, load)
+
+
+def in_users_units(found: Equilibrium, unit: Float[Array, ""], load: Load) -> Equilibrium:
+    """Return an equilibrium found in a contact's own unit of pressure, under the load as given."""
+    found = found.in_units_of(1 / unit)
     overflows = (found.result == RESULTS.successful) & ~jnp.isfinite(found.energy)
     result = RESULTS.where(overflows, RESULTS.nonfinite, found.result)
     return replace(found, load=load, result=result)
@@ -147,14 +154,24 @@ def find(
     contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
 ) -> Equilibrium:
     """Do what `find_equilibrium` does, on a contact and a load in units of their own."""
+    gap = started(contact, load, initial)
+    return concluded(contact, load, solver.solve(contact, contact.control(load), gap))
+
+
+def started(contact: Contact, load: Load, initial: Field | None) -> Field:
+    """Return a gap to start a solver from, NaN for a load or a contact without an answer."""
     control = contact.control(load)
     start = control.starting_gap(contact.heights) if initial is None else initial
     start = jnp.maximum(start.astype(contact.heights.dtype), 0)
     gap = control.restore(start / jnp.max(start) if control.fixes_mean else start)
     lift = partial(_lift_off_core, contact, control)
     gap = jax.lax.cond(contact.has_core, lift, lambda gap: gap, gap)
-    gap = jnp.where(control.is_feasible & contact.is_valid, gap, jnp.nan)
-    iteration = solver.solve(contact, control, gap)
+    return jnp.where(control.is_feasible & contact.is_valid, gap, jnp.nan)
+
+
+def concluded(contact: Contact, load: Load, iteration: Iteration[Any]) -> Equilibrium:
+    """Return the equilibrium that a solver has come to, and how."""
+    control = contact.control(load)
     gap, balance = iteration.state.gap, iteration.state.balance
     energy = balance.elastic_energy + balance.adhesion
     is_met = control.missed(gap) <= _ROUNDING * jnp.finfo(gap.dtype).eps

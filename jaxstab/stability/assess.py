@@ -152,8 +152,8 @@ def _assess_one(
     solver: ConeSolver,
     key: PRNGKeyArray,
 ) -> Stability:
-    search, state = _prepared(contact, equilibrium, key, verdict_only)
-    return _stability(equilibrium, state, search.run(solver))
+    search, state = prepared(contact, equilibrium, key, verdict_only)
+    return stability_of(equilibrium, state, search.run(solver))
 
 
 class _State(eqx.Module):
@@ -195,7 +195,7 @@ class _State(eqx.Module):
 
 
 @partial(program, static_argnames="verdict_only")
-def _prepared(
+def prepared(
     contact: Contact, equilibrium: Equilibrium, key: PRNGKeyArray, verdict_only: bool
 ) -> tuple[Search, _State]:
     """Return the search at an equilibrium, and what is known of that."""
@@ -234,7 +234,7 @@ def _prepared(
 
 
 @jax.jit
-def _stability(equilibrium: Equilibrium, state: _State, found: Found) -> Stability:
+def stability_of(equilibrium: Equilibrium, state: _State, found: Found) -> Stability:
     """Return the verdict on what a search has found."""
     equilibrium = equilibrium.in_units_of(state.unit)
     found = found.ordered()

@@ -20,7 +20,7 @@ from jaxstab.stability.davidson import Davidson
 from jaxstab.stability.eigenpairs import measured
 
 # To what part of the cone's eigenvalue soft waves are stiffened, tried in turn.
-_SHARES = (0.5, 0.25)
+SHARES = (0.5, 0.25)
 
 
 class _Stiffened(SymmetricOperator):
@@ -64,42 +64,51 @@ def certified_bound(
         eigenvalue: the smallest that was found on it.
         starts: vectors to start from.
     """
+
+    def attempt(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        number, best, cost = state
+        value, more = bound_by(solver, hessian, cone, eigenvalue, starts, number)
+        return number + 1, jnp.maximum(best, value), cost + more
+
+    def goes_on(state: tuple[Array, Array, Array]) -> Bool[Array, ""]:
+        number, best, _ = state
+        return (number < len(SHARES)) & (best <= 0)
+
+    start = jnp.array(0), jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)
+    _, best, cost = jax.lax.while_loop(goes_on, attempt, start)
+    return best, cost
+
+
+def bound_by(
+    solver: Davidson,
+    hessian: Hessian,
+    cone: AdmissibleCone,
+    eigenvalue: Float[Array, ""],
+    starts: Block,
+    number: Int[Array, ""],
+) -> tuple[Float[Array, ""], Int[Array, ""]]:
+    """Return the bound by one of the shares, given by its number, and what it cost."""
     hull = cone.hull
     restricted = hessian.restricted(hull.is_moving)
     contact = cone.one_sided & hull.is_moving
     size = jnp.maximum(total(contact.astype(eigenvalue.dtype)), 1)
     adhesion = total(jnp.where(contact, hessian.curvature, 0)) / size
-
-    def bound(share: Float[Array, ""]) -> tuple[Float[Array, ""], Int[Array, ""]]:
-        level = share * eigenvalue - adhesion
-        lacking = restricted.solid.lacking(level)
-        if lacking is None:
-            return jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)
-        lack, on_point = lacking
-        largest = restricted.bound + jnp.maximum(level, 0) + on_point * size
-        operator = _Stiffened(
-            bound=largest,
-            scale=restricted.scale,
-            hessian=restricted,
-            lack=lack,
-            on_point=on_point,
-            one_sided=contact,
-        )
-        found = solver.solve(operator, hull, starts)
-        pair = measured(operator, hull, found, found.vector[0])
-        # A and N are one application here, but two pairs of transforms.
-        cost = found.num_applications + (found.num_applications + len(starts)) // 2
-        return pair.with_proof(True).bound, cost
-
-    def attempt(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        number, best, cost = state
-        value, more = bound(jnp.asarray(_SHARES, eigenvalue.dtype)[number])
-        return number + 1, jnp.maximum(best, value), cost + more
-
-    def goes_on(state: tuple[Array, Array, Array]) -> Bool[Array, ""]:
-        number, best, _ = state
-        return (number < len(_SHARES)) & (best <= 0)
-
-    start = jnp.array(0), jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)
-    _, best, cost = jax.lax.while_loop(goes_on, attempt, start)
-    return best, cost
+    level = jnp.asarray(SHARES, eigenvalue.dtype)[number] * eigenvalue - adhesion
+    lacking = restricted.solid.lacking(level)
+    if lacking is None:
+        return jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)
+    lack, on_point = lacking
+    largest = restricted.bound + jnp.maximum(level, 0) + on_point * size
+    operator = _Stiffened(
+        bound=largest,
+        scale=restricted.scale,
+        hessian=restricted,
+        lack=lack,
+        on_point=on_point,
+        one_sided=contact,
+    )
+    found = solver.solve(operator, hull, starts)
+    pair = measured(operator, hull, found, found.vector[0])
+    # A and N are one application here, but two pairs of transforms.
+    cost = found.num_applications + (found.num_applications + len(starts)) // 2
+    return pair.with_proof(True).bound, cost

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxstab.grid import total, totals
 from jaxstab.hessian import Block, SymmetricOperator
@@ -27,7 +27,7 @@ from jaxstab.stability.eigenpairs import descended, projected_residual
 from jaxstab.stability.solver import ConeSolver, Minimum
 
 # Steps in each round of the competition between starts, and how many may go on to the next.
-_ROUNDS = ((4, 12), (8, 3), (10, 3), (15, 3), (25, 3), (40, 3), (60, 3), (2**31 - 1, 1))
+ROUNDS = ((4, 12), (8, 3), (10, 3), (15, 3), (25, 3), (40, 3), (60, 3), (2**31 - 1, 1))
 # The inner product from which two unit vectors are taken to lead to the same minimiser.
 _SAME = 0.95
 # Lengths of a step, each a third of the last, before it is given up.
@@ -101,30 +101,17 @@ class ProjectedLOBPCG(ConeSolver):
             before, goes_on = carry
             round_length, num_kept = limits
             found = map_lanes(
-                lambda lane: _descend(self, operator, cone, *lane),
+                lambda lane: descend(self, operator, cone, *lane),
                 (before, jnp.where(goes_on, round_length, 0)),
             )
-            return (found, _places(found, goes_on, operator, cone) < num_kept), None
+            return (found, places(found, goes_on, operator, cone) < num_kept), None
 
         is_trivial = cone.is_trivial
-        first = map_lanes(partial(_start, cone), starts)
-        lengths, num_kept = map(jnp.array, zip(*_ROUNDS, strict=True))
+        first = map_lanes(partial(entry, cone), starts)
+        lengths, num_kept = map(jnp.array, zip(*ROUNDS, strict=True))
         everyone = jnp.broadcast_to(is_needed & ~is_trivial, len(starts))
         (found, wins), _ = jax.lax.scan(compete, (first, everyone), (lengths, num_kept))
-        best = jax.tree.map(lambda leaf: leaf[jnp.argmax(wins)], found)
-        # All starts may be nearest to zero.
-        is_lost = (best.result == RESULTS.successful) & ~jnp.any(wins)
-        result = RESULTS.where(is_lost, RESULTS.stagnated, best.result)
-        point = best.state.point
-        # Brought onto the cone, once, this is exactly zero where the contact holds.
-        vector = descended(operator, point.mode, point.product, point.eigenvalue)
-        return Minimum(
-            vector=jnp.where(is_trivial, 0, vector),
-            num_steps=jnp.sum(found.num_steps),
-            num_applications=jnp.sum(found.state.num_applications),
-            result=RESULTS.where(is_trivial, RESULTS.successful, result),
-            history=best.history,
-        )
+        return winner(found, wins, operator, cone)
 
 
 def _inner_products(
@@ -140,7 +127,30 @@ def _inner_products(
     return gram, energies
 
 
-def _places(
+def winner(
+    found: Iteration[_State],
+    wins: Bool[Array, " starts"],
+    operator: SymmetricOperator,
+    cone: AdmissibleCone,
+) -> Minimum:
+    """Return the minimiser of the one start that has won, if any has."""
+    best = jax.tree.map(lambda leaf: leaf[jnp.argmax(wins)], found)
+    # All starts may be nearest to zero.
+    is_lost = (best.result == RESULTS.successful) & ~jnp.any(wins)
+    result = RESULTS.where(is_lost, RESULTS.stagnated, best.result)
+    point, is_trivial = best.state.point, cone.is_trivial
+    # Brought onto the cone, once, this is exactly zero where the contact holds.
+    vector = descended(operator, point.mode, point.product, point.eigenvalue)
+    return Minimum(
+        vector=jnp.where(is_trivial, 0, vector),
+        num_steps=jnp.sum(found.num_steps),
+        num_applications=jnp.sum(found.state.num_applications),
+        result=RESULTS.where(is_trivial, RESULTS.successful, result),
+        history=best.history,
+    )
+
+
+def places(
     found: Iteration[_State],
     goes_on: Bool[Array, " starts"],
     operator: SymmetricOperator,
@@ -166,7 +176,8 @@ def _order(values: Float[Array, " starts"]) -> Int[Array, " starts"]:
     return jnp.sum((values[:, None] < values) | is_tied_before, axis=0)
 
 
-def _start(cone: AdmissibleCone, start: Float[Array, " *grid"]) -> Iteration[_State]:
+def entry(cone: AdmissibleCone, start: Float[Array, " *grid"]) -> Iteration[_State]:
+    """Return a start before its first step."""
     nothing, zero = jnp.zeros_like(start), jnp.zeros((), start.dtype)
     # The first step begins at the projected start, as if that were where the last step led.
     point, none = _Point(nothing, nothing, zero), jnp.array(0)
@@ -177,12 +188,12 @@ def _start(cone: AdmissibleCone, start: Float[Array, " *grid"]) -> Iteration[_St
     return Iteration(state, unknown, none, RESULTS.max_steps_reached, history)
 
 
-def _descend(
+def descend(
     solver: ProjectedLOBPCG,
     operator: SymmetricOperator,
     cone: AdmissibleCone,
     before: Iteration[_State],
-    max_steps: Int[Array, ""],
+    max_steps: ArrayLike,
 ) -> Iteration[_State]:
     """Return what one start leads to in a number of steps."""
 

@@ -25,7 +25,7 @@ from jaxstab.stability.davidson import Davidson
 from jaxstab.stability.eigenpairs import Eigenpair, admissible_pair, lowered, measured
 from jaxstab.stability.modes import BLOCK_SIZE, lowest_pair
 from jaxstab.stability.projected import ProjectedLOBPCG
-from jaxstab.stability.solver import ConeSolver
+from jaxstab.stability.solver import ConeSolver, Minimum, SpaceSolver
 
 
 class Search(eqx.Module):
@@ -66,11 +66,11 @@ class Search(eqx.Module):
         hull = _if_needed(
             touches & ~is_proved,
             lambda: _on_space(spaces, self.hessian, self.critical_cone.hull, start),
-            _again(around),
+            again(around),
         )
         critical = _if_needed(
             touches & ~is_proved & _flag(self.is_weak),
-            lambda: _after(
+            lambda: after(
                 hull, _on_cone(fast, self.hessian, self.critical_cone, hull, self.random)
             ),
             hull,
@@ -80,7 +80,7 @@ class Search(eqx.Module):
             cone = _if_needed(
                 touches & ~is_decided,
                 lambda: _on_cone(solver, self.hessian, self.cone, around, self.random),
-                _again(around),
+                again(around),
             )
         else:
             # One that the caller chose is one to look at.
@@ -91,6 +91,18 @@ class Search(eqx.Module):
             lambda: _certified(spaces, self.hessian, self.cone, cone, around),
             cone,
         )
+        return self.concluded(around, cone, critical, hull, is_proved, is_decided)
+
+    def concluded(
+        self,
+        around: "Lowest",
+        cone: "Lowest",
+        critical: "Lowest",
+        hull: "Lowest",
+        is_proved: Bool[Array | np.ndarray, ""],
+        is_decided: Bool[Array | np.ndarray, ""],
+    ) -> "Found":
+        """Return what was found, with errors that cover the points in doubt."""
         critical = _if_needed(
             _flag(self.is_doubtful), lambda: _critical_in_doubt(self, critical, hull), critical
         )
@@ -125,7 +137,7 @@ class Found(eqx.Module):
         return replace(self, lower_bound=lower_bound, cone=cone, critical=critical)
 
 
-class _Lowest(eqx.Module):
+class Lowest(eqx.Module):
     """The lowest pair on a set, its sign beyond doubt, and a block of modes to go on from."""
 
     pair: Eigenpair
@@ -134,20 +146,33 @@ class _Lowest(eqx.Module):
 
 
 @jax.jit
-def _on_space(solver: Davidson, hessian: Hessian, space: Subspace, starts: Block) -> _Lowest:
+def _on_space(solver: Davidson, hessian: Hessian, space: Subspace, starts: Block) -> Lowest:
+    return on_space(solver, hessian, space, starts)
+
+
+def on_space(solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Block) -> Lowest:
+    """Return the lowest pair on a linear space."""
     pair, modes = lowest_pair(solver, hessian, space, starts)
-    return _Lowest(pair.with_proof(True), pair.sign, modes)
+    return Lowest(pair.with_proof(True), pair.sign, modes)
 
 
 @jax.jit
 def _on_cone(
-    solver: ConeSolver, hessian: Hessian, cone: AdmissibleCone, hull: _Lowest, random: Block
-) -> _Lowest:
+    solver: ConeSolver, hessian: Hessian, cone: AdmissibleCone, hull: Lowest, random: Block
+) -> Lowest:
     """Search a cone from the two lowest modes of its hull with both signs, and from noise.
 
     Or from the lowest mode alone, where that is found and in the cone, and so the answer.
     """
-    restricted = hessian.restricted(cone.is_moving)
+    starts, is_needed, is_answer = cone_starts(solver, cone, hull, random)
+    found = solver.solve(hessian.restricted(cone.is_moving), cone, starts, is_needed)
+    return on_cone(hessian, cone, hull, found, is_answer)
+
+
+def cone_starts(
+    solver: ConeSolver, cone: AdmissibleCone, hull: Lowest, random: Block
+) -> tuple[Block, Bool[Array, " starts"], Bool[Array, ""]]:
+    """Return vectors to start from, which of them are needed, and whether the first is it."""
     modes = hull.modes
     starts = jnp.concatenate([modes[:2], -modes[:2], random])
     signs = jnp.stack([modes[0], -modes[0]])
@@ -156,25 +181,42 @@ def _on_cone(
     is_answer = (hull.pair.result == RESULTS.successful) & is_admissible
     lowest = jnp.where(is_answer, signs[jnp.argmin(entering)], starts[0])
     is_needed = ~is_answer | (jnp.arange(len(starts)) == 0)
-    found = solver.solve(restricted, cone, starts.at[0].set(lowest), is_needed)
+    return starts.at[0].set(lowest), is_needed, is_answer
+
+
+def on_cone(
+    hessian: Hessian,
+    cone: AdmissibleCone,
+    hull: Lowest,
+    found: Minimum,
+    is_answer: Bool[Array, ""],
+) -> Lowest:
+    """Return the lowest pair on a cone, as it was found."""
+    restricted = hessian.restricted(cone.is_moving)
     # Or else there is nothing on the cone, or it may have been missed.
     pair = measured(restricted, cone, found, found.vector).with_proof(is_answer | cone.is_trivial)
-    return _Lowest(pair, pair.sign, modes)
+    return Lowest(pair, pair.sign, hull.modes)
 
 
 @jax.jit
 def _certified(
-    solver: Davidson, hessian: Hessian, cone: AdmissibleCone, found: _Lowest, hull: _Lowest
-) -> _Lowest:
+    solver: Davidson, hessian: Hessian, cone: AdmissibleCone, found: Lowest, hull: Lowest
+) -> Lowest:
     """Return a pair on a cone with a bound that is proved."""
+    return with_bound(
+        found, *certified_bound(solver, hessian, cone, found.pair.eigenvalue, hull.modes)
+    )
+
+
+def with_bound(found: Lowest, bound: Float[Array, ""], cost: Int[Array, ""]) -> Lowest:
+    """Return a pair with a bound that is proved, at a cost."""
     pair = found.pair
-    bound, cost = certified_bound(solver, hessian, cone, pair.eigenvalue, hull.modes)
     pair = replace(pair.with_proof(False, bound), num_applications=pair.num_applications + cost)
     return replace(found, pair=pair)
 
 
 @jax.jit
-def _critical_in_doubt(search: Search, critical: _Lowest, hull: _Lowest) -> _Lowest:
+def _critical_in_doubt(search: Search, critical: Lowest, hull: Lowest) -> Lowest:
     """Return a pair of the critical cone whose error covers what the points in doubt may do.
 
     It lies between the eigenvalue where they all move freely and the quotient of its mode where
@@ -189,7 +231,7 @@ def _critical_in_doubt(search: Search, critical: _Lowest, hull: _Lowest) -> _Low
 
 
 @jax.jit
-def _cone_in_doubt(search: Search, cone: _Lowest) -> _Lowest:
+def _cone_in_doubt(search: Search, cone: Lowest) -> Lowest:
     """Return a pair of V0+ whose error covers what the points in doubt may do.
 
     Those that nearly touch may be one-sided too, which raises the quotient of the mode; and
@@ -211,7 +253,7 @@ def _rise(above: Float[Array, ""], below: Float[Array, ""]) -> Float[Array, ""]:
     return jnp.where(above == below, 0, above - below)
 
 
-def _with_error(lowest: _Lowest, error: Float[Array, ""]) -> _Lowest:
+def _with_error(lowest: Lowest, error: Float[Array, ""]) -> Lowest:
     pair = lowest.pair
     pair = replace(pair, error=jnp.maximum(pair.error, jnp.where(jnp.isnan(error), jnp.inf, error)))
     return replace(lowest, pair=pair.with_proof(pair.proved), sign=pair.sign)
@@ -222,21 +264,21 @@ def _flag(value: Array) -> Array | np.ndarray:
     return value if is_traced(value) else np.asarray(value)
 
 
-def _if_needed(is_needed: Any, search: Callable[[], _Lowest], otherwise: _Lowest) -> _Lowest:
+def _if_needed(is_needed: Any, search: Callable[[], Lowest], otherwise: Lowest) -> Lowest:
     """Return what a search finds if it is needed, or something known."""
     if is_traced(is_needed):
         return jax.lax.cond(is_needed, search, lambda: otherwise)
     return search() if is_needed else otherwise
 
 
-def _again(lowest: _Lowest) -> _Lowest:
+def again(lowest: Lowest) -> Lowest:
     """Return what is known already, at no cost."""
     # Put, since JAX would compile a zero.
     none = jax.device_put(np.zeros((), int))
     return replace(lowest, pair=replace(lowest.pair, num_steps=none, num_applications=none))
 
 
-def _after(first: _Lowest, then: _Lowest) -> _Lowest:
+def after(first: Lowest, then: Lowest) -> Lowest:
     """Return the second of two, at the cost of both."""
     before, pair = first.pair, then.pair
     pair = replace(

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxstab.cases import Case
 from jaxstab.functions import is_bare
 from jaxstab.studies.definitions import definition, global_names, plain
 
@@ -47,9 +48,10 @@ def differences(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:
 
 
 def _inner(function: Any) -> Any:
-    """Return the function within partial ones and methods."""
-    while isinstance(function, partial | MethodType):
-        function = function.func if isinstance(function, partial) else function.__func__
+    """Return the function within ready-made cases, partial functions and methods."""
+    names = {Case: "build", partial: "func", MethodType: "__func__"}
+    while name := next((name for kind, name in names.items() if isinstance(function, kind)), None):
+        function = getattr(function, name)
     return function
 
 

@@ -41,15 +41,15 @@ class Queue:
                 self._left.append(place)
         self._left.rotate(-int(start(os.environ) * len(self._left)))
 
-    def take(self, number: int) -> list[Index]:
+    def take(self, number: int, waits: bool = True) -> list[Index]:
         """Claim up to `number` cases; none where all are done, or it was stopped.
 
-        Where others have all that is left in hand, wait for them or for their end.
+        Where others have all that is left in hand, wait for them or for their end, if so asked.
         """
         while not self._is_stopped:
             with self._guard:
                 taken = self._claimed(number)
-                if taken or not self._left:
+                if taken or not self._left or not waits:
                     return taken
             time.sleep(_PAUSE)
         return []

@@ -10,7 +10,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxstab.studies.axes import Axis, Index, arguments_of, stacked_at, values_at
+from jaxstab.cases import Case
+from jaxstab.refill import Lanes, Programs
+from jaxstab.studies.axes import Axis, Index, arguments_of, places, stacked_at, values_at
 from jaxstab.studies.outputs import arrays_of
 from jaxstab.studies.queue import Queue
 from jaxstab.studies.store import Store
@@ -40,6 +42,7 @@ class Runner:
 
     def __post_init__(self) -> None:
         self.together = jax.jit(jax.vmap(lambda values: self.case(**values)))
+        self.programs = self.case.programs() if isinstance(self.case, Case) else None
 
     def run(self) -> None:
         """Run cases until none is left, a thread to a device."""
@@ -60,6 +63,9 @@ class Runner:
         solve = self.solve if self.batch == 1 else self.solve_together
         try:
             with jax.default_device(device):
+                if self.programs and self.batch > 1:
+                    self.solve_in_lanes(self.programs)
+                    return
                 while places := self.queue.take(self.batch):
                     try:
                         solve(places)
@@ -98,6 +104,37 @@ class Runner:
         seconds = (perf_counter() - start) / len(places)
         for lane, place in enumerate(places):
             self.keep(place, jax.tree.map(lambda leaf, i=lane: leaf[i], outputs), seconds)
+
+    def solve_in_lanes(self, programs: Programs) -> None:
+        """Run and store cases in lanes, of which none waits for the others."""
+        self.stacked([next(places(self.axes))])
+        while not self.finished(Lanes(programs, self.batch, self.taken)):
+            pass
+
+    def finished(self, lanes: Lanes) -> bool:
+        """Run and store cases until none is left, or where one raises those in hand one by one."""
+        done = lanes.run()
+        try:
+            while True:
+                try:
+                    place, outputs, seconds = next(done)
+                except StopIteration:
+                    return True
+                except Exception:
+                    if not lanes.in_hand:
+                        raise
+                    self.solve(lanes.in_hand)
+                    return False
+                self.keep(place, outputs, seconds)
+                self.queue.finish([place])
+                self.report()
+        finally:
+            self.queue.finish(lanes.in_hand)
+
+    def taken(self, number: int, waits: bool) -> tuple[Sequence[Index], dict[str, Any]]:
+        """Return cases of the queue and their arguments."""
+        taken = self.queue.take(number, waits)
+        return taken, stacked_at(self.axes, taken) if taken else {}
 
     def stacked(self, places: Sequence[Index]) -> dict[str, Any]:
         """Return the arguments of a batch, once it is known that the function can be traced."""

@@ -51,7 +51,8 @@ def study(
         axes: one-dimensional arrays by name, whose product is run; or a list of dicts, the
             combinations to be run, which lie on the dimension `case`.
         path: the folder of the store; made where it does not exist.
-        batch: how many cases run at once, by `jax.vmap` of the compiled function.
+        batch: how many cases run at once, by `jax.vmap` of the compiled function; those of
+            `jaxstab.cases` in as many lanes, of which none waits for the slowest.
         progress: show a progress bar, with the number of failures.
 
     Returns:
