@@ -1,6 +1,7 @@
 """What input must satisfy, wherever its value is known: eagerly always, under a JAX trace never.
 
-What is known is looked at with NumPy, since every operation of JAX on it is a program to compile.
+What is known is looked at with NumPy, since every operation of JAX on it is a program to compile;
+but what is spread over several devices, where it lies.
 """
 
 import operator
@@ -18,9 +19,15 @@ def is_traced(value: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
 
 
+def is_spread(value: Any) -> bool:
+    """Whether `value` is an array of which several devices hold parts."""
+    is_known = isinstance(value, jax.Array) and not is_traced(value)
+    return is_known and not value.is_fully_replicated
+
+
 def known(value: ArrayLike) -> Any:
-    """Return `value` as an array of NumPy, or as it is where it is traced."""
-    return value if is_traced(value) else np.asarray(value)
+    """Return `value` as an array of NumPy, or as it is where it is traced or spread."""
+    return value if is_traced(value) or is_spread(value) else np.asarray(value)
 
 
 def array(value: Any, dtype: Any = None) -> Array:
@@ -30,6 +37,16 @@ def array(value: Any, dtype: Any = None) -> Array:
 
 def parameter(value: Any, name: str = "A parameter") -> Float[Array, "..."]:
     """Return `value` as a floating-point array, so that it can be vmapped and differentiated.
+
+    Raises:
+        TypeError: for what is not real numbers, and for a masked array.
+    """
+    number = numbers(value, name)
+    return number if isinstance(number, jax.Array) else array(number)
+
+
+def numbers(value: Any, name: str) -> Float[Array | np.ndarray, "..."]:
+    """Return `value` as a floating-point array, of NumPy unless it is one of JAX.
 
     Raises:
         TypeError: for what is not real numbers, and for a masked array.
@@ -47,10 +64,10 @@ def parameter(value: Any, name: str = "A parameter") -> Float[Array, "..."]:
     elif not isinstance(value, jax.Array):
         value = np.asarray(value)
     if jnp.issubdtype(value.dtype, jnp.floating):
-        return value if isinstance(value, jax.Array) else array(value)
+        return value
     if not (jnp.issubdtype(value.dtype, jnp.integer) or value.dtype == bool):
         raise TypeError(f"{name} is {value.dtype}: give real numbers.")
-    return value.astype(float) if is_traced(value) else array(value, float)
+    return known(value).astype(float)
 
 
 def scalar_parameter(value: Any, name: str) -> Float[Array, ""]:
@@ -75,7 +92,7 @@ def cast(tree: Any, dtype: Any) -> Any:
             return leaf
         if isinstance(leaf, jax.Array) and leaf.dtype == dtype and not leaf.weak_type:
             return leaf
-        return leaf.astype(dtype) if is_traced(leaf) else array(leaf, dtype)
+        return leaf.astype(dtype) if is_traced(leaf) or is_spread(leaf) else array(leaf, dtype)
 
     return jax.tree.map(cast_leaf, tree)
 
@@ -110,9 +127,9 @@ def require_positive(name: str, value: Float[Array, "..."]) -> None:
 
 def require_finite(name: str, value: Float[Array, "..."]) -> None:
     """Raise `ValueError` naming the first point where `value`, if known, is NaN or infinite."""
-    if is_traced(value) or (finite := np.isfinite(value)).all():
+    if is_traced(value) or (finite := abs(known(value)) < np.inf).all():
         return
-    index = tuple(int(i) for i in np.argwhere(~finite)[0])
+    index = tuple(int(i) for i in np.unravel_index(int(finite.argmin()), finite.shape))
     raise ValueError(
         f"{name} has {(~finite).sum()} NaN or infinite values, the first at {index}: "
         f"{float(value[index])}. Mask or interpolate them before use."

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab import potentials
-from jaxstab.checks import cast, is_traced, parameter, require_finite
+from jaxstab.checks import cast, is_spread, is_traced, numbers, require_finite
 from jaxstab.display import block
 from jaxstab.elasticity import FieldMap, Solid, mirrored, padded
 from jaxstab.grid import Grid, total
@@ -28,6 +28,7 @@ from jaxstab.potentials import (
     energy_density,
     slope,
     varying_fields,
+    with_fields,
 )
 from jaxstab.profile import Profile, profile_of, require_smooth
 from jaxstab.programs import make_room, program
@@ -81,26 +82,29 @@ class Contact(eqx.Module):
             )
         topography = heights if isinstance(heights, Topography) else None
         values = topography.on(solid.grid) if topography else heights
-        self.heights = parameter(values, "The array of heights")
-        if self.heights.shape != solid.grid.shape:
+        given = numbers(values, "The array of heights")
+        if given.shape != solid.grid.shape:
             raise ValueError(
-                f"heights have shape {self.heights.shape}, the solid's grid {solid.grid.shape}: "
+                f"heights have shape {given.shape}, the solid's grid {solid.grid.shape}: "
                 "build both on the same grid."
             )
+        self.heights = solid.grid.placed(given)
         dtype = self.heights.dtype
         if dtype not in (jnp.float32, jnp.float64):
             raise TypeError(f"heights are {dtype}: give them in float32 or float64.")
         require_finite("heights", self.heights)
-        suspicion.warn(_suspicions(solid, self.heights, topography))
+        suspicion.warn(_suspicions(solid, given, topography))
         self.solid = cast(solid, dtype)
         self.unit = topography.unit if topography else None
-        self.potential = as_module(potential, dtype)
-        for field in varying_fields(self.potential):
+        law = as_module(potential, dtype)
+        fields = varying_fields(law)
+        for field in fields:
             if field.shape != self.heights.shape:
                 raise ValueError(
                     f"A parameter of the law varies over points of shape {field.shape}, the "
                     f"heights have shape {self.heights.shape}: give one for each point."
                 )
+        self.potential = with_fields(law, list(map(solid.grid.placed, fields)))
         make_room(jax.tree.structure((self.solid, self.potential)))
         require_smooth(self.profile)
 
@@ -262,12 +266,14 @@ class Contact(eqx.Module):
         return balance
 
 
-def _suspicions(solid: Solid, heights: Array, topography: Topography | None) -> list[str]:
+def _suspicions(
+    solid: Solid, heights: Array | np.ndarray, topography: Topography | None
+) -> list[str]:
     """Return what looks wrong with heights on a solid: on a window edges need not meet."""
     if topography:
         return topography.wrong_scale if solid.is_window else topography.suspicions
-    is_unknown = solid.is_window or is_traced(heights)
-    return [] if is_unknown else suspicion.looks_wrong(np.asarray(heights))
+    is_unseen = solid.is_window or is_traced(heights) or is_spread(heights)
+    return [] if is_unseen else suspicion.looks_wrong(np.asarray(heights))
 
 
 @program
@@ -278,7 +284,7 @@ def _continued(contact: Contact, solid: Solid) -> Contact:
     # Not deeper than need be, as digits are lost to it.
     depth = _DEPTH * spread + jnp.max(solid.grid.spacing).astype(heights.dtype)
     fields = [mirrored(field) for field in varying_fields(law)]
-    is_there = padded(jnp.ones_like(heights, bool), False)
+    is_there = solid.grid.placed(padded(jnp.ones_like(heights, bool), False))
     return eqx.tree_at(
         lambda contact: (contact.solid, contact.heights, contact.potential),
         contact,

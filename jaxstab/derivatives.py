@@ -7,6 +7,7 @@ a mode. Its inverse is applied by preconditioned conjugate gradients and checked
 Solvers run without derivatives; `attach` adds them to what was found.
 """
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any, TypeVar
@@ -91,8 +92,8 @@ def _asked(inputs: Any, changes: Any) -> Float[Array, ""]:
         jax.tree.leaves(changes, is_leaf=_is_none), jax.tree.leaves(inputs), strict=True
     ):
         if change is not None:
-            phase = jnp.where(jnp.isfinite(leaf), leaf, 0).ravel()
-            asked = asked + jnp.vdot(jnp.cos(jnp.arange(1.0, leaf.size + 1) + phase), change)
+            phase = jnp.where(jnp.isfinite(leaf), leaf, 0) + _places(leaf)
+            asked = asked + jnp.sum(jnp.cos(1 + phase) * change)
     return asked
 
 
@@ -126,10 +127,18 @@ def finite(is_found: Bool[Array, ""], tree: Tree) -> Tree:
     def choose(leaf: Array) -> Array:
         if not jnp.issubdtype(leaf.dtype, jnp.floating):
             return leaf
-        other = 0.25 + 0.05 * jnp.cos(jnp.arange(leaf.size, dtype=leaf.dtype))
-        return jnp.where(is_found, leaf, other.reshape(leaf.shape))
+        return jnp.where(is_found, leaf, 0.25 + 0.05 * jnp.cos(_places(leaf)))
 
     return jax.tree.map(choose, tree)
+
+
+def _places(like: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Return the place of each entry in an array, of which devices may hold parts."""
+    sides = range(like.ndim)
+    places = (jax.lax.broadcasted_iota(like.dtype, like.shape, side) for side in sides)
+    strides = (math.prod(like.shape[side + 1 :]) for side in sides)
+    ways = (place * stride for place, stride in zip(places, strides, strict=True))
+    return sum(ways, jnp.zeros((), like.dtype))
 
 
 class LinearSystem(eqx.Module):

@@ -14,6 +14,8 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
+from jaxstab.checks import is_spread, known
+
 # What reading raises where JAX traces, or where a transformation left no numbers or other ones.
 UNREADABLE = (AttributeError, IndexError, TypeError, ValueError, RuntimeError)
 # A table of more rows is shortened in its middle to this many.
@@ -126,7 +128,7 @@ def described(value: Any) -> str:
     """Return dtype and shape of an array, and its range if known; of a scalar the number."""
     if not _is_readable(value):
         return f"traced {_kind(value)}" if isinstance(value, jax.core.Tracer) else _kind(value)
-    numbers = np.asarray(value)
+    numbers = known(value)
     if numbers.size <= 3 and numbers.ndim <= 1:
         texts = [_number(number) for number in numbers.ravel().tolist()]
         return texts[0] if numbers.ndim == 0 else f"[{', '.join(texts)}]"
@@ -135,7 +137,8 @@ def described(value: Any) -> str:
 
 def _named(module: Any, with_grids: bool) -> Iterator[tuple[str, Any]]:
     """Yield the fields of a module; what lives on a grid has more axes than its numbers."""
-    values = {f.name: getattr(module, f.name) for f in fields(module) if hasattr(module, f.name)}
+    shown = [f.name for f in fields(module) if f.repr and hasattr(module, f.name)]
+    values = {name: getattr(module, name) for name in shown}
     axes = {name: value.ndim for name, value in values.items() if _is_array(value)}
     fewest = min(axes.values(), default=0)
     for name, value in values.items():
@@ -182,22 +185,28 @@ def _kind(value: Any) -> str:
     return f"{value.dtype}[{', '.join(map(str, value.shape))}]"
 
 
-def _range(numbers: np.ndarray) -> str:
+def _range(numbers: Any) -> str:
     if numbers.dtype == bool:
-        return f"with {np.count_nonzero(numbers)} true"
-    finite = numbers[np.isfinite(numbers)]
-    missing = f"with {numbers.size - finite.size} not finite"
-    if finite.size == 0:
+        return f"with {numbers.sum()} true"
+    xp, finite = jnp if is_spread(numbers) else np, abs(numbers) < np.inf
+    missing = f"with {numbers.size - finite.sum()} not finite"
+    if not finite.any():
         return missing
     # Of a negative zero nothing is to be read.
-    least, most = finite.min() + 0.0, finite.max() + 0.0
+    least, most = (
+        float(reduce(numbers + 0.0, where=finite, initial=far)) + 0.0
+        for reduce, far in ((xp.min, np.inf), (xp.max, -np.inf))
+    )
     ends = f"from {least:.4g} to {most:.4g}"
-    return ends if finite.size == numbers.size else f"{ends}, {missing}"
+    return ends if finite.all() else f"{ends}, {missing}"
 
 
 def _is_readable(leaf: Any) -> bool:
     if isinstance(leaf, jax.core.Tracer) or not isinstance(leaf, np.ndarray | jax.Array):
         return False
-    if isinstance(leaf, jax.Array) and (leaf.is_deleted() or not leaf.is_fully_addressable):
-        return False
+    if isinstance(leaf, jax.Array):
+        # What other processes hold they would have to be asked for at the same time.
+        is_here = leaf.is_fully_addressable or leaf.is_fully_replicated
+        if leaf.is_deleted() or not is_here:
+            return False
     return any(jnp.issubdtype(leaf.dtype, kind) for kind in (np.number, np.bool_))

@@ -1,7 +1,7 @@
 """Periodic grids in one and two dimensions.
 
 Points lie at x_i = i L / n, wave vectors at q = 2 pi k / L; fields are real, so only the
-half spectrum of `rfftn` is kept.
+half spectrum of `rfftn` is kept. Fields may be spread over several devices.
 """
 
 import math
@@ -12,8 +12,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jax.sharding import NamedSharding
+from jaxtyping import Array, ArrayLike, Bool, Complex, Float, Shaped
 
+from jaxstab import transforms
 from jaxstab.checks import array, integer, is_traced, known, parameter, require_positive
 from jaxstab.display import inline
 
@@ -24,19 +26,30 @@ class Grid(eqx.Module):
     Arguments:
         shape: number of points along each side; one integer n means an n x n square.
         lengths: side lengths [length], all 1 by default.
+        sharding: how fields lie on several devices: a `NamedSharding` with one axis of its mesh
+            over the first side, `PartitionSpec("x")`; on one device by default. Files do not
+            keep it.
 
     Raises:
         ValueError: for other than one or two sides, fewer than 2 points along a side, or
-            lengths that are not positive.
-        TypeError: for a number of points that is not an integer.
+            lengths that are not positive; for another spec, a line on several devices, and a first
+            side that they do not divide.
+        TypeError: for a number of points that is not an integer, or another kind of sharding.
     """
 
     shape: tuple[int, ...] = eqx.field(static=True)
     lengths: Float[Array, " sides"]
+    sharding: NamedSharding | None = eqx.field(static=True, repr=False, default=None)
 
     __repr__ = inline
 
-    def __init__(self, shape: int | Sequence[int], lengths: Sequence[float] | ArrayLike = 1.0):
+    def __init__(
+        self,
+        shape: int | Sequence[int],
+        lengths: Sequence[float] | ArrayLike = 1.0,
+        *,
+        sharding: NamedSharding | None = None,
+    ):
         numbers: Any = shape if np.ndim(shape) else (shape, shape)
         self.shape = tuple(integer("A number of grid points", n) for n in numbers)
         if len(self.shape) not in (1, 2) or min(self.shape, default=0) < 2:
@@ -49,6 +62,7 @@ class Grid(eqx.Module):
         require_positive("A grid length", given)
         sides = given * np.ones(len(self.shape), given.dtype)
         self.lengths = sides if is_traced(sides) else array(sides)
+        self.sharding = None if sharding is None else transforms.checked(sharding, self.shape)
 
     @property
     def size(self) -> int:
@@ -78,37 +92,72 @@ class Grid(eqx.Module):
     def coordinates(self) -> tuple[Float[Array, " *grid"], ...]:
         """Coordinates of every point [length], one array for each side."""
         sides = [jnp.arange(n) * dx for n, dx in zip(self.shape, self.spacing, strict=True)]
-        return tuple(jnp.meshgrid(*sides, indexing="ij"))
+        return tuple(map(self.placed, jnp.meshgrid(*sides, indexing="ij")))
+
+    def placed(self, field: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."]:
+        """Return a field or several, or a spectrum, where those of the grid lie."""
+        if self.sharding is None:
+            return array(field) if isinstance(field, np.ndarray) else field
+        sharding = transforms.after(field.ndim - len(self.shape), self.sharding)
+        if isinstance(field, np.ndarray):
+            # Each process fills its own devices, with no word to the others.
+            return jax.make_array_from_callback(
+                field.shape, sharding, lambda part: field[part].copy()
+            )
+        if is_traced(field):
+            return jax.lax.with_sharding_constraint(field, sharding)
+        return jax.device_put(field, sharding)
+
+    def transform(self, field: Float[Array, " *grid"]) -> Complex[Array, " *modes"]:
+        """Return the half spectrum of a field: that of `rfftn`.
+
+        On several devices its axes are swapped, and last come waves that do not count.
+        """
+        return transforms.transform(field, self.sharding)
+
+    def inverse_transform(self, modes: Complex[Array, " *modes"]) -> Float[Array, " *grid"]:
+        """Return the field of a half spectrum."""
+        return transforms.inverse_transform(modes, self.shape, self.sharding)
 
     @property
     @jax.jit
     def wavenumbers(self) -> Float[Array, " *modes"]:
-        """Norm |q| = 2 pi |k / L| of every wave vector of `rfftn` [1/length]."""
+        """Norm |q| = 2 pi |k / L| of every wave vector of `transform` [1/length]."""
         # In waves per longest side, whose squares stay in range in any unit.
         longest = jax.lax.stop_gradient(jnp.max(self.lengths))
         sides = zip(self.waves, longest / self.lengths, strict=True)
         squared = sum((k.astype(ratio.dtype) * ratio) ** 2 for k, ratio in sides)
         # Two `where`s keep the derivative of the root at zero out of those of the lengths.
         norm = jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)
-        return 2 * jnp.pi / longest * norm
+        return self.placed(2 * jnp.pi / longest * norm)
 
     @property
     def waves(self) -> tuple[Float[np.ndarray, "..."], ...]:
-        """Number of waves k along each side of the wave vectors of `rfftn`, to be broadcast."""
+        """Number of waves k along each side of the modes of `transform`, to be broadcast."""
         *full, half = self.shape
-        axes = [np.fft.fftfreq(n, 1 / n) for n in full] + [np.fft.rfftfreq(half, 1 / half)]
-        return tuple(np.meshgrid(*axes, indexing="ij", sparse=True))
+        along = np.fft.rfftfreq(half, 1 / half)
+        axes = [*(np.fft.fftfreq(n, 1 / n) for n in full), self._filled_up(along, "edge")]
+        waves = np.meshgrid(*axes, indexing="ij", sparse=True)
+        return tuple(k if self.sharding is None else k.T for k in waves)
 
     @property
     @jax.jit
     def mode_multiplicity(self) -> Float[Array, " *modes"]:
-        """How many modes of the full spectrum each mode of `rfftn` stands for: 1 or 2."""
+        """How many modes of the full spectrum each mode of `transform` stands for: 1, 2, or 0."""
         half = self.shape[-1]
         column = np.full(half // 2 + 1, 2.0)
         column[0] = 1
         if half % 2 == 0:
             column[-1] = 1
-        return jnp.broadcast_to(column, (*self.shape[:-1], column.size))
+        column = self._filled_up(column, "constant")
+        if self.sharding is None:
+            return jnp.broadcast_to(column, (*self.shape[:-1], column.size))
+        return self.placed(jnp.broadcast_to(column[:, None], (column.size, self.shape[0])))
+
+    def _filled_up(self, column: np.ndarray, mode: Any) -> np.ndarray:
+        """Return what waves along the last side have, and those that do not count."""
+        count = transforms.num_waves(self.shape[-1], self.sharding)
+        return np.pad(column, (0, count - column.size), mode)
 
 
 def resample(field: Float[Array, " *grid"], shape: tuple[int, ...]) -> Float[Array, " *finer"]:

@@ -15,6 +15,7 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, Bool, Float
 
+from jaxstab.checks import is_spread, known
 from jaxstab.results import SolverError
 
 _UNSOLVED = (
@@ -114,12 +115,12 @@ def _passed(change: Array, is_leaving: bool) -> Array:
 
 @_guard.def_impl
 def _raise(change: Array, *exist: Array, sentences: tuple[str, ...], is_leaving: bool) -> Array:
-    number = np.asarray(change)
-    reasons = _reasons(np, number, [np.asarray(exists) for exists in exist], is_leaving)
+    number, xp = known(change), jnp if is_spread(change) else np
+    reasons = _reasons(xp, number, [np.asarray(exists) for exists in exist], is_leaving)
     for is_reason, sentence in zip(reasons, sentences, strict=True):
         if is_reason:
             raise SolverError(sentence)
-    return _passed(change, is_leaving) if np.isnan(number).any() else change
+    return _passed(change, is_leaving) if xp.isnan(number).any() else change
 
 
 @_guard.def_abstract_eval

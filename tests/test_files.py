@@ -261,6 +261,16 @@ def test_a_file_of_another_version_is_refused_in_a_sentence(case, tmp_path, chan
         js.load(path)
 
 
+def test_a_file_older_than_a_field_with_a_default_opens(case, tmp_path):
+    contact, sweep = case
+    path = js.save(tmp_path / "run.nc", contact, sweep[0].equilibrium)
+    with h5netcdf.File(path, "r+") as file:
+        structure = file.attrs["structure"]
+        file.attrs["structure"] = structure.replace(', "sharding": null', "")
+        assert file.attrs["structure"] != structure
+    assert_same_bits((contact, sweep[0].equilibrium), js.load(path))
+
+
 class Odd(eqx.Module):
     """A law whose fields are named like those of results."""
 

@@ -6,6 +6,7 @@ side: there K is their inverse, and where no surface is, equilibrium itself make
 
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
@@ -35,7 +36,7 @@ class Padded(Waves):
 
     def surface(self, field: Array) -> Array:
         """Return the window of one field or several."""
-        return field[(..., *(slice(n) for n in self.window))]
+        return _first(self, field)
 
     def flush(self, heights: Field) -> Field:
         """Return the surface continued by its mirror images, as no edge of it is."""
@@ -110,7 +111,8 @@ class FreeHalfSpace(Solid):
     def displacement(self, pressure: Field) -> Field:
         """Return G p, the displacement under a pressure on the window [length]."""
         whole = self.whole
-        return whole.surface(multiplied(1 / whole.multiplier, padded(pressure, 0)))
+        compliance = 1 / whole.multiplier
+        return whole.surface(multiplied(whole.grid, compliance, padded(pressure, 0)))
 
     @program
     def apply(self, displacement: Field) -> Field:
@@ -140,11 +142,19 @@ def mirrored(field: Field) -> Field:
     return jnp.pad(field, [(0, n) for n in field.shape], mode="symmetric")
 
 
+@jax.jit
+def _first(padded: Padded, field: Array) -> Array:
+    return padded.grid.placed(field[(..., *(slice(n) for n in padded.window))])
+
+
 @program
 def _whole(grid: Grid, modulus: Scalar) -> Padded:
     doubled = tuple(2 * n for n in grid.shape)
-    compliance = jnp.fft.rfftn(_coefficients(grid, doubled)).real
-    return Padded.of(Grid(doubled, 2 * grid.lengths), modulus / compliance)
+    whole = Grid(doubled, 2 * grid.lengths, sharding=grid.sharding)
+    compliance = whole.transform(whole.placed(_coefficients(grid, doubled))).real
+    # Those that stand for no wave are to be like one.
+    compliance = jnp.where(whole.mode_multiplicity > 0, compliance, compliance.ravel()[1])
+    return Padded.of(whole, modulus / compliance)
 
 
 def _coefficients(grid: Grid, doubled: tuple[int, ...]) -> Field:

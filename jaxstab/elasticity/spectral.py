@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from jaxstab.checks import known, require_positive
+from jaxstab.checks import require_positive
 from jaxstab.elasticity.solid import Field, FieldMap, Solid
 from jaxstab.functions import as_pytree
 from jaxstab.grid import Grid
@@ -50,12 +50,12 @@ class Waves(Solid):
 
     def apply(self, displacement: Field) -> Field:
         """Return K u [pressure], at the price of one pair of Fourier transforms."""
-        return multiplied(self.multiplier, displacement)
+        return multiplied(self.grid, self.multiplier, displacement)
 
     def precondition(self, shift: Float[Array, ""]) -> FieldMap:
         """Return the inverse of K + shift."""
         inverse = 1 / (self.multiplier + shift)
-        return lambda field: multiplied(inverse, field)
+        return lambda field: multiplied(self.grid, inverse, field)
 
     def held_by(self, stiffness: ArrayLike) -> "Waves":
         """Return the same solid with another multiplier at q = 0."""
@@ -66,8 +66,8 @@ class Waves(Solid):
         """Return max(0, level - K), the mean left out, and what it is on a point itself."""
         first = (0,) * self.multiplier.ndim
         lack = jnp.maximum(level - self.multiplier, 0).at[first].set(0)
-        on_point = jnp.fft.irfftn(lack, s=self.grid.shape).ravel()[0]
-        return lambda field: multiplied(lack, field), on_point
+        on_point = self.grid.inverse_transform(lack).ravel()[0]
+        return lambda field: multiplied(self.grid, lack, field), on_point
 
     def scaled(self, factor: Float[Array, ""]) -> "Waves":
         """Return the solid with its multiplier times a factor."""
@@ -76,10 +76,9 @@ class Waves(Solid):
         return replace(self, multiplier=multiplier, max_stiffness=most, min_stiffness=least)
 
 
-def multiplied(multiplier: Float[Array, " *modes"], field: Field) -> Field:
-    """Return a field with its waves multiplied."""
-    modes = multiplier.astype(field.dtype) * jnp.fft.rfftn(field)
-    return jnp.fft.irfftn(modes, s=field.shape)
+def multiplied(grid: Grid, multiplier: Float[Array, " *modes"], field: Field) -> Field:
+    """Return a field on a grid with its waves multiplied."""
+    return grid.inverse_transform(multiplier.astype(field.dtype) * grid.transform(field))
 
 
 class SpectralSolid(Solid):
@@ -145,7 +144,8 @@ class SpectralSolid(Solid):
         """
         multiplier = self.waves.multiplier
         moves = multiplier > 0
-        return multiplied(jnp.where(moves, 1 / jnp.where(moves, multiplier, 1), 0), pressure)
+        compliance = jnp.where(moves, 1 / jnp.where(moves, multiplier, 1), 0)
+        return multiplied(self.grid, compliance, pressure)
 
 
 class Spectral(SpectralSolid):
@@ -169,7 +169,9 @@ class Spectral(SpectralSolid):
         wavenumbers = jax.eval_shape(lambda grid: grid.wavenumbers, grid)
         cure = "it must return one real stiffness for each wavenumber."
         self.function = as_pytree("The function of the solid", function, wavenumbers, cure)
-        require_positive("The stiffness of a wave", known(self.waves.multiplier).ravel()[1:])
+        waves = self.waves
+        for stiffness in (waves.min_stiffness, waves.max_stiffness):
+            require_positive("The stiffness of a wave", stiffness)
 
     def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
         """Return function(|q|) [pressure/length]."""

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxstab.checks import is_traced, known, parameter, require, require_finite
+from jaxstab.checks import is_traced, known, numbers, require, require_finite
 from jaxstab.contact import Contact
 from jaxstab.derivatives import attach
 from jaxstab.elasticity import Solid
@@ -229,9 +229,10 @@ def initial_gap(contact: Contact, load: Load, initial: ArrayLike | State | None)
         if gap.ndim == len(shape) and gap.shape != shape:
             gap = contact.gap(resample(state.displacement, shape))
     else:
-        gap = parameter(initial, "The initial gap")
+        gap = numbers(initial, "The initial gap")
     if gap.shape != shape:
         raise ValueError(f"The initial gap has shape {gap.shape}, the grid {shape}.")
+    gap = contact.grid.placed(gap)
     require_finite("The initial gap", gap)
     if contact.control(load).fixes_mean:
         largest = known(gap).max()

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxstab.checks import is_traced
+from jaxstab.checks import is_traced, known
 from jaxstab.contact import Contact
 from jaxstab.derivatives import LinearSystem
 from jaxstab.elasticity import Field, Padded, mirrored, multiplied, padded
@@ -42,7 +42,7 @@ def whole_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Eq
     if whole is contact or not isinstance(solid, Padded):
         return contact, equilibrium
     pressure = padded(equilibrium.pressure, 0)
-    shape = multiplied(1 / solid.multiplier, pressure)
+    shape = multiplied(solid.grid, 1 / solid.multiplier, pressure)
     far = mean(equilibrium.displacement - solid.surface(shape))
     is_there = padded(jnp.ones_like(equilibrium.in_contact), False)
     displacement = jnp.where(is_there, padded(equilibrium.displacement, 0), shape + far)
@@ -85,10 +85,10 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
     is_found = equilibrium.result == RESULTS.successful
     if not contact.solid.is_window or is_traced((contact, equilibrium)) or not is_found:
         return
-    pressures = np.abs(equilibrium.pressure)
-    largest, at_edges = pressures.max(), pressures.copy()
-    at_edges[(slice(1, -1),) * pressures.ndim] = 0
-    share = at_edges.max() / largest if largest > 0 else 0
+    pressures = abs(known(equilibrium.pressure))
+    ends = [pressures.take(np.array([0, n - 1]), axis) for axis, n in enumerate(pressures.shape)]
+    largest, at_edges = pressures.max(), max(end.max() for end in ends)
+    share = at_edges / largest if largest > 0 else 0
     if share > _MOST_AT_EDGES:
         warnings.warn(
             f"at the edges of the window the pressure is {share:.2g} of its largest value: contact "

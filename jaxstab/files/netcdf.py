@@ -76,7 +76,7 @@ def save(
 
 
 def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Contact, Any]:
-    """Return the contact and the result that `save` wrote, to the last bit.
+    """Return the contact and the result that `save` wrote, to the last bit, on one device.
 
     Arguments:
         path: the file.

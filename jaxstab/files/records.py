@@ -5,7 +5,7 @@ functions have none: of these only the name is kept.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from importlib import import_module
 from typing import Any
 
@@ -82,7 +82,8 @@ class Recorder:
             axes: the names of the leading axes of all of its arrays.
             axes_of: those of a field of its own, where they are others.
         """
-        if value is None:
+        if value is None or isinstance(value, jax.sharding.Sharding):
+            # What is restored lies on one device.
             return None
         if isinstance(value, Enumeration):
             return {"members": type(value).__name__, **self._array(value.name, path, axes)}
@@ -163,13 +164,18 @@ def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> Any:
         case {"function": name}:
             return LostFunction(name)
     found = _class(structure["class"])
-    names = [field.name for field in fields(found)]
-    if set(names) != set(structure["fields"]):
+    defaults = {field.name: field.default for field in fields(found)}
+    contents = structure["fields"]
+    # A file may be older than a field that has a default.
+    absent = {name: default for name, default in defaults.items() if name not in contents}
+    if MISSING in absent.values() or not set(contents) <= set(defaults):
         raise ValueError(
-            f"{structure['class']} has the fields {', '.join(names)}, in the file "
-            f"{', '.join(structure['fields'])}: it was written with another version of the class."
+            f"{structure['class']} has the fields {', '.join(defaults)}, in the file "
+            f"{', '.join(contents)}: it was written with another version of the class."
         )
     module = object.__new__(found)
+    for name, default in absent.items():
+        object.__setattr__(module, name, default)
     for name, part in structure["fields"].items():
         object.__setattr__(module, name, restored(part, arrays))
     return module

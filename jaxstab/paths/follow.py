@@ -9,7 +9,6 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.branches.implicit import differentiable_value
@@ -276,7 +275,7 @@ def _cut(path: Path, num_states: int, num_jumps: int) -> Path:
     """Return a path with as many entries as there are."""
 
     def first(tree: Any, number: int) -> Any:
-        return jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf)[:number]), tree)
+        return jax.tree.map(lambda leaf: jax.device_put(known(leaf)[:number]), tree)
 
     load, equilibrium = first((path.load, path.equilibrium), num_states)
     return replace(path, load=load, equilibrium=equilibrium, jumps=first(path.jumps, num_jumps))

@@ -216,12 +216,12 @@ def prepared(
     weak = in_contact & (balance.net <= error)
     nearly_touching = ~in_contact & (gap * hessian.solid.max_stiffness <= error)
     # Where there is nothing to assess, nothing moves.
-    nowhere = jnp.zeros_like(in_contact) | ~is_found
+    nowhere = contact.grid.placed(jnp.zeros_like(in_contact) | ~is_found)
     search = Search(
         hessian=hessian,
         cone=AdmissibleCone(in_contact, nowhere, control.fixes_mean),
         critical_cone=AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean),
-        random=noise(key, _NUM_RANDOM, gap),
+        random=contact.grid.placed(noise(key, _NUM_RANDOM, gap)),
         nearly_touching=nearly_touching,
         touches=jnp.any(in_contact),
         is_weak=jnp.any(weak),

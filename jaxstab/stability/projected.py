@@ -244,6 +244,9 @@ def _lower(
     is_tiny = (lengths > 0) & (lengths < jnp.sqrt(jnp.finfo(lengths.dtype).eps))
     is_rough = jnp.any(is_tiny | (norms(products) > operator.scale * lengths))
 
+    # Near its end a quotient falls by less than it is rounded.
+    highest = point.eigenvalue + 4 * jnp.finfo(lengths.dtype).eps * operator.scale
+
     def attempt(trial: _Trial) -> _Trial:
         part = stays + trial.length * moves
         vector, product = combination(part, basis), combination(part, products)
@@ -257,7 +260,7 @@ def _lower(
         return _Trial(
             point=tried,
             # Zero may be the nearest vector of the cone.
-            is_lower=(tried.eigenvalue <= point.eigenvalue) & jnp.any(tried.mode != 0),
+            is_lower=(tried.eigenvalue <= highest) & jnp.any(tried.mode != 0),
             length=trial.length / 3,
             num_tries=trial.num_tries + 1,
             num_applications=trial.num_applications + is_new,

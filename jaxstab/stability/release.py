@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxstab.checks import parameter, require, require_finite
+from jaxstab.checks import numbers, parameter, require, require_finite
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
 from jaxstab.equilibrium.recognition import recognised
@@ -50,9 +50,10 @@ def release(
         SolverError: as `equilibrate`, and for a state that is no equilibrium of the contact.
     """
     equilibrium = equilibrium_of(contact, equilibrium)
-    x = parameter(mode)
+    x = numbers(mode, "The mode")
     if x.shape != contact.grid.shape:
         raise ValueError(f"The mode has shape {x.shape}, the grid {contact.grid.shape}.")
+    x = contact.grid.placed(x)
     require_finite("The mode", x)
     cure = "release a converged one."
     is_finite = jnp.all(jnp.isfinite(equilibrium.gap))

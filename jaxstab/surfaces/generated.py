@@ -134,18 +134,18 @@ def _filtered_noise(
     power = 2 * hurst + len(grid.shape) if exponent == "field" else hurst + 2
     spectrum = jnp.maximum(jnp.where(passes, k, k_rolloff), k_rolloff) ** -power
     modes = jnp.where(passes, jnp.sqrt(spectrum), 0) * _wave_noise(grid, key)
-    heights = jnp.fft.irfftn(modes, s=grid.shape)
+    heights = grid.inverse_transform(modes)
     return heights * (target / rms_derivative(grid, heights, order)), jnp.sum(passes)
 
 
 def _wave_noise(grid: Grid, key: PRNGKeyArray) -> Complex[Array, " *modes"]:
-    """Return complex normal noise that each wave of `rfftn` has on every grid alike."""
+    """Return complex normal noise that each wave of a half spectrum has on every grid alike."""
     *across, along = (jnp.asarray(k, jnp.int32) for k in grid.waves)
     k = across[0] if across else jnp.zeros_like(along)
     # Of the waves k and -k the half spectrum keeps both only where `along` is zero.
     is_conjugate = (along == 0) & (k < 0)
-    label = (jnp.where(is_conjugate, -k, k) & 0xFFFF) | (along << 16)
+    label = grid.placed((jnp.where(is_conjugate, -k, k) & 0xFFFF) | (along << 16))
     keys = jax.vmap(jax.random.fold_in, (None, 0))(key, label.ravel().astype(jnp.uint32))
     real, imaginary = jax.vmap(lambda key: jax.random.normal(key, (2,)))(keys).T
     noise = (real + 1j * jnp.where(is_conjugate.ravel(), -imaginary, imaginary)) * grid.size
-    return noise.reshape(label.shape)
+    return grid.placed(noise.reshape(label.shape))

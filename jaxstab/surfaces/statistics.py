@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxstab.checks import is_traced, known, parameter, require
+from jaxstab.checks import is_traced, known, numbers, parameter, require
 from jaxstab.grid import Grid
 from jaxstab.surfaces.topography import Topography
 
@@ -74,7 +74,7 @@ def power_spectrum(grid: Grid, heights: Float[Array, " *grid"] | Topography) -> 
     num_rings = int(np.linalg.norm(nyquist(grid.shape, lengths))) + 2
     ring = jnp.round(grid.wavenumbers / fundamental).astype(int)
     multiplicity = grid.mode_multiplicity
-    power = multiplicity * jnp.abs(jnp.fft.rfftn(heights)) ** 2 * grid.cell_area / grid.size
+    power = multiplicity * jnp.abs(grid.transform(heights)) ** 2 * grid.cell_area / grid.size
     num_waves = jnp.zeros(num_rings).at[ring].add(multiplicity)
     density = jnp.zeros(num_rings).at[ring].add(power) / jnp.maximum(num_waves, 1)
     return PowerSpectrum(fundamental * jnp.arange(1, num_rings), density[1:], num_waves[1:])
@@ -115,8 +115,8 @@ def autocorrelation(grid: Grid, heights: Float[Array, " *grid"] | Topography) ->
     distance = jnp.sqrt(sum(jnp.minimum(x, length - x) ** 2 for x, length in sides))
     # What lies farther than the last ring is dropped, as is usual in JAX beyond an array's end.
     ring = jnp.ceil(distance / width - _ROUNDING).astype(int)
-    power = jnp.abs(jnp.fft.rfftn(heights - jnp.mean(heights))) ** 2
-    value = jnp.fft.irfftn(power, s=grid.shape) / grid.size
+    power = jnp.abs(grid.transform(heights - jnp.mean(heights))) ** 2
+    value = grid.inverse_transform(power) / grid.size
 
     def averaged(field: Float[Array, " *grid"]) -> Float[Array, " rings"]:
         return jnp.zeros(num_rings, field.dtype).at[ring].add(field, mode="drop")
@@ -199,14 +199,14 @@ def _heights_on(grid: Grid, heights: Any) -> Float[Array, " *grid"]:
         raise ValueError(
             f"heights have shape {heights.shape}, the grid {grid.shape}: they must agree."
         )
-    return heights
+    return grid.placed(heights)
 
 
-def _complete(heights: Any) -> Float[Array, " *grid"]:
+def _complete(heights: Any) -> Float[Array | np.ndarray, " *grid"]:
     """Return heights as an array, which where it is known must be finite."""
     given = heights.heights if isinstance(heights, Topography) else heights
-    heights = parameter(given, "The array of heights")
-    if not is_traced(heights) and (missing := int((~np.isfinite(known(heights))).sum())):
+    heights = numbers(given, "The array of heights")
+    if not is_traced(heights) and (missing := int((~(abs(known(heights)) < np.inf)).sum())):
         raise ValueError(
             f"{missing} of {heights.size} heights are NaN or infinite: fill them by "
             "`Topography.filled()`."
@@ -216,11 +216,11 @@ def _complete(heights: Any) -> Float[Array, " *grid"]:
 
 def _gradient(grid: Grid, heights: Float[Array, " *grid"]) -> list[Float[Array, " *grid"]]:
     """Return the derivatives of the Fourier series along each side."""
-    modes = jnp.fft.rfftn(heights)
+    modes = grid.transform(heights)
     sides = zip(grid.waves, grid.shape, grid.lengths, strict=True)
     # The wave of two points is a cosine on the points, whose slope there is zero.
     factors = [2j * jnp.pi / L * np.where(2 * abs(k) == n, 0, k) for k, n, L in sides]
-    return [jnp.fft.irfftn(factor * modes, s=grid.shape) for factor in factors]
+    return [grid.inverse_transform(factor * modes) for factor in factors]
 
 
 def nyquist(shape: tuple[int, ...], lengths: Any) -> Any:
@@ -232,5 +232,5 @@ def nyquist(shape: tuple[int, ...], lengths: Any) -> Any:
 def rms_derivative(grid: Grid, heights: Float[Array, " *grid"], order: int) -> Float[Array, ""]:
     """Return the rms of |q|^order h(q), by Parseval's theorem."""
     q = grid.wavenumbers
-    squares = jnp.where(q > 0, (q**order * jnp.abs(jnp.fft.rfftn(heights))) ** 2, 0)
+    squares = jnp.where(q > 0, (q**order * jnp.abs(grid.transform(heights))) ** 2, 0)
     return jnp.sqrt(jnp.sum(grid.mode_multiplicity * squares)) / grid.size

@@ -1,0 +1,128 @@
+"""A contact on all devices that there are: a script, of which a test starts processes.
+
+It writes what it finds to a file of NumPy's. Arguments: the file, and for one of two processes its
+number and the address of the first.
+"""
+
+import sys
+from importlib import import_module
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import NamedSharding, PartitionSpec
+
+import jaxstab as js
+from jaxstab.hessian import Hessian
+from jaxstab.stability.cones import Subspace
+
+N = 32
+
+
+def contact_on(grid, surface_energy=0.02):
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=0.1)
+    law = js.potentials.Exponential(surface_energy, 0.1)
+    return js.Contact(js.HalfSpace(grid, 1.0), heights, law)
+
+
+def load_and_solver():
+    return js.MeanGap(0.12), js.PreconditionedConjugateGradient(1e-13)
+
+
+def numbers(equilibrium, stability):
+    eigenvalues = [pair.eigenvalue for pair in stability.pairs.values()]
+    return np.stack([equilibrium.mean_pressure, equilibrium.energy, *eigenvalues])
+
+
+def state(grid):
+    """Return fields, and numbers with their derivatives by the surface energy."""
+
+    def solved(surface_energy):
+        contact = contact_on(grid, surface_energy)
+        equilibrium = js.equilibrate(contact, *load_and_solver(), initial=np.ones((N, N)))
+        solver = js.ProjectedLOBPCG(1e-11)
+        return equilibrium, js.assess_stability(contact, equilibrium, solver, throw=False)
+
+    found, changes = jax.jvp(solved, (0.02,), (1.0,))
+    equilibrium, stability = found
+    names = "displacement", "gap", "pressure", "reaction"
+    return {
+        "fields": np.stack([getattr(equilibrium, name) for name in names]),
+        "numbers": numbers(*found),
+        "derivatives": numbers(*changes),
+        "verdict": stability.verdict.name,
+        "shown": repr(equilibrium),
+        "whole": whole(found),
+    }
+
+
+def whole(tree):
+    """Return which fields are not divided among the devices."""
+    return [
+        jax.tree_util.keystr(path)
+        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
+        if leaf.shape[:1] != (512,)
+        and leaf.size >= N * N // 2
+        and leaf.addressable_shards[0].data.size * jax.device_count() != leaf.size
+    ]
+
+
+def window(grid):
+    solid = js.FreeHalfSpace(grid, 1.0)
+    displacement = solid.displacement(grid.placed(np.eye(N)))
+    return {"window": displacement, "whole_on_window": whole((displacement, solid.whole))}
+
+
+def programs(grid):
+    """Return the texts of the programs of an equilibrium and of an eigenvalue."""
+    contact = contact_on(grid)
+    heights = contact.heights
+    find = import_module("jaxstab.equilibrium.equilibrate")._find_in_own_units
+    search = import_module("jaxstab.stability.search")._on_space
+    hessian, space = Hessian(contact.solid, heights), Subspace(heights > 0)
+    lowered = [
+        find.lower(contact, *load_and_solver(), heights, False),
+        search.lower(js.Davidson(1e-7), hessian, space, jnp.stack(4 * [heights])),
+    ]
+    return {"programs": [program.compile().as_text() for program in lowered]}
+
+
+def refusal(build):
+    try:
+        build()
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def between_processes(grid):
+    """Return what every process knows."""
+    contact = contact_on(grid)
+    equilibrium = js.equilibrate(contact, *load_and_solver())
+    missing = np.ones((N, N))
+    missing[-1, 2] = np.nan
+    return {
+        "numbers": [equilibrium.mean_pressure, equilibrium.energy],
+        "shown": repr(equilibrium),
+        "refused": refusal(lambda: js.Contact(contact.solid, missing, contact.potential)),
+    }
+
+
+def main(path, *process):
+    jax.config.update("jax_enable_x64", True)
+    if process:
+        jax.distributed.initialize(process[1], 2, int(process[0]))
+    count = jax.device_count()
+    mesh = jax.make_mesh((count,), ("x",))
+    sharding = NamedSharding(mesh, PartitionSpec("x"))
+    grid = js.Grid(N, sharding=sharding if count > 1 else None)
+    if process:
+        found = between_processes(grid)
+    else:
+        found = state(grid) | window(grid) | programs(grid)
+        found["refused"] = refusal(lambda: js.Grid(count + 1, sharding=sharding))
+    np.savez(path, **found)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
