@@ -14,13 +14,16 @@ from jaxstab.grid import total, totals
 from jaxstab.hessian import Block
 
 
-def inner_products(block: Block, field: Float[Array, " *grid"]) -> Float[Array, " block"]:
+def inner_products(
+    block: Block | Sequence[Float[Array, " *grid"]], field: Float[Array, " *grid"]
+) -> Float[Array, " block"]:
     """Return the inner product of every vector of a block with a field."""
     return totals([vector * field for vector in block])
 
 
 def combination(
-    parts: Float[Array, " block"], block: Block | Sequence[Float[Array, " *grid"]]
+    parts: Float[Array, " block"] | Sequence[Float[Array, ""]],
+    block: Block | Sequence[Float[Array, " *grid"]],
 ) -> Float[Array, " *grid"]:
     """Return a linear combination of the vectors of a block."""
     return reduce(jnp.add, (part * vector for part, vector in zip(parts, block, strict=True)))

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxstab.grid import totals
+from jaxstab.grid import total, totals
 from jaxstab.hessian import Block, SymmetricOperator
 from jaxstab.iterate import Indicators, optional_parameter
 from jaxstab.stability.blocks import (
@@ -55,9 +55,11 @@ class _Span(eqx.Module):
         space: Subspace,
     ) -> "_Span":
         """Return the space with another vector, made a unit one orthogonal to the rest."""
-        overlaps = inner_products(self.basis, vector)
-        # Projected last: what is left of it may be little more than rounding.
-        vector = scaled_to_unit(space.project(vector - combination(overlaps, self.basis)))
+        *overlaps, square = inner_products([*self.basis, vector], vector)
+        rest = space.project(vector - combination(overlaps, self.basis))
+        # None, where what is left is little more than rounding.
+        is_new = total(rest**2) > _rounding(square.dtype) ** 2 * square
+        vector = jnp.where(is_new, scaled_to_unit(rest), 0)
         product = space.project(operator(vector))
         basis, products = self.basis.at[slot].set(vector), self.products.at[slot].set(product)
         # Orthogonal only to rounding.
@@ -113,10 +115,12 @@ class Davidson(SpaceSolver):
         def restarted(span: _Span, last: Array) -> _State:
             """Keep the lowest Ritz vectors, and the part of another vector apart from them."""
             eigenvalues, parts = rayleigh_ritz(span.gram, span.energies, size)
+            square = last @ span.gram @ last
             for _ in range(2):
                 last -= parts @ (parts.T @ (span.gram @ last))
-            norm = jnp.sqrt(last @ span.gram @ last)
-            last = jnp.where(norm > 0, last / jnp.where(norm > 0, norm, 1), 0)
+            rest = last @ span.gram @ last
+            is_new = rest > _rounding(square.dtype) ** 2 * square
+            last = jnp.where(is_new, last / jnp.sqrt(jnp.where(is_new, rest, 1)), 0)
             span = span.spanned_by(jnp.column_stack([parts, last]))
             residuals = [span.products[i] - eigenvalues[i] * span.basis[i] for i in range(count)]
             return _State(span, eigenvalues[:count], norms(residuals) / operator.scale)
@@ -162,3 +166,8 @@ class Davidson(SpaceSolver):
             result=iteration.result,
             history=iteration.history,
         )
+
+
+def _rounding(dtype: jnp.dtype) -> float:
+    """Return what part of a vector, orthogonal to all others, may be rounding."""
+    return float(jnp.finfo(dtype).eps) ** (2 / 3)
