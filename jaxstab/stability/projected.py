@@ -7,7 +7,6 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxstab.grid import total, totals
@@ -119,11 +118,9 @@ def _inner_products(
 ) -> tuple[Float[Array, "vectors vectors"], Float[Array, "vectors vectors"]]:
     """Return those of the vectors of a basis with each other, and with A times each."""
     size = len(basis)
-    pairs = [(left, right) for left in range(size) for right in range(left + 1)]
-    sums = totals([basis[i] * block[j] for block in (basis, products) for i, j in pairs])
-    rows, columns = np.transpose(pairs)
-    lower = jnp.zeros((2, size, size), sums.dtype).at[:, rows, columns].set(sums.reshape(2, -1))
-    gram, energies = lower.at[:, columns, rows].set(sums.reshape(2, -1))
+    # Both triangles, whose means have half of the error that products gather.
+    sums = totals([left * right for left in basis for right in (*basis, *products)])
+    gram, energies = jnp.split(sums.reshape(size, 2 * size), 2, axis=1)
     return gram, energies
 
 
@@ -244,9 +241,6 @@ def _lower(
     is_tiny = (lengths > 0) & (lengths < jnp.sqrt(jnp.finfo(lengths.dtype).eps))
     is_rough = jnp.any(is_tiny | (norms(products) > operator.scale * lengths))
 
-    # Near its end a quotient falls by less than it is rounded.
-    highest = point.eigenvalue + 4 * jnp.finfo(lengths.dtype).eps * operator.scale
-
     def attempt(trial: _Trial) -> _Trial:
         part = stays + trial.length * moves
         vector, product = combination(part, basis), combination(part, products)
@@ -260,7 +254,7 @@ def _lower(
         return _Trial(
             point=tried,
             # Zero may be the nearest vector of the cone.
-            is_lower=(tried.eigenvalue <= highest) & jnp.any(tried.mode != 0),
+            is_lower=(tried.eigenvalue <= point.eigenvalue) & jnp.any(tried.mode != 0),
             length=trial.length / 3,
             num_tries=trial.num_tries + 1,
             num_applications=trial.num_applications + is_new,
