@@ -125,9 +125,15 @@ def require_positive(name: str, value: Float[Array, "..."]) -> None:
     require(name, value, (value > 0) & (value < np.inf), "it must be positive and finite.")
 
 
+def are_finite(value: Float[Array | np.ndarray, "..."]) -> Any:
+    """Return where a value that is known is neither NaN nor infinite."""
+    # A comparison works also on what is spread.
+    return abs(known(value)) < np.inf
+
+
 def require_finite(name: str, value: Float[Array, "..."]) -> None:
     """Raise `ValueError` naming the first point where `value`, if known, is NaN or infinite."""
-    if is_traced(value) or (finite := abs(known(value)) < np.inf).all():
+    if is_traced(value) or (finite := are_finite(value)).all():
         return
     index = tuple(int(i) for i in np.unravel_index(int(finite.argmin()), finite.shape))
     raise ValueError(

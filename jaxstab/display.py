@@ -14,7 +14,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from jaxstab.checks import is_spread, known
+from jaxstab.checks import are_finite, is_spread, known
 
 # What reading raises where JAX traces, or where a transformation left no numbers or other ones.
 UNREADABLE = (AttributeError, IndexError, TypeError, ValueError, RuntimeError)
@@ -188,7 +188,7 @@ def _kind(value: Any) -> str:
 def _range(numbers: Any) -> str:
     if numbers.dtype == bool:
         return f"with {numbers.sum()} true"
-    xp, finite = jnp if is_spread(numbers) else np, abs(numbers) < np.inf
+    xp, finite = jnp if is_spread(numbers) else np, are_finite(numbers)
     missing = f"with {numbers.size - finite.sum()} not finite"
     if not finite.any():
         return missing

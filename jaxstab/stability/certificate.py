@@ -72,11 +72,16 @@ def certified_bound(
 
     def goes_on(state: tuple[Array, Array, Array]) -> Bool[Array, ""]:
         number, best, _ = state
-        return (number < len(SHARES)) & (best <= 0)
+        return is_sought(number, best)
 
     start = jnp.array(0), jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)
     _, best, cost = jax.lax.while_loop(goes_on, attempt, start)
     return best, cost
+
+
+def is_sought(number: Int[Array, ""], best: Float[Array, ""]) -> Bool[Array, ""]:
+    """Return whether the share of this number is to be tried, with the best bound so far."""
+    return (number < len(SHARES)) & (best <= 0)
 
 
 def bound_by(

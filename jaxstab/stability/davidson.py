@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxstab.grid import total, totals
+from jaxstab.grid import total
 from jaxstab.hessian import Block, SymmetricOperator
 from jaxstab.iterate import Indicators, optional_parameter
 from jaxstab.stability.blocks import (
@@ -63,8 +63,7 @@ class _Span(eqx.Module):
         product = space.project(operator(vector))
         basis, products = self.basis.at[slot].set(vector), self.products.at[slot].set(product)
         # Orthogonal only to rounding.
-        both = totals([other * vector for block in (basis, products) for other in block])
-        overlaps, energies = jnp.split(both, 2)
+        overlaps, energies = jnp.split(inner_products([*basis, *products], vector), 2)
         return _Span(
             basis,
             products,
@@ -82,6 +81,10 @@ class _Span(eqx.Module):
             parts.T @ self.gram @ parts,
             parts.T @ self.energies @ parts,
         )
+
+
+# A space, the Ritz vectors in it of the last two, and the eigenvalue of the last.
+_Widening = tuple[_Span, Array, Array, Array]
 
 
 class _State(eqx.Module):
@@ -125,27 +128,22 @@ class Davidson(SpaceSolver):
             residuals = [span.products[i] - eigenvalues[i] * span.basis[i] for i in range(count)]
             return _State(span, eigenvalues[:count], norms(residuals) / operator.scale)
 
-        def widen(
-            index: Array, carry: tuple[_Span, Array, Array, Array], target: Array, precondition
-        ) -> tuple[_Span, Array, Array, Array]:
-            span, _, parts, eigenvalue = carry
-            mode, product = combination(parts, span.basis), combination(parts, span.products)
-            steepest = precondition(product - eigenvalue * mode)
-            span = span.with_vector(size + 1 + index, steepest, operator, space)
-            eigenvalues, ritz = rayleigh_ritz(span.gram, span.energies, size)
-            return span, parts, ritz[:, target], eigenvalues[target]
-
         def step(state: _State) -> _State:
             target = jnp.argmax(state.residuals > tolerance)
             eigenvalue = state.eigenvalues[target]
             precondition = operator.preconditioner(state.span.basis[target], eigenvalue)
+
+            def widen(index: Array, carry: _Widening) -> _Widening:
+                span, _, parts, eigenvalue = carry
+                mode, product = combination(parts, span.basis), combination(parts, span.products)
+                steepest = precondition(product - eigenvalue * mode)
+                span = span.with_vector(size + 1 + index, steepest, operator, space)
+                eigenvalues, ritz = rayleigh_ritz(span.gram, span.energies, size)
+                return span, parts, ritz[:, target], eigenvalues[target]
+
             parts = jnp.zeros(len(state.span.basis), starts.dtype).at[target].set(1)
-            span, last, *_ = jax.lax.fori_loop(
-                0,
-                _NUM_RESIDUALS,
-                lambda index, carry: widen(index, carry, target, precondition),
-                (state.span, parts, parts, eigenvalue),
-            )
+            start = state.span, parts, parts, eigenvalue
+            span, last, *_ = jax.lax.fori_loop(0, _NUM_RESIDUALS, widen, start)
             return restarted(span, last)
 
         def measure(state: _State) -> Indicators:

@@ -19,7 +19,7 @@ from jaxstab.iterate import Loop
 from jaxstab.pause import Pause
 from jaxstab.refill import Record, Stage
 from jaxstab.stability.assess import prepared, stability_of
-from jaxstab.stability.certificate import SHARES, bound_by
+from jaxstab.stability.certificate import SHARES, bound_by, is_sought
 from jaxstab.stability.competition import Competitor, decided, entered, turned
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.davidson import Davidson
@@ -307,7 +307,7 @@ class BoundStage(Stage):
             number=state.number + 1,
             best=best,
             cost=state.cost + jnp.where(state.is_needed, cost, 0),
-            is_needed=state.is_needed & (best <= 0) & (state.number + 1 < len(SHARES)),
+            is_needed=state.is_needed & is_sought(state.number + 1, best),
         )
         return jax.tree.map(lambda leaf: leaf[None], self._begun(search, turned))
 

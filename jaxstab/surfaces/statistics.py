@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxstab.checks import is_traced, known, numbers, parameter, require
+from jaxstab.checks import are_finite, is_traced, known, numbers, parameter, require
 from jaxstab.grid import Grid
 from jaxstab.surfaces.topography import Topography
 
@@ -206,7 +206,7 @@ def _complete(heights: Any) -> Float[Array | np.ndarray, " *grid"]:
     """Return heights as an array, which where it is known must be finite."""
     given = heights.heights if isinstance(heights, Topography) else heights
     heights = numbers(given, "The array of heights")
-    if not is_traced(heights) and (missing := int((~(abs(known(heights)) < np.inf)).sum())):
+    if not is_traced(heights) and (missing := int((~are_finite(heights)).sum())):
         raise ValueError(
             f"{missing} of {heights.size} heights are NaN or infinite: fill them by "
             "`Topography.filled()`."
