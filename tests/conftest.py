@@ -6,9 +6,13 @@ import shutil
 import signal
 import tempfile
 from contextlib import contextmanager
+from importlib.metadata import version
 
 # Most of the time goes into compiling, and most of that into making small programs faster.
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+if version("jaxlib").startswith("0.10."):
+    # Later ones have no other emitters, and end where a flag is not known.
+    os.environ["XLA_FLAGS"] += " --xla_cpu_use_fusion_emitters=false"
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     # Workers and subprocesses inherit it, and compile nothing that another one has.
     os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="jaxstab-programs-")

@@ -20,9 +20,7 @@ ROOT = SCRIPT.parent.parent
 
 
 def started(num_devices, *arguments):
-    flags = f"--xla_force_host_platform_device_count={num_devices}"
-    # Programs run once or twice here: compiling well takes longer than running badly.
-    flags += " --xla_backend_optimization_level=0"
+    flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count={num_devices}"
     environment = os.environ | {"XLA_FLAGS": flags, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, SCRIPT, *map(str, arguments)]
     return subprocess.Popen(

@@ -482,7 +482,8 @@ def test_cases_are_dealt_to_all_devices_and_zarr_is_imported_late(tmp_path):
             print(sorted(set(study.device.values.tolist())))
         """)
     )
-    environment = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+    flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count=2"
+    environment = {**os.environ, "XLA_FLAGS": flags}
     command = [sys.executable, "script.py"]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.stdout == "[0, 1]\n", done.stderr

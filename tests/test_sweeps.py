@@ -51,7 +51,10 @@ def test_on_an_accelerator_lengths_share_few_programs(unloading, independent, mo
     loads = js.MeanGap(LOADS[:5])
     swept = js.sweep(unloading, loads, stability=False, progress=True)
     assert "5/5" in capsys.readouterr().err
-    assert_same(swept.equilibrium, independent[:5].equilibrium)
+    # There all lanes run together, which rounds in another way.
+    alone = independent[:5].equilibrium
+    np.testing.assert_array_equal(swept.equilibrium.num_steps, alone.num_steps)
+    np.testing.assert_allclose(swept.equilibrium.gap, alone.gap, rtol=0, atol=1e-13)
     loads = js.MeanGap(LOADS[:6])
     with compilations() as compiled:
         js.sweep(unloading, loads, stability=False)
