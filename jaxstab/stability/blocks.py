@@ -7,6 +7,7 @@ can be.
 from collections.abc import Sequence
 from functools import reduce
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -29,9 +30,18 @@ def combination(
     return reduce(jnp.add, (part * vector for part, vector in zip(parts, block, strict=True)))
 
 
-def combinations(parts: Float[Array, "block count"], block: Block) -> Block:
-    """Return linear combinations of the vectors of a block."""
-    return jnp.stack([combination(column, block) for column in parts.T])
+def combinations(parts: Float[Array, "block count"], *blocks: Block) -> tuple[Block, ...]:
+    """Return linear combinations of the vectors of each block, zero beyond their number."""
+
+    def put(index: Array, combined: tuple[Block, ...]) -> tuple[Block, ...]:
+        column = parts[:, index]
+        return tuple(
+            out.at[index].set(combination(column, block))
+            for out, block in zip(combined, blocks, strict=True)
+        )
+
+    # A loop, since unrolled this would be most of what there is to compile.
+    return jax.lax.fori_loop(0, parts.shape[1], put, tuple(map(jnp.zeros_like, blocks)))
 
 
 def norms(block: Block | Sequence[Float[Array, " *grid"]]) -> Float[Array, " block"]:

@@ -74,13 +74,9 @@ class _Span(eqx.Module):
     def spanned_by(self, parts: Float[Array, "room kept"]) -> "_Span":
         """Return the space of some combinations of its vectors, with the same room."""
         room, kept = parts.shape
+        basis, products = combinations(parts, self.basis, self.products)
         parts = jnp.pad(parts, ((0, 0), (0, room - kept)))
-        return _Span(
-            combinations(parts, self.basis),
-            combinations(parts, self.products),
-            parts.T @ self.gram @ parts,
-            parts.T @ self.energies @ parts,
-        )
+        return _Span(basis, products, parts.T @ self.gram @ parts, parts.T @ self.energies @ parts)
 
 
 # A space, the Ritz vectors in it of the last two, and the eigenvalue of the last.
