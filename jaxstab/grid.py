@@ -120,6 +120,13 @@ class Grid(eqx.Module):
         return transforms.inverse_transform(modes, self.shape, self.sharding)
 
     @property
+    def coarser(self) -> "Grid | None":
+        """The grid of every other point; None where there is none, or several devices hold it."""
+        if self.sharding is not None or any(n % 2 or n < 4 for n in self.shape):
+            return None
+        return Grid(tuple(n // 2 for n in self.shape), self.lengths)
+
+    @property
     @jax.jit
     def wavenumbers(self) -> Float[Array, " *modes"]:
         """Norm |q| = 2 pi |k / L| of every wave vector of `transform` [1/length]."""

@@ -88,6 +88,10 @@ class Solid(eqx.Module):
         """Return a solid whose stiffness is this one's times a factor."""
         return Altered(self, factor, factor * self.uniform_stiffness)
 
+    def coarser(self) -> "Solid | None":
+        """Return the same solid on every other point, where the coarser grid's waves are known."""
+        return None
+
     def lacking(self, level: Float[Array, ""]) -> tuple[FieldMap, Float[Array, ""]] | None:
         """Return what K lacks of a stiffness, as an operator, and that on a point itself.
 

@@ -69,6 +69,14 @@ class Waves(Solid):
         on_point = self.grid.inverse_transform(lack).ravel()[0]
         return lambda field: multiplied(self.grid, lack, field), on_point
 
+    def coarser(self) -> "Waves | None":
+        """Return the solid with the waves of the grid of every other point, if there is one."""
+        grid = self.grid.coarser
+        if grid is None:
+            return None
+        kept = tuple(k.astype(int) for k in grid.waves)
+        return Waves.of(grid, self.multiplier[kept])
+
     def scaled(self, factor: Float[Array, ""]) -> "Waves":
         """Return the solid with its multiplier times a factor."""
         stiffnesses = self.multiplier, self.max_stiffness, self.min_stiffness

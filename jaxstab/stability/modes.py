@@ -24,7 +24,7 @@ from jaxstab.stability.eigenpairs import Eigenpair, measured
 from jaxstab.stability.solver import SpaceSolver
 
 # The modes that a search for the lowest carries on.
-BLOCK_SIZE = 3
+BLOCK_SIZE = 4
 # Modes beyond those asked for, which make them converge sooner.
 _GUARD = 2
 

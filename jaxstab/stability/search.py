@@ -18,14 +18,15 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxstab.checks import is_traced
 from jaxstab.hessian import Block, Hessian
 from jaxstab.results import RESULTS
-from jaxstab.stability.blocks import norms
 from jaxstab.stability.certificate import certified_bound
+from jaxstab.stability.coarse import is_large, minimum_by_coarser, modes_by_coarser
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.davidson import Davidson
-from jaxstab.stability.eigenpairs import Eigenpair, admissible_pair, lowered, measured
-from jaxstab.stability.modes import BLOCK_SIZE, lowest_pair
+from jaxstab.stability.eigenpairs import Eigenpair, admissible_pair, lowered
+from jaxstab.stability.lowest import Lowest, after, again, cone_starts, costing, on_cone, on_space
+from jaxstab.stability.modes import BLOCK_SIZE
 from jaxstab.stability.projected import ProjectedLOBPCG
-from jaxstab.stability.solver import ConeSolver, Minimum, SpaceSolver
+from jaxstab.stability.solver import ConeSolver
 
 
 class Search(eqx.Module):
@@ -137,23 +138,13 @@ class Found(eqx.Module):
         return replace(self, lower_bound=lower_bound, cone=cone, critical=critical)
 
 
-class Lowest(eqx.Module):
-    """The lowest pair on a set, its sign beyond doubt, and a block of modes to go on from."""
-
-    pair: Eigenpair
-    sign: Int[Array, ""]
-    modes: Block
-
-
 @jax.jit
-def _on_space(solver: Davidson, hessian: Hessian, space: Subspace, starts: Block) -> Lowest:
-    return on_space(solver, hessian, space, starts)
-
-
-def on_space(solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Block) -> Lowest:
-    """Return the lowest pair on a linear space."""
-    pair, modes = lowest_pair(solver, hessian, space, starts)
-    return Lowest(pair.with_proof(True), pair.sign, modes)
+def _on_space(solver: Davidson, hessian: Hessian, space: Subspace, random: Block) -> Lowest:
+    """Search a linear space from noise, on a large grid from the modes of the coarser problem."""
+    if not is_large(hessian):
+        return on_space(solver, hessian, space, random)
+    starts, cost = modes_by_coarser(solver, hessian, space, random)
+    return costing(on_space(solver, hessian, space, starts), cost)
 
 
 @jax.jit
@@ -162,40 +153,15 @@ def _on_cone(
 ) -> Lowest:
     """Search a cone from the two lowest modes of its hull with both signs, and from noise.
 
-    Or from the lowest mode alone, where that is found and in the cone, and so the answer.
+    Or from the lowest mode alone, where that is found and in the cone, and so the answer; on a
+    large grid from the mode of the coarser problem first.
     """
     starts, is_needed, is_answer = cone_starts(solver, cone, hull, random)
-    found = solver.solve(hessian.restricted(cone.is_moving), cone, starts, is_needed)
+    if is_large(hessian) and isinstance(solver, ProjectedLOBPCG):
+        found = minimum_by_coarser(solver, hessian, cone, (starts, random), is_answer)
+    else:
+        found = solver.solve(hessian.restricted(cone.is_moving), cone, starts, is_needed)
     return on_cone(hessian, cone, hull, found, is_answer)
-
-
-def cone_starts(
-    solver: ConeSolver, cone: AdmissibleCone, hull: Lowest, random: Block
-) -> tuple[Block, Bool[Array, " starts"], Bool[Array, ""]]:
-    """Return vectors to start from, which of them are needed, and whether the first is it."""
-    modes = hull.modes
-    starts = jnp.concatenate([modes[:2], -modes[:2], random])
-    signs = jnp.stack([modes[0], -modes[0]])
-    entering = norms(jnp.where(cone.one_sided, jnp.minimum(signs, 0), 0))
-    is_admissible = jnp.min(entering) <= solver.tolerance_in(entering.dtype)
-    is_answer = (hull.pair.result == RESULTS.successful) & is_admissible
-    lowest = jnp.where(is_answer, signs[jnp.argmin(entering)], starts[0])
-    is_needed = ~is_answer | (jnp.arange(len(starts)) == 0)
-    return starts.at[0].set(lowest), is_needed, is_answer
-
-
-def on_cone(
-    hessian: Hessian,
-    cone: AdmissibleCone,
-    hull: Lowest,
-    found: Minimum,
-    is_answer: Bool[Array, ""],
-) -> Lowest:
-    """Return the lowest pair on a cone, as it was found."""
-    restricted = hessian.restricted(cone.is_moving)
-    # Or else there is nothing on the cone, or it may have been missed.
-    pair = measured(restricted, cone, found, found.vector).with_proof(is_answer | cone.is_trivial)
-    return Lowest(pair, pair.sign, hull.modes)
 
 
 @jax.jit
@@ -210,9 +176,7 @@ def _certified(
 
 def with_bound(found: Lowest, bound: Float[Array, ""], cost: Int[Array, ""]) -> Lowest:
     """Return a pair with a bound that is proved, at a cost."""
-    pair = found.pair
-    pair = replace(pair.with_proof(False, bound), num_applications=pair.num_applications + cost)
-    return replace(found, pair=pair)
+    return costing(replace(found, pair=found.pair.with_proof(False, bound)), cost)
 
 
 @jax.jit
@@ -269,24 +233,6 @@ def _if_needed(is_needed: Any, search: Callable[[], Lowest], otherwise: Lowest) 
     if is_traced(is_needed):
         return jax.lax.cond(is_needed, search, lambda: otherwise)
     return search() if is_needed else otherwise
-
-
-def again(lowest: Lowest) -> Lowest:
-    """Return what is known already, at no cost."""
-    # Put, since JAX would compile a zero.
-    none = jax.device_put(np.zeros((), int))
-    return replace(lowest, pair=replace(lowest.pair, num_steps=none, num_applications=none))
-
-
-def after(first: Lowest, then: Lowest) -> Lowest:
-    """Return the second of two, at the cost of both."""
-    before, pair = first.pair, then.pair
-    pair = replace(
-        pair,
-        num_steps=before.num_steps + pair.num_steps,
-        num_applications=before.num_applications + pair.num_applications,
-    )
-    return replace(then, pair=pair)
 
 
 def _unless(is_lacking: Bool[Array | np.ndarray, ""], pair: Eigenpair) -> Eigenpair:

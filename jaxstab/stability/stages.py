@@ -23,18 +23,10 @@ from jaxstab.stability.certificate import SHARES, bound_by, is_sought
 from jaxstab.stability.competition import Competitor, decided, entered, turned
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.davidson import Davidson
+from jaxstab.stability.lowest import Lowest, after, again, cone_starts, on_cone, on_space
 from jaxstab.stability.modes import BLOCK_SIZE
 from jaxstab.stability.projected import ProjectedLOBPCG
-from jaxstab.stability.search import (
-    Lowest,
-    Search,
-    after,
-    again,
-    cone_starts,
-    on_cone,
-    on_space,
-    with_bound,
-)
+from jaxstab.stability.search import Search, with_bound
 from jaxstab.stability.verdict import Stability
 
 

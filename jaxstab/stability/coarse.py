@@ -1,0 +1,198 @@
+"""Starts on a large grid: the modes of the same problem on every other point.
+
+Modes of rough contacts are smooth on a fine grid but for the edges of contact, and a search among
+many local minimisers costs least where there are few points. There a point touches where at least
+half of the points around it do, and adheres as the mean of those that are like it.
+"""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxstab.hessian import Block, Hessian
+from jaxstab.stability.blocks import scaled_to_unit
+from jaxstab.stability.cones import AdmissibleCone, Subspace
+from jaxstab.stability.davidson import Davidson
+from jaxstab.stability.eigenpairs import admissible_pair
+from jaxstab.stability.lowest import cone_starts, on_space
+from jaxstab.stability.modes import BLOCK_SIZE
+from jaxstab.stability.projected import ProjectedLOBPCG
+from jaxstab.stability.solver import Minimum
+
+# The points from which a grid is large: on fewer, compiling the coarser problems does not pay.
+_LARGE = 2**18
+# The points below which there is no coarser problem: contacts would be missed.
+_FEWEST = 2**14
+# The residual to which a coarser problem is solved at most.
+_TOLERANCE = 1e-4
+# How far the eigenvalue may lie from that of the coarser problem, as a part of it: no other
+# minimiser is taken to be lower by more.
+_TRUST = 1e-2
+
+
+def is_large(hessian: Hessian) -> bool:
+    """Return whether the searches of a problem start from a coarser one."""
+    return hessian.solid.grid.size >= _LARGE and _has_coarser(hessian)
+
+
+def modes_by_coarser(
+    solver: Davidson, hessian: Hessian, space: Subspace, random: Block
+) -> tuple[Block, Int[Array, ""]]:
+    """Return a block to start from on a linear space, and its cost in applications of A.
+
+    The last of its vectors is a random one, in which no mode is missing.
+    """
+    nowhere = jnp.zeros_like(space.is_moving)
+    cone = AdmissibleCone(nowhere, ~space.is_moving, space.fixes_mean)
+    hessian, cone = _coarser(hessian, cone)
+    starts, cost = _on_sublattices(random)[:BLOCK_SIZE], jnp.array(0)
+    rough = Davidson(_rough(solver, random))
+    if _has_coarser(hessian):
+        starts, cost = modes_by_coarser(rough, hessian, cone.hull, starts)
+    found = on_space(rough, hessian, cone.hull, starts)
+    modes = jnp.stack([*map(_refined, found.modes[:-1]), random[-1]])
+    return modes, _share_of(cost + found.pair.num_applications, space)
+
+
+class _Attempt(eqx.Module):
+    """What was found of a minimiser.
+
+    Attributes:
+        minimum: what was found last.
+        is_first: whether nothing was sought yet.
+        is_trusted: whether no other start need be looked at.
+    """
+
+    minimum: Minimum
+    is_first: Bool[Array, ""]
+    is_trusted: Bool[Array, ""]
+
+
+def minimum_by_coarser(
+    solver: ProjectedLOBPCG,
+    hessian: Hessian,
+    cone: AdmissibleCone,
+    starts_and_random: tuple[Block, Block],
+    is_answer: Bool[Array, ""],
+) -> Minimum:
+    """Return the minimiser on a cone that the mode of the coarser problem leads to.
+
+    If its eigenvalue is not that of the coarser problem, all starts are compared with it.
+
+    Arguments:
+        solver: for the cone.
+        hessian: A.
+        cone: the cone.
+        starts_and_random: all vectors to start from, and those that may be used on the way.
+        is_answer: whether the first start is the answer.
+    """
+    starts, random = starts_and_random
+    restricted = hessian.restricted(cone.is_moving)
+    guess, foreseen, cost = jax.lax.cond(
+        is_answer,
+        lambda: (starts[0], jnp.zeros((), starts.dtype), jnp.array(0)),
+        lambda: mode_by_coarser(solver, hessian, cone, random),
+    )
+
+    def attempt(before: _Attempt) -> _Attempt:
+        last, is_first = before.minimum, before.is_first
+        others = ~is_first & jnp.ones(len(starts), bool)
+        all_ = jnp.concatenate([jnp.where(is_first, guess, last.vector)[None], starts])
+        found = solver.solve(restricted, cone, all_, jnp.append(True, others))
+        eigenvalue, _, _ = admissible_pair(restricted, cone, found.vector)
+        is_near = jnp.abs(eigenvalue - foreseen) <= _TRUST * jnp.abs(eigenvalue)
+        minimum = replace(
+            found,
+            num_steps=last.num_steps + found.num_steps,
+            num_applications=last.num_applications + found.num_applications + 1,
+        )
+        return _Attempt(minimum, jnp.array(False), ~is_first | is_answer | is_near)
+
+    like = jax.eval_shape(lambda: solver.solve(restricted, cone, starts))
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
+    nothing = replace(nothing, num_applications=cost.astype(nothing.num_applications.dtype))
+    first = _Attempt(nothing, jnp.any(guess != 0), jnp.array(False))
+    return jax.lax.while_loop(lambda state: ~state.is_trusted, attempt, first).minimum
+
+
+def mode_by_coarser(
+    solver: ProjectedLOBPCG, hessian: Hessian, cone: AdmissibleCone, random: Block
+) -> tuple[Float[Array, " *grid"], Float[Array, ""], Int[Array, ""]]:
+    """Return a vector to start from on a cone, what its eigenvalue was there, and its cost.
+
+    It is zero where the coarser problem has no mode. The cost is in applications of A.
+    """
+    hull = cone.hull
+    hessian, cone = _coarser(hessian, cone)
+    random = _on_sublattices(random)
+    rough = ProjectedLOBPCG(_rough(solver, random))
+    if _has_coarser(hessian):
+        start, _, cost = mode_by_coarser(rough, hessian, cone, random)
+        starts, is_needed = start[None], jnp.array([True])
+    else:
+        around = on_space(Davidson(rough.tolerance), hessian, cone.hull, random[:BLOCK_SIZE])
+        starts, is_needed, _ = cone_starts(rough, cone, around, random)
+        cost = around.pair.num_applications
+    restricted = hessian.restricted(cone.is_moving)
+    found = rough.solve(restricted, cone, starts, is_needed)
+    eigenvalue, mode, _ = admissible_pair(restricted, cone, found.vector)
+    return _refined(mode), eigenvalue, _share_of(cost + found.num_applications + 1, hull)
+
+
+def _has_coarser(hessian: Hessian) -> bool:
+    solid = hessian.solid
+    return solid.grid.size >= 4 * _FEWEST and solid.coarser() is not None
+
+
+def _rough(solver: Davidson | ProjectedLOBPCG, like: Block) -> Float[Array, ""]:
+    return jnp.maximum(solver.tolerance_in(like.dtype), _TOLERANCE)
+
+
+def _share_of(cost: Int[Array, ""], fine: Subspace) -> Int[Array, ""]:
+    """Return how many applications on all points cost what some on the coarser grid do."""
+    return -(-cost // 2**fine.is_moving.ndim)
+
+
+def _coarser(hessian: Hessian, cone: AdmissibleCone) -> tuple[Hessian, AdmissibleCone]:
+    solid = hessian.solid.coarser()
+    assert solid is not None
+    is_moving = ~_majority(~cone.is_moving)
+    curvature = _mean_of_like(hessian.curvature, cone.one_sided | ~cone.is_moving)
+    coarser = AdmissibleCone(_majority(cone.one_sided) & is_moving, ~is_moving, cone.fixes_mean)
+    return Hessian(solid, curvature, hessian.stiffness), coarser
+
+
+def _majority(mask: Bool[Array, " *grid"]) -> Bool[Array, " *coarse"]:
+    """Return where at least half of the points of a cell of the coarser grid are in a mask."""
+    cells = _cells(mask)
+    return 2 * jnp.sum(cells, axis=0) >= len(cells)
+
+
+def _mean_of_like(
+    field: Float[Array, " *grid"], mask: Bool[Array, " *grid"]
+) -> Float[Array, " *coarse"]:
+    """Return the mean over the points of a cell that are in a mask, or out of it, as most are."""
+    like = _cells(mask) == _majority(mask)
+    return jnp.sum(jnp.where(like, _cells(field), 0), axis=0) / jnp.sum(like, axis=0)
+
+
+def _refined(field: Float[Array, " *coarse"]) -> Float[Array, " *grid"]:
+    """Return a mode of the coarser grid at all points, a unit vector again."""
+    for axis in range(field.ndim):
+        field = jnp.repeat(field, 2, axis=axis)
+    return scaled_to_unit(field)
+
+
+def _on_sublattices(random: Block) -> Block:
+    """Return random vectors on the coarser grid: the points of a cell are in different ones."""
+    return jnp.concatenate([_cells(field) for field in random])[: len(random)]
+
+
+def _cells(field: Array) -> Array:
+    """Return a field as one of cells of the coarser grid, whose points are along a first axis."""
+    pairs = field.reshape([n for side in field.shape for n in (side // 2, 2)])
+    cells = jnp.moveaxis(pairs, range(1, pairs.ndim, 2), range(field.ndim))
+    return cells.reshape(-1, *(n // 2 for n in field.shape))
