@@ -61,7 +61,8 @@ def assess_stability(
     presses. On the cone it is the smallest that several starts lead to, or proved to be the
     smallest where the mode of the lower bound is admissible. From 512 x 512 points on it is the
     one that the mode on every other point leads to, where its eigenvalue is within 1 % of that.
-    Where all but a few points touch, starts can miss the smallest, and call "stable" what is held by contact.
+    Where all but a few points touch, starts can miss the smallest, and call "stable" what is held
+    by contact.
 
     Eigenvalues, modes, barrier and complementarity are differentiable functions of the contact and
     the equilibrium: d lambda = x.(dA) x, A depending on the gap too. No derivative

@@ -125,6 +125,15 @@ def _inner_products(
     return gram, energies
 
 
+def _change(old: _Point, new: _Point) -> Float[Array, ""]:
+    """Return how far the Rayleigh quotient changes, also where two would differ by rounding.
+
+    Of unit vectors x and x + d, that is d.((A x - lambda x) + (A (x + d) - lambda (x + d))).
+    """
+    missed = old.product + new.product - old.eigenvalue * (old.mode + new.mode)
+    return total((new.mode - old.mode) * missed)
+
+
 def winner(
     found: Iteration[_State],
     wins: Bool[Array, " starts"],
@@ -255,7 +264,7 @@ def _lower(
         return _Trial(
             point=tried,
             # Zero may be the nearest vector of the cone.
-            is_lower=(tried.eigenvalue <= point.eigenvalue) & jnp.any(tried.mode != 0),
+            is_lower=(_change(point, tried) <= 0) & jnp.any(tried.mode != 0),
             length=trial.length / 3,
             num_tries=trial.num_tries + 1,
             num_applications=trial.num_applications + is_new,
