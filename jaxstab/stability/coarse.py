@@ -75,8 +75,9 @@ def minimum_by_coarser(
     solver: ProjectedLOBPCG,
     hessian: Hessian,
     cone: AdmissibleCone,
-    starts_and_random: tuple[Block, Block],
+    starts: Block,
     is_answer: Bool[Array, ""],
+    random: Block,
 ) -> Minimum:
     """Return the minimiser on a cone that the mode of the coarser problem leads to.
 
@@ -86,10 +87,10 @@ def minimum_by_coarser(
         solver: for the cone.
         hessian: A.
         cone: the cone.
-        starts_and_random: all vectors to start from, and those that may be used on the way.
-        is_answer: whether the first start is the answer.
+        starts: all vectors to start from.
+        is_answer: whether the first of them is the answer.
+        random: vectors from which the coarser problem starts.
     """
-    starts, random = starts_and_random
     restricted = hessian.restricted(cone.is_moving)
     guess, foreseen, cost = jax.lax.cond(
         is_answer,
@@ -99,7 +100,7 @@ def minimum_by_coarser(
 
     def attempt(before: _Attempt) -> _Attempt:
         last, is_first = before.minimum, before.is_first
-        others = ~is_first & jnp.ones(len(starts), bool)
+        others = jnp.full(len(starts), ~is_first)
         all_ = jnp.concatenate([jnp.where(is_first, guess, last.vector)[None], starts])
         found = solver.solve(restricted, cone, all_, jnp.append(True, others))
         eigenvalue, _, _ = admissible_pair(restricted, cone, found.vector)

@@ -25,9 +25,10 @@ from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpairs import descended, projected_residual
 from jaxstab.stability.solver import ConeSolver, Minimum
 
-_LAST = 2**31 - 1
 # Steps in each round of the competition between starts, and how many may go on to the next.
-ROUNDS = ((4, 12), (8, 3), (10, 3), (15, 3), (25, 3), (40, 3), (60, 3), (_LAST, 1))
+ROUNDS = ((4, 12), (8, 3), (10, 3), (15, 3), (25, 3), (40, 3), (60, 3), (2**31 - 1, 1))
+# The place of those that are beaten, which no round lets go on.
+_OUT = max(kept for _, kept in ROUNDS)
 # The inner product from which two unit vectors are taken to lead to the same minimiser.
 _SAME = 0.95
 # Lengths of a step, each a third of the last, before it is given up.
@@ -173,7 +174,7 @@ def places(
     is_copy = jnp.any((order[:, None] < order) & is_alike, axis=0)
     is_higher = lowest - operator.scale * found.residual > jnp.min(lowest)
     is_beaten = is_out | is_copy | is_higher
-    return jnp.where(is_beaten, _LAST, _order(jnp.where(is_beaten, jnp.inf, lowest)))
+    return jnp.where(is_beaten, _OUT, _order(jnp.where(is_beaten, jnp.inf, lowest)))
 
 
 def _order(values: Float[Array, " starts"]) -> Int[Array, " starts"]:

@@ -158,7 +158,7 @@ def _on_cone(
     """
     starts, is_needed, is_answer = cone_starts(solver, cone, hull, random)
     if is_large(hessian) and isinstance(solver, ProjectedLOBPCG):
-        found = minimum_by_coarser(solver, hessian, cone, (starts, random), is_answer)
+        found = minimum_by_coarser(solver, hessian, cone, starts, is_answer, random)
     else:
         found = solver.solve(hessian.restricted(cone.is_moving), cone, starts, is_needed)
     return on_cone(hessian, cone, hull, found, is_answer)
