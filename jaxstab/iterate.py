@@ -20,7 +20,8 @@ State = TypeVar("State")
 Indicators = dict[str, Float[Array, ""]]
 
 _STALL_FACTOR = 0.99
-_LEAST_FALL = 1e-6
+_LEAST_FALL = 1e-9
+_ROUNDING = 10
 _HISTORY_LENGTH = 512
 _NO_LIMIT = 2**31 - 1
 
@@ -278,7 +279,9 @@ def _is_progress(loop: Loop[Any], new: Indicators) -> Bool[Array, ""]:
     progress = new["residual"] < _STALL_FACTOR * best["residual"]
     if "energy" in new:
         fall = first["energy"] - best["energy"]
-        progress |= best["energy"] - new["energy"] > _LEAST_FALL * fall
+        rounding = _ROUNDING * jnp.finfo(fall.dtype).eps * jnp.abs(best["energy"])
+        least = jnp.maximum(_LEAST_FALL * fall, rounding)
+        progress |= best["energy"] - new["energy"] > least
     return progress
 
 

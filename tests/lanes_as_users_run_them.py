@@ -1,0 +1,44 @@
+"""Solves in lanes against each alone, to the last bit: a script, which a test starts.
+
+In a process of its own, for programs that are compiled as a user's are and not as the tests' are.
+"""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from conftest import rough_contact
+
+import jaxstab as js
+
+
+def assert_same(left, right):
+    """All but the histories: what is measured on the way may be rounded in another way."""
+    left, right = (replace(sweep.equilibrium, history=None) for sweep in (left, right))
+    for a, b in zip(jax.tree.leaves(left), jax.tree.leaves(right), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def check_springs():
+    """A vmapped solve gives what a sweep gives."""
+    contact = rough_contact(16, js.potentials.Exponential(0.01, 0.1))
+    springs = js.Spring(jnp.linspace(0.0, 0.3, 4), 2.0)
+    swept = js.sweep(contact, springs, stability=False)
+    lanes = jax.vmap(lambda load: js.equilibrate(contact, load, throw=False))(springs)
+    np.testing.assert_array_equal(lanes.gap, swept.equilibrium.gap)
+
+
+def check_an_accelerators_sweep():
+    """All lanes in one program, as on an accelerator, give what each load gives alone."""
+    contact = rough_contact(32, js.potentials.Exponential(1e-2, 1.0), youngs_modulus=1e-3)
+    loads = js.MeanGap(jnp.linspace(1e-5, 2.0, 32)[:5])
+    alone = js.sweep(contact, loads, stability=False)
+    jax.default_backend = lambda: "gpu"
+    together = js.sweep(contact, loads, stability=False)
+    assert_same(together, alone)
+
+
+if __name__ == "__main__":
+    check_springs()
+    check_an_accelerators_sweep()
