@@ -10,14 +10,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from jaxstab import paths
+from jaxstab.branches.critical_load import CriticalLoad
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.stage import Build, EquilibriumStage
+from jaxstab.loads import MeanPressure
+from jaxstab.paths.stage import WalkStage
 from jaxstab.refill import Programs
 from jaxstab.stability import Stability, assess_stability
 from jaxstab.stability.stages import VerdictStages
 
-__all__ = ["equilibrium", "verdict"]
+__all__ = ["equilibrium", "pull_off", "verdict"]
 
 Outputs = Mapping[str, Any]
 
@@ -27,11 +31,11 @@ class Case:
     """A case that is ready made.
 
     Attributes:
-        build: returns a contact and its load, called by names with the values of the axes.
+        build: returns the problem, called by names with the values of the axes.
         summary: returns what is kept of what was found.
     """
 
-    build: Build
+    build: Callable[..., Any]
     summary: Callable[..., Outputs]
 
     @property
@@ -81,6 +85,21 @@ class VerdictCase(Case):
         return Programs(stages.all, lambda record: self.summary(*stages.found(record)))
 
 
+class PullOffCase(Case):
+    """The pull-off of a contact that a function builds: see `pull_off`."""
+
+    def __call__(self, **values: Any) -> Outputs:
+        """Return what is kept of one pull-off."""
+        contact = self.build(**values)
+        return self.summary(contact, paths.pull_off(contact, throw=False))
+
+    def programs(self) -> Programs:
+        """Return the programs that run many cases by steps."""
+        equilibria = EquilibriumStage(lambda **values: (self.build(**values), MeanPressure(0.0)))
+        walk = WalkStage(equilibria)
+        return Programs([equilibria, walk], lambda record: self.summary(*walk.found(record)))
+
+
 def equilibrium(build: Build, summary: Callable[..., Outputs] | None = None) -> EquilibriumCase:
     """Return a case that finds the equilibrium of a contact, as `equilibrate` does.
 
@@ -113,6 +132,24 @@ def verdict(build: Build, summary: Callable[..., Outputs] | None = None) -> Verd
     return VerdictCase(build, summary or _of_verdict)
 
 
+def pull_off(
+    build: Callable[..., Contact], summary: Callable[..., Outputs] | None = None
+) -> PullOffCase:
+    """Return a case that unloads a contact to its pull-off, as `jaxstab.pull_off` does.
+
+    Arguments:
+        build: returns a contact, called by names with the values of the axes. In batches it must
+            be one that JAX can trace, as a case of any other kind.
+        summary: returns what is kept, a dict of arrays, of the contact and its `CriticalLoad`; by
+            default mean pressure, contact area and energy of the last state, the `kind` of its
+            end, the eigenvalue `critical` there, and how the search `ended`.
+
+    Returns:
+        A function of the same arguments as `build`, to be given to `jaxstab.study`.
+    """
+    return PullOffCase(build, summary or _of_pull_off)
+
+
 def _of_equilibrium(contact: Contact, equilibrium: Equilibrium) -> Outputs:
     """Return the numbers of an equilibrium, but for its fields."""
     return {
@@ -137,4 +174,16 @@ def _of_verdict(contact: Contact, equilibrium: Equilibrium, stability: Stability
         "verdict": stability.verdict,
         "proved": stability.proved,
         "assessed": stability.result,
+    }
+
+
+def _of_pull_off(contact: Contact, end: CriticalLoad) -> Outputs:
+    """Return the numbers of a pull-off, but for fields and modes."""
+    return {
+        "mean_pressure": end.equilibrium.mean_pressure,
+        "contact_area": end.equilibrium.contact_area,
+        "energy": end.equilibrium.energy,
+        "kind": end.kind,
+        "critical": end.critical.eigenvalue,
+        "ended": end.result,
     }

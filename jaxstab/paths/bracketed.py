@@ -25,14 +25,16 @@ from jaxstab.equilibrium.state import State
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
-from jaxstab.paths.walk import course_of, walk
+from jaxstab.paths.course import course_of
+from jaxstab.paths.store import Store
+from jaxstab.paths.walk import walk
 from jaxstab.programs import program
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import throw_failure
 
 # Jumps that lose a smaller part of the problem's own energy do not end a branch.
 _SMALLEST_JUMP = 1e-6
-_MAX_STATES = 512
+_ROOM = partial(Store.empty, 512, False), partial(Store.empty, 1, True)
 
 
 def critical_load(
@@ -127,10 +129,10 @@ def _jump(contact: Contact, loads: Load, start: Field | None, fold: Limit) -> Li
     first = loads[0]
     begin = contact.control(first).starting_gap(contact.heights) if start is None else start
     course = course_of(contact, loads, _SMALLEST_JUMP, disturbance=0.0)
-    way = walk(course, begin, (_MAX_STATES, 1), fields=False)
-    jump = jax.tree.map(lambda leaf: leaf[0], way.jumps)
+    way = walk(course, begin, *_ROOM)
+    jump = jax.tree.map(lambda leaf: leaf[0], way.jumps.rows)
     limit = limit_ahead(contact, first.at(jump.before.value), jump.before.gap, jump.ahead)
-    is_end = limit.is_found & (way.num_jumps == 1)
+    is_end = limit.is_found & (way.jumps.count == 1)
     return jax.tree.map(partial(jnp.where, is_end), limit, fold)
 
 

@@ -29,9 +29,11 @@ from jaxstab.equilibrium.state import State, state_at
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
+from jaxstab.paths.course import DISTURBANCE, course_of
 from jaxstab.paths.path import Jump, Path, States
-from jaxstab.paths.store import Event, Field, Place, Scalar
-from jaxstab.paths.walk import DISTURBANCE, Walk, begin, course_of, go_on, travelled
+from jaxstab.paths.step import Walk
+from jaxstab.paths.store import Event, Field, Place, Scalar, Store
+from jaxstab.paths.walk import begin, go_on, travelled
 from jaxstab.programs import program
 from jaxstab.progress import progress_bar
 from jaxstab.refusals import Obstacle
@@ -135,7 +137,7 @@ def follow(
             ended = _go_on_by_and_by(ended, inputs, bar)
         path = _path(fields, ended, *inputs[:2])
     if not is_traced(ended):
-        path = _cut(path, int(ended.num_states), int(ended.num_jumps))
+        path = _cut(path, int(ended.states.count), int(ended.jumps.count))
     if is_traced((contact, load)):
         others = [part for part in (start, share, noise) if part is not None]
         path = _with_derivatives(path, own, loads, others, throw)
@@ -146,34 +148,36 @@ def follow(
 
 
 @partial(program, static_argnums=(0, 1))
-def _begin(sizes: tuple[int, int], fields: bool, *inputs: Any) -> Walk:
+def _begin(sizes: tuple[int, int], fields: bool, *inputs: Any) -> Walk[Store]:
     def first(
         contact: Contact, load: Load, start: Field | None, share: Scalar, disturbance: Scalar
-    ) -> Walk:
+    ) -> Walk[Store]:
         if start is None:
             start = contact.control(load[0]).starting_gap(contact.heights)
-        return begin(course_of(contact, load, share, disturbance), start, sizes, fields)
+        course, (num_states, num_jumps) = course_of(contact, load, share, disturbance), sizes
+        states = partial(Store.empty, num_states, fields)
+        return begin(course, start, states, partial(Store.empty, num_jumps, True))
 
     return by_lanes(first)(*inputs)
 
 
 @program
-def _go_on(walk: Walk, num_steps: int | None, *inputs: Any) -> Walk:
+def _go_on(walk: Walk[Store], num_steps: int | None, *inputs: Any) -> Walk[Store]:
     def further(
-        walk: Walk,
+        walk: Walk[Store],
         num_steps: Int[Array, ""] | None,
         contact: Contact,
         load: Load,
         _: Field | None,
         share: Scalar,
         disturbance: Scalar,
-    ) -> Walk:
+    ) -> Walk[Store]:
         return go_on(course_of(contact, load, share, disturbance), walk, num_steps)
 
     return by_lanes(further)(walk, num_steps, *inputs)
 
 
-def _go_on_by_and_by(walk: Walk, inputs: Any, bar: Any) -> Walk:
+def _go_on_by_and_by(walk: Walk[Store], inputs: Any, bar: Any) -> Walk[Store]:
     """Go on to the end, or until interrupted, in batches of steps of about a second each."""
     load, num_steps = inputs[1], 1
     num_parts = load.value.size - 1
@@ -193,12 +197,13 @@ def _go_on_by_and_by(walk: Walk, inputs: Any, bar: Any) -> Walk:
 
 
 @partial(program, static_argnums=0)
-def _path(fields: bool, ended: Walk, contact: Contact, load: Load) -> Path:
+def _path(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> Path:
     return by_lanes(partial(_path_of, fields))(ended, contact, load)
 
 
-def _path_of(fields: bool, ended: Walk, contact: Contact, load: Load) -> Path:
-    place, one = ended.states.place, load[0]
+def _path_of(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> Path:
+    states, one = ended.states.rows, load[0]
+    place = states.place
 
     def loads(values: Array) -> Load:
         # What else a load has is the same all along.
@@ -206,7 +211,7 @@ def _path_of(fields: bool, ended: Walk, contact: Contact, load: Load) -> Path:
 
     def work(place: Place, supplied: Array) -> Array:
         # A dead weight is no part of what is worked on.
-        start = ended.states.place.stored[0] - ended.states.place.potential[0]
+        start = states.place.stored[0] - states.place.potential[0]
         return supplied + (place.stored - place.potential) - start
 
     def jump(event: Event) -> Jump:
@@ -235,11 +240,11 @@ def _path_of(fields: bool, ended: Walk, contact: Contact, load: Load) -> Path:
             place.contact_area,
             jnp.broadcast_to(contact.area, place.energy.shape),
             place.energy,
-            work(place, ended.states.supplied),
-            ended.states.dissipation,
+            work(place, states.supplied),
+            states.dissipation,
             place.gap if fields else None,
         ),
-        jumps=jax.lax.map(jump, ended.jumps),
+        jumps=jax.lax.map(jump, ended.jumps.rows),
         work=work(ended.here.place, ended.here.supplied),
         dissipation=ended.here.dissipation,
         result=ended.result,

@@ -1,6 +1,7 @@
 """The pull-off: the largest tension that a contact survives as it is unloaded."""
 
 from dataclasses import replace
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -18,15 +19,18 @@ from jaxstab.equilibrium.state import State, single_equilibrium, state_at
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, MeanPressure, Spring
-from jaxstab.paths.walk import DISTURBANCE, course_of, walk
+from jaxstab.paths.course import DISTURBANCE, Course, course_of
+from jaxstab.paths.step import Walk
+from jaxstab.paths.store import Store, Strongest
+from jaxstab.paths.walk import walk
 from jaxstab.programs import program
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 
-# Only the last jump matters.
+# Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4
 _RESOLUTION = {"float64": 1e-9, "float32": 1e-5}
-_SIZES = (1024, 128)
+ROOM = partial(Store.empty, 1024, False), Strongest.none
 # What part of the largest attraction is taken for none.
 _HARDLY_ANY = 1e-3
 
@@ -70,7 +74,7 @@ def pull_off(
     whole, start = whole_start(contact, MeanPressure(pressure), start)
     constant = jax.lax.stop_gradient(whole)
     if spring is None:
-        load: Load = MeanPressure(jnp.stack([pressure, -_deepest(constant)]))
+        load: Load = dead_load(constant, pressure)
     else:
         stiffness = scalar_parameter(spring, "The stiffness of the spring")
         load = _retraction(constant, pressure, start, stiffness)
@@ -79,9 +83,8 @@ def pull_off(
     inputs = jax.lax.stop_gradient((own, loads, start))
     # What was not found is NaN.
     with jax.debug_nans(False):
-        limit, after = _find(*inputs)
-    found = critical_load_at(limit, own, loads[0], throw)
-    found = replace(found, after=after).in_units_of(1 / unit).on_surface(whole.solid)
+        end = _find(*inputs)
+    found = as_shown(end, own, loads[0], throw).in_units_of(1 / unit).on_surface(whole.solid)
     if not throw:
         return found
     return throw_failure(found.result, found, lambda: _describe(load))
@@ -93,20 +96,33 @@ def _find(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibriu
 
 
 def _find_one(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
-    dtype = contact.heights.dtype.name
-    course = course_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, _RESOLUTION[dtype])
-    ended = walk(course, start, _SIZES, fields=False)
-    jumps, one = ended.jumps, load[0]
-    is_jump = jnp.arange(_SIZES[1]) < ended.num_jumps
-    tension = jnp.where(is_jump & ~jumps.is_touch, -jumps.before.mean_pressure, -jnp.inf)
-    last = jnp.argmax(tension)
-    jump = jax.tree.map(lambda leaf: leaf[last], jumps)
+    course = unloading(contact, load)
+    return end_of(course, walk(course, start, *ROOM))
+
+
+def unloading(contact: Contact, load: Load) -> Course:
+    """Return the course of a contact, in units of its own, that is unloaded from load to load."""
+    resolution = _RESOLUTION[contact.heights.dtype.name]
+    return course_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, resolution)
+
+
+def end_of(course: Course, ended: Walk[Strongest]) -> tuple[Limit, Equilibrium]:
+    """Return the pull-off of a contact that was unloaded, and the state that remains."""
+    contact, one = course.contact, course.load[0]
+    jump = ended.jumps.event
     before, after = jump.before, jump.after
     limit = limit_ahead(contact, one.at(before.value), before.gap, jump.ahead)
-    has_jumped = jnp.any(is_jump)
-    result = RESULTS.where(has_jumped, limit.result, RESULTS.no_jump)
+    result = RESULTS.where(ended.jumps.is_found, limit.result, RESULTS.no_jump)
     result = RESULTS.where(ended.result == RESULTS.successful, result, ended.result)
     return replace(limit, result=result), state_at(contact, one.at(after.value), after.gap)
+
+
+def as_shown(
+    end: tuple[Limit, Equilibrium], contact: Contact, shared: Load, throw: bool
+) -> CriticalLoad:
+    """Return a pull-off, and what remains, as a differentiable function of contact and load."""
+    limit, after = end
+    return replace(critical_load_at(limit, contact, shared, throw), after=after)
 
 
 def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar, Field]:
@@ -118,6 +134,11 @@ def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar,
     gap = initial_gap(contact, MeanPressure(pressure), initial)
     assert gap is not None
     return pressure, gap
+
+
+def dead_load(contact: Contact, pressure: Scalar) -> MeanPressure:
+    """Return the mean pressures from that of a state to one that leaves nothing together."""
+    return MeanPressure(jnp.stack([pressure, -_deepest(contact)]))
 
 
 def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array) -> Spring:

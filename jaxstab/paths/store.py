@@ -92,24 +92,75 @@ def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
     )
 
 
-def room(entry: Any, size: int, fields: bool) -> Any:
-    """Return room for a number of entries, without their gaps if these are not kept."""
+class Store(eqx.Module):
+    """Entries in order, in room for a number of them.
 
-    def rows(leaf: Array) -> Array:
-        is_field = leaf.ndim > 0
-        if is_field and not fields:
-            return jnp.zeros((size, 0), leaf.dtype)
-        return jnp.full((size, *leaf.shape), jnp.nan if leaf.dtype.kind == "f" else 0, leaf.dtype)
+    Attributes:
+        rows: the entries along a leading axis, empty where their fields are not kept.
+        count: how many there are.
+    """
 
-    return jax.tree.map(rows, entry)
+    rows: Any
+    count: Int[Array, ""]
+
+    @classmethod
+    def empty(cls, size: int, fields: bool, like: Any) -> "Store":
+        """Return room for a number of entries, with or without their fields."""
+
+        def rows(leaf: Array) -> Array:
+            is_field = leaf.ndim > 0
+            if is_field and not fields:
+                return jnp.zeros((size, 0), leaf.dtype)
+            filling = jnp.nan if leaf.dtype.kind == "f" else 0
+            return jnp.full((size, *leaf.shape), filling, leaf.dtype)
+
+        return cls(jax.tree.map(rows, like), jnp.array(0))
+
+    @property
+    def is_full(self) -> Flag:
+        """Return whether there is no room left."""
+        return self.count >= len(jax.tree.leaves(self.rows)[0])
+
+    def with_entry(self, entry: Any, is_kept: Flag) -> "Store":
+        """Return the store with an entry, if it is kept."""
+
+        def placed(rows: Array, leaf: Array) -> Array:
+            if rows.shape[1:] != leaf.shape:
+                return rows
+            return rows.at[jnp.where(is_kept, self.count, len(rows))].set(leaf, mode="drop")
+
+        return Store(jax.tree.map(placed, self.rows, entry), self.count + is_kept)
 
 
-def put(store: Any, entry: Any, index: Int[Array, ""], is_kept: Flag) -> Any:
-    """Return a store with an entry, if it is kept."""
+class Strongest(eqx.Module):
+    """Of all jumps the first from the largest tension.
 
-    def placed(rows: Array, leaf: Array) -> Array:
-        if rows.shape[1:] != leaf.shape:
-            return rows
-        return rows.at[jnp.where(is_kept, index, len(rows))].set(leaf, mode="drop")
+    Attributes:
+        event: the jump, any where there is none.
+        tension: from which it was [pressure].
+    """
 
-    return jax.tree.map(placed, store, entry)
+    event: Event
+    tension: Scalar
+
+    @classmethod
+    def none(cls, like: Event) -> "Strongest":
+        """Return that there is none as yet."""
+        return cls(like, jnp.full_like(like.dissipation, -jnp.inf))
+
+    @property
+    def is_found(self) -> Flag:
+        """Return whether there is one."""
+        return self.tension > -jnp.inf
+
+    @property
+    def is_full(self) -> Flag:
+        """Return that there is always room for another."""
+        return jnp.array(False)
+
+    def with_entry(self, event: Event, is_kept: Flag) -> "Strongest":
+        """Return the stronger one of this and another that is kept, if that is no touch."""
+        tension = -event.before.mean_pressure
+        is_stronger = is_kept & ~event.is_touch & (tension > self.tension)
+        new = Strongest(event, tension)
+        return jax.tree.map(lambda one, other: jnp.where(is_stronger, one, other), new, self)

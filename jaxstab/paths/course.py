@@ -1,0 +1,111 @@
+"""The programme that a path follows: what is the same all the way."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Int
+
+from jaxstab.contact import Contact
+from jaxstab.equilibrium import PreconditionedConjugateGradient
+from jaxstab.equilibrium.equilibrate import concluded, started
+from jaxstab.loads import Load
+from jaxstab.paths.store import Field, Place, Scalar, place_of
+from jaxstab.results import RESULTS
+
+# By default, over the rms height.
+DISTURBANCE = 1e-6
+# Steps of a monotone part of the programme, at least.
+_NUM_STEPS = 32
+
+
+def solver() -> PreconditionedConjugateGradient:
+    """Return the solver of the equilibria on the way."""
+    return PreconditionedConjugateGradient()
+
+
+class Course(eqx.Module):
+    """What is the same all the way.
+
+    Attributes:
+        contact: the contact problem, in units of its own.
+        load: the turning points of the programme.
+        threshold: the loss from which a jump is located [energy].
+        resolution: how near it is located [that of the load].
+        disturbance: a field that is added to where each equilibrium starts [length].
+    """
+
+    contact: Contact
+    load: Load
+    threshold: Scalar
+    resolution: Scalar
+    disturbance: Field
+
+    @property
+    def num_parts(self) -> int:
+        """The number of monotone parts of the programme."""
+        return self.load.value.size - 1
+
+    @property
+    def longest(self) -> Scalar:
+        """The longest step."""
+        turns = self.load.value
+        return jnp.maximum((jnp.max(turns) - jnp.min(turns)) / _NUM_STEPS, self.resolution)
+
+    def at(self, value: Scalar, part: Int[Array, ""]) -> Load:
+        """Return the load at a value on a part of the programme."""
+        return jax.tree.map(lambda leaf: leaf[part], self.load).at(value)
+
+    def start(self, value: Scalar, part: Int[Array, ""], gap: Field) -> Field:
+        """Return a gap, disturbed and brought under a load, from which to seek an equilibrium."""
+        # Contact points stay where they are.
+        disturbed = jnp.where(gap > 0, jnp.maximum(gap + self.disturbance, 0), 0)
+        return started(self.contact, self.at(value, part), disturbed)
+
+    def state(self, value: Scalar, part: Int[Array, ""], start: Field) -> tuple[Place, RESULTS]:
+        """Return the equilibrium at a load that the solver finds from a start."""
+        contact, load = self.contact, self.at(value, part)
+        iteration = solver().solve(contact, contact.control(load), start)
+        found = concluded(contact, load, iteration)
+        return place_of(contact, found, value), found.result
+
+    def apart(self) -> Field:
+        """Return the gap of surfaces that are about to touch."""
+        return jnp.max(self.contact.heights) - self.contact.heights
+
+
+def course_of(
+    contact: Contact,
+    load: Load,
+    smallest_jump: ArrayLike,
+    disturbance: ArrayLike,
+    resolution: ArrayLike = 1e-6,
+) -> Course:
+    """Return the course of a programme.
+
+    Arguments:
+        contact: the contact problem, in units of its own.
+        load: the turning points of the programme.
+        smallest_jump: the loss from which a jump is located, over the problem's own energy.
+        disturbance: the size of a random field, over the rms height.
+        resolution: how near a jump is located, over the range of the loads.
+    """
+    turns, heights = load.value, contact.heights
+    noise = jax.random.normal(jax.random.key(0), heights.shape, heights.dtype)
+    # Loads that are nearer to each other are the same.
+    finest = 4 * jnp.finfo(turns.dtype).eps * jnp.max(jnp.abs(turns))
+    return Course(
+        contact,
+        load,
+        threshold=jnp.asarray(smallest_jump) * _own_energy(contact),
+        resolution=jnp.maximum(resolution * (jnp.max(turns) - jnp.min(turns)), finest),
+        disturbance=jnp.asarray(disturbance) * jnp.std(contact.solid.surface(heights)) * noise,
+    )
+
+
+def _own_energy(contact: Contact) -> Scalar:
+    """Return the elastic energy of full contact and that of the deepest adhesion everywhere."""
+    values = contact.profile.values
+    deepest = -jnp.min(jnp.where(jnp.isfinite(values), values, 0))
+    solid = contact.solid
+    elastic = solid.share * solid.held_by(0).energy(solid.flush(contact.heights))
+    return elastic + contact.area * deepest
