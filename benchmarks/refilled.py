@@ -4,7 +4,9 @@ Many small rough contacts, of three laws, of ranges, strengths and loads from li
 nearly full contact. Lanes run together, as on an accelerator, on any machine. A batch that
 `jax.vmap` runs pays for each of its lanes what the slowest takes; lanes that are refilled pay until
 the next exchange. Both are counted, the first from the steps of each case. Verdicts search two
-linear spaces and two cones, these from twelve starts each, all of which a batch pays for.
+linear spaces and two cones, these from twelve starts each, all of which a batch pays for. A
+pull-off is hundreds of equilibria, one after another; a batch is charged for its slowest contact,
+though it also waits within each of them.
 """
 
 import argparse
@@ -17,7 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxstab as js
-from jaxstab.refill import Lanes
+from jaxstab.equilibrium.stage import EquilibriumStage
+from jaxstab.paths.stage import WalkStage
+from jaxstab.refill import Lanes, Programs
 
 RESULTS = Path(__file__).parent / "results" / "refilled.md"
 LAWS = (js.potentials.Exponential, js.potentials.Gaussian, js.potentials.Rational)
@@ -68,7 +72,7 @@ def cases(count: int) -> dict[str, np.ndarray]:
     }
 
 
-def run(case: Any, inputs: dict[str, np.ndarray], width: int) -> tuple[list[Any], Any]:
+def run(programs: Programs, inputs: dict[str, np.ndarray], width: int) -> tuple[list[Any], Any]:
     """Return the outputs of all cases, and what was paid."""
     left = list(range(len(inputs["seed"])))
 
@@ -76,7 +80,7 @@ def run(case: Any, inputs: dict[str, np.ndarray], width: int) -> tuple[list[Any]
         taken, left[:] = left[:number], left[number:]
         return taken, {name: values[taken] for name, values in inputs.items()}
 
-    lanes = Lanes(case.programs(), width, take)
+    lanes = Lanes(programs, width, take)
     outputs = {number: outputs for number, outputs, _ in lanes.run()}
     return [outputs[number] for number in range(len(outputs))], lanes.tally
 
@@ -110,7 +114,7 @@ def equilibria(inputs: dict[str, np.ndarray]) -> list[str]:
     """Return the lines on equilibria."""
     lines, steps, areas = [], np.zeros(0), np.zeros(0)
     for width in WIDTHS:
-        outputs, tally = run(js.cases.equilibrium(build), inputs, width)
+        outputs, tally = run(js.cases.equilibrium(build).programs(), inputs, width)
         assert all(found["ended"] == "successful" for found in outputs)
         steps, areas = column(outputs, "num_steps"), column(outputs, "contact_area")
         assert tally.useful == steps.sum()
@@ -132,7 +136,7 @@ def equilibria(inputs: dict[str, np.ndarray]) -> list[str]:
 
 def verdicts(inputs: dict[str, np.ndarray], width: int) -> list[str]:
     """Return the lines on verdicts."""
-    outputs, tally = run(js.cases.verdict(build, summary), inputs, width)
+    outputs, tally = run(js.cases.verdict(build, summary).programs(), inputs, width)
     words = column(outputs, "verdict")
     counts = ", ".join(f"{(words == word).sum()} {word}" for word in js.VERDICTS.names)
     # On the cones at least what the winner took, from each start and on one of the cones.
@@ -148,6 +152,29 @@ def verdicts(inputs: dict[str, np.ndarray], width: int) -> list[str]:
     ]
 
 
+def pull_offs(inputs: dict[str, np.ndarray], width: int) -> list[str]:
+    """Return the lines on pull-offs."""
+    equilibria = EquilibriumStage(lambda **values: (build(**values)[0], js.MeanPressure(0.0)))
+    walk = WalkStage(equilibria)
+
+    def finish(record: Any) -> dict[str, Any]:
+        states = jax.tree.map(lambda leaf: leaf[0], record[2])
+        return {"ended": walk.found(record)[1].result, "steps": walk.num_steps(states)}
+
+    outputs, tally = run(Programs([equilibria, walk], finish), inputs, width)
+    steps, ended = column(outputs, "steps"), column(outputs, "ended")
+    least, middle, most = np.percentile(steps, [0, 50, 100])
+    return [
+        f"Pull-offs of {len(steps)} of them: {(ended != 'successful').sum()} failed",
+        f"- from {least:.0f} to {most:.0f} steps, half of them up to {middle:.0f}",
+        "",
+        "| lanes | useful over paid, without refilling at most | with | steps paid |",
+        "|---|---|---|---|",
+        f"| {width} | {steps.sum() / paid_by(steps, width):.2f} "
+        f"| {tally.useful / tally.paid:.2f} | {tally.paid} |",
+    ]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=NUM_CASES)
@@ -155,7 +182,14 @@ def main() -> None:
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     inputs = cases(options.cases)
-    lines = [*equilibria(inputs), "", *verdicts(inputs, WIDTHS[1])]
+    few = {name: values[: options.cases // 5] for name, values in inputs.items()}
+    lines = [
+        *equilibria(inputs),
+        "",
+        *verdicts(inputs, WIDTHS[1]),
+        "",
+        *pull_offs(few, WIDTHS[0]),
+    ]
     options.out.write_text("\n".join(lines) + "\n")
     print("\n".join(lines))
 

@@ -137,6 +137,8 @@ def pull_off(
 ) -> PullOffCase:
     """Return a case that unloads a contact to its pull-off, as `jaxstab.pull_off` does.
 
+    That is from the equilibrium under no load, by a tension that is a dead load.
+
     Arguments:
         build: returns a contact, called by names with the values of the axes. In batches it must
             be one that JAX can trace, as a case of any other kind.

@@ -20,6 +20,7 @@ State = TypeVar("State")
 Indicators = dict[str, Float[Array, ""]]
 
 _STALL_FACTOR = 0.99
+# What counts as progress: of the fall of the energy so far, and in units of the precision.
 _LEAST_FALL = 1e-9
 _ROUNDING = 10
 _HISTORY_LENGTH = 512
@@ -279,8 +280,8 @@ def _is_progress(loop: Loop[Any], new: Indicators) -> Bool[Array, ""]:
     progress = new["residual"] < _STALL_FACTOR * best["residual"]
     if "energy" in new:
         fall = first["energy"] - best["energy"]
-        rounding = _ROUNDING * jnp.finfo(fall.dtype).eps * jnp.abs(best["energy"])
-        least = jnp.maximum(_LEAST_FALL * fall, rounding)
+        rounding = _ROUNDING * float(jnp.finfo(fall.dtype).eps)
+        least = jnp.maximum(max(_LEAST_FALL, rounding) * fall, rounding * jnp.abs(best["energy"]))
         progress |= best["energy"] - new["energy"] > least
     return progress
 

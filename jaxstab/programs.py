@@ -27,14 +27,15 @@ def make_room(kind: Hashable) -> None:
     """Drop what was compiled, if this is a new kind of problem and room is short."""
     if kind in _kinds:
         return
-    if _num_pieces() > _SHARE * _max_pieces():
+    if num_pieces() > _SHARE * _max_pieces():
         for compiled in _programs:
             compiled.clear_cache()
         _kinds.clear()
     _kinds.add(kind)
 
 
-def _num_pieces() -> int:
+def num_pieces() -> int:
+    """Return how many pieces of memory are mapped, as far as that is known."""
     path = Path("/proc/self/maps")
     return path.read_bytes().count(b"\n") if path.exists() else 0
 

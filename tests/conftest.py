@@ -33,6 +33,7 @@ import pytest
 import jaxstab as js
 from jaxstab import potentials
 from jaxstab.iterate import History
+from jaxstab.programs import num_pieces
 
 jax.config.update("jax_enable_x64", True)
 matplotlib.use("Agg")
@@ -45,13 +46,8 @@ TIGHT = js.PreconditionedConjugateGradient(tolerance=1e-12)
 def few_programs_at_a_time():
     """Compiled programs hold memory maps, of which a process may have 65 530."""
     yield
-    if num_memory_maps() > 20_000:
+    if num_pieces() > 20_000:
         jax.clear_caches()
-
-
-def num_memory_maps():
-    with open("/proc/self/maps") as maps:
-        return sum(1 for _ in maps)
 
 
 @pytest.fixture

@@ -62,6 +62,28 @@ def test_a_falling_energy_is_progress_though_the_residual_is_not(ends_at, result
     assert iteration.num_steps == (300 if result == "successful" else 41)
 
 
+@pytest.mark.parametrize(
+    ("dtype", "fall", "level", "is_progress"),
+    [
+        (np.float64, 1e-8, 0.0, True),
+        (np.float64, 1e-11, 0.0, False),
+        (np.float64, 1e-8, 1e8, False),
+        (np.float32, 1e-5, 0.0, True),
+        # What rounding makes of terms of the size of the fall.
+        (np.float32, 1e-8, 0.0, False),
+    ],
+)
+def test_falls_count_where_they_are_more_than_rounding(dtype, fall, level, is_progress):
+    """After a fall from one, the energy goes on falling by a small part of that at each step."""
+
+    def measure(step):
+        energy = level + jnp.where(step == 0, 1, -fall * step)
+        return {"residual": 1 + step, "energy": energy.astype(dtype)}
+
+    iteration = Descent(max_steps=200).iterate(lambda step: step + 1, measure, jnp.zeros((), dtype))
+    assert iteration.result == ("max_steps_reached" if is_progress else "stagnated")
+
+
 @pytest.mark.parametrize("ends_at", [500, 10])
 def test_pauses_change_nothing(ends_at):
     def measure(step):

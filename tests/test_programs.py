@@ -16,7 +16,7 @@ def test_programs_are_dropped_before_there_is_no_room_for_more(monkeypatch):
     compiled = programs.program(double)
     compiled(jnp.ones(3))
 
-    before = programs._num_pieces()
+    before = programs.num_pieces()
     monkeypatch.setattr(programs, "_max_pieces", lambda: 10 * before)
     programs.make_room("one kind")
     compiled(jnp.ones(3))

@@ -186,6 +186,10 @@ def test_what_has_no_pull_off_is_told():
     contact = surface(js.potentials.NoAdhesion())
     with pytest.raises(js.SolverError, match="No pull-off found from MeanPressure"):
         js.pull_off(contact)
+    none = js.pull_off(contact, throw=False)
+    assert none.result != "successful"
+    numbers = none.load.value, none.critical.eigenvalue, none.equilibrium.gap, none.after.energy
+    assert all(jnp.isnan(number).all() for number in numbers)
     with pytest.raises(ValueError, match="The stiffness of the spring is -1"):
         js.pull_off(surface(LAWS["exponential"]), spring=-1.0)
     with pytest.raises(ValueError, match=r"spring has shape \(2,\): .* use jax.vmap"):

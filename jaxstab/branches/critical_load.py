@@ -82,7 +82,8 @@ def critical_load_at(limit: Limit, contact: Contact, shared: Load, throw: bool) 
     fields = {name: jnp.where(is_found, field, jnp.nan) for name, field in fields.items()}
     fields = differentiable_fields(fields, is_found, contact, load, gap, throw)
     space = Subspace(~in_contact | limit.point, contact.control(load).fixes_mean)
-    pair = replace(limit.critical, result=limit.result)
+    eigenvalue = jnp.where(is_found, limit.critical.eigenvalue, jnp.nan)
+    pair = replace(limit.critical, eigenvalue=eigenvalue, result=limit.result)
     return CriticalLoad(
         equilibrium=Equilibrium(
             load=load,

@@ -34,7 +34,7 @@ from jaxstab.results import throw_failure
 
 # Jumps that lose a smaller part of the problem's own energy do not end a branch.
 _SMALLEST_JUMP = 1e-6
-_ROOM = partial(Store.empty, 512, False), partial(Store.empty, 1, True)
+_ROOM = partial(Store.empty, size=512, fields=False), partial(Store.empty, size=1, fields=True)
 
 
 def critical_load(

@@ -41,11 +41,6 @@ class Course(eqx.Module):
     disturbance: Field
 
     @property
-    def num_parts(self) -> int:
-        """The number of monotone parts of the programme."""
-        return self.load.value.size - 1
-
-    @property
     def longest(self) -> Scalar:
         """The longest step."""
         turns = self.load.value

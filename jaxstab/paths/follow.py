@@ -155,8 +155,8 @@ def _begin(sizes: tuple[int, int], fields: bool, *inputs: Any) -> Walk[Store]:
         if start is None:
             start = contact.control(load[0]).starting_gap(contact.heights)
         course, (num_states, num_jumps) = course_of(contact, load, share, disturbance), sizes
-        states = partial(Store.empty, num_states, fields)
-        return begin(course, start, states, partial(Store.empty, num_jumps, True))
+        states = partial(Store.empty, size=num_states, fields=fields)
+        return begin(course, start, states, partial(Store.empty, size=num_jumps, fields=True))
 
     return by_lanes(first)(*inputs)
 
@@ -180,9 +180,8 @@ def _go_on(walk: Walk[Store], num_steps: int | None, *inputs: Any) -> Walk[Store
 def _go_on_by_and_by(walk: Walk[Store], inputs: Any, bar: Any) -> Walk[Store]:
     """Go on to the end, or until interrupted, in batches of steps of about a second each."""
     load, num_steps = inputs[1], 1
-    num_parts = load.value.size - 1
     try:
-        while walk.result == RESULTS.successful and walk.part < num_parts:
+        while walk.is_open(load):
             start = perf_counter()
             # While it waits, an interrupt stays pending.
             walk = jax.block_until_ready(_go_on(walk, num_steps, *inputs))

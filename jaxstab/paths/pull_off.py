@@ -30,7 +30,7 @@ from jaxstab.results import RESULTS, throw_failure
 # Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4
 _RESOLUTION = {"float64": 1e-9, "float32": 1e-5}
-ROOM = partial(Store.empty, 1024, False), Strongest.none
+ROOM = partial(Store.empty, size=1024, fields=False), Strongest.none
 # What part of the largest attraction is taken for none.
 _HARDLY_ANY = 1e-3
 

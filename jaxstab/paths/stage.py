@@ -15,7 +15,7 @@ from jaxstab.equilibrium.stage import EquilibriumStage
 from jaxstab.iterate import Loop
 from jaxstab.paths.course import Course, solver
 from jaxstab.paths.pull_off import ROOM, as_shown, dead_load, end_of, unloading
-from jaxstab.paths.step import Aim, Walk, after, aimed, judged
+from jaxstab.paths.step import Aim, Walk, after, aimed
 from jaxstab.paths.store import Place, Strongest, place_of
 from jaxstab.paths.walk import begin_at
 from jaxstab.pause import Pause
@@ -28,31 +28,41 @@ class _Walking(eqx.Module):
 
     Attributes:
         course: the programme.
-        walk: where it is.
-        aim: its next step.
-        loop: the search for the equilibrium there.
+        walk: where it is, once it has begun.
+        has_begun: whether the first equilibrium is found.
+        aim: the next.
+        loop: the search for it.
         num_before: the steps of all searches before.
     """
 
     course: Course
     walk: Walk[Strongest]
+    has_begun: Bool[Array, ""]
     aim: Aim
     loop: Loop[Any]
     num_before: Int[Array, ""]
 
     def after(self, place: Place, result: RESULTS) -> "_Walking":
-        """Return the walk after a step whose equilibrium is found, about to seek the next."""
-        course, aim = self.course, self.aim
-        walk = after(course, self.walk, aim, judged(course, self.walk, aim, place, result))
-        return _aimed(course, walk, self.num_before + self.loop.num_steps)
+        """Return the walk after the equilibrium that it sought, about to seek the next."""
+        course, walk = self.course, self.walk
+        further = after(course, walk, self.aim, place, result)
+        begun = begin_at(course, (place, result), *ROOM)
+        walk = jax.tree.map(partial(jnp.where, self.has_begun), further, begun)
+        num_steps = self.num_before + self.loop.num_steps
+        return _seeking(course, walk, jnp.array(True), aimed(course, walk), num_steps)
 
 
-def _aimed(course: Course, walk: Walk[Strongest], num_before: Int[Array, ""]) -> _Walking:
-    """Return a walk that is about to seek its next equilibrium."""
-    aim = aimed(course, walk)
+def _seeking(
+    course: Course,
+    walk: Walk[Strongest],
+    has_begun: Bool[Array, ""],
+    aim: Aim,
+    num_before: Int[Array, ""],
+) -> _Walking:
+    """Return a walk that is about to seek an equilibrium."""
     with Pause() as pause:
         course.state(aim.value, walk.part, aim.start)
-    return _Walking(course, walk, aim, pause.loop, num_before)
+    return _Walking(course, walk, has_begun, aim, pause.loop, num_before)
 
 
 class WalkStage(Stage):
@@ -71,9 +81,14 @@ class WalkStage(Stage):
         own, unit = contact.whole.in_own_units()
         load = dead_load(contact.whole, found.mean_pressure).in_units_of(unit)
         course = unloading(own, load)
-        first = place_of(own, found.in_units_of(unit), load.value[0])
-        walk = begin_at(course, (first, found.result), *ROOM)
-        return jax.tree.map(lambda leaf: leaf[None], _aimed(course, walk, jnp.array(0)))
+        # As yet not begun, but of the right kind.
+        value, no = load.value[0], jnp.array(False)
+        place = place_of(own, found.in_units_of(unit), value)
+        walk = begin_at(course, (place, found.result), *ROOM)
+        start = course.start(value, walk.part, jnp.maximum(place.gap, 0))
+        aim = Aim(value, jnp.zeros_like(value), start, no, no)
+        state = _seeking(course, walk, no, aim, jnp.array(0))
+        return jax.tree.map(lambda leaf: leaf[None], state)
 
     def advance(self, record: Record, state: _Walking, max_steps: ArrayLike) -> _Walking:
         """Return the walk after at most so many steps more of the search that it is in."""
@@ -86,7 +101,7 @@ class WalkStage(Stage):
 
     def is_over(self, record: Record, state: _Walking) -> Bool[Array, ""]:
         """Return whether the walk has come to its end."""
-        return ~state.walk.is_open(state.course)
+        return state.has_begun & ~state.walk.is_open(state.course.load)
 
     def num_steps(self, state: _Walking) -> Int[Array, ""]:
         """Return the number of steps of all searches."""
@@ -95,9 +110,7 @@ class WalkStage(Stage):
     def found(self, record: Record) -> tuple[Contact, CriticalLoad]:
         """Return the contact of a case and its pull-off."""
         contact, _ = self._equilibria.build(**record[0])
-        whole = contact.whole
-        own, unit = whole.in_own_units()
         state: _Walking = jax.tree.map(lambda leaf: leaf[0], record[2])
-        end = end_of(state.course, state.walk)
-        found = as_shown(end, own, state.course.load[0], throw=False)
-        return contact, found.in_units_of(1 / unit).on_surface(whole.solid)
+        course, whole = state.course, contact.whole
+        found = as_shown(end_of(course, state.walk), course.contact, course.load[0], throw=False)
+        return contact, found.in_units_of(1 / whole.own_pressure).on_surface(whole.solid)

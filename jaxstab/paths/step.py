@@ -74,9 +74,9 @@ class Walk(eqx.Module, Generic[Jumps]):
     jumps: Jumps
     result: RESULTS
 
-    def is_open(self, course: Course) -> Flag:
-        """Return whether there is a step to take."""
-        return (self.part < course.num_parts) & (self.result == RESULTS.successful)
+    def is_open(self, load: Load) -> Flag:
+        """Return whether there is a step to take along a programme."""
+        return (self.part < load.value.size - 1) & (self.result == RESULTS.successful)
 
 
 class Aim(eqx.Module):
@@ -142,8 +142,8 @@ def aimed(course: Course, walk: Walk) -> Aim:
     return Aim(value, length, course.start(value, walk.part, gap), is_end, is_final)
 
 
-def judged(course: Course, walk: Walk, aim: Aim, place: Place, result: RESULTS) -> Trial:
-    """Return what a step means, from the state that it led to and how the solver ended."""
+def _judged(course: Course, walk: Walk, aim: Aim, place: Place, result: RESULTS) -> Trial:
+    """Return what a step means."""
     here, value = walk.here.place, aim.value
     is_found = result == RESULTS.successful
     supplied = (here.force + place.force) / 2 * (value - here.value)
@@ -165,8 +165,11 @@ def judged(course: Course, walk: Walk, aim: Aim, place: Place, result: RESULTS) 
     )
 
 
-def after(course: Course, walk: Walk[Jumps], aim: Aim, trial: Trial) -> Walk[Jumps]:
-    """Return the walk after a step that was tried."""
+def after(
+    course: Course, walk: Walk[Jumps], aim: Aim, place: Place, result: RESULTS
+) -> Walk[Jumps]:
+    """Return the walk after a step, from the state that it led to and how the solver ended."""
+    trial = _judged(course, walk, aim, place, result)
     is_event = trial.is_jump | trial.is_touch
     accepts = trial.is_smooth | is_event | walk.is_apart
     is_apart = (walk.is_apart & ~trial.is_touch) | trial.is_pulled
@@ -197,7 +200,7 @@ def after(course: Course, walk: Walk[Jumps], aim: Aim, trial: Trial) -> Walk[Jum
         jumps=walk.jumps.with_entry(event, is_event),
         result=RESULTS.where(has_failed, trial.result, walk.result),
     )
-    is_short = new.is_open(course) & (new.states.is_full | new.jumps.is_full)
+    is_short = new.is_open(course.load) & (new.states.is_full | new.jumps.is_full)
     return replace(new, result=RESULTS.where(is_short, RESULTS.store_full, new.result))
 
 

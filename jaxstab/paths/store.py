@@ -104,15 +104,14 @@ class Store(eqx.Module):
     count: Int[Array, ""]
 
     @classmethod
-    def empty(cls, size: int, fields: bool, like: Any) -> "Store":
+    def empty(cls, like: Any, *, size: int, fields: bool) -> "Store":
         """Return room for a number of entries, with or without their fields."""
 
         def rows(leaf: Array) -> Array:
             is_field = leaf.ndim > 0
             if is_field and not fields:
                 return jnp.zeros((size, 0), leaf.dtype)
-            filling = jnp.nan if leaf.dtype.kind == "f" else 0
-            return jnp.full((size, *leaf.shape), filling, leaf.dtype)
+            return jnp.broadcast_to(_nothing(leaf), (size, *leaf.shape))
 
         return cls(jax.tree.map(rows, like), jnp.array(0))
 
@@ -136,7 +135,7 @@ class Strongest(eqx.Module):
     """Of all jumps the first from the largest tension.
 
     Attributes:
-        event: the jump, any where there is none.
+        event: the jump, NaN where there is none.
         tension: from which it was [pressure].
     """
 
@@ -146,7 +145,7 @@ class Strongest(eqx.Module):
     @classmethod
     def none(cls, like: Event) -> "Strongest":
         """Return that there is none as yet."""
-        return cls(like, jnp.full_like(like.dissipation, -jnp.inf))
+        return cls(jax.tree.map(_nothing, like), jnp.full_like(like.dissipation, -jnp.inf))
 
     @property
     def is_found(self) -> Flag:
@@ -164,3 +163,7 @@ class Strongest(eqx.Module):
         is_stronger = is_kept & ~event.is_touch & (tension > self.tension)
         new = Strongest(event, tension)
         return jax.tree.map(lambda one, other: jnp.where(is_stronger, one, other), new, self)
+
+
+def _nothing(leaf: Array) -> Array:
+    return jnp.full_like(leaf, jnp.nan if leaf.dtype.kind == "f" else 0)

@@ -8,7 +8,7 @@ from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.loads import Load
 from jaxstab.paths.course import Course
-from jaxstab.paths.step import Jumps, Search, Walk, after, aimed, judged
+from jaxstab.paths.step import Jumps, Search, Walk, after, aimed
 from jaxstab.paths.store import Event, Field, Flag, Place, Record, Scalar, Store
 from jaxstab.results import RESULTS
 
@@ -71,14 +71,14 @@ def go_on(course: Course, walk: Walk[Jumps], num_steps: ArrayLike | None = None)
 
     def goes_on(carry: tuple[Walk[Jumps], Int[Array, ""]]) -> Flag:
         walk, number = carry
-        is_open = walk.is_open(course)
+        is_open = walk.is_open(course.load)
         return is_open if num_steps is None else is_open & (number < num_steps)
 
     def step(carry: tuple[Walk[Jumps], Int[Array, ""]]) -> tuple[Walk[Jumps], Int[Array, ""]]:
         walk, number = carry
         aim = aimed(course, walk)
         state = course.state(aim.value, walk.part, aim.start)
-        return after(course, walk, aim, judged(course, walk, aim, *state)), number + 1
+        return after(course, walk, aim, *state), number + 1
 
     return jax.lax.while_loop(goes_on, step, (walk, jnp.array(0)))[0]
 
