@@ -16,7 +16,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from jaxstab import potentials
 from jaxstab.checks import cast, is_spread, is_traced, numbers, require_finite
 from jaxstab.display import block
-from jaxstab.elasticity import FieldMap, Solid, mirrored, padded
+from jaxstab.elasticity import FieldMap, Solid, mirrored, padded, where_window
 from jaxstab.grid import Grid, total
 from jaxstab.hessian import Hessian
 from jaxstab.loads import Control, Load
@@ -284,7 +284,7 @@ def _continued(contact: Contact, solid: Solid) -> Contact:
     # Not deeper than need be, as digits are lost to it.
     depth = _DEPTH * spread + jnp.max(solid.grid.spacing).astype(heights.dtype)
     fields = [mirrored(field) for field in varying_fields(law)]
-    is_there = solid.grid.placed(padded(jnp.ones_like(heights, bool), False))
+    is_there = solid.grid.placed(where_window(heights))
     return eqx.tree_at(
         lambda contact: (contact.solid, contact.heights, contact.potential),
         contact,

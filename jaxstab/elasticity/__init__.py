@@ -1,6 +1,6 @@
 """Elastic solids: what they all are, and one file per kind."""
 
-from jaxstab.elasticity.free import FreeHalfSpace, Padded, mirrored, padded
+from jaxstab.elasticity.free import FreeHalfSpace, Padded, mirrored, padded, where_window
 from jaxstab.elasticity.half_space import HalfSpace
 from jaxstab.elasticity.layers import CoatedHalfSpace, Layer
 from jaxstab.elasticity.solid import Field, FieldMap, Solid, apart_from_mean
@@ -21,4 +21,5 @@ __all__ = [
     "mirrored",
     "multiplied",
     "padded",
+    "where_window",
 ]

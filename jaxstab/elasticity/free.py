@@ -9,7 +9,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab.derivatives import LinearSystem
 from jaxstab.elasticity.moduli import Scalar, contact_modulus, elastic_constants
@@ -135,6 +135,11 @@ class FreeHalfSpace(Solid):
 def padded(field: Field, value: ArrayLike) -> Field:
     """Return a field on the window on twice the points a side, a value outside."""
     return jnp.pad(field, [(0, n) for n in field.shape], constant_values=value)
+
+
+def where_window(field: Field) -> Bool[Array, " *grid"]:
+    """Return where on twice the points a side the window of a field is."""
+    return padded(jnp.ones_like(field, bool), False)
 
 
 def mirrored(field: Field) -> Field:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxstab.checks import is_traced, known
 from jaxstab.contact import Contact
 from jaxstab.derivatives import LinearSystem
-from jaxstab.elasticity import Field, Padded, mirrored, multiplied, padded
+from jaxstab.elasticity import Field, Padded, mirrored, multiplied, padded, where_window
 from jaxstab.equilibrium.state import Equilibrium
 from jaxstab.grid import mean
 from jaxstab.hessian import Hessian
@@ -44,7 +44,7 @@ def whole_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Eq
     pressure = padded(equilibrium.pressure, 0)
     shape = multiplied(solid.grid, 1 / solid.multiplier, pressure)
     far = mean(equilibrium.displacement - solid.surface(shape))
-    is_there = padded(jnp.ones_like(equilibrium.in_contact), False)
+    is_there = where_window(equilibrium.gap)
     displacement = jnp.where(is_there, padded(equilibrium.displacement, 0), shape + far)
     gap = jnp.where(is_there, padded(equilibrium.gap, 0), displacement - whole.heights)
     return whole, replace(
@@ -101,7 +101,7 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
 @program
 def _continued(whole: Contact, gap: Field) -> Field:
     """Return a gap of which the displacement goes on outside of the window by its mirror images."""
-    is_there = padded(jnp.ones_like(gap, bool), False)
+    is_there = where_window(gap)
     displacement = mirrored(gap + whole.solid.surface(whole.heights))
     return jnp.where(is_there, padded(gap, 0), displacement - whole.heights)
 
@@ -109,7 +109,7 @@ def _continued(whole: Contact, gap: Field) -> Field:
 @program
 def _relaxed_outside(whole: Contact, load: Load, gap: Field) -> Field:
     solid, control = whole.solid, whole.control(load)
-    is_outside = ~padded(jnp.ones_like(gap, bool), False)
+    is_outside = ~where_window(gap)
     start = _continued(whole, gap)
     hessian = Hessian(solid, jnp.zeros_like(start), control.stiffness, is_outside)
     system = LinearSystem(
