@@ -19,8 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxstab as js
-from jaxstab.equilibrium.stage import EquilibriumStage
-from jaxstab.paths.stage import WalkStage
+from jaxstab.paths.stage import PullOffStages
 from jaxstab.refill import Lanes, Programs
 
 RESULTS = Path(__file__).parent / "results" / "refilled.md"
@@ -154,14 +153,13 @@ def verdicts(inputs: dict[str, np.ndarray], width: int) -> list[str]:
 
 def pull_offs(inputs: dict[str, np.ndarray], width: int) -> list[str]:
     """Return the lines on pull-offs."""
-    equilibria = EquilibriumStage(lambda **values: (build(**values)[0], js.MeanPressure(0.0)))
-    walk = WalkStage(equilibria)
+    stages = PullOffStages(lambda **values: build(**values)[0])
 
     def finish(record: Any) -> dict[str, Any]:
         states = jax.tree.map(lambda leaf: leaf[0], record[2])
-        return {"ended": walk.found(record)[1].result, "steps": walk.num_steps(states)}
+        return {"ended": stages.found(record)[1].result, "steps": stages.walk.num_steps(states)}
 
-    outputs, tally = run(Programs([equilibria, walk], finish), inputs, width)
+    outputs, tally = run(Programs(stages.all, finish), inputs, width)
     steps, ended = column(outputs, "steps"), column(outputs, "ended")
     least, middle, most = np.percentile(steps, [0, 50, 100])
     return [

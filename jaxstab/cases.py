@@ -15,8 +15,7 @@ from jaxstab.branches.critical_load import CriticalLoad
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.stage import Build, EquilibriumStage
-from jaxstab.loads import MeanPressure
-from jaxstab.paths.stage import WalkStage
+from jaxstab.paths.stage import PullOffStages
 from jaxstab.refill import Programs
 from jaxstab.stability import Stability, assess_stability
 from jaxstab.stability.stages import VerdictStages
@@ -95,9 +94,8 @@ class PullOffCase(Case):
 
     def programs(self) -> Programs:
         """Return the programs that run many cases by steps."""
-        equilibria = EquilibriumStage(lambda **values: (self.build(**values), MeanPressure(0.0)))
-        walk = WalkStage(equilibria)
-        return Programs([equilibria, walk], lambda record: self.summary(*walk.found(record)))
+        stages = PullOffStages(self.build)
+        return Programs(stages.all, lambda record: self.summary(*stages.found(record)))
 
 
 def equilibrium(build: Build, summary: Callable[..., Outputs] | None = None) -> EquilibriumCase:

@@ -1,5 +1,6 @@
 """The way of a contact to its pull-off as a stage of a case: what `pull_off` does, with pauses."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -13,6 +14,7 @@ from jaxstab.branches.critical_load import CriticalLoad
 from jaxstab.contact import Contact
 from jaxstab.equilibrium.stage import EquilibriumStage
 from jaxstab.iterate import Loop
+from jaxstab.loads import MeanPressure
 from jaxstab.paths.course import Course, solver
 from jaxstab.paths.pull_off import ROOM, as_shown, dead_load, end_of, unloading
 from jaxstab.paths.step import Aim, Walk, after, aimed
@@ -107,9 +109,23 @@ class WalkStage(Stage):
         """Return the number of steps of all searches."""
         return state.num_before + state.loop.num_steps
 
+
+class PullOffStages:
+    """The stages of a pull-off.
+
+    Arguments:
+        build: returns a contact, called by names.
+    """
+
+    def __init__(self, build: Callable[..., Contact]):
+        self._build = build
+        equilibria = EquilibriumStage(lambda **values: (build(**values), MeanPressure(0.0)))
+        self.walk = WalkStage(equilibria)
+        self.all = [equilibria, self.walk]
+
     def found(self, record: Record) -> tuple[Contact, CriticalLoad]:
         """Return the contact of a case and its pull-off."""
-        contact, _ = self._equilibria.build(**record[0])
+        contact = self._build(**record[0])
         state: _Walking = jax.tree.map(lambda leaf: leaf[0], record[2])
         course, whole = state.course, contact.whole
         found = as_shown(end_of(course, state.walk), course.contact, course.load[0], throw=False)

@@ -101,8 +101,6 @@ class Trial(eqx.Module):
     """A step that was tried, and what it means.
 
     Attributes:
-        place: where it led.
-        result: how the solver ended.
         supplied: what the load supplied on it [energy].
         loss: what was lost on it [energy].
         is_smooth: whether it stayed on the branch.
@@ -112,8 +110,6 @@ class Trial(eqx.Module):
         is_lost: whether no equilibrium was found where the branch has ended.
     """
 
-    place: Place
-    result: RESULTS
     supplied: Scalar
     loss: Scalar
     is_smooth: Flag
@@ -153,8 +149,6 @@ def _judged(course: Course, walk: Walk, aim: Aim, place: Place, result: RESULTS)
     is_jump = ~is_smooth & aim.is_final & (is_found | is_pulled) & ~walk.is_apart
     presses = _brings_together(course.contact, course.at(value, walk.part))
     return Trial(
-        place=place,
-        result=result,
         supplied=supplied,
         loss=jnp.where(is_found, loss, jnp.inf),
         is_smooth=is_smooth,
@@ -177,7 +171,7 @@ def after(
     is_known = ~walk.is_apart & ~trial.is_pulled
     unknown = jnp.where(trial.is_pulled, jnp.nan, 0)
     new = Record(
-        trial.place,
+        place,
         walk.here.supplied + jnp.where(is_known, trial.supplied, unknown),
         walk.here.dissipation + jnp.where(is_known, trial.loss, unknown),
     )
@@ -198,7 +192,7 @@ def after(
         is_apart=is_apart,
         states=walk.states.with_entry(here, is_kept),
         jumps=walk.jumps.with_entry(event, is_event),
-        result=RESULTS.where(has_failed, trial.result, walk.result),
+        result=RESULTS.where(has_failed, result, walk.result),
     )
     is_short = new.is_open(course.load) & (new.states.is_full | new.jumps.is_full)
     return replace(new, result=RESULTS.where(is_short, RESULTS.store_full, new.result))
