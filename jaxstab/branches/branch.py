@@ -3,12 +3,13 @@
 The step takes A + s x x^T in place of A, x being the mode: at a simple fold that is not singular.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact
 from jaxstab.derivatives import FieldMap, LinearSystem
@@ -37,9 +38,19 @@ class Point(eqx.Module):
     pair: Eigenpair
 
 
-def point_at(contact: Contact, load: Load, gap: Field, modes: Block) -> Point:
-    """Return a state of a branch, its modes sought from a block of others."""
+def point_at(
+    contact: Contact,
+    load: Load,
+    gap: Field,
+    modes: Block,
+    opened: Bool[Array, " *grid"] | bool = False,
+) -> Point:
+    """Return a state of a branch, its modes sought from a block of others.
+
+    They are those of the free points, and of contact points that are opened.
+    """
     space = free_space(contact, load, gap)
+    space = replace(space, is_moving=space.is_moving | opened)
     hessian = contact.hessian(gap, contact.control(load))
     pair, modes = lowest_pair(Davidson(_MODE_TOLERANCE[gap.dtype.name]), hessian, space, modes)
     return Point(load, gap, modes, pair)

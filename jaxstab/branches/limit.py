@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxstab.branches.branch import point_at
+from jaxstab.branches.branch import Point, point_at
 from jaxstab.branches.fold import FoldNewton
 from jaxstab.branches.reason import reason_of
 from jaxstab.branches.release import Held, ReleaseNewton, first_of, first_releases
@@ -17,10 +17,8 @@ from jaxstab.contact import Contact
 from jaxstab.iterate import History, Iteration
 from jaxstab.loads import Load
 from jaxstab.results import KINDS, RESULTS
-from jaxstab.stability.cones import Subspace
-from jaxstab.stability.davidson import Davidson
 from jaxstab.stability.eigenpairs import Eigenpair
-from jaxstab.stability.modes import BLOCK_SIZE, lowest_pair, noise
+from jaxstab.stability.modes import BLOCK_SIZE, noise
 
 Field = Float[Array, " *grid"]
 Mask = Bool[Array, " *grid"]
@@ -63,16 +61,15 @@ class Limit(eqx.Module):
         return self.result == RESULTS.successful
 
 
-def limit_of(
-    kind: KINDS, state: Any, point: Mask, critical: Eigenpair, newton: Iteration[Any]
-) -> Limit:
+def limit_of(kind: KINDS, point: Mask, newton: Iteration[Point]) -> Limit:
     """Return a limit from what Newton's method ended at."""
+    state = newton.state
     return Limit(
         load=state.load,
         gap=state.gap,
         kind=kind,
         point=point,
-        critical=critical,
+        critical=state.pair,
         residual=newton.residual,
         num_steps=newton.num_steps,
         history=newton.history,
@@ -102,36 +99,29 @@ def locate(contact: Contact, load: Load, gap: Field, kind: KINDS, ahead: Scalar)
         kind: of the limit, a fold or a release.
         ahead: how far ahead the load lies that has no state of this branch, with its sign.
     """
-    starts = noise(jax.random.key(0), BLOCK_SIZE, gap)
-    nowhere = jnp.zeros_like(gap, bool)
-    near = point_at(contact, load, gap, starts)
-
-    def at_fold() -> Limit:
-        newton = FoldNewton().solve(contact, near)
-        return limit_of(KINDS.fold, newton.state, nowhere, newton.state.pair, newton)
-
-    def at_release() -> Limit:
-        point = first_of(first_releases(contact, load, gap, ahead))
-        newton = ReleaseNewton().solve(contact, Held(load, gap, point))
-        found = newton.state
-        control = contact.control(found.load)
-        space = Subspace((found.gap > 0) | point, control.fixes_mean)
-        hessian = contact.hessian(found.gap, control)
-        pair, _ = lowest_pair(Davidson(), hessian, space, starts)
-        return limit_of(KINDS.release, found, point, pair, newton)
-
-    limit = jax.lax.cond(kind == KINDS.release, at_release, at_fold)
-    distance = jnp.abs(limit.load.value - load.value)
-    is_near = (distance <= _LEEWAY * jnp.abs(ahead)) & limit.is_found
     residual = contact.balance(contact.control(load))(gap).residual
-    rough = replace(
-        limit,
-        load=load,
-        gap=gap,
-        point=nowhere,
-        critical=near.pair,
-        residual=residual,
-        is_exact=jnp.array(False),
-        result=RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite),
+    here = Held(load, gap, jnp.zeros_like(gap, bool))
+    none = jnp.zeros((), int), RESULTS.no_fold, History.empty(["residual"], gap.dtype)
+
+    def unless_far(newton: Iteration[Any], start: Any) -> Iteration[Any]:
+        distance = jnp.abs(newton.state.load.value - load.value)
+        is_near = (newton.result == RESULTS.successful) & (distance <= _LEEWAY * jnp.abs(ahead))
+        unmoved = replace(newton, state=start, residual=residual, result=RESULTS.no_fold)
+        return jax.tree.map(partial(jnp.where, is_near), newton, unmoved)
+
+    def release() -> Iteration[Held]:
+        point = first_of(first_releases(contact, load, gap, ahead))
+        return unless_far(ReleaseNewton().solve(contact, replace(here, point=point)), here)
+
+    is_release = kind == KINDS.release
+    released = jax.lax.cond(is_release, release, lambda: Iteration(here, residual, *none))
+    held = released.state
+    starts = noise(jax.random.key(0), BLOCK_SIZE, gap)
+    near = point_at(contact, held.load, held.gap, starts, held.point)
+    end = jax.lax.cond(
+        is_release,
+        lambda: replace(released, state=near),
+        lambda: unless_far(FoldNewton().solve(contact, near), near),
     )
-    return jax.tree.map(partial(jnp.where, is_near), limit, rough)
+    result = RESULTS.where(jnp.isfinite(end.residual), RESULTS.successful, RESULTS.nonfinite)
+    return replace(limit_of(kind, held.point, end), result=result)

@@ -14,6 +14,7 @@ from jaxstab.stability.davidson import Davidson
 from jaxstab.stability.modes import BLOCK_SIZE, lowest_pair, noise
 
 Field = Float[Array, " *grid"]
+Flag = Bool[Array, ""]
 
 # How far beyond the end of a branch, in units of how near it is known, a point may let go at it.
 _LEEWAY = 2
@@ -39,18 +40,17 @@ def reason_of(
     hessian = contact.hessian(gap, control)
     starts = noise(jax.random.key(0), BLOCK_SIZE, gap)
 
-    def lowest(is_moving: Bool[Array, " *grid"]) -> tuple[Float[Array, ""], Field]:
-        space = Subspace(is_moving, control.fixes_mean)
+    def seek(found: tuple[Flag, Flag, Field]) -> tuple[Flag, Flag, Field]:
+        opens, *_ = found
+        space = Subspace(~touches | (lets_go & opens), control.fixes_mean)
         pair, _ = lowest_pair(Davidson(), hessian, space, starts)
-        return pair.eigenvalue, pair.mode
+        is_release = opens & (pair.eigenvalue < 0)
+        return is_release, is_release | ~opens, pair.mode
 
-    nothing = jnp.array(jnp.inf, gap.dtype), jnp.zeros_like(gap)
-    opened, mode = jax.lax.cond(
-        jnp.any(lets_go), lambda: lowest(~touches | lets_go), lambda: nothing
-    )
-    is_release = opened < 0
+    # With the points that may let go, if there are any, and where that is no release without them.
+    start = jnp.any(lets_go), jnp.array(False), jnp.zeros_like(gap)
+    is_release, _, mode = jax.lax.while_loop(lambda found: ~found[1], seek, start)
     kind = KINDS.where(is_release, KINDS.release, KINDS.fold)
-    mode = jax.lax.cond(is_release, lambda: mode, lambda: lowest(~touches)[1])
     # A contact point opens.
     opening = jnp.where(touches, mode, 0)
     return kind, mode * jnp.where(mean(opening) < 0, -1, 1)

@@ -43,8 +43,7 @@ def follow_to_fold(contact: Contact, loads: Load, start: Field | None) -> Limit:
     approach = _Approach().solve(contact, point, last)
     near = approach.state
     newton = FoldNewton().solve(contact, near.point)
-    state = newton.state
-    end = state.load.value
+    end = newton.state.load.value
     is_between = (end - first.value) * (last.value - end) >= 0
     # Another one may be the end of another branch.
     is_near = jnp.abs(end - near.point.load.value) <= _SURPRISE * jnp.abs(near.distance)
@@ -52,7 +51,7 @@ def follow_to_fold(contact: Contact, loads: Load, start: Field | None) -> Limit:
     is_foreseen = is_near & (is_ahead | (approach.result == RESULTS.successful))
     is_fold = (newton.result == RESULTS.successful) & is_between & is_foreseen
     result = RESULTS.where(is_fold, RESULTS.successful, RESULTS.no_fold)
-    limit = limit_of(KINDS.fold, state, jnp.zeros_like(gap, bool), state.pair, newton)
+    limit = limit_of(KINDS.fold, jnp.zeros_like(gap, bool), newton)
     return replace(
         limit,
         num_steps=equilibrium.num_steps + approach.num_steps + newton.num_steps,

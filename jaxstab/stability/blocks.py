@@ -7,7 +7,6 @@ can be.
 from collections.abc import Sequence
 from functools import reduce
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -32,16 +31,8 @@ def combination(
 
 def combinations(parts: Float[Array, "block count"], *blocks: Block) -> tuple[Block, ...]:
     """Return linear combinations of the vectors of each block, zero beyond their number."""
-
-    def put(index: Array, combined: tuple[Block, ...]) -> tuple[Block, ...]:
-        column = parts[:, index]
-        return tuple(
-            out.at[index].set(combination(column, block))
-            for out, block in zip(combined, blocks, strict=True)
-        )
-
-    # A loop, since unrolled this would be most of what there is to compile.
-    return jax.lax.fori_loop(0, parts.shape[1], put, tuple(map(jnp.zeros_like, blocks)))
+    parts = jnp.pad(parts, ((0, 0), (0, parts.shape[0] - parts.shape[1])))
+    return tuple(jnp.tensordot(parts.T, block, 1, precision="highest") for block in blocks)
 
 
 def norms(block: Block | Sequence[Float[Array, " *grid"]]) -> Float[Array, " block"]:

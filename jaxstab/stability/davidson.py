@@ -12,7 +12,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.grid import total
 from jaxstab.hessian import Block, SymmetricOperator
@@ -49,7 +49,7 @@ class _Span(eqx.Module):
 
     def with_vector(
         self,
-        slot: Int[Array, ""] | int,
+        slot: Int[Array, ""],
         vector: Float[Array, " *grid"],
         operator: SymmetricOperator,
         space: Subspace,
@@ -61,14 +61,14 @@ class _Span(eqx.Module):
         is_new = total(rest**2) > _rounding(square.dtype) ** 2 * square
         vector = jnp.where(is_new, scaled_to_unit(rest), 0)
         product = space.project(operator(vector))
-        basis, products = self.basis.at[slot].set(vector), self.products.at[slot].set(product)
+        basis, products = _put(vector, self.basis, slot), _put(product, self.products, slot)
         # Orthogonal only to rounding.
         overlaps, energies = jnp.split(inner_products([*basis, *products], vector), 2)
         return _Span(
             basis,
             products,
-            self.gram.at[slot].set(overlaps).at[:, slot].set(overlaps),
-            self.energies.at[slot].set(energies).at[:, slot].set(energies),
+            _put_both(overlaps, self.gram, slot),
+            _put_both(energies, self.energies, slot),
         )
 
     def spanned_by(self, parts: Float[Array, "room kept"]) -> "_Span":
@@ -79,14 +79,21 @@ class _Span(eqx.Module):
         return _Span(basis, products, parts.T @ self.gram @ parts, parts.T @ self.energies @ parts)
 
 
-# A space, the Ritz vectors in it of the last two, and the eigenvalue of the last.
+# A space, its lowest Ritz values and vectors, and those vectors one step before.
 _Widening = tuple[_Span, Array, Array, Array]
 
 
 class _State(eqx.Module):
+    """A space, its lowest Ritz pairs, and whether it has no vectors yet.
+
+    The first step takes the starts: what adds vectors is traced once, since it is most of what
+    there is to compile.
+    """
+
     span: _Span
-    eigenvalues: Float[Array, " count"]
+    eigenvalues: Float[Array, " size"]
     residuals: Float[Array, " count"]
+    is_empty: Bool[Array, ""]
 
 
 class Davidson(SpaceSolver):
@@ -96,7 +103,8 @@ class Davidson(SpaceSolver):
         tolerance: the residual |P(A x - lambda x)| / s of a unit vector to reach, P the projection
             onto the space and s the size of A on its lower modes; by default 1e-7 in float64 and
             1e-5 in float32.
-        max_steps: the step limit, 5000 by default; a step takes three residuals.
+        max_steps: the step limit, 5000 by default; the first takes the starts, each other one three
+            residuals.
     """
 
     tolerance: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
@@ -111,9 +119,8 @@ class Davidson(SpaceSolver):
         size = len(starts)
         tolerance = self.tolerance_in(starts.dtype)
 
-        def restarted(span: _Span, last: Array) -> _State:
+        def restarted(span: _Span, eigenvalues: Array, parts: Array, last: Array) -> _State:
             """Keep the lowest Ritz vectors, and the part of another vector apart from them."""
-            eigenvalues, parts = rayleigh_ritz(span.gram, span.energies, size)
             square = last @ span.gram @ last
             for _ in range(2):
                 last -= parts @ (parts.T @ (span.gram @ last))
@@ -122,44 +129,59 @@ class Davidson(SpaceSolver):
             last = jnp.where(is_new, last / jnp.sqrt(jnp.where(is_new, rest, 1)), 0)
             span = span.spanned_by(jnp.column_stack([parts, last]))
             residuals = [span.products[i] - eigenvalues[i] * span.basis[i] for i in range(count)]
-            return _State(span, eigenvalues[:count], norms(residuals) / operator.scale)
+            residual = norms(residuals) / operator.scale
+            return _State(span, eigenvalues, residual, jnp.array(False))
 
         def step(state: _State) -> _State:
             target = jnp.argmax(state.residuals > tolerance)
-            eigenvalue = state.eigenvalues[target]
-            precondition = operator.preconditioner(state.span.basis[target], eigenvalue)
+            mode, eigenvalue = state.span.basis[target], state.eigenvalues[target]
+            precondition = operator.preconditioner(mode, eigenvalue)
 
             def widen(index: Array, carry: _Widening) -> _Widening:
-                span, _, parts, eigenvalue = carry
-                mode, product = combination(parts, span.basis), combination(parts, span.products)
-                steepest = precondition(product - eigenvalue * mode)
-                span = span.with_vector(size + 1 + index, steepest, operator, space)
-                eigenvalues, ritz = rayleigh_ritz(span.gram, span.energies, size)
-                return span, parts, ritz[:, target], eigenvalues[target]
+                span, eigenvalues, parts, _ = carry
 
-            parts = jnp.zeros(len(state.span.basis), starts.dtype).at[target].set(1)
-            start = state.span, parts, parts, eigenvalue
-            span, last, *_ = jax.lax.fori_loop(0, _NUM_RESIDUALS, widen, start)
-            return restarted(span, last)
+                def steepest() -> Array:
+                    lowest = parts[:, target]
+                    product = combination(lowest, span.products)
+                    return precondition(
+                        product - eigenvalues[target] * combination(lowest, span.basis)
+                    )
+
+                vector = jax.lax.cond(state.is_empty, lambda: starts[index], steepest)
+                slot = jnp.where(state.is_empty, index, size + 1 + index)
+                span = span.with_vector(slot, vector, operator, space)
+                return span, *rayleigh_ritz(span.gram, span.energies, size), parts
+
+            parts = jnp.eye(len(state.span.basis), size, dtype=starts.dtype)
+            number = jnp.where(state.is_empty, size, _NUM_RESIDUALS)
+            start = state.span, state.eigenvalues, parts, parts
+            span, eigenvalues, parts, before = jax.lax.fori_loop(0, number, widen, start)
+            return restarted(span, eigenvalues, parts, before[:, target])
 
         def measure(state: _State) -> Indicators:
             return {"residual": jnp.max(state.residuals)}
 
-        span = jax.lax.fori_loop(
-            0,
-            size,
-            lambda slot, span: span.with_vector(slot, starts[slot], operator, space),
-            _Span.empty(size + 1 + _NUM_RESIDUALS, starts[0]),
-        )
-        start = restarted(span, jnp.zeros(len(span.basis), starts.dtype))
-        iteration = self.iterate(step, measure, start)
+        span = _Span.empty(size + 1 + _NUM_RESIDUALS, starts[0])
+        # No residual is known yet: one above the tolerance.
+        unknown = jnp.zeros(size, starts.dtype), jnp.full(count, 1 + tolerance, starts.dtype)
+        iteration = self.iterate(step, measure, _State(span, *unknown, jnp.array(True)))
+        num_residuals = _NUM_RESIDUALS * jnp.maximum(iteration.num_steps - 1, 0)
         return Minimum(
             vector=iteration.state.span.basis[:size],
             num_steps=iteration.num_steps,
-            num_applications=size + 2 * _NUM_RESIDUALS * iteration.num_steps,
+            num_applications=size + 2 * num_residuals,
             result=iteration.result,
             history=iteration.history,
         )
+
+
+def _put(entry: Array, entries: Array, slot: Int[Array, ""], axis: int = 0) -> Array:
+    return jax.lax.dynamic_update_index_in_dim(entries, entry, slot, axis)
+
+
+def _put_both(row: Array, matrix: Array, slot: Int[Array, ""]) -> Array:
+    """Return a symmetric matrix with another row, and column."""
+    return _put(row, _put(row, matrix, slot), slot, axis=1)
 
 
 def _rounding(dtype: jnp.dtype) -> float:
