@@ -1,6 +1,6 @@
-"""The forward loop of every solver: it steps, measures, stops, and keeps a bounded history."""
+"""The forward loop of every solver: it steps, measures, stops, and keeps a history."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar
@@ -10,80 +10,23 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from jaxstab import display
 from jaxstab.checks import parameter, require, require_positive
+from jaxstab.history import History, Indicators
 from jaxstab.pause import Pause
 from jaxstab.results import RESULTS
-from jaxstab.stacks import Stackable
 
 State = TypeVar("State")
-Indicators = dict[str, Float[Array, ""]]
 
 _STALL_FACTOR = 0.99
 # What counts as progress: of the fall of the energy so far, and in units of the precision.
 _LEAST_FALL = 1e-9
 _ROUNDING = 10
-_HISTORY_LENGTH = 512
 _NO_LIMIT = 2**31 - 1
 
 
 def optional_parameter(value: ArrayLike | None) -> Float[Array, ""] | None:
     """Return `value` as a floating-point array, None as None."""
     return None if value is None else parameter(value)
-
-
-class History(Stackable, eqx.Module):
-    """Indicators of a solver at a bounded number of its steps: all at first, then ever fewer.
-
-    Attributes:
-        table: a row for each record, NaN where unused: the step, and the indicators by name.
-        names: of the indicators, in order.
-    """
-
-    table: Float[Array, "records columns"]
-    names: tuple[str, ...] = eqx.field(static=True)
-
-    __repr__ = display.history
-
-    @property
-    def stack_shape(self) -> tuple[int, ...]:
-        """The leading axes of a stack of histories."""
-        return self.table.shape[:-2]
-
-    @classmethod
-    def empty(cls, names: Iterable[str], dtype: Any = float) -> "History":
-        """Return a history without records for indicators of these names."""
-        names = tuple(sorted(names))
-        return cls(jnp.full((_HISTORY_LENGTH, 1 + len(names)), jnp.nan, dtype), names)
-
-    @property
-    def steps(self) -> Float[Array, " records"]:
-        """The steps that are on record."""
-        return self.table[..., 0]
-
-    @property
-    def values(self) -> dict[str, Float[Array, " records"]]:
-        """The indicators at these steps."""
-        return {name: self.table[..., 1 + i] for i, name in enumerate(self.names)}
-
-    def scaled(self, **factors: Float[Array, ""]) -> "History":
-        """Return the history with some of its indicators, if they are there, times a factor."""
-        dtype = self.table.dtype
-        columns = [jnp.asarray(factors.get(name, 1), dtype) for name in ("step", *self.names)]
-        return replace(self, table=self.table * jnp.stack(columns))
-
-    def record(self, count: Int[Array, ""], step: Int[Array, ""], new: Indicators) -> "History":
-        """Return the history with the `count`-th measurement, taken at `step`, added.
-
-        The first 256 have a row each. Then the rows of each doubling of the count are 32, and each
-        keeps the last of those that share it.
-        """
-        octave = jnp.maximum(23 - jax.lax.clz(count.astype(jnp.int32)), 0)
-        shared = 224 + 32 * octave + (count >> (octave + 3))
-        row = jnp.minimum(jnp.where(count < 256, count, shared), _HISTORY_LENGTH - 1)
-        values = jnp.stack([step, *(new[name] for name in self.names)]).astype(self.table.dtype)
-        table = jax.lax.dynamic_update_index_in_dim(self.table, values, row, 0)
-        return replace(self, table=table)
 
 
 class Iteration(eqx.Module, Generic[State]):
@@ -160,6 +103,7 @@ class IterativeSolver(eqx.Module):
         step: Callable[[State], State],
         measure: Callable[[State], Indicators],
         state: State,
+        max_steps: ArrayLike = _NO_LIMIT,
     ) -> Iteration[State]:
         """Repeat `step` from `state` until the tolerance is reached, or say why it is not.
 
@@ -170,8 +114,9 @@ class IterativeSolver(eqx.Module):
             step: one step of the algorithm.
             measure: its indicators, of which "residual" decides, every `steps_per_check` steps.
             state: where to start.
+            max_steps: the number of steps after which to pause: none where nothing is sought.
         """
-        return self._run(step, measure, partial(self.begin, measure, state), _NO_LIMIT)
+        return self._run(step, measure, partial(self.begin, measure, state), max_steps)
 
     def resume(
         self,

@@ -32,7 +32,7 @@ import pytest
 
 import jaxstab as js
 from jaxstab import potentials
-from jaxstab.iterate import History
+from jaxstab.history import History
 from jaxstab.programs import num_pieces
 
 jax.config.update("jax_enable_x64", True)

@@ -245,8 +245,8 @@ def test_what_cannot_be_read_is_refused_in_a_sentence(case, tmp_path):
     [
         (lambda text: text.replace('"format": 1', '"format": 99'), "a form that this version"),
         (lambda text: text.replace('"num_steps": {', '"num_loops": {'), "another version of the"),
-        (lambda text: text.replace("iterate:History", "iterate:Chronicle"), "is not found"),
-        (lambda text: text.replace("jaxstab.iterate:History", "os:system"), "no equinox.Module"),
+        (lambda text: text.replace("history:History", "history:Chronicle"), "is not found"),
+        (lambda text: text.replace("jaxstab.history:History", "os:system"), "no equinox.Module"),
         (lambda text: text.replace('"RESULTS"', '"VERDICTS"'), "successful in the file is not one"),
     ],
 )
@@ -261,12 +261,19 @@ def test_a_file_of_another_version_is_refused_in_a_sentence(case, tmp_path, chan
         js.load(path)
 
 
-def test_a_file_older_than_a_field_with_a_default_opens(case, tmp_path):
+@pytest.mark.parametrize(
+    ("new", "old"),
+    [
+        pytest.param(', "sharding": null', "", id="than a field with a default"),
+        pytest.param("history:History", "iterate:History", id="than a module"),
+    ],
+)
+def test_an_older_file_opens(case, tmp_path, new, old):
     contact, sweep = case
     path = js.save(tmp_path / "run.nc", contact, sweep[0].equilibrium)
     with h5netcdf.File(path, "r+") as file:
         structure = file.attrs["structure"]
-        file.attrs["structure"] = structure.replace(', "sharding": null', "")
+        file.attrs["structure"] = structure.replace(new, old)
         assert file.attrs["structure"] != structure
     assert_same_bits((contact, sweep[0].equilibrium), js.load(path))
 

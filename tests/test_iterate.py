@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import jaxstab as js
-from jaxstab.iterate import History, IterativeSolver
+from jaxstab.history import History
+from jaxstab.iterate import IterativeSolver
 from jaxstab.pause import Pause
 from jaxstab.progress import advance, progress_bar
 

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Int
 
 from jaxstab.branches.branch import (
     Point,
@@ -16,7 +16,8 @@ from jaxstab.branches.branch import (
     point_at,
 )
 from jaxstab.contact import Contact
-from jaxstab.iterate import Indicators, Iteration, IterativeSolver
+from jaxstab.history import Indicators
+from jaxstab.iterate import Iteration, IterativeSolver
 
 
 class FoldNewton(IterativeSolver):
@@ -28,8 +29,10 @@ class FoldNewton(IterativeSolver):
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
     patience: ClassVar[int] = 8
 
-    def solve(self, contact: Contact, point: Point) -> Iteration[Point]:
-        """Go from a point of the branch to the fold."""
+    def solve(
+        self, contact: Contact, point: Point, is_needed: Bool[Array, ""] | bool = True
+    ) -> Iteration[Point]:
+        """Go from a point of the branch to the fold, if there is such a point."""
 
         def step(point: Point) -> Point:
             linear = linearised(contact, point.load, point.gap, point.pair)
@@ -45,4 +48,4 @@ class FoldNewton(IterativeSolver):
             eigenvalue = jnp.abs(point.pair.eigenvalue) / contact.solid.min_stiffness
             return {"residual": jnp.maximum(balance.residual, eigenvalue)}
 
-        return self.iterate(step, measure, point)
+        return self.iterate(step, measure, point, jnp.where(is_needed, self.max_steps, 0))

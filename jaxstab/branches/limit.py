@@ -14,7 +14,8 @@ from jaxstab.branches.fold import FoldNewton
 from jaxstab.branches.reason import reason_of
 from jaxstab.branches.release import Held, ReleaseNewton, first_of, first_releases
 from jaxstab.contact import Contact
-from jaxstab.iterate import History, Iteration
+from jaxstab.history import History
+from jaxstab.iterate import Iteration
 from jaxstab.loads import Load
 from jaxstab.results import KINDS, RESULTS
 from jaxstab.stability.eigenpairs import Eigenpair

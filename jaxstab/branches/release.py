@@ -19,7 +19,8 @@ from jaxstab.derivatives import LinearSystem
 from jaxstab.equilibrium.implicit import free_system
 from jaxstab.equilibrium.state import fields_of
 from jaxstab.grid import total
-from jaxstab.iterate import Indicators, Iteration, IterativeSolver
+from jaxstab.history import Indicators
+from jaxstab.iterate import Iteration, IterativeSolver
 from jaxstab.loads import Load
 from jaxstab.stability.cones import Subspace
 

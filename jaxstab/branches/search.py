@@ -21,7 +21,8 @@ from jaxstab.contact import Contact
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
 from jaxstab.grid import total
-from jaxstab.iterate import Indicators, Iteration, IterativeSolver
+from jaxstab.history import Indicators
+from jaxstab.iterate import Iteration, IterativeSolver
 from jaxstab.loads import Load
 from jaxstab.results import KINDS, RESULTS
 from jaxstab.stability.modes import BLOCK_SIZE, noise
@@ -38,11 +39,11 @@ def follow_to_fold(contact: Contact, loads: Load, start: Field | None) -> Limit:
     first, last = (jax.tree.map(lambda leaf, i=i: leaf[i], loads) for i in (0, 1))
     equilibrium = find(contact, first, PreconditionedConjugateGradient(), start)
     is_found = equilibrium.result == RESULTS.successful
-    gap = jnp.where(is_found, equilibrium.gap, jnp.nan)
+    gap = equilibrium.gap
     point = point_at(contact, first, gap, noise(jax.random.key(0), BLOCK_SIZE, gap))
-    approach = _Approach().solve(contact, point, last)
+    approach = _Approach().solve(contact, point, last, is_found)
     near = approach.state
-    newton = FoldNewton().solve(contact, near.point)
+    newton = FoldNewton().solve(contact, near.point, is_found)
     end = newton.state.load.value
     is_between = (end - first.value) * (last.value - end) >= 0
     # Another one may be the end of another branch.
@@ -75,8 +76,10 @@ class _Approach(IterativeSolver):
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-3, "float32": 1e-2}
     patience: ClassVar[int] = 15
 
-    def solve(self, contact: Contact, point: Point, last: Load) -> Iteration[_Approaching]:
-        """Go from a point of the branch towards a load beyond its end."""
+    def solve(
+        self, contact: Contact, point: Point, last: Load, is_needed: Bool[Array, ""]
+    ) -> Iteration[_Approaching]:
+        """Go from a point of the branch towards a load beyond its end, if there is such a point."""
         width = jnp.abs(last.value - point.load.value)
 
         def foresee(point: Point, fraction: Scalar) -> _Approaching:
@@ -110,4 +113,5 @@ class _Approach(IterativeSolver):
         def measure(state: _Approaching) -> Indicators:
             return {"residual": jnp.where(is_ahead(state), jnp.abs(state.distance) / width, 1)}
 
-        return self.iterate(step, measure, foresee(point, jnp.ones_like(width)))
+        start, limit = foresee(point, jnp.ones_like(width)), jnp.where(is_needed, self.max_steps, 0)
+        return self.iterate(step, measure, start, limit)

@@ -26,7 +26,8 @@ from jaxstab.display import block
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
 from jaxstab.equilibrium.window import whole_start
-from jaxstab.iterate import History, refuse_derivatives
+from jaxstab.history import History
+from jaxstab.iterate import refuse_derivatives
 from jaxstab.loads import Load, MeanPressure, require_load
 from jaxstab.programs import program
 from jaxstab.progress import advance, progress_bar

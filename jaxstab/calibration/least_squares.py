@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxstab.iterate import Indicators, Iteration, IterativeSolver
+from jaxstab.history import Indicators
+from jaxstab.iterate import Iteration, IterativeSolver
 from jaxstab.loads import Load
 
 # Imported where it is used, since that takes a while.

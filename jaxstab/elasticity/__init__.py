@@ -4,7 +4,7 @@ from jaxstab.elasticity.free import FreeHalfSpace, Padded, mirrored, padded, whe
 from jaxstab.elasticity.half_space import HalfSpace
 from jaxstab.elasticity.layers import CoatedHalfSpace, Layer
 from jaxstab.elasticity.solid import Field, FieldMap, Solid, apart_from_mean
-from jaxstab.elasticity.spectral import Spectral, SpectralSolid, multiplied
+from jaxstab.elasticity.spectral import Spectral, SpectralSolid
 
 __all__ = [
     "CoatedHalfSpace",
@@ -19,7 +19,6 @@ __all__ = [
     "SpectralSolid",
     "apart_from_mean",
     "mirrored",
-    "multiplied",
     "padded",
     "where_window",
 ]

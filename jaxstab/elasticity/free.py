@@ -38,6 +38,10 @@ class Padded(Waves):
         """Return the window of one field or several."""
         return _first(self, field)
 
+    def under(self, pressure: Field) -> Field:
+        """Return G p on all of the grid, the displacement under a pressure on the window."""
+        return multiplied(self.grid, 1 / self.multiplier, padded(pressure, 0))
+
     def flush(self, heights: Field) -> Field:
         """Return the surface continued by its mirror images, as no edge of it is."""
         return mirrored(self.surface(heights))
@@ -111,8 +115,7 @@ class FreeHalfSpace(Solid):
     def displacement(self, pressure: Field) -> Field:
         """Return G p, the displacement under a pressure on the window [length]."""
         whole = self.whole
-        compliance = 1 / whole.multiplier
-        return whole.surface(multiplied(whole.grid, compliance, padded(pressure, 0)))
+        return whole.surface(whole.under(pressure))
 
     @program
     def apply(self, displacement: Field) -> Field:

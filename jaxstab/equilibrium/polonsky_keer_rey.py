@@ -14,7 +14,8 @@ from jaxtyping import Array, Float, Int
 from jaxstab.contact import Balance, Contact
 from jaxstab.equilibrium.solver import EquilibriumSolver
 from jaxstab.grid import total
-from jaxstab.iterate import Indicators, Iteration, optional_parameter
+from jaxstab.history import Indicators
+from jaxstab.iterate import Iteration, optional_parameter
 from jaxstab.loads import Control
 
 

@@ -13,7 +13,8 @@ from jaxstab.contact import Balance, Contact
 from jaxstab.elasticity import Solid
 from jaxstab.equilibrium.solver import EquilibriumSolver
 from jaxstab.grid import total
-from jaxstab.iterate import Indicators, Iteration, optional_parameter
+from jaxstab.history import Indicators
+from jaxstab.iterate import Iteration, optional_parameter
 from jaxstab.loads import Control
 
 # Cuts of a step to a third before it is given up.

@@ -12,7 +12,8 @@ from jaxstab.contact import Balance, Contact
 from jaxstab.equilibrium.solver import EquilibriumSolver
 from jaxstab.grid import total
 from jaxstab.hessian import Hessian
-from jaxstab.iterate import Indicators, Iteration, optional_parameter
+from jaxstab.history import Indicators
+from jaxstab.iterate import Iteration, optional_parameter
 from jaxstab.loads import Control
 
 # Halvings of a step before it is taken as it is.

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxstab.contact import Balance, Contact
 from jaxstab.display import block
 from jaxstab.elasticity import Solid
-from jaxstab.iterate import History
+from jaxstab.history import History
 from jaxstab.loads import Load
 from jaxstab.potentials import slope
 from jaxstab.results import RESULTS

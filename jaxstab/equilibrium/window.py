@@ -14,7 +14,7 @@ import numpy as np
 from jaxstab.checks import is_traced, known
 from jaxstab.contact import Contact
 from jaxstab.derivatives import LinearSystem
-from jaxstab.elasticity import Field, Padded, mirrored, multiplied, padded, where_window
+from jaxstab.elasticity import Field, Padded, mirrored, padded, where_window
 from jaxstab.equilibrium.state import Equilibrium
 from jaxstab.grid import mean
 from jaxstab.hessian import Hessian
@@ -41,8 +41,7 @@ def whole_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Eq
     solid = whole.solid
     if whole is contact or not isinstance(solid, Padded):
         return contact, equilibrium
-    pressure = padded(equilibrium.pressure, 0)
-    shape = multiplied(solid.grid, 1 / solid.multiplier, pressure)
+    shape = solid.under(equilibrium.pressure)
     far = mean(equilibrium.displacement - solid.surface(shape))
     is_there = where_window(equilibrium.gap)
     displacement = jnp.where(is_there, padded(equilibrium.displacement, 0), shape + far)
@@ -51,7 +50,7 @@ def whole_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Eq
         equilibrium,
         displacement=displacement,
         gap=gap,
-        pressure=pressure,
+        pressure=padded(equilibrium.pressure, 0),
         reaction=padded(equilibrium.reaction, 0),
         in_contact=padded(equilibrium.in_contact, False),
     )

@@ -17,7 +17,7 @@ from jaxstab import results
 from jaxstab.checks import is_traced
 from jaxstab.enumerations import Enumeration
 from jaxstab.functions import is_bare
-from jaxstab.iterate import History
+from jaxstab.history import History
 
 # JSON, as Python has it.
 Structure = Any

@@ -16,7 +16,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.grid import total
 from jaxstab.hessian import Block, SymmetricOperator
-from jaxstab.iterate import Indicators, optional_parameter
+from jaxstab.history import Indicators
+from jaxstab.iterate import optional_parameter
 from jaxstab.stability.blocks import (
     combination,
     combinations,

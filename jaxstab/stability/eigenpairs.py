@@ -10,7 +10,7 @@ from jaxstab.display import block
 from jaxstab.elasticity import Solid
 from jaxstab.grid import total
 from jaxstab.hessian import SymmetricOperator
-from jaxstab.iterate import History
+from jaxstab.history import History
 from jaxstab.results import RESULTS
 from jaxstab.stability.blocks import scaled_to_unit
 from jaxstab.stability.cones import AdmissibleCone, Subspace

@@ -11,7 +11,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxstab.grid import total, totals
 from jaxstab.hessian import Block, SymmetricOperator
-from jaxstab.iterate import History, Indicators, Iteration, optional_parameter
+from jaxstab.history import History, Indicators
+from jaxstab.iterate import Iteration, optional_parameter
 from jaxstab.lanes import map_lanes
 from jaxstab.results import RESULTS
 from jaxstab.stability.blocks import (

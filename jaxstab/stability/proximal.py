@@ -19,7 +19,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.grid import total
 from jaxstab.hessian import Block, SymmetricOperator
-from jaxstab.iterate import Indicators, optional_parameter
+from jaxstab.history import Indicators
+from jaxstab.iterate import optional_parameter
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpairs import admissible_pair, descended, unit_vector
 from jaxstab.stability.solver import ConeSolver, Minimum

@@ -6,7 +6,8 @@ import equinox as eqx
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.hessian import Block, SymmetricOperator
-from jaxstab.iterate import History, IterativeSolver
+from jaxstab.history import History
+from jaxstab.iterate import IterativeSolver
 from jaxstab.results import RESULTS
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 

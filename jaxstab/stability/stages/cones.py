@@ -1,0 +1,117 @@
+"""Both cones, searched side by side from all starts, as a stage of a case."""
+
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Bool, Int
+
+from jaxstab.refill import Record, Stage
+from jaxstab.stability.competition import Competitor, decided, entered, turned
+from jaxstab.stability.cones import AdmissibleCone
+from jaxstab.stability.lowest import Lowest, after, again, cone_starts, on_cone
+from jaxstab.stability.search import Search
+from jaxstab.stability.stages.ready import chosen, cone_solver, ready_in
+from jaxstab.stability.stages.spaces import SpacesStage
+
+
+class _OnCone(eqx.Module):
+    """A start on a cone.
+
+    Attributes:
+        number: that of the cone.
+        is_answer: whether the first start is the answer.
+        competitor: the start.
+    """
+
+    number: Int[Array, ""]
+    is_answer: Bool[Array, ""]
+    competitor: Competitor
+
+
+class ConesStage(Stage):
+    """The competitions on V0+ and on the critical cone.
+
+    Arguments:
+        spaces: the stage before.
+    """
+
+    has_rounds = True
+    # The first rounds, which have most starts, are multiples of it.
+    pace = 4
+
+    def __init__(self, spaces: SpacesStage):
+        self._spaces = spaces
+
+    def begin(self, record: Record) -> _OnCone:
+        """Return all starts on both cones before their first step."""
+        search = ready_in(record).search
+        hulls = self._spaces.found(record)
+        is_needed = search.touches, search.touches & search.is_weak
+
+        def entries(number: int) -> _OnCone:
+            cone = _cone(search, jnp.array(number))
+            starts, needed, is_answer = cone_starts(
+                cone_solver(), cone, hulls[number], search.random
+            )
+            all_ = entered(cone_solver(), cone, starts, needed & is_needed[number])
+            shared = jnp.full(len(starts), number), jnp.full(len(starts), is_answer)
+            return _OnCone(*shared, all_)
+
+        return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), entries(0), entries(1))
+
+    def advance(self, record: Record, state: _OnCone, max_steps: ArrayLike) -> _OnCone:
+        """Return a start after at most so many steps more of its round."""
+        problem = _problem(ready_in(record).search, state.number)
+        competitor = state.competitor.advanced(cone_solver(), *problem, max_steps)
+        return replace(state, competitor=competitor)
+
+    def is_over(self, record: Record, state: _OnCone) -> Bool[Array, ""]:
+        """Return whether the round is over for a start."""
+        return state.competitor.is_over(cone_solver())
+
+    def num_steps(self, state: _OnCone) -> Int[Array, ""]:
+        """Return the number of steps taken in this round."""
+        return state.competitor.loop.num_steps
+
+    def turn(self, record: Record, states: _OnCone) -> _OnCone:
+        """Return all starts in their next rounds."""
+        search = ready_in(record).search
+
+        def turn(number: Array, all_: Competitor) -> Competitor:
+            return turned(cone_solver(), *_problem(search, number), all_)
+
+        all_ = jax.vmap(turn)(jnp.arange(2), _by_cones(states).competitor)
+        return replace(states, competitor=jax.tree.map(jnp.concatenate, all_))
+
+    def found(self, record: Record) -> tuple[Lowest, Lowest]:
+        """Return the lowest pairs on V0+ and on the critical cone."""
+        search, (around, hull) = ready_in(record).search, self._spaces.found(record)
+
+        def lowest(number: Array, hull: Lowest, states: _OnCone) -> Lowest:
+            hessian, cone = _problem(search, number)
+            found = decided(cone_solver(), hessian, cone, states.competitor)
+            return on_cone(search.hessian, cone, hull, found, states.is_answer[0])
+
+        hulls = jax.tree.map(lambda *leaves: jnp.stack(leaves), around, hull)
+        both = jax.vmap(lowest)(jnp.arange(2), hulls, _by_cones(record[4]))
+        cone, critical = (jax.tree.map(lambda leaf, i=i: leaf[i], both) for i in range(2))
+        critical = chosen(search.touches & search.is_weak, after(hull, critical), hull)
+        return chosen(search.touches, cone, again(around)), critical
+
+
+def _cone(search: Search, number: Array) -> AdmissibleCone:
+    """Return V0+ or the critical cone, by its number."""
+    one, other = search.cone, search.critical_cone
+    return jax.tree.map(lambda x, y: jnp.where(number == 0, x, y), one, other)
+
+
+def _problem(search: Search, number: Array) -> tuple[Any, AdmissibleCone]:
+    cone = _cone(search, number)
+    return search.hessian.restricted(cone.is_moving), cone
+
+
+def _by_cones(states: _OnCone) -> _OnCone:
+    return jax.tree.map(lambda leaf: leaf.reshape(2, -1, *leaf.shape[1:]), states)

@@ -1,0 +1,50 @@
+"""A verdict as stages of a case: what `assess_stability` does by default, with pauses."""
+
+import jax
+import jax.numpy as jnp
+
+from jaxstab.contact import Contact
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.stage import EquilibriumStage
+from jaxstab.refill import Record
+from jaxstab.stability.assess import stability_of
+from jaxstab.stability.search import with_bound
+from jaxstab.stability.stages.bound import BoundStage
+from jaxstab.stability.stages.cones import ConesStage
+from jaxstab.stability.stages.ready import ReadyStage, chosen, ready_in
+from jaxstab.stability.stages.spaces import SpacesStage
+from jaxstab.stability.verdict import Stability
+
+
+class VerdictStages:
+    """The stages of a verdict, after that of the equilibrium.
+
+    Arguments:
+        equilibria: the stage of the equilibrium.
+    """
+
+    def __init__(self, equilibria: EquilibriumStage):
+        self._equilibria = equilibria
+        self._spaces = SpacesStage()
+        self._cones = ConesStage(self._spaces)
+        self.all = [
+            equilibria,
+            ReadyStage(equilibria),
+            self._spaces,
+            self._cones,
+            BoundStage(self._spaces, self._cones),
+        ]
+
+    def found(self, record: Record) -> tuple[Contact, Equilibrium, Stability]:
+        """Return the contact of a case, its equilibrium and its stability."""
+        contact, _ = self._equilibria.build(**record[0])
+        ready, state = ready_in(record), jax.tree.map(lambda leaf: leaf[0], record[5])
+        around, hull = self._spaces.found(record)
+        cone, critical = self._cones.found(record)
+        # There is a cost where one was needed.
+        cone = chosen(state.cost > 0, with_bound(cone, state.best, state.cost), cone)
+        no = jnp.array(False)
+        found = ready.search.concluded(around, cone, critical, hull, no, no)
+        stability = stability_of(ready.equilibrium, ready.known, found)
+        surface = contact.whole.solid
+        return contact, ready.equilibrium.on_surface(surface), stability.on_surface(surface)
