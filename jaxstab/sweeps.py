@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 
 from jaxstab import display
-from jaxstab.checks import is_traced
+from jaxstab.checks import is_spread, is_traced, known
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
 from jaxstab.equilibrium.equilibrate import initial_gap
@@ -120,7 +120,7 @@ def sweep(
             states = _solve_one_by_one(problem, load, start, order, bar.update)
         if throw:
             _throw_failures(states)
-        return jax.tree.map(lambda *leaves: jax.device_put(np.stack(leaves)), *states)
+        return jax.tree.map(_stacked, *states)
 
 
 class _Problem(eqx.Module):
@@ -173,8 +173,13 @@ def _solve_padded(problem: _Problem, load: Load, start: _Start) -> list[Sweep]:
     # NumPy compiles nothing.
     copies = np.minimum(np.arange(_padded(number)), number - 1)
     padded = jax.tree.map(lambda leaf: np.asarray(leaf)[copies], load)
-    states = jax.device_get(_solve_together(problem, padded, start))
+    states = jax.tree.map(known, _solve_together(problem, padded, start))
     return [jax.tree.map(lambda leaf, i=i: leaf[i], states) for i in range(number)]
+
+
+def _stacked(*leaves: Array) -> Array:
+    # By NumPy, since JAX would compile for every number; not what no device holds alone.
+    return jnp.stack(leaves) if is_spread(leaves[0]) else jax.device_put(np.stack(leaves))
 
 
 def _padded(number: int) -> int:

@@ -56,12 +56,17 @@ def state(grid):
     }
 
 
+def swept(grid):
+    sweep = js.sweep(contact_on(grid), js.MeanGap(np.array([0.12, 0.15])), stability=False)
+    return {"swept": sweep.equilibrium.gap, "whole_in_sweep": whole((sweep, sweep[1]))}
+
+
 def whole(tree):
     """Return which fields are not divided among the devices."""
     return [
         jax.tree_util.keystr(path)
         for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
-        if leaf.shape[:1] != (512,)
+        if 512 not in leaf.shape
         and leaf.size >= N * N // 2
         and leaf.addressable_shards[0].data.size * jax.device_count() != leaf.size
     ]
@@ -119,7 +124,7 @@ def main(path, *process):
     if process:
         found = between_processes(grid)
     else:
-        found = state(grid) | window(grid) | programs(grid)
+        found = state(grid) | swept(grid) | window(grid) | programs(grid)
         found["refused"] = refusal(lambda: js.Grid(count + 1, sharding=sharding))
     np.savez(path, **found)
 

@@ -61,6 +61,7 @@ def test_a_contact_on_eight_devices_is_that_on_one(found):
         assert_close(ours, theirs)
     np.testing.assert_allclose(eight["numbers"], single["numbers"], rtol=1e-10)
     assert_close(eight["derivatives"], single["derivatives"])
+    assert_close(eight["swept"], single["swept"])
     assert_close(eight["window"], single["window"])
     assert eight["verdict"] == single["verdict"] == "stable"
     # The residual is rounding.
@@ -70,7 +71,8 @@ def test_a_contact_on_eight_devices_is_that_on_one(found):
 
 def test_no_device_holds_a_whole_field(found):
     single, eight, *_ = found
-    assert eight["whole"].size == eight["whole_on_window"].size == 0
+    for name in ("whole", "whole_in_sweep", "whole_on_window"):
+        assert eight[name].size == 0, eight[name]
     n = script.N
     # Waves along the last side, those that do not count among them.
     rows = 24
