@@ -181,7 +181,11 @@ def test_an_instruments_text_is_read_as_such(tmp_path):
 
 @pytest.mark.parametrize(
     ("write", "package", "extra"),
-    [(as_gwy, "SurfaceTopography.IO", "surfaces"), (as_netcdf, "xarray", "data")],
+    [
+        (as_gwy, "SurfaceTopography.IO", "surfaces"),
+        (as_netcdf, "xarray", "data"),
+        (as_netcdf, "h5py", "data"),
+    ],
 )
 def test_a_missing_package_is_named_with_its_extra(tmp_path, monkeypatch, write, package, extra):
     write(tmp_path / "a")

@@ -2,7 +2,6 @@
 
 import argparse
 import warnings
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from jaxstab.commands.parsing import FAILED, INTERRUPTED, Ended, Parser, from_co
 from jaxstab.contact import Contact
 from jaxstab.files import save
 from jaxstab.files.dataset import Result
+from jaxstab.files.netcdf import has_packages
 from jaxstab.paths import PathInterrupted, follow
 from jaxstab.plots import path as plot_path
 from jaxstab.plots import stability_curve
@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> None:
     """Run the study that the options describe, print its table and write its files."""
     jax.config.update("jax_enable_x64", options.precision == "float64")
     contact = problem.contact_of(options)
-    if find_spec("xarray") is None or find_spec("h5netcdf") is None:
+    if not has_packages():
         warnings.warn("No data will be written: pip install 'jaxstab[data]'.", stacklevel=1)
     folder = _new_folder(options.output)
     print(problem.described(options, contact))
@@ -133,7 +133,7 @@ def _unloading(options: argparse.Namespace, contact: Contact, folder: Path) -> E
 
 
 def _save(path: Path, contact: Contact, result: Result) -> None:
-    if find_spec("xarray") and find_spec("h5netcdf"):
+    if has_packages():
         save(path, contact, result)
 
 

@@ -5,6 +5,7 @@ import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,13 @@ from jaxstab.potentials import Potential, as_module
 _MAGIC = b"\x89HDF"
 # Arrays of more numbers are compressed.
 _LARGE = 1000
+# The second comes without the third.
+_PACKAGES = ("xarray", "h5netcdf", "h5py")
+
+
+def has_packages() -> bool:
+    """Return whether the packages that files need are installed."""
+    return all(find_spec(name) for name in _PACKAGES)
 
 
 def save(
@@ -48,11 +56,12 @@ def save(
     Raises:
         ValueError: if the name does not end in .nc, and as `to_dataset`.
         FileExistsError: if the file exists.
-        ImportError: without xarray and h5netcdf.
+        ImportError: without xarray, h5netcdf and h5py.
     """
     path = Path(path)
     if path.suffix != ".nc":
         raise ValueError(f"{path} does not end in .nc.")
+    _require_packages()
     dataset = to_dataset(contact, result, solver=solver, fields=fields)
     lost = functions_of(json.loads(dataset.attrs.get("structure", "null")))
     if lost:
@@ -91,7 +100,7 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
             double precision where JAX is set to single; for a law that has other values than that
             of the file, and a class of another version than it.
         FileNotFoundError: if there is no such file.
-        ImportError: without xarray and h5netcdf.
+        ImportError: without xarray, h5netcdf and h5py.
     """
     path = Path(path)
     with _opened(path) as dataset:
@@ -137,14 +146,17 @@ def _encoding(dataset: Any) -> dict[str, Any]:
     }
 
 
+def _require_packages() -> None:
+    if not has_packages():
+        raise ImportError(f"Files need {', '.join(_PACKAGES)}: pip install 'jaxstab[data]'.")
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """Open a NetCDF file; `ValueError` if it, or what is read of it, is damaged."""
-    try:
-        import h5netcdf  # noqa: F401
-        import xarray
-    except ImportError:
-        raise ImportError("To read results, pip install 'jaxstab[data]'.") from None
+    _require_packages()
+    import xarray
+
     if not path.exists():
         raise FileNotFoundError(f"There is no file {path}.")
     try:

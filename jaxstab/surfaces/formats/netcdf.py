@@ -58,6 +58,7 @@ def _loaded(path: Path, engine: Literal["scipy", "h5netcdf"]) -> Any:
 
         if engine == "h5netcdf":
             import_module("h5netcdf")
+            import_module("h5py")
     except ImportError:
         raise ImportError("NetCDF files need xarray: pip install 'jaxstab[data]'.") from None
     try:
