@@ -10,6 +10,7 @@ import jaxstab as js
 from jaxstab.hessian import Hessian, SymmetricOperator
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpairs import measured
+from jaxstab.stability.modes import noise
 
 
 class Dense(SymmetricOperator):
@@ -178,3 +179,22 @@ def test_the_history_on_the_cone_is_that_of_the_start_which_won(unloading):
     assert np.isfinite(residuals[1:records]).all()
     assert residuals[1] > 1e-2
     assert residuals[records - 1] <= 1e-7 < residuals[records - 2]
+
+
+@pytest.mark.parametrize("tolerance", [None, 1e20])
+def test_no_search_ends_before_its_first_vectors_or_while_its_residual_falls(tolerance):
+    # Stiff points, whose residuals begin far above one.
+    generator = np.random.default_rng(1)
+    curvature = np.where(
+        generator.random((16, 16)) < 0.3, 10 ** (7 * generator.random((16, 16))), 1e-2
+    )
+    solid = js.HalfSpace(js.Grid(16), 1.0)
+    space = Subspace(jnp.ones((16, 16), bool))
+    starts = noise(jax.random.key(0), 32, jnp.zeros((16, 16)))
+    solve = jax.jit(
+        lambda: js.Davidson(tolerance).solve(Hessian(solid, curvature), space, starts, 30)
+    )
+    found = solve()
+    assert found.result == "successful"
+    assert np.isnan(found.history.values["residual"][0])
+    np.testing.assert_allclose(np.linalg.norm(found.vector.reshape(32, -1), axis=1), 1)

@@ -7,6 +7,7 @@ after another, and keeps the lowest Ritz vectors of it all.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import equinox as eqx
@@ -163,16 +164,18 @@ class Davidson(SpaceSolver):
             return {"residual": jnp.max(state.residuals)}
 
         span = _Span.empty(size + 1 + _NUM_RESIDUALS, starts[0])
-        # No residual is known yet: one above the tolerance.
-        unknown = jnp.zeros(size, starts.dtype), jnp.full(count, 1 + tolerance, starts.dtype)
+        # No residual is known yet: one above any tolerance, from which every fall is progress.
+        none = jnp.full(count, jnp.finfo(starts.dtype).max, starts.dtype)
+        unknown = jnp.zeros(size, starts.dtype), none
         iteration = self.iterate(step, measure, _State(span, *unknown, jnp.array(True)))
+        history = iteration.history
         num_residuals = _NUM_RESIDUALS * jnp.maximum(iteration.num_steps - 1, 0)
         return Minimum(
             vector=iteration.state.span.basis[:size],
             num_steps=iteration.num_steps,
             num_applications=size + 2 * num_residuals,
             result=iteration.result,
-            history=iteration.history,
+            history=replace(history, table=history.table.at[0, 1:].set(jnp.nan)),
         )
 
 
