@@ -7,6 +7,7 @@ import signal
 import tempfile
 from contextlib import contextmanager
 from importlib.metadata import version
+from unittest import mock
 
 if "XLA_FLAGS" not in os.environ:
     # Most of the time goes into compiling, and most of that into making small programs faster.
@@ -31,7 +32,7 @@ import numpy as np
 import pytest
 
 import jaxstab as js
-from jaxstab import potentials
+from jaxstab import lanes, potentials
 from jaxstab.history import History
 from jaxstab.programs import num_pieces
 
@@ -56,6 +57,16 @@ def interruptible():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def beside_an_accelerator():
+    """Trace programs as where JAX finds one."""
+    jax.clear_caches()
+    with mock.patch.object(lanes, "_has_accelerator", lambda: True):
+        yield
+    # Or the next test gets this one's programs.
+    jax.clear_caches()
 
 
 @contextmanager

@@ -7,6 +7,7 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conftest import beside_an_accelerator
 
 import jaxstab as js
 from jaxstab import lanes
@@ -49,9 +50,10 @@ def cuda_program(function, *arguments):
 @pytest.fixture(scope="module", params=["alone", "together"])
 def program(request):
     heights = surfaces(jnp.float32)
-    if request.param == "alone":
-        return cuda_program(solve, heights[0])
-    return cuda_program(jax.vmap(solve), heights)
+    with beside_an_accelerator():
+        if request.param == "alone":
+            return cuda_program(solve, heights[0])
+        return cuda_program(jax.vmap(solve), heights)
 
 
 def test_without_throw_a_program_for_cuda_never_calls_the_host(program):
