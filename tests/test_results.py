@@ -187,6 +187,18 @@ def test_what_takes_one_state_says_how_to_choose_it(sweep, contact):
         js.plots.gap(contact, contact)
 
 
+def test_a_state_of_another_precision_is_refused(sweep, contact):
+    single = js.Contact(contact.solid, contact.heights.astype("float32"), contact.potential)
+    state = js.equilibrate(single, js.MeanGap(0.5), initial=sweep[3])
+    for refused in (
+        lambda: js.assess_stability(contact, state),
+        lambda: js.lowest_modes(contact, state, 1),
+        lambda: js.release(single, sweep[3], sweep[3].stability.cone.mode),
+    ):
+        with pytest.raises(ValueError, match=r"float(32|64).*in float(64|32): .* or start from it"):
+            refused()
+
+
 def test_an_entry_of_a_sweep_is_drawn_like_its_equilibrium(sweep, contact):
     for state in (sweep[3], sweep[3].equilibrium, sweep.equilibrium[3]):
         image = js.plots.gap(contact, state).images[0]

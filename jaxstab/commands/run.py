@@ -14,7 +14,7 @@ from jaxstab.commands.parsing import FAILED, INTERRUPTED, Ended, Parser, from_co
 from jaxstab.contact import Contact
 from jaxstab.files import save
 from jaxstab.files.dataset import Result
-from jaxstab.files.netcdf import has_packages
+from jaxstab.packages import NETCDF, are_installed
 from jaxstab.paths import PathInterrupted, follow
 from jaxstab.plots import path as plot_path
 from jaxstab.plots import stability_curve
@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> None:
     """Run the study that the options describe, print its table and write its files."""
     jax.config.update("jax_enable_x64", options.precision == "float64")
     contact = problem.contact_of(options)
-    if not has_packages():
+    if not are_installed(*NETCDF):
         warnings.warn("No data will be written: pip install 'jaxstab[data]'.", stacklevel=1)
     folder = _new_folder(options.output)
     print(problem.described(options, contact))
@@ -133,7 +133,7 @@ def _unloading(options: argparse.Namespace, contact: Contact, folder: Path) -> E
 
 
 def _save(path: Path, contact: Contact, result: Result) -> None:
-    if has_packages():
+    if are_installed(*NETCDF):
         save(path, contact, result)
 
 

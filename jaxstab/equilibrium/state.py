@@ -188,12 +188,19 @@ def equilibrium_of(contact: Contact, state: State) -> Equilibrium:
 
     Raises:
         TypeError: for something that is not a state.
-        ValueError: for a stack of states, or one that is not on the contact's grid.
+        ValueError: for a stack of states, or one that has another grid or precision than the
+            contact.
     """
     equilibrium = single_equilibrium(state)
     if equilibrium.gap.shape != contact.grid.shape:
         raise ValueError(
             f"The equilibrium has shape {equilibrium.gap.shape}, the contact's grid "
             f"{contact.grid.shape}: use the contact that it came from."
+        )
+    if equilibrium.gap.dtype != contact.heights.dtype:
+        raise ValueError(
+            f"The equilibrium is in {equilibrium.gap.dtype}, the contact in "
+            f"{contact.heights.dtype}: use the contact that it came from, or start from it: "
+            "equilibrate(contact, load, initial=equilibrium)."
         )
     return equilibrium

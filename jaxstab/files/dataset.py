@@ -15,6 +15,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.files.law import law_variables
 from jaxstab.files.records import Record, Recorder, Structure, indicators
 from jaxstab.labels import LENGTH, QUANTITIES, with_unit
+from jaxstab.packages import require_packages
 from jaxstab.paths import Path
 from jaxstab.stability import Stability
 from jaxstab.sweeps import Sweep
@@ -55,7 +56,9 @@ def to_dataset(
         TypeError: for something that is not a result, or is traced.
         ValueError: for a result on another grid, or several paths at once.
     """
-    xarray = _xarray()
+    require_packages("Labelled data sets", "data", "xarray")
+    import xarray
+
     if not isinstance(contact, Contact):
         raise TypeError(f"{type(contact).__name__} is no contact: give that first.")
     if contact.heights.shape != contact.grid.shape:
@@ -76,16 +79,6 @@ def to_dataset(
     return dataset.assign_coords(_coordinates(contact, structure, dataset)).assign(
         law_variables(contact, with_unit(contact, LENGTH))
     )
-
-
-def _xarray() -> Any:
-    try:
-        import xarray
-    except ImportError:
-        raise ImportError(
-            "Labelled data sets need xarray and h5netcdf: pip install 'jaxstab[data]'."
-        ) from None
-    return xarray
 
 
 def _axes(contact: Contact, result: Result) -> tuple[tuple[str, ...], Mapping[str, Any]]:

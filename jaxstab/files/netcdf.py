@@ -5,7 +5,6 @@ import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +16,13 @@ from jaxstab.contact import Contact
 from jaxstab.files.dataset import FORMAT, Result, to_dataset
 from jaxstab.files.law import require_same_law
 from jaxstab.files.records import LostFunction, Structure, functions_of, lost_classes, restored
+from jaxstab.packages import NETCDF, require_packages
 from jaxstab.potentials import Potential, as_module
 
 # How a NetCDF file begins.
 _MAGIC = b"\x89HDF"
 # Arrays of more numbers are compressed.
 _LARGE = 1000
-# The second comes without the third.
-_PACKAGES = ("xarray", "h5netcdf", "h5py")
-
-
-def has_packages() -> bool:
-    """Return whether the packages that files need are installed."""
-    return all(find_spec(name) for name in _PACKAGES)
 
 
 def save(
@@ -61,7 +54,7 @@ def save(
     path = Path(path)
     if path.suffix != ".nc":
         raise ValueError(f"{path} does not end in .nc.")
-    _require_packages()
+    require_packages("NetCDF files", "data", *NETCDF)
     dataset = to_dataset(contact, result, solver=solver, fields=fields)
     lost = functions_of(json.loads(dataset.attrs.get("structure", "null")))
     if lost:
@@ -146,15 +139,10 @@ def _encoding(dataset: Any) -> dict[str, Any]:
     }
 
 
-def _require_packages() -> None:
-    if not has_packages():
-        raise ImportError(f"Files need {', '.join(_PACKAGES)}: pip install 'jaxstab[data]'.")
-
-
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """Open a NetCDF file; `ValueError` if it, or what is read of it, is damaged."""
-    _require_packages()
+    require_packages("NetCDF files", "data", *NETCDF)
     import xarray
 
     if not path.exists():

@@ -87,7 +87,7 @@ def assess_stability(
         Three eigenvalues with their modes, and the verdict that they prove.
 
     Raises:
-        ValueError: if the equilibrium is not on the contact's grid.
+        ValueError: if the equilibrium has another grid or precision than the contact.
         SolverError: if `throw`, for an equilibrium or an eigenvalue that did not converge.
     """
     equilibrium = equilibrium_of(contact, equilibrium)

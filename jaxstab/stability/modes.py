@@ -57,8 +57,8 @@ def lowest_modes(
         they are +inf.
 
     Raises:
-        ValueError: if the equilibrium is not on the contact's grid, the count is not positive, or
-            the space is not one of the two.
+        ValueError: if the equilibrium has another grid or precision than the contact, the count is
+            not positive, or the space is not one of the two.
         TypeError: if the count is not an integer, or the key not a random one.
         SolverError: if `throw`, for an equilibrium or modes that did not converge.
     """

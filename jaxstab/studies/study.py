@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxstab.checks import integer
+from jaxstab.packages import require_packages
 from jaxstab.progress import progress_bar
 from jaxstab.studies.axes import LISTED, Axis, arguments_of, places, read_axes
 from jaxstab.studies.claims import claims_in
@@ -69,7 +70,7 @@ def study(
         OSError: if the disk is full; what is done stays, and the same call goes on.
         ImportError: without xarray and zarr.
     """
-    _require_packages()
+    require_packages("Studies", "studies", "xarray", "zarr")
     batch = integer("batch", batch)
     if batch < 1:
         raise ValueError(f"batch is {batch}: give at least 1.")
@@ -137,14 +138,6 @@ def _stopped_by_interrupt(queue: Queue) -> Iterator[Callable[[], bool]]:
         yield lambda: count > 0
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def _require_packages() -> None:
-    try:
-        import xarray  # noqa: F401
-        import zarr  # noqa: F401
-    except ImportError:
-        raise ImportError("Studies need xarray and zarr: pip install 'jaxstab[studies]'.") from None
 
 
 def _require_arguments(case: Callable[..., Any], axes: list[Axis]) -> None:

@@ -3,6 +3,7 @@
 import zipfile
 from pathlib import Path
 
+from jaxstab.packages import require_packages
 from jaxstab.surfaces.formats.scan import Scan, UnknownContent, on_a_side_or_two
 from jaxstab.surfaces.units import unit_of
 
@@ -19,12 +20,9 @@ def read_instrument(path: Path) -> Scan:
         ValueError: for a damaged file, or a format that SurfaceTopography does not know.
         ImportError: without the extra `surfaces`.
     """
-    try:
-        from SurfaceTopography.IO import open_topography
-    except ImportError:
-        raise ImportError(
-            "Files of instruments need SurfaceTopography: pip install 'jaxstab[surfaces]'."
-        ) from None
+    require_packages("Files of instruments", "surfaces", "SurfaceTopography")
+    from SurfaceTopography.IO import open_topography
+
     try:
         with open_topography(str(path)) as reader:
             if reader.format() in _UNMARKED:

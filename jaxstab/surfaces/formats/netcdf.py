@@ -1,11 +1,11 @@
 """NetCDF, classic and on HDF5, also as SurfaceTopography writes it."""
 
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from jaxstab.packages import NETCDF, require_packages
 from jaxstab.surfaces.formats.scan import (
     Scan,
     UnknownContent,
@@ -53,14 +53,10 @@ def read_netcdf(path: Path, engine: Literal["scipy", "h5netcdf"]) -> Scan:
 
 
 def _loaded(path: Path, engine: Literal["scipy", "h5netcdf"]) -> Any:
-    try:
-        import xarray
+    packages = NETCDF if engine == "h5netcdf" else ("xarray", engine)
+    require_packages("NetCDF files", "data", *packages)
+    import xarray
 
-        if engine == "h5netcdf":
-            import_module("h5netcdf")
-            import_module("h5py")
-    except ImportError:
-        raise ImportError("NetCDF files need xarray: pip install 'jaxstab[data]'.") from None
     try:
         with path.open("rb") as stream:
             return xarray.load_dataset(stream, engine=engine, decode_times=False)
