@@ -14,17 +14,17 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab import potentials
+from jaxstab.balance import Balance, balance_of, conforming_pressure
 from jaxstab.checks import cast, is_spread, is_traced, numbers, require_finite
 from jaxstab.display import block
 from jaxstab.elasticity import FieldMap, Solid, mirrored, padded, where_window
-from jaxstab.grid import Grid, total
+from jaxstab.grid import Grid
 from jaxstab.hessian import Hessian
 from jaxstab.loads import Control, Load
 from jaxstab.potentials import (
     Potential,
     as_module,
     curvature,
-    derivatives,
     energy_density,
     slope,
     varying_fields,
@@ -34,8 +34,6 @@ from jaxstab.profile import Profile, profile_of, require_smooth
 from jaxstab.programs import make_room, program
 from jaxstab.surfaces import Topography, suspicion
 
-# How much the mean of what is missed counts beside its rms.
-_MEAN_SHARE = 1e-2
 # How far below a surface that ends the solid may sink beyond it, over the surface's depth.
 _DEPTH = 2
 
@@ -222,48 +220,12 @@ class Contact(eqx.Module):
     @property
     def conforming_pressure(self) -> Float[Array, ""]:
         """Rms elastic pressure that full contact takes, |K h| [pressure]: the problem's scale."""
-        heights = self.solid.flush(self.heights)
-        pressure = self.solid.held_by(0).apply(heights - jnp.mean(heights))
-        return jnp.sqrt(jnp.mean(pressure**2))
+        return conforming_pressure(self.solid, self.heights)
 
-    def balance(self, control: Control) -> Callable[[Float[Array, " *grid"]], "Balance"]:
+    def balance(self, control: Control) -> Callable[[Float[Array, " *grid"]], Balance]:
         """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
-        solid = self.solid.held_by(0)
-        conforming, stiffest = self.conforming_pressure, self.solid.max_stiffness
-        # What a hundredth of the elastic pressures hides moves no point by a part of the heights.
-        smallest_scale = conforming * max(1e-2, 1e6 * float(jnp.finfo(self.heights.dtype).eps))
-        heights = self.heights - self.heights.ravel()[0]
         escape = control.escape_gap(self.profile)
-
-        def balance(gap: Float[Array, " *grid"]) -> Balance:
-            # Less that of one point: K ignores a constant, but would lose digits to it.
-            displacement = gap - gap.ravel()[0] + heights
-            elastic = solid.apply(displacement)
-            density, attraction, curvature = derivatives(self.potential, gap)
-            net = control.net_pressure(elastic + attraction, gap)
-            missed = missed_pressure(net, gap)
-            # Between flat surfaces only attraction and p0 tell how much is little.
-            whole = jnp.abs(attraction) + jnp.abs(net - elastic - attraction)
-            resisting = control.resisting(attraction, gap)
-            resisting = jnp.where(conforming > 0, resisting, whole)
-            # On a core stiffer than any wave, a point is as far off as its own stiffness says.
-            share = 1 / jnp.maximum(curvature / stiffest, 1)
-            scale = jnp.sqrt(total(elastic**2 + (share * resisting) ** 2) / gap.size)
-            scale = jnp.maximum(scale, smallest_scale)
-            residual = jnp.sqrt(total((share * missed) ** 2) / gap.size)
-            residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
-            # A light load is all that keeps the surfaces where they are.
-            imbalance = _MEAN_SHARE * control.mean_imbalance(missed, attraction, gap)
-            return Balance(
-                net=net,
-                curvature=curvature,
-                elastic_energy=total(displacement * elastic) / 2,
-                adhesion=total(density),
-                residual=jnp.maximum(residual, imbalance),
-                has_escaped=control.has_escaped(gap, escape),
-            )
-
-        return balance
+        return balance_of(self.solid, self.heights, self.potential, control, escape)
 
 
 def _suspicions(
@@ -294,38 +256,3 @@ def _continued(contact: Contact, solid: Solid) -> Contact:
             potentials.Within(potentials.with_fields(law, fields), is_there),
         ),
     )
-
-
-def missed_pressure(
-    net: Float[Array, " *grid"], gap: Float[Array, " *grid"]
-) -> Float[Array, " *grid"]:
-    """Return what of the net pressure is out of balance [pressure]."""
-    return jnp.where(gap > 0, net, jnp.minimum(net, 0))
-
-
-class Balance(eqx.Module):
-    """How far a gap is from equilibrium (Rey & Bleyer, eqs. 9 and 10).
-
-    Equilibrium asks that the net pressure K u + p0 + f'(g) vanish where g > 0 and not be negative
-    where g = 0. The residual is the rms of what is missed over that of K u and, where g > 0, of
-    what of f' the load does not take by itself (under a held mean gap f' less its mean, otherwise
-    f' + p0), or over a hundredth of that of K h where this is larger (in single precision, which
-    cannot resolve less, a tenth). Where a core is stiffer than any wave, f' and what is missed
-    count by as much less. Under a held pressure the residual is not less than a hundredth of the
-    mean of what is missed over that of p0 and f'.
-
-    Attributes:
-        net: K u + p0 + f'(g) [pressure].
-        curvature: f''(g) [pressure/length].
-        elastic_energy: u.Ku / 2 (Rey & Bleyer, eq. 15) [energy/area].
-        adhesion: sum f(g) [energy/area].
-        residual: the relative optimality residual.
-        has_escaped: whether the load has pulled the surfaces apart for good.
-    """
-
-    net: Float[Array, " *grid"]
-    curvature: Float[Array, " *grid"]
-    elastic_energy: Float[Array, ""]
-    adhesion: Float[Array, ""]
-    residual: Float[Array, ""]
-    has_escaped: Bool[Array, ""]

@@ -5,7 +5,6 @@ is a sequence of stages, loops that can pause: lanes of one stage, of whatever c
 bounded number of steps together, and between two such calls those that are done are exchanged.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
@@ -13,47 +12,15 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Int
+from jaxtyping import Array, ArrayLike
 
-# The inputs of a case, and after them the states of its stages so far.
-Record = tuple[Any, ...]
+from jaxstab.stage import Record, Stage
+
 # Returns up to so many new cases, and their inputs along a leading axis; whether it may wait.
 Take = Callable[[int, bool], tuple[Sequence[Any], Any]]
 
 # Programs are compiled for so many lanes, each number over the next.
 _RATIO = 4
-
-
-class Stage(ABC):
-    """A part of a case: loops that can pause. All methods are of one case, and traced.
-
-    Attributes:
-        has_rounds: whether lanes may begin anew once all are over.
-        pace: the steps between two exchanges.
-    """
-
-    has_rounds: bool = False
-    pace: int = 8
-
-    @abstractmethod
-    def begin(self, record: Record) -> Any:
-        """Return the states of all lanes before their first step, along a leading axis."""
-
-    @abstractmethod
-    def advance(self, record: Record, state: Any, max_steps: ArrayLike) -> Any:
-        """Return the state of a lane after at most so many steps more."""
-
-    @abstractmethod
-    def is_over(self, record: Record, state: Any) -> Bool[Array, ""]:
-        """Return whether a lane has no step to take."""
-
-    @abstractmethod
-    def num_steps(self, state: Any) -> Int[Array, ""]:
-        """Return the number of steps that a lane has taken."""
-
-    def turn(self, record: Record, states: Any) -> Any:
-        """Return the states of all lanes, which are over, in the next round that has steps."""
-        return states
 
 
 @dataclass

@@ -9,7 +9,8 @@ import xarray
 
 import jaxstab as js
 from jaxstab.cases import Case
-from jaxstab.refill import Lanes, Programs, Stage
+from jaxstab.refill import Lanes, Programs
+from jaxstab.stage import Stage
 from jaxstab.studies.fingerprint import differences, fingerprint
 from jaxstab.studies.store import Store
 

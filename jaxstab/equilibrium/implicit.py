@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxstab.contact import Contact, missed_pressure
+from jaxstab.balance import missed_pressure
+from jaxstab.contact import Contact
 from jaxstab.derivatives import LinearSystem, finite, pushed
 from jaxstab.elasticity import Solid
 from jaxstab.equilibrium.state import Field, Fields, fields_of

@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxstab.contact import Balance, Contact
+from jaxstab.balance import Balance
+from jaxstab.contact import Contact
 from jaxstab.elasticity import Solid
 from jaxstab.equilibrium.solver import EquilibriumSolver
 from jaxstab.grid import total

@@ -2,7 +2,8 @@
 
 import jax.numpy as jnp
 
-from jaxstab.contact import Balance, Contact
+from jaxstab.balance import Balance
+from jaxstab.contact import Contact
 from jaxstab.equilibrium.state import Equilibrium
 from jaxstab.equilibrium.window import whole_state
 from jaxstab.grid import total

@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxstab.contact import Balance, Contact
+from jaxstab.balance import Balance
+from jaxstab.contact import Contact
 from jaxstab.equilibrium.solver import EquilibriumSolver
 from jaxstab.grid import total
 from jaxstab.hessian import Hessian

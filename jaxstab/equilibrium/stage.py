@@ -16,7 +16,7 @@ from jaxstab.equilibrium.window import whole_start
 from jaxstab.iterate import Iteration, Loop
 from jaxstab.loads import Load, require_load
 from jaxstab.pause import Pause
-from jaxstab.refill import Record, Stage
+from jaxstab.stage import Record, Stage
 
 # Returns a contact and its load, given the inputs of a case by name.
 Build = Callable[..., tuple[Contact, Load]]

@@ -7,7 +7,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxstab.contact import Balance, Contact
+from jaxstab.balance import Balance
+from jaxstab.contact import Contact
 from jaxstab.display import block
 from jaxstab.elasticity import Solid
 from jaxstab.history import History

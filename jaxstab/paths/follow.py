@@ -6,13 +6,9 @@ from functools import partial
 from time import perf_counter
 from typing import Any
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int
 
-from jaxstab.branches.implicit import differentiable_value
-from jaxstab.branches.reason import reason_of
 from jaxstab.checks import (
     integer,
     is_traced,
@@ -23,29 +19,24 @@ from jaxstab.checks import (
     require_positive,
 )
 from jaxstab.contact import Contact
-from jaxstab.derivatives import attach
 from jaxstab.equilibrium.equilibrate import initial_gap
-from jaxstab.equilibrium.state import State, state_at
+from jaxstab.equilibrium.state import State
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
+from jaxstab.paths.account import cut, path_of
 from jaxstab.paths.course import DISTURBANCE, course_of
-from jaxstab.paths.path import Jump, Path, States
+from jaxstab.paths.implicit import with_derivatives
+from jaxstab.paths.path import Path
 from jaxstab.paths.step import Walk
-from jaxstab.paths.store import Event, Field, Place, Scalar, Store
+from jaxstab.paths.store import Field, Scalar, Store
 from jaxstab.paths.walk import begin, go_on, travelled
 from jaxstab.programs import program
 from jaxstab.progress import progress_bar
-from jaxstab.refusals import Obstacle
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.results import KINDS, RESULTS, throw_failure
+from jaxstab.results import RESULTS, throw_failure
 
 _BATCH_SECONDS = 0.5
-
-_NO_DERIVATIVE = (
-    "of a path only the loads of its jumps have one. Differentiate `path.jumps.load`, or an "
-    "equilibrium at a load of the path, found by `equilibrate` from the path's gap there"
-)
 
 
 class PathInterrupted(UserWarning):
@@ -135,12 +126,12 @@ def follow(
             ended = _go_on(ended, None, *inputs)
         else:
             ended = _go_on_by_and_by(ended, inputs, bar)
-        path = _path(fields, ended, *inputs[:2])
+        path = path_of(fields, ended, *inputs[:2])
     if not is_traced(ended):
-        path = _cut(path, int(ended.states.count), int(ended.jumps.count))
+        path = cut(path, int(ended.states.count), int(ended.jumps.count))
     if is_traced((contact, load)):
         others = [part for part in (start, share, noise) if part is not None]
-        path = _with_derivatives(path, own, loads, others, throw)
+        path = with_derivatives(path, own, loads, others, throw)
     path = path.in_units_of(1 / unit).on_surface(whole.solid)
     if not throw or (not is_traced(path.result) and path.result == RESULTS.interrupted):
         return path
@@ -193,96 +184,6 @@ def _go_on_by_and_by(walk: Walk[Store], inputs: Any, bar: Any) -> Walk[Store]:
         warnings.warn(message, PathInterrupted, stacklevel=3)
         walk = replace(walk, result=RESULTS.interrupted)
     return walk
-
-
-@partial(program, static_argnums=0)
-def _path(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> Path:
-    return by_lanes(partial(_path_of, fields))(ended, contact, load)
-
-
-def _path_of(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> Path:
-    states, one = ended.states.rows, load[0]
-    place = states.place
-
-    def loads(values: Array) -> Load:
-        # What else a load has is the same all along.
-        return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, values.shape), one).at(values)
-
-    def work(place: Place, supplied: Array) -> Array:
-        # A dead weight is no part of what is worked on.
-        start = states.place.stored[0] - states.place.potential[0]
-        return supplied + (place.stored - place.potential) - start
-
-    def jump(event: Event) -> Jump:
-        before, after = event.before, event.after
-        load = one.at(before.value)
-        kind, mode = jax.lax.cond(
-            jnp.isfinite(before.value),
-            lambda: reason_of(contact, load, before.gap, event.ahead),
-            lambda: (KINDS.fold, jnp.full_like(before.gap, jnp.nan)),
-        )
-        return Jump(
-            load=load,
-            kind=KINDS.where(event.is_touch, KINDS.touch, kind),
-            before=state_at(contact, load, before.gap),
-            after=state_at(contact, one.at(after.value), after.gap),
-            mode=mode,
-            dissipation=event.dissipation,
-            state=event.state,
-        )
-
-    return Path(
-        load=loads(place.value),
-        equilibrium=States(
-            place.mean_gap,
-            place.mean_pressure,
-            place.contact_area,
-            jnp.broadcast_to(contact.area, place.energy.shape),
-            place.energy,
-            work(place, states.supplied),
-            states.dissipation,
-            place.gap if fields else None,
-        ),
-        jumps=jax.lax.map(jump, ended.jumps.rows),
-        work=work(ended.here.place, ended.here.supplied),
-        dissipation=ended.here.dissipation,
-        result=ended.result,
-    )
-
-
-def _with_derivatives(
-    path: Path, contact: Contact, load: Load, others: list[Array], throw: bool
-) -> Path:
-    """Return a path with derivatives of the loads of its jumps, and a refusal of all others."""
-    jumps = path.jumps
-
-    def value(jump: Jump) -> Scalar:
-        shared, ahead = load[0].at(jump.load.value), jump.after.load.value - jump.load.value
-        return differentiable_value(shared, jump.before.gap, jump.kind, ahead, contact, throw)
-
-    if is_traced(jumps.state):
-        values = jax.lax.map(value, jumps)
-    else:
-        # One by one, so that a refusal can be read.
-        values = jnp.asarray([value(jump) for jump in jumps], jumps.load.value.dtype)
-    numbers, rest = eqx.partition(path, eqx.is_inexact_array)
-    path = eqx.combine(attach(_refuse, throw, numbers, None, (contact, load, others)), rest)
-    return replace(path, jumps=replace(path.jumps, load=jumps.load.at(values)))
-
-
-def _refuse(path: Path, _: None, inputs: Any, changes: Any) -> tuple[Path, list[Obstacle]]:
-    nothing = jax.tree.map(jnp.zeros_like, path)
-    return nothing, [Obstacle(jnp.array(True), _NO_DERIVATIVE)]
-
-
-def _cut(path: Path, num_states: int, num_jumps: int) -> Path:
-    """Return a path with as many entries as there are."""
-
-    def first(tree: Any, number: int) -> Any:
-        return jax.tree.map(lambda leaf: jax.device_put(known(leaf)[:number]), tree)
-
-    load, equilibrium = first((path.load, path.equilibrium), num_states)
-    return replace(path, load=load, equilibrium=equilibrium, jumps=first(path.jumps, num_jumps))
 
 
 def _describe(path: Path, load: Load) -> str:

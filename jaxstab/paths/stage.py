@@ -21,8 +21,8 @@ from jaxstab.paths.step import Aim, Walk, after, aimed
 from jaxstab.paths.store import Place, Strongest, place_of
 from jaxstab.paths.walk import begin_at
 from jaxstab.pause import Pause
-from jaxstab.refill import Record, Stage
 from jaxstab.results import RESULTS
+from jaxstab.stage import Record, Stage
 
 
 class _Walking(eqx.Module):

@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
+from jaxstab.balance import missed_pressure
 from jaxstab.checks import is_traced
-from jaxstab.contact import Contact, missed_pressure
+from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.implicit import third_derivative
 from jaxstab.equilibrium.recognition import recognised_by

@@ -11,7 +11,8 @@ from jaxstab.hessian import Block, SymmetricOperator
 from jaxstab.iterate import Iteration, Loop
 from jaxstab.pause import Pause
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.projected import ROUNDS, ProjectedLOBPCG, descend, entry, places, winner
+from jaxstab.stability.projected import ProjectedLOBPCG, descend, entry
+from jaxstab.stability.rounds import ROUNDS, places, winner
 from jaxstab.stability.solver import Minimum
 
 _NUM_ROUNDS = len(ROUNDS)

@@ -11,12 +11,12 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 from jaxstab.hessian import Block
 from jaxstab.iterate import Loop
 from jaxstab.pause import Pause
-from jaxstab.refill import Record, Stage
 from jaxstab.stability.certificate import SHARES, bound_by, is_sought
 from jaxstab.stability.search import Search
 from jaxstab.stability.stages.cones import ConesStage
 from jaxstab.stability.stages.ready import ready_in, space_solver
 from jaxstab.stability.stages.spaces import SpacesStage
+from jaxstab.stage import Record, Stage
 
 
 class _Bounding(eqx.Module):

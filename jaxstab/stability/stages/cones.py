@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int
 
-from jaxstab.refill import Record, Stage
 from jaxstab.stability.competition import Competitor, decided, entered, turned
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.lowest import Lowest, after, again, cone_starts, on_cone
 from jaxstab.stability.search import Search
 from jaxstab.stability.stages.ready import chosen, cone_solver, ready_in
 from jaxstab.stability.stages.spaces import SpacesStage
+from jaxstab.stage import Record, Stage
 
 
 class _OnCone(eqx.Module):

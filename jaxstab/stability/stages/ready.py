@@ -9,12 +9,12 @@ from jaxtyping import Array, ArrayLike, Bool, Int
 
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.stage import EquilibriumStage
-from jaxstab.refill import Record, Stage
 from jaxstab.stability.assess import prepared
 from jaxstab.stability.davidson import Davidson
 from jaxstab.stability.lowest import Lowest
 from jaxstab.stability.projected import ProjectedLOBPCG
 from jaxstab.stability.search import Search
+from jaxstab.stage import Record, Stage
 
 
 def cone_solver() -> ProjectedLOBPCG:

@@ -10,12 +10,12 @@ from jaxtyping import Array, ArrayLike, Bool, Int
 
 from jaxstab.iterate import Loop
 from jaxstab.pause import Pause
-from jaxstab.refill import Record, Stage
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.lowest import Lowest, again, on_space
 from jaxstab.stability.modes import BLOCK_SIZE
 from jaxstab.stability.search import Search
 from jaxstab.stability.stages.ready import chosen, ready_in, space_solver
+from jaxstab.stage import Record, Stage
 
 
 class _OnSpace(eqx.Module):

@@ -6,7 +6,6 @@ import jax.numpy as jnp
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.stage import EquilibriumStage
-from jaxstab.refill import Record
 from jaxstab.stability.assess import stability_of
 from jaxstab.stability.search import with_bound
 from jaxstab.stability.stages.bound import BoundStage
@@ -14,6 +13,7 @@ from jaxstab.stability.stages.cones import ConesStage
 from jaxstab.stability.stages.ready import ReadyStage, chosen, ready_in
 from jaxstab.stability.stages.spaces import SpacesStage
 from jaxstab.stability.verdict import Stability
+from jaxstab.stage import Record
 
 
 class VerdictStages:

@@ -1,0 +1,75 @@
+"""A law at the points of a field, with the derivatives that autodiff gives."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxstab.checks import cast
+from jaxstab.functions import as_pytree
+from jaxstab.potentials.composed import Potential, by_points
+
+Field = Float[Array, " *grid"]
+
+
+def as_module(potential: Potential, dtype: Any) -> Potential:
+    """Return `potential` as a pytree of arrays that acts on gaps of `dtype`.
+
+    Raises:
+        ValueError: if it does not map a scalar gap to a real scalar.
+        TypeError: if it cannot be traced by JAX.
+    """
+    if not callable(potential):
+        raise ValueError(f"The potential is {potential!r}: give a function of the gap.")
+    if isinstance(potential, eqx.Module):
+        potential = cast(potential, dtype)
+    cure = (
+        "it must return one real scalar, the energy per area. (It is applied point by point; its "
+        "parameters must be scalars too, or fields inside of jaxstab.potentials.Varying.)"
+    )
+    return as_pytree("The potential", potential, jax.ShapeDtypeStruct((), dtype), cure)
+
+
+def derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
+    """Return f(g) [energy/area], f'(g) [pressure] and f''(g) [pressure/length] at every point."""
+
+    fields, law_at = by_points(potential)
+    shapes = [field.shape for field in fields]
+    try:
+        jnp.broadcast_shapes(*shapes, gap.shape)
+    except ValueError:
+        raise ValueError(
+            f"The law varies over points of shape {shapes[0]}, but the gaps have shape "
+            f"{gap.shape}: give one for each point."
+        ) from None
+
+    def at_point(gap: Float[Array, ""], *values: Array) -> tuple[Array, Array, Array]:
+        law = law_at(values)
+
+        def slope_and_value(gap: Float[Array, ""]) -> tuple[Array, Array]:
+            value, slope = jax.value_and_grad(law)(gap)
+            return slope, value
+
+        # Nested, so that what the three share is computed once.
+        (slope, value), curvature = jax.value_and_grad(slope_and_value, has_aux=True)(gap)
+        return value, slope, curvature
+
+    value, slope, curvature = jnp.vectorize(at_point)(gap, *fields)
+    return value.astype(gap.dtype), slope.astype(gap.dtype), curvature.astype(gap.dtype)
+
+
+def energy_density(potential: Potential, gap: Field) -> Field:
+    """Return f(g) at every point [energy/area]."""
+    return derivatives(potential, gap)[0]
+
+
+def slope(potential: Potential, gap: Field) -> Field:
+    """Return f'(g), the attraction, at every point [pressure]."""
+    return derivatives(potential, gap)[1]
+
+
+def curvature(potential: Potential, gap: Field) -> Field:
+    """Return f''(g) at every point [pressure/length]."""
+    return derivatives(potential, gap)[2]
