@@ -16,8 +16,8 @@ from jaxstab.equilibrium.implicit import third_derivative
 from jaxstab.equilibrium.recognition import recognised_by
 from jaxstab.equilibrium.state import State, equilibrium_of
 from jaxstab.equilibrium.window import whole_state
-from jaxstab.grid import total
-from jaxstab.hessian import Hessian
+from jaxstab.grid import Grid, total
+from jaxstab.hessian import Block, Hessian
 from jaxstab.lanes import by_lanes
 from jaxstab.programs import program
 from jaxstab.resolution import warn_if_coarse
@@ -155,7 +155,8 @@ def _assess_one(
     solver: ConeSolver,
     key: PRNGKeyArray,
 ) -> Stability:
-    search, state = prepared(contact, equilibrium, key, verdict_only)
+    random = random_starts(contact.grid, key, equilibrium.gap)
+    search, state = prepared(contact, equilibrium, random, verdict_only)
     return stability_of(equilibrium, state, search.run(solver))
 
 
@@ -197,11 +198,17 @@ class _State(eqx.Module):
         )
 
 
+@jax.jit
+def random_starts(grid: Grid, key: PRNGKeyArray, like: Float[Array, " *grid"]) -> Block:
+    """Return random vectors to start from, by a program that is the same for all laws and loads."""
+    return grid.placed(noise(key, _NUM_RANDOM, like))
+
+
 @partial(program, static_argnames="verdict_only")
 def prepared(
-    contact: Contact, equilibrium: Equilibrium, key: PRNGKeyArray, verdict_only: bool
+    contact: Contact, equilibrium: Equilibrium, random: Block, verdict_only: bool
 ) -> tuple[Search, _State]:
-    """Return the search at an equilibrium, and what is known of that."""
+    """Return the search at an equilibrium from random vectors, and what is known of that."""
     unit = contact.own_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     gap, in_contact = equilibrium.gap, equilibrium.in_contact
@@ -224,7 +231,7 @@ def prepared(
         hessian=hessian,
         cone=AdmissibleCone(in_contact, nowhere, control.fixes_mean),
         critical_cone=AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean),
-        random=contact.grid.placed(noise(key, _NUM_RANDOM, gap)),
+        random=random,
         nearly_touching=nearly_touching,
         touches=jnp.any(in_contact),
         is_weak=jnp.any(weak),
