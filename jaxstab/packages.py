@@ -1,5 +1,6 @@
 """Packages that do not come with jaxstab, but with one of its extras."""
 
+from importlib import import_module
 from importlib.util import find_spec
 
 # The second comes without the third.
@@ -12,6 +13,10 @@ def are_installed(*packages: str) -> bool:
 
 
 def require_packages(purpose: str, extra: str, *packages: str) -> None:
-    """Raise `ImportError` that names the extra, unless all of its packages are installed."""
-    if not are_installed(*packages):
-        raise ImportError(f"{purpose} need {', '.join(packages)}: pip install 'jaxstab[{extra}]'.")
+    """Raise `ImportError` that names the extra, unless all of some packages can be imported."""
+    try:
+        for name in packages:
+            import_module(name)
+    except ImportError as error:
+        sentence = f"{purpose} need {', '.join(packages)}: pip install 'jaxstab[{extra}]'."
+        raise ImportError(sentence) from error

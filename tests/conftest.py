@@ -63,10 +63,12 @@ def interruptible():
 def beside_an_accelerator():
     """Trace programs as where JAX finds one."""
     jax.clear_caches()
-    with mock.patch.object(lanes, "_has_accelerator", lambda: True):
-        yield
-    # Or the next test gets this one's programs.
-    jax.clear_caches()
+    try:
+        with mock.patch.object(lanes, "_has_accelerator", lambda: True):
+            yield
+    finally:
+        # Or the next test gets this one's programs.
+        jax.clear_caches()
 
 
 @contextmanager

@@ -182,7 +182,7 @@ def test_an_instruments_text_is_read_as_such(tmp_path):
 @pytest.mark.parametrize(
     ("write", "package", "extra"),
     [
-        (as_gwy, "SurfaceTopography", "surfaces"),
+        (as_gwy, "SurfaceTopography.IO", "surfaces"),
         (as_netcdf, "xarray", "data"),
         (as_netcdf, "h5py", "data"),
     ],

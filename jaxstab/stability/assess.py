@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -155,8 +156,7 @@ def _assess_one(
     solver: ConeSolver,
     key: PRNGKeyArray,
 ) -> Stability:
-    random = random_starts(contact.grid, key, equilibrium.gap)
-    search, state = prepared(contact, equilibrium, random, verdict_only)
+    search, state = prepared(contact, equilibrium, key, verdict_only)
     return stability_of(equilibrium, state, search.run(solver))
 
 
@@ -198,17 +198,24 @@ class _State(eqx.Module):
         )
 
 
+def prepared(
+    contact: Contact, equilibrium: Equilibrium, key: PRNGKeyArray, verdict_only: bool
+) -> tuple[Search, _State]:
+    """Return the search at an equilibrium, and what is known of that."""
+    problem, state = _problem(contact, equilibrium)
+    random = _random_starts(contact.grid, key, equilibrium.gap)
+    return Search(random=random, verdict_only=verdict_only, **problem), state
+
+
 @jax.jit
-def random_starts(grid: Grid, key: PRNGKeyArray, like: Float[Array, " *grid"]) -> Block:
-    """Return random vectors to start from, by a program that is the same for all laws and loads."""
+def _random_starts(grid: Grid, key: PRNGKeyArray, like: Float[Array, " *grid"]) -> Block:
+    """Return vectors to start from, by a program that is the same for all laws and loads."""
     return grid.placed(noise(key, _NUM_RANDOM, like))
 
 
-@partial(program, static_argnames="verdict_only")
-def prepared(
-    contact: Contact, equilibrium: Equilibrium, random: Block, verdict_only: bool
-) -> tuple[Search, _State]:
-    """Return the search at an equilibrium from random vectors, and what is known of that."""
+@program
+def _problem(contact: Contact, equilibrium: Equilibrium) -> tuple[dict[str, Any], _State]:
+    """Return what a search at an equilibrium is of, and what is known of that."""
     unit = contact.own_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     gap, in_contact = equilibrium.gap, equilibrium.in_contact
@@ -227,20 +234,18 @@ def prepared(
     nearly_touching = ~in_contact & (gap * hessian.solid.max_stiffness <= error)
     # Where there is nothing to assess, nothing moves.
     nowhere = contact.grid.placed(jnp.zeros_like(in_contact) | ~is_found)
-    search = Search(
-        hessian=hessian,
-        cone=AdmissibleCone(in_contact, nowhere, control.fixes_mean),
-        critical_cone=AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean),
-        random=random,
-        nearly_touching=nearly_touching,
-        touches=jnp.any(in_contact),
-        is_weak=jnp.any(weak),
-        is_doubtful=jnp.any(weak | nearly_touching),
-        verdict_only=verdict_only,
-    )
+    problem = {
+        "hessian": hessian,
+        "cone": AdmissibleCone(in_contact, nowhere, control.fixes_mean),
+        "critical_cone": AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean),
+        "nearly_touching": nearly_touching,
+        "touches": jnp.any(in_contact),
+        "is_weak": jnp.any(weak),
+        "is_doubtful": jnp.any(weak | nearly_touching),
+    }
     sharpness = jnp.where(in_contact, 0, third_derivative(contact, gap))
     state = _State(result, unit, contact.grid.cell_area, scale, imbalance, sharpness)
-    return search, state
+    return problem, state
 
 
 @jax.jit

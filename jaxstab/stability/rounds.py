@@ -14,7 +14,7 @@ from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpairs import descended
 from jaxstab.stability.solver import Minimum
 
-# Steps in each round , and how many may go on to the next.
+# Steps in each round, and how many may go on to the next.
 ROUNDS = ((4, 12), (8, 3), (10, 3), (15, 3), (25, 3), (40, 3), (60, 3), (2**31 - 1, 1))
 # The place of those that are beaten, which no round lets go on.
 _OUT = max(kept for _, kept in ROUNDS)

@@ -9,7 +9,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int
 
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.stage import EquilibriumStage
-from jaxstab.stability.assess import prepared, random_starts
+from jaxstab.stability.assess import prepared
 from jaxstab.stability.davidson import Davidson
 from jaxstab.stability.lowest import Lowest
 from jaxstab.stability.projected import ProjectedLOBPCG
@@ -53,9 +53,7 @@ class ReadyStage(Stage):
     def begin(self, record: Record) -> Ready:
         """Return the search at an equilibrium."""
         contact, found = self.equilibria.found(record)
-        contact = contact.whole
-        random = random_starts(contact.grid, jax.random.key(0), found.gap)
-        search, known = prepared(contact, found, random, False)
+        search, known = prepared(contact.whole, found, jax.random.key(0), False)
         return jax.tree.map(lambda leaf: leaf[None], Ready(found, search, known))
 
     def advance(self, record: Record, state: Ready, max_steps: ArrayLike) -> Ready:

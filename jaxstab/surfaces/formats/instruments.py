@@ -20,7 +20,7 @@ def read_instrument(path: Path) -> Scan:
         ValueError: for a damaged file, or a format that SurfaceTopography does not know.
         ImportError: without the extra `surfaces`.
     """
-    require_packages("Files of instruments", "surfaces", "SurfaceTopography")
+    require_packages("Files of instruments", "surfaces", "SurfaceTopography.IO")
     from SurfaceTopography.IO import open_topography
 
     try:
