@@ -5,11 +5,13 @@ from functools import partial
 from typing import Any, TypeVar
 
 import jax
+import jax.numpy as jnp
 from jax.extend.backend import backends
-from jaxtyping import Array
+from jaxtyping import Array, Int
 
 In = TypeVar("In")
 Out = TypeVar("Out")
+Lane = TypeVar("Lane")
 
 
 def map_lanes(function: Callable[[In], Out], lanes: In) -> Out:
@@ -20,6 +22,29 @@ def map_lanes(function: Callable[[In], Out], lanes: In) -> Out:
     also a program that is made for elsewhere, unless JAX finds nothing but the CPU.
     """
     return _map(function, function, lanes)
+
+
+def advance_lanes(
+    advance: Callable[[Lane, Array], Lane], lanes: Lane, max_steps: Int[Array, " lanes"]
+) -> Lane:
+    """Return lanes that a function advanced, each by at most so many steps, run as by `map_lanes`.
+
+    Those without steps to take cost nothing on the CPU, not even to be copied.
+    """
+
+    def one_by_one(lanes: Lane, max_steps: Array) -> Lane:
+        def advance_next(state: tuple[Lane, Array]) -> tuple[Lane, Array]:
+            lanes, left = state
+            i = jnp.argmax(left)
+            lane = advance(jax.tree.map(lambda leaf: leaf[i], lanes), left[i])
+            lanes = jax.tree.map(lambda leaf, new: leaf.at[i].set(new), lanes, lane)
+            return lanes, left.at[i].set(0)
+
+        return jax.lax.while_loop(
+            lambda state: jnp.any(state[1] > 0), advance_next, (lanes, max_steps)
+        )[0]
+
+    return _on_platform(one_by_one, jax.vmap(advance), lanes, max_steps)
 
 
 def by_lanes(function: Callable[..., Out]) -> Callable[..., Out]:
@@ -45,11 +70,14 @@ def by_lanes(function: Callable[..., Out]) -> Callable[..., Out]:
 
 
 def _map(alone: Callable[[In], Out], together: Callable[[In], Out], lanes: In) -> Out:
-    one_by_one = partial(jax.lax.map, alone)
+    return _on_platform(partial(jax.lax.map, alone), jax.vmap(together), lanes)
+
+
+def _on_platform(one_by_one: Callable[..., Out], together: Callable[..., Out], *args: Any) -> Out:
     if not _has_accelerator():
         # Most of the time to trace would go into what cannot run here.
-        return one_by_one(lanes)
-    return jax.lax.platform_dependent(lanes, cpu=one_by_one, default=jax.vmap(together))
+        return one_by_one(*args)
+    return jax.lax.platform_dependent(*args, cpu=one_by_one, default=together)
 
 
 def _has_accelerator() -> bool:

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxstab.grid import centred, total, totals
+from jaxstab.grid import centred, mean_over, total
 
 
 class Subspace(eqx.Module):
@@ -78,34 +78,28 @@ class AdmissibleCone(eqx.Module):
         """Return the nearest field of the cone.
 
         It is x - s, cut at zero where one-sided, with the shift s that makes its mean zero: the
-        root of a convex, decreasing, piecewise linear function. Newton's method climbs to it from
-        the left without passing it, and ends on it exactly. Where the mean is free, s is zero.
+        root of a convex, decreasing, piecewise linear function. The first step of Newton's method,
+        from no shift, leads to the left of it; the others climb to it without passing it, and end
+        on it exactly. Where the mean is free, s is zero.
         """
         if not self.fixes_mean:
             return self._cut(field)
 
         def climb(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
             shift, _, is_first = state
-            step = self.newton_step(field - shift, uncut=is_first)
+            step = self.newton_step(field - shift)
             return shift + step, is_first | ((step > 0) & (shift + step > shift)), jnp.array(False)
 
-        # First to the mean, which is left of the root: cutting below zero can only raise the sum.
         start = jnp.zeros((), field.dtype), jnp.array(True), jnp.array(True)
         shift, *_ = jax.lax.while_loop(lambda state: state[1], climb, start)
         return self._cut(field - shift)
 
-    def newton_step(
-        self, field: Float[Array, " *grid"], uncut: Bool[Array, ""] | bool = False
-    ) -> Float[Array, ""]:
-        """Return the first Newton step towards the shift that projects a field.
-
-        With `uncut` it is the mean over the moving points, as if none were one-sided.
-        """
+    def newton_step(self, field: Float[Array, " *grid"]) -> Float[Array, ""]:
+        """Return the first Newton step towards the shift that projects a field."""
         if not self.fixes_mean:
             return jnp.zeros((), field.dtype)
-        moves = self.is_moving & (uncut | (field > 0) | ~self.one_sided)
-        moved, count = totals([jnp.where(moves, field, 0), moves.astype(field.dtype)])
-        return moved / jnp.maximum(count, 1)
+        moves = self.is_moving & ((field > 0) | ~self.one_sided)
+        return mean_over(moves, field)
 
     def _cut(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         cut = jnp.where(self.one_sided, jnp.maximum(field, 0), field)

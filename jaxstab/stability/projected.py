@@ -13,7 +13,7 @@ from jaxstab.grid import total, totals
 from jaxstab.hessian import Block, SymmetricOperator
 from jaxstab.history import History, Indicators
 from jaxstab.iterate import Iteration, optional_parameter
-from jaxstab.lanes import map_lanes
+from jaxstab.lanes import advance_lanes, map_lanes
 from jaxstab.results import RESULTS
 from jaxstab.stability.blocks import (
     combination,
@@ -96,10 +96,8 @@ class ProjectedLOBPCG(ConeSolver):
         ) -> tuple[tuple[Iteration[_State], Bool[Array, " starts"]], None]:
             before, goes_on = carry
             round_length, num_kept = limits
-            found = map_lanes(
-                lambda lane: descend(self, operator, cone, *lane),
-                (before, jnp.where(goes_on, round_length, 0)),
-            )
+            max_steps = jnp.where(goes_on, round_length, 0)
+            found = advance_lanes(partial(descend, self, operator, cone), before, max_steps)
             return (found, places(found, goes_on, operator, cone) < num_kept), None
 
         is_trivial = cone.is_trivial

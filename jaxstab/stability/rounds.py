@@ -1,7 +1,5 @@
 """The rounds in which starts on a cone compete: who goes on, and who has won."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -9,7 +7,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxstab.hessian import SymmetricOperator
 from jaxstab.iterate import Iteration
 from jaxstab.results import RESULTS
-from jaxstab.stability.blocks import inner_products, norms
+from jaxstab.stability.blocks import norms
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpairs import descended
 from jaxstab.stability.solver import Minimum
@@ -53,10 +51,11 @@ def places(
 ) -> Int[Array, " starts"]:
     """Return the place of each start, from 0 for the lowest; beyond all for those beaten."""
     modes = found.state.point.mode
+    axes = tuple(range(1, modes.ndim))
     # Zero may be the nearest vector of the cone.
     is_out = ~goes_on | jnp.isnan(found.residual) | (norms(modes) == 0)
     lowest = jnp.where(is_out, jnp.inf, found.state.point.eigenvalue)
-    is_alike = jax.vmap(partial(inner_products, modes))(modes) > _SAME
+    is_alike = jnp.tensordot(modes, modes, (axes, axes)) > _SAME
     order = _order(lowest)
     is_copy = jnp.any((order[:, None] < order) & is_alike, axis=0)
     is_higher = lowest - operator.scale * found.residual > jnp.min(lowest)
