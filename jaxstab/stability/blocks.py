@@ -31,8 +31,9 @@ def combination(
 
 def combinations(parts: Float[Array, "block count"], *blocks: Block) -> tuple[Block, ...]:
     """Return linear combinations of the vectors of each block, zero beyond their number."""
-    parts = jnp.pad(parts, ((0, 0), (0, parts.shape[0] - parts.shape[1])))
-    return tuple(jnp.tensordot(parts.T, block, 1, precision="highest") for block in blocks)
+    room = parts.shape[0] - parts.shape[1]
+    combined = (jnp.tensordot(parts.T, block, 1, precision="highest") for block in blocks)
+    return tuple(jnp.pad(block, [(0, room)] + [(0, 0)] * (block.ndim - 1)) for block in combined)
 
 
 def norms(block: Block | Sequence[Float[Array, " *grid"]]) -> Float[Array, " block"]:
