@@ -271,3 +271,24 @@ def test_a_branch_that_a_contact_point_ends_is_found_with_its_derivative(hertz):
     rate = jax.grad(lambda energy: release(energy).load.value)(10.0)
     ends = [release(10.0 + sign * 1e-3).load.value for sign in (1, -1)]
     np.testing.assert_allclose(rate, (ends[0] - ends[1]) / 2e-3, rtol=1e-6)
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_in_single_precision_a_branch_ends_where_it_does_in_double(seed, hertz):
+    noise = 1e-3 * jax.random.normal(jax.random.key(seed), hertz.heights.shape)
+
+    def end(dtype):
+        grid = js.Grid(32, jnp.ones((), dtype))
+        law = js.potentials.Exponential(jnp.array(10, dtype), jnp.array(1, dtype))
+        heights = (hertz.heights + noise).astype(dtype)
+        contact = js.Contact(js.HalfSpace(grid, jnp.ones((), dtype)), heights, law)
+        return js.critical_load(contact, js.MeanDisplacement(jnp.array([1.2, 1.6], dtype)))
+
+    single, double = end("float32"), end("float64")
+    assert single.kind == double.kind == "release"
+    # The states before it are in balance to 1e-4.
+    np.testing.assert_allclose(single.load.value, double.load.value, rtol=1e-5)
+    # Of two points that let go at once it may take the one that ends no branch, and says so.
+    is_negative = single.critical.eigenvalue + single.critical.error < 0
+    off = abs(single.critical.eigenvalue - double.critical.eigenvalue)
+    assert single.critical.sign == 0 or (is_negative and off < single.critical.error)

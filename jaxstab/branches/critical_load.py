@@ -29,7 +29,8 @@ class CriticalLoad(Stackable, eqx.Module):
         equilibrium: the last equilibrium of the branch, with its load.
         kind: a member of `KINDS`: a fold or a release.
         critical: the smallest eigenvalue on the points that are free or let go, which is zero at a
-            fold and negative at a release, and its mode.
+            fold and negative at a release, and its mode; where other points touch or let go at
+            once, it may be neither, and its error is at least as large.
         after: the state that remains beyond a pull-off; None of others.
         result: a member of `RESULTS`: how the search ended.
     """

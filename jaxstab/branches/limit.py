@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.branches.branch import Point, point_at
 from jaxstab.branches.fold import FoldNewton
-from jaxstab.branches.reason import reason_of
+from jaxstab.branches.reason import horizon, reason_of
 from jaxstab.branches.release import Held, ReleaseNewton, first_of, first_releases
 from jaxstab.contact import Contact
 from jaxstab.history import History
@@ -37,7 +37,8 @@ class Limit(eqx.Module):
         gap: the last gap of the branch [length].
         kind: a fold or a release.
         point: the contact point that lets go; none at a fold.
-        critical: the lowest eigenpair on the points that are free or let go.
+        critical: the lowest eigenpair on the points that are free or let go; its error is at least
+            as large where that is not what the kind asks for.
         residual: of the balance of pressures and the condition of the kind.
         num_steps: steps that it took to find it.
         history: of the residual.
@@ -100,6 +101,7 @@ def locate(contact: Contact, load: Load, gap: Field, kind: KINDS, ahead: Scalar)
         kind: of the limit, a fold or a release.
         ahead: how far ahead the load lies that has no state of this branch, with its sign.
     """
+    ahead = horizon(load, ahead)
     residual = contact.balance(contact.control(load))(gap).residual
     here = Held(load, gap, jnp.zeros_like(gap, bool))
     none = jnp.zeros((), int), RESULTS.no_fold, History.empty(["residual"], gap.dtype)
@@ -125,4 +127,8 @@ def locate(contact: Contact, load: Load, gap: Field, kind: KINDS, ahead: Scalar)
         lambda: unless_far(FoldNewton().solve(contact, near), near),
     )
     result = RESULTS.where(jnp.isfinite(end.residual), RESULTS.successful, RESULTS.nonfinite)
-    return replace(limit_of(kind, held.point, end), result=result)
+    limit, pair = limit_of(kind, held.point, end), end.state.pair
+    # Of points that let go at once, one alone may end no branch.
+    is_known = limit.is_exact & (~is_release | (pair.eigenvalue < pair.error))
+    error = jnp.where(is_known, pair.error, jnp.maximum(pair.error, jnp.abs(pair.eigenvalue)))
+    return replace(limit, critical=replace(pair, error=error), result=result)

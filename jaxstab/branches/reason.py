@@ -6,6 +6,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxstab.branches.release import first_releases
 from jaxstab.contact import Contact
+from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.grid import mean
 from jaxstab.loads import Load
 from jaxstab.results import KINDS
@@ -18,6 +19,15 @@ Flag = Bool[Array, ""]
 
 # How far beyond the end of a branch, in units of how near it is known, a point may let go at it.
 _LEEWAY = 2
+
+
+def horizon(load: Load, ahead: Float[Array, ""]) -> Float[Array, ""]:
+    """Return how far ahead the end of a branch may lie, with its sign.
+
+    It is known no better than the states of the branch themselves are.
+    """
+    tolerance = PreconditionedConjugateGradient().tolerance_in(load.value.dtype)
+    return jnp.sign(ahead) * jnp.maximum(jnp.abs(ahead), tolerance * jnp.abs(load.value))
 
 
 def reason_of(
@@ -36,7 +46,7 @@ def reason_of(
     """
     control = contact.control(load)
     touches = gap == 0
-    lets_go = touches & (first_releases(contact, load, gap, ahead) <= _LEEWAY)
+    lets_go = touches & (first_releases(contact, load, gap, horizon(load, ahead)) <= _LEEWAY)
     hessian = contact.hessian(gap, control)
     starts = noise(jax.random.key(0), BLOCK_SIZE, gap)
 

@@ -33,7 +33,7 @@ from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import throw_failure
 
 # Jumps that lose a smaller part of the problem's own energy do not end a branch.
-_SMALLEST_JUMP = 1e-6
+_SMALLEST_JUMP = {"float64": 1e-6, "float32": 1e-5}
 _ROOM = partial(Store.empty, size=512, fields=False), partial(Store.empty, size=1, fields=True)
 
 
@@ -128,7 +128,8 @@ def _jump(contact: Contact, loads: Load, start: Field | None, fold: Limit) -> Li
     """Return the jump that ends the branch from the first load, or else the fold not found."""
     first = loads[0]
     begin = contact.control(first).starting_gap(contact.heights) if start is None else start
-    course = course_of(contact, loads, _SMALLEST_JUMP, disturbance=0.0)
+    smallest_jump = _SMALLEST_JUMP[contact.heights.dtype.name]
+    course = course_of(contact, loads, smallest_jump, disturbance=0.0)
     way = walk(course, begin, *_ROOM)
     jump = jax.tree.map(lambda leaf: leaf[0], way.jumps.rows)
     limit = limit_ahead(contact, first.at(jump.before.value), jump.before.gap, jump.ahead)
