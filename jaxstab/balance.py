@@ -76,7 +76,7 @@ def balance_of(
         resisting = jnp.where(conforming > 0, resisting, whole)
         # On a core stiffer than any wave, a point is as far off as its own stiffness says, unless
         # that is beyond all numbers.
-        share = jnp.where(curvature == jnp.inf, 1, 1 / jnp.maximum(curvature / stiffest, 1))
+        share = jnp.where(curvature == jnp.inf, 1, stiffest / jnp.maximum(curvature, stiffest))
         scale = jnp.sqrt(total(elastic**2 + (share * resisting) ** 2) / gap.size)
         scale = jnp.maximum(scale, smallest_scale)
         residual = jnp.sqrt(total((share * missed) ** 2) / gap.size)

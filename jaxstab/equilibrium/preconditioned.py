@@ -40,7 +40,7 @@ class _Trial(eqx.Module):
     balance: Balance
     is_accepted: Bool[Array, ""]
     length: Float[Array, ""]
-    count: Int[Array, ""]
+    num_cuts: Int[Array, ""]
 
 
 class PreconditionedConjugateGradient(EquilibriumSolver):
@@ -87,25 +87,28 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
             terms = state.balance.elastic_energy, state.balance.adhesion, energy, work
             noise = 100 * jnp.finfo(gap.dtype).eps * sum(map(jnp.abs, terms))
 
+            def tried(length: Array) -> Float[Array, " *grid"]:
+                return control.admissible(state.gap - length * direction)
+
             def attempt(trial: _Trial) -> _Trial:
-                # A third of the last length; the last cut leaves the gap where it is.
-                shorter = jnp.where(trial.count < _MAX_CUTS - 1, trial.length / 3, 0)
-                length = jnp.where(trial.count < 0, trial.length, shorter)
-                new_gap = control.admissible(state.gap - length * direction)
-                balance = balance_of(new_gap)
-                change = new_gap - state.gap
+                balance = balance_of(trial.gap)
+                change = trial.gap - state.gap
                 before, after = total(state.balance.net * change), total(balance.net * change)
-                gain = energy_of(new_gap, balance) - energy
+                gain = energy_of(trial.gap, balance) - energy
                 promised = _ARMIJO * jnp.minimum(before, 0)
                 # Where rounding hides the gain, the slopes at both ends still show it.
                 is_hidden = (gain <= noise) & ((before + after) / 2 <= promised)
                 is_accepted = (gain <= promised) | is_hidden
-                return _Trial(new_gap, balance, is_accepted, length, trial.count + 1)
+                # A third of the last length; the last cut leaves the gap where it is.
+                shorter = jnp.where(trial.num_cuts < _MAX_CUTS - 1, trial.length / 3, 0)
+                length = jnp.where(is_accepted, trial.length, shorter)
+                gap = jax.lax.cond(is_accepted, lambda: trial.gap, lambda: tried(length))
+                return _Trial(gap, balance, is_accepted, length, trial.num_cuts + ~is_accepted)
 
             return jax.lax.while_loop(
-                lambda trial: ~trial.is_accepted & (trial.count < _MAX_CUTS),
+                lambda trial: ~trial.is_accepted & (trial.num_cuts <= _MAX_CUTS),
                 attempt,
-                _Trial(state.gap, state.balance, jnp.array(False), length, jnp.array(-1)),
+                _Trial(tried(length), state.balance, jnp.array(False), length, jnp.array(0)),
             )
 
         def step(state: _State) -> _State:
@@ -129,7 +132,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
             length = jnp.where(is_convex, descent / _nonzero(curvature), state.reach)
 
             trial = search(state, direction, length)
-            grows = ~is_convex & (trial.count == 0)
+            grows = ~is_convex & (trial.num_cuts == 0)
             return _State(
                 trial.gap,
                 trial.balance,
