@@ -101,7 +101,7 @@ def locate(contact: Contact, load: Load, gap: Field, kind: KINDS, ahead: Scalar)
         kind: of the limit, a fold or a release.
         ahead: how far ahead the load lies that has no state of this branch, with its sign.
     """
-    ahead = horizon(load, ahead)
+    ahead = horizon(load, gap, ahead)
     residual = contact.balance(contact.control(load))(gap).residual
     here = Held(load, gap, jnp.zeros_like(gap, bool))
     none = jnp.zeros((), int), RESULTS.no_fold, History.empty(["residual"], gap.dtype)

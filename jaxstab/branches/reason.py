@@ -21,13 +21,15 @@ Flag = Bool[Array, ""]
 _LEEWAY = 2
 
 
-def horizon(load: Load, ahead: Float[Array, ""]) -> Float[Array, ""]:
+def horizon(load: Load, gap: Field, ahead: Float[Array, ""]) -> Float[Array, ""]:
     """Return how far ahead the end of a branch may lie, with its sign.
 
-    It is known no better than the states of the branch themselves are.
+    It is known no better than the states of the branch themselves are: to a part of their mean gap,
+    wherever lengths are counted from, or of the pressure.
     """
-    tolerance = PreconditionedConjugateGradient().tolerance_in(load.value.dtype)
-    return jnp.sign(ahead) * jnp.maximum(jnp.abs(ahead), tolerance * jnp.abs(load.value))
+    tolerance = PreconditionedConjugateGradient().tolerance_in(gap.dtype)
+    size = mean(gap) if load.unit == "length" else jnp.abs(load.value)
+    return jnp.sign(ahead) * jnp.maximum(jnp.abs(ahead), tolerance * size)
 
 
 def reason_of(
@@ -46,7 +48,7 @@ def reason_of(
     """
     control = contact.control(load)
     touches = gap == 0
-    lets_go = touches & (first_releases(contact, load, gap, horizon(load, ahead)) <= _LEEWAY)
+    lets_go = touches & (first_releases(contact, load, gap, horizon(load, gap, ahead)) <= _LEEWAY)
     hessian = contact.hessian(gap, control)
     starts = noise(jax.random.key(0), BLOCK_SIZE, gap)
 
