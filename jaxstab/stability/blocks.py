@@ -15,10 +15,11 @@ from jaxstab.hessian import Block
 
 
 def inner_products(
-    block: Block | Sequence[Float[Array, " *grid"]], field: Float[Array, " *grid"]
-) -> Float[Array, " block"]:
-    """Return the inner product of every vector of a block with a field."""
-    return totals([vector * field for vector in block])
+    block: Block | Sequence[Float[Array, " *grid"]], *fields: Float[Array, " *grid"]
+) -> Float[Array, "fields block"]:
+    """Return the inner products of every vector of a block with each of some fields."""
+    sums = totals([vector * field for field in fields for vector in block])
+    return sums.reshape(len(fields), len(block))
 
 
 def combination(

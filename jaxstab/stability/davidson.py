@@ -57,7 +57,7 @@ class _Span(eqx.Module):
         space: Subspace,
     ) -> "_Span":
         """Return the space with another vector, made a unit one orthogonal to the rest."""
-        *overlaps, square = inner_products([*self.basis, vector], vector)
+        *overlaps, square = inner_products([*self.basis, vector], vector)[0]
         rest = space.project(vector - combination(overlaps, self.basis))
         # None, where what is left is little more than rounding.
         is_new = total(rest**2) > _rounding(square.dtype) ** 2 * square
@@ -65,7 +65,7 @@ class _Span(eqx.Module):
         product = space.project(operator(vector))
         basis, products = _put(vector, self.basis, slot), _put(product, self.products, slot)
         # Orthogonal only to rounding.
-        overlaps, energies = jnp.split(inner_products([*basis, *products], vector), 2)
+        overlaps, energies = inner_products(basis, vector, product)
         return _Span(
             basis,
             products,
