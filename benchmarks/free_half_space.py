@@ -67,6 +67,7 @@ def punch_row(n):
 WORK, MODULUS = 1e-3, 0.75
 SPHERE = (1.0, MODULUS, WORK)
 UNIT = js.references.jkr.units(*SPHERE)
+JKR_LOSS = js.references.jkr.loop_loss(*SPHERE) / (UNIT.force * UNIT.displacement)
 
 
 def maugis(parameter, n, window):
@@ -79,7 +80,7 @@ def maugis(parameter, n, window):
 
 
 def strength_of(parameter):
-    return parameter / 2 * (np.pi * WORK * (4 / 3 * MODULUS) ** 2) ** (1 / 3)
+    return parameter / float(js.references.maugis.transition_parameter(*SPHERE, 1.0))
 
 
 def dead_row(parameter, n):
@@ -227,11 +228,8 @@ TABLES = {
         held_row,
         MAUGIS,
     ),
-    "Its loop from afar and back, in units of F0 d0 (JKR's loses 1.2749)": (
-        (
-            *("lambda", "points", "resolution", "jumps in at", "Dugdale"),
-            *("loss", "Dugdale", "error"),
-        ),
+    f"Its loop from afar and back, in units of F0 d0 (JKR's loses {JKR_LOSS:.4f})": (
+        ("lambda", "points", "resolution", "jumps in at", "Dugdale", "loss", "Dugdale", "error"),
         loop_row,
         [(2.0, 64), (5.0, 128), (5.0, 256)],
     ),
