@@ -26,7 +26,7 @@ def contact_on(grid, surface_energy=0.02):
 
 
 def load_and_solver():
-    return js.MeanGap(0.12), js.PreconditionedConjugateGradient(1e-13)
+    return js.MeanGap(0.1), js.PreconditionedConjugateGradient(1e-13)
 
 
 def numbers(equilibrium, stability):
@@ -40,7 +40,7 @@ def state(grid):
     def solved(surface_energy):
         contact = contact_on(grid, surface_energy)
         equilibrium = js.equilibrate(contact, *load_and_solver(), initial=np.ones((N, N)))
-        solver = js.ProjectedLOBPCG(3e-12)
+        solver = js.ProjectedLOBPCG(2e-11)
         return equilibrium, js.assess_stability(contact, equilibrium, solver, throw=False)
 
     found, changes = jax.jvp(solved, (0.02,), (1.0,))
@@ -57,7 +57,7 @@ def state(grid):
 
 
 def swept(grid):
-    sweep = js.sweep(contact_on(grid), js.MeanGap(np.array([0.12, 0.15])), stability=False)
+    sweep = js.sweep(contact_on(grid), js.MeanGap(np.array([0.1, 0.15])), stability=False)
     return {"swept": sweep.equilibrium.gap, "whole_in_sweep": whole((sweep, sweep[1]))}
 
 
