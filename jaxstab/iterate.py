@@ -16,6 +16,7 @@ from jaxstab.pause import Pause
 from jaxstab.results import RESULTS
 
 State = TypeVar("State")
+Solver = TypeVar("Solver")
 
 _STALL_FACTOR = 0.99
 # What counts as progress: of the fall of the energy so far, and in units of the precision.
@@ -27,6 +28,23 @@ _NO_LIMIT = 2**31 - 1
 def optional_parameter(value: ArrayLike | None) -> Float[Array, ""] | None:
     """Return `value` as a floating-point array, None as None."""
     return None if value is None else parameter(value)
+
+
+def solver_or_default(solver: Any, kind: type, default: type[Solver]) -> Solver:
+    """Return the solver that was given, or one of the default's class where there is none.
+
+    Raises:
+        TypeError: if it is not of a kind.
+    """
+    if solver is None:
+        return default()
+    if isinstance(solver, kind):
+        return solver
+    is_class = isinstance(solver, type)
+    given = f"the class {solver.__name__}" if is_class else f"of type {type(solver).__name__}"
+    raise TypeError(
+        f"The solver is {given}: give an instance of {kind.__name__}, such as {default.__name__}()."
+    )
 
 
 class Iteration(eqx.Module, Generic[State]):

@@ -27,7 +27,7 @@ from jaxstab.equilibrium.state import (
 )
 from jaxstab.equilibrium.window import warn_at_edges, whole_start
 from jaxstab.grid import resample
-from jaxstab.iterate import Iteration
+from jaxstab.iterate import Iteration, solver_or_default
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Control, GapControl, Load, require_load
 from jaxstab.programs import program
@@ -75,7 +75,7 @@ def equilibrate(
     Raises:
         ValueError: for an array of loads, or an initial gap that is not finite and positive
             somewhere, or of another shape than the grid.
-        TypeError: for something that is not a load.
+        TypeError: for something that is not a load, or not a solver for equilibria.
         SolverError: if `throw`, for a load that no gap satisfies or a solve that did not converge.
     """
     require_load(load)
@@ -85,7 +85,7 @@ def equilibrate(
             f"{load.value.shape}: use jaxstab.sweep, or jax.vmap."
         )
     warn_if_coarse(contact)
-    solver = solver or PreconditionedConjugateGradient()
+    solver = solver_or_default(solver, EquilibriumSolver, PreconditionedConjugateGradient)
     whole, start = whole_start(contact, load, initial_gap(contact, load, initial))
     if start is None:
         # One program for all starts.

@@ -129,7 +129,7 @@ def require_load(load: Load) -> None:
     if not isinstance(load, Load):
         raise TypeError(
             f"The load is {load!r}: say what it prescribes, with MeanDisplacement, MeanGap, "
-            "MeanPressure or Spring."
+            "MeanPressure, FarDisplacement or Spring."
         )
 
 

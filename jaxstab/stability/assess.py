@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from jaxstab.balance import missed_pressure
-from jaxstab.checks import is_traced
+from jaxstab.checks import is_traced, require_key
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.implicit import third_derivative
@@ -19,6 +19,7 @@ from jaxstab.equilibrium.state import State, equilibrium_of
 from jaxstab.equilibrium.window import whole_state
 from jaxstab.grid import Grid, total
 from jaxstab.hessian import Block, Hessian
+from jaxstab.iterate import solver_or_default
 from jaxstab.lanes import by_lanes
 from jaxstab.programs import program
 from jaxstab.resolution import warn_if_coarse
@@ -90,12 +91,14 @@ def assess_stability(
 
     Raises:
         ValueError: if the equilibrium has another grid or precision than the contact.
+        TypeError: if the solver is not one for cones, or the key not a random one.
         SolverError: if `throw`, for an equilibrium or an eigenvalue that did not converge.
     """
     equilibrium = equilibrium_of(contact, equilibrium)
     warn_if_coarse(contact)
-    solver = ProjectedLOBPCG() if solver is None else solver
+    solver = solver_or_default(solver, ConeSolver, ProjectedLOBPCG)
     key = jax.random.key(0) if key is None else key
+    require_key(key)
     contact, equilibrium = whole_state(contact, equilibrium)
     inputs = jax.lax.stop_gradient((contact, equilibrium, solver, key))
     # Histories end in NaN, and what was not found is NaN.

@@ -14,7 +14,7 @@ from jaxstab.equilibrium.recognition import recognised
 from jaxstab.equilibrium.state import State, equilibrium_of
 from jaxstab.equilibrium.window import whole_state
 from jaxstab.hessian import Block, Hessian
-from jaxstab.iterate import refuse_derivatives
+from jaxstab.iterate import refuse_derivatives, solver_or_default
 from jaxstab.programs import program
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
@@ -59,7 +59,8 @@ def lowest_modes(
     Raises:
         ValueError: if the equilibrium has another grid or precision than the contact, the count is
             not positive, or the space is not one of the two.
-        TypeError: if the count is not an integer, or the key not a random one.
+        TypeError: if the count is not an integer, the solver not one for linear spaces, or the
+            key not a random one.
         SolverError: if `throw`, for an equilibrium or modes that did not converge.
     """
     equilibrium = equilibrium_of(contact, equilibrium)
@@ -69,7 +70,7 @@ def lowest_modes(
     if space not in ("lower_bound", "critical"):
         raise ValueError(f'space is {space!r}: choose "lower_bound" or "critical".')
     warn_if_coarse(contact)
-    solver = Davidson() if solver is None else solver
+    solver = solver_or_default(solver, SpaceSolver, Davidson)
     key = jax.random.key(0) if key is None else key
     require_key(key)
     pairs = _lowest_modes(contact, equilibrium, solver, key, count, space == "critical")
