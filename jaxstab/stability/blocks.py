@@ -14,17 +14,14 @@ from jaxstab.grid import total, totals
 from jaxstab.hessian import Block
 
 
-def inner_products(
-    block: Block | Sequence[Float[Array, " *grid"]], *fields: Float[Array, " *grid"]
-) -> Float[Array, "fields block"]:
+def inner_products(block: Block, *fields: Float[Array, " *grid"]) -> Float[Array, "fields block"]:
     """Return the inner products of every vector of a block with each of some fields."""
     sums = totals([vector * field for field in fields for vector in block])
     return sums.reshape(len(fields), len(block))
 
 
 def combination(
-    parts: Float[Array, " block"] | Sequence[Float[Array, ""]],
-    block: Block | Sequence[Float[Array, " *grid"]],
+    parts: Float[Array, " block"], block: Block | Sequence[Float[Array, " *grid"]]
 ) -> Float[Array, " *grid"]:
     """Return a linear combination of the vectors of a block."""
     return reduce(jnp.add, (part * vector for part, vector in zip(parts, block, strict=True)))

@@ -15,7 +15,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxstab.grid import total
 from jaxstab.hessian import Block, SymmetricOperator
 from jaxstab.history import Indicators
 from jaxstab.iterate import optional_parameter
@@ -25,7 +24,6 @@ from jaxstab.stability.blocks import (
     inner_products,
     norms,
     rayleigh_ritz,
-    scaled_to_unit,
 )
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.solver import Minimum, SpaceSolver
@@ -56,15 +54,14 @@ class _Span(eqx.Module):
         operator: SymmetricOperator,
         space: Subspace,
     ) -> "_Span":
-        """Return the space with another vector, made a unit one orthogonal to the rest."""
-        *overlaps, square = inner_products([*self.basis, vector], vector)[0]
-        rest = space.project(vector - combination(overlaps, self.basis))
-        # None, where what is left is little more than rounding.
-        is_new = total(rest**2) > _rounding(square.dtype) ** 2 * square
-        vector = jnp.where(is_new, scaled_to_unit(rest), 0)
+        """Return the space with another vector.
+
+        It is not made orthogonal to the others, which would read them all twice: of a residual
+        enough is new, and the inner products tell how much.
+        """
+        vector = space.project(vector)
         product = space.project(operator(vector))
         basis, products = _put(vector, self.basis, slot), _put(product, self.products, slot)
-        # Orthogonal only to rounding.
         overlaps, energies = inner_products(basis, vector, product)
         return _Span(
             basis,
@@ -142,12 +139,17 @@ class Davidson(SpaceSolver):
             def widen(index: Array, carry: _Widening) -> _Widening:
                 span, eigenvalues, parts, _ = carry
 
-                def steepest() -> Array:
+                def of_kept() -> Array:
+                    return span.products[target] - eigenvalue * mode
+
+                def of_combined() -> Array:
                     lowest = parts[:, target]
                     product = combination(lowest, span.products)
-                    return precondition(
-                        product - eigenvalues[target] * combination(lowest, span.basis)
-                    )
+                    return product - eigenvalues[target] * combination(lowest, span.basis)
+
+                def steepest() -> Array:
+                    # The first is of a vector that the space has.
+                    return precondition(jax.lax.cond(index == 0, of_kept, of_combined))
 
                 vector = jax.lax.cond(state.is_empty, lambda: starts[index], steepest)
                 slot = jnp.where(state.is_empty, index, size + 1 + index)
