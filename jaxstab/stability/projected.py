@@ -17,7 +17,6 @@ from jaxstab.lanes import advance_lanes, map_lanes
 from jaxstab.results import RESULTS
 from jaxstab.stability.blocks import (
     combination,
-    norms,
     rayleigh_ritz,
     scaled_to_unit,
 )
@@ -110,22 +109,27 @@ class ProjectedLOBPCG(ConeSolver):
 
 def _inner_products(
     basis: Sequence[Float[Array, " *grid"]], products: Sequence[Float[Array, " *grid"]]
-) -> tuple[Float[Array, "vectors vectors"], Float[Array, "vectors vectors"]]:
-    """Return those of the vectors of a basis with each other, and with A times each."""
+) -> tuple[
+    Float[Array, "vectors vectors"], Float[Array, "vectors vectors"], Float[Array, " vectors"]
+]:
+    """Return those of the vectors of a basis with each other and with A times each, and A x.A x."""
     size = len(basis)
     # Both triangles, whose means have half of the error that products gather.
-    sums = totals([left * right for left in basis for right in (*basis, *products)])
-    gram, energies = jnp.split(sums.reshape(size, 2 * size), 2, axis=1)
-    return gram, energies
+    pairs = [left * right for left in basis for right in (*basis, *products)]
+    sums = totals([*pairs, *(product**2 for product in products)])
+    gram, energies = jnp.split(sums[:-size].reshape(size, 2 * size), 2, axis=1)
+    return gram, energies, sums[-size:]
 
 
-def _change(old: _Point, new: _Point) -> Float[Array, ""]:
-    """Return how far the Rayleigh quotient changes, also where two would differ by rounding.
+def _compared(old: _Point, mode: Array, product: Array) -> tuple[_Point, Bool[Array, ""]]:
+    """Return the point of a unit vector, and whether it is a lower one; zero never is.
 
-    Of unit vectors x and x + d, that is d.((A x - lambda x) + (A (x + d) - lambda (x + d))).
+    The Rayleigh quotients of x and x + d differ by d.((A x - lambda x) + (A (x + d) - lambda
+    (x + d))), also where rounding hides it.
     """
-    missed = old.product + new.product - old.eigenvalue * (old.mode + new.mode)
-    return total((new.mode - old.mode) * missed)
+    missed = old.product + product - old.eigenvalue * (old.mode + mode)
+    eigenvalue, change, square = totals([mode * product, (mode - old.mode) * missed, mode**2])
+    return _Point(mode, product, eigenvalue), (change <= 0) & (square > 0)
 
 
 def entry(cone: AdmissibleCone, start: Float[Array, " *grid"]) -> Iteration[_State]:
@@ -183,33 +187,36 @@ def _lower(
     face = cone.face(jnp.maximum(point.mode, state.descended))
     residual = face.project(point.product - point.eigenvalue * point.mode)
     precondition = operator.preconditioner(point.mode, point.eigenvalue)
-    steepest = scaled_to_unit(face.project(precondition(residual)))
+    steepest = face.project(precondition(residual))
     basis = [point.mode, steepest, state.move]
     products = [point.product, operator(steepest), state.move_product]
-    gram, energies = _inner_products(basis, products)
+    gram, energies, squares = _inner_products(basis, products)
     parts = rayleigh_ritz(gram, energies, 1)[1][:, 0]
     parts *= jnp.where(gram[0] @ parts < 0, -1, 1)
     stays, moves = parts.at[1:].set(0), parts.at[0].set(0)
     # Combined products have no digits left where the basis reaches into stiff points, nor that of
     # a tiny difference.
     lengths = jnp.sqrt(jnp.diagonal(gram))
-    is_tiny = (lengths > 0) & (lengths < jnp.sqrt(jnp.finfo(lengths.dtype).eps))
-    is_rough = jnp.any(is_tiny | (norms(products) > operator.scale * lengths))
+    is_tiny = (lengths[2] > 0) & (lengths[2] < jnp.sqrt(jnp.finfo(lengths.dtype).eps))
+    is_rough = is_tiny | jnp.any(jnp.sqrt(squares) > operator.scale * lengths)
 
     def attempt(trial: _Trial) -> _Trial:
         part = stays + trial.length * moves
-        vector, product = combination(part, basis), combination(part, products)
-        norm = jnp.sqrt(total(vector**2))
+        part /= jnp.sqrt(part @ gram @ part)
+        vector = combination(part, basis)
         is_new = is_rough | jnp.any(cone.one_sided & (vector < 0))
-        tried = jax.lax.cond(
-            is_new,
-            lambda: _Point.at(operator, scaled_to_unit(cone.project(vector))),
-            lambda: _Point(vector / norm, product / norm, total(vector * product) / norm**2),
+
+        def projected() -> tuple[Array, Array]:
+            mode = scaled_to_unit(cone.project(vector))
+            return mode, operator(mode)
+
+        mode, product = jax.lax.cond(
+            is_new, projected, lambda: (vector, combination(part, products))
         )
+        tried, is_lower = _compared(point, mode, product)
         return _Trial(
             point=tried,
-            # Zero may be the nearest vector of the cone.
-            is_lower=(_change(point, tried) <= 0) & jnp.any(tried.mode != 0),
+            is_lower=is_lower,
             length=trial.length / 3,
             num_tries=trial.num_tries + 1,
             num_applications=trial.num_applications + is_new,
