@@ -79,27 +79,38 @@ class AdmissibleCone(eqx.Module):
 
         It is x - s, cut at zero where one-sided, with the shift s that makes its mean zero: the
         root of a convex, decreasing, piecewise linear function. The first step of Newton's method,
-        from no shift, leads to the left of it; the others climb to it without passing it, and end
-        on it exactly. Where the mean is free, s is zero.
+        from no shift, leads to the left of it; the others climb to it without passing it, and have
+        reached it when no more points are cut. Where the mean is free, s is zero.
         """
         if not self.fixes_mean:
             return self._cut(field)
 
-        def climb(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-            shift, _, is_first = state
-            step = self.newton_step(field - shift)
-            return shift + step, is_first | ((step > 0) & (shift + step > shift)), jnp.array(False)
+        def count(shift: Array) -> Array:
+            return total(self._is_uncut(field - shift).astype(field.dtype))
 
-        start = jnp.zeros((), field.dtype), jnp.array(True), jnp.array(True)
-        shift, *_ = jax.lax.while_loop(lambda state: state[1], climb, start)
+        def climb(state: tuple[Array, ...]) -> tuple[Array, ...]:
+            shift, last, _, is_first = state
+            moved = field - shift
+            excess = total(jnp.where(self._is_uncut(moved), moved, 0))
+            shift += excess / jnp.maximum(last, 1)
+            # Each set holds the next: as many points are the same ones.
+            number = count(shift)
+            goes_on = (number < last) | (is_first & (number > last))
+            return shift, number, goes_on, jnp.array(False)
+
+        zero, yes = jnp.zeros((), field.dtype), jnp.array(True)
+        start = zero, count(zero), yes, yes
+        shift, *_ = jax.lax.while_loop(lambda state: state[2], climb, start)
         return self._cut(field - shift)
 
     def newton_step(self, field: Float[Array, " *grid"]) -> Float[Array, ""]:
         """Return the first Newton step towards the shift that projects a field."""
         if not self.fixes_mean:
             return jnp.zeros((), field.dtype)
-        moves = self.is_moving & ((field > 0) | ~self.one_sided)
-        return mean_over(moves, field)
+        return mean_over(self._is_uncut(field), field)
+
+    def _is_uncut(self, field: Float[Array, " *grid"]) -> Bool[Array, " *grid"]:
+        return self.is_moving & ((field > 0) | ~self.one_sided)
 
     def _cut(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
         cut = jnp.where(self.one_sided, jnp.maximum(field, 0), field)
