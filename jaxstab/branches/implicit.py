@@ -15,7 +15,7 @@ from jaxstab.branches.branch import (
     newton_step,
 )
 from jaxstab.branches.limit import Limit, locate
-from jaxstab.branches.release import opening
+from jaxstab.branches.release import first_of, first_releases, opening
 from jaxstab.contact import Contact
 from jaxstab.derivatives import attach, finite, pushed
 from jaxstab.equilibrium.implicit import changing_points
@@ -81,7 +81,9 @@ def _changes_near_limit(
     value: Scalar, known: tuple[Field, KINDS, Scalar], inputs: Inputs, changes: Inputs
 ) -> tuple[Scalar, list[Obstacle]]:
     contact, load = jax.lax.stop_gradient(inputs)
-    limit = locate(contact, load, *known)
+    gap, kind, ahead = known
+    point = first_of(first_releases(contact, load, gap, ahead))
+    limit = locate(contact, load, gap, kind, point, ahead)
     inputs = inputs[0], inputs[1].at(limit.load.value)
     (change, _), obstacles = _changes_of_limit((value, limit.gap), limit, inputs, changes)
     return change, obstacles

@@ -11,8 +11,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.branches.branch import Point, point_at
 from jaxstab.branches.fold import FoldNewton
-from jaxstab.branches.reason import horizon, reason_of
-from jaxstab.branches.release import Held, ReleaseNewton, first_of, first_releases
+from jaxstab.branches.reason import reason_of
+from jaxstab.branches.release import Held, ReleaseNewton, first_of, first_releases, horizon
 from jaxstab.contact import Contact
 from jaxstab.history import History
 from jaxstab.iterate import Iteration
@@ -85,11 +85,14 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
 
     The arguments are those of `locate`.
     """
-    kind, _ = reason_of(contact, load, gap, ahead)
-    return locate(contact, load, gap, kind, ahead)
+    releases = first_releases(contact, load, gap, ahead)
+    kind, _ = reason_of(contact, load, gap, releases)
+    return locate(contact, load, gap, kind, first_of(releases), ahead)
 
 
-def locate(contact: Contact, load: Load, gap: Field, kind: KINDS, ahead: Scalar) -> Limit:
+def locate(
+    contact: Contact, load: Load, gap: Field, kind: KINDS, point: Mask, ahead: Scalar
+) -> Limit:
     """Return the limit of a branch from a state close to it.
 
     Where points touch or let go between the two, it is that state itself, and said not to be exact.
@@ -99,6 +102,7 @@ def locate(contact: Contact, load: Load, gap: Field, kind: KINDS, ahead: Scalar)
         load: that of the state.
         gap: of the state.
         kind: of the limit, a fold or a release.
+        point: the contact point that lets go, if it is a release.
         ahead: how far ahead the load lies that has no state of this branch, with its sign.
     """
     ahead = horizon(load, gap, ahead)
@@ -113,7 +117,6 @@ def locate(contact: Contact, load: Load, gap: Field, kind: KINDS, ahead: Scalar)
         return jax.tree.map(partial(jnp.where, is_near), newton, unmoved)
 
     def release() -> Iteration[Held]:
-        point = first_of(first_releases(contact, load, gap, ahead))
         return unless_far(ReleaseNewton().solve(contact, replace(here, point=point)), here)
 
     is_release = kind == KINDS.release

@@ -4,9 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxstab.branches.release import first_releases
 from jaxstab.contact import Contact
-from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.grid import mean
 from jaxstab.loads import Load
 from jaxstab.results import KINDS
@@ -21,20 +19,7 @@ Flag = Bool[Array, ""]
 _LEEWAY = 2
 
 
-def horizon(load: Load, gap: Field, ahead: Float[Array, ""]) -> Float[Array, ""]:
-    """Return how far ahead the end of a branch may lie, with its sign.
-
-    It is known no better than the states of the branch themselves are: to a part of their mean gap,
-    wherever lengths are counted from, or of the pressure.
-    """
-    tolerance = PreconditionedConjugateGradient().tolerance_in(gap.dtype)
-    size = mean(gap) if load.unit == "length" else jnp.abs(load.value)
-    return jnp.sign(ahead) * jnp.maximum(jnp.abs(ahead), tolerance * size)
-
-
-def reason_of(
-    contact: Contact, load: Load, gap: Field, ahead: Float[Array, ""]
-) -> tuple[KINDS, Field]:
+def reason_of(contact: Contact, load: Load, gap: Field, releases: Field) -> tuple[KINDS, Field]:
     """Return why the branch of a state ends just beyond it, and the mode that leads away.
 
     It is a release if points of contact lose their reaction there and the energy falls where they
@@ -44,11 +29,11 @@ def reason_of(
         contact: the contact problem.
         load: that of the state.
         gap: of the state.
-        ahead: how far ahead the load lies that has no state of this branch, with its sign.
+        releases: where its contact points let go, as `first_releases` says.
     """
     control = contact.control(load)
     touches = gap == 0
-    lets_go = touches & (first_releases(contact, load, gap, horizon(load, gap, ahead)) <= _LEEWAY)
+    lets_go = touches & (releases <= _LEEWAY)
     hessian = contact.hessian(gap, control)
     starts = noise(jax.random.key(0), BLOCK_SIZE, gap)
 

@@ -16,9 +16,10 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxstab.branches.branch import free_space, moved_along, rates
 from jaxstab.contact import Contact
 from jaxstab.derivatives import LinearSystem
+from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.implicit import free_system
 from jaxstab.equilibrium.state import fields_of
-from jaxstab.grid import total
+from jaxstab.grid import mean, total
 from jaxstab.history import Indicators
 from jaxstab.iterate import Iteration, IterativeSolver
 from jaxstab.loads import Load
@@ -79,11 +80,23 @@ def opening(contact: Contact, load: Load, gap: Field, point: Mask) -> Opening:
     )
 
 
+def horizon(load: Load, gap: Field, ahead: Scalar) -> Scalar:
+    """Return how far ahead the end of a branch may lie, with its sign.
+
+    It is known no better than the states of the branch themselves are: to a part of their mean gap,
+    wherever lengths are counted from, or of the pressure.
+    """
+    tolerance = PreconditionedConjugateGradient().tolerance_in(gap.dtype)
+    size = mean(gap) if load.unit == "length" else jnp.abs(load.value)
+    return jnp.sign(ahead) * jnp.maximum(jnp.abs(ahead), tolerance * size)
+
+
 def first_releases(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Field:
-    """Return where each contact point loses its reaction, in units of how far one looks ahead.
+    """Return where each contact point loses its reaction, in units of the `horizon` ahead.
 
     That is to first order, and infinite for points that are pressed the more, or do not touch.
     """
+    ahead = horizon(load, gap, ahead)
     system = free_system(contact, contact.control(load), gap)
     moved, _ = system.solution(-rates(contact, load, gap)[2])
 

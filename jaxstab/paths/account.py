@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jaxstab.branches.reason import reason_of
+from jaxstab.branches.release import first_releases
 from jaxstab.checks import known
 from jaxstab.contact import Contact
 from jaxstab.equilibrium.state import state_at
@@ -48,7 +49,9 @@ def _path_of(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> 
         load = one.at(before.value)
         kind, mode = jax.lax.cond(
             jnp.isfinite(before.value),
-            lambda: reason_of(contact, load, before.gap, event.ahead),
+            lambda: reason_of(
+                contact, load, before.gap, first_releases(contact, load, before.gap, event.ahead)
+            ),
             lambda: (KINDS.fold, jnp.full_like(before.gap, jnp.nan)),
         )
         return Jump(
