@@ -1,13 +1,16 @@
 """Stacks: the results of many solves in one pytree, along leading axes of its arrays."""
 
-from collections.abc import Iterator
-from typing import Any, Self
+from collections.abc import Iterator, Sequence
+from typing import Any, Self, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxstab.checks import is_traced
+from jaxstab.checks import is_spread, is_traced, known
+
+Entry = TypeVar("Entry")
 
 
 class Stackable:
@@ -51,6 +54,24 @@ def _entry(leaf: Any, index: Any) -> Array:
     )
     # By NumPy, since JAX would compile for every shape.
     return jax.device_put(np.asarray(leaf)[index]) if is_at_hand else leaf[index]
+
+
+def stacked(entries: Sequence[Entry], like: Entry) -> Entry:
+    """Return results along a leading axis, also none of them; `like` has their shapes."""
+
+    def stack(like: Any, *leaves: Array) -> Array:
+        if leaves and is_spread(leaves[0]):
+            return jnp.stack(leaves)
+        # By NumPy, since JAX would compile for every number.
+        empty = np.zeros((0, *like.shape), like.dtype)
+        return jax.device_put(np.stack(leaves) if leaves else empty)
+
+    return jax.tree.map(stack, like, *entries)
+
+
+def first_entries(tree: Entry, number: int) -> Entry:
+    """Return the first entries of a stack whose values are known."""
+    return jax.tree.map(lambda leaf: jax.device_put(known(leaf)[:number]), tree)
 
 
 def require_single(value: Stackable) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 
 from jaxstab import display
-from jaxstab.checks import is_spread, is_traced, known
+from jaxstab.checks import is_traced, known
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
 from jaxstab.equilibrium.equilibrate import initial_gap
@@ -22,7 +22,7 @@ from jaxstab.progress import progress_bar
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 from jaxstab.stability import ConeSolver, Stability, assess_stability
-from jaxstab.stacks import Stackable
+from jaxstab.stacks import Stackable, stacked
 
 Order = Literal["independent", "continuation"]
 _Start = Float[Array, " *grid"] | None
@@ -120,7 +120,7 @@ def sweep(
             states = _solve_one_by_one(problem, load, start, order, bar.update)
         if throw:
             _throw_failures(states)
-        return jax.tree.map(_stacked, *states)
+        return stacked(states, states[0])
 
 
 class _Problem(eqx.Module):
@@ -175,11 +175,6 @@ def _solve_padded(problem: _Problem, load: Load, start: _Start) -> list[Sweep]:
     padded = jax.tree.map(lambda leaf: np.asarray(leaf)[copies], load)
     states = jax.tree.map(known, _solve_together(problem, padded, start))
     return [jax.tree.map(lambda leaf, i=i: leaf[i], states) for i in range(number)]
-
-
-def _stacked(*leaves: Array) -> Array:
-    # By NumPy, since JAX would compile for every number; not what no device holds alone.
-    return jnp.stack(leaves) if is_spread(leaves[0]) else jax.device_put(np.stack(leaves))
 
 
 def _padded(number: int) -> int:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import bisected, rough_contact
+from conftest import bisected, compilations, rough_contact
 
 import jaxstab as js
 
@@ -147,6 +147,20 @@ def test_of_a_path_the_loads_of_jumps_have_derivatives_and_nothing_else_has(hert
 
 
 @pytest.mark.usefixtures("interruptible")
+def test_jumps_take_one_program_for_any_number_and_none_where_there_are_none(hertz, loop):
+    jax.clear_caches()
+    with compilations() as compiled:
+        calm = js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.5, 1.4])))
+    assert "_jump" not in " ".join(compiled)
+    assert len(calm.jumps) == 0
+    assert calm.jumps.before.gap.shape == (0, 32, 32)
+    number = len(loop.jumps)
+    with compilations() as compiled:
+        in_part = js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2, 1.25])))
+    assert 0 < len(in_part.jumps) != number
+    assert [name for name in compiled if "_jump" in name] == ["jit(_jump)"]
+
+
 def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
     module = sys.modules["jaxstab.paths.follow"]
     go_on, calls = module._go_on, []

@@ -20,18 +20,65 @@ from jaxstab.paths.step import Walk
 from jaxstab.paths.store import Event, Place, Store
 from jaxstab.programs import program
 from jaxstab.results import KINDS
+from jaxstab.stacks import first_entries, stacked
 
 
 @partial(program, static_argnums=0)
-def path_of(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> Path:
+def path_with_room(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> Path:
     """Return the path of a contact under a programme of loads, with the gap of each state or not.
 
     Only the first entries are of states, and of jumps, as many as the walk has recorded.
     """
-    return by_lanes(partial(_path_of, fields))(ended, contact, load)
+
+    def path(ended: Walk[Store], contact: Contact, load: Load) -> Path:
+        jumps = jax.lax.map(partial(_jump, contact, load[0]), ended.jumps.rows)
+        return Path(jumps=jumps, **_states(fields, ended, contact, load))
+
+    return by_lanes(path)(ended, contact, load)
 
 
-def _path_of(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> Path:
+def path_of(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> Path:
+    """Return the path as `path_with_room` does, its values known, but with no room left.
+
+    Jumps are looked at one by one: any number of them needs one program, and no more memory than
+    they take.
+    """
+    rows, one = jax.tree.map(known, ended.jumps.rows), load[0]
+
+    def event(i: int) -> Event:
+        return jax.tree.map(lambda leaf: leaf[i], rows)
+
+    jumps = [_jump_alone(contact, one, event(i)) for i in range(int(ended.jumps.count))]
+    like = jumps[0] if jumps else jax.eval_shape(_jump, contact, one, event(0))
+    parts = _states_alone(fields, replace(ended, jumps=None), contact, load)
+    for name in ("load", "equilibrium"):
+        parts[name] = first_entries(parts[name], int(ended.states.count))
+    return Path(jumps=stacked(jumps, like), **parts)
+
+
+def _jump(contact: Contact, one: Load, event: Event) -> Jump:
+    before, after = event.before, event.after
+    load = one.at(before.value)
+    kind, mode = jax.lax.cond(
+        jnp.isfinite(before.value),
+        lambda: reason_of(
+            contact, load, before.gap, first_releases(contact, load, before.gap, event.ahead)
+        ),
+        lambda: (KINDS.fold, jnp.full_like(before.gap, jnp.nan)),
+    )
+    return Jump(
+        load=load,
+        kind=KINDS.where(event.is_touch, KINDS.touch, kind),
+        before=state_at(contact, load, before.gap),
+        after=state_at(contact, one.at(after.value), after.gap),
+        mode=mode,
+        dissipation=event.dissipation,
+        state=event.state,
+    )
+
+
+def _states(fields: bool, ended: Walk[Any], contact: Contact, load: Load) -> dict[str, Any]:
+    """Return all of a path but its jumps, by name."""
     states, one = ended.states.rows, load[0]
     place = states.place
 
@@ -44,29 +91,9 @@ def _path_of(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> 
         start = states.place.stored[0] - states.place.potential[0]
         return supplied + (place.stored - place.potential) - start
 
-    def jump(event: Event) -> Jump:
-        before, after = event.before, event.after
-        load = one.at(before.value)
-        kind, mode = jax.lax.cond(
-            jnp.isfinite(before.value),
-            lambda: reason_of(
-                contact, load, before.gap, first_releases(contact, load, before.gap, event.ahead)
-            ),
-            lambda: (KINDS.fold, jnp.full_like(before.gap, jnp.nan)),
-        )
-        return Jump(
-            load=load,
-            kind=KINDS.where(event.is_touch, KINDS.touch, kind),
-            before=state_at(contact, load, before.gap),
-            after=state_at(contact, one.at(after.value), after.gap),
-            mode=mode,
-            dissipation=event.dissipation,
-            state=event.state,
-        )
-
-    return Path(
-        load=loads(place.value),
-        equilibrium=States(
+    return {
+        "load": loads(place.value),
+        "equilibrium": States(
             place.mean_gap,
             place.mean_pressure,
             place.contact_area,
@@ -76,18 +103,11 @@ def _path_of(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> 
             states.dissipation,
             place.gap if fields else None,
         ),
-        jumps=jax.lax.map(jump, ended.jumps.rows),
-        work=work(ended.here.place, ended.here.supplied),
-        dissipation=ended.here.dissipation,
-        result=ended.result,
-    )
+        "work": work(ended.here.place, ended.here.supplied),
+        "dissipation": ended.here.dissipation,
+        "result": ended.result,
+    }
 
 
-def cut(path: Path, num_states: int, num_jumps: int) -> Path:
-    """Return a path with as many entries as there are."""
-
-    def first(tree: Any, number: int) -> Any:
-        return jax.tree.map(lambda leaf: jax.device_put(known(leaf)[:number]), tree)
-
-    load, equilibrium = first((path.load, path.equilibrium), num_states)
-    return replace(path, load=load, equilibrium=equilibrium, jumps=first(path.jumps, num_jumps))
+_jump_alone = program(_jump)
+_states_alone = program(_states, static_argnums=0)

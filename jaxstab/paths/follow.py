@@ -24,7 +24,7 @@ from jaxstab.equilibrium.state import State
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
-from jaxstab.paths.account import cut, path_of
+from jaxstab.paths.account import path_of, path_with_room
 from jaxstab.paths.course import DISTURBANCE, course_of
 from jaxstab.paths.implicit import with_derivatives
 from jaxstab.paths.path import Path
@@ -82,7 +82,7 @@ def follow(
         fields: whether to keep the gap of every recorded state.
         progress: show a progress bar.
         max_states: how many states and jumps there is room for.
-        max_jumps: how many jumps.
+        max_jumps: how many jumps, two fields of memory for each.
         throw: raise where the path does not reach its end; otherwise look at `result`.
 
     Returns:
@@ -126,9 +126,8 @@ def follow(
             ended = _go_on(ended, None, *inputs)
         else:
             ended = _go_on_by_and_by(ended, inputs, bar)
-        path = path_of(fields, ended, *inputs[:2])
-    if not is_traced(ended):
-        path = cut(path, int(ended.states.count), int(ended.jumps.count))
+        account = path_with_room if is_traced(ended) else path_of
+        path = account(fields, ended, *inputs[:2])
     if is_traced((contact, load)):
         others = [part for part in (start, share, noise) if part is not None]
         path = with_derivatives(path, own, loads, others, throw)
