@@ -7,7 +7,6 @@ half of the points around it do, and adheres as the mean of those that are like 
 
 from dataclasses import replace
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -57,66 +56,38 @@ def modes_by_coarser(
     return modes, _share_of(cost + found.pair.num_applications, space)
 
 
-class _Attempt(eqx.Module):
-    """What was found of a minimiser.
-
-    Attributes:
-        minimum: what was found last.
-        is_first: whether nothing was sought yet.
-        is_trusted: whether no other start need be looked at.
-    """
-
-    minimum: Minimum
-    is_first: Bool[Array, ""]
-    is_trusted: Bool[Array, ""]
-
-
 def minimum_by_coarser(
     solver: ProjectedLOBPCG,
     hessian: Hessian,
     cone: AdmissibleCone,
-    starts: Block,
-    is_answer: Bool[Array, ""],
+    answer: tuple[Float[Array, " *grid"], Bool[Array, ""]],
     random: Block,
-) -> Minimum:
+) -> tuple[Minimum, Bool[Array, ""]]:
     """Return the minimiser on a cone that the mode of the coarser problem leads to.
-
-    If its eigenvalue is not that of the coarser problem, all starts are compared with it.
 
     Arguments:
         solver: for the cone.
         hessian: A.
         cone: the cone.
-        starts: all vectors to start from.
-        is_answer: whether the first of them is the answer.
+        answer: a vector, and whether it is known to be the answer.
         random: vectors from which the coarser problem starts.
+
+    Returns:
+        The minimiser, and whether to trust it: its eigenvalue is that of the coarser problem, or it
+        is the answer. Otherwise other starts are to be compared with it.
     """
-    restricted = hessian.restricted(cone.is_moving)
+    known, is_answer = answer
     guess, foreseen, cost = jax.lax.cond(
         is_answer,
-        lambda: (starts[0], jnp.zeros((), starts.dtype), jnp.array(0)),
+        lambda: (known, jnp.zeros((), known.dtype), jnp.array(0)),
         lambda: mode_by_coarser(solver, hessian, cone, random),
     )
-
-    def attempt(before: _Attempt) -> _Attempt:
-        last, is_first = before.minimum, before.is_first
-        others = jnp.full(len(starts), ~is_first)
-        all_ = jnp.concatenate([jnp.where(is_first, guess, last.vector)[None], starts])
-        found = solver.solve(restricted, cone, all_, jnp.append(True, others))
-        eigenvalue, _, _ = admissible_pair(restricted, cone, found.vector)
-        is_near = jnp.abs(eigenvalue - foreseen) <= _TRUST * jnp.abs(eigenvalue)
-        minimum = replace(
-            found,
-            num_steps=last.num_steps + found.num_steps,
-            num_applications=last.num_applications + found.num_applications + 1,
-        )
-        return _Attempt(minimum, jnp.array(False), ~is_first | is_answer | is_near)
-
-    like = jax.eval_shape(lambda: solver.solve(restricted, cone, starts))
-    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
-    nothing = replace(nothing, num_applications=cost.astype(nothing.num_applications.dtype))
-    first = _Attempt(nothing, jnp.any(guess != 0), jnp.array(False))
-    return jax.lax.while_loop(lambda state: ~state.is_trusted, attempt, first).minimum
+    restricted, is_start = hessian.restricted(cone.is_moving), jnp.any(guess != 0)
+    found = solver.solve(restricted, cone, guess[None], is_start[None])
+    eigenvalue, _, _ = admissible_pair(restricted, cone, found.vector)
+    is_near = jnp.abs(eigenvalue - foreseen) <= _TRUST * jnp.abs(eigenvalue)
+    minimum = replace(found, num_applications=found.num_applications + cost + 1)
+    return minimum, is_start & (is_answer | is_near)
 
 
 def mode_by_coarser(

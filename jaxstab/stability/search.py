@@ -71,21 +71,19 @@ class Search(eqx.Module):
         )
         critical = _if_needed(
             touches & ~is_proved & _flag(self.is_weak),
-            lambda: after(
-                hull, _on_cone(fast, self.hessian, self.critical_cone, hull, self.random)
-            ),
+            lambda: after(hull, self._on(self.critical_cone, fast, hull)),
             hull,
         )
         is_decided = is_proved | (self.verdict_only & (_flag(critical.sign) < 0))
         if is_default:
             cone = _if_needed(
                 touches & ~is_decided,
-                lambda: _on_cone(solver, self.hessian, self.cone, around, self.random),
+                lambda: self._on(self.cone, solver, around),
                 again(around),
             )
         else:
             # One that the caller chose is one to look at.
-            cone = _on_cone(solver, self.hessian, self.cone, around, self.random)
+            cone = self._on(self.cone, solver, around)
         is_open = (_flag(cone.sign) > 0) & (_flag(around.sign) <= 0) & ~_flag(cone.pair.proved)
         cone = _if_needed(
             touches & ~is_decided & is_open & ~_flag(self.is_doubtful),
@@ -93,6 +91,14 @@ class Search(eqx.Module):
             cone,
         )
         return self.concluded(around, cone, critical, hull, is_proved, is_decided)
+
+    def _on(self, cone: AdmissibleCone, solver: ConeSolver, hull: Lowest) -> Lowest:
+        """Search a cone, on a large grid from the mode of the coarser problem first."""
+        problem = solver, self.hessian, cone, hull, self.random
+        if not (is_large(self.hessian) and isinstance(solver, ProjectedLOBPCG)):
+            return _on_cone(*problem)
+        first, is_trusted = _on_cone_by_coarser(*problem)
+        return _if_needed(~_flag(is_trusted), lambda: _on_cone(*problem, first), first)
 
     def concluded(
         self,
@@ -149,19 +155,38 @@ def _on_space(solver: Davidson, hessian: Hessian, space: Subspace, random: Block
 
 @jax.jit
 def _on_cone(
-    solver: ConeSolver, hessian: Hessian, cone: AdmissibleCone, hull: Lowest, random: Block
+    solver: ConeSolver,
+    hessian: Hessian,
+    cone: AdmissibleCone,
+    hull: Lowest,
+    random: Block,
+    before: Lowest | None = None,
 ) -> Lowest:
     """Search a cone from the two lowest modes of its hull with both signs, and from noise.
 
-    Or from the lowest mode alone, where that is found and in the cone, and so the answer; on a
-    large grid from the mode of the coarser problem first.
+    Or from the lowest mode alone, where that is found and in the cone, and so the answer. They
+    compete with what was found before, if anything.
     """
     starts, is_needed, is_answer = cone_starts(solver, cone, hull, random)
-    if is_large(hessian) and isinstance(solver, ProjectedLOBPCG):
-        found = minimum_by_coarser(solver, hessian, cone, starts, is_answer, random)
-    else:
-        found = solver.solve(hessian.restricted(cone.is_moving), cone, starts, is_needed)
-    return on_cone(hessian, cone, hull, found, is_answer)
+    if before is not None:
+        starts, is_needed = jnp.concatenate([before.pair.mode[None], starts]), jnp.array(True)
+    found = solver.solve(hessian.restricted(cone.is_moving), cone, starts, is_needed)
+    lowest = on_cone(hessian, cone, hull, found, is_answer)
+    return lowest if before is None else after(before, lowest)
+
+
+@jax.jit
+def _on_cone_by_coarser(
+    solver: ProjectedLOBPCG, hessian: Hessian, cone: AdmissibleCone, hull: Lowest, random: Block
+) -> tuple[Lowest, Bool[Array, ""]]:
+    """Search a cone from the mode of the coarser problem, and say whether to trust what is found.
+
+    Apart from the search from all starts, as that takes the memory of them all.
+    """
+    starts, _, is_answer = cone_starts(solver, cone, hull, random)
+    answer = starts[0], is_answer
+    found, is_trusted = minimum_by_coarser(solver, hessian, cone, answer, random)
+    return on_cone(hessian, cone, hull, found, is_answer), is_trusted
 
 
 @jax.jit
