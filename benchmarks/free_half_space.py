@@ -231,7 +231,7 @@ TABLES = {
     f"Its loop from afar and back, in units of F0 d0 (JKR's loses {JKR_LOSS:.4f})": (
         ("lambda", "points", "edge", "resolution", "in at", "Dugdale", "loss", "Dugdale", "error"),
         loop_row,
-        [(2.0, 64, 0.1), (5.0, 128, 0.1), (5.0, 256, 0.1), (5.0, 256, 0.05)],
+        [(2.0, 64, 0.1), (5.0, 128, 0.1), (5.0, 256, 0.1), (5.0, 256, 0.05), (5.0, 384, 0.05)],
     ),
     "Maugis' sphere at lambda = 1 pulled off through springs, in units of F0 / d0": (
         ("stiffness", "points", "jump", "force", "error", "place", "error"),
