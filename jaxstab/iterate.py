@@ -200,9 +200,11 @@ class IterativeSolver(eqx.Module):
                 history=loop.history.record(steps // self.steps_per_check, steps, indicators),
             )
 
-        return jax.lax.while_loop(
-            lambda loop: ~self.is_over(loop) & (loop.num_steps < limit), advance, loop
-        )
+        # By default accelerators multiply float32 matrices to three digits.
+        with jax.default_matmul_precision("highest"):
+            return jax.lax.while_loop(
+                lambda loop: ~self.is_over(loop) & (loop.num_steps < limit), advance, loop
+            )
 
     def is_over(self, loop: Loop[Any]) -> Bool[Array, ""]:
         """Return whether a loop has come to its end."""

@@ -59,11 +59,11 @@ def _entry(leaf: Any, index: Any) -> Array:
 def stacked(entries: Sequence[Entry], like: Entry) -> Entry:
     """Return results along a leading axis, also none of them; `like` has their shapes."""
 
-    def stack(like: Any, *leaves: Array) -> Array:
+    def stack(one: Any, *leaves: Array) -> Array:
         if leaves and is_spread(leaves[0]):
             return jnp.stack(leaves)
         # By NumPy, since JAX would compile for every number.
-        empty = np.zeros((0, *like.shape), like.dtype)
+        empty = np.zeros((0, *one.shape), one.dtype)
         return jax.device_put(np.stack(leaves) if leaves else empty)
 
     return jax.tree.map(stack, like, *entries)

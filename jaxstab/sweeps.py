@@ -14,14 +14,20 @@ from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 from jaxstab import display
 from jaxstab.checks import is_traced, known
 from jaxstab.contact import Contact
-from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
+from jaxstab.equilibrium import (
+    Equilibrium,
+    EquilibriumSolver,
+    PreconditionedConjugateGradient,
+    equilibrate,
+)
 from jaxstab.equilibrium.equilibrate import initial_gap
+from jaxstab.iterate import solver_or_default
 from jaxstab.loads import Load, require_load
 from jaxstab.programs import program
 from jaxstab.progress import progress_bar
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
-from jaxstab.stability import ConeSolver, Stability, assess_stability
+from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability, assess_stability
 from jaxstab.stacks import Stackable, stacked
 
 Order = Literal["independent", "continuation"]
@@ -91,6 +97,7 @@ def sweep(
     Raises:
         ValueError: for a single load or none, an order that does not exist, or an initial gap that
             `equilibrate` refuses.
+        TypeError: for something that is not a load, or not a solver of its kind.
         SolverError: if `throw` and a load failed.
         KeyboardInterrupt: if interrupted before the first load was done.
     """
@@ -102,6 +109,10 @@ def sweep(
         )
     if order not in ("independent", "continuation"):
         raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
+    equilibrium_solver = solver_or_default(
+        equilibrium_solver, EquilibriumSolver, PreconditionedConjugateGradient
+    )
+    stability_solver = solver_or_default(stability_solver, ConeSolver, ProjectedLOBPCG)
     warn_if_coarse(contact)
     start = initial_gap(contact, load, initial)
     problem = _Problem(contact, equilibrium_solver, stability_solver, key, stability)
@@ -127,8 +138,8 @@ class _Problem(eqx.Module):
     """What all loads of a sweep share."""
 
     contact: Contact
-    equilibrium_solver: EquilibriumSolver | None
-    stability_solver: ConeSolver | None
+    equilibrium_solver: EquilibriumSolver
+    stability_solver: ConeSolver
     key: PRNGKeyArray | None
     assesses: bool = eqx.field(static=True)
 

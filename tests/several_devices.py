@@ -40,7 +40,7 @@ def state(grid):
     def solved(surface_energy):
         contact = contact_on(grid, surface_energy)
         equilibrium = js.equilibrate(contact, *load_and_solver(), initial=np.ones((N, N)))
-        solver = js.ProjectedLOBPCG(2e-11)
+        solver = js.ProjectedLOBPCG(3e-12)
         return equilibrium, js.assess_stability(contact, equilibrium, solver, throw=False)
 
     found, changes = jax.jvp(solved, (0.02,), (1.0,))

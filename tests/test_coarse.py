@@ -1,5 +1,7 @@
 """Searches that start from the modes of the same problem on every other point."""
 
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -56,6 +58,29 @@ def test_they_find_what_all_starts_do(make, most, request):
         assert abs(pair.eigenvalue - other.eigenvalue) <= pair.error + other.error
     costs = [sum(p.num_applications for p in s.pairs.values()) for s in (found, expected)]
     assert costs[0] < most * costs[1]
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("displacement, is_trusted", [(0.5, True), (0.1, False)])
+def test_all_starts_are_looked_at_only_where_the_coarser_mode_is_not_to_be_trusted(
+    displacement, is_trusted, small_is_large, monkeypatch
+):
+    contact, _ = contact_with(4)
+    equilibrium = js.equilibrate(contact, js.MeanDisplacement(displacement))
+    search, compared = sys.modules["jaxstab.stability.search"], []
+    from_all_starts = search._on_cone
+
+    def counted(*problem):
+        compared.append(problem[-1])
+        return from_all_starts(*problem)
+
+    monkeypatch.setattr(search, "_on_cone", counted)
+    found = js.assess_stability(contact, equilibrium)
+    assert len(compared) == (not is_trusted)
+    if is_trusted:
+        return
+    traced = jax.jit(js.assess_stability)(contact, equilibrium)
+    np.testing.assert_allclose(traced.cone.eigenvalue, found.cone.eigenvalue, rtol=1e-10)
 
 
 def test_a_coarser_problem_without_a_mode_gives_no_start(small_is_large):

@@ -146,7 +146,6 @@ def test_of_a_path_the_loads_of_jumps_have_derivatives_and_nothing_else_has(hert
         jax.grad(work)(1.4)
 
 
-@pytest.mark.usefixtures("interruptible")
 def test_jumps_take_one_program_for_any_number_and_none_where_there_are_none(hertz, loop):
     jax.clear_caches()
     with compilations() as compiled:
@@ -161,6 +160,7 @@ def test_jumps_take_one_program_for_any_number_and_none_where_there_are_none(her
     assert [name for name in compiled if "_jump" in name] == ["jit(_jump)"]
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
     module = sys.modules["jaxstab.paths.follow"]
     go_on, calls = module._go_on, []

@@ -82,7 +82,11 @@ def _changes_near_limit(
 ) -> tuple[Scalar, list[Obstacle]]:
     contact, load = jax.lax.stop_gradient(inputs)
     gap, kind, ahead = known
-    point = first_of(first_releases(contact, load, gap, ahead))
+    point = jax.lax.cond(
+        kind == KINDS.release,
+        lambda: first_of(first_releases(contact, load, gap, ahead)),
+        lambda: jnp.zeros_like(gap, bool),
+    )
     limit = locate(contact, load, gap, kind, point, ahead)
     inputs = inputs[0], inputs[1].at(limit.load.value)
     (change, _), obstacles = _changes_of_limit((value, limit.gap), limit, inputs, changes)

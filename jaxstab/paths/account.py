@@ -49,7 +49,7 @@ def path_of(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> P
         return jax.tree.map(lambda leaf: leaf[i], rows)
 
     jumps = [_jump_alone(contact, one, event(i)) for i in range(int(ended.jumps.count))]
-    like = jumps[0] if jumps else jax.eval_shape(_jump, contact, one, event(0))
+    like = jumps[0] if jumps else jax.eval_shape(_jump_alone, contact, one, event(0))
     parts = _states_alone(fields, replace(ended, jumps=None), contact, load)
     for name in ("load", "equilibrium"):
         parts[name] = first_entries(parts[name], int(ended.states.count))

@@ -82,7 +82,7 @@ def follow(
         fields: whether to keep the gap of every recorded state.
         progress: show a progress bar.
         max_states: how many states and jumps there is room for.
-        max_jumps: how many jumps, two fields of memory for each.
+        max_jumps: how many jumps, two fields of memory for each, eleven under JAX transformations.
         throw: raise where the path does not reach its end; otherwise look at `result`.
 
     Returns:

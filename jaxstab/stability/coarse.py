@@ -60,34 +60,37 @@ def minimum_by_coarser(
     solver: ProjectedLOBPCG,
     hessian: Hessian,
     cone: AdmissibleCone,
-    answer: tuple[Float[Array, " *grid"], Bool[Array, ""]],
+    known: Float[Array, " *grid"],
+    is_known: Bool[Array, ""],
     random: Block,
-) -> tuple[Minimum, Bool[Array, ""]]:
+) -> tuple[Minimum, Float[Array, ""]]:
     """Return the minimiser on a cone that the mode of the coarser problem leads to.
 
     Arguments:
         solver: for the cone.
         hessian: A.
         cone: the cone.
-        answer: a vector, and whether it is known to be the answer.
+        known: a vector to start from instead.
+        is_known: whether to, and ask no coarser problem.
         random: vectors from which the coarser problem starts.
 
     Returns:
-        The minimiser, and whether to trust it: its eigenvalue is that of the coarser problem, or it
-        is the answer. Otherwise other starts are to be compared with it.
+        The minimiser, and the eigenvalue of the coarser problem, which is NaN where that has none.
     """
-    known, is_answer = answer
     guess, foreseen, cost = jax.lax.cond(
-        is_answer,
-        lambda: (known, jnp.zeros((), known.dtype), jnp.array(0)),
+        is_known,
+        lambda: (known, jnp.full((), jnp.nan, known.dtype), jnp.array(0)),
         lambda: mode_by_coarser(solver, hessian, cone, random),
     )
-    restricted, is_start = hessian.restricted(cone.is_moving), jnp.any(guess != 0)
-    found = solver.solve(restricted, cone, guess[None], is_start[None])
-    eigenvalue, _, _ = admissible_pair(restricted, cone, found.vector)
-    is_near = jnp.abs(eigenvalue - foreseen) <= _TRUST * jnp.abs(eigenvalue)
-    minimum = replace(found, num_applications=found.num_applications + cost + 1)
-    return minimum, is_start & (is_answer | is_near)
+    is_start = jnp.any(guess != 0)
+    found = solver.solve(hessian.restricted(cone.is_moving), cone, guess[None], is_start[None])
+    minimum = replace(found, num_applications=found.num_applications + cost)
+    return minimum, jnp.where(is_start, foreseen, jnp.nan)
+
+
+def is_foreseen(eigenvalue: Float[Array, ""], foreseen: Float[Array, ""]) -> Bool[Array, ""]:
+    """Return whether an eigenvalue is that of the coarser problem, and no other start need be."""
+    return jnp.abs(eigenvalue - foreseen) <= _TRUST * jnp.abs(eigenvalue)
 
 
 def mode_by_coarser(

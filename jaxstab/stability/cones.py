@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxstab.grid import centred, mean_over, total
+from jaxstab.grid import centred, total
 
 
 class Subspace(eqx.Module):
@@ -85,21 +85,16 @@ class AdmissibleCone(eqx.Module):
         if not self.fixes_mean:
             return self._cut(field)
 
-        def count(shift: Array) -> Array:
-            return total(self._is_uncut(field - shift).astype(field.dtype))
-
         def climb(state: tuple[Array, ...]) -> tuple[Array, ...]:
             shift, last, _, is_first = state
-            moved = field - shift
-            excess = total(jnp.where(self._is_uncut(moved), moved, 0))
-            shift += excess / jnp.maximum(last, 1)
+            shift += self._step(field - shift, last)
             # Each set holds the next: as many points are the same ones.
-            number = count(shift)
+            number = self._num_uncut(field - shift)
             goes_on = (number < last) | (is_first & (number > last))
             return shift, number, goes_on, jnp.array(False)
 
-        zero, yes = jnp.zeros((), field.dtype), jnp.array(True)
-        start = zero, count(zero), yes, yes
+        yes = jnp.array(True)
+        start = jnp.zeros((), field.dtype), self._num_uncut(field), yes, yes
         shift, *_ = jax.lax.while_loop(lambda state: state[2], climb, start)
         return self._cut(field - shift)
 
@@ -107,7 +102,13 @@ class AdmissibleCone(eqx.Module):
         """Return the first Newton step towards the shift that projects a field."""
         if not self.fixes_mean:
             return jnp.zeros((), field.dtype)
-        return mean_over(self._is_uncut(field), field)
+        return self._step(field, self._num_uncut(field))
+
+    def _step(self, field: Float[Array, " *grid"], num_uncut: Array) -> Array:
+        return total(jnp.where(self._is_uncut(field), field, 0)) / jnp.maximum(num_uncut, 1)
+
+    def _num_uncut(self, field: Float[Array, " *grid"]) -> Array:
+        return total(self._is_uncut(field).astype(field.dtype))
 
     def _is_uncut(self, field: Float[Array, " *grid"]) -> Bool[Array, " *grid"]:
         return self.is_moving & ((field > 0) | ~self.one_sided)

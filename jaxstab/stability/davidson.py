@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxstab.grid import total
 from jaxstab.hessian import Block, SymmetricOperator
 from jaxstab.history import Indicators
 from jaxstab.iterate import optional_parameter
@@ -30,6 +31,8 @@ from jaxstab.stability.solver import Minimum, SpaceSolver
 
 # Residuals by which a step widens its space.
 _NUM_RESIDUALS = 3
+# Residuals below which, in units of what rounding leaves of A x, point nowhere in particular.
+_NOISE = 100
 
 
 class _Span(eqx.Module):
@@ -53,12 +56,14 @@ class _Span(eqx.Module):
         vector: Float[Array, " *grid"],
         operator: SymmetricOperator,
         space: Subspace,
+        is_noise: Bool[Array, ""],
     ) -> "_Span":
-        """Return the space with another vector.
+        """Return the space with another vector, made orthogonal to the rest if it may be noise.
 
-        It is not made orthogonal to the others, which would read them all twice: of a residual
-        enough is new, and the inner products tell how much.
+        That reads them all twice. Of a residual that is more enough is new, and the inner products
+        tell how much.
         """
+        vector = jax.lax.cond(is_noise, lambda: self._apart_from(vector), lambda: vector)
         vector = space.project(vector)
         product = space.project(operator(vector))
         basis, products = _put(vector, self.basis, slot), _put(product, self.products, slot)
@@ -69,6 +74,13 @@ class _Span(eqx.Module):
             _put_both(overlaps, self.gram, slot),
             _put_both(energies, self.energies, slot),
         )
+
+    def _apart_from(self, vector: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        (overlaps,), square = inner_products(self.basis, vector), total(vector**2)
+        rest = vector - combination(overlaps, self.basis)
+        # None, where what is left is little more than rounding.
+        is_new = total(rest**2) > _rounding(square.dtype) ** 2 * square
+        return jnp.where(is_new, rest, 0)
 
     def spanned_by(self, parts: Float[Array, "room kept"]) -> "_Span":
         """Return the space of some combinations of its vectors, with the same room."""
@@ -134,6 +146,8 @@ class Davidson(SpaceSolver):
         def step(state: _State) -> _State:
             target = jnp.argmax(state.residuals > tolerance)
             mode, eigenvalue = state.span.basis[target], state.eigenvalues[target]
+            rounding = jnp.finfo(mode.dtype).eps * operator.bound / operator.scale
+            is_noise = state.residuals[target] < _NOISE * rounding
             precondition = operator.preconditioner(mode, eigenvalue)
 
             def widen(index: Array, carry: _Widening) -> _Widening:
@@ -153,7 +167,7 @@ class Davidson(SpaceSolver):
 
                 vector = jax.lax.cond(state.is_empty, lambda: starts[index], steepest)
                 slot = jnp.where(state.is_empty, index, size + 1 + index)
-                span = span.with_vector(slot, vector, operator, space)
+                span = span.with_vector(slot, vector, operator, space, is_noise)
                 return span, *rayleigh_ritz(span.gram, span.energies, size), parts
 
             parts = jnp.eye(len(state.span.basis), size, dtype=starts.dtype)

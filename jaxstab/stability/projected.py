@@ -129,7 +129,8 @@ def _compared(old: _Point, mode: Array, product: Array) -> tuple[_Point, Bool[Ar
     """
     missed = old.product + product - old.eigenvalue * (old.mode + mode)
     eigenvalue, change, square = totals([mode * product, (mode - old.mode) * missed, mode**2])
-    return _Point(mode, product, eigenvalue), (change <= 0) & (square > 0)
+    point = _Point(mode, product, eigenvalue / jnp.where(square > 0, square, 1))
+    return point, (change <= 0) & (square > 0)
 
 
 def entry(cone: AdmissibleCone, start: Float[Array, " *grid"]) -> Iteration[_State]:

@@ -47,6 +47,7 @@ def release(
     Raises:
         ValueError: if equilibrium or mode are not on the contact's grid or not finite, or the push
             closes all of the gap where the load holds its mean.
+        TypeError: if the mode is not real numbers, or the solver not one for equilibria.
         SolverError: as `equilibrate`, and for a state that is no equilibrium of the contact.
     """
     equilibrium = equilibrium_of(contact, equilibrium)

@@ -19,7 +19,12 @@ from jaxstab.checks import is_traced
 from jaxstab.hessian import Block, Hessian
 from jaxstab.results import RESULTS
 from jaxstab.stability.certificate import certified_bound
-from jaxstab.stability.coarse import is_large, minimum_by_coarser, modes_by_coarser
+from jaxstab.stability.coarse import (
+    is_foreseen,
+    is_large,
+    minimum_by_coarser,
+    modes_by_coarser,
+)
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.davidson import Davidson
 from jaxstab.stability.eigenpairs import Eigenpair, admissible_pair, lowered
@@ -184,9 +189,10 @@ def _on_cone_by_coarser(
     Apart from the search from all starts, as that takes the memory of them all.
     """
     starts, _, is_answer = cone_starts(solver, cone, hull, random)
-    answer = starts[0], is_answer
-    found, is_trusted = minimum_by_coarser(solver, hessian, cone, answer, random)
-    return on_cone(hessian, cone, hull, found, is_answer), is_trusted
+    is_known = is_answer | cone.is_trivial
+    found, foreseen = minimum_by_coarser(solver, hessian, cone, starts[0], is_known, random)
+    lowest = on_cone(hessian, cone, hull, found, is_answer)
+    return lowest, is_known | is_foreseen(lowest.pair.eigenvalue, foreseen)
 
 
 @jax.jit
