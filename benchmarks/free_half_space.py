@@ -241,8 +241,15 @@ TABLES = {
     ),
     "Steps of an adhesive sphere under a held pressure, and milliseconds of each": (
         (
-            *("points", "periodic", "free", "ratio", "periodic [ms]", "free [ms]", "ratio"),
-            *("periodic, 4 x the points [ms]", "ratio"),
+            "points",
+            "periodic",
+            "free",
+            "ratio",
+            "periodic [ms]",
+            "free [ms]",
+            "ratio",
+            "periodic, 4 x the points [ms]",
+            "ratio",
         ),
         steps_row,
         [(128,), (256,), (512,)],

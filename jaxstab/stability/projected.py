@@ -198,7 +198,8 @@ def _lower(
     # Combined products have no digits left where the basis reaches into stiff points, nor that of
     # a tiny difference.
     lengths = jnp.sqrt(jnp.diagonal(gram))
-    is_tiny = (lengths[2] > 0) & (lengths[2] < jnp.sqrt(jnp.finfo(lengths.dtype).eps))
+    move = lengths[-1]
+    is_tiny = (move > 0) & (move < jnp.sqrt(jnp.finfo(move.dtype).eps))
     is_rough = is_tiny | jnp.any(jnp.sqrt(squares) > operator.scale * lengths)
 
     def attempt(trial: _Trial) -> _Trial:
