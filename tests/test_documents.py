@@ -1,19 +1,15 @@
-"""The README's example, the pages of the documentation and the notebooks, run as a reader would."""
+"""The README's example and the pages of the documentation, run as a reader would."""
 
 import linecache
-import os
 import re
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-import nbformat
 import pytest
 import SurfaceTopography
-from nbclient import NotebookClient
 
 ROOT = Path(__file__).parent.parent
-NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 DOCS = ROOT / "docs"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "```python" in path.read_text())
 # A block of Python, and the block of text after it, if there is one, which is what it prints.
@@ -76,21 +72,3 @@ def load(path):
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs_from_a_clean_kernel_at_a_small_size(path, monkeypatch):
-    monkeypatch.setitem(os.environ, "JAXSTAB_NOTEBOOK_SIZE", "32")
-    notebook = nbformat.read(path, as_version=4)
-    NotebookClient(notebook, timeout=600, kernel_name="python3").execute()
-    codes = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    pictures = sum("image/png" in output.get("data", {}) for c in codes for output in c.outputs)
-    assert pictures >= 4
-
-
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_is_stored_with_its_outputs_in_order(path):
-    cells = nbformat.read(path, as_version=4).cells
-    codes = [cell for cell in cells if cell.cell_type == "code"]
-    assert [cell.execution_count for cell in codes] == list(range(1, len(codes) + 1))
-    assert not any(output.output_type == "error" for cell in codes for output in cell.outputs)

@@ -7,12 +7,11 @@ At a fold the smallest eigenvalue on the free points vanishes, and the branch tu
 At a release the reaction of a contact point vanishes instead, and the energy falls as it opens.
 """
 
-from collections.abc import Callable
 from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import ArrayLike
+from jaxtyping import Array, ArrayLike
 
 from jaxstab.branches.branch import Field
 from jaxstab.branches.critical_load import CriticalLoad, critical_load_at
@@ -88,7 +87,7 @@ def critical_load(
     with jax.debug_nans(False):
         inputs = jax.lax.stop_gradient((own, loads, start))
         # Outside of a trace nothing is compiled for a search that is not needed.
-        limit = by_lanes(_find)(*inputs) if is_traced(inputs) else _find(*inputs)
+        limit = by_lanes(_find_in_trace)(*inputs) if is_traced(inputs) else _find(*inputs)
     found = critical_load_at(limit, own, loads[0], throw).in_units_of(1 / unit)
     found = found.on_surface(whole.solid)
     if not throw:
@@ -97,27 +96,47 @@ def critical_load(
 
 
 def _find(contact: Contact, bracket: Load, start: Field | None) -> Limit:
-    """Return the end of the branch from the first load, or else of that from the second."""
-    inputs = contact, bracket, start
+    """Return the end of the branch from the first load, or else of that from the second.
+
+    Where there is neither, it is the way that was asked for first that is told of.
+    """
+    first = _end_of_branch(contact, bracket, start)
+    if first.is_found:
+        return first
+    second = _end_of_branch(contact, _turned(bracket), start)
+    return second if second.is_found else first
+
+
+def _find_in_trace(contact: Contact, bracket: Load, start: Field | None) -> Limit:
+    """Return what `_find` does, by a loop over both ways: what they share is compiled once."""
+    none = jax.eval_shape(_fold, contact, bracket, start)
+    none = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), none)
+
+    def is_needed(state: tuple[Array, Limit]) -> Array:
+        number, limit = state
+        return (number == 0) | (number == 1) & ~limit.is_found
+
+    def look(state: tuple[Array, Limit]) -> tuple[Array, Limit]:
+        number, first = state
+        way = jax.tree.map(partial(jnp.where, number == 0), bracket, _turned(bracket))
+        limit = _end_of_branch(contact, way, start)
+        is_told_of = (number == 0) | limit.is_found
+        return number + 1, jax.tree.map(partial(jnp.where, is_told_of), limit, first)
+
+    return jax.lax.while_loop(is_needed, look, (jnp.array(0), none))[1]
+
+
+def _turned(bracket: Load) -> Load:
+    return jax.tree.map(lambda leaf: leaf[::-1], bracket)
+
+
+def _end_of_branch(contact: Contact, way: Load, start: Field | None) -> Limit:
+    """Return the fold that ends the branch from the first load, or else the jump."""
+    inputs = contact, way, start
     fold = _fold(*inputs)
-    limit = _unless_found(fold, lambda: _jump(*inputs, fold))
-    back = jax.tree.map(lambda leaf: leaf[::-1], bracket)
-    return _unless_found(limit, lambda: _find_back(contact, back, start, fold))
-
-
-def _find_back(contact: Contact, bracket: Load, start: Field | None, first: Limit) -> Limit:
-    inputs = contact, bracket, start
-    fold = _fold(*inputs)
-    found = _unless_found(fold, lambda: _jump(*inputs, fold))
-    # Where there is neither, it is the way that was asked for first that is told of.
-    return jax.tree.map(partial(jnp.where, found.is_found), found, first)
-
-
-def _unless_found(limit: Limit, search: Callable[[], Limit]) -> Limit:
-    """Return a limit, or what a search finds if there is none."""
-    if is_traced(limit.result):
-        return jax.lax.cond(limit.is_found, lambda: limit, search)
-    return limit if limit.is_found else search()
+    if is_traced(fold.result):
+        return jax.lax.cond(fold.is_found, lambda: fold, lambda: _jump(*inputs, fold))
+    return fold if fold.is_found else _jump(*inputs, fold)
 
 
 _fold = program(follow_to_fold)
