@@ -6,9 +6,12 @@ import shutil
 import signal
 import tempfile
 from contextlib import contextmanager
+from functools import cache
 from importlib.metadata import version
 from unittest import mock
 
+# Read where NumPy is imported: workers and subprocesses inherit it, and each has a core.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if "XLA_FLAGS" not in os.environ:
     # Most of the time goes into compiling, and most of that into making small programs faster.
     os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=0"
@@ -184,9 +187,15 @@ def dense_hessian(contact, gap):
     return np.asarray(columns).reshape(n, n)
 
 
+@cache
+def zero_mean_basis(size):
+    """Return orthonormal vectors of zero mean, as rows."""
+    return np.linalg.svd(np.ones((1, size)))[2][1:]
+
+
 def smallest_on_zero_mean(matrix):
     """Return the smallest eigenvalue on the space of zero mean, by dense algebra."""
-    basis = np.linalg.svd(np.ones((1, len(matrix))))[2][1:]
+    basis = zero_mean_basis(len(matrix))
     return np.linalg.eigvalsh(basis @ matrix @ basis.T).min(initial=np.inf)
 
 
@@ -209,9 +218,9 @@ def smallest_on_cone(matrix, touching):
             face = np.concatenate([free, np.array(lifting, int)])
             if len(face) < 2:
                 continue
-            basis = np.linalg.svd(np.ones((1, len(face))))[2][1:].T
-            values, vectors = np.linalg.eigh(basis.T @ matrix[np.ix_(face, face)] @ basis)
-            for value, vector in zip(values, (basis @ vectors).T, strict=True):
+            basis = zero_mean_basis(len(face))
+            values, vectors = np.linalg.eigh(basis @ matrix[np.ix_(face, face)] @ basis.T)
+            for value, vector in zip(values, vectors.T @ basis, strict=True):
                 if value >= smallest:
                     break
                 lifts = vector[len(free) :]
