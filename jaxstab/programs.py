@@ -6,9 +6,13 @@ On the CPU a program maps its code into memory in hundreds of pieces, of which L
 
 from collections.abc import Callable, Hashable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
+
+from jaxstab.checks import is_traced
+
+Out = TypeVar("Out")
 
 # The part of all pieces at which the programs are dropped.
 _SHARE = 0.3
@@ -21,6 +25,16 @@ def program(function: Callable[..., Any], **options: Any) -> Any:
     compiled = jax.jit(function, **options)
     _programs.append(compiled)
     return compiled
+
+
+def if_needed(is_needed: Any, compute: Callable[[], Out], otherwise: Out) -> Out:
+    """Return what is computed if it is needed, or else something known.
+
+    Outside of a trace nothing is compiled for what is not needed.
+    """
+    if is_traced(is_needed):
+        return jax.lax.cond(is_needed, compute, lambda: otherwise)
+    return compute() if is_needed else otherwise
 
 
 def make_room(kind: Hashable) -> None:

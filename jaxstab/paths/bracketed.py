@@ -7,6 +7,7 @@ At a fold the smallest eigenvalue on the free points vanishes, and the branch tu
 At a release the reaction of a contact point vanishes instead, and the energy falls as it opens.
 """
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -27,9 +28,9 @@ from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.course import course_of
 from jaxstab.paths.store import Store
 from jaxstab.paths.walk import walk
-from jaxstab.programs import program
+from jaxstab.programs import if_needed, program
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.results import throw_failure
+from jaxstab.results import RESULTS, throw_failure
 
 # Jumps that lose a smaller part of the problem's own energy do not end a branch.
 _SMALLEST_JUMP = {"float64": 1e-6, "float32": 1e-5}
@@ -111,10 +112,11 @@ def _find_in_trace(contact: Contact, bracket: Load, start: Field | None) -> Limi
     """Return what `_find` does, by a loop over both ways: what they share is compiled once."""
     none = jax.eval_shape(_fold, contact, bracket, start)
     none = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), none)
+    none = replace(none, result=RESULTS.no_fold)
 
     def is_needed(state: tuple[Array, Limit]) -> Array:
         number, limit = state
-        return (number == 0) | (number == 1) & ~limit.is_found
+        return (number < 2) & ~limit.is_found
 
     def look(state: tuple[Array, Limit]) -> tuple[Array, Limit]:
         number, first = state
@@ -134,9 +136,7 @@ def _end_of_branch(contact: Contact, way: Load, start: Field | None) -> Limit:
     """Return the fold that ends the branch from the first load, or else the jump."""
     inputs = contact, way, start
     fold = _fold(*inputs)
-    if is_traced(fold.result):
-        return jax.lax.cond(fold.is_found, lambda: fold, lambda: _jump(*inputs, fold))
-    return fold if fold.is_found else _jump(*inputs, fold)
+    return if_needed(~fold.is_found, lambda: _jump(*inputs, fold), fold)
 
 
 _fold = program(follow_to_fold)

@@ -5,9 +5,7 @@ already is not searched for: without contact all three are one, and where all co
 critical cone is a linear space.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -17,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.checks import is_traced
 from jaxstab.hessian import Block, Hessian
+from jaxstab.programs import if_needed
 from jaxstab.results import RESULTS
 from jaxstab.stability.certificate import certified_bound
 from jaxstab.stability.coarse import (
@@ -69,19 +68,19 @@ class Search(eqx.Module):
         start = self.random[:BLOCK_SIZE]
         around = _on_space(spaces, self.hessian, self.cone.hull, start)
         is_proved = self.verdict_only & (_flag(around.sign) > 0)
-        hull = _if_needed(
+        hull = if_needed(
             touches & ~is_proved,
             lambda: _on_space(spaces, self.hessian, self.critical_cone.hull, start),
             again(around),
         )
-        critical = _if_needed(
+        critical = if_needed(
             touches & ~is_proved & _flag(self.is_weak),
             lambda: after(hull, self._on(self.critical_cone, fast, hull)),
             hull,
         )
         is_decided = is_proved | (self.verdict_only & (_flag(critical.sign) < 0))
         if is_default:
-            cone = _if_needed(
+            cone = if_needed(
                 touches & ~is_decided,
                 lambda: self._on(self.cone, solver, around),
                 again(around),
@@ -90,7 +89,7 @@ class Search(eqx.Module):
             # One that the caller chose is one to look at.
             cone = self._on(self.cone, solver, around)
         is_open = (_flag(cone.sign) > 0) & (_flag(around.sign) <= 0) & ~_flag(cone.pair.proved)
-        cone = _if_needed(
+        cone = if_needed(
             touches & ~is_decided & is_open & ~_flag(self.is_doubtful),
             lambda: _certified(spaces, self.hessian, self.cone, cone, around),
             cone,
@@ -103,7 +102,7 @@ class Search(eqx.Module):
         if not (is_large(self.hessian) and isinstance(solver, ProjectedLOBPCG)):
             return _on_cone(*problem)
         first, is_trusted = _on_cone_by_coarser(*problem)
-        return _if_needed(~_flag(is_trusted), lambda: _on_cone(*problem, first), first)
+        return if_needed(~_flag(is_trusted), lambda: _on_cone(*problem, first), first)
 
     def concluded(
         self,
@@ -115,10 +114,10 @@ class Search(eqx.Module):
         is_decided: Bool[Array | np.ndarray, ""],
     ) -> "Found":
         """Return what was found, with errors that cover the points in doubt."""
-        critical = _if_needed(
+        critical = if_needed(
             _flag(self.is_doubtful), lambda: _critical_in_doubt(self, critical, hull), critical
         )
-        cone = _if_needed(_flag(self.is_doubtful), lambda: _cone_in_doubt(self, cone), cone)
+        cone = if_needed(_flag(self.is_doubtful), lambda: _cone_in_doubt(self, cone), cone)
         return Found(around.pair, cone.pair, critical.pair, hull.pair, is_proved, is_decided)
 
 
@@ -257,13 +256,6 @@ def _with_error(lowest: Lowest, error: Float[Array, ""]) -> Lowest:
 def _flag(value: Array) -> Array | np.ndarray:
     """Return a value as it is if traced, otherwise in NumPy, where nothing need be compiled."""
     return value if is_traced(value) else np.asarray(value)
-
-
-def _if_needed(is_needed: Any, search: Callable[[], Lowest], otherwise: Lowest) -> Lowest:
-    """Return what a search finds if it is needed, or something known."""
-    if is_traced(is_needed):
-        return jax.lax.cond(is_needed, search, lambda: otherwise)
-    return search() if is_needed else otherwise
 
 
 def _unless(is_lacking: Bool[Array | np.ndarray, ""], pair: Eigenpair) -> Eigenpair:
