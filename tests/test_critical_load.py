@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import bisected, rough_contact, smallest_on_critical_cone
+from conftest import bisected, compilations, rough_contact, smallest_on_critical_cone
 
 import jaxstab as js
 
@@ -231,11 +231,16 @@ def test_lanes_give_what_they_give_alone_and_a_failed_one_harms_no_other(fold):
         is_found = found.result == js.RESULTS.successful
         return jnp.sum(jnp.where(is_found, found.load.value, 0)), found.load.value
 
-    (_, loads), rates = jax.value_and_grad(masked, has_aux=True)(VALUES)
+    differentiated = jax.value_and_grad(masked, has_aux=True)
+    (_, loads), rates = differentiated(VALUES)
     np.testing.assert_allclose(loads[:2], [fold.load.value, find(near).load.value], rtol=1e-9)
     alone = jax.grad(lambda values: find(values).load.value)(VALUES)
     np.testing.assert_allclose(rates, alone, rtol=1e-8)
     np.testing.assert_allclose(rates[0], 0.1, rtol=1e-8)
+    # Lanes are compiled once, also outside of jit.
+    with compilations() as compiled:
+        differentiated(near)
+    assert compiled == []
 
 
 def test_where_no_fold_is_the_user_is_told():

@@ -101,6 +101,15 @@ def test_a_failed_lane_leaves_the_others_identical(solid, heights):
         np.testing.assert_array_equal(actual.gap[i], expected.gap[i])
 
 
+def test_a_batch_outside_of_jit_is_compiled_once(solid, heights):
+    contact = js.Contact(solid, heights, named_law(0.01))
+    run = jax.vmap(solve, in_axes=(None, 0))
+    run(contact, js.MeanGap(jnp.array([0.05, 0.1, 0.2])))
+    with compilations() as compiled:
+        run(contact, js.MeanGap(jnp.array([0.1, 0.15, 0.3])))
+    assert compiled == []
+
+
 def test_throw_works_under_jit(solid, heights):
     contact = js.Contact(solid, heights, named_law(0.01))
     run = jax.jit(lambda value: js.equilibrate(contact, js.MeanGap(value)).mean_pressure)

@@ -9,6 +9,7 @@ At a release the reaction of a contact point vanishes instead, and the energy fa
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -88,7 +89,7 @@ def critical_load(
     with jax.debug_nans(False):
         inputs = jax.lax.stop_gradient((own, loads, start))
         # Outside of a trace nothing is compiled for a search that is not needed.
-        limit = by_lanes(_find_in_trace)(*inputs) if is_traced(inputs) else _find(*inputs)
+        limit = _find_lanes(*inputs) if is_traced(inputs) else _find(*inputs)
     found = critical_load_at(limit, own, loads[0], throw).in_units_of(1 / unit)
     found = found.on_surface(whole.solid)
     if not throw:
@@ -106,6 +107,12 @@ def _find(contact: Contact, bracket: Load, start: Field | None) -> Limit:
         return first
     second = _end_of_branch(contact, _turned(bracket), start)
     return second if second.is_found else first
+
+
+# A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
+@program
+def _find_lanes(*inputs: Any) -> Limit:
+    return by_lanes(_find_in_trace)(*inputs)
 
 
 def _find_in_trace(contact: Contact, bracket: Load, start: Field | None) -> Limit:

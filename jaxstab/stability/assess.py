@@ -120,9 +120,15 @@ def _assess(
     verdict_only: bool = False,
 ) -> Stability:
     """Do what `assess_stability` does, on checked arguments, without derivatives."""
-    if is_traced((contact, equilibrium, solver, key)):
-        return by_lanes(partial(_assess_one, verdict_only))(contact, equilibrium, solver, key)
-    return _assess_one(verdict_only, contact, equilibrium, solver, key)
+    inputs = contact, equilibrium, solver, key
+    assess = _assess_lanes if is_traced(inputs) else _assess_one
+    return assess(verdict_only, *inputs)
+
+
+# A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
+@partial(program, static_argnums=0)
+def _assess_lanes(verdict_only: bool, *inputs: Any) -> Stability:
+    return by_lanes(partial(_assess_one, verdict_only))(*inputs)
 
 
 def with_derivatives(
