@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
-from conftest import rough_contact
+from conftest import compilations, rough_contact
 
 import jaxstab as js
 
@@ -154,6 +154,21 @@ def test_what_is_not_determined_or_no_number_is_not_fitted(start, exact):
     np.testing.assert_allclose(fit.parameters.strength, GAMMA / 2, rtol=1e-6)
     assert fit.parameters.bonds == 2
     assert fit.covariance.shape == (1, 1)
+
+
+def test_a_pick_that_is_written_anew_is_not_compiled_anew(start, exact):
+    fit = js.calibrate(start, LOAD, exact)
+    with compilations() as compiled:
+        again = js.calibrate(
+            start,
+            LOAD,
+            exact,
+            where=lambda contact: (contact.potential, contact.solid.youngs_modulus),
+        )
+    assert compiled == []
+    np.testing.assert_array_equal(again.covariance, fit.covariance)
+    with pytest.raises(TypeError, match="must only pick"):
+        js.calibrate(start, LOAD, exact, where=lambda contact: 2 * contact.potential.length)
 
 
 def push(contact):

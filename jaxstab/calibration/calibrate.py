@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -166,15 +167,43 @@ def calibrate(
     shown = progress_bar(max_steps, "step") if progress else nullcontext()
     # Histories end in NaN, and what was not found is NaN.
     with shown, jax.debug_nans(False):
-        fit = _fit(contact, curve, solver, where, progress)
+        fit = _fit(contact, curve, solver, _Pick.of(where, contact), progress)
     if not throw:
         return fit
     return throw_failure(fit.result, fit, lambda: _describe(fit))
 
 
+@dataclass(frozen=True)
+class _Pick:
+    """A function that picks parts of a contact, equal to another that picks the same.
+
+    Functions that are written anew, as with each run of a cell, would be compiled anew.
+    """
+
+    where: Where = field(compare=False)
+    places: tuple[int, ...]
+    structure: jax.tree_util.PyTreeDef
+
+    @classmethod
+    def of(cls, where: Where, contact: Contact) -> "_Pick":
+        """Return what a function picks from a contact."""
+        leaves, structure = jax.tree.flatten(contact)
+        opaque = [object() for _ in leaves]
+        try:
+            picked, tree = jax.tree.flatten(where(jax.tree.unflatten(structure, opaque)))
+            return cls(where, tuple(map(opaque.index, picked)), tree)
+        except (TypeError, ValueError):
+            raise TypeError(
+                "`where` makes something of the contact's parameters: it must only pick them."
+            ) from None
+
+    def __call__(self, contact: Contact) -> Any:
+        return self.where(contact)
+
+
 @partial(program, static_argnames=("where", "progress"))
 def _fit(
-    contact: Contact, measured: Measured, solver: LeastSquares, where: Where, progress: bool
+    contact: Contact, measured: Measured, solver: LeastSquares, where: "_Pick", progress: bool
 ) -> Calibration:
     contact, measured = refuse_derivatives((contact, measured))
     values, unravel = _values(where(contact))
