@@ -64,10 +64,17 @@ def numbers(value: Any, name: str) -> Float[Array | np.ndarray, "..."]:
     elif not isinstance(value, jax.Array):
         value = np.asarray(value)
     if jnp.issubdtype(value.dtype, jnp.floating):
-        return value
+        return strong(value) if isinstance(value, jax.Array) and value.ndim > 0 else value
     if not (jnp.issubdtype(value.dtype, jnp.integer) or value.dtype == bool):
         raise TypeError(f"{name} is {value.dtype}: give real numbers.")
     return known(value).astype(float)
+
+
+def strong(value: Array) -> Array:
+    """Return an array with a precision of its own: JAX compiles apart for one without."""
+    if not value.weak_type:
+        return value
+    return value.astype(value.dtype) if is_traced(value) or is_spread(value) else array(value)
 
 
 def scalar_parameter(value: Any, name: str) -> Float[Array, ""]:

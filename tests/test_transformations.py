@@ -118,6 +118,14 @@ def test_throw_works_under_jit(solid, heights):
         run(-0.1)
 
 
+def test_numbers_without_a_precision_of_their_own_are_not_compiled_apart(solid, heights):
+    js.equilibrate(js.Contact(solid, heights, named_law(0.01)), LOAD)
+    with compilations() as compiled:
+        flat = js.Contact(solid, jnp.full(heights.shape, 0.3), named_law(jnp.asarray(0.01)))
+        js.equilibrate(flat, js.MeanGap(jnp.asarray(0.1)), initial=jnp.full(heights.shape, 0.1))
+    assert not any("find" in name for name in compiled)
+
+
 class CountingLaw(eqx.Module):
     """A law that counts how often it is traced."""
 

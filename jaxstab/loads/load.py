@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from jaxstab.checks import is_traced, known, parameter
+from jaxstab.checks import is_traced, known, parameter, strong
 from jaxstab.display import inline
 from jaxstab.elasticity import Field, FieldMap, Solid
 from jaxstab.profile import Profile
@@ -145,5 +145,4 @@ def require_same_machine(load: Load) -> None:
 
 def prescribed(value: ArrayLike) -> Float[Array, "..."]:
     """Return a prescribed value as an array."""
-    # JAX compiles apart for a Python number and for an entry of an array.
-    return parameter(np.float64(value) if isinstance(value, float | int) else value)
+    return strong(parameter(value))
