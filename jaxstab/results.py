@@ -65,8 +65,8 @@ class RESULTS(Enumeration):
         "all the way. Take the largest tension of a path, by jaxstab.follow, or a softer machine"
     )
     store_full = member(
-        "the store is full before the end. Give it more room, follow a shorter programme, or "
-        "locate fewer jumps"
+        "the store is full before the end. Give it more room (`max_states`, `max_jumps`), follow a "
+        "shorter programme, or locate fewer jumps (`smallest_jump`)"
     )
     interrupted = member("it was interrupted; what was done until then is there")
     not_computed = member(

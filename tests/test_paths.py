@@ -95,6 +95,21 @@ def test_a_tension_pulls_apart_where_bisection_says_and_a_pressure_brings_back()
     assert jnp.isnan(path.work) and jnp.isfinite(path.equilibrium.work[5])
 
 
+def test_in_single_precision_rounding_deep_inside_a_core_is_no_jump():
+    grid = js.Grid((32,))
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=8, rms_height=0.02)
+    law = js.potentials.LennardJones(0.005, 0.02)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights.astype(jnp.float32), law)
+    path = js.follow(contact, js.MeanGap(jnp.array([0.2, 0.01])))
+    assert (path.jumps.dissipation > 0).all()
+    # Where gaps are as wide as the law reaches, and not where they are squeezed.
+    assert path.jumps.load.value.min() > 0.02
+    squeezed = js.equilibrate(contact, path.load[-1])
+    np.testing.assert_allclose(
+        path.equilibrium.mean_pressure[-1], squeezed.mean_pressure, rtol=1e-3
+    )
+
+
 def test_lanes_give_what_they_give_alone(hertz):
     turns = jnp.array([1.6, 1.2])
 

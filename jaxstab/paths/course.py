@@ -14,6 +14,8 @@ from jaxstab.results import RESULTS
 
 # By default, over the rms height.
 DISTURBANCE = 1e-6
+# In units of the precision: what of a loss may be rounding.
+_ROUNDING = 16
 # Steps of a monotone part of the programme, at least.
 _NUM_STEPS = 32
 
@@ -39,6 +41,16 @@ class Course(eqx.Module):
     threshold: Scalar
     resolution: Scalar
     disturbance: Field
+
+    def smallest_loss(self, place: Place) -> Scalar:
+        """Return the loss from which a jump from a state is located and can be told from rounding.
+
+        That of the gap counts too: under a high pressure it does work.
+        """
+        work = self.contact.area * place.mean_pressure * place.mean_gap
+        eps = jnp.finfo(place.gap.dtype).eps
+        rounding = _ROUNDING * eps * (jnp.abs(place.potential) + jnp.abs(work))
+        return jnp.fmax(self.threshold, rounding)
 
     @property
     def longest(self) -> Scalar:

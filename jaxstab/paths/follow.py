@@ -62,9 +62,9 @@ def follow(
     branch ends, these go down in energy from its last state, to the equilibrium at a load that is
     further by a part of 1e-6 of the range of loads. An overdamped relaxation,
     g' = -(K u + p0 + f'), went to the same contact points in all of 120 jumps of rough surfaces
-    (benchmarks/results/jumps.md). Jumps that lose less than `smallest_jump` are not located, but
-    what they lose is counted. Surfaces that a tension has pulled apart stay so until there is a
-    pressure.
+    (benchmarks/results/jumps.md). Jumps that lose less than `smallest_jump`, or no more than
+    rounding may hide, are not located, but what they lose is counted. Surfaces that a tension has
+    pulled apart stay so until there is a pressure.
 
     Ctrl-C ends a path after the steps in hand, about a second, and returns the states so far.
 

@@ -127,7 +127,7 @@ def aimed(course: Course, walk: Walk) -> Aim:
     # The last step to a load that failed is a jump, if it fails again.
     is_final = search.distance <= search.nearness
     # Where it lost by its length alone, what is left of the step loses less.
-    tries_whole = is_final | (search.loss <= course.threshold)
+    tries_whole = is_final | (search.loss <= course.smallest_loss(here))
     within = jnp.where(tries_whole, search.distance, search.distance / 2)
     length = jnp.minimum(jnp.where(search.is_on, within, walk.stride), left)
     is_end = length >= left
@@ -144,7 +144,7 @@ def _judged(course: Course, walk: Walk, aim: Aim, place: Place, result: RESULTS)
     is_found = result == RESULTS.successful
     supplied = (here.force + place.force) / 2 * (value - here.value)
     loss = here.potential + supplied - place.potential
-    is_smooth = is_found & (jnp.abs(loss) <= course.threshold) & ~walk.is_apart
+    is_smooth = is_found & (jnp.abs(loss) <= course.smallest_loss(here)) & ~walk.is_apart
     is_pulled = (result == RESULTS.pulled_off) & ~walk.is_apart
     is_jump = ~is_smooth & aim.is_final & (is_found | is_pulled) & ~walk.is_apart
     presses = _brings_together(course.contact, course.at(value, walk.part))
@@ -226,7 +226,7 @@ def _stride(
     is_free: Flag,
 ) -> Scalar:
     """Return the length of the next step where none has failed, after a step."""
-    is_slow = jnp.abs(trial.loss) > course.threshold / 8
+    is_slow = jnp.abs(trial.loss) > course.smallest_loss(walk.here.place) / 8
     stride = jnp.where(is_slow, walk.stride / 2, jnp.minimum(2 * walk.stride, course.longest))
     # A load that was only too far away is passed by steps that grow again.
     stride = jnp.where(walk.search.is_on, 2 * aim.length, stride)
