@@ -1,7 +1,7 @@
 """What a solver, an assessment or a path can say, and how a failure is raised."""
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from jaxtyping import Array, Bool
 
@@ -95,18 +95,26 @@ class KINDS(Enumeration):
 
 
 class SolverError(RuntimeError):
-    """A solver did not reach its tolerance; the message says why and what to try."""
+    """A solver did not reach its tolerance; the message says why and what to try.
+
+    Attributes:
+        found: what was found all the same, as with `throw=False`; None of a derivative.
+    """
+
+    def __init__(self, message: str, found: Any = None):
+        super().__init__(message)
+        self.found = found
 
 
 def throw_failure(result: RESULTS, tree: Tree, describe: Callable[[], str]) -> Tree:
     """Return `tree`, or raise if `result` is not successful.
 
-    Outside of JAX transformations the error is a `SolverError` that begins with `describe()`;
-    inside, one of Equinox's runtime errors, raised if any lane failed.
+    Outside of JAX transformations the error is a `SolverError` that begins with `describe()`
+    and holds the tree; inside, one of Equinox's runtime errors, raised if any lane failed.
     """
     failed: Bool[Array, ...] = result != RESULTS.successful
     if is_traced(failed):
         return result.error_if(tree, failed)
     if failed:
-        raise SolverError(f"{describe()}: {RESULTS[result]}.")
+        raise SolverError(f"{describe()}: {RESULTS[result]}.", tree)
     return tree

@@ -129,9 +129,8 @@ def sweep(
             bar.update(len(states))
         else:
             states = _solve_one_by_one(problem, load, start, order, bar.update)
-        if throw:
-            _throw_failures(states)
-        return stacked(states, states[0])
+        found = stacked(states, states[0])
+        return _without_failures(states, found) if throw else found
 
 
 class _Problem(eqx.Module):
@@ -215,14 +214,15 @@ def _solve_in_turn(problem: _Problem, load: Load, start: _Start, throw: bool) ->
     return jax.lax.scan(solve, (last, jnp.array(start is not None)), load)[1]
 
 
-def _throw_failures(states: list[Sweep]) -> None:
+def _without_failures(states: list[Sweep], found: Sweep) -> Sweep:
+    """Return what was found, or raise if any load failed."""
     failed = [state for state in states if _result(state) != RESULTS.successful]
     if not failed:
-        return
+        return found
     load = failed[0].load
-    throw_failure(
+    return throw_failure(
         _result(failed[0]),
-        states,
+        found,
         lambda: (
             f"{len(failed)} of {len(states)} loads failed, the first at "
             f"{type(load).__name__}({float(load.value):.6g})"

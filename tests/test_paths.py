@@ -199,8 +199,9 @@ def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
 def test_what_cannot_be_followed_is_told(hertz):
     with pytest.raises(ValueError, match="takes the turning points of a load, two or more"):
         js.follow(hertz, js.MeanDisplacement(1.3))
-    with pytest.raises(js.SolverError, match=r"MeanDisplacement\(1\.\d+\) after 8"):
+    with pytest.raises(js.SolverError, match=r"MeanDisplacement\(1\.\d+\) after 8") as told:
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=8)
+    assert len(told.value.found.load.value) == 8
     short = js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=8, throw=False)
     assert short.result == "store_full"
     with pytest.raises(ValueError, match=r"The load has 1 NaN or infinite values, the first at"):

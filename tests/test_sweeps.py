@@ -216,8 +216,11 @@ def test_a_progress_bar_counts_to_the_end_and_changes_nothing(unloading, capsys,
 
 def test_a_sweep_raises_only_if_asked(unloading):
     loads = js.MeanGap(jnp.array([0.2, -1.0]))
-    with pytest.raises(js.SolverError, match=r"1 of 2 loads.*MeanGap\(-1\).*infeasible_load"):
+    with pytest.raises(
+        js.SolverError, match=r"1 of 2 loads.*MeanGap\(-1\).*infeasible_load"
+    ) as told:
         js.sweep(unloading, loads, throw=True)
+    assert list(told.value.found.equilibrium.result == "successful") == [True, False]
 
 
 def test_sweeps_that_make_no_sense_are_refused(unloading):
