@@ -14,7 +14,10 @@ from unittest import mock
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if "XLA_FLAGS" not in os.environ:
     # Most of the time goes into compiling, and most of that into making small programs faster.
-    os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=0"
+    os.environ["XLA_FLAGS"] = (
+        "--xla_backend_optimization_level=0 "
+        "--xla_disable_hlo_passes=while-loop-invariant-code-motion"
+    )
     if version("jaxlib").startswith("0.10."):
         # Later ones have no other emitters, and end where a flag is not known.
         os.environ["XLA_FLAGS"] += " --xla_cpu_use_fusion_emitters=false"
