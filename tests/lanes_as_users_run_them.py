@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from conftest import rough_contact
+from descent import Descent
 
 import jaxstab as js
 
@@ -29,6 +30,15 @@ def check_springs():
     np.testing.assert_array_equal(lanes.gap, swept.equilibrium.gap)
 
 
+def check_a_solver_of_ones_own():
+    """A vmapped solve by it gives what a sweep gives."""
+    contact, solver = rough_contact(16, js.potentials.Exponential(0.01, 0.1)), Descent()
+    loads = js.MeanGap(jnp.array([0.08, 0.1]))
+    swept = js.sweep(contact, loads, equilibrium_solver=solver, stability=False)
+    lanes = jax.vmap(lambda load: js.equilibrate(contact, load, solver, throw=False))(loads)
+    np.testing.assert_array_equal(lanes.gap, swept.equilibrium.gap)
+
+
 def check_an_accelerators_sweep():
     """All lanes in one program, as on an accelerator, give what each load gives alone."""
     contact = rough_contact(32, js.potentials.Exponential(1e-2, 1.0), youngs_modulus=1e-3)
@@ -41,4 +51,5 @@ def check_an_accelerators_sweep():
 
 if __name__ == "__main__":
     check_springs()
+    check_a_solver_of_ones_own()
     check_an_accelerators_sweep()

@@ -1,11 +1,11 @@
 """A solid and solvers of one's own, through every call that takes ours."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from conftest import TIGHT, rough_contact, smallest_on_zero_mean
+from descent import Descent
 from jaxtyping import Array
 
 import jaxstab as js
@@ -111,32 +111,6 @@ def test_a_solid_of_ones_own_has_derivatives(name):
         np.testing.assert_allclose(slopes, (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-7)
 
 
-class Descent(js.EquilibriumSolver):
-    """Steps down the net pressure, as long as the stiffest wave allows."""
-
-    tolerance: Array = 1e-8
-    max_steps: Array = 20_000
-    patience = 5_000
-
-    def solve(self, contact, control, gap):
-        balance_of = contact.balance(control)
-        length = 1 / contact.solid.max_stiffness
-
-        def step(state):
-            moves = control.project(state.balance.net, (state.gap > 0) | (state.balance.net < 0))
-            gap = control.admissible(state.gap - length * moves)
-            return State(gap, balance_of(gap))
-
-        return self.iterate(
-            step, lambda state: {"residual": state.balance.residual}, State(gap, balance_of(gap))
-        )
-
-
-class State(eqx.Module):
-    gap: Array
-    balance: eqx.Module
-
-
 class PowerIteration(js.ConeSolver):
     """Steps down the Rayleigh quotient and back onto the cone, from the last start."""
 
@@ -180,7 +154,7 @@ def test_a_solver_of_ones_own_finds_equilibria_in_every_call(contact):
     released = js.release(contact, found, mode, solver=solver)
     np.testing.assert_allclose(released.gap, expected.gap, atol=1e-6)
     lanes = jax.vmap(lambda value: js.equilibrate(contact, js.MeanGap(value), solver, throw=False))
-    # To the last bit only as users compile them, which tests/test_sweeps.py does.
+    # To the last bit only as users compile it: see lanes_as_users_run_them.py.
     together = lanes(jnp.array([0.08, 0.1])).gap
     np.testing.assert_allclose(together, swept.equilibrium.gap, rtol=1e-12, atol=1e-15)
     short = js.equilibrate(contact, load, Descent(max_steps=3), throw=False)
