@@ -64,17 +64,10 @@ def numbers(value: Any, name: str) -> Float[Array | np.ndarray, "..."]:
     elif not isinstance(value, jax.Array):
         value = np.asarray(value)
     if jnp.issubdtype(value.dtype, jnp.floating):
-        return strong(value) if isinstance(value, jax.Array) and value.ndim > 0 else value
+        return cast(value, value.dtype) if isinstance(value, jax.Array) and value.ndim else value
     if not (jnp.issubdtype(value.dtype, jnp.integer) or value.dtype == bool):
         raise TypeError(f"{name} is {value.dtype}: give real numbers.")
     return known(value).astype(float)
-
-
-def strong(value: Array) -> Array:
-    """Return an array with a precision of its own: JAX compiles apart for one without."""
-    if not value.weak_type:
-        return value
-    return value.astype(value.dtype) if is_traced(value) or is_spread(value) else array(value)
 
 
 def scalar_parameter(value: Any, name: str) -> Float[Array, ""]:
@@ -91,7 +84,10 @@ def scalar_parameter(value: Any, name: str) -> Float[Array, ""]:
 
 
 def cast(tree: Any, dtype: Any) -> Any:
-    """Return `tree` with its floating-point leaves in `dtype`."""
+    """Return `tree` with its floating-point leaves in `dtype`.
+
+    They have it as their own, for JAX compiles apart for what has no precision of its own.
+    """
 
     def cast_leaf(leaf: Any) -> Any:
         is_array = isinstance(leaf, jax.Array | np.ndarray | np.generic)

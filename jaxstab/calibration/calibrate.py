@@ -203,7 +203,7 @@ class _Pick:
 
 @partial(program, static_argnames=("where", "progress"))
 def _fit(
-    contact: Contact, measured: Measured, solver: LeastSquares, where: "_Pick", progress: bool
+    contact: Contact, measured: Measured, solver: LeastSquares, where: _Pick, progress: bool
 ) -> Calibration:
     contact, measured = refuse_derivatives((contact, measured))
     values, unravel = _values(where(contact))

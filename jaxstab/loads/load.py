@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from jaxstab.checks import is_traced, known, parameter, strong
+from jaxstab.checks import cast, is_traced, known, parameter
 from jaxstab.display import inline
 from jaxstab.elasticity import Field, FieldMap, Solid
 from jaxstab.profile import Profile
@@ -145,4 +145,5 @@ def require_same_machine(load: Load) -> None:
 
 def prescribed(value: ArrayLike) -> Float[Array, "..."]:
     """Return a prescribed value as an array."""
-    return strong(parameter(value))
+    given = parameter(value)
+    return cast(given, given.dtype)
