@@ -1,6 +1,7 @@
 """Problems that several tests share."""
 
 import atexit
+import gc
 import os
 import shutil
 import signal
@@ -43,6 +44,8 @@ from jaxstab.history import History
 from jaxstab.programs import num_pieces
 
 jax.config.update("jax_enable_x64", True)
+# A trace makes many objects that live on, and looking for garbage among them takes a twentieth.
+gc.set_threshold(100_000, 20, 20)
 matplotlib.use("Agg")
 
 # For what is compared with finite differences.
