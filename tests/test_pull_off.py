@@ -127,6 +127,14 @@ def test_a_soft_machine_lets_go_like_a_dead_load_and_a_stiff_one_without_a_jump(
     np.testing.assert_allclose(rate, (ends[0] - ends[1]) / (2 * step), rtol=1e-5)
 
 
+def test_behind_a_stiff_machine_a_thick_layer_is_a_soft_machine_itself():
+    contact = surface(LAWS["exponential"])
+    layer = js.Layer(contact.grid, 1.0, 0.0, 1e3)
+    pull = js.pull_off(js.Contact(layer, contact.heights, contact.potential), spring=1e2)
+    dead = js.pull_off(contact)
+    np.testing.assert_allclose(pull.equilibrium.mean_pressure, dead.load.value, rtol=1e-3)
+
+
 def test_it_starts_where_it_is_told_to(case):
     _, contact, pull = case
     pressed = js.equilibrate(contact, js.MeanPressure(0.3))

@@ -150,8 +150,9 @@ def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array
     spread = jnp.max(surface) - jnp.min(surface)
     # The far side of the solid, where it has one, gives way too.
     control = Spring(0.0, stiffness).control(contact.solid, contact.heights)
-    first = mean_displacement - contact.solid.share * pressure / control.constant
-    last = mean_displacement + deepest / stiffness + reach + spread
+    give = contact.solid.share / control.constant
+    first = mean_displacement - give * pressure
+    last = mean_displacement + give * deepest + reach + spread
     return Spring(jax.lax.stop_gradient(jnp.stack([first, last])), stiffness)
 
 
