@@ -51,6 +51,23 @@ def test_a_noisy_curve_gives_the_parameters_and_errors_that_cover_them(start, ex
         assert np.mean(abs(values - truth) < sigmas) < 0.85
 
 
+def test_errors_are_those_of_linear_least_squares_also_of_loads_that_tell_nothing():
+    grid = js.Grid((32,))
+    contact = js.Contact(
+        js.HalfSpace(grid, 1.0), js.surfaces.sinusoid(grid, 0.02), js.potentials.NoAdhesion()
+    )
+    # A half of them out of contact.
+    loads = js.MeanGap(jnp.linspace(0.004, 0.036, 16))
+    noise = 5e-4 * np.random.default_rng(0).normal(size=16)
+    slope = np.array([js.equilibrate(contact, load).mean_pressure for load in loads])
+    assert (slope == 0).sum() >= 7
+    fit = js.calibrate(contact, loads, slope + noise, where=lambda c: c.solid.youngs_modulus)
+    modulus = 1 + noise @ slope / (slope @ slope)
+    misfit = (modulus - 1) * slope - noise
+    error = np.sqrt(misfit @ misfit / 15 / (slope @ slope))
+    np.testing.assert_allclose([fit.parameters, fit.standard_errors], [modulus, error], rtol=1e-5)
+
+
 @pytest.mark.parametrize("order", ["independent", "continuation"])
 def test_an_exact_curve_gives_potential_and_modulus_exactly(start, exact, order):
     fit = js.calibrate(start, LOAD, exact, order=order)

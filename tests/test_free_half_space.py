@@ -207,6 +207,28 @@ def test_what_a_window_cannot_answer_is_said():
         js.equilibrate(contact, js.FarDisplacement(-5.0))
 
 
+def test_energies_and_hessians_of_a_gap_are_those_of_the_whole():
+    contact = sphere_contact(16)
+    state = js.equilibrate(contact, js.FarDisplacement(-0.01))
+    for ask in (contact.energy, contact.hessian, lambda gap: contact.gradient(gap)):
+        with pytest.raises(TypeError, match=r"twice its points a side: ask `contact\.whole`"):
+            ask(state.gap)
+
+
+@pytest.mark.parametrize("grid", [js.Grid(8), js.Grid((12,))])
+def test_full_contact_stores_the_least_of_any_rigid_move(grid):
+    solid = js.FreeHalfSpace(grid, 2.0)
+    heights = jax.random.normal(jax.random.key(0), grid.shape)
+    size = grid.size
+    points = jnp.eye(size).reshape(size, *grid.shape)
+    compliance = np.asarray(jax.vmap(solid.displacement)(points)).reshape(size, size)
+    h, one = np.asarray(heights).ravel(), np.ones(size)
+    pressure, rigid = np.linalg.solve(compliance, np.stack([h, one], 1)).T
+    least = (h @ pressure - (one @ pressure) ** 2 / (one @ rigid)) / 2 / size
+    found = js.surfaces.full_contact_energy(solid, heights)
+    np.testing.assert_allclose(found, least, rtol=1e-6)
+
+
 def test_a_tip_jumps_in_at_a_fold_that_moves_as_its_derivative_says():
     work, modulus = 1e-3, 0.75
     unit = js.references.jkr.units(1.0, modulus, work)

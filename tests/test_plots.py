@@ -101,6 +101,12 @@ def test_a_closed_gap_is_shown_as_zero(state):
     assert plots.gap(contact, closed).images[0].get_clim()[0] == 0
 
 
+def test_colours_reach_from_the_lowest_point_to_a_summit_at_zero(state):
+    contact, _, _ = state
+    image = plots.surface(contact).images[0]
+    assert image.get_clim() == (contact.heights.min(), 0)
+
+
 def test_maps_put_the_first_index_along_x(state):
     contact, _, _ = state
     grid = js.Grid((4, 6), (2.0, 3.0))

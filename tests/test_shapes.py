@@ -78,6 +78,8 @@ def test_what_makes_no_shape_is_refused():
     for shape in (js.surfaces.sphere, js.surfaces.cone):
         with pytest.raises(ValueError, match=r"is -1.0: it must be positive"):
             shape(grid, -1.0)
+    with pytest.raises(ValueError, match=r"The radius has shape \(6,\): give one number"):
+        js.surfaces.paraboloid(grid, np.ones(6))
     with pytest.raises(ValueError, match=r"radius of the rim is 0.0"):
         js.surfaces.flat_punch(grid, 1.0, 0.0)
     with pytest.raises(ValueError, match=r"wavelength is 0.0"):

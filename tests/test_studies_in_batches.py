@@ -45,6 +45,19 @@ def test_one_that_fails_in_a_batch_leaves_the_others(tmp_path):
     np.testing.assert_array_equal(dataset["root"], [2, np.nan, 3])
 
 
+def test_cases_alone_go_on_in_the_precision_of_those_in_batches(tmp_path):
+    def case(x):
+        return {"half": (0.5 * x).astype(jnp.float32) if hasattr(x, "dtype") else 0.5 * x}
+
+    path = tmp_path / "study.zarr"
+    js.study(case, {"x": [0.1, 0.2]}, path, batch=2)
+    dataset = js.study(case, {"x": [0.1, 0.2, 0.3, 1e300]}, path)
+    assert list(dataset["result"][:3]) == 3 * ["successful"]
+    np.testing.assert_allclose(dataset["half"][:3], [0.05, 0.1, 0.15], rtol=1e-6)
+    # What single precision cannot hold is no number of it.
+    assert "half is float64 in this case, float32" in str(dataset["error"][3].values)
+
+
 def test_a_function_that_cannot_be_traced_is_refused_in_batches(tmp_path):
     def case(x):
         return {"a": float(x)}

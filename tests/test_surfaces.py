@@ -114,6 +114,8 @@ def test_surfaces_can_be_drawn_in_batches_and_differentiated():
         ({"rms_height": 1.0, "k_high": 17}, "k_high is 17.*resolves 16"),
         ({"rms_height": 1.0, "k_low": 1.1, "k_rolloff": 1.2, "k_high": 1.3}, "widen"),
         ({"rms_height": 1.0, "exponent": "other"}, 'choose "field" or "paper"'),
+        ({"rms_height": np.ones(32)}, r"rms height or slope has shape \(32,\): .* jax.vmap"),
+        ({"rms_height": 1.0, "hurst": np.ones(32)}, r"hurst has shape \(32,\)"),
     ],
 )
 def test_a_surface_that_cannot_be_drawn_is_refused(options, message):
@@ -130,6 +132,12 @@ def test_what_is_not_a_random_key_is_refused(key):
 def test_waves_that_do_not_fit_into_the_cell_are_refused():
     with pytest.raises(TypeError, match=r"number of waves is 1\.5: give an integer"):
         surfaces.sinusoid(js.Grid(8), 0.1, (1.5, 0))
+    with pytest.raises(ValueError, match="one number for each side"):
+        surfaces.sinusoid(js.Grid(8), 0.1, 3)
+    line = js.Grid((8,))
+    np.testing.assert_array_equal(
+        surfaces.sinusoid(line, 0.1, 3), surfaces.sinusoid(line, 0.1, (3,))
+    )
 
 
 def test_a_power_law_is_found_in_a_spectrum_of_its_form():

@@ -148,6 +148,11 @@ def test_cropping_keeps_points_from_the_first_to_before_the_last_coordinate():
     assert surface.cropped((0, 0.5)).grid.shape == (16, 64)
     with pytest.raises(ValueError, match=r"1 points lie in 0 <= y < 0\.02"):
         surface.cropped((0, 1), (0, 0.02))
+    # As lengths are where JAX has single precision.
+    line = js.Grid((2048,), np.float32(0.7))
+    line = js.surfaces.Topography(line, np.zeros(2048))
+    for first in range(500, 2000, 11):
+        assert line.cropped((first * 0.7 / 2048, 0.7)).grid.size == 2048 - first
 
 
 def test_spectral_resampling_is_exact_in_any_precision():

@@ -251,7 +251,7 @@ def _fit(
     state = iteration.state
     found = scale.to_values(state.free)
     slopes = scale.slopes(state.free)
-    spread = slopes[:, None] * state.covariance * slopes
+    spread = slopes[:, None] * state.covariance(measured) * slopes
     return Calibration(
         contact=contact_at(found),
         parameters=unravel(found),

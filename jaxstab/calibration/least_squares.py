@@ -77,13 +77,12 @@ class _State(eqx.Module):
     def gradient(self) -> Values:
         return self.misfit @ self.jacobian
 
-    @property
-    def covariance(self) -> Float[Array, "parameters parameters"]:
-        """That of what is optimised, |r|^2 / (n - p) (J^T J)^-1."""
+    def covariance(self, measured: Measured) -> Float[Array, "parameters parameters"]:
+        """Return that of what is optimised, |r|^2 / (n - p) (J^T J)^-1, n the loads of weight."""
         _, sizes, axes = jnp.linalg.svd(self.jacobian, full_matrices=False)
         smallest = jnp.finfo(sizes.dtype).eps * jnp.max(sizes)
         scaled = axes / jnp.maximum(sizes, smallest)[:, None]
-        count = jnp.sum(jnp.any(self.jacobian != 0, axis=1)) - len(sizes)
+        count = jnp.sum(measured.roots > 0) - len(sizes)
         return 2 * self.loss / jnp.maximum(count, 1) * (scaled.T @ scaled)
 
 

@@ -4,7 +4,7 @@ Pressures on a window act on it by real-space coefficients, wrapped on a grid of
 side: there K is their inverse, and where no surface is, equilibrium itself makes the pressure zero.
 """
 
-from typing import ClassVar
+from typing import ClassVar, NoReturn
 
 import jax
 import jax.numpy as jnp
@@ -56,7 +56,8 @@ class FreeHalfSpace(Solid):
     displacement at a distance L, the window's length, from a single line of force, and G
     that of ln(r / L).
 
-    Computations run on twice the points a side; the window is all that results show. Eigenvalues
+    Computations run on twice the points a side (`Contact.whole`, which also has the energy and the
+    Hessian of a gap); the window is all that results show. Eigenvalues
     are those of all displacements, also outside of the window, and modes have unit norm there. The
     energy of equilibria leaves out that of a uniform pressure on twice the window.
 
@@ -110,6 +111,13 @@ class FreeHalfSpace(Solid):
     def is_valid(self) -> Array:
         """Whether every wave's stiffness is positive, and a number of full precision."""
         return self.whole.is_valid
+
+    def held_by(self, stiffness: ArrayLike) -> NoReturn:
+        """Raise: the displacement that is the same everywhere takes a pressure that is not."""
+        raise TypeError(
+            "Energies, gradients, Hessians and balances of a contact on a FreeHalfSpace are those "
+            "of twice its points a side: ask `contact.whole` for them."
+        )
 
     @program
     def displacement(self, pressure: Field) -> Field:

@@ -91,7 +91,7 @@ class Recorder:
             return self._array(value, path, axes)
         if isinstance(value, bool | int | float | str):
             return {"value": value}
-        if isinstance(value, tuple | list):
+        if type(value) in (tuple, list):
             parts = [self.structure(x, (*path, str(i)), axes) for i, x in enumerate(value)]
             return {type(value).__name__: parts}
         if isinstance(value, dict):

@@ -154,7 +154,7 @@ def _field(
         axes.set(xlabel=with_unit(contact, "x [length]"), ylabel=label)
         return axes
     # Of a closed gap there is no negative part to show.
-    most = np.abs(values).max() if centred else values.max() or 1
+    most = np.abs(values).max() if centred else values.max() if values.any() else 1
     least = -most if centred else values.min()
     image = draw_map(axes, contact, values, cmap=colours, vmin=least, vmax=most)
     add_colour_bar(axes, image, label)

@@ -82,12 +82,24 @@ def require_forms(arrays: Mapping[str, np.ndarray], forms: Mapping[str, Form]) -
         )
     for name, array in arrays.items():
         form, expected = form_of(array), forms[name]
-        is_safe = np.can_cast(form.dtype, expected.dtype, "safe")
-        if form.shape != expected.shape or not is_safe:
+        if form.shape != expected.shape or not _fits(array, expected.dtype):
             raise ValueError(
                 f"{name} is {form} in this case, {expected} in those before: return the same kind "
                 "and shape in all, padded with NaN for instance."
             )
+
+
+def _fits(array: np.ndarray, dtype: np.dtype) -> bool:
+    """Whether an array can be kept as a kind: a Python number in the precision of a batch too."""
+    if np.can_cast(array.dtype, dtype, "safe"):
+        return True
+    if not np.can_cast(array.dtype, dtype, "same_kind"):
+        return False
+    with np.errstate(over="ignore"):
+        cast = array.astype(dtype)
+    if array.dtype.kind in "fc":
+        return np.array_equal(np.isfinite(cast), np.isfinite(array))
+    return np.array_equal(cast.astype(array.dtype), array)
 
 
 def encoded(array: np.ndarray, form: Form) -> bytes:

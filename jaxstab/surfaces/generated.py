@@ -8,13 +8,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float, Int, PRNGKeyArray
 
-from jaxstab.checks import integer, known, parameter, require, require_key, require_positive
+from jaxstab.checks import (
+    integer,
+    known,
+    require,
+    require_key,
+    require_positive,
+    scalar_parameter,
+)
 from jaxstab.grid import Grid
 from jaxstab.surfaces.statistics import nyquist, rms_derivative
 
 
 def sinusoid(
-    grid: Grid, amplitude: ArrayLike, waves: tuple[int, ...] | None = None
+    grid: Grid, amplitude: ArrayLike, waves: int | tuple[int, ...] | None = None
 ) -> Float[Array, " *grid"]:
     """Return h = A cos(2 pi k.x / L), a wavy surface (Westergaard, 1939).
 
@@ -27,14 +34,18 @@ def sinusoid(
         Heights [length], of zero mean.
 
     Raises:
-        ValueError: if there is not one number of waves for each side, or all are zero.
+        ValueError: if there is not one number of waves for each side, all are zero, or the
+            amplitude is an array.
         TypeError: if a number of waves is not an integer.
     """
-    waves = (1,) + (0,) * (len(grid.shape) - 1) if waves is None else waves
+    if waves is None:
+        waves = (1,) + (0,) * (len(grid.shape) - 1)
+    elif isinstance(waves, int | float | np.integer):
+        waves = (waves,)
     if len(waves) != len(grid.shape) or not any(waves):
         raise ValueError(f"waves are {waves}: give one number for each side, not all zero.")
     numbers = np.array([integer("A number of waves", k) for k in waves])
-    return _sinusoid(grid, parameter(amplitude, "The amplitude"), numbers)
+    return _sinusoid(grid, scalar_parameter(amplitude, "The amplitude"), numbers)
 
 
 @jax.jit
@@ -81,18 +92,20 @@ def self_affine(
 
     Raises:
         ValueError: unless exactly one of `rms_height` and `rms_slope` is given, if cut-offs are
-            not ordered, or too fine for the grid, or no wave lies between them.
+            not ordered, or too fine for the grid, or no wave lies between them, and for arrays in
+            place of numbers.
         TypeError: for a key that is not one.
     """
     require_key(key)
     targets = [x for x in (rms_height, rms_slope) if x is not None]
     if len(targets) != 1:
         raise ValueError("Give exactly one of rms_height and rms_slope: it sets the amplitude.")
-    target = parameter(targets[0], "The rms height or slope")
+    target = scalar_parameter(targets[0], "The rms height or slope")
     require_positive("The rms height or slope", target)
     if exponent not in ("field", "paper"):
         raise ValueError(f'exponent is {exponent!r}: choose "field" or "paper".')
-    hurst, *cutoffs = map(parameter, (hurst, k_low, k_rolloff, k_high))
+    named = {"hurst": hurst, "k_low": k_low, "k_rolloff": k_rolloff, "k_high": k_high}
+    hurst, *cutoffs = (scalar_parameter(value, name) for name, value in named.items())
     _require_spectrum(grid, known(hurst), *map(known, cutoffs))
     order = 0 if rms_slope is None else 1
     heights, num_waves = _filtered_noise(grid, key, hurst, cutoffs, target, exponent, order)

@@ -8,7 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxstab.checks import known, parameter, require, require_finite, require_positive
+from jaxstab.checks import (
+    known,
+    parameter,
+    require,
+    require_finite,
+    require_positive,
+    scalar_parameter,
+)
 from jaxstab.grid import Grid
 
 Heights = Float[Array, " *grid"]
@@ -124,7 +131,7 @@ def wavy_sphere(
     Raises:
         ValueError: if radius or wavelength are not positive, or the amplitude not finite.
     """
-    amplitude = parameter(amplitude, "The amplitude")
+    amplitude = scalar_parameter(amplitude, "The amplitude")
     require("The amplitude", amplitude, abs(known(amplitude)) < np.inf, "it must be finite.")
     radius, wavelength = _positive("The radius", radius), _positive("The wavelength", wavelength)
     return _wavy_sphere(grid, radius, amplitude, wavelength)
@@ -202,7 +209,7 @@ def _distance(grid: Grid) -> Heights:
     return jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)
 
 
-def _positive(name: str, value: ArrayLike) -> Float[Array, "..."]:
-    number = parameter(value, name)
+def _positive(name: str, value: ArrayLike) -> Float[Array, ""]:
+    number = scalar_parameter(value, name)
     require_positive(name, number)
     return number

@@ -192,13 +192,16 @@ class Topography:
         if len(intervals) > len(self.grid.shape):
             raise ValueError("y is given, but the surface is a line.")
         spacing, kept = self.lengths / self.grid.shape, []
+        # In points, that of the lengths, where far from the origin it is the larger one.
+        precision = float(np.finfo(self.grid.lengths.dtype).eps)
+        rounding = max(_ROUNDING, 4 * precision * max(self.grid.shape))
         for name, n, dx, interval in zip("xy", self.grid.shape, spacing, intervals, strict=False):
             ends = [_real(end) for end in interval] if np.iterable(interval) else []
             if len(ends) != 2 or np.isnan(ends).any():
                 raise ValueError(
                     f"{name} is {interval!r}: give two numbers, as in {name}=(0, {n * dx / 2:.3g})."
                 )
-            start, end = (int(np.ceil(np.clip(end / dx - _ROUNDING, 0, n))) for end in ends)
+            start, end = (int(np.ceil(np.clip(end / dx - rounding, 0, n))) for end in ends)
             if end - start < 2:
                 raise ValueError(
                     f"{max(end - start, 0)} points lie in {ends[0]:g} <= {name} < {ends[1]:g}: "
