@@ -6,6 +6,7 @@ K u + f'(g) and its Hessian A = K + D with D = diag f''(g).
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -226,6 +227,15 @@ class Contact(eqx.Module):
         """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
         escape = control.escape_gap(self.profile)
         return balance_of(self.solid, self.heights, self.potential, control, escape)
+
+
+def require_contact(contact: Any) -> None:
+    """Raise `TypeError` for what is no contact."""
+    if not isinstance(contact, Contact):
+        raise TypeError(
+            f"{type(contact).__name__} is no contact: give that first, as made by "
+            "jaxstab.Contact(solid, heights, potential)."
+        )
 
 
 def _suspicions(

@@ -23,6 +23,15 @@ from jaxstab.display import inline
 _LEAST_IN_A_PASS = 5
 
 
+def require_grid(grid: Any) -> None:
+    """Raise `TypeError` for what is no grid."""
+    if not isinstance(grid, Grid):
+        raise TypeError(
+            f"The grid is a {type(grid).__name__}: give the grid first, as in "
+            "jaxstab.Grid(128), or the `grid` of a topography."
+        )
+
+
 class Grid(eqx.Module):
     """A periodic grid of points on a line or a rectangle.
 

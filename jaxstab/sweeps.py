@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 
 from jaxstab import display
 from jaxstab.checks import is_traced, known
-from jaxstab.contact import Contact
+from jaxstab.contact import Contact, require_contact
 from jaxstab.equilibrium import (
     Equilibrium,
     EquilibriumSolver,
@@ -101,6 +101,7 @@ def sweep(
         SolverError: if `throw` and a load failed.
         KeyboardInterrupt: if interrupted before the first load was done.
     """
+    require_contact(contact)
     require_load(load)
     if load.value.ndim != 1 or load.value.size == 0:
         raise ValueError(

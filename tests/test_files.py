@@ -385,3 +385,33 @@ def test_a_line_has_one_dimension(tmp_path):
     assert dataset.solid_grid_lengths.units == dataset.x.units == "µm"
     assert dataset.cone_eigenvalue.units == "pressure/µm"
     assert_same_bits((contact, state), js.load(js.save(tmp_path / "line.nc", contact, state)))
+
+
+class Own(eqx.Module):
+    """A law whose numbers have the names of other quantities."""
+
+    work: jax.Array
+    amplitude: jax.Array
+
+    def __call__(self, gap):
+        return -self.work * jnp.exp(-gap / self.amplitude)
+
+
+def test_labels_are_those_of_the_dimension_and_not_guessed_of_a_law_of_ones_own():
+    grid = js.Grid((16,))
+    heights = js.surfaces.sinusoid(grid, 0.1)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, Own(jnp.array(0.01), jnp.array(0.2)))
+    dataset = js.to_dataset(contact, js.equilibrate(contact, js.MeanGap(0.1)))
+    assert dataset.area.units == "length"
+    assert dataset.energy.units == "energy/length"
+    assert dataset.potential_work.attrs == {"long_name": "work"}
+    assert dataset.potential_amplitude.attrs == {"long_name": "amplitude"}
+
+
+def test_the_surface_of_a_result_without_a_unit_can_be_read(tmp_path):
+    contact = contact_of(js.potentials.Exponential(0.01, 0.2))
+    path = js.save(tmp_path / "state.nc", contact, js.equilibrate(contact, js.MeanGap(0.1)))
+    surface = js.surfaces.read(path)
+    np.testing.assert_array_equal(surface.heights, contact.heights)
+    np.testing.assert_allclose(surface.lengths, LENGTHS)
+    assert surface.unit is None

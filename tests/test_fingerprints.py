@@ -5,13 +5,14 @@ import subprocess
 import sys
 import textwrap
 from importlib.util import module_from_spec, spec_from_file_location
+from itertools import combinations
 
 import jax
 import jax.numpy as jnp
 import pytest
 
 import jaxstab as js
-from jaxstab.studies.fingerprint import fingerprint
+from jaxstab.studies.fingerprint import differences, fingerprint
 
 MODULE = """
 import dataclasses
@@ -132,3 +133,12 @@ def test_what_cannot_be_known_again_is_refused_with_the_cure(tmp_path):
     with pytest.raises(ValueError, match=r"`case` is no longer what stands in .*edited.py"):
         js.study(module.case, {"seed": [1]}, tmp_path / "study.zarr")
     assert not (tmp_path / "study.zarr").exists()
+
+
+def test_lambdas_on_one_line_are_told_apart():
+    lambdas = lambda x: {"y": 2 * x}, lambda x: {"y": 3 * x}, lambda x: (lambda y: {"y": y})(x)
+    prints = [fingerprint(function) for function in lambdas]
+    assert all(not differences(one, one) for one in prints)
+    assert all(differences(one, other) for one, other in combinations(prints, 2))
+    inner = [function(1) for function in (lambda x: lambda y: 2 * y, lambda x: lambda y: 3 * y)]
+    assert differences(*map(fingerprint, inner))

@@ -107,6 +107,12 @@ def test_colours_reach_from_the_lowest_point_to_a_summit_at_zero(state):
     assert image.get_clim() == (contact.heights.min(), 0)
 
 
+def test_a_path_of_one_state_is_no_curve(hertz):
+    path = js.follow(hertz, js.MeanGap(jnp.array([-0.1, 0.2])), throw=False)
+    with pytest.raises(ValueError, match=r"The path has 1 states .*, a curve two or more"):
+        plots.path(path)
+
+
 def test_maps_put_the_first_index_along_x(state):
     contact, _, _ = state
     grid = js.Grid((4, 6), (2.0, 3.0))

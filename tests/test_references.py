@@ -5,7 +5,7 @@ import pytest
 from closed_forms import PARABOLOID, SPHERE, WAVES, Profile, derivative, strength, wave
 from numpy.testing import assert_allclose
 
-from jaxstab.references import guduru, jkr, johnson, maugis
+from jaxstab.references import guduru, hertz, jkr, johnson, maugis, westergaard
 
 WAVY = Profile(
     lambda r: r / SPHERE[0] + 2 * np.pi * WAVES[0] / WAVES[1] * np.sin(2 * np.pi * r / WAVES[1]),
@@ -104,6 +104,12 @@ def test_every_field_has_the_shape_of_all_arguments_together(function, arguments
             "The adhesion parameter alpha is 1.1: give one up to 1.06",
         ),
         (lambda: guduru.curve(*SPHERICAL, -0.1, 1.0), "The amplitude is -0.1: give zero or"),
+        (lambda: hertz.contact_radius(-1.0, 1.0, 1.0), "The force is -1: give zero or a positive"),
+        (lambda: hertz.peak_pressure(0.0, 1.0, 1.0), "The force is 0: give a positive"),
+        (
+            lambda: westergaard.contact_fraction(4.0, 1.0, 1.0, 1.0),
+            "The mean pressure is 4: give one from 0 to 3.14159",
+        ),
     ],
 )
 def test_what_makes_no_sense_is_refused_by_name(call, sentence):

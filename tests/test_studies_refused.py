@@ -3,6 +3,7 @@
 import re
 import sys
 
+import equinox as eqx
 import numpy as np
 import pytest
 
@@ -89,3 +90,19 @@ def test_without_the_packages_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "zarr", None)
     with pytest.raises(ImportError, match=r"pip install 'jaxstab\[studies\]'"):
         js.study(lambda seed: {"a": seed}, {"seed": [1]}, tmp_path / "study.zarr")
+
+
+class Counted(eqx.Module):
+    """Something that can be called, and is no function."""
+
+    factor: float
+
+    def __call__(self, x):
+        return {"x": self.factor * x}
+
+
+def test_what_is_no_function_and_names_that_are_taken_are_refused(tmp_path):
+    with pytest.raises(TypeError, match="The case is of type Counted: give a function"):
+        js.study(Counted(2.0), {"x": [1.0]}, tmp_path / "study.zarr")
+    with pytest.raises(ValueError, match="returned `case`, which the study holds by itself"):
+        js.study(lambda x: {"case": x}, {"x": [1.0]}, tmp_path / "study.zarr")

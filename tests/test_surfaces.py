@@ -86,6 +86,16 @@ def test_one_key_gives_one_surface_at_every_resolution():
     assert abs(np.corrcoef(coarse.ravel(), other.ravel())[0, 1]) < 0.5
 
 
+def test_on_a_long_line_no_two_waves_have_one_noise():
+    grid = js.Grid((2**18,))
+    heights = surfaces.self_affine(
+        grid, jax.random.key(0), k_low=1, k_rolloff=2**17, k_high=2**17, rms_height=1.0
+    )
+    modes = np.fft.rfft(np.asarray(heights))[1:]
+    first, second = modes[: 2**16 - 1], modes[2**16 : 2**17 - 1]
+    assert abs(np.vdot(first, second)) < 0.05 * np.linalg.norm(first) * np.linalg.norm(second)
+
+
 def test_surfaces_can_be_drawn_in_batches_and_differentiated():
     grid = js.Grid(32)
     keys = jax.random.split(jax.random.key(0), 3)
@@ -134,6 +144,8 @@ def test_waves_that_do_not_fit_into_the_cell_are_refused():
         surfaces.sinusoid(js.Grid(8), 0.1, (1.5, 0))
     with pytest.raises(ValueError, match="one number for each side"):
         surfaces.sinusoid(js.Grid(8), 0.1, 3)
+    with pytest.raises(ValueError, match=r"number of waves is .*5.*half of the points, \(8, 8\)"):
+        surfaces.sinusoid(js.Grid(8), 0.1, (1, -5))
     line = js.Grid((8,))
     np.testing.assert_array_equal(
         surfaces.sinusoid(line, 0.1, 3), surfaces.sinusoid(line, 0.1, (3,))

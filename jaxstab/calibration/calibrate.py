@@ -22,7 +22,7 @@ from jaxstab.calibration.least_squares import (
     Values,
 )
 from jaxstab.checks import is_traced, parameter, require, require_finite
-from jaxstab.contact import Contact
+from jaxstab.contact import Contact, require_contact
 from jaxstab.display import block
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
@@ -129,6 +129,7 @@ def calibrate(
         TypeError: for a load that prescribes the pressure, or a contact in single precision.
         SolverError: if `throw` and the fit did not converge.
     """
+    require_contact(contact)
     require_load(load)
     if isinstance(load, MeanPressure):
         raise TypeError("The load is a MeanPressure: fit a curve over a mean displacement or gap.")

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxstab.display import inline
-from jaxstab.grid import Grid, centred, mean, mean_over
+from jaxstab.grid import Grid, centred, mean, mean_over, require_grid
 
 Field = Float[Array, " *grid"]
 FieldMap = Callable[[Field], Field]
@@ -42,6 +42,9 @@ class Solid(eqx.Module):
     is_window: ClassVar[bool] = False
 
     __repr__ = inline
+
+    def __check_init__(self) -> None:
+        require_grid(self.grid)
 
     @property
     def whole(self) -> "Solid":

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from jaxstab.checks import require_positive
 from jaxstab.elasticity.solid import Field, FieldMap, Solid
 from jaxstab.functions import as_pytree
-from jaxstab.grid import Grid
+from jaxstab.grid import Grid, require_grid
 from jaxstab.programs import program
 
 
@@ -173,6 +173,7 @@ class Spectral(SpectralSolid):
     function: Callable[[Array], Array]
 
     def __init__(self, grid: Grid, function: Callable[[Array], Array]):
+        require_grid(grid)
         self.grid = grid
         wavenumbers = jax.eval_shape(lambda grid: grid.wavenumbers, grid)
         cure = "it must return one real stiffness for each wavenumber."

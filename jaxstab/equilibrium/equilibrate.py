@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.checks import is_traced, known, numbers, require, require_finite
-from jaxstab.contact import Contact
+from jaxstab.contact import Contact, require_contact
 from jaxstab.derivatives import attach
 from jaxstab.elasticity import Solid
 from jaxstab.equilibrium.implicit import changes_of_fields
@@ -78,6 +78,7 @@ def equilibrate(
         TypeError: for something that is not a load, or not a solver for equilibria.
         SolverError: if `throw`, for a load that no gap satisfies or a solve that did not converge.
     """
+    require_contact(contact)
     require_load(load)
     if load.value.shape != ():
         raise ValueError(

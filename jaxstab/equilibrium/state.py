@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.balance import Balance
-from jaxstab.contact import Contact
+from jaxstab.contact import Contact, require_contact
 from jaxstab.display import block
 from jaxstab.elasticity import Solid
 from jaxstab.history import History
@@ -192,6 +192,7 @@ def equilibrium_of(contact: Contact, state: State) -> Equilibrium:
         ValueError: for a stack of states, or one that has another grid or precision than the
             contact.
     """
+    require_contact(contact)
     equilibrium = single_equilibrium(state)
     if equilibrium.gap.shape != contact.grid.shape:
         raise ValueError(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import equinox as eqx
 import numpy as np
 
-from jaxstab.contact import Contact
+from jaxstab.contact import Contact, require_contact
 from jaxstab.display import text
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.files.law import law_variables
@@ -29,6 +29,8 @@ Result = Equilibrium | Stability | Sweep | Path
 # The form of the structure, to be raised when a reader of today could not read it.
 FORMAT = 1
 _PACKAGES = ("jaxstab", "jax", "jaxlib", "equinox", "numpy")
+# There energies and areas are those per length of the other side.
+_ON_A_LINE = {"energy": f"energy/{LENGTH}", f"{LENGTH}^2": LENGTH}
 _PATH_AXES = {"load": ("state",), "equilibrium": ("state",), "jumps": ("jump",)}
 
 
@@ -59,8 +61,7 @@ def to_dataset(
     require_packages("Labelled data sets", "data", "xarray")
     import xarray
 
-    if not isinstance(contact, Contact):
-        raise TypeError(f"{type(contact).__name__} is no contact: give that first.")
+    require_contact(contact)
     if contact.heights.shape != contact.grid.shape:
         raise ValueError("These are several contacts: choose one of them by jax.tree.map.")
     recorder = Recorder(contact.grid.shape)
@@ -127,7 +128,12 @@ def _label(record: Record, contact: Contact, result: Result) -> tuple[str, str]:
     if field == "value" and holders[-1:] == ["load"] and load is not None:
         long_name, unit = f"load: {type(load).__name__}", load.unit
     else:
-        long_name, unit = QUANTITIES.get(field, (field.replace("_", " "), ""))
+        long_name, unit = field.replace("_", " "), ""
+        # What a name stands for in a law of one's own is not known.
+        if not _is_ones_own(contact, record.path):
+            long_name, unit = QUANTITIES.get(field, (long_name, unit))
+    if len(contact.grid.shape) == 1:
+        unit = _ON_A_LINE.get(unit, unit)
     if field == "length" and holders[-1:] == ["potential"]:
         long_name, unit = "range", LENGTH
     if field == "height":
@@ -135,6 +141,22 @@ def _label(record: Record, contact: Contact, result: Result) -> tuple[str, str]:
     silent = ("equilibrium", "stability", "load", "solid", "grid", "potential")
     words = [word.replace("_", " ") for word in holders if word not in silent]
     return ", ".join([*words, long_name]), with_unit(contact, unit)
+
+
+def _is_ones_own(contact: Contact, path: tuple[str, ...]) -> bool:
+    """Whether a path leads through an object of a class that is not of this package."""
+    if path[0] != "contact":
+        return False
+    holder: Any = contact
+    for word in path[1:-1]:
+        holder = holder[word] if isinstance(holder, dict) else _entry(holder, word)
+        if isinstance(holder, eqx.Module) and not type(holder).__module__.startswith("jaxstab."):
+            return True
+    return False
+
+
+def _entry(holder: Any, word: str) -> Any:
+    return holder[int(word)] if isinstance(holder, tuple | list) else getattr(holder, word)
 
 
 def _coordinates(contact: Contact, structure: Structure, dataset: Any) -> dict[str, Any]:

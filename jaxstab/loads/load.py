@@ -127,8 +127,9 @@ class Load(Stackable, eqx.Module):
 def require_load(load: Load) -> None:
     """Raise `TypeError` if `load` is not one."""
     if not isinstance(load, Load):
+        given = load if isinstance(load, int | float) else f"a {type(load).__name__}"
         raise TypeError(
-            f"The load is {load!r}: say what it prescribes, with MeanDisplacement, MeanGap, "
+            f"The load is {given}: say what it prescribes, with MeanDisplacement, MeanGap, "
             "MeanPressure, FarDisplacement or Spring."
         )
 

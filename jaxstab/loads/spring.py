@@ -87,11 +87,16 @@ class SpringControl(PressingControl):
 
 
 class Spring(Load):
-    """A machine in series: p0 = k (mean(u) - position), a spring of stiffness k behind the solid.
+    """A machine in series: p0 = k (far - position), a spring of stiffness k behind the solid.
 
-    Its limits are `MeanDisplacement` at a large stiffness, and `MeanPressure` at a small one and a
-    position of -p0 / k. Of one more than a million times stiffer than the waves, say
-    `MeanDisplacement`: the search of the cone stagnates, and says so.
+    The displacement far of the far side is mean(u) of a half space. Of a solid that has a uniform
+    stiffness k_s, as layers and windows have, it is mean(u) - p0 / k_s: there p0 = k_e (mean(u) -
+    position) with 1 / k_e = 1 / k + 1 / k_s.
+
+    Its limits are `MeanDisplacement` at a large stiffness, `FarDisplacement` where the solid has a
+    far side, and `MeanPressure` at a small one and a position of -p0 / k. Of one more than a
+    million times stiffer than the waves, say that limit: the search of the cone stagnates, and says
+    so.
 
     Arguments:
         position: where the far end of the spring is held [length]: one, or an array for a sweep.

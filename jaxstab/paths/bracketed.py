@@ -20,7 +20,7 @@ from jaxstab.branches.critical_load import CriticalLoad, critical_load_at
 from jaxstab.branches.limit import Limit, limit_ahead
 from jaxstab.branches.search import follow_to_fold
 from jaxstab.checks import is_traced
-from jaxstab.contact import Contact
+from jaxstab.contact import Contact, require_contact
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.state import State
 from jaxstab.equilibrium.window import whole_start
@@ -73,6 +73,7 @@ def critical_load(
         SolverError: if `throw`, where the first load has no stable equilibrium, or its branch does
             not end in the bracket.
     """
+    require_contact(contact)
     require_load(bracket)
     if bracket.value.shape != (2,):
         raise ValueError(

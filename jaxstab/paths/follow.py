@@ -18,7 +18,7 @@ from jaxstab.checks import (
     require_finite,
     require_positive,
 )
-from jaxstab.contact import Contact
+from jaxstab.contact import Contact, require_contact
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.state import State
 from jaxstab.equilibrium.window import whole_start
@@ -62,8 +62,9 @@ def follow(
     branch ends, these go down in energy from its last state, to the equilibrium at a load that is
     further by a part of 1e-6 of the range of loads. An overdamped relaxation,
     g' = -(K u + p0 + f'), went to the same contact points in all of 120 jumps of rough surfaces
-    (benchmarks/results/jumps.md). Jumps that lose less than `smallest_jump`, or no more than
-    rounding may hide, are not located, but what they lose is counted. Surfaces that a tension has
+    (benchmarks/results/jumps.md). Jumps that lose less than `smallest_jump`, little more where the
+    work of a step hides it, or no more than rounding may hide, are not located, but what they lose
+    is counted. Surfaces that a tension has
     pulled apart stay so until there is a pressure.
 
     Ctrl-C ends a path after the steps in hand, about a second, and returns the states so far.
@@ -96,6 +97,7 @@ def follow(
             another than the one before, or machines that differ; for room that is too small.
         SolverError: if `throw`, where an equilibrium is not found, or the store is full.
     """
+    require_contact(contact)
     require_load(load)
     if load.value.ndim != 1 or load.value.size < 2:
         raise ValueError(

@@ -12,7 +12,7 @@ from jaxstab.branches.branch import Field, Scalar
 from jaxstab.branches.critical_load import CriticalLoad, critical_load_at
 from jaxstab.branches.limit import Limit, limit_ahead
 from jaxstab.checks import scalar_parameter
-from jaxstab.contact import Contact
+from jaxstab.contact import Contact, require_contact
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.state import State, single_equilibrium, state_at
@@ -47,7 +47,8 @@ def pull_off(
     The contact is followed as by `jaxstab.follow`: unlike a fold in a bracket, this is the last
     jump, whatever jumps come before. Under a dead load it leaves no state. A machine of a finite
     stiffness can catch the contact again: of its jumps the one from the largest tension counts. If
-    it is so stiff that tension passes a maximum without a jump, that was larger.
+    it is so stiff that tension passes a maximum without a jump, that was larger. Jumps that lose
+    about 1e-4 of the problem's own energy may be passed over (`follow`).
 
     Arguments:
         contact: the contact problem.
@@ -69,6 +70,7 @@ def pull_off(
         SolverError: if `throw`, where there is no state to unload from, or it comes apart without
             a jump.
     """
+    require_contact(contact)
     warn_if_coarse(contact, FOR_JUMPS)
     pressure, start = _start(jax.lax.stop_gradient(contact), initial)
     whole, start = whole_start(contact, MeanPressure(pressure), start)

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.image import AxesImage
 
-from jaxstab.contact import Contact
+from jaxstab.contact import Contact, require_contact
 from jaxstab.equilibrium.state import State, equilibrium_of
 from jaxstab.labels import with_unit
 from jaxstab.plots.style import axes_or_new
@@ -18,6 +18,7 @@ from jaxstab.stacks import require_single
 
 def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
     """Draw the heights h: a map, or a profile on a line."""
+    require_contact(contact)
     return _field(contact, contact.heights, "height h [length]", "cividis", axes)
 
 

@@ -49,7 +49,7 @@ def path(
 
 
 def require_path(path: Path) -> None:
-    """Raise `TypeError` for what is not a path, and `ValueError` for several at once."""
+    """Raise `TypeError` for what is not a path, `ValueError` for several or one without a curve."""
     if not isinstance(path, Path):
         raise TypeError(
             f"{type(path).__name__} is not a path: give what jaxstab.follow returned. A sweep is "
@@ -57,6 +57,10 @@ def require_path(path: Path) -> None:
         )
     if path.load.value.ndim != 1:
         raise ValueError("These are several paths: draw one of them, chosen by jax.tree.map.")
+    if path.load.value.size < 2:
+        raise ValueError(
+            f"The path has {path.load.value.size} states ({path.result.name}), a curve two or more."
+        )
 
 
 def _draw(path: Path, x: Quantity, y: Quantity, unit: str | None, axes: Axes) -> Axes:

@@ -6,17 +6,31 @@ h = A cos(2 pi x / L). K. L. Johnson, *Contact Mechanics* (1985), section 13.2.
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxstab.references.checks import positive, require
+
 
 def full_contact_pressure(amplitude: float, length: float, contact_modulus: float) -> float:
-    """Return p* = pi E* A / L, the mean pressure at which contact becomes full [pressure]."""
+    """Return p* = pi E* A / L, the mean pressure at which contact becomes full [pressure].
+
+    Raises:
+        ValueError: for an amplitude, length or modulus that is not positive.
+    """
+    positive(amplitude=amplitude, length=length, contact_modulus=contact_modulus)
     return np.pi * contact_modulus * amplitude / length
 
 
 def contact_fraction(
     mean_pressure: float, amplitude: float, length: float, contact_modulus: float
 ) -> float:
-    """Return 2 a / L = (2 / pi) asin(sqrt(p / p*)), the part of the period in contact."""
-    ratio = mean_pressure / full_contact_pressure(amplitude, length, contact_modulus)
+    """Return 2 a / L = (2 / pi) asin(sqrt(p / p*)), the part of the period in contact.
+
+    Raises:
+        ValueError: for a pressure that is negative or above p*, or others that are not positive.
+    """
+    most = full_contact_pressure(amplitude, length, contact_modulus)
+    is_partial = (mean_pressure >= 0) & (mean_pressure <= most)
+    require("mean pressure", mean_pressure, is_partial, f"one from 0 to {most:.6g}")
+    ratio = mean_pressure / most
     return float(2 / np.pi * np.arcsin(np.sqrt(ratio)))
 
 

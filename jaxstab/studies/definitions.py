@@ -5,18 +5,18 @@ import dis
 import inspect
 from collections.abc import Iterator
 from types import CodeType, FunctionType
+from typing import Any
 
 Node = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 _GLOBAL = {"LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS"}
 
 
-def definition(function: FunctionType) -> tuple[list[Node], str]:
-    """Return the nodes that define a function, and the lines of source that they are on.
-
-    Several where lambdas share a line.
+def definition(function: FunctionType) -> tuple[Node, str]:
+    """Return the node that defines a function, and the lines of source that it is on.
 
     Raises:
-        ValueError: where the source is not found, or is no longer that of the function.
+        ValueError: where the source is not found, or is no longer that of the function, or where
+            lambdas share a line and Python does not keep which is which.
     """
     code, name = function.__code__, function.__qualname__
     try:
@@ -33,9 +33,15 @@ def definition(function: FunctionType) -> tuple[list[Node], str]:
             f"`{name}` is no longer what stands in {code.co_filename}: import it anew, or restart "
             "Python."
         )
-    first = min(map(_first_line, nodes))
-    last = max(node.end_lineno or first for node in nodes)
-    return nodes, inspect.cleandoc("\n" + "".join(lines[first - 1 : last]))
+    node = _compiled_to(code, nodes)
+    if node is None:
+        raise ValueError(
+            f"Several lambdas stand on line {code.co_firstlineno} of {code.co_filename}: write "
+            "each on a line of its own."
+        )
+    first = _first_line(node)
+    last = node.end_lineno or first
+    return node, inspect.cleandoc("\n" + "".join(lines[first - 1 : last]))
 
 
 def plain(node: ast.AST) -> str:
@@ -49,7 +55,7 @@ def plain(node: ast.AST) -> str:
     return ast.unparse(node)
 
 
-def global_names(function: FunctionType, nodes: list[Node]) -> list[str]:
+def global_names(function: FunctionType, node: Node) -> list[str]:
     """Return the names that a function and its decorators take from outside, sorted."""
     names = {
         instruction.argval
@@ -57,7 +63,7 @@ def global_names(function: FunctionType, nodes: list[Node]) -> list[str]:
         for instruction in dis.get_instructions(code)
         if instruction.opname in _GLOBAL
     }
-    marks = [mark for node in nodes for mark in getattr(node, "decorator_list", [])]
+    marks = getattr(node, "decorator_list", [])
     names |= {x.id for mark in marks for x in ast.walk(mark) if isinstance(x, ast.Name)}
     return sorted(names)
 
@@ -65,6 +71,22 @@ def global_names(function: FunctionType, nodes: list[Node]) -> list[str]:
 def _is_of(node: Node, code: CodeType) -> bool:
     is_named = getattr(node, "name", "<lambda>") == code.co_name
     return is_named and _first_line(node) == code.co_firstlineno
+
+
+def _compiled_to(code: CodeType, nodes: list[Node]) -> Node | None:
+    """Return which of the nodes that begin on a line a code is of, None where none can be told."""
+    if len(nodes) == 1:
+        return nodes[0]
+    # Of lambdas within each other, both hold what the inner one does.
+    places = [place for place in code.co_positions() if None not in place and place[3] != place[2]]
+    around = [node for node in nodes if all(_holds(node.body, place) for place in places)]
+    return max(around, key=lambda node: node.col_offset) if places and around else None
+
+
+def _holds(body: Any, place: tuple[int | None, ...]) -> bool:
+    first, last, start, end = place
+    is_after = (body.lineno, body.col_offset) <= (first, start)
+    return is_after and (last, end) <= (body.end_lineno, body.end_col_offset)
 
 
 def _first_line(node: Node) -> int:

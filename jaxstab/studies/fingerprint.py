@@ -31,7 +31,7 @@ def fingerprint(function: Callable[..., Any]) -> dict[str, str]:
         TypeError: for a value of which the content cannot be told.
         ValueError: where the source of a function is not found, or is no longer what runs.
     """
-    reader = _Reader(getattr(inspect.unwrap(_inner(function)), "__globals__", {}))
+    reader = _Reader(getattr(inspect.unwrap(innermost(function)), "__globals__", {}))
     reader.add(getattr(function, "__name__", "case"), function)
     reader.parts["jax_enable_x64"] = str(jax.config.values["jax_enable_x64"])
     return reader.parts
@@ -39,7 +39,7 @@ def fingerprint(function: Callable[..., Any]) -> dict[str, str]:
 
 def source_of(function: Callable[..., Any]) -> str:
     """Return the lines that a function is written on."""
-    return definition(inspect.unwrap(_inner(function)))[1]
+    return definition(inspect.unwrap(innermost(function)))[1]
 
 
 def differences(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:
@@ -47,7 +47,7 @@ def differences(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:
     return [name for name in {**one, **other} if one.get(name) != other.get(name)]
 
 
-def _inner(function: Any) -> Any:
+def innermost(function: Any) -> Any:
     """Return the function within ready-made cases, partial functions and methods."""
     names = {Case: "build", partial: "func", MethodType: "__func__"}
     while name := next((name for kind, name in names.items() if isinstance(function, kind)), None):
@@ -126,14 +126,14 @@ class _Reader:
         name = self._free(function.__qualname__.rpartition("<locals>.")[-1])
         self._seen[id(function)] = f"function {name}"
         self.parts[name] = ""
-        nodes, _ = definition(function)
+        node, _ = definition(function)
         defaults = [function.__defaults__ or (), function.__kwdefaults__ or {}]
-        texts = [*map(plain, nodes), self._described_parts(f"{name}: default", defaults)]
+        texts = [plain(node), self._described_parts(f"{name}: default", defaults)]
         self.parts[name] = _digest(str(texts))
         cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
         for variable, cell in cells:
             self.add(variable, _content(cell))
-        for variable in global_names(function, nodes):
+        for variable in global_names(function, node):
             if variable in self.names:
                 self.add(variable, self.names[variable])
         return self._seen[id(function)]

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxstab.cases import Case
 from jaxstab.refill import Lanes, Programs
-from jaxstab.studies.axes import Axis, Index, arguments_of, places, stacked_at, values_at
+from jaxstab.studies.axes import LISTED, Axis, Index, arguments_of, places, stacked_at, values_at
 from jaxstab.studies.outputs import arrays_of
 from jaxstab.studies.queue import Queue
 from jaxstab.studies.store import Store
@@ -158,7 +158,7 @@ class Runner:
         is_first = not self.store.has_forms
         index = self.store.index(place)
         try:
-            arrays = arrays_of(outputs, arguments_of(self.axes))
+            arrays = arrays_of(outputs, {LISTED, *arguments_of(self.axes)})
             self.store.require_forms(arrays)
         except (TypeError, ValueError) as error:
             if is_first:

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 from jaxstab.checks import integer
@@ -14,7 +15,7 @@ from jaxstab.packages import require_packages
 from jaxstab.progress import progress_bar
 from jaxstab.studies.axes import LISTED, Axis, arguments_of, places, read_axes
 from jaxstab.studies.claims import claims_in
-from jaxstab.studies.fingerprint import fingerprint, source_of
+from jaxstab.studies.fingerprint import fingerprint, innermost, source_of
 from jaxstab.studies.outputs import MARKS
 from jaxstab.studies.queue import Queue
 from jaxstab.studies.run import Runner
@@ -141,8 +142,8 @@ def _stopped_by_interrupt(queue: Queue) -> Iterator[Callable[[], bool]]:
 
 
 def _require_arguments(case: Callable[..., Any], axes: list[Axis]) -> None:
-    if not callable(case):
-        raise TypeError(f"The case is {type(case).__name__}: give a function.")
+    if not isinstance(inspect.unwrap(innermost(case)), FunctionType):
+        raise TypeError(f"The case is of type {type(case).__name__}: give a function.")
     names = arguments_of(axes)
     taken = [name for name in names if name in (*MARKS, LISTED)]
     if taken:

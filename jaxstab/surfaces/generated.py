@@ -16,7 +16,7 @@ from jaxstab.checks import (
     require_positive,
     scalar_parameter,
 )
-from jaxstab.grid import Grid
+from jaxstab.grid import Grid, require_grid
 from jaxstab.surfaces.statistics import nyquist, rms_derivative
 
 
@@ -34,10 +34,11 @@ def sinusoid(
         Heights [length], of zero mean.
 
     Raises:
-        ValueError: if there is not one number of waves for each side, all are zero, or the
-            amplitude is an array.
+        ValueError: if there is not one number of waves for each side, all are zero, the grid does
+            not resolve them, or the amplitude is an array.
         TypeError: if a number of waves is not an integer.
     """
+    require_grid(grid)
     if waves is None:
         waves = (1,) + (0,) * (len(grid.shape) - 1)
     elif isinstance(waves, int | float | np.integer):
@@ -45,6 +46,8 @@ def sinusoid(
     if len(waves) != len(grid.shape) or not any(waves):
         raise ValueError(f"waves are {waves}: give one number for each side, not all zero.")
     numbers = np.array([integer("A number of waves", k) for k in waves])
+    cure = f"it must not exceed half of the points, {grid.shape}."
+    require("A number of waves", numbers, 2 * np.abs(numbers) <= grid.shape, cure)
     return _sinusoid(grid, scalar_parameter(amplitude, "The amplitude"), numbers)
 
 
@@ -96,6 +99,7 @@ def self_affine(
             place of numbers.
         TypeError: for a key that is not one.
     """
+    require_grid(grid)
     require_key(key)
     targets = [x for x in (rms_height, rms_slope) if x is not None]
     if len(targets) != 1:
@@ -157,7 +161,9 @@ def _wave_noise(grid: Grid, key: PRNGKeyArray) -> Complex[Array, " *modes"]:
     k = across[0] if across else jnp.zeros_like(along)
     # Of the waves k and -k the half spectrum keeps both only where `along` is zero.
     is_conjugate = (along == 0) & (k < 0)
-    label = grid.placed((jnp.where(is_conjugate, -k, k) & 0xFFFF) | (along << 16))
+    # On a line waves of more than 16 bits go where those across would be.
+    rest = 0 if across else along >> 16
+    label = grid.placed((jnp.where(is_conjugate, -k, k) & 0xFFFF) | (along << 16) | rest)
     keys = jax.vmap(jax.random.fold_in, (None, 0))(key, label.ravel().astype(jnp.uint32))
     real, imaginary = jax.vmap(lambda key: jax.random.normal(key, (2,)))(keys).T
     noise = (real + 1j * jnp.where(is_conjugate.ravel(), -imaginary, imaginary)) * grid.size

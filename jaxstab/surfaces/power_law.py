@@ -41,8 +41,14 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
         spectrum: what `power_spectrum` returns; one ring holds at most two waves on a line.
 
     Raises:
+        TypeError: for what is no spectrum.
         ValueError: if the spectrum is not finite, or has fewer than five rings with waves.
     """
+    if not isinstance(spectrum, PowerSpectrum):
+        raise TypeError(
+            f"{type(spectrum).__name__} is no spectrum: give what jaxstab.surfaces.power_spectrum "
+            "returned."
+        )
     q, density, count = (
         np.asarray(x, float) for x in (spectrum.wavenumber, spectrum.density, spectrum.num_waves)
     )

@@ -16,7 +16,7 @@ from jaxstab.checks import (
     require_positive,
     scalar_parameter,
 )
-from jaxstab.grid import Grid
+from jaxstab.grid import Grid, require_grid
 
 Heights = Float[Array, " *grid"]
 Scalar = Float[Array, ""]
@@ -35,6 +35,7 @@ def paraboloid(grid: Grid, radius: ArrayLike) -> Heights:
     Raises:
         ValueError: if the radius is not positive.
     """
+    require_grid(grid)
     return _paraboloid(grid, _positive("The radius", radius))
 
 
@@ -56,6 +57,7 @@ def sphere(grid: Grid, radius: ArrayLike) -> Heights:
     Raises:
         ValueError: if the radius is not positive.
     """
+    require_grid(grid)
     return _sphere(grid, _positive("The radius", radius))
 
 
@@ -81,6 +83,7 @@ def cone(grid: Grid, slope: ArrayLike) -> Heights:
     Raises:
         ValueError: if the slope is not positive.
     """
+    require_grid(grid)
     return _cone(grid, _positive("The slope", slope))
 
 
@@ -103,6 +106,7 @@ def flat_punch(grid: Grid, radius: ArrayLike, rim_radius: ArrayLike) -> Heights:
     Raises:
         ValueError: if a radius is not positive.
     """
+    require_grid(grid)
     radii = _positive("The radius", radius), _positive("The radius of the rim", rim_radius)
     return _flat_punch(grid, *radii)
 
@@ -131,6 +135,7 @@ def wavy_sphere(
     Raises:
         ValueError: if radius or wavelength are not positive, or the amplitude not finite.
     """
+    require_grid(grid)
     amplitude = scalar_parameter(amplitude, "The amplitude")
     require("The amplitude", amplitude, abs(known(amplitude)) < np.inf, "it must be finite.")
     radius, wavelength = _positive("The radius", radius), _positive("The wavelength", wavelength)
@@ -161,6 +166,7 @@ def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Hei
         ValueError: for radii that do not ascend from zero, or end before the corners; for heights
             of another shape, or not finite.
     """
+    require_grid(grid)
     radii = parameter(profile_radii, "The array of radii")
     heights = parameter(profile_heights, "The array of heights")
     if radii.ndim != 1 or radii.size < 2 or radii.shape != heights.shape:

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.checks import are_finite, is_traced, known, numbers, parameter, require
-from jaxstab.grid import Grid
+from jaxstab.grid import Grid, require_grid
 from jaxstab.surfaces.topography import Topography
 
 if TYPE_CHECKING:
@@ -193,10 +193,7 @@ def _grid_of(solid: "Solid") -> Grid:
 
 def _heights_on(grid: Grid, heights: Any) -> Float[Array, " *grid"]:
     """Return heights as an array, which must be on the grid."""
-    if not isinstance(grid, Grid):
-        raise TypeError(
-            f"The grid is a {type(grid).__name__}: give the grid first, then the heights."
-        )
+    require_grid(grid)
     heights = _complete(heights.on(grid) if isinstance(heights, Topography) else heights)
     if heights.shape != grid.shape:
         raise ValueError(

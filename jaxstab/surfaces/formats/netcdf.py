@@ -104,7 +104,8 @@ def _length(data: Any, side: str, spacing: float | None) -> float | None:
 
 def _unit(variable: Any) -> str | None:
     unit = variable.attrs.get("units", variable.attrs.get("unit"))
-    return unit_of(str(unit)) if unit else None
+    # Where a length has no unit, files of results say that it is one.
+    return unit_of(str(unit)) if unit and unit != "length" else None
 
 
 def _unit_of_sides(data: Any, sides: list[str]) -> str | None:
