@@ -243,7 +243,8 @@ def _suspicions(
 ) -> list[str]:
     """Return what looks wrong with heights on a solid: on a window edges need not meet."""
     if topography:
-        return topography.wrong_scale if solid.is_window else topography.suspicions
+        on_window = [*topography.wrong_scale, *topography.spread]
+        return on_window if solid.is_window else topography.suspicions
     is_unseen = solid.is_window or is_traced(heights) or is_spread(heights)
     return [] if is_unseen else suspicion.looks_wrong(np.asarray(heights))
 

@@ -324,6 +324,7 @@ def test_what_to_cite_is_said(capsys):
         (["--seed", "4294967296"], "--seed: '4294967296' is not a whole number from 0"),
         (["--size", "1"], "--size: '1' is not a whole number of at least 2."),
         (["--range", "wide"], "--range: 'wide' is not a finite number."),
+        (["--first", "-1e-3", "--last", "wide"], "--last: 'wide' is not a finite number."),
         (["--range", "inf"], "--range: 'inf' is not a finite number."),
         (["--potential", "glue"], "invalid choice: 'glue'"),
         (["--load", "force"], "invalid choice: 'force'"),

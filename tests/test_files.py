@@ -161,9 +161,9 @@ def test_a_law_defined_in_a_script_comes_back_in_it_and_is_asked_for_elsewhere(t
 
 
 def test_of_a_bare_function_values_are_kept_and_a_warning_says_so(case, tmp_path):
-    _, sweep = case
-    dtype = sweep.equilibrium.gap.dtype
+    dtype = case[1].equilibrium.gap.dtype
     contact = contact_of(lambda gap: -0.01 * jnp.exp(-gap / 0.2), dtype)
+    sweep = js.sweep(contact, js.MeanGap(jnp.array([0.1, 0.2], dtype)))
     with pytest.warns(UserWarning, match=r"bare.nc holds values of `<lambda>`, no formula"):
         path = js.save(tmp_path / "bare.nc", contact, sweep)
     loaded, result = js.load(path)
@@ -415,3 +415,15 @@ def test_the_surface_of_a_result_without_a_unit_can_be_read(tmp_path):
     np.testing.assert_array_equal(surface.heights, contact.heights)
     np.testing.assert_allclose(surface.lengths, LENGTHS)
     assert surface.unit is None
+
+
+def test_a_result_of_another_contact_is_refused(case, tmp_path):
+    contact, sweep = case
+    others = [
+        eqx.tree_at(lambda contact: contact.heights, contact, contact.heights[::-1]),
+        eqx.tree_at(lambda contact: contact.solid.youngs_modulus, contact, 2.0),
+    ]
+    for other in others:
+        with pytest.raises(ValueError, match=r"no equilibrium of this contact.*it came from"):
+            js.save(tmp_path / "other.nc", other, sweep)
+    assert not (tmp_path / "other.nc").exists()

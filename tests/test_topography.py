@@ -1,5 +1,6 @@
 """What is done to measured surfaces, and what is said of those that look wrong."""
 
+import re
 import warnings
 
 import jax
@@ -347,3 +348,18 @@ def test_every_method_takes_a_profile():
     assert profile.detrended(2).cropped((0.5, 1.5)).periodic("window").grid.shape == (64,)
     contact = js.Contact(js.HalfSpace(grid, 1.0), profile, LAW)
     np.testing.assert_array_equal(contact.heights, heights)
+
+
+def test_what_looks_wrong_is_still_said_once_a_fourier_series_has_spread_it():
+    x = np.linspace(0, 1, 64)[:, None]
+    tilted = topography(0.002 * np.random.default_rng(0).normal(size=(64, 48)) + 0.02 * x)
+    assert len(tilted.suspicions) == 1
+    for change in (lambda t: t.resampled((128, 96)), lambda t: t.filtered(k_high=4)):
+        changed = change(tilted)
+        assert re.match("before it was .*, the surface is tilted", changed.suspicions[0])
+        assert "looks wrong  before it was" in repr(changed)
+        solid = js.FreeHalfSpace(changed.grid, 1.0)
+        with pytest.warns(js.surfaces.SurfaceWarning, match="before it was"):
+            js.Contact(solid, changed, js.potentials.NoAdhesion())
+        assert not change(tilted.detrended(1).periodic("window")).spread
+    assert not tilted.resampled((32, 24), "area").spread

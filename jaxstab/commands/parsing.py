@@ -1,6 +1,7 @@
 """How arguments are read: bad ones end in one line and the exit code 2."""
 
 import argparse
+import re
 import tomllib
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -10,6 +11,9 @@ from typing import Any, NoReturn
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 
+_NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$", re.IGNORECASE)
+
+
 class Parser(argparse.ArgumentParser):
     """A parser that says in one line what is wrong, and takes no abbreviations."""
 
@@ -17,6 +21,8 @@ class Parser(argparse.ArgumentParser):
         super().__init__(
             allow_abbrev=False, formatter_class=argparse.RawDescriptionHelpFormatter, **options
         )
+        # That of argparse knows no exponents: it takes -1e-3 for an option.
+        self._negative_number_matcher = _NEGATIVE
 
     def error(self, message: str) -> NoReturn:
         """Exit with a line on what is wrong."""

@@ -4,19 +4,24 @@ import json
 import platform
 from collections.abc import Mapping
 from importlib.metadata import version
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
+import jax
 import numpy as np
 
+from jaxstab.checks import is_traced
 from jaxstab.contact import Contact, require_contact
 from jaxstab.display import text
 from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.recognition import recognised
 from jaxstab.files.law import law_variables
 from jaxstab.files.records import Record, Recorder, Structure, indicators
 from jaxstab.labels import LENGTH, QUANTITIES, with_unit
 from jaxstab.packages import require_packages
 from jaxstab.paths import Path
+from jaxstab.results import RESULTS
 from jaxstab.stability import Stability
 from jaxstab.sweeps import Sweep
 
@@ -64,11 +69,13 @@ def to_dataset(
     require_contact(contact)
     if contact.heights.shape != contact.grid.shape:
         raise ValueError("These are several contacts: choose one of them by jax.tree.map.")
+    axes = _axes(contact, result)
+    _require_own(contact, result)
     recorder = Recorder(contact.grid.shape)
     structure = {
         "format": FORMAT,
         "contact": recorder.structure(contact, ("contact",)),
-        "result": recorder.structure(result, (), *_axes(contact, result)),
+        "result": recorder.structure(result, (), *axes),
     }
     records = recorder.records
     if not fields:
@@ -106,6 +113,22 @@ def _axes(contact: Contact, result: Result) -> tuple[tuple[str, ...], Mapping[st
             f"{contact.grid.shape}: give the contact that it came from."
         )
     return axes, _PATH_AXES if isinstance(result, Path) else {}
+
+
+def _require_own(contact: Contact, result: Result) -> None:
+    """Raise `ValueError` where the first or the last state found is none of this contact."""
+    states = result.equilibrium if isinstance(result, Sweep) else result
+    if not isinstance(states, Equilibrium) or is_traced(states):
+        return
+    found = np.flatnonzero(np.ravel(states.result == RESULTS.successful))
+    for i in {*found[:1], *found[-1:]}:
+        place = np.unravel_index(i, states.stack_shape)
+        state = jax.tree.map(itemgetter(place), states)
+        if recognised(contact, state) != RESULTS.successful:
+            raise ValueError(
+                "The result is no equilibrium of this contact, whose heights, law or solid are "
+                "others: give the contact that it came from."
+            )
 
 
 def _is_scalar(record: Record) -> bool:

@@ -30,6 +30,8 @@ class Topography:
         unit: that of heights and lengths, from pm to km, or None.
         remarks: what was done to it, in words.
         is_periodic: whether opposite edges are known to meet.
+        spread: what looked wrong with its edges when a Fourier series, which rings there, spread it
+            over the surface.
 
     Raises:
         ValueError: for heights of another shape than the grid, infinite, or missing altogether,
@@ -42,6 +44,7 @@ class Topography:
     unit: str | None = None
     remarks: tuple[str, ...] = ()
     is_periodic: bool = False
+    spread: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.grid, Grid):
@@ -83,8 +86,11 @@ class Topography:
 
         Of tilt and edges nothing is said with fewer than 32 points along a side, too few to tell.
         """
-        edges = [] if self.is_periodic else suspicion.looks_wrong(self.heights)
-        return self.wrong_scale + edges
+        return [*self.wrong_scale, *self.spread, *self._wrong_edges]
+
+    @property
+    def _wrong_edges(self) -> list[str]:
+        return [] if self.is_periodic else suspicion.looks_wrong(self.heights)
 
     @property
     def wrong_scale(self) -> list[str]:
@@ -235,15 +241,17 @@ class Topography:
         grid = Grid(numbers, self.lengths)
         if grid.shape == self.grid.shape:
             return self
+        spread = self.spread
         if method == "area":
             heights = processing.area_average(self.heights, grid.shape)
         else:
+            spread = self._spread_by("resampled")
             self.require_complete('`.resampled(method="spectral")`')
             # In double precision, whatever that of the contact is to be.
             with jax.enable_x64(True):
                 heights = np.asarray(resample(jax.device_put(self.heights), grid.shape))
         remark = f"resampled from {_times(self.grid.shape)} points ({method})"
-        return self._changed(remark, grid=grid, heights=heights)
+        return self._changed(remark, grid=grid, heights=heights, spread=spread)
 
     def filtered(self, k_low: float | None = None, k_high: float | None = None) -> "Topography":
         """Return the waves from k_low to k_high, sharply cut, and the mean.
@@ -266,7 +274,9 @@ class Topography:
         waves = np.sqrt(sum((k * ratio) ** 2 for k, ratio in sides))
         margin = 1 + _ROUNDING
         heights = processing.band_passed(self.heights, waves, low / margin, high * margin)
-        return self._changed(f"waves from {low:g} to {high:g} per longest side", heights=heights)
+        remark = f"waves from {low:g} to {high:g} per longest side"
+        spread = self._spread_by("filtered")
+        return self._changed(remark, heights=heights, spread=spread)
 
     def periodic(self, how: Literal["window", "mirror", "as_is"]) -> "Topography":
         """Return a surface whose opposite edges meet.
@@ -294,6 +304,9 @@ class Topography:
             grid = Grid(heights.shape, 2 * self.lengths)
             remark = "mirrored, twice as long along each side"
         return self._changed(remark, grid=grid, heights=heights, is_periodic=True)
+
+    def _spread_by(self, change: str) -> tuple[str, ...]:
+        return (*self.spread, *(f"before it was {change}, {what}" for what in self._wrong_edges))
 
     def _changed(self, remark: str, **fields: Any) -> "Topography":
         return replace(self, remarks=(*self.remarks, remark), **fields)
