@@ -26,8 +26,17 @@ _LONGEST_TEXT = 120
 
 def inline(self: Any) -> str:
     """Return a module on one line, without fields on a grid and history: a `__repr__`."""
-    arguments = [f"{name}={text(value)}" for name, value in _named(self, with_grids=False)]
-    return f"{type(self).__name__}({', '.join(arguments)})"
+    return _line(self, with_grids=False)
+
+
+def whole(self: Any) -> str:
+    """Return a module on one line with all of its fields: a `__repr__`."""
+    return _line(self, with_grids=True)
+
+
+def _line(module: Any, with_grids: bool) -> str:
+    arguments = [f"{name}={text(value)}" for name, value in _named(module, with_grids)]
+    return f"{type(module).__name__}({', '.join(arguments)})"
 
 
 def block(self: Any) -> str:

@@ -321,3 +321,12 @@ def test_a_path_prints_what_it_is_and_its_jumps(hertz):
     traced = []
     jax.eval_shape(lambda path: traced.append(repr(path)), path)
     assert traced[0].startswith("Path")
+
+
+def test_laws_show_their_numbers_and_the_range_of_those_that_vary():
+    law = js.potentials.Exponential(0.06, 0.25)
+    assert repr(law) == "Exponential(surface_energy=0.06, length=0.25)"
+    field = jnp.linspace(0.01, 0.02, 64).reshape(8, 8)
+    assert repr(js.potentials.Varying(js.potentials.Exponential(field, 0.25))) == (
+        "Varying(law=Exponential(surface_energy=float64[8, 8] from 0.01 to 0.02, length=0.25))"
+    )

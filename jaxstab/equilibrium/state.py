@@ -44,8 +44,9 @@ class Equilibrium(Stackable, eqx.Module):
         residual: the relative optimality residual.
         num_steps: steps that the solver took.
         result: a member of `RESULTS`: how the solver ended.
-        history: the indicator "residual" as the solver went, and "energy" [energy/area] where the
-            solver measures it.
+        history: the indicator "residual" as the solver went, and where the solver measures it
+            "energy", u.Ku / 2 + sum f(g) (Rey & Bleyer, eq. 15) and the work of the load, which is
+            the energy of the surface over the area of one cell [energy/area].
     """
 
     load: Load

@@ -9,6 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from jaxstab.display import whole
+
 Potential = Callable[[Float[Array, ""]], Float[Array, ""]]
 
 
@@ -23,6 +25,8 @@ class Varying(eqx.Module):
     """
 
     law: Potential
+
+    __repr__ = whole
 
     def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
         """Return the mean energy per area at a gap [length]."""

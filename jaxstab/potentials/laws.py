@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.checks import known, parameter, require, require_positive
+from jaxstab.display import whole
 
 
 class _RangedLaw(eqx.Module):
@@ -14,6 +15,8 @@ class _RangedLaw(eqx.Module):
 
     surface_energy: Float[Array, ""]
     length: Float[Array, ""]
+
+    __repr__ = whole
 
     def __init__(self, surface_energy: ArrayLike, length: ArrayLike):
         self.surface_energy = parameter(surface_energy)
