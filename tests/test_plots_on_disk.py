@@ -106,7 +106,7 @@ def test_nothing_is_overwritten_and_no_nonsense_saved(drawn, tmp_path):
         plots.save(drawn, tmp_path / "figure.doc")
     with pytest.raises(FileNotFoundError, match="make it first"):
         plots.save(drawn, tmp_path / "nowhere" / "figure.png")
-    for width in ("triple", 0, float("nan"), None):
+    for width in ("triple", 0, float("nan"), "90"):
         with pytest.raises(ValueError, match=rf"width is {width!r}: choose"):
             plots.save(drawn, tmp_path / "other.png", width=width)
     with pytest.raises(TypeError, match="list is no figure"):
@@ -171,3 +171,12 @@ def test_what_cannot_be_filmed_is_told(hertz, loop, tmp_path):
     file.touch()
     with pytest.raises(FileExistsError, match="is not overwritten"):
         plots.animation(hertz, loop, file)
+
+
+def test_by_default_a_wide_figure_fills_a_page_and_in_a_column_it_is_told_to_be_crowded(tmp_path):
+    figure, _ = plt.subplots(1, 2, figsize=(10, 4))
+    page = plots.save(figure, tmp_path / "page.png")
+    with pytest.warns(UserWarning, match="figure of 254 mm is hardly to be read at 90 mm"):
+        column = plots.save(figure, tmp_path / "column.png", width="single")
+    widths = [plt.imread(file).shape[1] / 300 * 25.4 for file in (page, column)]
+    np.testing.assert_allclose(widths, [190, 90], atol=0.2)

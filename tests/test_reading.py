@@ -178,3 +178,19 @@ def test_three_columns_on_no_lattice_are_a_matrix(tmp_path):
         read = js.surfaces.read(tmp_path / "a", (1, 1))
     np.testing.assert_array_equal(read.heights, heights)
     assert "a matrix of three columns" in str(read)
+
+
+@pytest.mark.parametrize("corner", ["", "0"])
+def test_a_matrix_with_coordinates_in_its_first_row_and_column_is_refused(tmp_path, corner):
+    heights = np.random.default_rng(0).normal(size=(8, 6))
+    rows = [[corner, *map(str, 0.5 * np.arange(6))]]
+    rows += [[str(0.5 * i), *map(str, row)] for i, row in enumerate(heights)]
+    (tmp_path / "scan.csv").write_text("\n".join(map(",".join, rows)))
+    with pytest.raises(ValueError, match="first row and its first column look like coordinates"):
+        js.surfaces.read(tmp_path / "scan.csv")
+    # A plane is one.
+    plane = np.arange(8)[:, None] + 2.0 * np.arange(6)
+    np.savetxt(tmp_path / "plane.txt", plane)
+    np.testing.assert_array_equal(
+        js.surfaces.read(tmp_path / "plane.txt", lengths=(8, 12)).heights, plane
+    )

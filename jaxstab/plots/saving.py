@@ -1,5 +1,6 @@
 """Figures on disk, as journals print them."""
 
+import warnings
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from io import BytesIO
@@ -28,11 +29,13 @@ _FONT, _TICK_FONT = 8, 7
 # Thinner lines do not print.
 _MOST_SHRUNK = 0.5
 _DPI = 300
+# A figure that is printed at less of its width is full of letters.
+_MOST_CROWDED = 0.45
 # Letters stay letters, which can be searched and edited.
 _AS_TEXT: dict[Any, Any] = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}
 
 
-def save(figure: Figure | Axes, file: str | Path, *, width: Width = "single") -> Path:
+def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None) -> Path:
     """Save a figure at the width at which it will be printed, and leave it as it was.
 
     At that size its letters have 8 points, those at ticks 7; lines and markers shrink with it, but
@@ -41,7 +44,8 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width = "single") ->
     Arguments:
         figure: the figure, or axes of it.
         file: where to; it must not exist yet. Its ending says the format: .pdf, .svg, .png, ...
-        width: "single" for a column of 90 mm, "double" for a page of 190 mm, or a number [mm].
+        width: "single" for a column of 90 mm, "double" for a page of 190 mm, or a number [mm]; by
+            default a column, or a page for a figure that is wider than one.
 
     Returns:
         The path of the file.
@@ -55,7 +59,14 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width = "single") ->
         raise TypeError(f"{type(figure).__name__} is no figure: give a figure, or axes of one.")
     whole: Any = figure.figure.figure
     target = new_file(file, whole.canvas.get_supported_filetypes())
-    with plt.rc_context(_AS_TEXT), _as_printed(whole, _millimetres(width) * _MM):
+    printed, drawn = _millimetres(width, whole), whole.get_size_inches()[0] / _MM
+    if printed < _MOST_CROWDED * drawn:
+        warnings.warn(
+            f"A figure of {drawn:.0f} mm is hardly to be read at {printed:.0f} mm, where letters "
+            'keep their size: choose width="double".',
+            stacklevel=2,
+        )
+    with plt.rc_context(_AS_TEXT), _as_printed(whole, printed * _MM):
         picture = BytesIO()
         whole.savefig(picture, format=target.suffix[1:].lower(), dpi=_DPI)
     return written(target, picture.getvalue())
@@ -87,7 +98,9 @@ def written(path: Path, content: bytes) -> Path:
     return path
 
 
-def _millimetres(width: Width) -> float:
+def _millimetres(width: Width | None, figure: Figure) -> float:
+    if width is None:
+        width = "single" if figure.get_size_inches()[0] <= _WIDTHS["double"] * _MM else "double"
     number = _WIDTHS.get(width) if isinstance(width, str) else width
     if not isinstance(number, int | float) or not 0 < number < np.inf:
         raise ValueError(f'width is {width!r}: choose "single", "double" or a number of mm.')

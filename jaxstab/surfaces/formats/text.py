@@ -13,6 +13,8 @@ _OFF_LATTICE = 0.05
 _NO_GAP = 0.1
 # Longer tables of three columns are points: what is no lattice then is no matrix either.
 _LONGEST_OF_THREE = 50
+# In smaller tables heights may rise evenly by chance.
+_FEWEST_WITH_COORDINATES = 5
 # With digits on both sides, as `1, 2` and `1,,2` have not.
 _DECIMAL = re.compile(r"[+-]?\d+(,\d+)?(e[+-]?\d+)?|nan", re.IGNORECASE)
 
@@ -29,7 +31,8 @@ def read_text(text: str) -> Scan:
 
     Raises:
         ValueError: if a word is no number, a number infinite, or a line of another length, if
-            commas may be decimal ones or not, and for points on no lattice.
+            commas may be decimal ones or not, for points on no lattice, and for coordinates in the
+            first row and column.
     """
     rows = _uncommented(text)
     has_decimal_commas = _has_decimal_commas(rows)
@@ -46,7 +49,22 @@ def _scan(table: np.ndarray, header: Header | None) -> Scan:
         return _of_points(*table.T) or _of_three_columns(table)
     if table.shape[1] == 2 and (scan := _of_profile(*table.T)):
         return scan
+    if _has_coordinates(table):
+        raise ValueError(
+            "its first row and its first column look like coordinates: save the heights alone, or "
+            "points x y z."
+        )
     return Scan(on_a_side_or_two(table))
+
+
+def _has_coordinates(table: np.ndarray) -> bool:
+    """Whether the first row and column rise evenly from a corner that is no height."""
+    if min(table.shape) < _FEWEST_WITH_COORDINATES:
+        return False
+    has_corner = table[0, 0] == 0 or np.isnan(table[0, 0])
+    sides_rise = all((even_spacing(side) or 0) > 0 for side in (table[0, 1:], table[1:, 0]))
+    # A plane rises evenly everywhere.
+    return bool(has_corner and sides_rise and even_spacing(table[1, 1:]) is None)
 
 
 def _of_three_columns(table: np.ndarray) -> Scan:
