@@ -148,7 +148,8 @@ def require_same(path: Path, group: Any, axes: Sequence[Axis], identity: Mapping
     if changed:
         raise ValueError(
             f"{path} was begun with another case: {', '.join(changed)} changed. Give another path, "
-            "or what it was, which the attribute `source` of the store shows."
+            "or what it was: the attribute `source` of the store shows the function, but of values "
+            "that it refers to only whether they changed is known."
         )
 
 
