@@ -253,3 +253,9 @@ def test_a_law_that_varies_over_other_points_is_refused():
     with pytest.raises(ValueError, match=r"shape \(24, 16\), but the gaps have shape \(5,\)"):
         js.plots.force(law, jnp.linspace(0, 1, 5))
     np.testing.assert_allclose(law(0.0), -0.01)
+
+
+def test_a_function_cannot_vary_and_says_so():
+    field = jnp.full((8, 8), 0.03)
+    with pytest.raises(TypeError, match="Of a function none can vary"):
+        js.potentials.Varying(lambda gap: -field * jnp.exp(-gap))

@@ -22,11 +22,22 @@ class Varying(eqx.Module):
     Arguments:
         law: a law of which parameters are arrays of the grid's shape, others numbers. With a core
             it must have one everywhere.
+
+    Raises:
+        TypeError: for a function, and for a law with parameters that are no arrays.
     """
 
     law: Potential
 
     __repr__ = whole
+
+    def __check_init__(self) -> None:
+        # Of a function it is not known which of its arrays vary: it would be their mean everywhere.
+        if not all(hasattr(leaf, "shape") for leaf in jax.tree.leaves(self.law)):
+            raise TypeError(
+                "The law that varies holds more than arrays: give one of jaxstab.potentials, or an "
+                "equinox.Module whose parameters are arrays. Of a function none can vary."
+            )
 
     def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
         """Return the mean energy per area at a gap [length]."""
