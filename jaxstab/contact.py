@@ -242,9 +242,10 @@ def _suspicions(
     solid: Solid, heights: Array | np.ndarray, topography: Topography | None
 ) -> list[str]:
     """Return what looks wrong with heights on a solid: on a window edges need not meet."""
+    if topography and solid.is_window:
+        return [*topography.wrong_scale, *topography.spread]
     if topography:
-        on_window = [*topography.wrong_scale, *topography.spread]
-        return on_window if solid.is_window else topography.suspicions
+        return topography.suspicions
     is_unseen = solid.is_window or is_traced(heights) or is_spread(heights)
     return [] if is_unseen else suspicion.looks_wrong(np.asarray(heights))
 

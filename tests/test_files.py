@@ -4,7 +4,6 @@ import json
 import subprocess
 import sys
 import warnings
-from typing import NamedTuple
 
 import equinox as eqx
 import h5netcdf
@@ -13,10 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray
+from saved import LENGTHS, assert_same_bits, contact_of
 
 import jaxstab as js
-
-SHAPE, LENGTHS = (16, 12), (1.0, 0.7)
 
 
 class Bumpy(eqx.Module):
@@ -37,13 +35,6 @@ def own_law(dtype):
     return Bumpy([jnp.array(0.008, dtype), jnp.array(0.004, dtype)], jnp.array(0.2, dtype), 2)
 
 
-def contact_of(potential, dtype=float):
-    grid = js.Grid(SHAPE, jnp.array(LENGTHS, dtype))
-    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=5, rms_height=0.1)
-    solid = js.HalfSpace(grid, jnp.array(0.05, dtype), jnp.array(0.3, dtype))
-    return js.Contact(solid, heights.astype(dtype), potential)
-
-
 @pytest.fixture(scope="module", params=["float64", "float32", "own law"])
 def case(request):
     dtype = jnp.float32 if request.param == "float32" else jnp.float64
@@ -62,15 +53,6 @@ def followed():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", js.ResolutionWarning)
         return contact, js.follow(contact, turns, smallest_jump=1e-3, fields=True)
-
-
-def assert_same_bits(one, other):
-    leaves, structure = jax.tree.flatten(one)
-    others, other_structure = jax.tree.flatten(other)
-    assert structure == other_structure
-    for x, y in zip(leaves, others, strict=True):
-        x, y = np.asarray(x), np.asarray(y)
-        assert (x.dtype, x.shape, x.tobytes()) == (y.dtype, y.shape, y.tobytes())
 
 
 def test_each_result_comes_back_to_the_last_bit(case, tmp_path):
@@ -131,46 +113,6 @@ def test_plain_xarray_opens_it_without_this_package(case, tmp_path):
     assert float(pressure) == float(sweep[1].equilibrium.mean_pressure)
     assert verdict == sweep[1].stability.verdict.name
     assert has_jax == "False"
-
-
-def test_a_law_defined_in_a_script_comes_back_in_it_and_is_asked_for_elsewhere(tmp_path):
-    script = tmp_path / "script.py"
-    script.write_text(
-        "import sys, equinox as eqx, jax.numpy as jnp, jaxstab as js\n"
-        "class Mine(eqx.Module):\n"
-        "    depth: float\n"
-        "    def __call__(self, gap):\n"
-        "        return -self.depth * jnp.exp(-gap)\n"
-        "grid = js.Grid(8)\n"
-        "heights = js.surfaces.sinusoid(grid, 0.1)\n"
-        "contact = js.Contact(js.HalfSpace(grid, 1.0), heights, Mine(0.01))\n"
-        "state = js.equilibrate(contact, js.MeanGap(0.2))\n"
-        "contact, again = js.load(js.save(sys.argv[1], contact, state))\n"
-        "assert type(contact.potential) is Mine and contact.potential.depth == 0.01\n"
-        "assert (js.equilibrate(contact, again.load).gap == state.gap).all()\n"
-    )
-    path = tmp_path / "mine.nc"
-    subprocess.run([sys.executable, str(script), str(path)], check=True, cwd=tmp_path)
-    contact, state = js.load(path)
-    with pytest.raises(ValueError, match=r"`__main__:Mine` the file holds values only.*potential="):
-        js.equilibrate(contact, state.load)
-    contact, state = js.load(path, potential=lambda gap: -0.01 * jnp.exp(-gap))
-    assert js.equilibrate(contact, state.load, initial=state).num_steps == 0
-    with pytest.raises(ValueError, match=r"is not the one of .*mine.nc: at a gap of"):
-        js.load(path, potential=lambda gap: -0.011 * jnp.exp(-gap))
-
-
-def test_of_a_bare_function_values_are_kept_and_a_warning_says_so(case, tmp_path):
-    dtype = case[1].equilibrium.gap.dtype
-    contact = contact_of(lambda gap: -0.01 * jnp.exp(-gap / 0.2), dtype)
-    sweep = js.sweep(contact, js.MeanGap(jnp.array([0.1, 0.2], dtype)))
-    with pytest.warns(UserWarning, match=r"bare.nc holds values of `<lambda>`, no formula"):
-        path = js.save(tmp_path / "bare.nc", contact, sweep)
-    loaded, result = js.load(path)
-    assert_same_bits(result, sweep)
-    js.plots.gap(loaded, result[0])
-    with pytest.raises(ValueError, match="`<lambda>` the file holds values only"):
-        js.assess_stability(loaded, result[0])
 
 
 def test_a_sweep_goes_on_from_a_loaded_state_as_if_never_interrupted(tmp_path):
@@ -291,75 +233,6 @@ def test_without_a_package_files_are_refused_and_left_alone(case, tmp_path, monk
     assert list(tmp_path.iterdir()) == [path]
 
 
-class Odd(eqx.Module):
-    """A law whose fields are named like those of results."""
-
-    my_history: jax.Array
-    grid_lengths: jax.Array
-    gap: jax.Array
-    load: jax.Array
-
-    def __call__(self, gap):
-        return -self.gap * self.load * jnp.exp(-gap / jnp.sum(self.my_history * self.grid_lengths))
-
-
-def test_names_of_a_law_do_not_clash_with_those_of_results(tmp_path):
-    law = Odd(jnp.array([0.1, 0.2]), jnp.array([0.5, 0.5]), jnp.array(0.1), jnp.array(0.1))
-    contact = contact_of(law)
-    state = js.equilibrate(contact, js.MeanGap(0.1))
-    assert_same_bits((contact, state), js.load(js.save(tmp_path / "odd.nc", contact, state)))
-
-
-class Numbers(NamedTuple):
-    """Parameters of a law, in no class that a file may name."""
-
-    depth: jax.Array
-
-
-class Named(eqx.Module):
-    """A law with a named tuple."""
-
-    numbers: Numbers
-
-    def __call__(self, gap):
-        return -self.numbers.depth * jnp.exp(-gap)
-
-
-def test_a_law_of_named_tuples_is_told_to_be_lost(tmp_path):
-    contact = contact_of(Named(Numbers(jnp.asarray(0.01))))
-    state = js.equilibrate(contact, js.MeanGap(0.1))
-    with pytest.warns(UserWarning, match="holds values of `Numbers`"):
-        path = js.save(tmp_path / "law.nc", contact, state)
-    loaded, again = js.load(path, potential=contact.potential)
-    assert js.equilibrate(loaded, again.load, initial=again).num_steps == 0
-
-
-def test_a_lost_law_inside_another_and_a_lost_solid_are_told(tmp_path):
-    class Local(eqx.Module):
-        depth: jax.Array
-
-        def __call__(self, gap):
-            return -self.depth * jnp.exp(-gap)
-
-    varying = js.potentials.Varying(Local(jnp.full(SHAPE, 0.01)))
-    state = js.equilibrate(contact_of(varying), js.MeanGap(0.1))
-    with pytest.warns(UserWarning, match="Local"):
-        path = js.save(tmp_path / "law.nc", contact_of(varying), state)
-    loaded, _ = js.load(path)
-    with pytest.raises(ValueError, match="Local` the file holds values only"):
-        js.equilibrate(loaded, state.load)
-    base = contact_of(js.potentials.Exponential(0.01, 0.2))
-    solid = js.Spectral(base.grid, lambda q: q / 2)
-    contact = js.Contact(solid, base.heights, base.potential)
-    state = js.equilibrate(contact, js.MeanGap(0.1))
-    with pytest.warns(UserWarning, match="<lambda>"):
-        path = js.save(tmp_path / "solid.nc", contact, state)
-    loaded, again = js.load(path)
-    assert_same_bits(again, state)
-    with pytest.raises(ValueError, match="for a solid, build the contact anew"):
-        js.equilibrate(loaded, state.load)
-
-
 def test_a_file_that_lacks_something_says_what(case, tmp_path):
     contact, sweep = case
     path = js.save(tmp_path / "run.nc", contact, sweep[0])
@@ -385,27 +258,6 @@ def test_a_line_has_one_dimension(tmp_path):
     assert dataset.solid_grid_lengths.units == dataset.x.units == "µm"
     assert dataset.cone_eigenvalue.units == "pressure/µm"
     assert_same_bits((contact, state), js.load(js.save(tmp_path / "line.nc", contact, state)))
-
-
-class Own(eqx.Module):
-    """A law whose numbers have the names of other quantities."""
-
-    work: jax.Array
-    amplitude: jax.Array
-
-    def __call__(self, gap):
-        return -self.work * jnp.exp(-gap / self.amplitude)
-
-
-def test_labels_are_those_of_the_dimension_and_not_guessed_of_a_law_of_ones_own():
-    grid = js.Grid((16,))
-    heights = js.surfaces.sinusoid(grid, 0.1)
-    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, Own(jnp.array(0.01), jnp.array(0.2)))
-    dataset = js.to_dataset(contact, js.equilibrate(contact, js.MeanGap(0.1)))
-    assert dataset.area.units == "length"
-    assert dataset.energy.units == "energy/length"
-    assert dataset.potential_work.attrs == {"long_name": "work"}
-    assert dataset.potential_amplitude.attrs == {"long_name": "amplitude"}
 
 
 def test_the_surface_of_a_result_without_a_unit_can_be_read(tmp_path):

@@ -10,7 +10,6 @@ from typing import Any, NoReturn
 # How a command ends.
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
-
 _NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$", re.IGNORECASE)
 
 

@@ -147,8 +147,9 @@ def full_contact_energy(
     heights = _heights_on(_grid_of(solid), heights)
     if solid.is_window:
         # Moved as a whole, it stores the least where it takes no force.
-        rigid = jnp.sum(solid.apply(heights)) / jnp.sum(solid.apply(jnp.ones_like(heights)))
-        return solid.energy(heights - rigid) / solid.grid.area
+        pressure, level = solid.apply(heights), solid.apply(jnp.ones_like(heights))
+        rigid = jnp.sum(pressure) / jnp.sum(level)
+        return jnp.mean((heights - rigid) * (pressure - rigid * level)) / 2
     return solid.held_by(0).energy(heights - jnp.mean(heights)) / solid.grid.area
 
 

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from jaxstab.checks import is_traced, known
-from jaxstab.grid import Grid, resample
+from jaxstab.grid import Grid, require_grid, resample
 from jaxstab.surfaces import processing, suspicion, units
 
 _TAPER = 0.1
@@ -47,8 +47,7 @@ class Topography:
     spread: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.grid, Grid):
-            raise TypeError(f"The grid is a {type(self.grid).__name__}: give a jaxstab.Grid first.")
+        require_grid(self.grid)
         heights = np.ma.asarray(self.heights)
         if heights.dtype.kind not in "fiub":
             raise TypeError(f"The array of heights is {heights.dtype}: give real numbers.")

@@ -1,0 +1,25 @@
+"""A contact that tests of files save, and how they compare what comes back."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxstab as js
+
+SHAPE, LENGTHS = (16, 12), (1.0, 0.7)
+
+
+def contact_of(potential, dtype=float):
+    grid = js.Grid(SHAPE, jnp.array(LENGTHS, dtype))
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=5, rms_height=0.1)
+    solid = js.HalfSpace(grid, jnp.array(0.05, dtype), jnp.array(0.3, dtype))
+    return js.Contact(solid, heights.astype(dtype), potential)
+
+
+def assert_same_bits(one, other):
+    leaves, structure = jax.tree.flatten(one)
+    others, other_structure = jax.tree.flatten(other)
+    assert structure == other_structure
+    for x, y in zip(leaves, others, strict=True):
+        x, y = np.asarray(x), np.asarray(y)
+        assert (x.dtype, x.shape, x.tobytes()) == (y.dtype, y.shape, y.tobytes())

@@ -1,0 +1,143 @@
+"""Laws in files: those of a class come back, of others values are kept, and it is said."""
+
+import subprocess
+import sys
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import pytest
+from saved import SHAPE, assert_same_bits, contact_of
+
+import jaxstab as js
+
+
+def test_a_law_defined_in_a_script_comes_back_in_it_and_is_asked_for_elsewhere(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys, equinox as eqx, jax.numpy as jnp, jaxstab as js\n"
+        "class Mine(eqx.Module):\n"
+        "    depth: float\n"
+        "    def __call__(self, gap):\n"
+        "        return -self.depth * jnp.exp(-gap)\n"
+        "grid = js.Grid(8)\n"
+        "heights = js.surfaces.sinusoid(grid, 0.1)\n"
+        "contact = js.Contact(js.HalfSpace(grid, 1.0), heights, Mine(0.01))\n"
+        "state = js.equilibrate(contact, js.MeanGap(0.2))\n"
+        "contact, again = js.load(js.save(sys.argv[1], contact, state))\n"
+        "assert type(contact.potential) is Mine and contact.potential.depth == 0.01\n"
+        "assert (js.equilibrate(contact, again.load).gap == state.gap).all()\n"
+    )
+    path = tmp_path / "mine.nc"
+    subprocess.run([sys.executable, str(script), str(path)], check=True, cwd=tmp_path)
+    contact, state = js.load(path)
+    with pytest.raises(ValueError, match=r"`__main__:Mine` the file holds values only.*potential="):
+        js.equilibrate(contact, state.load)
+    contact, state = js.load(path, potential=lambda gap: -0.01 * jnp.exp(-gap))
+    assert js.equilibrate(contact, state.load, initial=state).num_steps == 0
+    with pytest.raises(ValueError, match=r"is not the one of .*mine.nc: at a gap of"):
+        js.load(path, potential=lambda gap: -0.011 * jnp.exp(-gap))
+
+
+@pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
+def test_of_a_bare_function_values_are_kept_and_a_warning_says_so(dtype, tmp_path):
+    contact = contact_of(lambda gap: -0.01 * jnp.exp(-gap / 0.2), dtype)
+    sweep = js.sweep(contact, js.MeanGap(jnp.array([0.1, 0.2], dtype)))
+    with pytest.warns(UserWarning, match=r"bare.nc holds values of `<lambda>`, no formula"):
+        path = js.save(tmp_path / "bare.nc", contact, sweep)
+    loaded, result = js.load(path)
+    assert_same_bits(result, sweep)
+    js.plots.gap(loaded, result[0])
+    with pytest.raises(ValueError, match="`<lambda>` the file holds values only"):
+        js.assess_stability(loaded, result[0])
+
+
+class Odd(eqx.Module):
+    """A law whose fields are named like those of results."""
+
+    my_history: jax.Array
+    grid_lengths: jax.Array
+    gap: jax.Array
+    load: jax.Array
+
+    def __call__(self, gap):
+        return -self.gap * self.load * jnp.exp(-gap / jnp.sum(self.my_history * self.grid_lengths))
+
+
+def test_names_of_a_law_do_not_clash_with_those_of_results(tmp_path):
+    law = Odd(jnp.array([0.1, 0.2]), jnp.array([0.5, 0.5]), jnp.array(0.1), jnp.array(0.1))
+    contact = contact_of(law)
+    state = js.equilibrate(contact, js.MeanGap(0.1))
+    assert_same_bits((contact, state), js.load(js.save(tmp_path / "odd.nc", contact, state)))
+
+
+class Numbers(NamedTuple):
+    """Parameters of a law, in no class that a file may name."""
+
+    depth: jax.Array
+
+
+class Named(eqx.Module):
+    """A law with a named tuple."""
+
+    numbers: Numbers
+
+    def __call__(self, gap):
+        return -self.numbers.depth * jnp.exp(-gap)
+
+
+def test_a_law_of_named_tuples_is_told_to_be_lost(tmp_path):
+    contact = contact_of(Named(Numbers(jnp.asarray(0.01))))
+    state = js.equilibrate(contact, js.MeanGap(0.1))
+    with pytest.warns(UserWarning, match="holds values of `Numbers`"):
+        path = js.save(tmp_path / "law.nc", contact, state)
+    loaded, again = js.load(path, potential=contact.potential)
+    assert js.equilibrate(loaded, again.load, initial=again).num_steps == 0
+
+
+def test_a_lost_law_inside_another_and_a_lost_solid_are_told(tmp_path):
+    class Local(eqx.Module):
+        depth: jax.Array
+
+        def __call__(self, gap):
+            return -self.depth * jnp.exp(-gap)
+
+    varying = js.potentials.Varying(Local(jnp.full(SHAPE, 0.01)))
+    state = js.equilibrate(contact_of(varying), js.MeanGap(0.1))
+    with pytest.warns(UserWarning, match="Local"):
+        path = js.save(tmp_path / "law.nc", contact_of(varying), state)
+    loaded, _ = js.load(path)
+    with pytest.raises(ValueError, match="Local` the file holds values only"):
+        js.equilibrate(loaded, state.load)
+    base = contact_of(js.potentials.Exponential(0.01, 0.2))
+    solid = js.Spectral(base.grid, lambda q: q / 2)
+    contact = js.Contact(solid, base.heights, base.potential)
+    state = js.equilibrate(contact, js.MeanGap(0.1))
+    with pytest.warns(UserWarning, match="<lambda>"):
+        path = js.save(tmp_path / "solid.nc", contact, state)
+    loaded, again = js.load(path)
+    assert_same_bits(again, state)
+    with pytest.raises(ValueError, match="for a solid, build the contact anew"):
+        js.equilibrate(loaded, state.load)
+
+
+class Own(eqx.Module):
+    """A law whose numbers have the names of other quantities."""
+
+    work: jax.Array
+    amplitude: jax.Array
+
+    def __call__(self, gap):
+        return -self.work * jnp.exp(-gap / self.amplitude)
+
+
+def test_labels_are_those_of_the_dimension_and_not_guessed_of_a_law_of_ones_own():
+    grid = js.Grid((16,))
+    heights = js.surfaces.sinusoid(grid, 0.1)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, Own(jnp.array(0.01), jnp.array(0.2)))
+    dataset = js.to_dataset(contact, js.equilibrate(contact, js.MeanGap(0.1)))
+    assert dataset.area.units == "length"
+    assert dataset.energy.units == "energy/length"
+    assert dataset.potential_work.attrs == {"long_name": "work"}
+    assert dataset.potential_amplitude.attrs == {"long_name": "amplitude"}
