@@ -151,6 +151,35 @@ def test_any_bracket_around_the_fold_will_do(fold, ends):
     np.testing.assert_allclose(found.load.value, fold.load.value, rtol=1e-8)
 
 
+def test_the_first_fold_is_found_where_a_long_step_could_leap_over_it():
+    n, energy, length = 32, 1.04, 0.31
+    x = np.arange(n) / n
+    waves = [(0.176, 3.7), (0.143, 2.2), (0.076, 3.4)]
+    heights = -sum(a * np.cos(2 * np.pi * (k + 1) * x + b) for k, (a, b) in enumerate(waves))
+    law = js.potentials.Exponential(energy, length)
+    contact = js.Contact(js.HalfSpace(js.Grid((n,)), 1.0), jnp.asarray(heights), law)
+    found = js.critical_load(contact, js.MeanGap(jnp.array([1.11, 0.1])))
+
+    # The branch without contact, by dense Newton steps at loads on either side of its end.
+    stiffness = np.pi * np.abs(np.fft.fftfreq(n, 1 / n))
+    stiffness = np.fft.ifft(stiffness * np.fft.fft(np.eye(n)), axis=1).real
+    space = np.linalg.svd(np.ones((1, n)))[2][1:].T
+    gap, end = 1.11 - heights + heights.mean(), float(found.load.value)
+    for mean_gap in [*np.linspace(1.11, 0.76, 36), *np.linspace(0.75, end + 1e-6, 12)]:
+        gap += mean_gap - gap.mean()
+        for _ in range(30):
+            attraction = energy / length * np.exp(-gap / length)
+            hessian = space.T @ (stiffness - np.diag(attraction / length)) @ space
+            imbalance = space.T @ (stiffness @ (gap + heights) + attraction)
+            gap -= space @ np.linalg.solve(hessian, imbalance)
+        assert np.abs(imbalance).max() < 1e-9 and gap.min() > 0
+        lowest = np.linalg.eigvalsh(hessian)[0]
+        assert lowest > 0
+    # It goes with the root of the distance, here 1e-6, and is 0.08 at a distance of 8e-5.
+    assert lowest < 0.02
+    np.testing.assert_allclose(found.equilibrium.gap, gap, atol=1e-2)
+
+
 def test_the_pull_off_of_a_surface_with_a_core_is_found():
     contact = rough_contact(32, js.potentials.LennardJones(0.05, 0.15))
     # From the undeformed solid a first step may be one too many, and draw the surfaces apart.

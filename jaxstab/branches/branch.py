@@ -27,6 +27,8 @@ Scalar = Float[Array, ""]
 
 # The residual of a mode: derivatives of the eigenvalue are as good as it is.
 _MODE_TOLERANCE = {"float64": 1e-9, "float32": 1e-5}
+# Below it a direction lies across the mode.
+_LEAST_COSINE = {"float64": 1e-6, "float32": 1e-3}
 
 
 class Point(eqx.Module):
@@ -125,6 +127,31 @@ class Linearisation(NamedTuple):
             return self.operator(field) + self.stiffening * total(mode * field) * mode
 
         return LinearSystem(operator, self.precondition, self.project)
+
+    @property
+    def side(self) -> Scalar:
+        """At a fold, to which side of its load the branch lies, of which only the sign counts.
+
+        With g = g_c + s x the load goes as l_c - s^2 (x.d lambda/dg) / (2 x.dr/dl).
+        """
+        load, eigenvalue = self._along_mode
+        return -load * eigenvalue
+
+    @property
+    def branches_off(self) -> Bool[Array, ""]:
+        """Whether the load does not act on the mode, or the eigenvalue does not change along it."""
+        least = _LEAST_COSINE[self.pair.mode.dtype.name]
+        load, eigenvalue = self._along_mode
+        return ~(jnp.minimum(jnp.abs(load), jnp.abs(eigenvalue)) > least)
+
+    @property
+    def _along_mode(self) -> tuple[Scalar, Scalar]:
+        """How much of dr/dl, and of d lambda/dg, lies along the mode, as cosines."""
+
+        def cosine(field: Field) -> Scalar:
+            return total(self.pair.mode * field) / jnp.sqrt(total(field**2))
+
+        return cosine(self.imbalance_rate), cosine(self.eigenvalue_slope)
 
 
 def linearised(contact: Contact, load: Load, gap: Field, pair: Eigenpair) -> Linearisation:

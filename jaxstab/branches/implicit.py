@@ -8,7 +8,6 @@ from jaxtyping import Array, Bool
 
 from jaxstab.branches.branch import (
     Field,
-    Linearisation,
     Scalar,
     free_space,
     linearised,
@@ -30,7 +29,6 @@ NOT_FOUND = (
     "the end of the branch was not found (look at its result), or not exactly, since other points "
     "touch or let go right before it"
 )
-_LEAST_COSINE = {"float64": 1e-6, "float32": 1e-3}
 _BIFURCATION = (
     "the branch does not turn back here but branches off, into states without its symmetry. "
     "Differentiate another quantity, or break the symmetry of the surface"
@@ -106,7 +104,7 @@ def _changes_of_limit(
     coinciding = changing_points(net, gap, contact.solid) & ~limit.point
     obstacles = [
         Obstacle(~is_found, NOT_FOUND),
-        Obstacle(_is_bifurcation(linear) & ~is_release, _BIFURCATION),
+        Obstacle(linear.branches_off & ~is_release, _BIFURCATION),
         Obstacle(jnp.any(coinciding), _COINCIDES),
     ]
     is_blocked = any_exists(obstacles)
@@ -146,14 +144,3 @@ def _changes_of_fields(
 ) -> tuple[Fields, list[Obstacle]]:
     moved, _ = pushed(fields_of, finite(is_found, inputs), changes)
     return moved, [Obstacle(~is_found, NOT_FOUND)]
-
-
-def _is_bifurcation(linear: Linearisation) -> Bool[Array, ""]:
-    """Whether the load does not act on the mode, or the eigenvalue does not change along it."""
-    mode = linear.pair.mode
-
-    def cosine(field: Field) -> Scalar:
-        return jnp.abs(total(mode * field)) / jnp.sqrt(total(field**2))
-
-    least = jnp.minimum(cosine(linear.imbalance_rate), cosine(linear.eigenvalue_slope))
-    return ~(least > _LEAST_COSINE[mode.dtype.name])

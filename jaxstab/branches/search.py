@@ -1,7 +1,8 @@
 """The way along a stable branch to its fold.
 
 The branch is followed towards the fold by the square of the eigenvalue, which falls linearly with
-the load. Newton's method goes the last part of it.
+the load. What a step loses tells whether it stayed on the branch. Newton's method goes the last
+part of it.
 """
 
 from collections.abc import Mapping
@@ -17,10 +18,12 @@ from jaxtyping import Array, Bool, Int
 from jaxstab.branches.branch import Field, Point, Scalar, linearised, point_at
 from jaxstab.branches.fold import FoldNewton
 from jaxstab.branches.limit import Limit, limit_of
+from jaxstab.branches.loss import own_energy, smallest_loss, supply_of
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
-from jaxstab.grid import total
+from jaxstab.equilibrium.state import fields_of
+from jaxstab.grid import mean, total
 from jaxstab.history import Indicators
 from jaxstab.iterate import Iteration, IterativeSolver
 from jaxstab.loads import Load
@@ -29,9 +32,10 @@ from jaxstab.stability.modes import BLOCK_SIZE, noise
 
 # The part that a step goes of the way to where the fold is foreseen.
 _SHARE = 0.75
-# How much more than predicted the gap may change on the same branch. Near a fold, where it goes
-# with the root of the distance, a step of three quarters of the way changes it by 4 / 3.
+# How much farther than foreseen the fold may lie.
 _SURPRISE = 2
+# Jumps that lose a smaller part of the problem's own energy do not end a branch.
+SMALLEST_JUMP = {"float64": 1e-6, "float32": 1e-5}
 
 
 def follow_to_fold(contact: Contact, loads: Load, start: Field | None) -> Limit:
@@ -44,12 +48,15 @@ def follow_to_fold(contact: Contact, loads: Load, start: Field | None) -> Limit:
     approach = _Approach().solve(contact, point, last, is_found)
     near = approach.state
     newton = FoldNewton().solve(contact, near.point, is_found)
-    end = newton.state.load.value
+    fold = newton.state
+    end = fold.load.value
     is_between = (end - first.value) * (last.value - end) >= 0
-    # Another one may be the end of another branch.
+    # Another one may be the end of another branch: far away, or one on the far side of it.
     is_near = jnp.abs(end - near.point.load.value) <= _SURPRISE * jnp.abs(near.distance)
     is_ahead = near.distance * (last.value - near.point.load.value) > 0
-    is_foreseen = is_near & (is_ahead | (approach.result == RESULTS.successful))
+    linear = linearised(contact, fold.load, fold.gap, fold.pair)
+    is_end = linear.branches_off | ((near.point.load.value - end) * linear.side > 0)
+    is_foreseen = is_near & is_end & (is_ahead | (approach.result == RESULTS.successful))
     is_fold = (newton.result == RESULTS.successful) & is_between & is_foreseen
     result = RESULTS.where(is_fold, RESULTS.successful, RESULTS.no_fold)
     limit = limit_of(KINDS.fold, jnp.zeros_like(gap, bool), newton)
@@ -61,10 +68,37 @@ def follow_to_fold(contact: Contact, loads: Load, start: Field | None) -> Limit:
 
 
 class _Approaching(eqx.Module):
+    """A point of the branch, and how it goes on from there.
+
+    Attributes:
+        point: the state.
+        rate: how its gap follows the load.
+        potential: E + W [energy].
+        force: F, how it follows the load on the branch [energy over that of the load].
+        force_rate: how that does.
+        smallest_loss: from which a step has left the branch [energy].
+        distance: how far ahead a fold is foreseen, with its sign.
+        fraction: the part of a step that is tried next.
+    """
+
     point: Point
     rate: Field
+    potential: Scalar
+    force: Scalar
+    force_rate: Scalar
+    smallest_loss: Scalar
     distance: Scalar
     fraction: Scalar
+
+    def loss_to(self, new: "_Approaching") -> Scalar:
+        """Return what the step to another point loses, nothing on the same smooth branch.
+
+        What the load supplies is known to the fifth order of the step.
+        """
+        stride = new.point.load.value - self.point.load.value
+        supplied = stride * (self.force + new.force) / 2
+        supplied += stride**2 * (self.force_rate - new.force_rate) / 12
+        return self.potential + supplied - new.potential
 
 
 class _Approach(IterativeSolver):
@@ -82,12 +116,29 @@ class _Approach(IterativeSolver):
         """Go from a point of the branch towards a load beyond its end, if there is such a point."""
         width = jnp.abs(last.value - point.load.value)
 
+        threshold = SMALLEST_JUMP[point.gap.dtype.name] * own_energy(contact)
+
         def foresee(point: Point, fraction: Scalar) -> _Approaching:
-            linear = linearised(contact, point.load, point.gap, point.pair)
+            load, gap = point.load, point.gap
+            linear = linearised(contact, load, gap, point.pair)
             moved, _ = linear.system.solution(-linear.imbalance_rate)
             rate = moved + linear.gap_rate
             slope = total(linear.eigenvalue_slope * rate)
-            return _Approaching(point, rate, -point.pair.eigenvalue / (2 * slope), fraction)
+
+            def account(value: Scalar, gap: Field) -> tuple[Scalar, tuple[Scalar, Scalar]]:
+                at, (fields, _) = load.at(value), fields_of(contact, load.at(value), gap)
+                pressure, mean_gap = fields["mean_pressure"], mean(fields["gap"])
+                supply = supply_of(contact, at, mean_gap, pressure)
+                potential = fields["energy"] + supply.potential
+                least = smallest_loss(contact, threshold, potential, mean_gap, pressure)
+                return supply.force, (potential, least)
+
+            here, along = (load.value, gap), (jnp.ones_like(load.value), rate)
+            force, force_rate, (potential, least) = jax.jvp(account, here, along, has_aux=True)
+            distance = -point.pair.eigenvalue / (2 * slope)
+            return _Approaching(
+                point, rate, potential, force, force_rate, least, distance, fraction
+            )
 
         def is_ahead(state: _Approaching) -> Bool[Array, ""]:
             left = last.value - state.point.load.value
@@ -103,12 +154,11 @@ class _Approach(IterativeSolver):
             equilibrium = find(contact, load, solver, start)
             is_found = equilibrium.result == RESULTS.successful
             new = point_at(contact, load, jnp.where(is_found, equilibrium.gap, 1), old.modes)
-            change = jnp.sqrt(total((new.gap - old.gap) ** 2))
-            foreseen = _SURPRISE * jnp.abs(stride) * jnp.sqrt(total(state.rate**2))
-            is_same = is_found & (change <= foreseen) & (new.pair.eigenvalue > 0)
-            point = jax.tree.map(partial(jnp.where, is_same), new, old)
-            fraction = jnp.where(is_same, jnp.minimum(2 * state.fraction, 1), state.fraction / 3)
-            return foresee(point, fraction)
+            ahead = foresee(new, jnp.minimum(2 * state.fraction, 1))
+            is_same = is_found & (new.pair.eigenvalue > 0)
+            is_same &= jnp.abs(state.loss_to(ahead)) <= state.smallest_loss
+            nearer = replace(state, fraction=state.fraction / 3)
+            return jax.tree.map(partial(jnp.where, is_same), ahead, nearer)
 
         def measure(state: _Approaching) -> Indicators:
             return {"residual": jnp.where(is_ahead(state), jnp.abs(state.distance) / width, 1)}

@@ -18,7 +18,7 @@ from jaxtyping import Array, ArrayLike
 from jaxstab.branches.branch import Field
 from jaxstab.branches.critical_load import CriticalLoad, critical_load_at
 from jaxstab.branches.limit import Limit, limit_ahead
-from jaxstab.branches.search import follow_to_fold
+from jaxstab.branches.search import SMALLEST_JUMP, follow_to_fold
 from jaxstab.checks import is_traced
 from jaxstab.contact import Contact, require_contact
 from jaxstab.equilibrium.equilibrate import initial_gap
@@ -33,9 +33,7 @@ from jaxstab.programs import if_needed, program
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 
-# Jumps that lose a smaller part of the problem's own energy do not end a branch.
-_SMALLEST_JUMP = {"float64": 1e-6, "float32": 1e-5}
-_ROOM = partial(Store.empty, size=512, fields=False), partial(Store.empty, size=1, fields=True)
+_ROOM = partial(Store.empty, size=4096, fields=False), partial(Store.empty, size=1, fields=True)
 
 
 def critical_load(
@@ -155,7 +153,7 @@ def _jump(contact: Contact, loads: Load, start: Field | None, fold: Limit) -> Li
     """Return the jump that ends the branch from the first load, or else the fold not found."""
     first = loads[0]
     begin = contact.control(first).starting_gap(contact.heights) if start is None else start
-    smallest_jump = _SMALLEST_JUMP[contact.heights.dtype.name]
+    smallest_jump = SMALLEST_JUMP[contact.heights.dtype.name]
     course = course_of(contact, loads, smallest_jump, disturbance=0.0)
     way = walk(course, begin, *_ROOM)
     jump = jax.tree.map(lambda leaf: leaf[0], way.jumps.rows)

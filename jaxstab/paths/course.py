@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int
 
+from jaxstab.branches.loss import own_energy, smallest_loss
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import concluded, started
@@ -14,8 +15,6 @@ from jaxstab.results import RESULTS
 
 # By default, over the rms height.
 DISTURBANCE = 1e-6
-# In units of the precision: what of a loss may be rounding.
-_ROUNDING = 16
 # Steps of a monotone part of the programme, at least.
 _NUM_STEPS = 32
 
@@ -43,14 +42,11 @@ class Course(eqx.Module):
     disturbance: Field
 
     def smallest_loss(self, place: Place) -> Scalar:
-        """Return the loss from which a jump from a state is located and can be told from rounding.
-
-        That of the gap counts too: under a high pressure it does work.
-        """
-        work = self.contact.area * place.mean_pressure * place.mean_gap
-        eps = jnp.finfo(place.gap.dtype).eps
-        rounding = _ROUNDING * eps * (jnp.abs(place.potential) + jnp.abs(work))
-        return jnp.fmax(self.threshold, rounding)
+        """Return the loss from which a jump from a state is located."""
+        contact, threshold = self.contact, self.threshold
+        return smallest_loss(
+            contact, threshold, place.potential, place.mean_gap, place.mean_pressure
+        )
 
     @property
     def longest(self) -> Scalar:
@@ -103,16 +99,7 @@ def course_of(
     return Course(
         contact,
         load,
-        threshold=jnp.asarray(smallest_jump) * _own_energy(contact),
+        threshold=jnp.asarray(smallest_jump) * own_energy(contact),
         resolution=jnp.maximum(resolution * (jnp.max(turns) - jnp.min(turns)), finest),
         disturbance=jnp.asarray(disturbance) * jnp.std(contact.solid.surface(heights)) * noise,
     )
-
-
-def _own_energy(contact: Contact) -> Scalar:
-    """Return the elastic energy of full contact and that of the deepest adhesion everywhere."""
-    values = contact.profile.values
-    deepest = -jnp.min(jnp.where(jnp.isfinite(values), values, 0))
-    solid = contact.solid
-    elastic = solid.share * solid.held_by(0).energy(solid.flush(contact.heights))
-    return elastic + contact.area * deepest

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxstab.branches.loss import supply_of
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.grid import mean
@@ -67,18 +68,9 @@ class Event(eqx.Module):
 
 def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
     """Return an equilibrium as a place of a walk, at a value of the load that may be meant."""
-    area = contact.grid.area
-    load = found.load.at(value)
-    mean_gap = mean(found.gap)
-
-    def of_load(value: Scalar) -> Scalar:
-        return area * contact.control(load.at(value)).energy(mean_gap)
-
-    held, force = jax.value_and_grad(of_load)(value)
-    control = contact.control(load)
-    if control.fixes_mean:
-        # What holds the gap does the work of its pressure.
-        force = -area * found.mean_pressure
+    load, mean_gap = found.load.at(value), mean(found.gap)
+    supply = supply_of(contact, load, mean_gap, found.mean_pressure)
+    held = supply.potential
     return Place(
         value,
         found.gap,
@@ -86,9 +78,9 @@ def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
         found.mean_pressure,
         found.contact_area,
         found.energy,
-        found.energy + (held if control.stores_energy else 0),
+        found.energy + (held if contact.control(load).stores_energy else 0),
         found.energy + held,
-        force,
+        supply.force,
     )
 
 

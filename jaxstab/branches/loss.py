@@ -1,0 +1,61 @@
+"""What a contact loses on a step of the load: nothing on a branch, energy in a jump.
+
+On a branch the potential E + W, W being that of the load, changes by what the load does:
+dE + dW = F dl.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxstab.contact import Contact
+from jaxstab.loads import Load
+
+Scalar = Float[Array, ""]
+
+# In units of the precision: what of a loss may be rounding.
+_ROUNDING = 16
+
+
+class Supply(NamedTuple):
+    """What a load does to a state: W [energy], and F = d(E + W) / dl [energy over that of l]."""
+
+    potential: Scalar
+    force: Scalar
+
+
+def supply_of(contact: Contact, load: Load, mean_gap: Scalar, mean_pressure: Scalar) -> Supply:
+    """Return what a load does to an equilibrium."""
+    area, control = contact.grid.area, contact.control(load)
+
+    def potential(value: Scalar) -> Scalar:
+        return area * contact.control(load.at(value)).energy(mean_gap)
+
+    held, force = jax.value_and_grad(potential)(load.value)
+    if control.fixes_mean:
+        # What holds the gap does the work of its pressure.
+        force = -area * mean_pressure
+    return Supply(held, force)
+
+
+def own_energy(contact: Contact) -> Scalar:
+    """Return the elastic energy of full contact and that of the deepest adhesion everywhere."""
+    values = contact.profile.values
+    deepest = -jnp.min(jnp.where(jnp.isfinite(values), values, 0))
+    solid = contact.solid
+    elastic = solid.share * solid.held_by(0).energy(solid.flush(contact.heights))
+    return elastic + contact.area * deepest
+
+
+def smallest_loss(
+    contact: Contact, threshold: Scalar, potential: Scalar, mean_gap: Scalar, mean_pressure: Scalar
+) -> Scalar:
+    """Return the loss from which a jump counts, and can be told from rounding.
+
+    That of the gap counts too: under a high pressure it does work.
+    """
+    work = contact.area * mean_pressure * mean_gap
+    rounding = _ROUNDING * jnp.finfo(work.dtype).eps * (jnp.abs(potential) + jnp.abs(work))
+    return jnp.fmax(threshold, rounding)
