@@ -1,3 +1,6 @@
+from collections.abc import Callable
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -259,3 +262,27 @@ def test_a_function_cannot_vary_and_says_so():
     field = jnp.full((8, 8), 0.03)
     with pytest.raises(TypeError, match="Of a function none can vary"):
         js.potentials.Varying(lambda gap: -field * jnp.exp(-gap))
+
+
+class WithAnother(eqx.Module):
+    first: Callable
+    second: Callable
+
+    def __call__(self, gap):
+        return self.first(gap) + self.second(gap)
+
+
+def test_a_law_that_hides_that_it_varies_is_refused_and_one_that_shows_it_is_not():
+    law = js.potentials.Varying(js.potentials.Exponential(stripes(), 0.2))
+    grid = js.Grid((24, 16))
+    flat = jnp.zeros(grid.shape)
+
+    def contact(potential):
+        return js.Contact(js.HalfSpace(grid, 0.05), flat, potential)
+
+    for hidden in (lambda gap: law(gap), WithAnother(law, lambda gap: -1e-3 * jnp.exp(-gap))):
+        with pytest.raises(ValueError, match="would be its mean everywhere: make all of it one"):
+            contact(hidden)
+    shown = contact(WithAnother(law, js.potentials.Exponential(1e-3, 1.0)))
+    expected = -np.mean(stripes() * np.exp(-0.5) + 1e-3 * np.exp(-0.1))
+    np.testing.assert_allclose(shown.energy(jnp.full(grid.shape, 0.1)), expected)

@@ -1,6 +1,8 @@
 """Laws made of another: one that varies over the surface, is not everywhere, or is scaled."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +14,8 @@ from jaxtyping import Array, Bool, Float
 from jaxstab.display import whole
 
 Potential = Callable[[Float[Array, ""]], Float[Array, ""]]
+
+_averaged: ContextVar[list["Varying"] | None] = ContextVar("averaged", default=None)
 
 
 class Varying(eqx.Module):
@@ -41,7 +45,21 @@ class Varying(eqx.Module):
 
     def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
         """Return the mean energy per area at a gap [length]."""
+        averaged = _averaged.get()
+        if averaged is not None and any(map(jnp.ndim, jax.tree.leaves(self.law))):
+            averaged.append(self)
         return jnp.mean(self.law(gap))
+
+
+@contextmanager
+def averaged_laws() -> Iterator[list[Varying]]:
+    """Collect the laws of which the mean over the surface is taken."""
+    laws: list[Varying] = []
+    outer = _averaged.set(laws)
+    try:
+        yield laws
+    finally:
+        _averaged.reset(outer)
 
 
 class Within(eqx.Module):

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from jaxstab.checks import cast
 from jaxstab.functions import as_pytree
-from jaxstab.potentials.composed import Potential, by_points
+from jaxstab.potentials.composed import Potential, averaged_laws, by_points, varying_fields
 
 Field = Float[Array, " *grid"]
 
@@ -18,7 +18,8 @@ def as_module(potential: Potential, dtype: Any) -> Potential:
     """Return `potential` as a pytree of arrays that acts on gaps of `dtype`.
 
     Raises:
-        ValueError: if it does not map a scalar gap to a real scalar.
+        ValueError: if it does not map a scalar gap to a real scalar, or hides that it varies over
+            the surface.
         TypeError: if it cannot be traced by JAX.
     """
     if not callable(potential):
@@ -29,7 +30,16 @@ def as_module(potential: Potential, dtype: Any) -> Potential:
         "it must return one real scalar, the energy per area. (It is applied point by point; its "
         "parameters must be scalars too, or fields inside of jaxstab.potentials.Varying.)"
     )
-    return as_pytree("The potential", potential, jax.ShapeDtypeStruct((), dtype), cure)
+    argument = jax.ShapeDtypeStruct((), dtype)
+    with averaged_laws() as averaged:
+        law = as_pytree("The potential", potential, argument, cure)
+    if averaged and not varying_fields(law):
+        raise ValueError(
+            "The potential calls a law that varies over the surface, and so would be its mean "
+            "everywhere: make all of it one of an equinox.Module whose parameters are arrays, and "
+            "give that to jaxstab.potentials.Varying."
+        )
+    return law
 
 
 def derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
