@@ -12,6 +12,8 @@ from jaxstab.programs import program
 
 # From the largest gap to the smallest, as multiples of the size of the grid.
 _OCTAVES = (10, -40)
+# By what part a slope at zero may differ from that right above it, for rounding.
+_JUMP = 0.25
 # At how many points a law that varies is looked at, beside its extremes.
 _NUM_POINTS = 64
 
@@ -81,7 +83,8 @@ def require_smooth(profile: Profile) -> None:
     """Raise `ValueError` if a law, where it is known, cannot be solved with.
 
     That is one that is not finite, or one of its first two derivatives, at a gap up to the size of
-    the grid, the inside of a core excepted; and one that is piecewise linear.
+    the grid, the inside of a core excepted; one whose slope jumps at zero gap, where contact points
+    are; and one that is piecewise linear.
     """
     if is_traced(profile):
         return
@@ -116,4 +119,15 @@ def require_smooth(profile: Profile) -> None:
             "rest, is zero at every gap while its slope jumps, from "
             f"{profile.slopes.min():.6g} to {profile.slopes.max():.6g}. Give a smooth fit of it, "
             "such as a spline of third order."
+        )
+
+    above, at_zero = profile.slopes[-2:]
+    bends = 2 * profile.gaps[-2] * np.abs(profile.curvatures[-2:]).max()
+    jump = np.abs(above - at_zero) - bends
+    if not profile.has_core and jump > _JUMP * max(abs(above), abs(at_zero)):
+        raise ValueError(
+            f"The potential's slope is {at_zero:.6g} at zero gap and {above:.6g} right above it, "
+            "so that points in contact would not feel what those beside them do. Gaps are never "
+            "negative: leave out jnp.maximum(gap, 0), jnp.clip, jax.nn.relu or jnp.where that "
+            "change there, whose derivatives at zero are halved or none."
         )

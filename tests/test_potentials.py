@@ -147,6 +147,8 @@ def contact_with(potential):
             r"piecewise linear.*from 0 to 1\. Give a smooth fit",
         ),
         (lambda gap: jnp.interp(gap, jnp.arange(3.0), jnp.array([-3.0, -1.0, 0.0])), "piecewise"),
+        (lambda gap: -jnp.exp(-jnp.maximum(gap, 0)), "slope is 0.5 at zero gap and 1 right above"),
+        (lambda gap: -jnp.exp(-jax.nn.relu(gap)), "slope is 0 at zero gap and 1 right above"),
     ],
 )
 def test_a_potential_that_cannot_be_used_is_refused(potential, message):
@@ -162,6 +164,8 @@ def test_a_potential_that_cannot_be_used_is_refused(potential, message):
         lambda gap: (-jnp.exp(-gap)).astype(jnp.float16),
         lambda gap: jnp.asarray(-jnp.exp(-gap), jnp.float32),
         lambda gap: -1 / jnp.cosh(gap / 0.01),
+        lambda gap: -jnp.exp(-(gap**2)),
+        lambda gap: -jnp.exp(-gap / 1e-12),
         lambda gap: -(jnp.maximum(1 - gap, 0) ** 2),
     ],
 )
