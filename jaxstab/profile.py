@@ -56,6 +56,19 @@ class Profile(eqx.Module):
         self.has_core = rises & ~jnp.isfinite(self.values[-1])
         self.max_curvature = jnp.max(attracting)
 
+    @property
+    def max_attraction(self) -> Float[Array, ""]:
+        """The largest f' [pressure]."""
+        return jnp.max(jnp.where(jnp.isfinite(self.slopes), self.slopes, 0))
+
+    @property
+    def range(self) -> Float[Array, ""]:
+        """The length over which the attraction changes by itself, infinite of none [length]."""
+        is_curved = (self.max_attraction > 0) & (self.max_curvature > 0)
+        return jnp.where(
+            is_curved, self.max_attraction / jnp.where(is_curved, self.max_curvature, 1), jnp.inf
+        )
+
     def outermost_gap(self, attraction: Float[Array, ""]) -> Float[Array, ""]:
         """Return the largest gap at which f' is not below an attraction, or zero [length]."""
         return jnp.max(jnp.where(self.slopes >= attraction, self.gaps, 0))

@@ -12,7 +12,14 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxstab.branches.branch import Point, point_at
 from jaxstab.branches.fold import FoldNewton
 from jaxstab.branches.reason import reason_of
-from jaxstab.branches.release import Held, ReleaseNewton, first_of, first_releases, horizon
+from jaxstab.branches.release import (
+    Held,
+    ReleaseNewton,
+    first_of,
+    first_releases,
+    horizon,
+    least_open_closed,
+)
 from jaxstab.contact import Contact
 from jaxstab.history import History
 from jaxstab.iterate import Iteration
@@ -83,11 +90,31 @@ def limit_of(kind: KINDS, point: Mask, newton: Iteration[Point]) -> Limit:
 def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limit:
     """Return the limit of a branch from a state close to it, of whichever kind it is.
 
+    The last state of a branch may lie past its end by no more than its residual tells: then the
+    point that let go is the one that is least open.
+
     The arguments are those of `locate`.
     """
-    releases = first_releases(contact, load, gap, ahead)
-    kind, _ = reason_of(contact, load, gap, releases)
-    return locate(contact, load, gap, kind, first_of(releases), ahead)
+
+    def limit_of_branch(gap: Field) -> Limit:
+        releases = first_releases(contact, load, gap, ahead)
+        kind, _ = reason_of(contact, load, gap, releases)
+        return locate(contact, load, gap, kind, first_of(releases), ahead)
+
+    def is_needed(tried: tuple[Array, Limit]) -> Bool[Array, ""]:
+        number, limit = tried
+        return (number < 2) & ~limit.is_exact
+
+    def look(tried: tuple[Array, Limit]) -> tuple[Array, Limit]:
+        number, first = tried
+        limit = limit_of_branch(jnp.where(number == 0, gap, least_open_closed(gap)))
+        is_told_of = (number == 0) | limit.is_exact
+        return number + 1, jax.tree.map(partial(jnp.where, is_told_of), limit, first)
+
+    nothing = jax.tree.map(
+        lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(limit_of_branch, gap)
+    )
+    return jax.lax.while_loop(is_needed, look, (jnp.array(0), nothing))[1]
 
 
 def locate(

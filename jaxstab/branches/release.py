@@ -91,19 +91,29 @@ def horizon(load: Load, gap: Field, ahead: Scalar) -> Scalar:
     return jnp.sign(ahead) * jnp.maximum(jnp.abs(ahead), tolerance * size)
 
 
+def least_open_closed(gap: Field) -> Field:
+    """Return a gap with the least open one of its points closed."""
+    return jnp.where(gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf)), 0, gap)
+
+
 def first_releases(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Field:
     """Return where each contact point loses its reaction, in units of the `horizon` ahead.
 
-    That is to first order, and infinite for points that are pressed the more, or do not touch.
+    That is to first order, once the free points are in balance, and infinite for points that are
+    pressed the more, or do not touch.
     """
     ahead = horizon(load, gap, ahead)
-    system = free_system(contact, contact.control(load), gap)
-    moved, _ = system.solution(-rates(contact, load, gap)[2])
+    control = contact.control(load)
+    system = free_system(contact, control, gap)
+    imbalance, _, imbalance_rate = rates(contact, load, gap)
+    moved, _ = system.solution(-imbalance_rate)
+    settled, _ = system.solution(-imbalance)
 
     def net(value: Scalar, gap: Field) -> Field:
         return fields_of(contact, load.at(value), gap)[1]
 
     reaction, rate = jax.jvp(net, (load.value, gap), (jnp.ones_like(load.value), moved))
+    reaction += contact.hessian(gap, control)(settled)
     loses = (gap == 0) & (rate * ahead < 0)
     distance = -reaction / jnp.where(loses, rate * ahead, 1)
     return jnp.where(loses, distance, jnp.inf)

@@ -150,7 +150,7 @@ class _Approach(IterativeSolver):
             stride = jnp.where(is_ahead(state), _SHARE * state.distance, left) * state.fraction
             load = old.load.at(old.load.value + stride)
             start = jnp.maximum(old.gap + stride * state.rate, 0)
-            solver = PreconditionedConjugateGradient()
+            solver = PreconditionedConjugateGradient(max_move=1.0)
             equilibrium = find(contact, load, solver, start)
             is_found = equilibrium.result == RESULTS.successful
             new = point_at(contact, load, jnp.where(is_found, equilibrium.gap, 1), old.modes)

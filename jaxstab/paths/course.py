@@ -21,7 +21,7 @@ _NUM_STEPS = 32
 
 def solver() -> PreconditionedConjugateGradient:
     """Return the solver of the equilibria on the way."""
-    return PreconditionedConjugateGradient()
+    return PreconditionedConjugateGradient(max_move=1.0)
 
 
 class Course(eqx.Module):

@@ -31,6 +31,8 @@ from jaxstab.results import RESULTS, throw_failure
 _SMALLEST_JUMP = 1e-4
 _RESOLUTION = {"float64": 1e-9, "float32": 1e-5}
 ROOM = partial(Store.empty, size=1024, fields=False), Strongest.none
+# The largest attraction is known at some gaps only.
+_BEYOND = 1.01
 # What part of the largest attraction is taken for none.
 _HARDLY_ANY = 1e-3
 
@@ -140,13 +142,13 @@ def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar,
 
 def dead_load(contact: Contact, pressure: Scalar) -> MeanPressure:
     """Return the mean pressures from that of a state to one that leaves nothing together."""
-    return MeanPressure(jnp.stack([pressure, -_deepest(contact)]))
+    return MeanPressure(jnp.stack([pressure, -_BEYOND * contact.profile.max_attraction]))
 
 
 def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array) -> Spring:
     """Return the positions of a spring from that of a state to one that leaves nothing together."""
     mean_displacement = jnp.mean(gap) + jnp.mean(contact.heights)
-    deepest = _deepest(contact)
+    deepest = _BEYOND * contact.profile.max_attraction
     reach = contact.profile.outermost_gap(_HARDLY_ANY * deepest)
     surface = contact.solid.surface(contact.heights)
     spread = jnp.max(surface) - jnp.min(surface)
@@ -156,12 +158,6 @@ def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array
     first = mean_displacement - give * pressure
     last = mean_displacement + give * deepest + reach + spread
     return Spring(jax.lax.stop_gradient(jnp.stack([first, last])), stiffness)
-
-
-def _deepest(contact: Contact) -> Scalar:
-    """Return the largest attraction of the law: no mean tension can exceed it."""
-    slopes = contact.profile.slopes
-    return jnp.max(jnp.where(jnp.isfinite(slopes), slopes, 0))
 
 
 def _describe(load: Load) -> str:
