@@ -36,7 +36,7 @@ def test_it_is_where_bisection_ends(case):
     assert isinstance(pull.load, js.MeanPressure)
     sign = pull.critical.eigenvalue / contact.solid.min_stiffness
     assert abs(sign) < 1e-6 if name == "core" else sign < -1e-3
-    assert not pull.after.in_contact.any()
+    assert pull.after.result == "pulled_off" and jnp.isnan(pull.after.energy)
     np.testing.assert_allclose(pull.equilibrium.mean_pressure, pull.load.value, rtol=1e-9)
     assert pull.equilibrium.residual < 1e-8
 
@@ -66,6 +66,66 @@ def test_its_derivatives_are_those_of_differences_in_both_modes(case):
         return js.pull_off(changed(changes), throw=False).load.value
 
     np.testing.assert_allclose(jax.jit(jax.jacfwd(traced))(jnp.zeros(2)), rates, rtol=1e-8)
+
+
+def test_flat_surfaces_come_off_at_the_largest_attraction_wherever_it_is():
+    gaps = np.linspace(0.0, 0.5, 1_000_001)
+    strongest = (0.02 * gaps / 0.1**2 * np.exp(-(gaps**2) / (2 * 0.1**2))).max()
+    for roughness in (0.0, 1e-3):
+        contact = rough_contact(32, js.potentials.Gaussian(0.02, 0.1), rms_height=0.05)
+        flat = eqx.tree_at(lambda x: x.heights, contact, roughness * contact.heights)
+        np.testing.assert_allclose(js.pull_off(flat).load.value, -strongest, rtol=1e-6)
+
+
+# The surfaces of two pull-offs that a step of any length leaps over.
+LEAPT_OVER = {
+    "plane": (367697, 0.045864, (0.02325, 0.06826)),
+    "line": (None, None, (0.01432, 0.02211)),
+}
+LINE = [-1062, -968, -816, -622, -402, -168, 71, 305, 528, 728, 895, 1014, 1071, 1054, 957, 780]
+LINE += [535, 240, -79, -391, -668, -886, -1027, -1085]
+
+
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.parametrize("name", LEAPT_OVER)
+def test_it_is_not_before_a_relaxation_comes_apart(name):
+    key, size, (energy, length) = LEAPT_OVER[name]
+    if key is None:
+        grid, heights = js.Grid((24,)), jnp.array(LINE) * 1e-4
+    else:
+        grid = js.Grid((10, 8), (1.0, 0.8))
+        heights = js.surfaces.self_affine(grid, jax.random.key(key), k_high=2, rms_height=1.0)
+        heights *= size / jnp.std(heights)
+    law = js.potentials.Exponential(energy, length)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, law)
+    pull = js.pull_off(contact)
+
+    # g' = -(K u + p0 + f'), g >= 0, by NumPy, as far as the loads right before and right after.
+    waves = [
+        2 * np.pi * np.fft.fftfreq(n, w / n) for n, w in zip(grid.shape, grid.lengths, strict=True)
+    ]
+    stiffness = np.sqrt(sum(q**2 for q in np.meshgrid(*waves, indexing="ij"))) / 2
+    step = 0.9 / (stiffness.max() + energy / length**2)
+    heights, gap = (
+        np.asarray(heights),
+        np.asarray(js.equilibrate(contact, js.MeanPressure(0.0)).gap),
+    )
+
+    def relaxed(gap, load):
+        for _ in range(200_000):
+            elastic = np.fft.ifftn(stiffness * np.fft.fftn(gap + heights)).real
+            new = np.maximum(
+                gap - step * (elastic + energy / length * np.exp(-gap / length) + load), 0
+            )
+            if new.min() > 20 * length or np.abs(new - gap).max() < 1e-12:
+                return new
+            gap = new
+        raise AssertionError("the relaxation has not ended")
+
+    for part in [*np.linspace(0.05, 0.95, 19), *np.linspace(0.955, 0.999, 45)]:
+        gap = relaxed(gap, part * pull.load.value)
+        assert gap.min() < length
+    assert relaxed(gap, 1.001 * pull.load.value).min() > 20 * length
 
 
 def test_lanes_give_what_they_give_alone():
@@ -192,7 +252,7 @@ def test_any_unit_gives_the_same():
 
 def test_what_has_no_pull_off_is_told():
     contact = surface(js.potentials.NoAdhesion())
-    with pytest.raises(js.SolverError, match="No pull-off found from MeanPressure"):
+    with pytest.raises(js.SolverError, match=r"No pull-off found .* the law attracts nowhere"):
         js.pull_off(contact)
     none = js.pull_off(contact, throw=False)
     assert none.result != "successful"

@@ -12,7 +12,6 @@ from jaxstab.branches.reason import reason_of
 from jaxstab.branches.release import first_releases
 from jaxstab.checks import known
 from jaxstab.contact import Contact
-from jaxstab.equilibrium.state import state_at
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load
 from jaxstab.paths.path import Jump, Path, States
@@ -57,20 +56,21 @@ def path_of(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> P
 
 
 def _jump(contact: Contact, one: Load, event: Event) -> Jump:
-    before, after = event.before, event.after
-    load = one.at(before.value)
+    here = event.before
+    load = one.at(here.value)
     kind, mode = jax.lax.cond(
-        jnp.isfinite(before.value),
+        jnp.isfinite(here.value) & ~event.is_touch,
         lambda: reason_of(
-            contact, load, before.gap, first_releases(contact, load, before.gap, event.ahead)
+            contact, load, here.gap, first_releases(contact, load, here.gap, event.ahead)
         ),
-        lambda: (KINDS.fold, jnp.full_like(before.gap, jnp.nan)),
+        lambda: (KINDS.fold, jnp.full_like(here.gap, jnp.nan)),
     )
+    before, after = event.states(contact, one)
     return Jump(
         load=load,
         kind=KINDS.where(event.is_touch, KINDS.touch, kind),
-        before=state_at(contact, load, before.gap),
-        after=state_at(contact, one.at(after.value), after.gap),
+        before=before,
+        after=after,
         mode=mode,
         dissipation=event.dissipation,
         state=event.state,

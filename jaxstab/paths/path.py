@@ -69,9 +69,10 @@ class Jump(Stackable, eqx.Module):
         load: the load [that of the path]; a function of the contact, the only thing of a path that
             can be differentiated.
         kind: a member of `KINDS`: why the branch ends.
-        before: the last equilibrium of the branch.
-        after: the one that the contact jumps to, at the next load; NaN where it is pulled off.
-        mode: the unit vector along which the state loses its stability.
+        before: the last equilibrium of the branch; NaN, with no contact area, before a touch.
+        after: the one that the contact jumps to, at the next load; NaN, with no contact area, where
+            it is pulled off.
+        mode: the unit vector along which the state loses its stability; NaN at a touch.
         dissipation: the energy lost [energy]; NaN where surfaces are pulled off or come together.
         state: the number of the state before, among those recorded.
     """

@@ -15,7 +15,7 @@ from jaxstab.checks import scalar_parameter
 from jaxstab.contact import Contact, require_contact
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrate import initial_gap
-from jaxstab.equilibrium.state import State, single_equilibrium, state_at
+from jaxstab.equilibrium.state import State, single_equilibrium
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, MeanPressure, Spring
@@ -91,7 +91,7 @@ def pull_off(
     found = as_shown(end, own, loads[0], throw).in_units_of(1 / unit).on_surface(whole.solid)
     if not throw:
         return found
-    return throw_failure(found.result, found, lambda: _describe(load))
+    return throw_failure(found.result, found, lambda: _describe(constant, load))
 
 
 @program
@@ -114,11 +114,11 @@ def end_of(course: Course, ended: Walk[Strongest]) -> tuple[Limit, Equilibrium]:
     """Return the pull-off of a contact that was unloaded, and the state that remains."""
     contact, one = course.contact, course.load[0]
     jump = ended.jumps.event
-    before, after = jump.before, jump.after
+    before = jump.before
     limit = limit_ahead(contact, one.at(before.value), before.gap, jump.ahead)
     result = RESULTS.where(ended.jumps.is_found, limit.result, RESULTS.no_jump)
     result = RESULTS.where(ended.result == RESULTS.successful, result, ended.result)
-    return replace(limit, result=result), state_at(contact, one.at(after.value), after.gap)
+    return replace(limit, result=result), jump.states(contact, one)[1]
 
 
 def as_shown(
@@ -160,6 +160,9 @@ def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array
     return Spring(jax.lax.stop_gradient(jnp.stack([first, last])), stiffness)
 
 
-def _describe(load: Load) -> str:
+def _describe(contact: Contact, load: Load) -> str:
     first, last = (float(value) for value in jax.lax.stop_gradient(load.value))
-    return f"No pull-off found from {type(load).__name__}({first:.6g}) to ({last:.6g})"
+    way = f"No pull-off found from {type(load).__name__}({first:.6g}) to ({last:.6g})"
+    if contact.profile.max_attraction > 0:
+        return way
+    return f"{way}, since the law attracts nowhere and holds nothing under tension"

@@ -106,7 +106,8 @@ class Trial(eqx.Module):
         is_smooth: whether it stayed on the branch.
         is_jump: whether it left the branch, at its end.
         is_pulled: whether the surfaces fell apart in that jump.
-        is_touch: whether surfaces that were apart came together.
+        is_apart: whether surfaces that were apart stayed so.
+        is_touch: whether surfaces that were apart came together, as near as that is located.
         is_lost: whether no equilibrium was found where the branch has ended.
     """
 
@@ -115,6 +116,7 @@ class Trial(eqx.Module):
     is_smooth: Flag
     is_jump: Flag
     is_pulled: Flag
+    is_apart: Flag
     is_touch: Flag
     is_lost: Flag
 
@@ -148,13 +150,15 @@ def _judged(course: Course, walk: Walk, aim: Aim, place: Place, result: RESULTS)
     is_pulled = (result == RESULTS.pulled_off) & ~walk.is_apart
     is_jump = ~is_smooth & aim.is_final & (is_found | is_pulled) & ~walk.is_apart
     presses = _brings_together(course.contact, course.at(value, walk.part))
+    is_together = walk.is_apart & is_found & presses
     return Trial(
         supplied=supplied,
-        loss=jnp.where(is_found, loss, jnp.inf),
+        loss=jnp.where(is_found & ~walk.is_apart, loss, jnp.inf),
         is_smooth=is_smooth,
         is_jump=is_jump,
         is_pulled=is_jump & is_pulled,
-        is_touch=walk.is_apart & is_found & presses,
+        is_apart=walk.is_apart & ~is_together,
+        is_touch=is_together & aim.is_final,
         is_lost=~is_found & ~is_pulled & aim.is_final & ~walk.is_apart,
     )
 
@@ -165,7 +169,7 @@ def after(
     """Return the walk after a step, from the state that it led to and how the solver ended."""
     trial = _judged(course, walk, aim, place, result)
     is_event = trial.is_jump | trial.is_touch
-    accepts = trial.is_smooth | is_event | walk.is_apart
+    accepts = trial.is_smooth | is_event | trial.is_apart
     is_apart = (walk.is_apart & ~trial.is_touch) | trial.is_pulled
     # Of surfaces that fall apart nothing is known, and of those that are, nothing is recorded.
     is_known = ~walk.is_apart & ~trial.is_pulled

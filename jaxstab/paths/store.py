@@ -1,5 +1,6 @@
 """The states and jumps that a walk records, in stores of a bounded size."""
 
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -10,7 +11,10 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxstab.branches.loss import supply_of
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.state import state_at
 from jaxstab.grid import mean
+from jaxstab.loads import Load
+from jaxstab.results import RESULTS
 
 Field = Float[Array, " *grid"]
 Scalar = Float[Array, ""]
@@ -64,6 +68,25 @@ class Event(eqx.Module):
     def ahead(self) -> Scalar:
         """How far ahead of the state before the load of the one after lies, with its sign."""
         return self.after.value - self.before.value
+
+    def states(self, contact: Contact, one: Load) -> tuple[Equilibrium, Equilibrium]:
+        """Return the equilibria before and after it, given the load of either at any value."""
+        is_pulled = ~self.is_touch & jnp.isnan(self.dissipation)
+        return (
+            _state_unless(self.is_touch, contact, one, self.before),
+            _state_unless(is_pulled, contact, one, self.after),
+        )
+
+
+def _state_unless(is_apart: Flag, contact: Contact, one: Load, place: Place) -> Equilibrium:
+    """Return the equilibrium of a place; where surfaces are apart there is none."""
+    gap = jnp.where(is_apart, jnp.nan, place.gap)
+    state = state_at(contact, one.at(place.value), gap)
+    return replace(
+        state,
+        contact_area=jnp.where(is_apart, 0, state.contact_area),
+        result=RESULTS.where(is_apart, RESULTS.pulled_off, state.result),
+    )
 
 
 def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
