@@ -34,6 +34,8 @@ from jaxstab.stability.modes import BLOCK_SIZE, noise
 _SHARE = 0.75
 # How much farther than foreseen the fold may lie.
 _SURPRISE = 2
+# How far a step of a solver may move a point: farther ones were seen to leap over minima.
+MAX_MOVE = 0.1
 # Jumps that lose a smaller part of the problem's own energy do not end a branch.
 SMALLEST_JUMP = {"float64": 1e-6, "float32": 1e-5}
 
@@ -150,7 +152,7 @@ class _Approach(IterativeSolver):
             stride = jnp.where(is_ahead(state), _SHARE * state.distance, left) * state.fraction
             load = old.load.at(old.load.value + stride)
             start = jnp.maximum(old.gap + stride * state.rate, 0)
-            solver = PreconditionedConjugateGradient(max_move=1.0)
+            solver = PreconditionedConjugateGradient(max_move=MAX_MOVE)
             equilibrium = find(contact, load, solver, start)
             is_found = equilibrium.result == RESULTS.successful
             new = point_at(contact, load, jnp.where(is_found, equilibrium.gap, 1), old.modes)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.branches.loss import own_energy, smallest_loss
+from jaxstab.branches.search import MAX_MOVE
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import concluded, started
@@ -21,7 +22,7 @@ _NUM_STEPS = 32
 
 def solver() -> PreconditionedConjugateGradient:
     """Return the solver of the equilibria on the way."""
-    return PreconditionedConjugateGradient(max_move=1.0)
+    return PreconditionedConjugateGradient(max_move=MAX_MOVE)
 
 
 class Course(eqx.Module):
