@@ -57,8 +57,8 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
             float32.
         max_steps: the step limit, 20 000 by default.
         max_move: how far a step may move a point, over its gap and the range of the law: with 0.1,
-            as on paths, none was seen to leap over a minimum. By default as far as the energy
-            falls.
+            as on paths under tension, none was seen to leap over a minimum. By default as far as
+            the energy falls.
     """
 
     tolerance: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)

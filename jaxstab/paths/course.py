@@ -21,7 +21,7 @@ _NUM_STEPS = 32
 
 
 def solver() -> PreconditionedConjugateGradient:
-    """Return the solver of the equilibria on the way."""
+    """Return the solver of the equilibria on the way where the mean gap is not held."""
     return PreconditionedConjugateGradient(max_move=MAX_MOVE)
 
 
@@ -68,7 +68,10 @@ class Course(eqx.Module):
     def state(self, value: Scalar, part: Int[Array, ""], start: Field) -> tuple[Place, RESULTS]:
         """Return the equilibrium at a load that the solver finds from a start."""
         contact, load = self.contact, self.at(value, part)
-        iteration = solver().solve(contact, contact.control(load), start)
+        control = contact.control(load)
+        # Where the mean gap is held, no long step draws the surfaces apart.
+        method = PreconditionedConjugateGradient() if control.fixes_mean else solver()
+        iteration = method.solve(contact, control, start)
         found = concluded(contact, load, iteration)
         return place_of(contact, found, value), found.result
 
