@@ -5,10 +5,13 @@ On the CPU a program maps its code into memory in hundreds of pieces, of which L
 """
 
 from collections.abc import Callable, Hashable
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import jax
+import jax.numpy as jnp
+from jaxtyping import Array
 
 from jaxstab.checks import is_traced
 
@@ -35,6 +38,28 @@ def if_needed(is_needed: Any, compute: Callable[[], Out], otherwise: Out) -> Out
     if is_traced(is_needed):
         return jax.lax.cond(is_needed, compute, lambda: otherwise)
     return compute() if is_needed else otherwise
+
+
+def first_good(compute: Callable[[Array], Out], is_good: Callable[[Out], Array]) -> Out:
+    """Return what is computed for 0 if it is good, or else for 1, or for 0 if neither is.
+
+    What both share is compiled once.
+    """
+
+    def is_needed(state: tuple[Array, Out]) -> Array:
+        number, found = state
+        return (number == 0) | ((number == 1) & ~is_good(found))
+
+    def look(state: tuple[Array, Out]) -> tuple[Array, Out]:
+        number, first = state
+        found = compute(number)
+        is_told_of = (number == 0) | is_good(found)
+        return number + 1, jax.tree.map(partial(jnp.where, is_told_of), found, first)
+
+    zero = jnp.array(0)
+    like = jax.eval_shape(compute, zero)
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
+    return jax.lax.while_loop(is_needed, look, (zero, nothing))[1]
 
 
 def make_room(kind: Hashable) -> None:

@@ -24,6 +24,7 @@ from jaxstab.contact import Contact
 from jaxstab.history import History
 from jaxstab.iterate import Iteration
 from jaxstab.loads import Load
+from jaxstab.programs import first_good
 from jaxstab.results import KINDS, RESULTS
 from jaxstab.stability.eigenpairs import Eigenpair
 from jaxstab.stability.modes import BLOCK_SIZE, noise
@@ -96,25 +97,13 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
     The arguments are those of `locate`.
     """
 
-    def limit_of_branch(gap: Field) -> Limit:
-        releases = first_releases(contact, load, gap, ahead)
-        kind, _ = reason_of(contact, load, gap, releases)
-        return locate(contact, load, gap, kind, first_of(releases), ahead)
+    def limit_from(number: Array) -> Limit:
+        state = jnp.where(number == 0, gap, least_open_closed(gap))
+        releases = first_releases(contact, load, state, ahead)
+        kind, _ = reason_of(contact, load, state, releases)
+        return locate(contact, load, state, kind, first_of(releases), ahead)
 
-    def is_needed(tried: tuple[Array, Limit]) -> Bool[Array, ""]:
-        number, limit = tried
-        return (number < 2) & ~limit.is_exact
-
-    def look(tried: tuple[Array, Limit]) -> tuple[Array, Limit]:
-        number, first = tried
-        limit = limit_of_branch(jnp.where(number == 0, gap, least_open_closed(gap)))
-        is_told_of = (number == 0) | limit.is_exact
-        return number + 1, jax.tree.map(partial(jnp.where, is_told_of), limit, first)
-
-    nothing = jax.tree.map(
-        lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(limit_of_branch, gap)
-    )
-    return jax.lax.while_loop(is_needed, look, (jnp.array(0), nothing))[1]
+    return first_good(limit_from, lambda limit: limit.is_exact)
 
 
 def locate(

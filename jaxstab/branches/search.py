@@ -26,7 +26,7 @@ from jaxstab.equilibrium.state import fields_of
 from jaxstab.grid import mean, total
 from jaxstab.history import Indicators
 from jaxstab.iterate import Iteration, IterativeSolver
-from jaxstab.loads import Load
+from jaxstab.loads import Control, Load
 from jaxstab.results import KINDS, RESULTS
 from jaxstab.stability.modes import BLOCK_SIZE, noise
 
@@ -35,9 +35,17 @@ _SHARE = 0.75
 # How much farther than foreseen the fold may lie.
 _SURPRISE = 2
 # How far a step of a solver may move a point: farther ones were seen to leap over minima.
-MAX_MOVE = 0.1
+_MAX_MOVE = 0.1
 # Jumps that lose a smaller part of the problem's own energy do not end a branch.
 SMALLEST_JUMP = {"float64": 1e-6, "float32": 1e-5}
+
+
+def branch_solver(control: Control) -> PreconditionedConjugateGradient:
+    """Return the solver of the equilibria along a branch under a load.
+
+    Where the mean gap is held, no long step draws the surfaces apart.
+    """
+    return PreconditionedConjugateGradient(max_move=None if control.fixes_mean else _MAX_MOVE)
 
 
 def follow_to_fold(contact: Contact, loads: Load, start: Field | None) -> Limit:
@@ -152,7 +160,7 @@ class _Approach(IterativeSolver):
             stride = jnp.where(is_ahead(state), _SHARE * state.distance, left) * state.fraction
             load = old.load.at(old.load.value + stride)
             start = jnp.maximum(old.gap + stride * state.rate, 0)
-            solver = PreconditionedConjugateGradient(max_move=MAX_MOVE)
+            solver = branch_solver(contact.control(load))
             equilibrium = find(contact, load, solver, start)
             is_found = equilibrium.result == RESULTS.successful
             new = point_at(contact, load, jnp.where(is_found, equilibrium.gap, 1), old.modes)

@@ -77,14 +77,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
         solid = contact.solid.held_by(0 if control.stiffness is None else control.stiffness)
         precondition = _preconditioner(contact, solid, gap)
         balance_of = contact.balance(control)
-        law_range = contact.profile.range
-
-        def longest(gap: Float[Array, " *grid"], direction: Float[Array, " *grid"]) -> Array:
-            if self.max_move is None:
-                return jnp.array(jnp.inf)
-            moves = direction != 0
-            rooms = (law_range + gap) / jnp.where(moves, jnp.abs(direction), 1)
-            return self.max_move * jnp.min(jnp.where(moves, rooms, jnp.inf))
+        shortened = _shortening(contact, self.max_move)
 
         def energy_of(gap: Float[Array, " *grid"], balance: Balance) -> Float[Array, ""]:
             work = gap.size * control.energy(total(gap) / gap.size)
@@ -143,8 +136,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
             # To the preconditioner, which knows no negative curvature, the length is 1.
             length = jnp.where(is_convex, descent / _nonzero(curvature), state.reach)
 
-            length = jnp.minimum(length, longest(state.gap, direction))
-            trial = search(state, direction, length)
+            trial = search(state, direction, shortened(length, state.gap, direction))
             grows = ~is_convex & (trial.num_cuts == 0)
             return _State(
                 trial.gap,
@@ -194,6 +186,22 @@ def _preconditioner(
         return waves + share * (1 - share) / stiff * force
 
     return partial(jax.lax.cond, contact.has_core, by_waves_and_points, by_waves)
+
+
+def _shortening(contact: Contact, max_move: Float[Array, ""] | None) -> Callable[..., Array]:
+    """Return the map from the length of a step, a gap and a direction to one that is allowed."""
+    if max_move is None:
+        return lambda length, gap, direction: length
+    law_range = contact.profile.range
+
+    def shortened(
+        length: Float[Array, ""], gap: Float[Array, " *grid"], direction: Float[Array, " *grid"]
+    ) -> Float[Array, ""]:
+        moves = direction != 0
+        rooms = (law_range + gap) / jnp.where(moves, jnp.abs(direction), 1)
+        return jnp.minimum(length, max_move * jnp.min(jnp.where(moves, rooms, jnp.inf)))
+
+    return shortened
 
 
 def _nonzero(value: Float[Array, ""]) -> Float[Array, ""]:

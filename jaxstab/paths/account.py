@@ -65,12 +65,11 @@ def _jump(contact: Contact, one: Load, event: Event) -> Jump:
         ),
         lambda: (KINDS.fold, jnp.full_like(here.gap, jnp.nan)),
     )
-    before, after = event.states(contact, one)
     return Jump(
         load=load,
         kind=KINDS.where(event.is_touch, KINDS.touch, kind),
-        before=before,
-        after=after,
+        before=event.state_before(contact, one),
+        after=event.state_after(contact, one),
         mode=mode,
         dissipation=event.dissipation,
         state=event.state,

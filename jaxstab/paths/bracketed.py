@@ -7,7 +7,6 @@ At a fold the smallest eigenvalue on the free points vanishes, and the branch tu
 At a release the reaction of a contact point vanishes instead, and the energy falls as it opens.
 """
 
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -29,9 +28,9 @@ from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.course import course_of
 from jaxstab.paths.store import Store
 from jaxstab.paths.walk import walk
-from jaxstab.programs import if_needed, program
+from jaxstab.programs import first_good, if_needed, program
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.results import RESULTS, throw_failure
+from jaxstab.results import throw_failure
 
 _ROOM = partial(Store.empty, size=4096, fields=False), partial(Store.empty, size=1, fields=True)
 
@@ -115,23 +114,13 @@ def _find_lanes(*inputs: Any) -> Limit:
 
 
 def _find_in_trace(contact: Contact, bracket: Load, start: Field | None) -> Limit:
-    """Return what `_find` does, by a loop over both ways: what they share is compiled once."""
-    none = jax.eval_shape(_fold, contact, bracket, start)
-    none = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), none)
-    none = replace(none, result=RESULTS.no_fold)
+    """Return what `_find` does, both ways in one program."""
 
-    def is_needed(state: tuple[Array, Limit]) -> Array:
-        number, limit = state
-        return (number < 2) & ~limit.is_found
-
-    def look(state: tuple[Array, Limit]) -> tuple[Array, Limit]:
-        number, first = state
+    def end_of(number: Array) -> Limit:
         way = jax.tree.map(partial(jnp.where, number == 0), bracket, _turned(bracket))
-        limit = _end_of_branch(contact, way, start)
-        is_told_of = (number == 0) | limit.is_found
-        return number + 1, jax.tree.map(partial(jnp.where, is_told_of), limit, first)
+        return _end_of_branch(contact, way, start)
 
-    return jax.lax.while_loop(is_needed, look, (jnp.array(0), none))[1]
+    return first_good(end_of, lambda limit: limit.is_found)
 
 
 def _turned(bracket: Load) -> Load:

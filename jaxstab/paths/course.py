@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.branches.loss import own_energy, smallest_loss
-from jaxstab.branches.search import MAX_MOVE
+from jaxstab.branches.search import branch_solver
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import concluded, started
@@ -18,11 +18,6 @@ from jaxstab.results import RESULTS
 DISTURBANCE = 1e-6
 # Steps of a monotone part of the programme, at least.
 _NUM_STEPS = 32
-
-
-def solver() -> PreconditionedConjugateGradient:
-    """Return the solver of the equilibria on the way where the mean gap is not held."""
-    return PreconditionedConjugateGradient(max_move=MAX_MOVE)
 
 
 class Course(eqx.Module):
@@ -50,6 +45,11 @@ class Course(eqx.Module):
         )
 
     @property
+    def solver(self) -> PreconditionedConjugateGradient:
+        """The solver of the equilibria on the way."""
+        return branch_solver(self.contact.control(self.load[0]))
+
+    @property
     def longest(self) -> Scalar:
         """The longest step."""
         turns = self.load.value
@@ -68,10 +68,7 @@ class Course(eqx.Module):
     def state(self, value: Scalar, part: Int[Array, ""], start: Field) -> tuple[Place, RESULTS]:
         """Return the equilibrium at a load that the solver finds from a start."""
         contact, load = self.contact, self.at(value, part)
-        control = contact.control(load)
-        # Where the mean gap is held, no long step draws the surfaces apart.
-        method = PreconditionedConjugateGradient() if control.fixes_mean else solver()
-        iteration = method.solve(contact, control, start)
+        iteration = self.solver.solve(contact, contact.control(load), start)
         found = concluded(contact, load, iteration)
         return place_of(contact, found, value), found.result
 

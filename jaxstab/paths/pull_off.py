@@ -118,7 +118,7 @@ def end_of(course: Course, ended: Walk[Strongest]) -> tuple[Limit, Equilibrium]:
     limit = limit_ahead(contact, one.at(before.value), before.gap, jump.ahead)
     result = RESULTS.where(ended.jumps.is_found, limit.result, RESULTS.no_jump)
     result = RESULTS.where(ended.result == RESULTS.successful, result, ended.result)
-    return replace(limit, result=result), jump.states(contact, one)[1]
+    return replace(limit, result=result), jump.state_after(contact, one)
 
 
 def as_shown(

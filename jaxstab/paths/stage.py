@@ -15,7 +15,7 @@ from jaxstab.contact import Contact
 from jaxstab.equilibrium.stage import EquilibriumStage
 from jaxstab.iterate import Loop
 from jaxstab.loads import MeanPressure
-from jaxstab.paths.course import Course, solver
+from jaxstab.paths.course import Course
 from jaxstab.paths.pull_off import ROOM, as_shown, dead_load, end_of, unloading
 from jaxstab.paths.step import Aim, Walk, after, aimed
 from jaxstab.paths.store import Place, Strongest, place_of
@@ -98,7 +98,7 @@ class WalkStage(Stage):
         with Pause(state.loop, max_steps) as pause:
             found = state.course.state(aim.value, state.walk.part, aim.start)
         state = replace(state, loop=pause.loop)
-        is_found = solver().is_over(state.loop)
+        is_found = state.course.solver.is_over(state.loop)
         return jax.tree.map(partial(jnp.where, is_found), state.after(*found), state)
 
     def is_over(self, record: Record, state: _Walking) -> Bool[Array, ""]:

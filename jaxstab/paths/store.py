@@ -69,13 +69,14 @@ class Event(eqx.Module):
         """How far ahead of the state before the load of the one after lies, with its sign."""
         return self.after.value - self.before.value
 
-    def states(self, contact: Contact, one: Load) -> tuple[Equilibrium, Equilibrium]:
-        """Return the equilibria before and after it, given the load of either at any value."""
+    def state_before(self, contact: Contact, one: Load) -> Equilibrium:
+        """Return the equilibrium before it, given the load there at any value."""
+        return _state_unless(self.is_touch, contact, one, self.before)
+
+    def state_after(self, contact: Contact, one: Load) -> Equilibrium:
+        """Return the equilibrium after it, given the load there at any value."""
         is_pulled = ~self.is_touch & jnp.isnan(self.dissipation)
-        return (
-            _state_unless(self.is_touch, contact, one, self.before),
-            _state_unless(is_pulled, contact, one, self.after),
-        )
+        return _state_unless(is_pulled, contact, one, self.after)
 
 
 def _state_unless(is_apart: Flag, contact: Contact, one: Load, place: Place) -> Equilibrium:
