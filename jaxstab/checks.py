@@ -63,6 +63,8 @@ def numbers(value: Any, name: str) -> Float[Array | np.ndarray, "..."]:
         value = jnp.asarray(value)
     elif not isinstance(value, jax.Array):
         value = np.asarray(value)
+        # As files have them, bytes may come in an order that JAX refuses.
+        value = value.astype(value.dtype.newbyteorder("="), copy=False)
     if jnp.issubdtype(value.dtype, jnp.floating):
         return cast(value, value.dtype) if isinstance(value, jax.Array) and value.ndim else value
     if not (jnp.issubdtype(value.dtype, jnp.integer) or value.dtype == bool):

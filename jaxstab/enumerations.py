@@ -97,6 +97,8 @@ class Enumeration(Stackable, metaclass=_Members):
         return eqx.branched_error_if(tree, condition, self.code, type(self).texts.tolist())
 
     def __eq__(self, other: Any) -> Bool[Array, "..."]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        if other is None:
+            return jnp.zeros(np.shape(self.code), bool)
         # Also inside of jit, what is known stays known.
         with jax.ensure_compile_time_eval():
             return jnp.asarray(self.code == type(self).promote(other).code)
@@ -107,6 +109,9 @@ class Enumeration(Stackable, metaclass=_Members):
     def __hash__(self) -> int:
         # That of the name, which it equals.
         return hash(self.name)
+
+    def __format__(self, spec: str) -> str:
+        return format(str(self), spec)
 
     def __repr__(self) -> str:
         try:

@@ -85,7 +85,7 @@ class _Formula:
         def opened(arrays: Sequence[Array], argument: Array) -> list[Array]:
             return _evaluate(closed, [argument], dict(zip(captured, arrays, strict=True)))
 
-        self.function = function
+        self.function, self.argument = function, argument
         self.opened = jax.make_jaxpr(opened)([*captured.values()], argument)
         places = {key: place for place, key in enumerate(captured)}
         self.structure = list(_structure(closed.jaxpr, closed.consts, places))
@@ -102,8 +102,16 @@ class _Formula:
         pairs = zip(self.structure, other.structure, strict=False)
         return len(self.structure) == len(other.structure) and all(agree(*pair) for pair in pairs)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # The function is copied, or found by its name; what it computes cannot be pickled.
+        return _formula, (self.function, self.argument)
+
     def __hash__(self) -> int:
         return hash(tuple(part for part in self.structure if isinstance(part, str)))
+
+
+def _formula(function: Any, argument: jax.ShapeDtypeStruct) -> _Formula:
+    return _Formula(function, jax.make_jaxpr(lambda x: function(x))(argument), argument)
 
 
 @dataclass(frozen=True)

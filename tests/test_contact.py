@@ -57,6 +57,16 @@ def test_the_energy_is_that_of_equation_15_times_the_cell_area(contact, gap):
     np.testing.assert_allclose(contact.energy(gap), expected)
 
 
+def test_numbers_of_either_byte_order_are_taken():
+    grid, heights = js.Grid(4), np.arange(16.0).reshape(4, 4)
+    solid, law = js.HalfSpace(grid, np.array(2, ">f8")), js.potentials.NoAdhesion()
+    for dtype in (">f8", "<f8"):
+        contact = js.Contact(solid, heights.astype(dtype), law)
+        assert contact.heights.dtype == jnp.float64
+        np.testing.assert_array_equal(contact.heights, heights)
+    assert contact.solid.youngs_modulus == 2.0
+
+
 def test_the_residual_sees_every_way_to_miss_equilibrium(hertz):
     equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2))
     exact = equilibrium.gap

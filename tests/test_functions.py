@@ -1,7 +1,9 @@
 """Functions as pytrees: what is told apart, what is not compiled anew, and what cannot be one."""
 
+import copy
 import math
 import os
+import pickle
 import subprocess
 import sys
 
@@ -105,6 +107,21 @@ def test_a_library_function_with_a_rule_of_its_own_does_not_compile_anew():
 def test_a_function_answers_in_the_precision_that_it_is_asked_in(dtype):
     function = pytree(plain(jnp.asarray(TABLES[0])))
     assert function(jnp.asarray(X, dtype)).dtype == dtype
+
+
+def of_this_module(x):
+    return TABLES[0] @ jnp.exp(-x * RATES)
+
+
+@pytest.mark.parametrize("function", [of_this_module, plain(TABLES[0])])
+def test_a_function_is_copied_and_where_it_has_a_name_pickled(function):
+    run = jax.jit(lambda function, x: function(x))
+    copies = [function := pytree(function), copy.deepcopy(function)]
+    if function.formula.function is of_this_module:
+        copies.append(pickle.loads(pickle.dumps(function)))
+    for twin in copies:
+        np.testing.assert_allclose(run(twin, X), TABLES[0] @ np.exp(-X * RATES))
+    assert run._cache_size() == 1
 
 
 class Labelled(eqx.Module):

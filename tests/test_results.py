@@ -74,6 +74,12 @@ def test_a_name_that_no_verdict_has_is_refused(verdicts):
         operator.eq(verdicts, js.RESULTS.successful)
 
 
+def test_verdicts_are_never_none_and_are_padded_as_words(verdicts):
+    assert not operator.eq(js.VERDICTS.stable, None) and operator.ne(js.VERDICTS.stable, None)
+    assert operator.eq(verdicts, None).tolist() == [False] * 4
+    assert f"{js.VERDICTS.stable:>10}|{js.VERDICTS.unstable}" == "    stable|unstable"
+
+
 def test_verdicts_give_their_names_and_texts(verdicts):
     names = ["stable", "unstable", "undecided", "stable"]
     assert type(js.VERDICTS.stable.name) is str
