@@ -288,6 +288,9 @@ def test_a_surface_and_a_result_say_what_they_are_and_a_result_is_drawn(scan, tm
     contact = js.Contact(js.HalfSpace(grid, 0.05), heights, js.potentials.Exponential(0.01, 0.2))
     sweep = js.sweep(contact, js.MeanGap(jnp.array([0.1, 0.2])))
     path = js.save(tmp_path / "run.nc", contact, sweep)
+    with pytest.raises(SystemExit):
+        main(["info", str(path), "--unit", "um"])
+    assert "which has its own lengths and unit: leave out" in capsys.readouterr().err
     main(["info", str(path)])
     said = capsys.readouterr().out
     assert said.startswith("Sweep of an adhesive contact") and str(sweep) in said
@@ -332,6 +335,7 @@ def test_what_to_cite_is_said(capsys):
         (["--stiffness", "2"], "--stiffness belongs to --load spring"),
         (["--load", "pressure", "--first", "0"], "--last is needed with --load pressure."),
         (["--smoothing", "0.2"], "--smoothing belongs to --potential dugdale."),
+        (["--potential", "none", "--range", "1"], "--range belongs to a law, not to --potential"),
         (["--smallest-jump", "1e-3"], "--smallest-jump belongs to --study loop."),
         (["--study", "loop"], "--number belongs to --study unloading."),
         (["--lengths", "2"], "--lengths belongs to --surface."),

@@ -28,6 +28,11 @@ def run(options: argparse.Namespace) -> None:
     if attributes is None:
         print(read(options.file, options.lengths, options.unit))
         return
+    if options.lengths is not None or options.unit is not None:
+        raise ValueError(
+            f"{options.file} is a result, which has its own lengths and unit: leave out --lengths "
+            "and --unit."
+        )
     print(_described(attributes))
     if "structure" in attributes:
         jax.config.update("jax_enable_x64", True)

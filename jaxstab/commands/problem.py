@@ -107,8 +107,11 @@ def settle(parser: Parser, options: argparse.Namespace) -> None:
         if getattr(options, name) is not None:
             parser.error(f"argument {_option(name)} {reason}.")
     for name in _MATERIAL:
+        is_given = getattr(options, name) is not None
         is_needed = options.potential != "none" or name == "youngs_modulus"
-        if is_measured and is_needed and getattr(options, name) is None:
+        if is_given and not is_needed:
+            parser.error(f"argument {_option(name)} belongs to a law, not to --potential none.")
+        if is_measured and is_needed and not is_given:
             parser.error(f"argument {_option(name)} is needed with --surface, whose units are its.")
     if options.smoothing is not None and options.potential != "dugdale":
         parser.error("argument --smoothing belongs to --potential dugdale.")
