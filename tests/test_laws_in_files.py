@@ -141,3 +141,17 @@ def test_labels_are_those_of_the_dimension_and_not_guessed_of_a_law_of_ones_own(
     assert dataset.energy.units == "energy/length"
     assert dataset.potential_work.attrs == {"long_name": "work"}
     assert dataset.potential_amplitude.attrs == {"long_name": "amplitude"}
+
+
+def test_what_is_composed_of_laws_and_materials_has_labels_too():
+    grid = js.Grid(8)
+    solid = js.CoatedHalfSpace(grid, (1.0, 0.3), 0.2, (2.0, 0.4))
+    law = js.potentials.Scaled(js.potentials.Dugdale(0.01, 0.2), jnp.array(0.5))
+    contact = js.Contact(solid, js.surfaces.sinusoid(grid, 0.1), law)
+    dataset = js.to_dataset(contact, js.equilibrate(contact, js.MeanGap(0.1)))
+    for place in ("layer", "base"):
+        first, second = (dataset[f"solid_{place}_{i}"].attrs for i in (0, 1))
+        assert first == {"long_name": f"{place}, Young's modulus", "units": "pressure"}
+        assert second == {"long_name": f"{place}, Poisson's ratio", "units": "1"}
+    assert dataset.potential_law_length.attrs == {"long_name": "law, range", "units": "length"}
+    assert dataset.potential_law_smoothing.units == dataset.potential_factor.units == "1"

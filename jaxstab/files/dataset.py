@@ -36,6 +36,8 @@ FORMAT = 1
 _PACKAGES = ("jaxstab", "jax", "jaxlib", "equinox", "numpy")
 # There energies and areas are those per length of the other side.
 _ON_A_LINE = {"energy": f"energy/{LENGTH}", f"{LENGTH}^2": LENGTH}
+# The order of those that a coated half space holds of a material.
+_MODULI = ("youngs_modulus", "poisson_ratio")
 _PATH_AXES = {"load": ("state",), "equilibrium": ("state",), "jumps": ("jump",)}
 
 
@@ -151,14 +153,14 @@ def _label(record: Record, contact: Contact, result: Result) -> tuple[str, str]:
     if field == "value" and holders[-1:] == ["load"] and load is not None:
         long_name, unit = f"load: {type(load).__name__}", load.unit
     else:
+        if holders[-1:] in (["layer"], ["base"]):
+            field = _MODULI[int(field)]
         long_name, unit = field.replace("_", " "), ""
         # What a name stands for in a law of one's own is not known.
         if not _is_ones_own(contact, record.path):
             long_name, unit = QUANTITIES.get(field, (long_name, unit))
     if len(contact.grid.shape) == 1:
         unit = _ON_A_LINE.get(unit, unit)
-    if field == "length" and holders[-1:] == ["potential"]:
-        long_name, unit = "range", LENGTH
     if field == "height":
         long_name, unit = "height", "energy"
     silent = ("equilibrium", "stability", "load", "solid", "grid", "potential")
