@@ -77,12 +77,32 @@ def path(self: Any) -> str:
         lines = [
             f"Path: {name} {_number(loads[0])} to {_number(loads[-1])} in {loads.size} states, "
             f"{len(jumps)} jumps; {self.result.name}",
-            f"  work         {described(self.work)}",
-            f"  dissipation  {described(self.dissipation)}",
+            *_energies(self),
         ]
         return "\n".join([*lines, _table(_jumps(name, jumps))] if len(jumps) else lines)
     except UNREADABLE:
         return block(self)
+
+
+def _energies(path: Any) -> list[str]:
+    """Return the lines on the work along a path and on what it has lost."""
+    work, losses = np.asarray(path.equilibrium.work), np.asarray(path.jumps.dissipation)
+    if np.isfinite(path.work):
+        lines = [
+            f"  work  {described(path.work)}",
+            f"  lost in {len(losses)} jumps  {described(path.dissipation)}",
+        ]
+    else:
+        known, number = work[np.isfinite(work)][-1], np.isfinite(np.cumsum(losses)).sum()
+        lines = [
+            f"  work until the surfaces fall apart  {_number(known)}",
+            f"  lost in {number} jumps before  {_number(losses[:number].sum())}",
+            "  after that neither is known: a dead load pulls surfaces apart without end",
+        ]
+    if path.unlocated is not None and path.unlocated > path.unlocated_error:
+        amount, error = float(path.unlocated), float(path.unlocated_error)
+        lines.append(f"  lost in jumps not located  {amount:.2g} ± {error:.1g}")
+    return lines
 
 
 def _jumps(name: str, jumps: Any) -> dict[str, list[str]]:

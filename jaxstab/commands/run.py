@@ -27,7 +27,7 @@ the way; or judge the stability of each of many states as it is unloaded (Rey & 
 4.2.3). Figure and data go into a new folder."""
 # What belongs to one study, and its defaults.
 _STUDIES: dict[str, dict[str, Any]] = {
-    "loop": {"smallest_jump": 2e-3},
+    "loop": {"smallest_jump": None},
     "unloading": {"number": 21, "order": "continuation"},
 }
 
@@ -40,9 +40,9 @@ def add_options(parser: Parser) -> None:
     parser.add_argument("--study", choices=kinds, default=kinds[0], help=help)
     problem.add_options(parser)
     add = parser.add_argument_group("loop, from the last load to the first and back").add_argument
-    default = _STUDIES["loop"]["smallest_jump"]
     help = (
-        f"part of the problem's energy that a jump loses for it to be located (default {default})"
+        "part of the problem's energy that a jump loses for it to be located (default 2e-7, or "
+        "0.5 %% of what was lost before)"
     )
     add("--smallest-jump", type=number, help=help)
     add = parser.add_argument_group("unloading, from the first load to the last").add_argument

@@ -59,11 +59,14 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
         max_move: how far a step may move a point, over its gap and the range of the law: with 0.1,
             as on paths under tension, none was seen to leap over a minimum. By default as far as
             the energy falls.
+        least_energy: stop, and report no result, once energy and potential of the load fall below
+            this value, summed over the points [pressure length]; by default never.
     """
 
     tolerance: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=20_000)
     max_move: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
+    least_energy: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
 
@@ -148,9 +151,12 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
             )
 
         def measure(state: _State) -> Indicators:
-            balance = state.balance
-            residual = jnp.where(balance.has_escaped, jnp.inf, balance.residual)
-            return {"residual": residual, "energy": energy_of(state.gap, balance)}
+            balance, energy = state.balance, energy_of(state.gap, state.balance)
+            has_left = balance.has_escaped
+            if self.least_energy is not None:
+                has_left |= energy < self.least_energy
+            residual = jnp.where(has_left, jnp.inf, balance.residual)
+            return {"residual": residual, "energy": energy}
 
         one = jnp.ones((), gap.dtype)
         nothing = jnp.zeros_like(gap)

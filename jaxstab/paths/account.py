@@ -10,13 +10,14 @@ from jaxtyping import Array
 
 from jaxstab.branches.reason import reason_of
 from jaxstab.branches.release import first_releases
-from jaxstab.checks import known
 from jaxstab.contact import Contact
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load
 from jaxstab.paths.path import Jump, Path, States
+from jaxstab.paths.recording import Recording
 from jaxstab.paths.step import Walk
-from jaxstab.paths.store import Event, Place, Store
+from jaxstab.paths.store import Event, Store
+from jaxstab.paths.unlocated import unlocated_loss
 from jaxstab.programs import program
 from jaxstab.results import KINDS
 from jaxstab.stacks import first_entries, stacked
@@ -36,22 +37,20 @@ def path_with_room(fields: bool, ended: Walk[Store], contact: Contact, load: Loa
     return by_lanes(path)(ended, contact, load)
 
 
-def path_of(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> Path:
-    """Return the path as `path_with_room` does, its values known, but with no room left.
+def path_of(fields: bool, record: Recording, contact: Contact, load: Load) -> Path:
+    """Return the path as `path_with_room` does, from what was recorded on the way.
 
     Jumps are looked at one by one: any number of them needs one program, and no more memory than
     they take.
     """
-    rows, one = jax.tree.map(known, ended.jumps.rows), load[0]
-
-    def event(i: int) -> Event:
-        return jax.tree.map(lambda leaf: leaf[i], rows)
-
-    jumps = [_jump_alone(contact, one, event(i)) for i in range(int(ended.jumps.count))]
-    like = jumps[0] if jumps else jax.eval_shape(_jump_alone, contact, one, event(0))
-    parts = _states_alone(fields, replace(ended, jumps=None), contact, load)
+    one = load[0]
+    jumps = [_jump_alone(contact, one, event) for event in record.events]
+    like = jumps[0] if jumps else jax.eval_shape(_jump_alone, contact, one, record.no_event)
+    parts = _states_alone(False, record.ended, contact, load)
     for name in ("load", "equilibrium"):
-        parts[name] = first_entries(parts[name], int(ended.states.count))
+        parts[name] = first_entries(parts[name], record.num_states)
+    if fields:
+        parts["equilibrium"] = replace(parts["equilibrium"], gap=record.gaps)
     return Path(jumps=stacked(jumps, like), **parts)
 
 
@@ -78,6 +77,7 @@ def _jump(contact: Contact, one: Load, event: Event) -> Jump:
 
 def _states(fields: bool, ended: Walk[Any], contact: Contact, load: Load) -> dict[str, Any]:
     """Return all of a path but its jumps, by name."""
+    assert isinstance(ended.states, Store)
     states, one = ended.states.rows, load[0]
     place = states.place
 
@@ -85,11 +85,10 @@ def _states(fields: bool, ended: Walk[Any], contact: Contact, load: Load) -> dic
         # What else a load has is the same all along.
         return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, values.shape), one).at(values)
 
-    def work(place: Place, supplied: Array) -> Array:
-        # A dead weight is no part of what is worked on.
-        start = states.place.stored[0] - states.place.potential[0]
-        return supplied + (place.stored - place.potential) - start
-
+    dissipation = states.dissipation
+    is_branch = (jnp.diff(dissipation) == 0) & jnp.isfinite(place.value[1:])
+    unlocated, error = unlocated_loss(place.value, place.potential, place.force, is_branch)
+    end = ended.here
     return {
         "load": loads(place.value),
         "equilibrium": States(
@@ -98,13 +97,15 @@ def _states(fields: bool, ended: Walk[Any], contact: Contact, load: Load) -> dic
             place.contact_area,
             jnp.broadcast_to(contact.area, place.energy.shape),
             place.energy,
-            work(place, states.supplied),
-            states.dissipation,
+            place.stored - place.stored[0] + dissipation,
+            dissipation,
             place.gap if fields else None,
         ),
-        "work": work(ended.here.place, ended.here.supplied),
-        "dissipation": ended.here.dissipation,
+        "work": end.place.stored - place.stored[0] + end.dissipation,
+        "dissipation": end.dissipation,
         "result": ended.result,
+        "unlocated": unlocated,
+        "unlocated_error": error,
     }
 
 

@@ -26,13 +26,13 @@ from jaxstab.equilibrium.window import whole_start
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.course import course_of
-from jaxstab.paths.store import Store
+from jaxstab.paths.store import Count, Store
 from jaxstab.paths.walk import walk
 from jaxstab.programs import first_good, if_needed, program
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import throw_failure
 
-_ROOM = partial(Store.empty, size=4096, fields=False), partial(Store.empty, size=1, fields=True)
+_ROOM = Count.none, partial(Store.empty, size=1, fields=True)
 
 
 def critical_load(

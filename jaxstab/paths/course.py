@@ -1,5 +1,7 @@
 """The programme that a path follows: what is the same all the way."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -11,11 +13,14 @@ from jaxstab.contact import Contact
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import concluded, started
 from jaxstab.loads import Load
-from jaxstab.paths.store import Field, Place, Scalar, place_of
+from jaxstab.paths.store import Field, Place, Record, Scalar, place_of
 from jaxstab.results import RESULTS
 
-# By default, over the rms height.
+# By default, over the size of the problem's own heights and gaps.
 DISTURBANCE = 1e-6
+# How far a step of the solver may move a point on its way to another branch, over its gap and the
+# range of the law: longer ones came to other minima than an overdamped relaxation.
+_MAX_MOVE = 0.03
 # Steps of a monotone part of the programme, at least.
 _NUM_STEPS = 32
 
@@ -27,6 +32,7 @@ class Course(eqx.Module):
         contact: the contact problem, in units of its own.
         load: the turning points of the programme.
         threshold: the loss from which a jump is located [energy].
+        share: the same, over what was lost before.
         resolution: how near it is located [that of the load].
         disturbance: a field that is added to where each equilibrium starts [length].
     """
@@ -34,14 +40,17 @@ class Course(eqx.Module):
     contact: Contact
     load: Load
     threshold: Scalar
+    share: Scalar
     resolution: Scalar
     disturbance: Field
 
-    def smallest_loss(self, place: Place) -> Scalar:
+    def smallest_loss(self, here: Record) -> Scalar:
         """Return the loss from which a jump from a state is located."""
-        contact, threshold = self.contact, self.threshold
+        place = here.place
+        # What surfaces that fell apart have lost is no number.
+        threshold = jnp.fmax(self.threshold, self.share * here.dissipation)
         return smallest_loss(
-            contact, threshold, place.potential, place.mean_gap, place.mean_pressure
+            self.contact, threshold, place.potential, place.mean_gap, place.mean_pressure
         )
 
     @property
@@ -65,10 +74,28 @@ class Course(eqx.Module):
         disturbed = jnp.where(gap > 0, jnp.maximum(gap + self.disturbance, 0), 0)
         return started(self.contact, self.at(value, part), disturbed)
 
-    def state(self, value: Scalar, part: Int[Array, ""], start: Field) -> tuple[Place, RESULTS]:
-        """Return the equilibrium at a load that the solver finds from a start."""
+    def state(
+        self,
+        value: Scalar,
+        part: Int[Array, ""],
+        start: Field,
+        least_potential: ArrayLike = -jnp.inf,
+        is_final: ArrayLike = False,
+    ) -> tuple[Place, RESULTS]:
+        """Return the equilibrium at a load that the solver finds from a start.
+
+        Arguments:
+            value: of the load.
+            part: of the programme.
+            start: the gap to start from.
+            least_potential: once the potential falls below it, the search ends without a result.
+            is_final: whether the way down may lead to another branch.
+        """
         contact, load = self.contact, self.at(value, part)
-        iteration = self.solver.solve(contact, contact.control(load), start)
+        solver = replace(self.solver, least_energy=least_potential / contact.grid.cell_area)
+        if solver.max_move is None:
+            solver = replace(solver, max_move=jnp.where(is_final, _MAX_MOVE, jnp.inf))
+        iteration = solver.solve(contact, contact.control(load), start)
         found = concluded(contact, load, iteration)
         return place_of(contact, found, value), found.result
 
@@ -82,7 +109,8 @@ def course_of(
     load: Load,
     smallest_jump: ArrayLike,
     disturbance: ArrayLike,
-    resolution: ArrayLike = 1e-6,
+    resolution: ArrayLike = 5e-7,
+    share: ArrayLike = 0.0,
 ) -> Course:
     """Return the course of a programme.
 
@@ -90,8 +118,9 @@ def course_of(
         contact: the contact problem, in units of its own.
         load: the turning points of the programme.
         smallest_jump: the loss from which a jump is located, over the problem's own energy.
-        disturbance: the size of a random field, over the rms height.
+        disturbance: the size of a random field, over `_own_length`.
         resolution: how near a jump is located, over the range of the loads.
+        share: the loss from which a jump is located, over what was lost before.
     """
     turns, heights = load.value, contact.heights
     noise = jax.random.normal(jax.random.key(0), heights.shape, heights.dtype)
@@ -101,6 +130,17 @@ def course_of(
         contact,
         load,
         threshold=jnp.asarray(smallest_jump) * own_energy(contact),
+        share=jnp.asarray(share),
         resolution=jnp.maximum(resolution * (jnp.max(turns) - jnp.min(turns)), finest),
-        disturbance=jnp.asarray(disturbance) * jnp.std(contact.solid.surface(heights)) * noise,
+        disturbance=jnp.asarray(disturbance) * _own_length(contact) * noise,
+    )
+
+
+def _own_length(contact: Contact) -> Scalar:
+    """Return the rms height, or of a flatter surface what the law and the grid resolve."""
+    grid = contact.grid
+    spacing = jnp.min(grid.lengths / jnp.asarray(grid.shape))
+    return jnp.maximum(
+        jnp.std(contact.solid.surface(contact.heights)),
+        jnp.minimum(contact.profile.range, spacing),
     )

@@ -25,9 +25,10 @@ from jaxstab.equilibrium.window import whole_start
 from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.account import path_of, path_with_room
-from jaxstab.paths.course import DISTURBANCE, course_of
+from jaxstab.paths.course import DISTURBANCE, Course, course_of
 from jaxstab.paths.implicit import with_derivatives
 from jaxstab.paths.path import Path
+from jaxstab.paths.recording import Recording
 from jaxstab.paths.step import Walk
 from jaxstab.paths.store import Field, Scalar, Store
 from jaxstab.paths.walk import begin, go_on, travelled
@@ -37,6 +38,12 @@ from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 
 _BATCH_SECONDS = 0.5
+# States and jumps of a batch.
+_ROOM = 32, 2
+# From which loss jumps are located by default: over the problem's own energy, and over what was
+# lost before.
+_SMALLEST_JUMP = 2e-7
+_SMALLEST_SHARE = 5e-3
 
 
 class PathInterrupted(UserWarning):
@@ -48,7 +55,7 @@ def follow(
     load: Load,
     *,
     initial: ArrayLike | State | None = None,
-    smallest_jump: ArrayLike = 1e-5,
+    smallest_jump: ArrayLike | None = None,
     disturbance: ArrayLike = DISTURBANCE,
     fields: bool = False,
     progress: bool = False,
@@ -58,14 +65,14 @@ def follow(
 ) -> Path:
     """Return the equilibria that a contact goes through as its load goes from value to value.
 
-    A step is predicted by the two states before it, and corrected by conjugate gradients. Where a
+    A step is predicted by the two states before, and corrected by conjugate gradients. Where a
     branch ends, these go down in energy from its last state, to the equilibrium at a load that is
     further by a part of 1e-6 of the range of loads. An overdamped relaxation,
     g' = -(K u + p0 + f'), went to the same contact points in all of 120 jumps of rough surfaces
-    (benchmarks/results/jumps.md). Jumps that lose less than `smallest_jump`, little more where the
-    work of a step hides it, or no more than rounding may hide, are not located, but what they lose
-    is counted. Surfaces that a tension has
-    pulled apart stay so until there is a pressure.
+    (benchmarks/results/jumps.md). Between jumps a branch is reversible. So the path loses the sum
+    of what its jumps lose, each a difference of potentials at one load. `unlocated` tells what
+    smaller jumps may have lost. Surfaces that a tension has pulled apart stay so until there is a
+    pressure.
 
     Ctrl-C ends a path after the steps in hand, about a second, and returns the states so far.
 
@@ -75,15 +82,17 @@ def follow(
         initial: where the first equilibrium starts, as in `equilibrate`.
         smallest_jump: the loss from which a jump is located, over the problem's own energy: that
             of the elastic deformation in full contact and of the deepest adhesion. By default
-            jumps located lost all but 0.7 % of what ten rough surfaces lost around a loop; at 1e-3
-            a path has a fifth of the states.
+            2e-7, or 0.5 % of what the path has lost before, whichever is more: jumps of 1 % of a
+            loop's loss are located.
         disturbance: the size of a random field, the same at every step, that is added to where
-            each equilibrium starts, over the rms height: it leaves branches that only a symmetry
-            holds. Zero for none.
+            each equilibrium starts, over the rms height; over the range of the law or the spacing
+            of the grid, whichever is less, where the surface is flatter than that. It leaves
+            branches that only a symmetry holds. Zero for none.
         fields: whether to keep the gap of every recorded state.
         progress: show a progress bar.
-        max_states: how many states and jumps there is room for.
-        max_jumps: how many jumps, two fields of memory for each, eleven under JAX transformations.
+        max_states: how many states there is room for under JAX transformations. Elsewhere a path
+            has as many as it needs.
+        max_jumps: how many jumps, likewise; eleven fields of memory for each.
         throw: raise where the path does not reach its end; otherwise look at `result`.
 
     Returns:
@@ -95,7 +104,7 @@ def follow(
     Raises:
         ValueError: for a load that does not hold two finite values or more in one dimension, each
             another than the one before, or machines that differ; for room that is too small.
-        SolverError: if `throw`, where an equilibrium is not found, or the store is full.
+        SolverError: if `throw`, where an equilibrium is not found, or there is no room left.
     """
     require_contact(contact)
     require_load(load)
@@ -109,8 +118,10 @@ def follow(
     cure = "a turning point is that of the one before: leave it out."
     require("The load", turns[1:], turns[1:] != turns[:-1], cure)
     require_same_machine(load)
-    share, noise = parameter(smallest_jump), parameter(disturbance)
-    require_positive("smallest_jump", share)
+    is_default = smallest_jump is None
+    least = parameter(_SMALLEST_JUMP if smallest_jump is None else smallest_jump)
+    share, noise = parameter(_SMALLEST_SHARE if is_default else 0.0), parameter(disturbance)
+    require_positive("smallest_jump", least)
     require("The disturbance", noise, known(noise) >= 0, "it must not be negative.")
     sizes = integer("max_states", max_states), integer("max_jumps", max_jumps)
     require("max_states", sizes[0], sizes[0] >= 2, "a path has two states at least.")
@@ -120,18 +131,15 @@ def follow(
     whole, start = whole_start(contact, load[0], start)
     own, unit = whole.in_own_units()
     loads = load.in_units_of(unit)
-    inputs = jax.lax.stop_gradient((own, loads, start, share, noise))
+    inputs = jax.lax.stop_gradient((own, loads, start, least, share, noise))
     # What was not found is NaN.
     with jax.debug_nans(False), progress_bar(100, "%", shown=progress) as bar:
-        ended = _begin(sizes, fields, *inputs)
-        if is_traced(ended):
-            ended = _go_on(ended, None, *inputs)
+        if is_traced(inputs):
+            path = _traced_path(sizes, fields, *inputs)
         else:
-            ended = _go_on_by_and_by(ended, inputs, bar)
-        account = path_with_room if is_traced(ended) else path_of
-        path = account(fields, ended, *inputs[:2])
+            path = path_of(fields, _recorded(fields, inputs, bar), *inputs[:2])
     if is_traced((contact, load)):
-        others = [part for part in (start, share, noise) if part is not None]
+        others = [part for part in (start, least, noise) if part is not None]
         path = with_derivatives(path, own, loads, others, throw)
     path = path.in_units_of(1 / unit).on_surface(whole.solid)
     if not throw or (not is_traced(path.result) and path.result == RESULTS.interrupted):
@@ -139,14 +147,20 @@ def follow(
     return throw_failure(path.result, path, lambda: _describe(path, load))
 
 
+def _traced_path(sizes: tuple[int, int], fields: bool, *inputs: Any) -> Path:
+    ended = _go_on(_begin(sizes, fields, *inputs), None, *inputs)
+    contact, load = inputs[:2]
+    is_short = ended.is_open(load)
+    ended = replace(ended, result=RESULTS.where(is_short, RESULTS.store_full, ended.result))
+    return path_with_room(fields, ended, contact, load)
+
+
 @partial(program, static_argnums=(0, 1))
 def _begin(sizes: tuple[int, int], fields: bool, *inputs: Any) -> Walk[Store]:
-    def first(
-        contact: Contact, load: Load, start: Field | None, share: Scalar, disturbance: Scalar
-    ) -> Walk[Store]:
+    def first(contact: Contact, load: Load, start: Field | None, *settings: Scalar) -> Walk[Store]:
         if start is None:
             start = contact.control(load[0]).starting_gap(contact.heights)
-        course, (num_states, num_jumps) = course_of(contact, load, share, disturbance), sizes
+        course, (num_states, num_jumps) = _course(contact, load, *settings), sizes
         states = partial(Store.empty, size=num_states, fields=fields)
         return begin(course, start, states, partial(Store.empty, size=num_jumps, fields=True))
 
@@ -161,30 +175,37 @@ def _go_on(walk: Walk[Store], num_steps: int | None, *inputs: Any) -> Walk[Store
         contact: Contact,
         load: Load,
         _: Field | None,
-        share: Scalar,
-        disturbance: Scalar,
+        *settings: Scalar,
     ) -> Walk[Store]:
-        return go_on(course_of(contact, load, share, disturbance), walk, num_steps)
+        return go_on(_course(contact, load, *settings), walk, num_steps)
 
     return by_lanes(further)(walk, num_steps, *inputs)
 
 
-def _go_on_by_and_by(walk: Walk[Store], inputs: Any, bar: Any) -> Walk[Store]:
-    """Go on to the end, or until interrupted, in batches of steps of about a second each."""
+def _course(
+    contact: Contact, load: Load, smallest_jump: Scalar, share: Scalar, disturbance: Scalar
+) -> Course:
+    return course_of(contact, load, smallest_jump, disturbance, share=share)
+
+
+def _recorded(fields: bool, inputs: Any, bar: Any) -> Recording:
+    """Go to the end, or until interrupted, in batches of steps of about a second each."""
     load, num_steps = inputs[1], 1
+    recording = Recording(_begin(_ROOM, fields, *inputs))
     try:
-        while walk.is_open(load):
+        while recording.walk.is_open(load):
             start = perf_counter()
             # While it waits, an interrupt stays pending.
-            walk = jax.block_until_ready(_go_on(walk, num_steps, *inputs))
-            bar.update(int(100 * travelled(load, walk)) - bar.n)
+            recording.add(jax.block_until_ready(_go_on(recording.walk, num_steps, *inputs)))
+            bar.update(int(100 * travelled(load, recording.walk)) - bar.n)
             # The first time it is compiled.
             num_steps = 2 * num_steps if perf_counter() - start < _BATCH_SECONDS else num_steps
     except KeyboardInterrupt:
-        message = f"The path was interrupted at {100 * float(travelled(load, walk)):.0f} %."
+        part = 100 * float(travelled(load, recording.walk))
+        message = f"The path was interrupted at {part:.0f} %."
         warnings.warn(message, PathInterrupted, stacklevel=3)
-        walk = replace(walk, result=RESULTS.interrupted)
-    return walk
+        recording.walk = replace(recording.walk, result=RESULTS.interrupted)
+    return recording
 
 
 def _describe(path: Path, load: Load) -> str:

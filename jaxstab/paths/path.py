@@ -23,8 +23,9 @@ class States(Stackable, eqx.Module):
         contact_area: the number of contact points over that of all points.
         area: that of the cell [length^2]; on a line its length [length].
         energy: elastic and adhesive energy of the surface [energy].
-        work: done up to here, on surface and spring, by what is prescribed [energy].
-        dissipation: energy lost up to here, in jumps located or not [energy].
+        work: done up to here, on surface and spring, by what is prescribed: the change of their
+            energy and what the jumps have lost [energy].
+        dissipation: energy lost in the jumps up to here [energy].
         gap: g, None unless asked for [length].
     """
 
@@ -73,7 +74,8 @@ class Jump(Stackable, eqx.Module):
         after: the one that the contact jumps to, at the next load; NaN, with no contact area, where
             it is pulled off.
         mode: the unit vector along which the state loses its stability; NaN at a touch.
-        dissipation: the energy lost [energy]; NaN where surfaces are pulled off or come together.
+        dissipation: the energy lost, the difference of two potentials at one load [energy]; NaN
+            where surfaces are pulled off or come together.
         state: the number of the state before, among those recorded.
     """
 
@@ -114,9 +116,14 @@ class Path(eqx.Module):
         load: the loads of the recorded states.
         equilibrium: these states.
         jumps: the jumps between them, in order.
-        work: of the whole path, done on surface and spring by what is prescribed [energy].
-        dissipation: energy lost on the whole path, in jumps located or not [energy].
+        work: of the whole path, done on surface and spring by what is prescribed: the change of
+            their energy and what the jumps have lost [energy]. NaN where a dead load has pulled the
+            surfaces apart, which it does without end; `equilibrium.work` is known up to there.
+        dissipation: the sum of what the jumps lose [energy]; NaN as the work is.
         result: how the path ended.
+        unlocated: what steps between jumps may have lost beside these, the work on them by
+            quadrature less the change of energy [energy]; None in files of version 0.1.0.
+        unlocated_error: the error of that quadrature; less than this is nothing [energy].
     """
 
     load: Load
@@ -125,6 +132,8 @@ class Path(eqx.Module):
     work: Float[Array, ""]
     dissipation: Float[Array, ""]
     result: RESULTS
+    unlocated: Float[Array, ""] | None = None
+    unlocated_error: Float[Array, ""] | None = None
 
     __repr__ = display.path
 
@@ -138,11 +147,12 @@ class Path(eqx.Module):
 
     def in_units_of(self, pressure: Float[Array, ""]) -> "Path":
         """Return the same path with pressures in another unit; lengths stay."""
+        names = "work", "dissipation", "unlocated", "unlocated_error"
+        energies = {name: getattr(self, name) for name in names}
         return replace(
             self,
             load=self.load.in_units_of(pressure),
             equilibrium=self.equilibrium.in_units_of(pressure),
             jumps=self.jumps.in_units_of(pressure),
-            work=self.work / pressure,
-            dissipation=self.dissipation / pressure,
+            **{name: value / pressure for name, value in energies.items() if value is not None},
         )

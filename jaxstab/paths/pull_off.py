@@ -1,7 +1,6 @@
 """The pull-off: the largest tension that a contact survives as it is unloaded."""
 
 from dataclasses import replace
-from functools import partial
 
 import equinox as eqx
 import jax
@@ -21,7 +20,7 @@ from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, MeanPressure, Spring
 from jaxstab.paths.course import DISTURBANCE, Course, course_of
 from jaxstab.paths.step import Walk
-from jaxstab.paths.store import Store, Strongest
+from jaxstab.paths.store import Count, Strongest
 from jaxstab.paths.walk import walk
 from jaxstab.programs import program
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
@@ -30,7 +29,7 @@ from jaxstab.results import RESULTS, throw_failure
 # Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4
 _RESOLUTION = {"float64": 1e-9, "float32": 1e-5}
-ROOM = partial(Store.empty, size=1024, fields=False), Strongest.none
+ROOM = Count.none, Strongest.none
 # The largest attraction is known at some gaps only.
 _BEYOND = 1.01
 # What part of the largest attraction is taken for none.

@@ -63,7 +63,7 @@ def _seeking(
 ) -> _Walking:
     """Return a walk that is about to seek an equilibrium."""
     with Pause() as pause:
-        course.state(aim.value, walk.part, aim.start)
+        course.state(aim.value, walk.part, *aim.search)
     return _Walking(course, walk, has_begun, aim, pause.loop, num_before)
 
 
@@ -88,7 +88,7 @@ class WalkStage(Stage):
         place = place_of(own, found.in_units_of(unit), value)
         walk = begin_at(course, (place, found.result), *ROOM)
         start = course.start(value, walk.part, jnp.maximum(place.gap, 0))
-        aim = Aim(value, jnp.zeros_like(value), start, no, no)
+        aim = Aim(value, jnp.zeros_like(value), start, jnp.full_like(value, -jnp.inf), no, no)
         state = _seeking(course, walk, no, aim, jnp.array(0))
         return jax.tree.map(lambda leaf: leaf[None], state)
 
@@ -96,7 +96,7 @@ class WalkStage(Stage):
         """Return the walk after at most so many steps more of the search that it is in."""
         aim = state.aim
         with Pause(state.loop, max_steps) as pause:
-            found = state.course.state(aim.value, state.walk.part, aim.start)
+            found = state.course.state(aim.value, state.walk.part, *aim.search)
         state = replace(state, loop=pause.loop)
         is_found = state.course.solver.is_over(state.loop)
         return jax.tree.map(partial(jnp.where, is_found), state.after(*found), state)

@@ -1,12 +1,13 @@
 """A step along a programme of loads: where it aims, what it means, and where the walk is after it.
 
 A step is one of the load, from a prediction by the two states before. On a branch the potential
-E + W, W being that of the load, changes by what the load does: dE + dW = F dl. What a step loses
-beyond that, it lost in a jump. Steps shrink until they lose next to nothing, or are as short as
-jumps are located.
+E + W, W being that of the load, changes by what the load does: dE + dW = F dl. A step whose
+potential falls by more has left the branch. So has one over which F does not go on as before: the
+two errors of a jump, in the energy and in the force, cannot both vanish by chance. Steps shrink
+until both are next to nothing, or are as short as jumps are located. What a jump loses is then the
+difference of the potentials of two states at one load.
 """
 
-from dataclasses import replace
 from functools import partial
 from typing import Any, Generic, TypeVar
 
@@ -18,11 +19,29 @@ from jaxtyping import Array, Int
 from jaxstab.contact import Contact
 from jaxstab.loads import Load
 from jaxstab.paths.course import Course
-from jaxstab.paths.store import Event, Field, Flag, Place, Record, Scalar, Store, Strongest
+from jaxstab.paths.store import (
+    Count,
+    Event,
+    Field,
+    Flag,
+    Place,
+    Record,
+    Scalar,
+    Store,
+    Strongest,
+)
 from jaxstab.results import RESULTS
 
 # By what factor further on a state is sought where the solver is lost beyond the end of a branch.
 _FURTHER = 8
+# The part of the way to a load beyond the end that is tried next: trials beyond it end early.
+_SHARE = 0.65
+# How much of the smallest loss the curvature of F may take from the work on a step.
+_MAX_CURVATURE = 4
+# The errors on a branch that may add up in a potential foreseen.
+_LEEWAY = 20
+# The part of the errors allowed that a step aims at.
+_AIM = 0.5
 
 
 class Search(eqx.Module):
@@ -30,11 +49,13 @@ class Search(eqx.Module):
 
     Attributes:
         distance: how far ahead the nearest such load lies; infinite if there is none.
-        loss: what a step there would lose, as far as that is known.
+        error: that of a step there, over what is allowed, as far as it is known.
+        loss: what the first step that failed has lost [energy].
         nearness: how near the end of the branch is to be located.
     """
 
     distance: Scalar
+    error: Scalar
     loss: Scalar
     nearness: Scalar
 
@@ -52,8 +73,7 @@ class Walk(eqx.Module, Generic[Jumps]):
     """Where the path is, and all that it has recorded.
 
     Attributes:
-        here: the last state accepted, with what the load has supplied on branches, the integral of
-            F up to here, and what was lost.
+        here: the last state accepted, with what was lost up to there.
         last: the state before.
         stride: the length of the next step.
         search: for the end of the branch.
@@ -70,13 +90,18 @@ class Walk(eqx.Module, Generic[Jumps]):
     search: Search
     part: Int[Array, ""]
     is_apart: Flag
-    states: Store
+    states: Store | Count
     jumps: Jumps
     result: RESULTS
 
     def is_open(self, load: Load) -> Flag:
         """Return whether there is a step to take along a programme."""
         return (self.part < load.value.size - 1) & (self.result == RESULTS.successful)
+
+    @property
+    def is_full(self) -> Flag:
+        """Return whether there is no room for another state or jump."""
+        return self.states.is_full | self.jumps.is_full
 
 
 class Aim(eqx.Module):
@@ -86,6 +111,7 @@ class Aim(eqx.Module):
         value: the load it leads to.
         length: its length.
         start: where the equilibrium there is sought from, brought under that load.
+        least_potential: below which the state sought is known to lie on another branch [energy].
         is_end: whether it leads to the end of this part of the programme.
         is_final: whether a jump is located there, if there is one.
     """
@@ -93,16 +119,25 @@ class Aim(eqx.Module):
     value: Scalar
     length: Scalar
     start: Field
+    least_potential: Scalar
     is_end: Flag
     is_final: Flag
+
+    @property
+    def search(self) -> tuple[Field, Scalar, Flag]:
+        """What the search for the equilibrium there takes, beside the load."""
+        return self.start, self.least_potential, self.is_final
 
 
 class Trial(eqx.Module):
     """A step that was tried, and what it means.
 
     Attributes:
-        supplied: what the load supplied on it [energy].
-        loss: what was lost on it [energy].
+        loss: what was lost on it, as far as the work on it is known; infinite if it has no end
+            [energy].
+        dissipation: what the jump on it has lost, the difference of two potentials at the load that
+            it begins at [energy].
+        error: of loss and force, over what is allowed on a branch.
         is_smooth: whether it stayed on the branch.
         is_jump: whether it left the branch, at its end.
         is_pulled: whether the surfaces fell apart in that jump.
@@ -111,8 +146,9 @@ class Trial(eqx.Module):
         is_lost: whether no equilibrium was found where the branch has ended.
     """
 
-    supplied: Scalar
     loss: Scalar
+    dissipation: Scalar
+    error: Scalar
     is_smooth: Flag
     is_jump: Flag
     is_pulled: Flag
@@ -126,39 +162,60 @@ def aimed(course: Course, walk: Walk) -> Aim:
     here, search = walk.here.place, walk.search
     target = course.load.value[walk.part + 1]
     left = jnp.abs(target - here.value)
-    # The last step to a load that failed is a jump, if it fails again.
-    is_final = search.distance <= search.nearness
-    # Where it lost by its length alone, what is left of the step loses less.
-    tries_whole = is_final | (search.loss <= course.smallest_loss(here))
-    within = jnp.where(tries_whole, search.distance, search.distance / 2)
+    # Where it failed by its length alone, what is left of the step is right.
+    tries_whole = (search.distance <= search.nearness) | (search.error <= 1)
+    within = jnp.where(tries_whole, 1, _SHARE) * search.distance
     length = jnp.minimum(jnp.where(search.is_on, within, walk.stride), left)
     is_end = length >= left
-    value = jnp.where(is_end, target, here.value + jnp.sign(target - here.value) * length)
+    # The last step to a load that failed is a jump, if it fails again.
+    is_final = search.is_on & (length <= search.nearness)
+    change = jnp.sign(target - here.value) * length
+    value = jnp.where(is_end, target, here.value + change)
     rate = (here.gap - walk.last.gap) / _nonzero(here.value - walk.last.value)
-    gap = here.gap + jnp.where(search.is_on, 0, (value - here.value) * rate)
+    # From the end of a branch the way goes down from its last state.
+    gap = here.gap + jnp.where(is_final, 0, change * rate)
     gap = jnp.where(walk.is_apart, course.apart(), jnp.maximum(gap, 0))
-    return Aim(value, length, course.start(value, walk.part, gap), is_end, is_final)
+    is_open = walk.is_apart | is_final | (here.value == walk.last.value)
+    least = jnp.where(is_open, -jnp.inf, _least_potential(course, walk, change))
+    return Aim(value, length, course.start(value, walk.part, gap), least, is_end, is_final)
+
+
+def _least_potential(course: Course, walk: Walk, change: Scalar) -> Scalar:
+    """Return the potential below which a state ahead of the last lies on another branch."""
+    here, last = walk.here.place, walk.last
+    slope = (here.force - last.force) / _nonzero(here.value - last.value)
+    foreseen = here.potential + change * (here.force + change * slope / 2)
+    loss = jnp.where(jnp.isfinite(walk.search.loss), walk.search.loss, 0)
+    return foreseen - _LEEWAY * course.smallest_loss(walk.here) - loss / 4
 
 
 def _judged(course: Course, walk: Walk, aim: Aim, place: Place, result: RESULTS) -> Trial:
     """Return what a step means."""
-    here, value = walk.here.place, aim.value
+    here, last, value = walk.here.place, walk.last, aim.value
     is_found = result == RESULTS.successful
-    supplied = (here.force + place.force) / 2 * (value - here.value)
-    loss = here.potential + supplied - place.potential
-    is_smooth = is_found & (jnp.abs(loss) <= course.smallest_loss(here)) & ~walk.is_apart
+    change, before = value - here.value, here.value - last.value
+    slope = (place.force - here.force) / _nonzero(change)
+    turn = (slope - (here.force - last.force) / _nonzero(before)) / _nonzero(change + before)
+    # The error of the trapezoid, where F is a parabola through three states.
+    curved = jnp.where(change * before > 0, turn * change**3 / 6, 0)
+    loss = here.potential + change * (here.force + place.force) / 2 - curved - place.potential
+    least = course.smallest_loss(walk.here)
+    error = jnp.maximum(jnp.abs(loss), jnp.abs(curved) / _MAX_CURVATURE) / least
+    is_together = is_found & ~walk.is_apart
+    is_smooth = is_together & ((error <= 1) | (aim.is_final & (loss <= least)))
     is_pulled = (result == RESULTS.pulled_off) & ~walk.is_apart
-    is_jump = ~is_smooth & aim.is_final & (is_found | is_pulled) & ~walk.is_apart
+    is_jump = ~is_smooth & aim.is_final & (is_together | is_pulled)
     presses = _brings_together(course.contact, course.at(value, walk.part))
-    is_together = walk.is_apart & is_found & presses
+    touches = walk.is_apart & is_found & presses
     return Trial(
-        supplied=supplied,
-        loss=jnp.where(is_found & ~walk.is_apart, loss, jnp.inf),
+        loss=jnp.where(is_together, loss, jnp.inf),
+        dissipation=here.potential + change * place.force - place.potential,
+        error=jnp.where(is_together, error, jnp.inf),
         is_smooth=is_smooth,
         is_jump=is_jump,
         is_pulled=is_jump & is_pulled,
-        is_apart=walk.is_apart & ~is_together,
-        is_touch=is_together & aim.is_final,
+        is_apart=walk.is_apart & ~touches,
+        is_touch=touches & aim.is_final,
         is_lost=~is_found & ~is_pulled & aim.is_final & ~walk.is_apart,
     )
 
@@ -172,50 +229,43 @@ def after(
     accepts = trial.is_smooth | is_event | trial.is_apart
     is_apart = (walk.is_apart & ~trial.is_touch) | trial.is_pulled
     # Of surfaces that fall apart nothing is known, and of those that are, nothing is recorded.
-    is_known = ~walk.is_apart & ~trial.is_pulled
-    unknown = jnp.where(trial.is_pulled, jnp.nan, 0)
-    new = Record(
-        place,
-        walk.here.supplied + jnp.where(is_known, trial.supplied, unknown),
-        walk.here.dissipation + jnp.where(is_known, trial.loss, unknown),
-    )
+    lost = jnp.where(trial.is_pulled | trial.is_touch, jnp.nan, trial.dissipation)
+    new = Record(place, walk.here.dissipation + jnp.where(is_event, lost, 0))
     here = _choose(accepts, new, walk.here)
     last = _choose(accepts, walk.here.place, walk.last)
-    is_kept = accepts & ~is_apart
-    lost = jnp.where(trial.is_touch | trial.is_pulled, jnp.nan, trial.loss)
     event = Event(walk.here.place, here.place, lost, walk.states.count - 1, trial.is_touch)
     # The solver may find its way from further on, but not from anywhere.
     has_failed = trial.is_lost & (aim.is_end | (aim.length > course.longest / _FURTHER))
     search = _search(course, walk, aim, trial, accepts, is_event)
-    new = Walk(
+    return Walk(
         here=here,
         last=_choose(is_event, here.place, last),
         stride=_stride(course, walk, aim, trial, is_event, is_apart, accepts & ~search.is_on),
         search=search,
         part=walk.part + (accepts & aim.is_end),
         is_apart=is_apart,
-        states=walk.states.with_entry(here, is_kept),
+        states=walk.states.with_entry(here, accepts & ~is_apart),
         jumps=walk.jumps.with_entry(event, is_event),
         result=RESULTS.where(has_failed, result, walk.result),
     )
-    is_short = new.is_open(course.load) & (new.states.is_full | new.jumps.is_full)
-    return replace(new, result=RESULTS.where(is_short, RESULTS.store_full, new.result))
 
 
 def _search(
     course: Course, walk: Walk, aim: Aim, trial: Trial, accepts: Flag, is_event: Flag
 ) -> Search:
     """Return what is known of a load ahead after a step."""
-    distance = jnp.where(accepts, walk.search.distance - aim.length, aim.length)
+    search = walk.search
+    distance = jnp.where(accepts, search.distance - aim.length, aim.length)
     is_over = is_event | (distance <= 0) | (accepts & aim.is_end)
     # An error of quadrature falls with the cube of the length, what a jump loses does not.
-    loss = jnp.where(accepts, walk.search.loss / 8, jnp.abs(trial.loss))
+    error = jnp.where(accepts, search.error / 8, trial.error)
     # Where the solver is lost right beyond the end, it may find its way from further on.
     distance = jnp.where(trial.is_lost, _FURTHER * distance, distance)
-    nearness = jnp.where(trial.is_lost, distance, walk.search.nearness)
+    nearness = jnp.where(trial.is_lost, distance, search.nearness)
     return Search(
         jnp.where(is_over, jnp.inf, distance),
-        loss,
+        error,
+        jnp.where(search.is_on, search.loss, jnp.abs(trial.loss)),
         jnp.where(is_over, course.resolution, nearness),
     )
 
@@ -230,8 +280,8 @@ def _stride(
     is_free: Flag,
 ) -> Scalar:
     """Return the length of the next step where none has failed, after a step."""
-    is_slow = jnp.abs(trial.loss) > course.smallest_loss(walk.here.place) / 8
-    stride = jnp.where(is_slow, walk.stride / 2, jnp.minimum(2 * walk.stride, course.longest))
+    growth = jnp.cbrt(_AIM / jnp.maximum(trial.error, jnp.finfo(trial.error.dtype).tiny))
+    stride = jnp.minimum(aim.length * jnp.clip(growth, 0.5, 2), course.longest)
     # A load that was only too far away is passed by steps that grow again.
     stride = jnp.where(walk.search.is_on, 2 * aim.length, stride)
     stride = jnp.where(is_event, course.longest / 8, stride)

@@ -48,10 +48,9 @@ class Place(eqx.Module):
 
 
 class Record(eqx.Module):
-    """A state recorded, and what was supplied and lost up to there [energy]."""
+    """A state recorded, and the energy lost in the jumps up to there [energy]."""
 
     place: Place
-    supplied: Scalar
     dissipation: Scalar
 
 
@@ -145,6 +144,26 @@ class Store(eqx.Module):
             return rows.at[jnp.where(is_kept, self.count, len(rows))].set(leaf, mode="drop")
 
         return Store(jax.tree.map(placed, self.rows, entry), self.count + is_kept)
+
+
+class Count(eqx.Module):
+    """The number of entries, where nothing else of them is kept."""
+
+    count: Int[Array, ""]
+
+    @classmethod
+    def none(cls, like: Any) -> "Count":
+        """Return that there is none as yet."""
+        return cls(jnp.array(0))
+
+    @property
+    def is_full(self) -> Flag:
+        """Return that there is always room for another."""
+        return jnp.array(False)
+
+    def with_entry(self, entry: Any, is_kept: Flag) -> "Count":
+        """Return the number with an entry, if it is counted."""
+        return Count(self.count + is_kept)
 
 
 class Strongest(eqx.Module):

@@ -9,19 +9,27 @@ from jaxtyping import Array, ArrayLike, Int
 from jaxstab.loads import Load
 from jaxstab.paths.course import Course
 from jaxstab.paths.step import Jumps, Search, Walk, after, aimed
-from jaxstab.paths.store import Event, Field, Flag, Place, Record, Scalar, Store
+from jaxstab.paths.store import Count, Event, Field, Flag, Place, Record, Scalar, Store
 from jaxstab.results import RESULTS
+
+States = Store | Count
 
 
 def walk(
-    course: Course, start: Field, states: Callable[[Record], Store], jumps: Callable[[Event], Jumps]
+    course: Course,
+    start: Field,
+    states: Callable[[Record], States],
+    jumps: Callable[[Event], Jumps],
 ) -> Walk[Jumps]:
     """Return where a path ends and what it has recorded, as `begin` and `go_on` do."""
     return go_on(course, begin(course, start, states, jumps))
 
 
 def begin(
-    course: Course, start: Field, states: Callable[[Record], Store], jumps: Callable[[Event], Jumps]
+    course: Course,
+    start: Field,
+    states: Callable[[Record], States],
+    jumps: Callable[[Event], Jumps],
 ) -> Walk[Jumps]:
     """Return a walk at the first turning point, whose equilibrium is sought from a gap.
 
@@ -35,7 +43,7 @@ def begin(
 def begin_at(
     course: Course,
     first: tuple[Place, RESULTS],
-    states: Callable[[Record], Store],
+    states: Callable[[Record], States],
     jumps: Callable[[Event], Jumps],
 ) -> Walk[Jumps]:
     """Return a walk at the first turning point.
@@ -51,12 +59,12 @@ def begin_at(
     none, zero = jnp.array(0), jnp.zeros_like(span)
     place, result = first
     is_endless = (result == RESULTS.successful) & ~jnp.isfinite(span)
-    here = Record(place, zero, zero)
+    here = Record(place, zero)
     return Walk(
         here=here,
         last=place,
         stride=course.longest / 8,
-        search=Search(zero + jnp.inf, zero + jnp.inf, course.resolution),
+        search=Search(zero + jnp.inf, zero, zero, course.resolution),
         part=none,
         is_apart=jnp.array(False),
         states=states(here).with_entry(here, jnp.array(True)),
@@ -67,17 +75,17 @@ def begin_at(
 
 
 def go_on(course: Course, walk: Walk[Jumps], num_steps: ArrayLike | None = None) -> Walk[Jumps]:
-    """Return a walk after a number of steps more, or at its end."""
+    """Return a walk after a number of steps more, where its room is full, or at its end."""
 
     def goes_on(carry: tuple[Walk[Jumps], Int[Array, ""]]) -> Flag:
         walk, number = carry
-        is_open = walk.is_open(course.load)
+        is_open = walk.is_open(course.load) & ~walk.is_full
         return is_open if num_steps is None else is_open & (number < num_steps)
 
     def step(carry: tuple[Walk[Jumps], Int[Array, ""]]) -> tuple[Walk[Jumps], Int[Array, ""]]:
         walk, number = carry
         aim = aimed(course, walk)
-        state = course.state(aim.value, walk.part, aim.start)
+        state = course.state(aim.value, walk.part, *aim.search)
         return after(course, walk, aim, *state), number + 1
 
     return jax.lax.while_loop(goes_on, step, (walk, jnp.array(0)))[0]
