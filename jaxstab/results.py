@@ -72,6 +72,9 @@ class RESULTS(Enumeration):
     not_computed = member(
         "another number had already proved the verdict. Assess without `verdict_only`"
     )
+    too_many_modes = member(
+        "there are fewer admissible directions than modes asked for. Ask for fewer (`count`)"
+    )
 
 
 class VERDICTS(Enumeration):
