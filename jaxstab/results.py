@@ -92,8 +92,8 @@ class VERDICTS(Enumeration):
 class KINDS(Enumeration):
     """Why a branch of equilibria ends."""
 
-    fold = member("the smallest eigenvalue on the critical cone vanishes")
-    release = member("a contact point lets go, and on the cone that opens with it energy falls")
+    fold = member("the smallest eigenvalue on the free points vanishes")
+    release = member("a contact point lets go, and the energy falls as it opens")
     touch = member("surfaces that a pull had taken apart come back together")
 
 
