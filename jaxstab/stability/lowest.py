@@ -17,6 +17,11 @@ from jaxstab.stability.modes import lowest_pair
 from jaxstab.stability.solver import ConeSolver, Minimum, SpaceSolver
 
 
+# Up to so many points, each contact point that lifts alone is a start too: near full contact on
+# few points others were seen to miss the smallest.
+_FEW = 24
+
+
 class Lowest(eqx.Module):
     """The lowest pair on a set, its sign beyond doubt, and a block of modes to go on from."""
 
@@ -40,7 +45,8 @@ def cone_starts(
 ) -> tuple[Block, Bool[Array, " starts"], Bool[Array, ""]]:
     """Return vectors to start from on a cone, which are needed, and whether one is the answer.
 
-    They are the two lowest modes of its hull with both signs, and noise; or the lowest mode alone,
+    They are the two lowest modes of its hull with both signs, and noise, on few points also each
+    contact point that lifts; or the lowest mode alone,
     where that is found and in the cone, and so the answer. With what was found before, all compete.
     """
     modes = hull.modes
@@ -52,6 +58,11 @@ def cone_starts(
     lowest = jnp.where(is_answer, signs[jnp.argmin(entering)], starts[0])
     is_needed = ~is_answer | (jnp.arange(len(starts)) == 0)
     starts = starts.at[0].set(lowest)
+    size, one_sided = cone.one_sided.size, cone.one_sided
+    if size <= _FEW:
+        lifted = jnp.eye(size, dtype=starts.dtype).reshape(size, *one_sided.shape)
+        starts = jnp.concatenate([starts, lifted])
+        is_needed = jnp.concatenate([is_needed, ~is_answer & one_sided.ravel()])
     if before is None:
         return starts, is_needed, is_answer
     starts = jnp.concatenate([before.pair.mode[None], starts])
