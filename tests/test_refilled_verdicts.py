@@ -67,7 +67,7 @@ def test_on_a_large_grid_lanes_start_from_the_coarser_one_too(monkeypatch):
     monkeypatch.setattr(coarse, "_LARGE", GRID.size)
     monkeypatch.setattr(coarse, "_FEWEST", GRID.size // 4)
     # The coarser mode is trusted in the first, and not in the second.
-    cases = [(0, 0.003, 0.1), (1, 0.02, 0.02)]
+    cases = [(5, 0.003, 0.08), (1, 0.02, 0.02)]
     verdicts = assert_lanes_find_what_is_found_alone(js.cases.verdict(rough, summary), cases, 2)
     assert verdicts == ["stable", "held_by_contact"]
     jax.clear_caches()

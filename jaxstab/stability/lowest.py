@@ -16,7 +16,6 @@ from jaxstab.stability.eigenpairs import Eigenpair, measured
 from jaxstab.stability.modes import lowest_pair
 from jaxstab.stability.solver import ConeSolver, Minimum, SpaceSolver
 
-
 # Up to so many points, each contact point that lifts alone is a start too: near full contact on
 # few points others were seen to miss the smallest.
 _FEW = 24

@@ -28,14 +28,14 @@ class _OnSpace(eqx.Module):
         is_needed: whether it is of use.
         starts: a block to start from.
         cost: what that took, in applications of A.
-        loop: where the search is; None before it begins.
+        loop: where the search is.
     """
 
     is_moving: Bool[Array, " *grid"]
     is_needed: Bool[Array, ""]
     starts: Block
     cost: Int[Array, ""]
-    loop: Loop[Any] | None
+    loop: Loop[Any]
 
 
 class SpacesStage(Stage):
@@ -51,11 +51,11 @@ class SpacesStage(Stage):
 
         def begun(is_moving: Array, is_needed: Array) -> _OnSpace:
             space, random = _space(search, is_moving), search.random[:BLOCK_SIZE]
-            starts = space_starts(space_solver(random.dtype), search.hessian, space, random)
-            state = _OnSpace(is_moving, is_needed, *starts, None)
+            solver = space_solver(random.dtype)
+            starts, cost = space_starts(solver, search.hessian, space, random)
             with Pause() as pause:
-                _lowest(search, state)
-            return replace(state, loop=pause.loop)
+                _lowest(search, is_moving, starts)
+            return _OnSpace(is_moving, is_needed, starts, cost, pause.loop)
 
         is_needed = jnp.stack([jnp.array(True), search.touches])
         return jax.vmap(begun)(jnp.stack(hulls), is_needed)
@@ -63,7 +63,7 @@ class SpacesStage(Stage):
     def advance(self, record: Record, state: _OnSpace, max_steps: ArrayLike) -> _OnSpace:
         """Return a search after at most so many steps more."""
         with Pause(state.loop, max_steps) as pause:
-            _lowest(ready_in(record).search, state)
+            _lowest(ready_in(record).search, state.is_moving, state.starts)
         return replace(state, loop=pause.loop)
 
     def is_over(self, record: Record, state: _OnSpace) -> Bool[Array, ""]:
@@ -80,17 +80,16 @@ class SpacesStage(Stage):
 
         def lowest(state: _OnSpace) -> Lowest:
             with Pause(state.loop):
-                return _lowest(search, state)
+                return costing(_lowest(search, state.is_moving, state.starts), state.cost)
 
         both = jax.vmap(lowest)(states)
         around, hull = (jax.tree.map(lambda leaf, i=i: leaf[i], both) for i in range(2))
         return around, chosen(search.touches, hull, again(around))
 
 
-def _lowest(search: Search, state: _OnSpace) -> Lowest:
-    starts, space = state.starts, _space(search, state.is_moving)
-    lowest = on_space(space_solver(starts.dtype), search.hessian, space, starts)
-    return costing(lowest, state.cost)
+def _lowest(search: Search, is_moving: Bool[Array, " *grid"], starts: Block) -> Lowest:
+    space = _space(search, is_moving)
+    return on_space(space_solver(starts.dtype), search.hessian, space, starts)
 
 
 def _space(search: Search, is_moving: Bool[Array, " *grid"]) -> Subspace:
