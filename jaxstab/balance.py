@@ -13,6 +13,11 @@ from jaxstab.potentials import Potential, derivatives
 
 # How much the mean of what is missed counts beside its rms.
 _MEAN_SHARE = 1e-2
+# Over the mean gap: below this spread of the heights a surface is nearly flat.
+_FLAT = 1e-2
+# How much larger than the rounding of what a gap takes the scale of residuals then is, so that the
+# default tolerances can be reached.
+_ROUNDING = {"float64": 5e8, "float32": 5e3}
 
 
 class Balance(eqx.Module):
@@ -23,8 +28,9 @@ class Balance(eqx.Module):
     what of f' the load does not take by itself (under a held mean gap f' less its mean, otherwise
     f' + p0), or over a hundredth of that of K h where this is larger (in single precision, which
     cannot resolve less, a tenth). Where a core is stiffer than any wave, f' and what is missed
-    count by as much less. Under a held pressure the residual is not less than a hundredth of the
-    mean of what is missed over that of p0 and f'.
+    count by as much less. Over a nearly flat surface the scale is not less than what the stiffest
+    wave takes to move by a part of the gap, which rounding hides. Under a held pressure the
+    residual is not less than a hundredth of the mean of what is missed over that of p0 and f'.
 
     Attributes:
         net: K u + p0 + f'(g) [pressure].
@@ -62,6 +68,8 @@ def balance_of(
     # What a hundredth of the elastic pressures hides moves no point by a part of the heights.
     smallest_scale = conforming * max(1e-2, 1e6 * float(jnp.finfo(heights.dtype).eps))
     heights -= heights.ravel()[0]
+    spread = jnp.max(jnp.abs(heights))
+    rounding = _ROUNDING[heights.dtype.name] * float(jnp.finfo(heights.dtype).eps)
 
     def balance(gap: Float[Array, " *grid"]) -> Balance:
         # Less that of one point: K ignores a constant, but would lose digits to it.
@@ -79,6 +87,9 @@ def balance_of(
         share = jnp.where(curvature == jnp.inf, 1, stiffest / jnp.maximum(curvature, stiffest))
         scale = jnp.sqrt(total(elastic**2 + (share * resisting) ** 2) / gap.size)
         scale = jnp.maximum(scale, smallest_scale)
+        level = total(gap) / gap.size
+        is_nearly_flat = (spread > 0) & (spread < _FLAT * level)
+        scale = jnp.where(is_nearly_flat, jnp.maximum(scale, rounding * stiffest * level), scale)
         residual = jnp.sqrt(total((share * missed) ** 2) / gap.size)
         residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
         # A light load is all that keeps the surfaces where they are.

@@ -142,7 +142,8 @@ def pull_off(
             be one that JAX can trace, as a case of any other kind.
         summary: returns what is kept, a dict of arrays, of the contact and its `CriticalLoad`; by
             default mean pressure, contact area and energy of the last state, the `kind` of its
-            end, the eigenvalue `critical` there, and how the search `ended`.
+            end, the eigenvalue `critical` there (`CriticalLoad.critical`), and how the search
+            `ended`.
 
     Returns:
         A function of the same arguments as `build`, to be given to `jaxstab.study`.

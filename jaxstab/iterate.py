@@ -260,7 +260,6 @@ def refuse_derivatives(tree: State) -> State:
 @refuse_derivatives.defjvp
 def _raise(primals: tuple[State], tangents: tuple[State]) -> tuple[State, State]:
     raise NotImplementedError(
-        "lowest_modes, follow and calibrate cannot be differentiated: apply jax.lax.stop_gradient "
-        "to what goes in, or take the derivatives of equilibrate, assess_stability or "
-        "critical_load."
+        "lowest_modes and calibrate cannot be differentiated: apply jax.lax.stop_gradient to what "
+        "goes in, or take the derivatives of equilibrate, assess_stability or critical_load."
     )

@@ -72,6 +72,9 @@ class RESULTS(Enumeration):
     not_computed = member(
         "another number had already proved the verdict. Assess without `verdict_only`"
     )
+    too_many_modes = member(
+        "there are fewer admissible directions than modes asked for. Ask for fewer (`count`)"
+    )
 
 
 class VERDICTS(Enumeration):
@@ -89,8 +92,8 @@ class VERDICTS(Enumeration):
 class KINDS(Enumeration):
     """Why a branch of equilibria ends."""
 
-    fold = member("the smallest eigenvalue on the critical cone vanishes")
-    release = member("a contact point lets go, and on the cone that opens with it energy falls")
+    fold = member("the smallest eigenvalue on the free points vanishes")
+    release = member("a contact point lets go, and the energy falls as it opens")
     touch = member("surfaces that a pull had taken apart come back together")
 
 

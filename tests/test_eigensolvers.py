@@ -1,5 +1,7 @@
 """The eigensolvers on problems whose answers are known from elsewhere."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -120,14 +122,36 @@ def test_the_lowest_modes_equal_those_of_a_dense_eigensolver(unloading, space, c
     assert np.abs(modes[:, keeps]).max(initial=0) == 0
 
 
-def test_more_modes_than_the_space_has_are_infinite():
+def test_more_modes_than_the_space_has_are_infinite_and_refused():
     contact = rough_contact(8, js.potentials.Exponential(1.0, 1.0))
     gap = jnp.zeros((8, 8)).at[2:4, 3].set(0.3).at[6, 6].set(0.1)
-    pairs = js.lowest_modes(*state_of(contact, gap), 4, space="critical")
+    state = state_of(contact, gap)
+    lowest = partial(js.lowest_modes, count=4, space="critical", throw=False)
+    pairs = lowest(*state)
     keeps = np.asarray(gap == 0).ravel()
     exact = smallest_on_zero_mean(dense_hessian(contact, gap)[np.ix_(~keeps, ~keeps)])
     assert pairs.eigenvalue[0] == pytest.approx(exact, rel=1e-9)
     np.testing.assert_array_equal(np.isinf(pairs.eigenvalue), [False, False, True, True])
+    for found in (pairs, jax.jit(lowest)(*state)):
+        results = ["successful"] * 2 + ["too_many_modes"] * 2
+        np.testing.assert_array_equal(found.result.name, results)
+        np.testing.assert_array_equal(found.proved, [True, True, False, False])
+    message = r"4 lowest modes .* among 2 admissible directions: too_many_modes"
+    with pytest.raises(js.SolverError, match=message):
+        js.lowest_modes(*state, 4, space="critical")
+    assert (js.lowest_modes(*state, 2, space="critical").result == "successful").all()
+
+
+@pytest.mark.parametrize("load, most", [(js.MeanGap, 63), (js.MeanPressure, 64)])
+def test_more_modes_than_the_load_allows_are_refused(load, most):
+    contact = rough_contact(8, js.potentials.Exponential(1.0, 1.0))
+    gap = jnp.zeros((8, 8)).at[2:, :].set(0.3)
+    state = state_of(contact, gap, load=load)
+    assert np.isfinite(js.lowest_modes(*state, most).eigenvalue).all()
+    message = rf"count is {most + 1}, but {most} directions are admissible: ask for fewer\."
+    for lowest in (js.lowest_modes, jax.jit(js.lowest_modes, static_argnums=2)):
+        with pytest.raises(ValueError, match=message):
+            lowest(*state, most + 1)
 
 
 def test_lowest_modes_refuses_what_makes_no_sense(unloading):

@@ -327,3 +327,33 @@ def test_contacts_built_from_traced_nonsense_are_coded(hertz):
     )
     assert overcompressible(0.9) == js.RESULTS.invalid_contact
     assert result(1.0, hertz.heights.at[0, 0].set(jnp.nan)) == js.RESULTS.invalid_contact
+
+
+@pytest.mark.parametrize("dtype, most_off", [("float64", 1e-15), ("float32", 1e-6)])
+@pytest.mark.parametrize("rms_height", [1e-4, 1e-6, 1e-9])
+@pytest.mark.parametrize("mean_gap", [0.15, 0.3])
+def test_over_a_nearly_flat_surface_the_gap_is_that_of_a_linear_law(
+    mean_gap, rms_height, dtype, most_off
+):
+    """To first order (K + f'') g = -K h, where g and h have zero mean."""
+    grid, energy, length, unit = js.Grid(16), 0.06, 0.06, 1e-9
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=rms_height)
+
+    def found(length_unit, pressure_unit):
+        grid = js.Grid(16, length_unit)
+        law = js.potentials.Exponential(energy * length_unit * pressure_unit, length * length_unit)
+        solid = js.HalfSpace(grid, pressure_unit)
+        contact = js.Contact(solid, (length_unit * heights).astype(dtype), law)
+        return js.equilibrate(contact, js.MeanGap(mean_gap * length_unit))
+
+    equilibrium = found(1.0, 1.0)
+    stiffness = np.asarray(js.HalfSpace(grid, 1.0).waves.multiplier)
+    curvature = -energy / length**2 * np.exp(-mean_gap / length)
+    waves = -stiffness / (stiffness + curvature) * np.fft.rfft2(np.asarray(heights))
+    waves[0, 0] = mean_gap * grid.size
+    exact, second_order = np.fft.irfft2(waves, s=grid.shape), 100 * rms_height**2
+    off = np.abs(np.asarray(equilibrium.gap) - exact).max()
+    assert off < second_order + 10 * most_off * mean_gap
+    elsewhere = found(unit, 1e9)
+    assert elsewhere.num_steps == equilibrium.num_steps
+    np.testing.assert_allclose(elsewhere.gap / unit, equilibrium.gap, rtol=4 * most_off)

@@ -105,5 +105,6 @@ def test_modes_of_a_block_refuse_to_be_differentiated(contact):
         other = with_parameters(contact, energy, 0.1, 1.0)
         return js.lowest_modes(other, equilibrium, 2, throw=False).eigenvalue[1]
 
-    with pytest.raises(NotImplementedError, match="cannot be differentiated"):
+    # The loads of the jumps of a path can be.
+    with pytest.raises(NotImplementedError, match=r"^lowest_modes and calibrate cannot be"):
         jax.jvp(eigenvalue, (0.02,), (1.0,))

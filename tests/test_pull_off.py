@@ -262,3 +262,17 @@ def test_what_has_no_pull_off_is_told():
         js.pull_off(surface(LAWS["exponential"]), spring=-1.0)
     with pytest.raises(ValueError, match=r"spring has shape \(2,\): .* use jax.vmap"):
         js.pull_off(surface(LAWS["exponential"]), spring=jnp.ones(2))
+
+
+def test_on_a_symmetric_surface_a_derivative_is_refused_with_its_cure():
+    grid = js.Grid((32,), (1.0,))
+
+    def load(energy, shift):
+        heights = 0.05 * jnp.cos(2 * jnp.pi * (grid.coordinates[0] - shift))
+        law = js.potentials.Exponential(energy, 0.05)
+        return js.pull_off(js.Contact(js.HalfSpace(grid, 1.0), heights, law)).load.value
+
+    with pytest.raises(js.SolverError, match=r"symmetric surface .* shift it by a part"):
+        jax.grad(load)(0.01, 0.0)
+    difference = (load(0.01001, 0.003) - load(0.00999, 0.003)) / 2e-5
+    np.testing.assert_allclose(jax.grad(load)(0.01, 0.003), difference, rtol=1e-4)

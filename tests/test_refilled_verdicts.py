@@ -6,6 +6,7 @@ import numpy as np
 
 import jaxstab as js
 from jaxstab.refill import Lanes
+from jaxstab.stability import coarse
 
 GRID = js.Grid(16)
 # Stable without contact, stable by a bound that is proved, held by contact, and no equilibrium.
@@ -32,20 +33,19 @@ def summary(contact, equilibrium, stability):
     }
 
 
-def test_verdicts_in_lanes_are_those_found_alone():
-    case, left = js.cases.verdict(rough, summary), list(CASES)
+def assert_lanes_find_what_is_found_alone(case, cases, width):
+    """Return the names of the verdicts, found in lanes by the same steps as alone."""
+    left = list(cases)
 
     def take(number, waits):
         taken, left[:] = left[:number], left[number:]
         columns = {name: np.array([row[i] for row in taken]) for i, name in enumerate(NAMES)}
         return taken, columns
 
-    lanes = Lanes(case.programs(), 4, take)
+    lanes = Lanes(case.programs(), width, take)
     found = {values: outputs for values, outputs, _ in lanes.run()}
     assert 0 < lanes.tally.useful < lanes.tally.paid
-    verdicts = [str(found[values]["verdict"]) for values in CASES]
-    assert verdicts == ["stable", "stable", "held_by_contact", "held_by_contact", "undecided"]
-    for values in CASES:
+    for values in cases:
         alone, here = case(**dict(zip(NAMES, values, strict=True))), found[values]
         for name in ("verdict", "proved", "assessed"):
             assert here[name] == alone[name]
@@ -54,3 +54,20 @@ def test_verdicts_in_lanes_are_those_found_alone():
         assert (off <= here["errors"] + alone["errors"]).all() or here["verdict"] == "undecided"
         np.testing.assert_allclose(here["bound"], alone["bound"], rtol=1e-6)
         np.testing.assert_array_equal(here["steps"], alone["steps"])
+    return [str(found[values]["verdict"]) for values in cases]
+
+
+def test_verdicts_in_lanes_are_those_found_alone():
+    verdicts = assert_lanes_find_what_is_found_alone(js.cases.verdict(rough, summary), CASES, 4)
+    assert verdicts == ["stable", "stable", "held_by_contact", "held_by_contact", "undecided"]
+
+
+def test_on_a_large_grid_lanes_start_from_the_coarser_one_too(monkeypatch):
+    jax.clear_caches()
+    monkeypatch.setattr(coarse, "_LARGE", GRID.size)
+    monkeypatch.setattr(coarse, "_FEWEST", GRID.size // 4)
+    # The coarser mode is trusted in the first, and not in the second.
+    cases = [(5, 0.003, 0.08), (1, 0.02, 0.02)]
+    verdicts = assert_lanes_find_what_is_found_alone(js.cases.verdict(rough, summary), cases, 2)
+    assert verdicts == ["stable", "held_by_contact"]
+    jax.clear_caches()

@@ -347,3 +347,17 @@ def test_the_solver_that_is_passed_is_the_one_that_runs(unloading):
     stability = js.assess_stability(unloading, equilibrium, solver, throw=False)
     assert stability.cone.result == "max_steps_reached"
     assert stability.verdict == "undecided"
+
+
+@pytest.mark.parametrize("seed", [28, 37, 76, 130, 180, 207])
+def test_on_few_points_near_full_contact_the_smallest_is_not_missed(seed):
+    random = np.random.default_rng(seed)
+    heights = 0.1 * random.normal(size=14)
+    energy = 10 ** random.uniform(-2, 0)
+    length, gap = (np.exp(random.uniform(*np.log(ends))) for ends in ((0.05, 1), (0.025, 0.3)))
+    law = js.potentials.Exponential(energy, length)
+    contact = js.Contact(js.HalfSpace(js.Grid((14,), (1.0,)), 1.0), heights, law)
+    state = js.equilibrate(contact, js.MeanGap(gap))
+    exact = smallest_on_cone(dense_hessian(contact, state.gap), np.asarray(state.in_contact))
+    cone = js.assess_stability(contact, state).cone
+    assert abs(cone.eigenvalue - exact) < cone.error + 1e-8

@@ -28,9 +28,10 @@ class CriticalLoad(Stackable, eqx.Module):
     Attributes:
         equilibrium: the last equilibrium of the branch, with its load.
         kind: a member of `KINDS`: a fold or a release.
-        critical: the smallest eigenvalue on the points that are free or let go, which is zero at a
-            fold and negative at a release, and its mode; where other points touch or let go at
-            once, it may be neither, and its error is at least as large.
+        critical: the smallest eigenvalue on the points that are free or let go, and its mode. It
+            is zero at a fold and negative at a release. `Stability.critical` is that without the
+            points that let go, which is still positive right before a release. Where other points
+            touch or let go at once, it may be neither, and its error is at least as large.
         after: the state that remains beyond a pull-off; None of others.
         result: a member of `RESULTS`: how the search ended.
     """

@@ -25,9 +25,13 @@ from jaxstab.refusals import Obstacle, any_exists
 from jaxstab.results import KINDS
 from jaxstab.stability.implicit import differentiable as differentiable_pair
 
+_SYMMETRY = (
+    "On a symmetric surface several contact points let go at once: break its symmetry, for "
+    "instance shift it by a part of the spacing of the grid"
+)
 NOT_FOUND = (
     "the end of the branch was not found (look at its result), or not exactly, since other points "
-    "touch or let go right before it"
+    f"touch or let go right before it. {_SYMMETRY}"
 )
 _BIFURCATION = (
     "the branch does not turn back here but branches off, into states without its symmetry. "
@@ -35,8 +39,7 @@ _BIFURCATION = (
 )
 _COINCIDES = (
     "two events coincide: beside what ends the branch, a point is about to touch or to let go, its "
-    "gap or its reaction zero to within the residual. Break the symmetry of the surface, if it is "
-    "that, or differentiate in float64"
+    f"gap or its reaction zero to within the residual. {_SYMMETRY}. Or differentiate in float64"
 )
 
 Inputs = tuple[Contact, Load]

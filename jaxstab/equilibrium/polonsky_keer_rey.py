@@ -32,8 +32,9 @@ class PolonskyKeerRey(EquilibriumSolver):
 
     It differs from the original in two places. The step length along a direction t is
     <q, t> / <t, (K + D) t>, and falls back to the original's <q, t> / <t, K t> where the
-    adhesion makes the former's curvature negative; and points pulled out of contact move by
-    their pressure over the largest stiffness. It is not made for potentials with a core.
+    adhesion makes the former's curvature negative. And points pulled out of contact move by
+    their pressure over the largest stiffness, plus f'' where that is positive. It is not made for
+    potentials with a core.
 
     Arguments:
         tolerance: relative optimality residual to reach; by default 1e-8 in float64 and 1e-4 in

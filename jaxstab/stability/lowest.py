@@ -16,6 +16,10 @@ from jaxstab.stability.eigenpairs import Eigenpair, measured
 from jaxstab.stability.modes import lowest_pair
 from jaxstab.stability.solver import ConeSolver, Minimum, SpaceSolver
 
+# Up to so many points, each contact point that lifts alone is a start too: near full contact on
+# few points others were seen to miss the smallest.
+_FEW = 24
+
 
 class Lowest(eqx.Module):
     """The lowest pair on a set, its sign beyond doubt, and a block of modes to go on from."""
@@ -32,9 +36,18 @@ def on_space(solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Blo
 
 
 def cone_starts(
-    solver: ConeSolver, cone: AdmissibleCone, hull: Lowest, random: Block
+    solver: ConeSolver,
+    cone: AdmissibleCone,
+    hull: Lowest,
+    random: Block,
+    before: Lowest | None = None,
 ) -> tuple[Block, Bool[Array, " starts"], Bool[Array, ""]]:
-    """Return vectors to start from, which of them are needed, and whether the first is it."""
+    """Return vectors to start from on a cone, which are needed, and whether one is the answer.
+
+    They are the two lowest modes of its hull with both signs, and noise, on few points also each
+    contact point that lifts; or the lowest mode alone,
+    where that is found and in the cone, and so the answer. With what was found before, all compete.
+    """
     modes = hull.modes
     starts = jnp.concatenate([modes[:2], -modes[:2], random])
     signs = jnp.stack([modes[0], -modes[0]])
@@ -43,7 +56,16 @@ def cone_starts(
     is_answer = (hull.pair.result == RESULTS.successful) & is_admissible
     lowest = jnp.where(is_answer, signs[jnp.argmin(entering)], starts[0])
     is_needed = ~is_answer | (jnp.arange(len(starts)) == 0)
-    return starts.at[0].set(lowest), is_needed, is_answer
+    starts = starts.at[0].set(lowest)
+    size, one_sided = cone.one_sided.size, cone.one_sided
+    if size <= _FEW:
+        lifted = jnp.eye(size, dtype=starts.dtype).reshape(size, *one_sided.shape)
+        starts = jnp.concatenate([starts, lifted])
+        is_needed = jnp.concatenate([is_needed, ~is_answer & one_sided.ravel()])
+    if before is None:
+        return starts, is_needed, is_answer
+    starts = jnp.concatenate([before.pair.mode[None], starts])
+    return starts, jnp.ones(len(starts), bool), is_answer
 
 
 def on_cone(

@@ -5,7 +5,8 @@ from functools import partial
 from typing import Literal
 
 import jax
-from jaxtyping import Array, Float, PRNGKeyArray
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from jaxstab.checks import integer, require_key
 from jaxstab.contact import Contact
@@ -52,16 +53,17 @@ def lowest_modes(
         throw: raise where the solver fails; otherwise look at `result`.
 
     Returns:
-        The eigenpairs from the lowest up, along a leading axis; steps, applications, result and
-        history, the same for each, are those of all together. Beyond the dimension of the space
-        they are +inf.
+        The eigenpairs from the lowest up, along a leading axis; steps, applications and history,
+        the same for each, are those of all together. Beyond the dimension of the space they are
+        +inf, with the result "too_many_modes".
 
     Raises:
         ValueError: if the equilibrium has another grid or precision than the contact, the count is
-            not positive, or the space is not one of the two.
+            not positive or larger than the dimension of V0, or the space is not one of the two.
         TypeError: if the count is not an integer, the solver not one for linear spaces, or the
             key not a random one.
-        SolverError: if `throw`, for an equilibrium or modes that did not converge.
+        SolverError: if `throw`, for an equilibrium or modes that did not converge, or a count
+            larger than the dimension of the space.
     """
     equilibrium = equilibrium_of(contact, equilibrium)
     count = integer("count", count)
@@ -73,10 +75,17 @@ def lowest_modes(
     solver = solver_or_default(solver, SpaceSolver, Davidson)
     key = jax.random.key(0) if key is None else key
     require_key(key)
-    pairs = _lowest_modes(contact, equilibrium, solver, key, count, space == "critical")
+    pairs, dimension = _lowest_modes(contact, equilibrium, solver, key, count, space == "critical")
     if not throw:
         return pairs
-    return throw_failure(pairs.result[0], pairs, lambda: f"The {count} lowest modes were not found")
+
+    def describe() -> str:
+        return (
+            f"The {count} lowest modes were not found among {dimension} admissible "
+            f"{'direction' if dimension == 1 else 'directions'}"
+        )
+
+    return throw_failure(pairs.result[-1], pairs, describe)
 
 
 @partial(program, static_argnames=("count", "stays_in_contact"))
@@ -87,13 +96,17 @@ def _lowest_modes(
     key: PRNGKeyArray,
     count: int,
     stays_in_contact: bool,
-) -> Eigenpair:
+) -> tuple[Eigenpair, Int[Array, ""]]:
+    """Return the modes, and the dimension of the space."""
     contact, equilibrium = refuse_derivatives((contact, equilibrium))
     contact, equilibrium = whole_state(contact, equilibrium)
     state = recognised(contact, equilibrium)
     unit = contact.own_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     control = contact.control(equilibrium.load)
+    most = contact.grid.size - control.fixes_mean
+    if count > most:
+        raise ValueError(f"count is {count}, but {most} directions are admissible: ask for fewer.")
     is_equilibrium = state == RESULTS.successful
     # Where there is nothing to assess, nothing moves.
     is_moving = is_equilibrium & ~(equilibrium.in_contact & stays_in_contact)
@@ -101,14 +114,17 @@ def _lowest_modes(
     hessian = contact.hessian(equilibrium.gap, control).restricted(space.is_moving)
     starts = noise(key, max(count + _GUARD, BLOCK_SIZE), equilibrium.gap)
     found = solver.solve(hessian, space, starts, count)
-    found = replace(
-        found,
-        num_applications=found.num_applications + count - 1,
-        result=RESULTS.where(is_equilibrium, found.result, state),
-    )
-    modes = found.vector[:count]
-    pairs = jax.vmap(lambda mode: measured(hessian, space, found, mode).with_proof(True))(modes)
-    return pairs.in_units_of(1 / unit).on_surface(contact.solid)
+    found = replace(found, num_applications=found.num_applications + count - 1)
+    dimension = jnp.sum(is_moving) - control.fixes_mean
+
+    def measured_at(place: Int[Array, ""]) -> Eigenpair:
+        result = RESULTS.where(place < dimension, found.result, RESULTS.too_many_modes)
+        result = RESULTS.where(is_equilibrium, result, state)
+        mode = replace(found, result=result)
+        return measured(hessian, space, mode, found.vector[place]).with_proof(True)
+
+    pairs = jax.vmap(measured_at)(jnp.arange(count))
+    return pairs.in_units_of(1 / unit).on_surface(contact.solid), jnp.maximum(dimension, 0)
 
 
 def lowest_pair(

@@ -22,7 +22,7 @@ from jaxstab.stability.coarse import (
     is_foreseen,
     is_large,
     minimum_by_coarser,
-    modes_by_coarser,
+    space_starts,
 )
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.davidson import Davidson
@@ -101,7 +101,7 @@ class Search(eqx.Module):
         problem = solver, self.hessian, cone, hull, self.random
         if not (is_large(self.hessian) and isinstance(solver, ProjectedLOBPCG)):
             return _on_cone(*problem)
-        first, is_trusted = _on_cone_by_coarser(*problem)
+        first, is_trusted = on_cone_by_coarser(*problem)
         return if_needed(~_flag(is_trusted), lambda: _on_cone(*problem, first), first)
 
     def concluded(
@@ -150,10 +150,8 @@ class Found(eqx.Module):
 
 @jax.jit
 def _on_space(solver: Davidson, hessian: Hessian, space: Subspace, random: Block) -> Lowest:
-    """Search a linear space from noise, on a large grid from the modes of the coarser problem."""
-    if not is_large(hessian):
-        return on_space(solver, hessian, space, random)
-    starts, cost = modes_by_coarser(solver, hessian, space, random)
+    """Search a linear space."""
+    starts, cost = space_starts(solver, hessian, space, random)
     return costing(on_space(solver, hessian, space, starts), cost)
 
 
@@ -166,21 +164,15 @@ def _on_cone(
     random: Block,
     before: Lowest | None = None,
 ) -> Lowest:
-    """Search a cone from the two lowest modes of its hull with both signs, and from noise.
-
-    Or from the lowest mode alone, where that is found and in the cone, and so the answer. They
-    compete with what was found before, if anything.
-    """
-    starts, is_needed, is_answer = cone_starts(solver, cone, hull, random)
-    if before is not None:
-        starts, is_needed = jnp.concatenate([before.pair.mode[None], starts]), jnp.array(True)
+    """Search a cone from all starts, what was found before among them, if anything."""
+    starts, is_needed, is_answer = cone_starts(solver, cone, hull, random, before)
     found = solver.solve(hessian.restricted(cone.is_moving), cone, starts, is_needed)
     lowest = on_cone(hessian, cone, hull, found, is_answer)
     return lowest if before is None else after(before, lowest)
 
 
 @jax.jit
-def _on_cone_by_coarser(
+def on_cone_by_coarser(
     solver: ProjectedLOBPCG, hessian: Hessian, cone: AdmissibleCone, hull: Lowest, random: Block
 ) -> tuple[Lowest, Bool[Array, ""]]:
     """Search a cone from the mode of the coarser problem, and say whether to trust what is found.

@@ -25,7 +25,8 @@ class Stability(Stackable, eqx.Module):
             eq. 26). Positive means stable; negative proves nothing where contact presses, since
             lifting off then costs energy at first order.
         critical: that on the critical cone, where points in contact stay if they press, and may
-            lift off if they do not. Negative means unstable.
+            lift off if they do not. Negative means unstable. That of a `CriticalLoad` has the
+            points that let go among the free ones.
         complementarity: the least reaction at a point in contact, over the rms of elastic pressure
             and attraction; +inf without contact. Near zero, a point is about to lift off.
         barrier: that of a state held by contact, along the cone's mode to second order; NaN

@@ -12,7 +12,8 @@ from jaxstab.stability.competition import Competitor, decided, entered, turned
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.lowest import Lowest, after, again, cone_starts, on_cone
 from jaxstab.stability.search import Search
-from jaxstab.stability.stages.ready import chosen, cone_solver, ready_in
+from jaxstab.stability.stages.coarser import CoarserStage, First
+from jaxstab.stability.stages.ready import chosen, cone_of, cone_solver, paired, ready_in
 from jaxstab.stability.stages.spaces import SpacesStage
 from jaxstab.stage import Record, Stage
 
@@ -35,26 +36,28 @@ class ConesStage(Stage):
     """The competitions on V0+ and on the critical cone.
 
     Arguments:
-        spaces: the stage before.
+        spaces, coarser: the stages before.
     """
 
     has_rounds = True
     # The first rounds, which have most starts, are multiples of it.
     pace = 4
 
-    def __init__(self, spaces: SpacesStage):
-        self._spaces = spaces
+    def __init__(self, spaces: SpacesStage, coarser: CoarserStage):
+        self._spaces, self._coarser = spaces, coarser
 
     def begin(self, record: Record) -> _OnCone:
         """Return all starts on both cones before their first step."""
         search = ready_in(record).search
-        hulls = self._spaces.found(record)
-        is_needed = search.touches, search.touches & search.is_weak
+        hulls, first = self._spaces.found(record), self._coarser.found(record)
+        is_needed = jnp.stack([search.touches, search.touches & search.is_weak])
+        is_needed &= ~first.is_trusted
 
         def entries(number: int) -> _OnCone:
-            cone = _cone(search, jnp.array(number))
+            cone = cone_of(search, jnp.array(number))
+            before = jax.tree.map(lambda leaf: leaf[number], first.lowest)
             starts, needed, is_answer = cone_starts(
-                cone_solver(), cone, hulls[number], search.random
+                cone_solver(), cone, hulls[number], search.random, before
             )
             all_ = entered(cone_solver(), cone, starts, needed & is_needed[number])
             shared = jnp.full(len(starts), number), jnp.full(len(starts), is_answer)
@@ -90,26 +93,23 @@ class ConesStage(Stage):
         """Return the lowest pairs on V0+ and on the critical cone."""
         search, (around, hull) = ready_in(record).search, self._spaces.found(record)
 
-        def lowest(number: Array, hull: Lowest, states: _OnCone) -> Lowest:
+        def lowest(number: Array, hull: Lowest, first: First, states: _OnCone) -> Lowest:
             hessian, cone = _problem(search, number)
             found = decided(cone_solver(), hessian, cone, states.competitor)
-            return on_cone(search.hessian, cone, hull, found, states.is_answer[0])
+            found = on_cone(search.hessian, cone, hull, found, states.is_answer[0])
+            if first.lowest is None:
+                return found
+            return chosen(first.is_trusted, first.lowest, after(first.lowest, found))
 
-        hulls = jax.tree.map(lambda *leaves: jnp.stack(leaves), around, hull)
-        both = jax.vmap(lowest)(jnp.arange(2), hulls, _by_cones(record[4]))
+        hulls, firsts = paired(around, hull), self._coarser.found(record)
+        both = jax.vmap(lowest)(jnp.arange(2), hulls, firsts, _by_cones(record[5]))
         cone, critical = (jax.tree.map(lambda leaf, i=i: leaf[i], both) for i in range(2))
         critical = chosen(search.touches & search.is_weak, after(hull, critical), hull)
         return chosen(search.touches, cone, again(around)), critical
 
 
-def _cone(search: Search, number: Array) -> AdmissibleCone:
-    """Return V0+ or the critical cone, by its number."""
-    one, other = search.cone, search.critical_cone
-    return jax.tree.map(lambda x, y: jnp.where(number == 0, x, y), one, other)
-
-
 def _problem(search: Search, number: Array) -> tuple[Any, AdmissibleCone]:
-    cone = _cone(search, number)
+    cone = cone_of(search, number)
     return search.hessian.restricted(cone.is_moving), cone
 
 

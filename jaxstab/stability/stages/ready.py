@@ -10,6 +10,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.stage import EquilibriumStage
 from jaxstab.stability.assess import prepared
+from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.davidson import Davidson
 from jaxstab.stability.lowest import Lowest
 from jaxstab.stability.projected import ProjectedLOBPCG
@@ -72,3 +73,14 @@ class ReadyStage(Stage):
 def chosen(condition: Bool[Array, ""], one: Lowest, other: Lowest) -> Lowest:
     """Return the one of two lowest pairs."""
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y), one, other)
+
+
+def paired(one: Lowest, other: Lowest) -> Lowest:
+    """Return two lowest pairs along a leading axis."""
+    return jax.tree.map(lambda x, y: jnp.stack([x, y]), one, other)
+
+
+def cone_of(search: Search, number: Int[Array, ""]) -> AdmissibleCone:
+    """Return V0+ or the critical cone, by its number."""
+    one, other = search.cone, search.critical_cone
+    return jax.tree.map(lambda x, y: jnp.where(number == 0, x, y), one, other)

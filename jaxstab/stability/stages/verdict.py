@@ -9,6 +9,7 @@ from jaxstab.equilibrium.stage import EquilibriumStage
 from jaxstab.stability.assess import stability_of
 from jaxstab.stability.search import with_bound
 from jaxstab.stability.stages.bound import BoundStage
+from jaxstab.stability.stages.coarser import CoarserStage
 from jaxstab.stability.stages.cones import ConesStage
 from jaxstab.stability.stages.ready import ReadyStage, chosen, ready_in
 from jaxstab.stability.stages.spaces import SpacesStage
@@ -26,11 +27,13 @@ class VerdictStages:
     def __init__(self, equilibria: EquilibriumStage):
         self._equilibria = equilibria
         self._spaces = SpacesStage()
-        self._cones = ConesStage(self._spaces)
+        coarser = CoarserStage(self._spaces)
+        self._cones = ConesStage(self._spaces, coarser)
         self.all = [
             equilibria,
             ReadyStage(equilibria),
             self._spaces,
+            coarser,
             self._cones,
             BoundStage(self._spaces, self._cones),
         ]
@@ -38,7 +41,7 @@ class VerdictStages:
     def found(self, record: Record) -> tuple[Contact, Equilibrium, Stability]:
         """Return the contact of a case, its equilibrium and its stability."""
         contact, _ = self._equilibria.build(**record[0])
-        ready, state = ready_in(record), jax.tree.map(lambda leaf: leaf[0], record[5])
+        ready, state = ready_in(record), jax.tree.map(lambda leaf: leaf[0], record[6])
         around, hull = self._spaces.found(record)
         cone, critical = self._cones.found(record)
         # There is a cost where one was needed.
