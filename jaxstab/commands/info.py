@@ -5,11 +5,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-import jax
-
 from jaxstab.commands.parsing import Parser
 from jaxstab.commands.problem import add_file_options
-from jaxstab.files import load
+from jaxstab.commands.result import add_result_options, loaded
 from jaxstab.files.netcdf import attributes_of
 from jaxstab.surfaces import read
 
@@ -20,6 +18,7 @@ def add_options(parser: Parser) -> None:
     """Add the options of the command."""
     parser.add_argument("file", type=Path, metavar="FILE", help="a surface or a result")
     add_file_options(parser, "a surface")
+    add_result_options(parser)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -35,8 +34,7 @@ def run(options: argparse.Namespace) -> None:
         )
     print(_described(attributes))
     if "structure" in attributes:
-        jax.config.update("jax_enable_x64", True)
-        contact, result = load(options.file)
+        contact, result = loaded(options)
         print(f"\n{contact}\n\n{result}")
 
 
