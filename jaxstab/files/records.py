@@ -226,8 +226,8 @@ def _class(path: str) -> type:
     module, _, name = path.partition(":")
     if module not in sys.modules:
         raise ValueError(
-            f"The file names the class {path}, and a file imports no module: if you trust it, write "
-            f"`import {module}` before jaxstab.load, or give --import {module} to the command."
+            f"The file names the class {path}, and a file imports no module: if you trust it, "
+            f"write `import {module}` before jaxstab.load, or give the option --import {module}."
         )
     found: Any = sys.modules[module]
     for part in name.split("."):
