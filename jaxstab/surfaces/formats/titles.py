@@ -1,0 +1,76 @@
+"""The titles of columns of numbers, and the units in them."""
+
+import re
+from dataclasses import dataclass
+
+from jaxstab.surfaces.units import unit_of
+
+_PLACE = re.compile(r"(x|lateral|distance|position)(?![a-z])", re.IGNORECASE)
+_IN_BRACKETS = re.compile(r"[\[(]\s*(.*?)\s*[\])]")
+# The first line of a profiler's file (Dektak), whose titles follow many others.
+_PROFILER = "Scan Parameters"
+
+
+@dataclass(frozen=True)
+class Titles:
+    """What the titles of columns x, z, of x, z, valid, or of x, y, z say.
+
+    Attributes:
+        are_points: whether they are x, y, z.
+        has_marks: whether a last column is zero where a point is missing.
+        unit: that of the heights, None where it is not said.
+        unit_of_sides: that of x and y.
+    """
+
+    are_points: bool
+    has_marks: bool
+    unit: str | None
+    unit_of_sides: str | None
+
+
+def titles_of(head: list[str], num_columns: int) -> Titles | None:
+    """Return what the lines above columns say of them, if those are titles with units.
+
+    Raises:
+        ValueError: for a unit that is none of length, and for x and y in different ones.
+    """
+    *rest, last = head
+    units = _fields(last)
+    if rest and all(_IN_BRACKETS.fullmatch(field) for field in units):
+        # Units in a line of their own.
+        *rest, last = rest
+        titles = [" ".join(pair) for pair in zip(_fields(last), units, strict=False)]
+    else:
+        titles = units
+    is_known = not rest or rest[0].startswith(_PROFILER)
+    if not is_known or len(titles) != num_columns or not _PLACE.match(titles[0]):
+        return None
+    has_marks = titles[-1].lower().startswith("valid")
+    values = titles[: -1 if has_marks else None]
+    are_points = len(values) == 3 and values[1].lower().startswith("y")
+    if len(values) != 2 and not are_points:
+        return None
+    *sides, unit = map(_unit, values)
+    if len(set(sides)) > 1:
+        raise ValueError(f"its columns x and y are in different units, {sides[0]} and {sides[1]}.")
+    said = unit is not None or sides[0] is not None
+    return Titles(are_points, has_marks, unit, sides[0]) if said else None
+
+
+def _fields(line: str) -> list[str]:
+    separator = next((mark for mark in ";,\t" if mark in line), None)
+    fields = [field.strip() for field in line.split(separator)]
+    while fields and not fields[-1]:
+        fields.pop()
+    return fields
+
+
+def _unit(title: str) -> str | None:
+    if bracket := _IN_BRACKETS.search(title):
+        return unit_of(bracket[1])
+    for word in re.split(r"[\s_/]+", title)[1:]:
+        try:
+            return unit_of(word)
+        except ValueError:
+            continue
+    return None
