@@ -59,8 +59,21 @@ def test_of_an_instrument_the_first_channel_of_heights_is_read_and_any_can_be_ch
 
 def test_a_file_without_heights_is_refused(tmp_path):
     (tmp_path / "a.gwy").write_bytes(gwy_of(("Phase", "deg", HEIGHTS), ("Bias", "V", HEIGHTS)))
-    with pytest.raises(ValueError, match=r"a\.gwy: it has no channel of heights"):
+    with pytest.raises(ValueError, match=r"a\.gwy: .*it has no channel of heights"):
         js.surfaces.read(tmp_path / "a.gwy")
+
+
+def test_values_of_no_length_are_no_heights(tmp_path, monkeypatch):
+    # As SurfaceTopography has phases of .di files: as heights, with a pair of units.
+    from SurfaceTopography.IO.Reader import ChannelInfo
+
+    (tmp_path / "a.gwy").write_bytes(THREE)
+    unit = property(lambda self: ("m", None) if self.name == "Trace" else "m")
+    monkeypatch.setattr(ChannelInfo, "unit", unit)
+    topography = js.surfaces.read(tmp_path / "a.gwy")
+    np.testing.assert_allclose(topography.in_unit("µm").heights, 2 * HEIGHTS, rtol=1e-14)
+    with pytest.raises(ValueError, match="no channel 'Trace' of heights: choose from 'Retrace'"):
+        js.surfaces.read(tmp_path / "a.gwy", channel="Trace")
 
 
 def test_channels_of_one_name_are_told_apart(tmp_path):

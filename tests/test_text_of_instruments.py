@@ -113,9 +113,12 @@ X = x[:, 0]
 PROFILES = {
     "HFM": column_file("X;Y;valid\n[mm];[µm];[1/0]\n", (1e-3 * X, PROFILE, X >= 0), ";"),
     "microns": column_file("X_(microns),y1\n", (X, PROFILE), ","),
+    "an index": column_file(
+        "index,x in µm,y in nm\n", (np.arange(12), X, 1e3 * PROFILE), ","
+    ),
     "titles": column_file("Distance [µm]\tHeight [nm]\n", (X, 1e3 * PROFILE), "\t"),
     "profiler": "Scan Parameters\nStylus,Radius: 5 um\n\nScan Data\n\nLateral um,Raw Nanometer,\n"
-    + column_file("", (X, 1e3 * PROFILE), ",").replace("\n", ",\n"),
+    + column_file("", (X, 1e3 * PROFILE), ",").replace("\n", ",,\n"),
 }  # fmt: skip
 
 

@@ -87,7 +87,7 @@ def _scan(path: Path, channel: str | None) -> Scan:
     if not content:
         raise ValueError("the file is empty.")
     errors = []
-    for reader in _readers(content, channel):
+    for reader in _readers(path, content, channel):
         try:
             return reader()
         except UnknownContent as error:
@@ -99,7 +99,7 @@ def _scan(path: Path, channel: str | None) -> Scan:
     raise errors[0]
 
 
-def _readers(content: bytes, channel: str | None) -> Iterator[Callable[[], Scan]]:
+def _readers(path: Path, content: bytes, channel: str | None) -> Iterator[Callable[[], Scan]]:
     """Yield readers for a content, the likeliest first."""
     if content.startswith(b"\x93NUMPY"):
         yield partial(_alone, read_npy, content, channel)
@@ -111,7 +111,7 @@ def _readers(content: bytes, channel: str | None) -> Iterator[Callable[[], Scan]
         yield partial(read_netcdf, content, "h5netcdf", channel)
     elif text is not None:
         yield partial(_alone, read_text, text, channel)
-    yield partial(read_instrument, content, channel)
+    yield partial(read_instrument, path, content, channel)
     if text is not None:
         yield partial(read_instrument_text, text, channel)
 

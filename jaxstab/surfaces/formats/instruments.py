@@ -2,6 +2,7 @@
 
 import zipfile
 from io import BytesIO, StringIO
+from pathlib import Path
 from typing import Any
 
 from jaxstab.packages import require_packages
@@ -26,10 +27,15 @@ _OF_A_MATRIX = {
 _MISSING = {"bad", "nan", "inf", "infinite"}
 
 
-def read_instrument(content: bytes, channel: str | None) -> Scan:
+def read_instrument(path: Path, content: bytes, channel: str | None) -> Scan:
     """Return the heights in an instrument's file, as SurfaceTopography orients them.
 
     Of several channels that is the first of heights, unless one is asked for.
+
+    Arguments:
+        path: the file.
+        content: what it holds, unpacked.
+        channel: the name of one.
 
     Raises:
         ValueError: for a damaged file, or a format that SurfaceTopography does not know.
@@ -38,8 +44,10 @@ def read_instrument(content: bytes, channel: str | None) -> Scan:
     _require_package()
     from SurfaceTopography.IO import open_topography
 
+    # Some of its readers tell formats by paths alone, or take any stream.
+    source = BytesIO(content) if path.stat().st_size != len(content) else str(path)
     try:
-        with open_topography(BytesIO(content)) as reader:
+        with open_topography(source) as reader:
             if reader.format() in _UNMARKED:
                 raise ValueError("no mark of a format in it")
             return _scan(reader, channel)
@@ -80,10 +88,14 @@ def _require_package() -> None:
 
 def _scan(reader: Any, channel: str | None) -> Scan:
     """Return the surface of a channel; heights and lengths come in its unit."""
-    channels = {one.channel_id: one for one in reader.height_channels}
+    # Where sides have a unit and values have none of length, some readers give a pair of units.
+    channels = {
+        one.channel_id: one
+        for one in reader.height_channels
+        if one.unit is None or isinstance(one.unit, str)
+    }
     if not channels:
-        others = ", ".join(f"{one.name!r} of {one.data_kind.value}" for one in reader.channels)
-        raise Refused(f"it has no channel of heights{others and f', but {others}'}.")
+        raise ValueError("it has no channel of heights")
     name, remarks = chosen(list(channels), channel, next(iter(channels)))
     one = channels[name]
     says_lengths = one.physical_sizes is not None

@@ -71,6 +71,9 @@ def read_text(text: str) -> Scan:
         table = _table(rows)
     except ValueError:
         raise unknown from None
+    # What profilers leave empty behind the last one.
+    while table.shape[1] > 2 and np.isnan(table[:, -1]).all():
+        table = table[:, :-1]
     titles = titles_of([row.strip() for _, row in head], table.shape[1])
     if titles is None:
         raise unknown
@@ -95,11 +98,10 @@ def _scan(table: np.ndarray, text: str) -> Scan:
 
 def _of_columns(table: np.ndarray, titles: Titles) -> Scan:
     """Return the profile or the points of columns with titles."""
+    columns = list(table.T)[int(titles.has_index) :]
     if titles.has_marks:
-        *columns, marks = table.T
+        marks = columns.pop()
         columns[-1] = np.where(marks == 0, np.nan, columns[-1])
-    else:
-        columns = list(table.T)
     scan = _of_points(*columns) if titles.are_points else _of_profile(*columns)
     if scan is None:
         what = "points lie on no lattice" if titles.are_points else "x neither rises nor falls"

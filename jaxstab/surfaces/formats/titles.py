@@ -16,12 +16,14 @@ class Titles:
     """What the titles of columns x, z, of x, z, valid, or of x, y, z say.
 
     Attributes:
+        has_index: whether a first column numbers the others.
         are_points: whether they are x, y, z.
         has_marks: whether a last column is zero where a point is missing.
         unit: that of the heights, None where it is not said.
         unit_of_sides: that of x and y.
     """
 
+    has_index: bool
     are_points: bool
     has_marks: bool
     unit: str | None
@@ -43,10 +45,11 @@ def titles_of(head: list[str], num_columns: int) -> Titles | None:
     else:
         titles = units
     is_known = not rest or rest[0].startswith(_PROFILER)
-    if not is_known or len(titles) != num_columns or not _PLACE.match(titles[0]):
-        return None
+    has_index = titles[0].lower() == "index"
     has_marks = titles[-1].lower().startswith("valid")
-    values = titles[: -1 if has_marks else None]
+    values = titles[int(has_index) : -1 if has_marks else None]
+    if not is_known or len(titles) != num_columns or not _PLACE.match(values[0] if values else ""):
+        return None
     are_points = len(values) == 3 and values[1].lower().startswith("y")
     if len(values) != 2 and not are_points:
         return None
@@ -54,7 +57,7 @@ def titles_of(head: list[str], num_columns: int) -> Titles | None:
     if len(set(sides)) > 1:
         raise ValueError(f"its columns x and y are in different units, {sides[0]} and {sides[1]}.")
     said = unit is not None or sides[0] is not None
-    return Titles(are_points, has_marks, unit, sides[0]) if said else None
+    return Titles(has_index, are_points, has_marks, unit, sides[0]) if said else None
 
 
 def _fields(line: str) -> list[str]:
