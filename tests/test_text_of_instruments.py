@@ -177,6 +177,8 @@ def test_files_that_gzip_packed_are_read(tmp_path, write):
         ("# x-pixels = 12\n# y-pixels = 9\n" + ROWS, "header says 'x-pixels = 12', as that of an"),
         # Units of no length, of x and y that differ, and decimal commas of one column or two.
         ("x [mm];z [V]\n0;1\n1;2\n2;4\n", "the unit is 'V'"),
+        ("x in µm, Phase in deg\n0, 1\n1, 2\n2, 4\n", "'Phase in deg' has no unit of length"),
+        ("x (µm), Current\n0, 1\n1, 2\n2, 4\n", "its column 'Current' has no unit of length"),
         ("x [mm];y [nm];z [nm]\n0;0;1\n0;1;2\n1;0;3\n1;1;4\n", "x and y are in different units"),
         ("X_(microns),y1\n1,500\n2,250\n3,125\n", "looks like decimal commas, or like two"),
         ("x (µm), z (nm)\n0, 1\n1, 2\n5, 3\n", "rises unevenly"),
@@ -190,6 +192,12 @@ def test_files_that_gzip_packed_are_read(tmp_path, write):
 def test_text_that_could_be_misread_is_refused(tmp_path, text, message):
     with pytest.raises(ValueError, match=rf"a\.txt: .*({message})"):
         js.surfaces.read(written(tmp_path, text), (1, 1))
+
+
+def test_comments_of_ones_own_are_left_alone(tmp_path):
+    header = "# h: heights along x\n# width of the tip = 3\n# Channel: Height\n"
+    topography = js.surfaces.read(written(tmp_path, header + "1 2 3 4\n5 6 7 8\n"), (1, 2))
+    np.testing.assert_array_equal(topography.heights, [[1, 2, 3, 4], [5, 6, 7, 8]])
 
 
 def test_without_surface_topography_it_is_said_what_to_install(tmp_path, monkeypatch):

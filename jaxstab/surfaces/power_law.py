@@ -16,13 +16,14 @@ _LEAKAGE = 0.1
 _OFF_THE_LAW = 0.1
 _COST_OUTSIDE = 3.0
 # What a self-affine band needs: rings, a factor between its ends, an error of H, and scatter above
-# chance or off the law below these; and how far outside of [0, 1] H may seem.
+# chance or off the law below these. H may seem so far outside of [0, 1], and farther as it is
+# sought.
 _FEWEST_RINGS = 3
 _LEAST_SPAN = 2.5
 _LARGEST_ERROR = 0.25
 _LARGEST_EXCESS = 2.5
 _LARGEST_MISFIT = 0.2
-_OUTSIDE = 0.2
+_OUTSIDE, _OUTSIDE_SOUGHT = 0.1, 0.2
 _MAX_STEPS = 50
 
 
@@ -109,7 +110,7 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
         hurst_error=float(hurst_error),
         density_error=float(largest * np.exp(line.at(x[start])) * line.error_at(x[start])),
     )
-    is_outside = max(-hurst, hurst - 1) > max(3 * hurst_error, _LEAKAGE)
+    is_outside = max(-hurst, hurst - 1) > max(3 * hurst_error, _OUTSIDE)
     if is_outside or law.cutoff < _LEAST_SPAN * law.rolloff or not line.is_straight:
         suspicion.warn(
             [
@@ -132,7 +133,7 @@ def _bands(
     costs, ends = np.full(2, np.inf), [(0, _FEWEST_RINGS), None]
     for start in range(x.size - _FEWEST_RINGS):
         squares, power = _broken_lines(x, y, weight, start)
-        is_likely = np.abs((power - dimension) / 2 - 0.5) <= 0.5 + _OUTSIDE
+        is_likely = np.abs((power - dimension) / 2 - 0.5) <= 0.5 + _OUTSIDE_SOUGHT
         is_likely &= x - x[start] >= np.log(_LEAST_SPAN)
         for which, total in enumerate((squares, np.where(is_likely, squares, np.inf))):
             end = int(np.argmin(total + outside))

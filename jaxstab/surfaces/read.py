@@ -4,6 +4,7 @@ import gzip
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -78,16 +79,17 @@ def _scan(path: Path, channel: str | None) -> Scan:
     """Return what the first reader that understands a file makes of it."""
     if not path.is_file():
         raise ValueError("this is no file.")
-    content = path.read_bytes()
+    source, content = str(path), path.read_bytes()
     if content.startswith(_GZIP):
         try:
             content = gzip.decompress(content)
         except (OSError, EOFError, zlib.error) as error:
             raise ValueError(f"what gzip packed is truncated or damaged ({error}).") from None
+        source = BytesIO(content)
     if not content:
         raise ValueError("the file is empty.")
     errors = []
-    for reader in _readers(path, content, channel):
+    for reader in _readers(source, content, channel):
         try:
             return reader()
         except UnknownContent as error:
@@ -99,7 +101,9 @@ def _scan(path: Path, channel: str | None) -> Scan:
     raise errors[0]
 
 
-def _readers(path: Path, content: bytes, channel: str | None) -> Iterator[Callable[[], Scan]]:
+def _readers(
+    source: str | BytesIO, content: bytes, channel: str | None
+) -> Iterator[Callable[[], Scan]]:
     """Yield readers for a content, the likeliest first."""
     if content.startswith(b"\x93NUMPY"):
         yield partial(_alone, read_npy, content, channel)
@@ -111,7 +115,7 @@ def _readers(path: Path, content: bytes, channel: str | None) -> Iterator[Callab
         yield partial(read_netcdf, content, "h5netcdf", channel)
     elif text is not None:
         yield partial(_alone, read_text, text, channel)
-    yield partial(read_instrument, path, content, channel)
+    yield partial(read_instrument, source, content, channel)
     if text is not None:
         yield partial(read_instrument_text, text, channel)
 

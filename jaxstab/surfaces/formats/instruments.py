@@ -2,7 +2,6 @@
 
 import zipfile
 from io import BytesIO, StringIO
-from pathlib import Path
 from typing import Any
 
 from jaxstab.packages import require_packages
@@ -27,14 +26,14 @@ _OF_A_MATRIX = {
 _MISSING = {"bad", "nan", "inf", "infinite"}
 
 
-def read_instrument(path: Path, content: bytes, channel: str | None) -> Scan:
+def read_instrument(source: str | BytesIO, content: bytes, channel: str | None) -> Scan:
     """Return the heights in an instrument's file, as SurfaceTopography orients them.
 
     Of several channels that is the first of heights, unless one is asked for.
 
     Arguments:
-        path: the file.
-        content: what it holds, unpacked.
+        source: the path of the file, by which some readers tell formats, or what was packed in it.
+        content: what it holds.
         channel: the name of one.
 
     Raises:
@@ -44,8 +43,6 @@ def read_instrument(path: Path, content: bytes, channel: str | None) -> Scan:
     _require_package()
     from SurfaceTopography.IO import open_topography
 
-    # Some of its readers tell formats by paths alone, or take any stream.
-    source = BytesIO(content) if path.stat().st_size != len(content) else str(path)
     try:
         with open_topography(source) as reader:
             if reader.format() in _UNMARKED:

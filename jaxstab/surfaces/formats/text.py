@@ -28,8 +28,8 @@ _DECIMAL = re.compile(r"[+-]?\d+(,\d+)?(e[+-]?\d+)?|nan", re.IGNORECASE)
 
 # What instruments write into comments: to leave it out could change axes and units.
 _OF_AN_INSTRUMENT = re.compile(
-    r"^\s*#\s*((?:[xy]-pixels|[xy]-length|[xyz]-unit|Bit2nm|pixel size|[hw]|File Format)\s*[:=].*|"
-    r"height conversion factor.*)$",
+    r"^\s*#\s*((?:[xy]-pixels|[xy]-length|[xyz]-unit|Bit2nm|pixel size|File Format)\s*[:=].*|"
+    r"[hw]\s*=\s*\d.*|height conversion factor.*)$",
     re.MULTILINE | re.IGNORECASE,
 )
 

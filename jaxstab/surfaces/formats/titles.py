@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from jaxstab.surfaces.units import unit_of
 
 _PLACE = re.compile(r"(x|lateral|distance|position)(?![a-z])", re.IGNORECASE)
+# Of these alone the unit may be left to that of the places.
+_HEIGHT = re.compile(r"(y|z|h|height|höhe)\d*", re.IGNORECASE)
 _IN_BRACKETS = re.compile(r"[\[(]\s*(.*?)\s*[\])]")
 # The first line of a profiler's file (Dektak), whose titles follow many others.
 _PROFILER = "Scan Parameters"
@@ -34,7 +36,8 @@ def titles_of(head: list[str], num_columns: int) -> Titles | None:
     """Return what the lines above columns say of them, if those are titles with units.
 
     Raises:
-        ValueError: for a unit that is none of length, and for x and y in different ones.
+        ValueError: for a unit that is none of length, for x and y in different ones, and for values
+            that may be no heights.
     """
     *rest, last = head
     units = _fields(last)
@@ -56,8 +59,11 @@ def titles_of(head: list[str], num_columns: int) -> Titles | None:
     *sides, unit = map(_unit, values)
     if len(set(sides)) > 1:
         raise ValueError(f"its columns x and y are in different units, {sides[0]} and {sides[1]}.")
-    said = unit is not None or sides[0] is not None
-    return Titles(has_index, are_points, has_marks, unit, sides[0]) if said else None
+    if unit is None and sides[0] is None:
+        return None
+    if unit is None and not _HEIGHT.fullmatch(values[-1]):
+        raise ValueError(f"its column {values[-1]!r} has no unit of length: write `z (nm)`, say.")
+    return Titles(has_index, are_points, has_marks, unit, sides[0])
 
 
 def _fields(line: str) -> list[str]:
