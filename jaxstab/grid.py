@@ -180,12 +180,18 @@ class Grid(eqx.Module):
 
 
 def resample(field: Float[Array, " *grid"], shape: tuple[int, ...]) -> Float[Array, " *finer"]:
-    """Return a periodic field on another number of points, through its Fourier series."""
+    """Return a periodic field on another number of points, through its Fourier series.
+
+    Its waves are those that both numbers of points resolve, a wave of two points as a cosine.
+    """
     scale = math.prod(shape) / field.size
     for axis, n in enumerate(shape):
+        before = field.shape[axis]
         modes = jnp.fft.rfft(field, axis=axis)
-        kept = (min(n, field.shape[axis]) + 1) // 2
-        modes = jax.lax.slice_in_dim(modes, 0, kept, axis=axis)
+        modes = jax.lax.slice_in_dim(modes, 0, min(n, before) // 2 + 1, axis=axis)
+        if n != before and min(n, before) % 2 == 0:
+            # One of two waves k and -k where there are more points, but both where it is the last.
+            modes = modes.at[(slice(None),) * axis + (-1,)].multiply(0.5 if n > before else 2)
         field = jnp.fft.irfft(modes, n, axis=axis)
     return scale * field
 

@@ -2,6 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.signal
 
 import jaxstab as js
 from jaxstab.grid import resample
@@ -102,3 +103,22 @@ def test_resampling_keeps_what_both_grids_can_carry(shape, other):
         )
 
     np.testing.assert_allclose(resample(sample(shape), other), sample(other), atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("other", [(12, 12), (11, 13), (5, 6), (4, 4)])
+def test_resampling_of_every_wave_is_that_of_scipy(shape, other):
+    field = np.random.default_rng(0).normal(size=shape)
+    expected = field
+    for axis, n in enumerate(other[: len(shape)]):
+        expected = scipy.signal.resample(expected, n, axis=axis)
+    np.testing.assert_allclose(resample(field, other[: len(shape)]), expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_resampling_onto_more_points_keeps_those_given(shape):
+    field = np.random.default_rng(0).normal(size=shape)
+    finer = resample(field, tuple(3 * n for n in shape))
+    np.testing.assert_allclose(finer[(slice(None, None, 3),) * len(shape)], field, atol=1e-14)
+    other = tuple(n + 3 for n in shape)
+    np.testing.assert_allclose(resample(resample(field, other), shape), field, atol=1e-14)

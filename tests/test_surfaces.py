@@ -179,6 +179,77 @@ def test_a_generated_surface_has_the_power_law_asked_for(hurst):
     assert law.cutoff / np.pi == pytest.approx(60, rel=1e-5)
 
 
+@pytest.mark.parametrize("how", ["as it is", "window", "piece"])
+@pytest.mark.parametrize("k_high", [16, 32, 63])
+def test_hurst_exponents_of_scans_are_found_within_their_errors(how, k_high):
+    # A piece is cut out of a surface twice as large, as a scan is.
+    size = 2 if how == "piece" else 1
+    grid, deviations = js.Grid(128 * size, 10.0 * size), []
+    for seed, (hurst, k_rolloff) in enumerate([(0.3, 2), (0.5, 5), (0.8, 2), (0.8, 5), (0.9, 2)]):
+        heights = surfaces.self_affine(
+            grid, jax.random.key(seed), hurst=hurst, k_low=2, k_rolloff=k_rolloff * size,
+            k_high=k_high * size, rms_height=0.1,
+        )  # fmt: skip
+        scan = surfaces.Topography(js.Grid(128, 10.0), np.asarray(heights)[:128, :128])
+        if how != "as it is":
+            scan = scan.detrended().periodic("window")
+        law = surfaces.power_law(surfaces.power_spectrum(scan.grid, scan))
+        blur = 0 if how == "as it is" else 0.03
+        assert law.hurst == pytest.approx(hurst, abs=3 * law.hurst_error + blur)
+        assert law.hurst_error < {16: 0.13, 32: 0.05, 63: 0.025}[k_high]
+        assert law.cutoff / (2 * np.pi / 10) == pytest.approx(k_high, abs=1.01)
+        if k_high > 16:
+            assert law.rolloff / (2 * np.pi / 10) == pytest.approx(k_rolloff, abs=2.1)
+        deviations.append((law.hurst - hurst) / law.hurst_error)
+    assert 0.3 < np.std(deviations) < 2.5
+
+
+@pytest.mark.parametrize("how", ["as_is", "window"])
+@pytest.mark.parametrize("k_high", [60, 250, 1000])
+def test_hurst_exponents_of_profiles_are_found_within_their_errors(how, k_high):
+    grid = js.Grid((2048,), 10.0)
+    for seed in range(4):
+        heights = surfaces.self_affine(
+            grid, jax.random.key(seed), hurst=0.7, k_high=k_high, rms_height=0.1
+        )
+        scan = surfaces.Topography(grid, np.asarray(heights)).periodic(how)
+        law = surfaces.power_law(surfaces.power_spectrum(grid, scan))
+        assert law.hurst == pytest.approx(0.7, abs=3 * law.hurst_error)
+        assert law.hurst_error < {60: 0.12, 250: 0.05, 1000: 0.02}[k_high]
+        assert law.cutoff / (2 * np.pi / 10) == pytest.approx(k_high, rel=0.1)
+
+
+def test_errors_of_a_power_law_are_those_of_its_waves():
+    # Means of exponentials about a law, by far more draws than a surface has.
+    q, waves, rng = np.arange(1.0, 101), 2 * np.round(np.pi * np.arange(1.0, 101)), np.random
+    draws = rng.default_rng(0).gamma(waves / 2, 2 / waves, (200, 100)) * q**-3.6
+    laws = [surfaces.power_law(surfaces.PowerSpectrum(q, draw, waves)) for draw in draws]
+    found = np.array([law.hurst for law in laws])
+    errors = np.array([law.hurst_error for law in laws])
+    assert abs(found.mean() - 0.8) < 4 * found.std() / np.sqrt(200)
+    assert errors.mean() == pytest.approx(found.std(), rel=0.2)
+    scaled = [law.density / law.rolloff**-3.6 for law in laws]
+    relative = np.mean([law.density_error / law.density for law in laws])
+    assert relative == pytest.approx(np.std(scaled), rel=0.3)
+
+
+@pytest.mark.parametrize("how", ["as_is", "window"])
+@pytest.mark.parametrize(
+    ("power", "hurst"), [(0.0, -1.0), (1.0, -0.5), (5.0, 1.5), (7.0, 2.5), (None, None)]
+)
+def test_a_spectrum_without_a_self_affine_band_warns(power, hurst, how):
+    grid = js.Grid(128, 10.0)
+    k = np.asarray(grid.wavenumbers) * 10 / (2 * np.pi)
+    # Noise, surfaces too smooth to be self-affine, and one with Gaussian correlations.
+    density = np.exp(-((k / 8) ** 2)) if power is None else np.maximum(k / 3, 1) ** -power
+    modes = np.sqrt(density) * np.fft.rfftn(np.random.default_rng(0).normal(size=grid.shape))
+    scan = surfaces.Topography(grid, np.fft.irfft2(modes)).periodic(how)
+    with pytest.warns(js.SurfaceWarning, match=r"no self-affine band: .* needs one from 0 to 1"):
+        law = surfaces.power_law(surfaces.power_spectrum(grid, scan))
+    if hurst is not None and power > 0:
+        assert law.hurst == pytest.approx(hurst, abs=0.15)
+
+
 def test_the_autocorrelation_is_that_of_brute_force():
     grid = js.Grid((9, 16), (1.8, 4.0))
     heights = np.random.default_rng(0).normal(size=(9, 16)) + 3

@@ -164,6 +164,15 @@ def test_spectral_resampling_is_exact_in_any_precision():
     np.testing.assert_allclose(resampled.lengths, (1.5, 2.0), rtol=1e-7)
 
 
+@pytest.mark.parametrize("shape", [(24, 14), (25, 14), (24,)])
+def test_resampling_onto_more_points_keeps_those_of_the_scan(shape):
+    noise = np.random.default_rng(0).normal(size=shape)
+    surface = topography(noise, (1.5, 2.0)[: len(shape)])
+    finer = surface.resampled(tuple(2 * n for n in shape))
+    np.testing.assert_allclose(finer.heights[(slice(None, None, 2),) * len(shape)], noise, 1e-12)
+    np.testing.assert_allclose(finer.resampled(shape).heights, noise, 1e-12)
+
+
 def test_area_resampling_is_the_mean_over_tiles_for_every_ratio():
     heights, _ = with_holes(clean())
     halves = topography(clean()).resampled((24, 32), "area").heights

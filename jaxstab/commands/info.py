@@ -5,13 +5,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-import jax
-
 from jaxstab.commands.parsing import Parser
-from jaxstab.commands.problem import add_file_options
-from jaxstab.files import load
+from jaxstab.commands.problem import OF_A_FILE, add_file_options, surface_of
+from jaxstab.commands.result import add_result_options, loaded
 from jaxstab.files.netcdf import attributes_of
-from jaxstab.surfaces import read
 
 DESCRIPTION = "Say what a file holds: a surface, with its statistics, or a result."
 
@@ -20,23 +17,27 @@ def add_options(parser: Parser) -> None:
     """Add the options of the command."""
     parser.add_argument("file", type=Path, metavar="FILE", help="a surface or a result")
     add_file_options(parser, "a surface")
+    add_result_options(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Print what the file holds."""
     attributes = attributes_of(options.file)
     if attributes is None:
-        print(read(options.file, options.lengths, options.unit))
+        if vars(options)["import"]:
+            raise ValueError(
+                f"{options.file} is a surface, which has no classes: leave --import out."
+            )
+        print(surface_of(options.file, options))
         return
-    if options.lengths is not None or options.unit is not None:
+    if any(getattr(options, name) is not None for name in OF_A_FILE):
         raise ValueError(
-            f"{options.file} is a result, which has its own lengths and unit: leave out --lengths "
-            "and --unit."
+            f"{options.file} is a result, which has its own lengths and unit: leave out --lengths, "
+            "--unit and --channel."
         )
     print(_described(attributes))
     if "structure" in attributes:
-        jax.config.update("jax_enable_x64", True)
-        contact, result = load(options.file)
+        contact, result = loaded(options)
         print(f"\n{contact}\n\n{result}")
 
 

@@ -4,14 +4,13 @@ import argparse
 from itertools import chain, count
 from pathlib import Path
 
-import jax
 from matplotlib.figure import Figure
 
 from jaxstab import plots
 from jaxstab.commands.parsing import Parser, whole
+from jaxstab.commands.result import add_result_options, loaded
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.files import load
 from jaxstab.files.dataset import Result
 from jaxstab.paths import Path as Followed
 from jaxstab.stability import Stability
@@ -28,12 +27,12 @@ def add_options(parser: Parser) -> None:
     parser.add_argument("--state", type=whole(0), help="draw one state of a sweep, from 0 on")
     help = "of the print, a column or a page (default double)"
     parser.add_argument("--width", choices=["single", "double"], default="double", help=help)
+    add_result_options(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Draw the figure and say where it is."""
-    jax.config.update("jax_enable_x64", True)
-    contact, result = load(options.file)
+    contact, result = loaded(options)
     if options.state is not None:
         if not isinstance(result, Sweep) or options.state >= len(result):
             number = len(result) if isinstance(result, Sweep) else 0

@@ -44,7 +44,9 @@ _GENERATED: dict[str, Any] = {
     "k_high": 32.0,
     "rms_height": 0.1,
 }
-_MEASURED: dict[str, Any] = {"lengths": None, "unit": None, "detrend": 1, "periodic": None}
+# What a file of a surface may leave to say.
+OF_A_FILE = ("lengths", "unit", "channel")
+_MEASURED: dict[str, Any] = {**dict.fromkeys(OF_A_FILE), "detrend": 1, "periodic": None}
 # Those of the paper's example, which suit the surface made here.
 _MATERIAL: dict[str, Any] = {"youngs_modulus": 1e-3, "surface_energy": 1e-2, "range": 1.0}
 _DEFAULTS = {**_GENERATED, **_MEASURED, **_MATERIAL}
@@ -93,6 +95,12 @@ def add_file_options(parser: Parser, title: str, *names: str) -> None:
         add(name, type=Path, metavar="FILE", help="a scan: text, xyz, npy, NetCDF, x3p, gwy, ...")
     add("--lengths", type=number, nargs="+", metavar="L", help="of its sides, if it says none")
     add("--unit", help="of lengths and heights, if it says none")
+    add("--channel", help="which of several (default: the first of heights)")
+
+
+def surface_of(path: Path, options: argparse.Namespace) -> surfaces.Topography:
+    """Return the surface of a file as it is."""
+    return surfaces.read(path, *(getattr(options, name) for name in OF_A_FILE))
 
 
 def settle(parser: Parser, options: argparse.Namespace) -> None:
@@ -143,7 +151,7 @@ def contact_of(options: argparse.Namespace) -> Contact:
 
 def topography_of(options: argparse.Namespace) -> surfaces.Topography:
     """Return the surface of a file, without gaps and trend."""
-    topography = surfaces.read(options.surface, options.lengths, options.unit)
+    topography = surface_of(options.surface, options)
     if topography.num_missing:
         share = topography.num_missing / topography.heights.size
         warnings.warn(f"{100 * share:.3g} % of the points are missing, and filled.", stacklevel=1)

@@ -35,8 +35,8 @@ def save(
 ) -> Path:
     """Write a contact and a result as NetCDF: the data set of `to_dataset`.
 
-    A law that is a module comes back by its import path and its numbers. Of a bare function the
-    file keeps values only, and a warning says so.
+    A law that is a module comes back by the path of its class and its numbers. Of a bare function
+    the file keeps values only, and a warning says so.
 
     Arguments:
         path: the file; it must not exist yet.
@@ -80,9 +80,11 @@ def save(
 def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Contact, Any]:
     """Return the contact and the result that `save` wrote, to the last bit, on one device.
 
+    A file runs no code: classes of your own come back where their module has been imported.
+
     Arguments:
         path: the file.
-        potential: the law, where the file has values of it only, or its class is not found.
+        potential: the law, where the file has values of it only, or its class is not imported.
 
     Returns:
         The contact, and the equilibrium, stability, sweep or path. Without its law the contact
@@ -91,7 +93,7 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
     Raises:
         ValueError: for a file of another kind, of a later version or without fields, or one in
             double precision where JAX is set to single; for a law that has other values than that
-            of the file, and a class of another version than it.
+            of the file, and for a class of another version than it, or not imported.
         FileNotFoundError: if there is no such file.
         ImportError: without xarray, h5netcdf and h5py.
     """

@@ -1,12 +1,13 @@
 """Pytrees as named arrays and a structure in JSON, and back.
 
-Classes are kept by their import path, so that one's own laws, solids and loads come back too. Bare
-functions have none: of these only the name is kept.
+Classes are kept by their import path, so that one's own laws, solids and loads come back too, in a
+program that has imported their module: a file imports nothing. Bare functions have no path: of
+these only the name is kept.
 """
 
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields
-from importlib import import_module
 from typing import Any
 
 import equinox as eqx
@@ -39,8 +40,10 @@ class LostFunction(eqx.Module):
 
     def __call__(self, argument: Any) -> Any:
         """Raise `ValueError`, since nothing is known but values."""
+        module, is_class, _ = self.name.partition(":")
+        cure = f"Import {module} before jaxstab.load, or give a law" if is_class else "Give a law"
         raise ValueError(
-            f"Of `{self.name}` the file holds values only, no formula. A law can be given to "
+            f"Of `{self.name}` the file holds values only, no formula. {cure} to "
             "jaxstab.load(path, potential=...); for a solid, build the contact anew."
         )
 
@@ -145,38 +148,46 @@ def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> Any:
     if structure is None:
         return None
     match structure:
-        case {"members": name, "array": array}:
-            members = getattr(results, name)
+        case {"members": str(name), "array": str(array)}:
+            members = vars(results).get(name)
+            if not (isinstance(members, type) and issubclass(members, Enumeration)):
+                raise ValueError(f"{name} of the file is no enumeration of jaxstab.")
             _require(array, arrays)
             codes = {word: code for code, word in enumerate(members.names.tolist())}
             return members(_coded(arrays[array], codes))
-        case {"array": name}:
+        case {"array": str(name)}:
             _require(name, arrays)
             return jax.device_put(arrays[name])
-        case {"value": value}:
+        case {"value": bool() | int() | float() | str() as value}:
             return value
-        case {"tuple": parts}:
+        case {"tuple": list(parts)}:
             return tuple(restored(part, arrays) for part in parts)
-        case {"list": parts}:
+        case {"list": list(parts)}:
             return [restored(part, arrays) for part in parts]
-        case {"dict": parts}:
+        case {"dict": dict(parts)}:
             return {key: restored(part, arrays) for key, part in parts.items()}
-        case {"function": name}:
+        case {"function": str(name)}:
             return LostFunction(name)
-    found = _class(structure["class"])
+        case {"class": str(path), "fields": dict(contents)}:
+            return _module(path, contents, arrays)
+    raise ValueError("The structure of the file cannot be read: it was changed.")
+
+
+def _module(path: str, contents: dict[str, Structure], arrays: Mapping[str, np.ndarray]) -> Any:
+    """Return a module of a class, which is neither imported nor called."""
+    found = _class(path)
     defaults = {field.name: field.default for field in fields(found)}
-    contents = structure["fields"]
     # A file may be older than a field that has a default.
     absent = {name: default for name, default in defaults.items() if name not in contents}
     if MISSING in absent.values() or not set(contents) <= set(defaults):
         raise ValueError(
-            f"{structure['class']} has the fields {', '.join(defaults)}, in the file "
+            f"{path} has the fields {', '.join(defaults)}, in the file "
             f"{', '.join(contents)}: it was written with another version of the class."
         )
     module = object.__new__(found)
     for name, default in absent.items():
         object.__setattr__(module, name, default)
-    for name, part in structure["fields"].items():
+    for name, part in contents.items():
         object.__setattr__(module, name, restored(part, arrays))
     return module
 
@@ -187,7 +198,7 @@ def _has_import_path(value: Any) -> bool:
 
 
 def lost_classes(structure: Structure) -> list[str]:
-    """Return the classes of a structure that cannot be imported."""
+    """Return the classes of a structure that are not there."""
     return [part["class"] for part in _parts(structure) if "class" in part and not _is_found(part)]
 
 
@@ -205,15 +216,25 @@ def _require(name: str, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def _class(path: str) -> type:
+    """Return a class of a module that the program has imported.
+
+    A file can name anything, and to import it would run its code.
+
+    Raises:
+        ValueError: for a module that is not imported, a class that is not in it, and any other.
+    """
     module, _, name = path.partition(":")
-    try:
-        found: Any = import_module(module)
-        for part in name.split("."):
-            found = getattr(found, part)
-    except (ImportError, AttributeError):
-        message = f"The class {path} of the file is not found: import or define it."
-        raise ValueError(message) from None
-    # A file can name anything.
+    if module not in sys.modules:
+        raise ValueError(
+            f"The file names the class {path}, and a file imports no module: if you trust it, "
+            f"write `import {module}` before jaxstab.load, or give the option --import {module}."
+        )
+    found: Any = sys.modules[module]
+    for part in name.split("."):
+        # What `getattr` finds may be imported by it.
+        found = getattr(found, "__dict__", {}).get(part)
+    if found is None:
+        raise ValueError(f"The class {path} of the file is not found: define it.")
     if not (isinstance(found, type) and issubclass(found, eqx.Module)):
         raise ValueError(f"{path} of the file is no equinox.Module.")
     return found

@@ -4,38 +4,62 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxstab.surfaces import suspicion
 from jaxstab.surfaces.statistics import PowerSpectrum
 
 # Rings below this share of the largest density hold rounding and no waves.
 _NOTHING = 1e-20
-# Rings that a power law must span, and how far below it what lies beyond a cut-off must be.
+# Below the first wave and beyond a cut-off a window leaves less than this share.
+_LEAKAGE = 0.1
+# A ring may be so far off the law beside its chance, and outside of it costs as much as one that
+# is off by this number of squared standard deviations.
+_OFF_THE_LAW = 0.1
+_COST_OUTSIDE = 3.0
+# What a self-affine band needs: rings, a factor between its ends, an error of H, and scatter above
+# chance or off the law below these. H may seem so far outside of [0, 1], and farther as it is
+# sought.
 _FEWEST_RINGS = 3
-_DROP = np.log(10.0)
+_LEAST_SPAN = 2.5
+_LARGEST_ERROR = 0.25
+_LARGEST_EXCESS = 2.5
+_LARGEST_MISFIT = 0.2
+_OUTSIDE, _OUTSIDE_SOUGHT = 0.1, 0.2
+_MAX_STEPS = 50
 
 
 @dataclass(frozen=True)
 class PowerLaw:
-    """A spectrum that is flat up to a roll-off, falls with a power, and ends at a cut-off.
+    """A spectrum that is flat up to a roll-off and falls with a power up to a cut-off.
 
     Attributes:
         hurst: H of the power -(d + 2 H) on a d-dimensional grid, as fitted, also outside of [0, 1].
         rolloff: q_r, the ring where the plateau ends [1/length]; the lowest ring with waves where
             there is no plateau.
-        cutoff: the last ring of the power law [1/length]; the last of all where there is none.
-        density: C, that of the plateau [length^4 on a surface, length^3 on a line].
+        cutoff: the last ring that holds waves of the power law [1/length]; the last of all where
+            it has no end.
+        density: C, that of the power law at the roll-off [length^4 on a surface, length^3 on a
+            line].
+        hurst_error: standard error of H, by chance and by the scatter about the law. A window
+            blurs the spectrum, which moves H by up to 0.03 more.
+        density_error: that of C [as density].
     """
 
     hurst: float
     rolloff: float
     cutoff: float
     density: float
+    hurst_error: float = np.nan
+    density_error: float = np.nan
 
 
 def power_law(spectrum: PowerSpectrum) -> PowerLaw:
-    """Fit C up to q_r, C (q / q_r)^-(d + 2 H) to a cut-off, and a constant beyond, to a spectrum.
+    """Fit C up to q_r and C (q / q_r)^-(d + 2 H) from there to a cut-off to a spectrum.
 
-    By least squares of the logarithm, in which each wave counts alike; roll-off and cut-off are
-    those rings that leave the least.
+    What lies beyond the cut-off may be anything, such as the leakage of a window. Roll-off and
+    cut-off are those rings between which most rings agree with the law, by least squares of the
+    logarithm. H and C then follow by maximum likelihood from the rings between them: on a Gaussian
+    surface each wave is exponentially distributed about the spectrum (Whittle, 1953). Noise of the
+    instrument adds to the spectrum, and flattens a law before it ends it.
 
     Arguments:
         spectrum: what `power_spectrum` returns; one ring holds at most two waves on a line.
@@ -43,6 +67,10 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
     Raises:
         TypeError: for what is no spectrum.
         ValueError: if the spectrum is not finite, or has fewer than five rings with waves.
+
+    Warns:
+        SurfaceWarning: if no band of the spectrum is self-affine: with H in [0, 1], known to 0.25,
+            over a factor of 2.5 of wavenumbers.
     """
     if not isinstance(spectrum, PowerSpectrum):
         raise TypeError(
@@ -55,49 +83,69 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
     if not all(np.isfinite(part).all() for part in (q, density, count)):
         raise ValueError("The spectrum is NaN or infinite: compute it of heights that are finite.")
     dimension = 1 if count.max() <= 2 else 2
-    is_held = (count > 0) & (density > _NOTHING * density.max())
-    first = int(np.argmax(is_held))
+    num_held = np.sum((count > 0) & (density > _NOTHING * density.max()))
+    if num_held < _FEWEST_RINGS + 2:
+        raise ValueError(f"The spectrum has {num_held} rings with waves: give 5 or more.")
+    first = int(np.argmax((count > 0) & (density > _LEAKAGE * density.max())))
     used = np.flatnonzero(count[first:] > 0) + first
-    if is_held.sum() < _FEWEST_RINGS + 2:
-        raise ValueError(f"The spectrum has {is_held.sum()} rings with waves: give 5 or more.")
-    x, weight = np.log(q[used]), count[used]
-    y = np.log(np.maximum(density[used], _NOTHING * density.max()))
-    beyond = _cost_beyond(y, weight)
-    best, rolloff, cutoff, height, power = np.inf, 0, 0, 0.0, 0.0
-    for start in range(used.size - _FEWEST_RINGS):
-        costs, heights, powers = _broken_lines(x, y, weight, start)
-        costs = costs + np.where(_drops(x, heights, powers, start, beyond[1]), beyond[0], np.inf)
-        end = int(np.argmin(costs))
-        if costs[end] < best:
-            best, rolloff, cutoff = costs[end], start, end
-            height, power = heights[end], powers[end]
-    return PowerLaw(
-        hurst=float((power - dimension) / 2),
-        rolloff=float(q[used[rolloff]]),
-        cutoff=float(q[used[cutoff]]),
-        density=float(np.exp(height)),
+    q, count, largest = q[used], count[used], density.max()
+    # Of the two waves q and -q one is that of the other.
+    x, y, pairs = np.log(q), np.log(np.maximum(density[used] / largest, _NOTHING)), count / 2
+    (start, end), likely = _bands(x, y, pairs, dimension)
+    line = _Line.fitted(x, y, pairs, start, end)
+    if not line.is_straight and likely:
+        # Beyond a cut-off leakage alone may look like a law, of many rings.
+        start, end = likely
+        line = _Line.fitted(x, y, pairs, start, end)
+    hurst, hurst_error = (line.power - dimension) / 2, line.power_error / 2
+    cutoff = end
+    if end + 1 < x.size and np.log(_LEAKAGE) < y[end + 1] - line.at(x[end + 1]) < 0:
+        # It lies inside of a ring, of which a share is left.
+        cutoff += 1
+    law = PowerLaw(
+        hurst=float(hurst),
+        rolloff=float(q[start]),
+        cutoff=float(q[cutoff]),
+        density=float(largest * np.exp(line.at(x[start]))),
+        hurst_error=float(hurst_error),
+        density_error=float(largest * np.exp(line.at(x[start])) * line.error_at(x[start])),
     )
+    is_outside = max(-hurst, hurst - 1) > max(3 * hurst_error, _OUTSIDE)
+    if is_outside or law.cutoff < _LEAST_SPAN * law.rolloff or not line.is_straight:
+        suspicion.warn(
+            [
+                "the spectrum has no self-affine band: its best power law, for wavenumbers from "
+                f"{law.rolloff:.3g} to {law.cutoff:.3g}, has a Hurst exponent of {hurst:.3g} +- "
+                f"{hurst_error:.2g}. It needs one from 0 to 1, known to {_LARGEST_ERROR}, over a "
+                f"factor of {_LEAST_SPAN} of wavenumbers."
+            ]
+        )
+    return law
 
 
-def _cost_beyond(y: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each ring as the last of the law, the squares left by a constant beyond, and it.
-
-    Beyond the last ring there is nothing, which leaves nothing.
-    """
-
-    def after(values: np.ndarray) -> np.ndarray:
-        return np.append(np.cumsum(values[::-1])[::-1][1:], 0)
-
-    total, level = after(weight), after(weight * y)
-    mean = np.where(total > 0, level / np.where(total > 0, total, 1), -np.inf)
-    squares = after(weight * y**2) - np.where(total > 0, level, 0) ** 2 / np.maximum(total, 1)
-    return squares, mean
+def _bands(
+    x: np.ndarray, y: np.ndarray, pairs: np.ndarray, dimension: int
+) -> tuple[tuple[int, int], tuple[int, int] | None]:
+    """Return first and last ring of the law with most rings, and of that with H near [0, 1]."""
+    # The variance of the logarithm of a mean of exponentials, to 3 %.
+    weight = 1 / (1 / pairs + 0.64 / pairs**2 + _OFF_THE_LAW**2)
+    outside = _COST_OUTSIDE * np.arange(x.size)[::-1]
+    costs, ends = np.full(2, np.inf), [(0, _FEWEST_RINGS), None]
+    for start in range(x.size - _FEWEST_RINGS):
+        squares, power = _broken_lines(x, y, weight, start)
+        is_likely = np.abs((power - dimension) / 2 - 0.5) <= 0.5 + _OUTSIDE_SOUGHT
+        is_likely &= x - x[start] >= np.log(_LEAST_SPAN)
+        for which, total in enumerate((squares, np.where(is_likely, squares, np.inf))):
+            end = int(np.argmin(total + outside))
+            if total[end] + outside[end] < costs[which]:
+                costs[which], ends[which] = total[end] + outside[end], (start, end)
+    return ends[0], ends[1]
 
 
 def _broken_lines(
     x: np.ndarray, y: np.ndarray, weight: np.ndarray, start: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit y = a - b max(x - x[start], 0) to the points up to each: what is left, a and b."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fit y = a - b max(x - x[start], 0) to the points up to each: what is left, and b."""
     z = np.maximum(x - x[start], 0)
     w, wz, wzz, wy, wzy, wyy = (
         np.cumsum(weight * factor) for factor in (np.ones_like(z), z, z * z, y, z * y, y * y)
@@ -107,13 +155,49 @@ def _broken_lines(
     safe = np.where(is_long, determinant, 1)
     power = -(w * wzy - wz * wy) / safe
     height = (wy + power * wz) / w
-    costs = np.where(is_long, wyy - height * wy + power * wzy, np.inf)
-    return costs, height, power
+    return np.where(is_long, wyy - height * wy + power * wzy, np.inf), power
 
 
-def _drops(
-    x: np.ndarray, heights: np.ndarray, powers: np.ndarray, start: int, level: np.ndarray
-) -> np.ndarray:
-    """Return for which last rings what is beyond lies well below the law: or nothing is there."""
-    ends = heights - powers * np.maximum(x - x[start], 0)
-    return level < ends - _DROP
+@dataclass(frozen=True)
+class _Line:
+    """A line y = height - power (x - middle), of which the two numbers are not correlated."""
+
+    middle: float
+    height: float
+    power: float
+    height_error: float
+    power_error: float
+    is_straight: bool
+
+    @classmethod
+    def fitted(
+        cls, x: np.ndarray, y: np.ndarray, pairs: np.ndarray, start: int, end: int
+    ) -> "_Line":
+        """Fit logarithms y of means of exponentials by maximum likelihood: Fisher's scoring."""
+        x, y, pairs = (values[start : end + 1] for values in (x, y, pairs))
+        middle = np.average(x, weights=pairs)
+        z = x - middle
+        information = np.array([pairs.sum(), pairs @ z**2])
+        height, power = np.average(y, weights=pairs), -(pairs * z) @ y / information[1]
+        for _ in range(_MAX_STEPS):
+            # A step that starts far off is cut, and the next goes on.
+            residual = np.expm1(np.minimum(y - height + power * z, 1))
+            step = np.array([pairs @ residual, -(pairs * z) @ residual]) / information
+            height, power = height + step[0], power + step[1]
+            if np.abs(step).max() < 1e-12:
+                break
+        residual = np.expm1(np.minimum(y - height + power * z, 50))
+        excess = max(1.0, pairs @ residual**2 / (x.size - 2))
+        errors = np.sqrt(excess / information)
+        misfit = np.sqrt((excess - 1) / pairs.mean())
+        is_close = excess <= _LARGEST_EXCESS or misfit <= _LARGEST_MISFIT
+        is_straight = bool(is_close and errors[1] / 2 <= _LARGEST_ERROR)
+        return cls(float(middle), height, power, *errors, is_straight=is_straight)
+
+    def at(self, x: float) -> float:
+        """Return y at a place."""
+        return self.height - self.power * (x - self.middle)
+
+    def error_at(self, x: float) -> float:
+        """Return its standard error there."""
+        return float(np.hypot(self.height_error, self.power_error * (x - self.middle)))

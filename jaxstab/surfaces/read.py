@@ -1,7 +1,10 @@
 """Surfaces from files, whose format is told by their content."""
 
+import gzip
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +13,7 @@ from jaxtyping import ArrayLike
 
 from jaxstab.grid import Grid
 from jaxstab.surfaces import suspicion
-from jaxstab.surfaces.formats.instruments import read_instrument
+from jaxstab.surfaces.formats.instruments import read_instrument, read_instrument_text
 from jaxstab.surfaces.formats.netcdf import read_netcdf
 from jaxstab.surfaces.formats.npy import read_npy
 from jaxstab.surfaces.formats.scan import Scan, UnknownContent
@@ -20,7 +23,8 @@ from jaxstab.surfaces.units import unit_of
 
 # The relative error up to which given side lengths agree with those of a file.
 _AGREEMENT = 1e-6
-# What no text holds.
+_GZIP, _UTF_16 = b"\x1f\x8b", (b"\xff\xfe", b"\xfe\xff")
+# What no text of single bytes holds.
 _CONTROL = bytes(set(range(32)) - set(b"\t\n\v\f\r"))
 
 
@@ -28,6 +32,7 @@ def read(
     path: str | Path,
     lengths: Sequence[float] | ArrayLike | None = None,
     unit: str | None = None,
+    channel: str | None = None,
 ) -> Topography:
     """Return the surface in a file, which its content tells how to read, not its name.
 
@@ -35,11 +40,13 @@ def read(
     `numpy.savetxt(path, heights)` writes it, and so has an array in a `.npy` file; a single row or
     column is a profile. Three columns of text that lie on a lattice are points x, y, z in any
     order, and refused where more than 50 rows lie on none; two with an evenly rising or falling
-    first one are a profile x, z. Text that Gwyddion exports is an image, by its header: a line is a
-    row along x, the first at y = 0, as in its own files. Decimal commas are read where fields are
-    separated otherwise. Of NetCDF the dimensions x and y count, in either order. Any other file, as
-    .x3p and .gwy, is read through SurfaceTopography, which leaves rows in the order of the file. A
-    side is as long as its number of points times their spacing.
+    first one are a profile x, z. Titles above such columns may say units, as `x (µm), z (nm)`.
+    Text that Gwyddion exports is an image, by its header: a line is a row along x, the first at
+    y = 0, as in its own files. Decimal commas are read where fields are separated otherwise. Of
+    NetCDF the dimensions x and y count, in either order. Any other file, as .x3p and .gwy, and
+    text below the header of an instrument, is read through SurfaceTopography, which leaves rows in
+    the order of the file, a line of text along x. A side is as long as its number of points times
+    their spacing. What gzip has packed is unpacked first.
 
     Missing points (nan, an empty field between separators, a masked point) stay NaN.
 
@@ -48,56 +55,90 @@ def read(
         lengths: side lengths, in the unit of the heights; needed where the file says none. One
             number does for a line, and for as many points along either side.
         unit: that of lengths and heights, where the file does not say.
+        channel: which of several, by its name: of NetCDF a variable, `heights` by default, of
+            instruments by default the first that holds heights. `print` of the surface names them.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if the file holds no surface, or is damaged, and if `lengths` are needed, or
-            contradict it, or `unit` does.
+        ValueError: if the file holds no surface, or is damaged, if it has no such channel, and if
+            `lengths` are needed, or contradict it, or `unit` does.
         ImportError: if the format needs a package that is not installed.
     """
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist.")
     try:
-        topography = _made(_scan(path), lengths, unit)
+        topography = _made(_scan(path, channel), lengths, unit)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     suspicion.warn(topography.wrong_scale)
     return topography
 
 
-def _scan(path: Path) -> Scan:
+def _scan(path: Path, channel: str | None) -> Scan:
     """Return what the first reader that understands a file makes of it."""
     if not path.is_file():
         raise ValueError("this is no file.")
-    content = path.read_bytes()
+    source, content = str(path), path.read_bytes()
+    if content.startswith(_GZIP):
+        try:
+            content = gzip.decompress(content)
+        except (OSError, EOFError, zlib.error) as error:
+            raise ValueError(f"what gzip packed is truncated or damaged ({error}).") from None
+        source = BytesIO(content)
     if not content:
         raise ValueError("the file is empty.")
     errors = []
-    for reader in _readers(path, content):
+    for reader in _readers(source, content, channel):
         try:
             return reader()
         except UnknownContent as error:
             errors.append(error)
-        except ImportError:
+        except ImportError as error:
             if not errors:
                 raise
+            raise ValueError(f"{errors[0]} {error}") from None
     raise errors[0]
 
 
-def _readers(path: Path, content: bytes) -> Iterator[Callable[[], Scan]]:
+def _readers(
+    source: str | BytesIO, content: bytes, channel: str | None
+) -> Iterator[Callable[[], Scan]]:
     """Yield readers for a content, the likeliest first."""
     if content.startswith(b"\x93NUMPY"):
-        yield partial(read_npy, path)
+        yield partial(_alone, read_npy, content, channel)
         return
+    text = _text(content)
     if content.startswith(b"CDF"):
-        yield partial(read_netcdf, path, "scipy")
+        yield partial(read_netcdf, content, "scipy", channel)
     elif content.startswith(b"\x89HDF\r\n\x1a\n"):
-        yield partial(read_netcdf, path, "h5netcdf")
-    elif content.translate(None, _CONTROL) == content:
-        # What is not of Unicode stands in comments, or is no number either way.
-        yield partial(read_text, content.decode("utf-8-sig", errors="replace"))
-    yield partial(read_instrument, path)
+        yield partial(read_netcdf, content, "h5netcdf", channel)
+    elif text is not None:
+        yield partial(_alone, read_text, text, channel)
+    yield partial(read_instrument, source, content, channel)
+    if text is not None:
+        yield partial(read_instrument_text, text, channel)
+
+
+def _text(content: bytes) -> str | None:
+    """Return a content as text, None where it is none."""
+    try:
+        if content.startswith(_UTF_16):
+            return content.decode("utf-16")
+        if content.translate(None, _CONTROL) != content:
+            return None
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        # Of older programs: what is not of ASCII is a unit, or stands in comments.
+        return None if content.startswith(_UTF_16) else content.decode("latin-1")
+
+
+def _alone(reader: Callable[[Any], Scan], content: Any, channel: str | None) -> Scan:
+    """Return what a reader of files without channels makes of one."""
+    scan = reader(content)
+    if channel is not None:
+        raise ValueError(f"the channel is {channel!r}, but the file has one surface: leave it out.")
+    return scan
 
 
 def _made(scan: Scan, lengths: Sequence[float] | ArrayLike | None, unit: str | None) -> Topography:

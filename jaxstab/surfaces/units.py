@@ -6,7 +6,15 @@ import numpy as np
 
 _EXPONENTS = {"km": 3, "m": 0, "mm": -3, "µm": -6, "nm": -9, "Å": -10, "pm": -12}
 # With the Greek letter, the micro sign, or neither; and the angstrom sign beside the letter.
-_SPELLINGS = {"um": "µm", "\u03bcm": "µm", "A": "Å", "\u212b": "Å", "angstrom": "Å"} | {
+_SPELLINGS = {
+    "um": "µm",
+    "\u03bcm": "µm",
+    "A": "Å",
+    "\u212b": "Å",
+    "angstrom": "Å",
+    "micron": "µm",
+    "microns": "µm",
+} | {
     prefix + name + plural: unit
     for prefix, unit in {"": "m", "kilo": "km", "milli": "mm", "micro": "µm", "nano": "nm"}.items()
     for name in ("meter", "metre")

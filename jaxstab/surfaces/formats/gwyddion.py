@@ -1,14 +1,25 @@
-"""The header that Gwyddion writes above an image that it exports as text."""
+"""The headers that Gwyddion writes above an image or points that it exports as text."""
 
 import re
 from dataclasses import dataclass
 
 import numpy as np
 
-from jaxstab.surfaces.formats.scan import Scan, in_one_unit, on_a_side_or_two
+from jaxstab.surfaces.formats.scan import Scan, UnknownContent, in_one_unit, on_a_side_or_two
 from jaxstab.surfaces.units import converted, unit_of
 
-_LINE = re.compile(r"^\s*#\s*(Width|Height|Value units):[ \t]*(.*?)\s*$", re.MULTILINE)
+# What it says, in each language of its menus.
+_LABELS = {
+    "channel": "Channel|Kanál|Kanal|Canal|Canale|チャネル|채널|Канал",
+    "width": "Width|Šířka|Breite|Anchura|Largeur|Larghezza|幅|폭|Largura|Ширина",
+    "height": "Height|Výška|Höhe|Altura|Hauteur|Altezza|高さ|높이|Высота",
+    "unit": "Value units|Jednotky hodnot|Einheiten|Unités|unità valore|値の単位|값 단위|"
+    "Unidades de valor|Единицы измерения",
+    "unit of sides": "Lateral units",
+}
+_NAMES = {label: name for name, labels in _LABELS.items() for label in labels.split("|")}
+# The second colon is that of Japanese.
+_LINE = re.compile(rf"^\s*#\s*({'|'.join(_NAMES)})\s*[:\uff1a][ \t]*(.*?)\s*$", re.MULTILINE)
 _LENGTH = re.compile(r"([-+.,\de]+)\s*(\S*)", re.IGNORECASE)
 
 
@@ -39,24 +50,48 @@ class Header:
 
 
 def header_of(text: str) -> Header | None:
-    """Return the header among the comments of a text, if there is one.
+    """Return the header of an image among the comments of a text, if there is one.
 
     Raises:
-        ValueError: for one that is damaged, or of several images, and for units of no length.
+        UnknownContent: for one of several channels, and for one without both sides.
+        ValueError: for one that is damaged, or of several images of one name, and for units of no
+            length.
     """
-    lines = _LINE.findall(text)
-    names = [name for name, _ in lines]
-    if not {"Width", "Height"} <= set(names):
+    said = _said(text)
+    if not {"width", "height", "unit"} & set(said) or "unit of sides" in said:
         return None
-    if len(names) > len(set(names)):
-        raise ValueError("it holds several images: export one channel.")
-    said = dict(lines)
-    unit = said.get("Value units")
+    if max(map(len, said.values())) > 1:
+        names = said.get("channel", [])
+        is_told_apart = len(names) == len(set(names)) == len(said.get("width", []))
+        kind = UnknownContent if is_told_apart else ValueError
+        raise kind("it holds several images: export one channel, or name each.")
+    if not {"width", "height"} <= set(said):
+        raise UnknownContent(
+            f"its header says {' and '.join(said)}, but not both sides: write width and height, or "
+            "leave these comments out."
+        )
+    unit = said.get("unit", [""])[0]
     return Header(
-        _length("width", said["Width"]),
-        _length("height", said["Height"]),
+        _length("width", said["width"][0]),
+        _length("height", said["height"][0]),
         unit_of(unit) if unit else None,
     )
+
+
+def units_of_points(text: str) -> tuple[str | None, str | None]:
+    """Return the units of heights and of places that a header of points says."""
+    said = _said(text)
+    if "unit of sides" not in said:
+        return None, None
+    unit, unit_of_sides = (said.get(name, [""])[0] for name in ("unit", "unit of sides"))
+    return unit_of(unit) if unit else None, unit_of(unit_of_sides) if unit_of_sides else None
+
+
+def _said(text: str) -> dict[str, list[str]]:
+    said: dict[str, list[str]] = {}
+    for label, words in _LINE.findall(text):
+        said.setdefault(_NAMES[label], []).append(words)
+    return said
 
 
 def _length(name: str, words: str) -> tuple[float, str | None]:

@@ -1,56 +1,156 @@
 """Formats of instruments, through the package SurfaceTopography."""
 
 import zipfile
-from pathlib import Path
+from io import BytesIO, StringIO
+from typing import Any
 
 from jaxstab.packages import require_packages
-from jaxstab.surfaces.formats.scan import Scan, UnknownContent, on_a_side_or_two
+from jaxstab.surfaces.formats.scan import (
+    Refused,
+    Scan,
+    UnknownContent,
+    chosen,
+    in_one_unit,
+    on_a_side_or_two,
+)
 from jaxstab.surfaces.units import unit_of
 
 # Readers of these accept files of many kinds, or those that ours have refused.
 _UNMARKED = {"asc", "xyz", "hgt", "nms", "npy", "npz", "h5", "nc"}
+# By these a header of text says that a matrix follows: its points, its sides, or its spacing.
+_OF_A_MATRIX = {
+    *("nb_grid_pts_x", "nb_grid_pts_y", "physical_size_x", "physical_size_y"),
+    *("xfac", "yfac", "wyko_pixel_size"),
+}
+# How its text marks a missing point.
+_MISSING = {"bad", "nan", "inf", "infinite"}
 
 
-def read_instrument(path: Path) -> Scan:
+def read_instrument(source: str | BytesIO, content: bytes, channel: str | None) -> Scan:
     """Return the heights in an instrument's file, as SurfaceTopography orients them.
 
-    Of several channels that is the first of heights.
+    Of several channels that is the first of heights, unless one is asked for.
+
+    Arguments:
+        source: the path of the file, by which some readers tell formats, or what was packed in it.
+        content: what it holds.
+        channel: the name of one.
 
     Raises:
         ValueError: for a damaged file, or a format that SurfaceTopography does not know.
         ImportError: without the extra `surfaces`.
     """
-    require_packages("Files of instruments", "surfaces", "SurfaceTopography.IO")
+    _require_package()
     from SurfaceTopography.IO import open_topography
 
     try:
-        with open_topography(str(path)) as reader:
+        with open_topography(source) as reader:
             if reader.format() in _UNMARKED:
                 raise ValueError("no mark of a format in it")
-            channels = reader.channels
-            channel = [*reader.height_channels, reader.default_channel][0]
-            says_lengths = channel.physical_sizes is not None
-            # Where the file says no lengths it asks for some.
-            sizes = {} if says_lengths else {"physical_sizes": channel.nb_grid_pts}
-            topography = channel.topography(**sizes)
-            heights = topography.heights()
+            return _scan(reader, channel)
+    except Refused:
+        raise
     except Exception as error:
-        raise UnknownContent(_why(path, error)) from None
+        raise UnknownContent(_why(content, error)) from None
+
+
+def read_instrument_text(text: str, channel: str | None) -> Scan:
+    """Return the heights of a matrix of text below a header that SurfaceTopography understands.
+
+    A line is a row along x. Its reader takes lines that it cannot read for parts of the header, and
+    reads a matrix without one: both are refused here.
+
+    Raises:
+        ValueError: for damaged lines, and for a header that says nothing of a matrix.
+        ImportError: without the extra `surfaces`.
+    """
+    _require_package()
+    from SurfaceTopography.IO import open_topography
+
+    _require_whole_lines(text)
+    try:
+        with open_topography(StringIO(text), format="asc") as reader:
+            if not all(_OF_A_MATRIX & set(_metadata(one)) for one in reader.channels):
+                raise ValueError("its header says neither points nor sides")
+            return _scan(reader, channel)
+    except Refused:
+        raise
+    except Exception as error:
+        raise UnknownContent(_why(b"", error)) from None
+
+
+def _require_package() -> None:
+    require_packages("Files of instruments", "surfaces", "SurfaceTopography.IO")
+
+
+def _scan(reader: Any, channel: str | None) -> Scan:
+    """Return the surface of a channel; heights and lengths come in its unit."""
+    # Where sides have a unit and values have none of length, some readers give a pair of units.
+    channels = {
+        one.channel_id: one
+        for one in reader.height_channels
+        if one.unit is None or isinstance(one.unit, str)
+    }
+    if not channels:
+        raise ValueError("it has no channel of heights")
+    name, remarks = chosen(list(channels), channel, next(iter(channels)))
+    one = channels[name]
+    says_lengths = one.physical_sizes is not None
+    # Where the file says no lengths it asks for some.
+    sizes = {} if says_lengths else {"physical_sizes": one.nb_grid_pts}
+    topography = one.topography(**sizes)
     if not topography.is_uniform:
-        raise ValueError("its points are not evenly spaced: interpolate them first.")
-    return Scan(
-        on_a_side_or_two(heights),
-        tuple(map(float, topography.physical_sizes)) if says_lengths else None,
-        unit_of(topography.unit) if topography.unit else None,
-        (f"channel {channel.name!r} of {len(channels)}",) if len(channels) > 1 else (),
-        bool(topography.is_periodic),
-    )
+        raise Refused("its points are not evenly spaced: interpolate them first.")
+    lengths = tuple(map(float, topography.physical_sizes)) if says_lengths else None
+    if lengths and len(lengths) != topography.dim:
+        raise Refused("its header says one side of two: write width and height.")
+    unit = unit_of(topography.unit) if topography.unit else None
+    heights = on_a_side_or_two(topography.heights())
+    heights, unit, units = in_one_unit(heights, unit, unit or _unit_of_sides(one))
+    return Scan(heights, lengths, unit, (*remarks, *units), bool(topography.is_periodic))
 
 
-def _why(path: Path, error: Exception) -> str:
-    with path.open("rb") as file:
-        is_archive = file.read(2) == b"PK"
-    if is_archive and not zipfile.is_zipfile(path):
+def _unit_of_sides(channel: Any) -> str | None:
+    """Return the unit that a header of text has for lengths alone."""
+    metadata = _metadata(channel)
+    said = {unit_of(metadata[name]) for name in ("xunit", "yunit") if metadata.get(name)}
+    if len(said) > 1:
+        raise ValueError("x and y are in different units")
+    return next(iter(said), None)
+
+
+def _metadata(channel: Any) -> dict[str, Any]:
+    """Return what a header of text says."""
+    metadata = channel.info.get("raw_metadata", {})
+    return metadata if isinstance(metadata, dict) else {}
+
+
+def _require_whole_lines(text: str) -> None:
+    """Raise `ValueError` for a line of the matrix that is not all numbers."""
+    columns = 0
+    for i, line in enumerate(text.splitlines(), 1):
+        words = line.split()
+        are_numbers = [_is_number(word) for word in words]
+        if words and all(are_numbers):
+            columns = columns or len(words)
+        elif (
+            columns
+            and not line.lstrip().startswith("#")
+            and (len(words) == columns or any(are_numbers[:1]))
+        ):
+            raise ValueError(f"line {i}: {words[are_numbers.index(False)]!r} is no number.")
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return word.lower() in _MISSING
+    return True
+
+
+def _why(content: bytes, error: Exception) -> str:
+    if content.startswith(b"PK") and not zipfile.is_zipfile(BytesIO(content)):
         return "this archive (an x3p file is one) has no end: it was truncated."
     first = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".: ")
     reason = "" if type(error).__name__ == "CannotDetectFileFormat" else f" ({first})"

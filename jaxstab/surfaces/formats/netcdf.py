@@ -1,6 +1,6 @@
 """NetCDF, classic and on HDF5, also as SurfaceTopography writes it."""
 
-from pathlib import Path
+from io import BytesIO
 from typing import Any, Literal
 
 import numpy as np
@@ -9,6 +9,7 @@ from jaxstab.packages import NETCDF, require_packages
 from jaxstab.surfaces.formats.scan import (
     Scan,
     UnknownContent,
+    chosen,
     even_spacing,
     in_one_unit,
     on_a_side_or_two,
@@ -19,21 +20,22 @@ from jaxstab.surfaces.units import unit_of
 _SINGLE = 1e-6
 
 
-def read_netcdf(path: Path, engine: Literal["scipy", "h5netcdf"]) -> Scan:
+def read_netcdf(content: bytes, engine: Literal["scipy", "h5netcdf"], channel: str | None) -> Scan:
     """Return the heights of a data set over the dimensions x and y, in either order, or x alone.
 
-    That is its variable `heights`, or the only one over these. Side lengths are the number of
-    points times the spacing of the coordinates, in double precision, or their attribute `length`.
-    Units are the attributes `units` or `unit`; heights come in that of the coordinates, and where
-    one is not said it is taken from the other, with a remark. A variable `mask` marks missing
-    points, an attribute `periodic` of the coordinates edges that meet.
+    That is the variable that is asked for, `heights`, or the only one over these. Side lengths are
+    the number of points times the spacing of the coordinates, in double precision, or their
+    attribute `length`. Units are the attributes `units` or `unit`; heights come in that of the
+    coordinates, and where one is not said it is taken from the other, with a remark. A variable
+    `mask` marks missing points, an attribute `periodic` of the coordinates edges that meet.
 
     Raises:
         ValueError: for a damaged file, and for coordinates that are uneven or contradict `length`.
         ImportError: without the extra `data`.
     """
-    data = _loaded(path, engine)
-    variable = data[_name(data)]
+    data = _loaded(content, engine)
+    name, choice = _name(data, channel)
+    variable = data[name]
     sides = [name for name in ("x", "y") if name in variable.dims]
     if "mask" in data:
         variable = variable.where(data["mask"] == 0)
@@ -47,27 +49,24 @@ def read_netcdf(path: Path, engine: Literal["scipy", "h5netcdf"]) -> Scan:
         heights,
         None if None in lengths else tuple(length for length in lengths if length),
         unit,
-        remarks,
+        (*choice, *remarks),
         is_periodic=all(s in data and data[s].attrs.get("periodic", 0) == 1 for s in sides),
     )
 
 
-def _loaded(path: Path, engine: Literal["scipy", "h5netcdf"]) -> Any:
+def _loaded(content: bytes, engine: Literal["scipy", "h5netcdf"]) -> Any:
     packages = NETCDF if engine == "h5netcdf" else ("xarray", engine)
     require_packages("NetCDF files", "data", *packages)
     import xarray
 
     try:
-        with path.open("rb") as stream:
-            return xarray.load_dataset(stream, engine=engine, decode_times=False)
+        return xarray.load_dataset(BytesIO(content), engine=engine, decode_times=False)
     except Exception as error:
         raise UnknownContent(f"this NetCDF file is truncated or damaged ({error}).") from None
 
 
-def _name(data: Any) -> str:
+def _name(data: Any, channel: str | None) -> tuple[str, tuple[str, ...]]:
     names = [str(name) for name, v in data.items() if set(v.dims) in ({"x", "y"}, {"x"})]
-    if "heights" in names:
-        return "heights"
     names = [name for name in names if name != "mask"]
     maps = [name for name in names if data[name].ndim == 2] or names
     if not maps:
@@ -75,9 +74,12 @@ def _name(data: Any) -> str:
         raise UnknownContent(
             f"this NetCDF file has no variable over the dimensions x and y, but {found}."
         )
-    if len(maps) > 1:
-        raise ValueError(f"it has several maps, {', '.join(maps)}: name the surface `heights`.")
-    return maps[0]
+    if "heights" not in names and channel is None and len(maps) > 1:
+        raise ValueError(
+            f"it has several maps, {', '.join(maps)}: name the surface `heights`, or choose one as "
+            "`channel=`."
+        )
+    return chosen(names, channel, "heights" if "heights" in names else maps[0])
 
 
 def _spacing(data: Any, side: str) -> float | None:

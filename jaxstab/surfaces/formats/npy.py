@@ -1,20 +1,20 @@
 """NumPy's files of one array."""
 
-from pathlib import Path
+from io import BytesIO
 
 import numpy as np
 
 from jaxstab.surfaces.formats.scan import Scan, on_a_side_or_two
 
 
-def read_npy(path: Path) -> Scan:
+def read_npy(content: bytes) -> Scan:
     """Return the surface that `numpy.save(path, heights)` wrote.
 
     Raises:
         ValueError: for a damaged file, and for what is not an array of heights.
     """
     try:
-        values = np.load(path, allow_pickle=False)
+        values = np.load(BytesIO(content), allow_pickle=False)
     except (ValueError, EOFError) as error:
         raise ValueError(
             f"this .npy file is truncated, or holds no plain array of numbers ({error})."

@@ -1,5 +1,6 @@
 """What a file says of a surface."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,6 +37,30 @@ class Scan:
 
 class UnknownContent(ValueError):
     """Another reader may understand the file."""
+
+
+class Refused(ValueError):
+    """No other reader can make more of the file."""
+
+
+def chosen(
+    names: Sequence[str], channel: str | None, default: str | None
+) -> tuple[str, tuple[str, ...]]:
+    """Return the name of the channel to read, and a remark where there are several.
+
+    Raises:
+        Refused: for one that is not there, and where there is none and no default.
+    """
+    listed = ", ".join(map(repr, names))
+    if channel is not None and channel not in names:
+        raise Refused(f"it has no channel {channel!r} of heights: choose from {listed}.")
+    if channel is None and default is None:
+        raise Refused(f"it has several channels: choose one by `channel=`, from {listed}.")
+    name = default if channel is None else channel
+    if len(names) == 1:
+        return str(name), ()
+    hint = ", chosen by default: give another as `channel=`" if channel is None else ""
+    return str(name), (f"channel {name!r} of {listed}{hint}",)
 
 
 def on_a_side_or_two(values: Any) -> np.ndarray:

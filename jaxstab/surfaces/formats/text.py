@@ -1,12 +1,20 @@
-"""Text: matrices, points x y z of a lattice, profiles x z, and images of Gwyddion."""
+"""Text: matrices, points x y z of a lattice and profiles x z, and images of Gwyddion."""
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from jaxstab.surfaces.formats.gwyddion import Header, header_of
-from jaxstab.surfaces.formats.scan import Scan, UnknownContent, even_spacing, on_a_side_or_two
+from jaxstab.surfaces.formats.gwyddion import header_of, units_of_points
+from jaxstab.surfaces.formats.scan import (
+    Scan,
+    UnknownContent,
+    even_spacing,
+    in_one_unit,
+    on_a_side_or_two,
+)
+from jaxstab.surfaces.formats.titles import Titles, titles_of
 
 # The relative error up to which coordinates lie on a lattice, and what share of a gap is none.
 _OFF_LATTICE = 0.05
@@ -18,6 +26,13 @@ _FEWEST_WITH_COORDINATES = 5
 # With digits on both sides, as `1, 2` and `1,,2` have not.
 _DECIMAL = re.compile(r"[+-]?\d+(,\d+)?(e[+-]?\d+)?|nan", re.IGNORECASE)
 
+# What instruments write into comments: to leave it out could change axes and units.
+_OF_AN_INSTRUMENT = re.compile(
+    r"^\s*#\s*((?:[xy]-pixels|[xy]-length|[xyz]-unit|Bit2nm|pixel size|File Format)\s*[:=].*|"
+    r"[hw]\s*=\s*\d.*|height conversion factor.*)$",
+    re.MULTILINE | re.IGNORECASE,
+)
+
 Rows = list[tuple[int, str]]
 
 
@@ -27,26 +42,50 @@ def read_text(text: str) -> Scan:
     A line is a row of numbers; what follows # or % is a comment. Separators are blanks or, where
     they occur, semicolons, commas or tabs; a field left empty between these is a missing point.
     Commas are decimal ones where blanks, tabs or semicolons separate fields that all fit that.
-    Three columns in more than 50 rows are points x, y, z, never a matrix.
+    Three columns in more than 50 rows are points x, y, z, never a matrix. Titles with units may
+    stand above columns x, z and x, y, z, and above x, z, valid, where 0 marks a missing point.
 
     Raises:
+        UnknownContent: for other words above the numbers, and for the header of an instrument.
         ValueError: if a word is no number, a number infinite, or a line of another length, if
             commas may be decimal ones or not, for points on no lattice, and for coordinates in the
             first row and column.
     """
+    if said := _OF_AN_INSTRUMENT.search(text):
+        raise UnknownContent(
+            f"its header says {said[1]!r}, as that of an instrument does: leave that out where a "
+            "line stands for each x."
+        )
     rows = _uncommented(text)
+    num_titles = next((i for i, (_, row) in enumerate(rows) if _begins_with_number(row)), 0)
+    head, rows = rows[:num_titles], rows[num_titles:]
     has_decimal_commas = _has_decimal_commas(rows)
     if has_decimal_commas:
         rows = [(i, row.replace(",", ".")) for i, row in rows]
     remarks = ("decimal commas taken for points",) if has_decimal_commas else ()
-    return _scan(_table(rows), header_of(text)).remarked(*remarks)
+    if not head:
+        return _scan(_table(rows), text).remarked(*remarks)
+    line, first = head[0]
+    unknown = UnknownContent(_no_number(line, re.split(r"[;,\s]+", first.strip())[0]))
+    try:
+        table = _table(rows)
+    except ValueError:
+        raise unknown from None
+    # What profilers leave empty behind the last one.
+    while table.shape[1] > 2 and np.isnan(table[:, -1]).all():
+        table = table[:, :-1]
+    titles = titles_of([row.strip() for _, row in head], table.shape[1])
+    if titles is None:
+        raise unknown
+    return _of_columns(table, titles).remarked(*remarks)
 
 
-def _scan(table: np.ndarray, header: Header | None) -> Scan:
-    if header:
+def _scan(table: np.ndarray, text: str) -> Scan:
+    if header := header_of(text):
         return header.scan(table)
     if table.shape[1] == 3:
-        return _of_points(*table.T) or _of_three_columns(table)
+        points = _of_points(*table.T)
+        return _in_units(points, *units_of_points(text)) if points else _of_three_columns(table)
     if table.shape[1] == 2 and (scan := _of_profile(*table.T)):
         return scan
     if _has_coordinates(table):
@@ -55,6 +94,24 @@ def _scan(table: np.ndarray, header: Header | None) -> Scan:
             "points x y z."
         )
     return Scan(on_a_side_or_two(table))
+
+
+def _of_columns(table: np.ndarray, titles: Titles) -> Scan:
+    """Return the profile or the points of columns with titles."""
+    columns = list(table.T)[int(titles.has_index) :]
+    if titles.has_marks:
+        marks = columns.pop()
+        columns[-1] = np.where(marks == 0, np.nan, columns[-1])
+    scan = _of_points(*columns) if titles.are_points else _of_profile(*columns)
+    if scan is None:
+        what = "points lie on no lattice" if titles.are_points else "x neither rises nor falls"
+        raise ValueError(f"its {what}: interpolate them to an even spacing.")
+    return _in_units(scan, titles.unit, titles.unit_of_sides)
+
+
+def _in_units(scan: Scan, unit: str | None, unit_of_sides: str | None) -> Scan:
+    heights, unit, remarks = in_one_unit(scan.heights, unit, unit_of_sides)
+    return replace(scan, heights=heights, unit=unit).remarked(*remarks)
 
 
 def _has_coordinates(table: np.ndarray) -> bool:
@@ -135,13 +192,26 @@ def _number(line: int, word: str, is_first: bool) -> float:
         number = float(word) if word else np.nan
     except ValueError:
         kind = UnknownContent if is_first else ValueError
-        raise kind(
-            f"line {line}: {word!r} is no number. Write numbers as 1.5e-6, missing points as nan, "
-            "and begin comments with #."
-        ) from None
+        raise kind(_no_number(line, word)) from None
     if np.isinf(number):
         raise ValueError(f"line {line}: {word!r} is infinite. Write nan for a missing point.")
     return number
+
+
+def _no_number(line: int, word: str) -> str:
+    return (
+        f"line {line}: {word!r} is no number. Write numbers as 1.5e-6, missing points as nan, and "
+        "begin comments with #."
+    )
+
+
+def _begins_with_number(row: str) -> bool:
+    word = re.split(r"[;,\s]+", row.strip(), maxsplit=1)[0]
+    try:
+        float(word or "nan")
+    except ValueError:
+        return False
+    return True
 
 
 def _of_points(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> Scan | None:

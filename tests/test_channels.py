@@ -1,0 +1,135 @@
+"""Files with several channels: which is read, and what is said of it."""
+
+import struct
+
+import numpy as np
+import pytest
+import xarray
+from surface_files import HEIGHTS, SIDES, as_npy, as_text, gwy_object, gwy_part, x, y
+from test_text_of_instruments import image_of_gwyddion
+
+import jaxstab as js
+from jaxstab.__main__ import main
+
+
+def gwy_of(*channels):
+    """Return a file of Gwyddion: of each channel title, unit, values."""
+    parts = []
+    for i, (title, unit, values) in enumerate(channels):
+        field = gwy_object(
+            "GwyDataField",
+            gwy_part("xres", "i", struct.pack("<i", 12)),
+            gwy_part("yres", "i", struct.pack("<i", 7)),
+            gwy_part("xreal", "d", struct.pack("<d", 3e-6)),
+            gwy_part("yreal", "d", struct.pack("<d", 1.4e-6)),
+            gwy_part("si_unit_xy", "o", gwy_object("GwySIUnit", gwy_part("unitstr", "s", b"m\0"))),
+            gwy_part("si_unit_z", "o",
+                     gwy_object("GwySIUnit", gwy_part("unitstr", "s", unit.encode() + b"\0"))),
+            gwy_part("data", "D", struct.pack("<I", 84) + values.T.tobytes()),
+        )  # fmt: skip
+        parts.append(gwy_part(f"/{i}/data", "o", field))
+        parts.append(gwy_part(f"/{i}/data/title", "s", title.encode() + b"\0"))
+    return b"GWYP" + gwy_object("GwyContainer", *parts)
+
+
+THREE = gwy_of(
+    ("Phase", "deg", 7 * HEIGHTS),
+    ("Trace", "m", 1e-6 * HEIGHTS),
+    ("Retrace", "m", 2e-6 * HEIGHTS),
+)
+
+
+def test_of_an_instrument_the_first_channel_of_heights_is_read_and_any_can_be_chosen(tmp_path):
+    path = tmp_path / "a.gwy"
+    path.write_bytes(THREE)
+    default = js.surfaces.read(path)
+    np.testing.assert_allclose(default.in_unit("µm").heights, HEIGHTS, rtol=1e-14)
+    said = "channel 'Trace' of 'Trace', 'Retrace', chosen by default: give another as `channel=`"
+    assert default.remarks == (said,)
+    assert said in str(default)
+    for name, factor in {"Trace": 1, "Retrace": 2}.items():
+        topography = js.surfaces.read(path, channel=name)
+        np.testing.assert_allclose(topography.in_unit("µm").heights, factor * HEIGHTS, rtol=1e-14)
+        assert topography.remarks == (f"channel '{name}' of 'Trace', 'Retrace'",)
+    for name in ("Height", "Phase", ""):
+        message = rf"a\.gwy: it has no channel '{name}' of heights: .* 'Trace', 'Retrace'\."
+        with pytest.raises(ValueError, match=message):
+            js.surfaces.read(path, channel=name)
+
+
+def test_a_file_without_heights_is_refused(tmp_path):
+    (tmp_path / "a.gwy").write_bytes(gwy_of(("Phase", "deg", HEIGHTS), ("Bias", "V", HEIGHTS)))
+    with pytest.raises(ValueError, match=r"a\.gwy: .*it has no channel of heights"):
+        js.surfaces.read(tmp_path / "a.gwy")
+
+
+def test_values_of_no_length_are_no_heights(tmp_path, monkeypatch):
+    # As SurfaceTopography has phases of .di files: as heights, with a pair of units.
+    from SurfaceTopography.IO.Reader import ChannelInfo
+
+    (tmp_path / "a.gwy").write_bytes(THREE)
+    unit = property(lambda self: ("m", None) if self.name == "Trace" else "m")
+    monkeypatch.setattr(ChannelInfo, "unit", unit)
+    topography = js.surfaces.read(tmp_path / "a.gwy")
+    np.testing.assert_allclose(topography.in_unit("µm").heights, 2 * HEIGHTS, rtol=1e-14)
+    with pytest.raises(ValueError, match="no channel 'Trace' of heights: choose from 'Retrace'"):
+        js.surfaces.read(tmp_path / "a.gwy", channel="Trace")
+
+
+def test_channels_of_one_name_are_told_apart(tmp_path):
+    (tmp_path / "a.gwy").write_bytes(gwy_of(("Z", "m", 1e-6 * HEIGHTS), ("Z", "m", 3e-6 * HEIGHTS)))
+    topography = js.surfaces.read(tmp_path / "a.gwy", channel="Z#2")
+    np.testing.assert_allclose(topography.in_unit("µm").heights, 3 * HEIGHTS, rtol=1e-14)
+
+
+def test_variables_of_netcdf_are_channels(tmp_path):
+    coordinates = {"x": ("x", x[:, 0], {"units": "um"}), "y": ("y", y[0], {"units": "um"})}
+    maps = {"first": (("x", "y"), HEIGHTS), "second": (("x", "y"), 2 * HEIGHTS)}
+    xarray.Dataset(maps, coordinates).to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    with pytest.raises(ValueError, match=r"several maps, first, second: name .* or choose one as"):
+        js.surfaces.read(tmp_path / "a.nc")
+    with pytest.raises(ValueError, match=r"no channel 'third' of heights: .* 'first', 'second'"):
+        js.surfaces.read(tmp_path / "a.nc", channel="third")
+    second = js.surfaces.read(tmp_path / "a.nc", channel="second")
+    np.testing.assert_array_equal(second.heights, 2 * HEIGHTS)
+    assert second.remarks[0] == "channel 'second' of 'first', 'second'"
+    maps["heights"] = maps.pop("first")
+    xarray.Dataset(maps, coordinates).to_netcdf(tmp_path / "b.nc", engine="h5netcdf")
+    default = js.surfaces.read(tmp_path / "b.nc")
+    np.testing.assert_array_equal(default.heights, HEIGHTS)
+    assert "channel 'heights' of 'second', 'heights', chosen by default" in str(default)
+
+
+def test_images_of_one_text_are_channels_by_their_names(tmp_path):
+    rows = ["\n".join(" ".join(f"{f * h:.17g}" for h in row) for row in HEIGHTS.T) for f in (1, 2)]
+    text = "".join(
+        image_of_gwyddion("English", name, body + "\n").replace("units: nm", "units: µm")
+        for name, body in zip(("Left", "Right"), rows, strict=True)
+    )
+    (tmp_path / "a.txt").write_text(text)
+    for name, factor in {None: 1, "Left": 1, "Right": 2}.items():
+        topography = js.surfaces.read(tmp_path / "a.txt", channel=name)
+        np.testing.assert_allclose(topography.heights, factor * HEIGHTS, rtol=1e-14)
+        np.testing.assert_allclose(topography.lengths, SIDES)
+    with pytest.raises(ValueError, match="no channel 'Up' of heights: choose from 'Left', 'Right'"):
+        js.surfaces.read(tmp_path / "a.txt", channel="Up")
+    (tmp_path / "a.txt").write_text(text.replace("Right", "Left"))
+    with pytest.raises(ValueError, match="several images"):
+        js.surfaces.read(tmp_path / "a.txt")
+
+
+@pytest.mark.parametrize("write", [as_text, as_npy])
+def test_a_file_of_one_surface_has_no_channels(tmp_path, write):
+    write(tmp_path / "a")
+    with pytest.raises(ValueError, match="channel is 'Z', but the file has one surface"):
+        js.surfaces.read(tmp_path / "a", SIDES, channel="Z")
+
+
+def test_the_command_line_reads_a_channel(tmp_path, capsys):
+    (tmp_path / "a.gwy").write_bytes(THREE)
+    main(["info", str(tmp_path / "a.gwy"), "--channel", "Retrace"])
+    assert "channel 'Retrace' of 'Trace', 'Retrace'" in capsys.readouterr().out
+    for option, message in {"--channel": "choose from 'Trace'", "--import": "a surface"}.items():
+        with pytest.raises(SystemExit):
+            main(["info", str(tmp_path / "a.gwy"), option, "json"])
+        assert message in capsys.readouterr().err
