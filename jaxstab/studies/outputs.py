@@ -1,5 +1,6 @@
 """What a case returns, as arrays that a store can hold."""
 
+import math
 import struct
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -31,6 +32,12 @@ class Form:
     def __str__(self) -> str:
         kind = "words" if self.dtype.kind == "U" else str(self.dtype)
         return f"{kind} of shape {self.shape}" if self.shape else kind
+
+    @property
+    def least_bytes(self) -> int:
+        """The size of a chunk; of words, which may be longer, that of empty ones."""
+        number = math.prod(self.shape)
+        return 4 + 4 * number if self.dtype.kind == "U" else number * self.dtype.itemsize
 
     @property
     def missing(self) -> Any:
