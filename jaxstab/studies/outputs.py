@@ -129,15 +129,28 @@ def _array(name: str, value: Any) -> np.ndarray:
         return np.asarray(value.name)
     if is_traced(value):
         raise TypeError(f"{name} is traced: call js.study outside of JAX transformations.")
-    array = np.asarray(value) if np.isscalar(value) or hasattr(value, "dtype") else None
-    if isinstance(value, list | tuple) and not any(map(_is_tree, value)):
-        array = np.asarray(value)
+    is_list = isinstance(value, list | tuple) and not any(map(_is_tree, value))
+    is_array = is_list or np.isscalar(value) or hasattr(value, "dtype")
+    array = _without_mask(name, value) if is_array else None
     if array is None or array.dtype.kind not in "biufcU":
         kind = type(value).__name__ if array is None else array.dtype
         raise TypeError(
             f"{name} is {kind}, which is no array: return the numbers of it that you need."
         )
     return array
+
+
+def _without_mask(name: str, value: Any) -> np.ndarray:
+    """Return an array in which NaN stands for what is masked."""
+    array = np.ma.asarray(value)
+    if not np.ma.is_masked(array):
+        return array.data
+    if array.dtype.kind not in "fc":
+        raise TypeError(
+            f"{name} is a masked array of {array.dtype}, which has no NaN for a masked value: "
+            "return floats, or fill it."
+        )
+    return array.filled(np.nan)
 
 
 def _is_tree(value: Any) -> bool:

@@ -50,13 +50,14 @@ def study(
     Arguments:
         case: the function, called by names with numbers and words of Python or random keys. It
             returns a dict of numbers, words and arrays, the same and of the same shapes in all
-            cases; members of enumerations such as `jaxstab.VERDICTS` are kept as words. A case
-            that raises is recorded as failed, with its message.
+            cases; members of enumerations such as `jaxstab.VERDICTS` are kept as words, masked
+            floats as NaN. A case that raises is recorded as failed, with its message.
         axes: one-dimensional arrays by name, whose product is run; or a list of dicts, the
             combinations to be run, which lie on the dimension `case`.
         path: the folder of the store; made where it does not exist.
         batch: how many cases run at once, by `jax.vmap` of the compiled function; those of
-            `jaxstab.cases` in as many lanes, of which none waits for the slowest.
+            `jaxstab.cases` in as many lanes, of which none waits for the slowest. Of a batch that
+            raises the cases are run one by one, with a warning.
         retry: run cases that failed before again; by default they are done.
         progress: show a progress bar, with the number of failures.
 
@@ -70,7 +71,7 @@ def study(
         ValueError: for a store that was begun with another case, found by its source and all that
             it refers to in its own module, or that has other axes, or of which an axis is damaged;
             for axes that are empty or not finite; for a function that has no source, or, in
-            batches, that JAX cannot trace.
+            batches, that JAX cannot trace; for a batch that does not fit into memory.
         TypeError: for a function that takes other arguments, or returns what is no dict of arrays.
         OSError: if the disk is full; what is done stays, and the same call goes on.
         ImportError: without xarray and zarr.
