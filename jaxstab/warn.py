@@ -43,14 +43,16 @@ def warn_once(message: str, category: type[Warning], *, per_line: bool = False) 
     frame = _caller()
     line = (category, frame.f_code.co_filename, frame.f_lineno)
     topics: set[Hashable] = {(category, message), *([line] if per_line else [])}
-    block, filters = _said_in_block.get(), list(warnings.filters)
+    block: set[Hashable] | None = _said_in_block.get()
+    filters: list[object] = list(warnings.filters)
     is_said = any(_said.get(topic) == filters for topic in topics)
     if is_said or (block is not None and not topics.isdisjoint(block)):
         return
     if block is not None:
         block |= topics
     if _warn(message, category):
-        _said.update(dict.fromkeys(topics, filters))
+        for topic in topics:
+            _said[topic] = filters
 
 
 @contextmanager

@@ -112,7 +112,7 @@ class _Reader:
         function = inspect.unwrap(value) if callable(value) else value
         if isinstance(function, FunctionType) and function.__globals__ is self.names:
             described = self._function(function)
-            self._attributes(value)
+            self._attributes(name, value)
             return described
         if is_dataclass(value):
             names = [field.name for field in fields(value) if hasattr(value, field.name)]
@@ -152,7 +152,7 @@ class _Reader:
                 )
         return self._seen[id(function)]
 
-    def _attributes(self, function: Any) -> None:
+    def _attributes(self, name: str, function: Any) -> None:
         """Collect what was set on a function and on those that it is wrapped in."""
         while function is not None and id(function) not in self._with_attributes:
             self._with_attributes.add(id(function))
@@ -161,7 +161,7 @@ class _Reader:
             attributes = {} if is_dataclass(function) else getattr(function, "__dict__", {})
             for key, value in sorted(attributes.items()):
                 if not key.startswith(hidden):
-                    self.add(f"{function.__name__}.{key}", value)
+                    self.add(f"{name}.{key}", value)
             function = getattr(function, "__wrapped__", None)
 
     def _class(self, kind: type) -> str:

@@ -3,7 +3,6 @@
 import inspect
 import signal
 import threading
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +19,7 @@ from jaxstab.studies.outputs import MARKS
 from jaxstab.studies.queue import Queue
 from jaxstab.studies.run import Runner
 from jaxstab.studies.store import Store, claims_file
+from jaxstab.warn import warn
 
 if TYPE_CHECKING:
     import xarray
@@ -121,7 +121,7 @@ def _run_all(
         report()
     if was_interrupted() and queue.num_done < total:
         message = f"The study was interrupted: {stored()}. The same call goes on."
-        warnings.warn(message, StudyInterrupted, stacklevel=3)
+        warn(message, StudyInterrupted)
 
 
 @contextmanager
