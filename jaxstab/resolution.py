@@ -1,15 +1,13 @@
 """The warning that a grid is too coarse for the adhesion on it."""
 
-import warnings
-
 import equinox as eqx
 import numpy as np
 
 from jaxstab.checks import is_traced, known
 from jaxstab.contact import Contact
+from jaxstab.warn import warn_once
 
 _MAX_REFINEMENT = 1024
-_already_said: dict[str | tuple[str, type[Warning], int], int] = {}
 
 
 class ResolutionWarning(UserWarning):
@@ -23,7 +21,7 @@ _PINNING = 0.2
 
 
 def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
-    """Warn, once for each such problem, if contact edges are pinned to the grid.
+    """Warn, once a problem and a line of the caller's, if contact edges are pinned to the grid.
 
     That is where `contact.resolution` is below what is needed. Nothing is said inside of `jax.jit`
     and `jax.vmap`, where values are not known yet.
@@ -42,10 +40,7 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
         f"stiffness of its shortest wave is {resolution:.3g} of the largest |f''|, so that "
         f"{effect}. {_cure(contact, resolution / needed)}"
     )
-    # A registry of its own, so that several functions say it once between them.
-    warnings.warn_explicit(
-        message, ResolutionWarning, "jaxstab", 1, module=__name__, registry=_already_said
-    )
+    warn_once(message, ResolutionWarning, per_line=True)
 
 
 def _cure(contact: Contact, share: np.floating) -> str:

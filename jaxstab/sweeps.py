@@ -1,6 +1,5 @@
 """Equilibrium and stability at many loads: each from the same start, or from the one before."""
 
-import warnings
 from collections.abc import Callable
 from functools import partial
 from typing import Literal
@@ -29,6 +28,7 @@ from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability, assess_stability
 from jaxstab.stacks import Stackable, stacked
+from jaxstab.warn import said_once, warn
 
 Order = Literal["independent", "continuation"]
 _Start = Float[Array, " *grid"] | None
@@ -114,17 +114,19 @@ def sweep(
         equilibrium_solver, EquilibriumSolver, PreconditionedConjugateGradient
     )
     stability_solver = solver_or_default(stability_solver, ConeSolver, ProjectedLOBPCG)
-    warn_if_coarse(contact)
     start = initial_gap(contact, load, initial)
     problem = _Problem(contact, equilibrium_solver, stability_solver, key, stability)
     # Under jit even a constant is traced.
     if is_traced((problem, load, start, jax.device_put(np.zeros(())))):
+        warn_if_coarse(contact)
         if progress:
-            warnings.warn("Inside of JAX transformations no progress is shown.", stacklevel=2)
+            warn("Inside of JAX transformations no progress is shown.")
         solve = _solve_together if order == "independent" else _solve_in_turn
         return solve(problem, load, start, throw)
     # NaN marks what was not found.
-    with jax.debug_nans(False), progress_bar(load.value.size, "load", shown=progress) as bar:
+    bar = progress_bar(load.value.size, "load", shown=progress)
+    with said_once(), jax.debug_nans(False), bar as bar:
+        warn_if_coarse(contact)
         if order == "independent" and jax.default_backend() != "cpu":
             states = _solve_padded(problem, load, start)
             bar.update(len(states))
@@ -174,7 +176,7 @@ def _solve_one_by_one(
         if not states:
             raise
         message = f"The sweep was interrupted: {len(states)} of {load.value.size} loads are done."
-        warnings.warn(message, SweepInterrupted, stacklevel=3)
+        warn(message, SweepInterrupted)
     return states
 
 

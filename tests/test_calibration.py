@@ -122,6 +122,68 @@ def test_a_law_of_ones_own_is_fitted_by_any_optimiser_with_a_bar(start, exact, c
     assert f"{int(fit.num_steps)}/1000" in capsys.readouterr().err
 
 
+# Of contacts that jump, on surfaces of different seeds.
+TRUE = np.array([0.02, 0.1, 0.15])
+RETRACTION = jnp.linspace(0.02, 0.5, 20)
+
+
+def contact_with(parameters, seed):
+    energy, length, modulus = parameters
+    law = js.potentials.Exponential(energy, length)
+    return rough_contact(16, law, youngs_modulus=modulus, seed=seed)
+
+
+def measured(loads, seed, noise, number=0):
+    """A curve as it is measured, and its noise relative to its largest pressure."""
+    states = js.sweep(contact_with(TRUE, seed), loads, order="continuation", stability=False)
+    pressures = np.asarray(states.equilibrium.mean_pressure)
+    normal = np.random.default_rng(number).normal(size=pressures.size)
+    return pressures + noise * abs(pressures).max() * normal
+
+
+def found(fit):
+    """The parameters of a fit and their standard errors."""
+    numbers = [jax.tree.leaves(x) for x in (fit.parameters, fit.standard_errors)]
+    return np.array(numbers)
+
+
+@pytest.mark.parametrize("leg", [RETRACTION, RETRACTION[::-1]], ids=["retraction", "approach"])
+def test_curves_with_jumps_are_fitted_in_the_order_of_the_measurement(leg):
+    loads = js.MeanGap(leg)
+    for seed, factors in enumerate([(2, 0.7, 1.3), (0.5, 1.5, 0.7)]):
+        guess = contact_with(TRUE * factors, seed)
+        values, _ = found(js.calibrate(guess, loads, measured(loads, seed, 0)))
+        np.testing.assert_allclose(values, TRUE, rtol=1e-5)
+    away = []
+    for number in range(1, 5):
+        guess, curve = (
+            contact_with(1.2 * TRUE, number % 2),
+            measured(loads, number % 2, 0.01, number),
+        )
+        values, errors = found(js.calibrate(guess, loads, curve))
+        assert (errors < 0.05 * TRUE).all()
+        away.append(abs(values - TRUE) / errors)
+    # Student's t with 17 degrees of freedom leaves 6 % beyond two.
+    assert np.mean(np.array(away) < 2) >= 0.85 and np.max(away) < 3.5
+
+
+def test_several_starts_are_tried_and_a_fit_at_a_jump_needs_a_second_one():
+    loads = js.MeanGap(RETRACTION)
+    curve = measured(loads, 0, 0.01, 1)
+    guess = contact_with(TRUE * (2, 0.7, 1.3), 0)
+    message = r"from 1 start: .*order of the measurement.*start from parameters.*more `starts`"
+    with pytest.raises(js.SolverError, match=message) as failed:
+        js.calibrate(guess, loads, curve, starts=1)
+    one = failed.value.found
+    fit = js.calibrate(guess, loads, curve, starts=3)
+    assert fit.losses.shape == (3,) and fit.loss == fit.losses.min() < 0.01 * one.loss
+    assert fit.losses[0] == one.loss and "not_computed" not in fit.results.name
+    values, errors = found(fit)
+    assert (abs(values - TRUE) < 2 * errors).all()
+    with pytest.raises(ValueError, match="starts is 0: give at least 1"):
+        js.calibrate(guess, loads, curve, starts=0)
+
+
 def test_failure_is_told(start, exact):
     with pytest.raises(js.SolverError, match=r"The fit did not converge in 1 steps.*max_steps"):
         js.calibrate(start, LOAD, exact, max_steps=1)

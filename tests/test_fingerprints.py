@@ -16,7 +16,9 @@ from jaxstab.studies.fingerprint import differences, fingerprint
 
 MODULE = """
 import dataclasses
+import functools
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -35,15 +37,38 @@ class Law(eqx.Module):
 LAW = Law(0.5)
 
 
+def once(function):
+    @functools.wraps(function)
+    def called(*values):
+        return function(*values)
+
+    return called
+
+
 def helper(x):
     # A comment.
     return SCALE * x + TABLE.sum()
 
 
+helper.offset = 5
+helper.itself = helper
+
+
+@once
+def limited(x):
+    return min(x, limited.limit)
+
+
+limited.limit = 7
+jitted = jax.jit(lambda x: x)
+jitted.shift = 1
+
+
 def made(power):
     def case(seed, shift=1):
         \"\"\"What it does.\"\"\"
-        return {"a": helper(seed) ** power + LAW(shift)}
+        attributes = helper.offset + jitted(jitted.shift)
+        return {"a": helper(seed) ** power + limited(LAW(shift)) + attributes}
 
     return case
 
@@ -59,6 +84,10 @@ CHANGES = [
     ("** power", "** power + 1", "case"),
     ("-self.energy * jnp", "self.energy * jnp", "Law.__call__"),
     ("Law(0.5)", "Law(0.6)", "LAW"),
+    ("helper.offset = 5", "helper.offset = 6", "helper.offset"),
+    ("helper.itself = helper", "helper.itself = None", "helper.itself"),
+    ("limited.limit = 7", "limited.limit = 8", "limited.limit"),
+    ("jitted.shift = 1", "jitted.shift = 2", ".*shift"),
     ("UNUSED = 1", "UNUSED = 2", ""),
     ("# A comment.", "# Another.", ""),
     ("What it does.", "What it really does.", ""),
@@ -133,6 +162,14 @@ def test_what_cannot_be_known_again_is_refused_with_the_cure(tmp_path):
     with pytest.raises(ValueError, match=r"`case` is no longer what stands in .*edited.py"):
         js.study(module.case, {"seed": [1]}, tmp_path / "study.zarr")
     assert not (tmp_path / "study.zarr").exists()
+
+
+def test_names_in_text_are_warned_of(tmp_path):
+    text = "SCALE = 2\n\ndef case(seed):\n    return {'a': eval('SCALE * seed')}\n"
+    module = module_of(tmp_path / "evaluating.py", text)
+    with pytest.warns(UserWarning, match="`case` calls `eval`: of what it refers to") as said:
+        js.study(module.case, {"seed": [1]}, tmp_path / "study.zarr")
+    assert [warning.filename for warning in said] == [__file__]
 
 
 def test_lambdas_on_one_line_are_told_apart():

@@ -62,6 +62,19 @@ def test_values_are_added_to_axes_and_left_out_and_come_in_the_order_asked_for(t
     assert np.isnan(stored["product"].sel(seed=2, energy=0.75))
 
 
+def test_masked_floats_are_missing_numbers(tmp_path):
+    def case(seed):
+        field = np.ma.array([1.0, 2.0, 3.0], mask=[False, seed == 1, False])
+        whole = np.ma.array([4, 5], mask=[False, False])
+        return {"field": field, "rows": [field, field], "mean": field[1:2].mean(), "whole": whole}
+
+    dataset = js.study(case, {"seed": [0, 1]}, tmp_path / "study.zarr")
+    np.testing.assert_array_equal(dataset["field"], [[1, 2, 3], [1, np.nan, 3]])
+    np.testing.assert_array_equal(dataset["rows"][1], [[1, np.nan, 3]] * 2)
+    np.testing.assert_array_equal(dataset["mean"], [2, np.nan])
+    np.testing.assert_array_equal(dataset["whole"], [[4, 5]] * 2)
+
+
 def test_listed_combinations_and_random_keys_and_words_are_axes(tmp_path):
     def listed(law, key):
         return {"draw": jax.random.normal(key), "length": len(law)}

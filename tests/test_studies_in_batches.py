@@ -39,10 +39,34 @@ def test_one_that_fails_in_a_batch_leaves_the_others(tmp_path):
     def case(x):
         return {"root": eqx.error_if(jnp.sqrt(x), x < 0, "x is negative")}
 
-    dataset = js.study(case, {"x": [4.0, -1.0, 9.0]}, tmp_path / "study.zarr", batch=3)
+    with pytest.warns(UserWarning, match=r"its 3 cases are run one by one.*x is negative") as said:
+        dataset = js.study(case, {"x": [4.0, -1.0, 9.0]}, tmp_path / "study.zarr", batch=3)
+    assert len(said) == 1 and said[0].filename == __file__
     assert list(dataset["result"]) == ["successful", "failed", "successful"]
     assert "x is negative" in str(dataset["error"].values[1])
     np.testing.assert_array_equal(dataset["root"], [2, np.nan, 3])
+
+
+def test_of_batches_that_raise_it_is_said_once(tmp_path):
+    def case(x):
+        return {"root": eqx.error_if(jnp.sqrt(x), x < 0, "x is negative")}
+
+    axes = {"x": [-4.0, -1.0, 9.0, -2.0]}
+    with pytest.warns(UserWarning, match="one by one") as said:
+        dataset = js.study(case, axes, tmp_path / "study.zarr", batch=2)
+    assert len(said) == 1 and (dataset["result"] == "failed").sum() == 3
+
+
+def test_a_batch_that_does_not_fit_into_memory_is_refused_and_not_run_one_by_one(tmp_path):
+    def case(x):
+        # More than a process can address.
+        return {"sum": jnp.sort(jnp.full(1 << 44, x)).sum()}
+
+    message = r"A batch of 2 cases needs more memory than there is \(.*: use a smaller batch"
+    with pytest.raises(ValueError, match=message):
+        js.study(case, {"x": [1.0, 2.0]}, tmp_path / "study.zarr", batch=2)
+    stored = xarray.open_zarr(tmp_path / "study.zarr")
+    assert list(stored["result"].values) == ["missing"] * 2
 
 
 def test_cases_alone_go_on_in_the_precision_of_those_in_batches(tmp_path):

@@ -20,6 +20,8 @@ import jaxstab as js
         ({"a/b": 1}, "'a/b'"),
         ({"a": None}, "a is NoneType"),
         ({"a": {"b": 1}}, "a is dict"),
+        ({"a": np.ma.array([1, 2], mask=[0, 1])}, "a is a masked array of int64"),
+        ({"a": [np.ma.array([True], mask=[True])]}, "a is a masked array of bool"),
     ],
 )
 def test_outputs_that_no_store_can_hold_are_refused_at_the_first_case(outputs, message, tmp_path):

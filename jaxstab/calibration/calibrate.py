@@ -21,7 +21,8 @@ from jaxstab.calibration.least_squares import (
     Slopes,
     Values,
 )
-from jaxstab.checks import is_traced, parameter, require, require_finite
+from jaxstab.calibration.starts import best_of
+from jaxstab.checks import integer, is_traced, parameter, require, require_finite
 from jaxstab.contact import Contact, require_contact
 from jaxstab.display import block
 from jaxstab.equilibrium import PreconditionedConjugateGradient
@@ -54,8 +55,10 @@ class Calibration(eqx.Module):
         loss: half the weighted sum of squared misfits, over that of the measured pressures.
         residual: the largest step of Gauss and Newton's method that is left, relative to each
             parameter.
-        num_steps: steps of the optimiser.
+        num_steps: steps of the optimiser, from all starts.
         result: a member of `RESULTS`: how the fit ended.
+        losses: the loss that each start came to, infinite where there is none.
+        results: how each start ended; `not_computed` for those that were not needed.
         history: the "residual" as it went.
     """
 
@@ -68,6 +71,8 @@ class Calibration(eqx.Module):
     residual: Float[Array, ""]
     num_steps: Int[Array, ""]
     result: RESULTS
+    losses: Float[Array, " starts"]
+    results: RESULTS
     history: History
 
     __repr__ = block
@@ -87,7 +92,8 @@ def calibrate(
     weights: ArrayLike | None = None,
     where: Where = potential_and_modulus,
     optimizer: "optax.GradientTransformation | None" = None,
-    order: Order = "independent",
+    order: Order = "continuation",
+    starts: int | None = None,
     tolerance: ArrayLike | None = None,
     max_steps: int = 200,
     progress: bool = False,
@@ -95,14 +101,18 @@ def calibrate(
 ) -> Calibration:
     """Return the contact whose mean pressures are nearest to measured ones.
 
-    It minimises sum_i w_i (p0_i - m_i)^2. A parameter that starts positive is fitted by its
-    logarithm and stays so; others by themselves. Only floating-point arrays are parameters: not
-    integers, nor Python numbers written into a function.
+    It minimises sum_i w_i (p0_i - m_i)^2. Contacts with hysteresis jump, and so does the curve as
+    parameters change: the least misfit may lie at a jump, where no method converges. It counts as
+    found if two starts agree on it within a quarter.
+
+    A parameter that starts positive is fitted by its logarithm and stays so; others by themselves.
+    Only floating-point arrays are parameters: not integers, nor Python numbers written into a
+    function.
 
     Arguments:
         contact: the contact with the parameters to start from.
-        load: a mean displacement or gap with one value for each measurement; one without an
-            equilibrium fails the fit, unless its weight is zero.
+        load: a mean displacement or gap with one value for each measurement, in the order in which
+            they were measured; one without an equilibrium fails the fit, unless its weight is zero.
         mean_pressure: m, the measured mean pressures, positive in compression [pressure].
         weights: w, one over the variance of each measurement up to a common factor; all equal by
             default.
@@ -110,8 +120,11 @@ def calibrate(
             of the potential and Young's modulus.
         optimizer: any of Optax; by default Levenberg and Marquardt's method (J. SIAM 11, 431,
             1963).
-        order: as in `sweep`: whether all loads start alike, or each from the one before, as along
-            a measured branch.
+        order: as in `sweep`: "continuation" starts each load from the one before, as a
+            measurement does; "independent" starts all alike, without hysteresis.
+        starts: how many starts: the contact's own parameters, others within a factor of two of
+            them, and as many near the best fit so far. The best fit wins. By default as many as
+            it takes until one converges, up to 8.
         tolerance: the relative change of every parameter, that a step of Gauss and Newton's method
             would make, to reach; 1e-6 by default. Of a parameter that does not start positive,
             the change over that which would change the curve by its own size.
@@ -125,7 +138,8 @@ def calibrate(
 
     Raises:
         ValueError: for measurements that do not match the loads or are not finite, not more of
-            them than parameters, weights that are negative, or an order that does not exist.
+            them than parameters, weights that are negative, an order that does not exist, or
+            `starts` below 1.
         TypeError: for a load that prescribes the pressure, or a contact in single precision.
         SolverError: if `throw` and the fit did not converge.
     """
@@ -135,6 +149,9 @@ def calibrate(
         raise TypeError("The load is a MeanPressure: fit a curve over a mean displacement or gap.")
     if order not in ("independent", "continuation"):
         raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
+    starts = None if starts is None else integer("starts", starts)
+    if starts is not None and starts < 1:
+        raise ValueError(f"starts is {starts}: give at least 1.")
     if contact.heights.dtype != jnp.float64:
         raise TypeError(
             f"The heights are {contact.heights.dtype}: a fit needs float64, since near contact "
@@ -165,10 +182,10 @@ def calibrate(
         None if tolerance is None else parameter(tolerance), max_steps, optimizer, order
     )
     curve = Measured(load, measured, w)
-    shown = progress_bar(max_steps, "step") if progress else nullcontext()
+    shown = progress_bar(max_steps * (starts or 1), "step") if progress else nullcontext()
     # Histories end in NaN, and what was not found is NaN.
     with shown, jax.debug_nans(False):
-        fit = _fit(contact, curve, solver, _Pick.of(where, contact), progress)
+        fit = _fit(contact, curve, solver, _Pick.of(where, contact), starts, progress)
     if not throw:
         return fit
     return throw_failure(fit.result, fit, lambda: _describe(fit))
@@ -202,9 +219,14 @@ class _Pick:
         return self.where(contact)
 
 
-@partial(program, static_argnames=("where", "progress"))
+@partial(program, static_argnames=("where", "starts", "progress"))
 def _fit(
-    contact: Contact, measured: Measured, solver: LeastSquares, where: _Pick, progress: bool
+    contact: Contact,
+    measured: Measured,
+    solver: LeastSquares,
+    where: _Pick,
+    starts: int | None,
+    progress: bool,
 ) -> Calibration:
     contact, measured = refuse_derivatives((contact, measured))
     values, unravel = _values(where(contact))
@@ -248,8 +270,12 @@ def _fit(
 
     first = pressures, jacobian * scale.slopes(jnp.zeros_like(values))
     report = advance if progress else lambda after: None
-    iteration = solver.solve(curve, measured, first, report)
-    state = iteration.state
+    tried = best_of(
+        lambda start: solver.solve(curve, measured, first, start, report),
+        starts,
+        jnp.zeros_like(values),
+    )
+    state = tried.best.state
     found = scale.to_values(state.free)
     slopes = scale.slopes(state.free)
     spread = slopes[:, None] * state.covariance(measured) * slopes
@@ -260,10 +286,12 @@ def _fit(
         covariance=spread,
         mean_pressure=state.mean_pressure,
         loss=state.loss,
-        residual=iteration.residual,
-        num_steps=iteration.num_steps,
-        result=iteration.result,
-        history=iteration.history,
+        residual=tried.best.residual,
+        num_steps=tried.num_steps,
+        result=tried.result,
+        losses=tried.losses,
+        results=tried.results,
+        history=tried.best.history,
     )
 
 
@@ -283,7 +311,11 @@ def _describe(fit: Calibration) -> str:
             f"have no equilibrium or no derivative there, the first of them number "
             f"{int(jnp.argmax(missing))} (give them no weight, or start elsewhere)"
         )
+    tried = int(jnp.sum(fit.results != RESULTS.not_computed))
     return (
-        f"The fit did not converge in {int(fit.num_steps)} steps: at parameters {values} they "
-        f"would still change by a part of {float(fit.residual):.3g}"
+        f"The fit did not converge in {int(fit.num_steps)} steps from {tried} start"
+        f"{'s' if tried > 1 else ''}: at parameters {values} they would still change by a part of "
+        f"{float(fit.residual):.3g}. Jumps of the contact are the usual reason: give the loads in "
+        'the order of the measurement, with order="continuation", start from parameters whose '
+        "contact jumps at nearly the same loads, or give more `starts`"
     )

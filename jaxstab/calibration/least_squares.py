@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.history import Indicators
-from jaxstab.iterate import Iteration, IterativeSolver
+from jaxstab.iterate import Iteration, IterativeSolver, Loop
 from jaxstab.loads import Load
 
 # Imported where it is used, since that takes a while.
 if TYPE_CHECKING:
     import optax
 
-Order = Literal["independent", "continuation"]
+Order = Literal["continuation", "independent"]
 Values = Float[Array, " parameters"]
 Curve = Float[Array, " loads"]
 # A curve and its Jacobian.
@@ -61,20 +61,26 @@ class Scale(eqx.Module):
         return jnp.where(self.start > 0, self.to_values(free), self.unit)
 
 
-class _State(eqx.Module):
+class State(eqx.Module):
+    """Where a fit is."""
+
     free: Values
     # What the method remembers: its damping, or the state of an optimiser.
     memory: Any
     mean_pressure: Curve
     misfit: Curve
     jacobian: Float[Array, "loads parameters"]
+    # The largest change by the step that led here, or by one that was not taken.
+    reach: Float[Array, ""]
 
     @property
     def loss(self) -> Float[Array, ""]:
+        """Half the sum of squared misfits."""
         return jnp.sum(self.misfit**2) / 2
 
     @property
     def gradient(self) -> Values:
+        """That of the loss."""
         return self.misfit @ self.jacobian
 
     def covariance(self, measured: Measured) -> Float[Array, "parameters parameters"]:
@@ -89,7 +95,9 @@ class _State(eqx.Module):
 class LeastSquares(IterativeSolver):
     """Levenberg and Marquardt's method, until that of Gauss and Newton would change little.
 
-    Or the steps of an optimiser of Optax, if one is given.
+    Or the steps of an optimiser of Optax, if one is given. Where the curve jumps as parameters
+    change, the least misfit may lie at the jump: it has been reached where no step larger than the
+    tolerance lowers it.
     """
 
     tolerance: Float[Array, ""] | None
@@ -105,40 +113,57 @@ class LeastSquares(IterativeSolver):
         curve: Callable[[Values], Slopes],
         measured: Measured,
         first: Slopes,
+        start: Values,
         advance: Callable[[Array], None],
-    ) -> Iteration[_State]:
-        """Minimise the misfit between a curve, with its Jacobian, and measurements, from zero."""
+    ) -> Iteration[State]:
+        """Minimise the misfit between a curve, with its Jacobian, and measurements.
+
+        Arguments:
+            curve: the curve and its Jacobian.
+            measured: the measurements.
+            first: the curve at zero, which need not be evaluated again.
+            start: where to start.
+            advance: called at each step.
+        """
         root = measured.roots
         # What has no weight need not even be finite.
         has_weight = root > 0
 
-        def state_of(free: Any, memory: Any, evaluated: Slopes) -> _State:
+        def state_of(free: Any, memory: Any, evaluated: Slopes) -> State:
             pressure, jacobian = evaluated
             misfit = jnp.where(has_weight, root * (pressure - measured.mean_pressure), 0)
             rows = jnp.where(has_weight[:, None], root[:, None] * jacobian, 0)
-            return _State(free, memory, pressure, misfit, rows)
+            return State(free, memory, pressure, misfit, rows, jnp.array(jnp.inf))
 
-        def state_at(free: Any, memory: Any) -> _State:
+        def state_at(free: Any, memory: Any) -> State:
             return state_of(free, memory, curve(free))
 
-        def measure(state: _State) -> Indicators:
+        def measure(state: State) -> Indicators:
             # Of combinations that are not determined, nothing is asked.
             change = jnp.linalg.lstsq(state.jacobian, state.misfit)[0]
             return {"residual": jnp.max(jnp.abs(change))}
 
-        free = jnp.zeros_like(first[1][0])
+        zero = jnp.zeros_like(start)
         method = _marquardt if self.optimizer is None else partial(_optimised, self.optimizer)
-        memory, move = method(state_at, free)
+        memory, move = method(state_at, zero)
 
-        def step(state: _State) -> _State:
+        def step(state: State) -> State:
             advance(state.misfit)
             return move(state)
 
-        return self.iterate(step, measure, state_of(free, memory, first))
+        begun = jax.lax.cond(
+            jnp.any(start != zero),
+            lambda: state_at(start, memory),
+            lambda: state_of(zero, memory, first),
+        )
+        return self.iterate(step, measure, begun)
+
+    def _is_stalled(self, loop: Loop[State]) -> Bool[Array, ""]:
+        return super()._is_stalled(loop) | (loop.state.reach < self._goal(loop))
 
 
-StateAt = Callable[[Values, Any], _State]
-Move = Callable[[_State], _State]
+StateAt = Callable[[Values, Any], State]
+Move = Callable[[State], State]
 
 
 def _marquardt(state_at: StateAt, free: Values) -> tuple[Any, Move]:
@@ -148,12 +173,14 @@ def _marquardt(state_at: StateAt, free: Values) -> tuple[Any, Move]:
     one is shorter.
     """
 
-    def move(state: _State) -> _State:
+    def move(state: State) -> State:
         sizes = jnp.linalg.norm(state.jacobian, axis=0)
         rows = jnp.concatenate([state.jacobian, jnp.diag(jnp.sqrt(state.memory) * sizes)])
         aims = jnp.concatenate([state.misfit, jnp.zeros_like(sizes)])
-        tried = state_at(state.free - jnp.linalg.lstsq(rows, aims)[0], _FALL * state.memory)
-        stays = replace(state, memory=_GROWTH * state.memory)
+        change = jnp.linalg.lstsq(rows, aims)[0]
+        tried = state_at(state.free - change, _FALL * state.memory)
+        reach = jnp.max(jnp.abs(change))
+        stays = replace(state, memory=_GROWTH * state.memory, reach=reach)
         # Beside an event of the contact there may be no derivative to go on by.
         is_lower = (tried.loss <= state.loss) & jnp.all(jnp.isfinite(tried.jacobian))
         return jax.tree.map(lambda new, old: jnp.where(is_lower, new, old), tried, stays)
@@ -179,7 +206,7 @@ def _optimised(
         state = state_at(*primals, None)
         return state.loss, jnp.sum(state.gradient * tangents[0])
 
-    def move(state: _State) -> _State:
+    def move(state: State) -> State:
         updates, memory = optimizer.update(
             state.gradient,
             state.memory,

@@ -1,7 +1,6 @@
 """The options that describe a contact and its loads, and what is made of them."""
 
 import argparse
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from jaxstab.potentials import (
     Potential,
     Rational,
 )
+from jaxstab.warn import warn
 
 LAWS = {
     "exponential": Exponential,
@@ -154,7 +154,7 @@ def topography_of(options: argparse.Namespace) -> surfaces.Topography:
     topography = surface_of(options.surface, options)
     if topography.num_missing:
         share = topography.num_missing / topography.heights.size
-        warnings.warn(f"{100 * share:.3g} % of the points are missing, and filled.", stacklevel=1)
+        warn(f"{100 * share:.3g} % of the points are missing, and filled.")
         topography = topography.filled()
     topography = topography.detrended(options.detrend)
     return topography.periodic(options.periodic) if options.periodic else topography

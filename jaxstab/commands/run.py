@@ -20,6 +20,7 @@ from jaxstab.plots import path as plot_path
 from jaxstab.plots import stability_curve
 from jaxstab.results import RESULTS
 from jaxstab.sweeps import Sweep, SweepInterrupted, sweep
+from jaxstab.warn import warn
 
 DESCRIPTION = """\
 Press a rough surface on an adhesive elastic half space and draw it off again, through every jump on
@@ -76,7 +77,7 @@ def run(options: argparse.Namespace) -> None:
     jax.config.update("jax_enable_x64", options.precision == "float64")
     contact = problem.contact_of(options)
     if not are_installed(*NETCDF):
-        warnings.warn("No data will be written: pip install 'jaxstab[data]'.", stacklevel=1)
+        warn("No data will be written: pip install 'jaxstab[data]'.")
     folder = _new_folder(options.output)
     print(problem.described(options, contact))
     try:

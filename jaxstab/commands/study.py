@@ -29,6 +29,8 @@ def add_options(parser: Parser) -> None:
     parser.add_argument("--path", type=Path, metavar="STUDY.zarr", required=True, help=help)
     help = "how many cases run at once, by jax.vmap (default %(default)s)"
     parser.add_argument("--batch", type=whole(1), default=1, help=help)
+    help = "run cases that failed before again"
+    parser.add_argument("--retry", action="store_true", help=help)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -38,7 +40,12 @@ def run(options: argparse.Namespace) -> None:
         # Said at the end instead.
         warnings.simplefilter("ignore", StudyInterrupted)
         dataset = jaxstab.study(
-            module.case, module.axes, options.path, batch=options.batch, progress=True
+            module.case,
+            module.axes,
+            options.path,
+            batch=options.batch,
+            retry=options.retry,
+            progress=True,
         )
     results = dataset["result"].values.ravel().tolist()
     print(_described(dataset, results))
@@ -80,6 +87,7 @@ def _described(dataset: Any, results: list[str]) -> str:
         first = dataset[dict(zip(dataset["result"].dims, _place(dataset, results), strict=True))]
         where = ", ".join(f"{name}={first[name].item()}" for name in first.coords)
         lines.append(f"The first that failed, {where}: {first['error'].item()}")
+        lines.append("To run what failed again: --retry")
     return "\n".join(lines)
 
 

@@ -3,7 +3,6 @@
 On any other solid all of it is the identity.
 """
 
-import warnings
 from dataclasses import replace
 from typing import TypeVar
 
@@ -21,6 +20,7 @@ from jaxstab.hessian import Hessian
 from jaxstab.loads import Load
 from jaxstab.programs import program
 from jaxstab.results import RESULTS
+from jaxstab.warn import warn_once
 
 Start = TypeVar("Start", Field, Field | None)
 
@@ -89,11 +89,11 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
     largest, at_edges = pressures.max(), max(end.max() for end in ends)
     share = at_edges / largest if largest > 0 else 0
     if share > _MOST_AT_EDGES:
-        warnings.warn(
+        warn_once(
             f"at the edges of the window the pressure is {share:.2g} of its largest value: contact "
             "or attraction goes on beyond. Take a larger window.",
             WindowWarning,
-            stacklevel=3,
+            per_line=True,
         )
 
 

@@ -2,7 +2,6 @@
 
 import json
 import os
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +17,7 @@ from jaxstab.files.law import require_same_law
 from jaxstab.files.records import LostFunction, Structure, functions_of, lost_classes, restored
 from jaxstab.packages import NETCDF, require_packages
 from jaxstab.potentials import Potential, as_module
+from jaxstab.warn import warn
 
 # How a NetCDF file begins.
 _MAGIC = b"\x89HDF"
@@ -58,11 +58,10 @@ def save(
     dataset = to_dataset(contact, result, solver=solver, fields=fields)
     lost = functions_of(json.loads(dataset.attrs.get("structure", "null")))
     if lost:
-        warnings.warn(
+        warn(
             f"{path.name} holds values of `{lost[0]}`, no formula: to go on from it, give a law to "
             "jaxstab.load(path, potential=...), or write it, and a solid, as an equinox.Module of "
-            "numbers and arrays that can be imported.",
-            stacklevel=2,
+            "numbers and arrays that can be imported."
         )
     # Taken first, so that no other run can take the name.
     path.open("xb").close()

@@ -17,15 +17,21 @@ import numpy as np
 from jaxstab.cases import Case
 from jaxstab.functions import is_bare
 from jaxstab.studies.definitions import definition, global_names, plain
+from jaxstab.warn import warn
 
 _PLAIN = None | bool | int | float | complex | str | bytes | range | slice | PurePath | np.dtype
+
+
+# Functions of Python that take names from text.
+_BY_TEXT = {"eval", "exec", "globals"}
 
 
 def fingerprint(function: Callable[..., Any]) -> dict[str, str]:
     """Return digests of a function and of all that it refers to in its own module, by name.
 
-    Of functions the syntax counts, with defaults and what they close over; of values the type and
-    the content; of what comes from other modules the name; and the precision of JAX.
+    Of functions the syntax counts, with defaults, attributes and what they close over; of values
+    the type and the content; of what comes from other modules the name; and the precision of JAX.
+    It warns of functions that take names from text, where nothing can follow them.
 
     Raises:
         TypeError: for a value of which the content cannot be told.
@@ -66,6 +72,7 @@ class _Reader:
         self.names = names
         self.parts: dict[str, str] = {}
         self._seen: dict[int, str] = {}
+        self._with_attributes: set[int] = set()
 
     def add(self, name: str, value: Any) -> None:
         """Collect a value under a name."""
@@ -104,7 +111,9 @@ class _Reader:
             return self._class(value)
         function = inspect.unwrap(value) if callable(value) else value
         if isinstance(function, FunctionType) and function.__globals__ is self.names:
-            return self._function(function)
+            described = self._function(function)
+            self._attributes(name, value)
+            return described
         if is_dataclass(value):
             names = [field.name for field in fields(value) if hasattr(value, field.name)]
             inner = {field: getattr(value, field) for field in names}
@@ -136,7 +145,24 @@ class _Reader:
         for variable in global_names(function, node):
             if variable in self.names:
                 self.add(variable, self.names[variable])
+            elif variable in _BY_TEXT:
+                warn(
+                    f"`{name}` calls `{variable}`: of what it refers to by names in text a study "
+                    "cannot tell whether it has changed. Refer to it by name in the code."
+                )
         return self._seen[id(function)]
+
+    def _attributes(self, name: str, function: Any) -> None:
+        """Collect what was set on a function and on those that it is wrapped in."""
+        while function is not None and id(function) not in self._with_attributes:
+            self._with_attributes.add(id(function))
+            # What JAX and Equinox set themselves is not the caller's.
+            hidden = "__" if isinstance(function, FunctionType) else "_"
+            attributes = {} if is_dataclass(function) else getattr(function, "__dict__", {})
+            for key, value in sorted(attributes.items()):
+                if not key.startswith(hidden):
+                    self.add(f"{name}.{key}", value)
+            function = getattr(function, "__wrapped__", None)
 
     def _class(self, kind: type) -> str:
         if kind.__module__ != self.names.get("__name__"):

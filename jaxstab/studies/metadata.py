@@ -31,7 +31,11 @@ _COORDINATES = 1024
 def opened(path: Path) -> Any:
     """Return the group of Zarr as its root knows it, None where that is not finished.
 
-    What is left of changes that did not reach the root is taken back.
+    What is left of changes that did not reach the root is taken back, and folders that are lost
+    are made anew, empty.
+
+    Raises:
+        ValueError: where there are cases, but the root is lost.
     """
     import zarr
 
@@ -40,16 +44,22 @@ def opened(path: Path) -> Any:
         part.unlink()
     root = path / _ROOT
     group: Any = None
-    if root.exists() and json.loads(root.read_bytes()).get("consolidated_metadata"):
+    if _read_json(root).get("consolidated_metadata"):
         group = zarr.open_group(path, mode="r+", use_consolidated=True)
+    elif any(path.glob(f"{MARKS[0]}/c.*")):
+        raise ValueError(
+            f"{path} holds cases, but its file {_ROOT} is lost or damaged: put it back from a "
+            "copy, or give another path."
+        )
     else:
         root.unlink(missing_ok=True)
     for metadata in path.glob(f"*/{_ROOT}"):
-        name = metadata.parent.name
-        if group is None or name not in group:
+        if group is None or metadata.parent.name not in group:
             metadata.unlink()
-        elif tuple(json.loads(metadata.read_bytes())["shape"]) != group[name].shape:
-            group[name].resize(group[name].shape)
+    for name, array in group.arrays() if group is not None else ():
+        if tuple(_read_json(path / name / _ROOT).get("shape", ())) != array.shape:
+            (path / name).mkdir(exist_ok=True)
+            array.resize(array.shape)
     return group
 
 
@@ -76,14 +86,14 @@ def create(path: Path, axes: Sequence[Axis], identity: Mapping[str, str], source
     group = zarr.create_group(path, attributes=attributes)
     for axis in axes:
         for name, column in axis.columns.items():
-            array = group.create_array(
+            group.create_array(
                 name,
                 shape=column.shape,
                 chunks=(max(len(column), _COORDINATES),),
                 dtype=str if column.dtype.kind == "U" else column.dtype,
                 dimension_names=(axis.name,),
             )
-            array[:] = column
+            _written(path, name)[:] = column
     shape = tuple(map(len, axes))
     for name, form in MARK_FORMS.items():
         missing = {"result": MISSING, "error": ""}.get(name, np.nan)
@@ -93,8 +103,6 @@ def create(path: Path, axes: Sequence[Axis], identity: Mapping[str, str], source
 
 def extend(path: Path, group: Any, axes: Sequence[Axis]) -> Any:
     """Return the group of a store with the values of the axes that it did not have yet."""
-    import zarr
-
     shape, is_longer = [], False
     for axis in axes:
         known = set(rows_of(_stored(path, group, axis)))
@@ -104,7 +112,7 @@ def extend(path: Path, group: Any, axes: Sequence[Axis]) -> Any:
         for name, column in axis.columns.items() if new else ():
             group[name].resize((shape[-1],))
             # The part that the root knows is not touched.
-            zarr.open_array(path / name, mode="r+")[len(known) :] = column[new]
+            _written(path, name)[len(known) :] = column[new]
     if not is_longer:
         return group
     for name, array in group.arrays():
@@ -181,14 +189,48 @@ def _create_array(
 
 
 def _stored(path: Path, group: Any, axis: Axis) -> dict[str, np.ndarray]:
-    """Return what a store has of an axis."""
+    """Return what a store has of an axis.
+
+    Raises:
+        ValueError: for values of another kind, or where a part of the axis is lost.
+    """
     for name, column in axis.columns.items():
         stored = _dtype(group[name])
         if stored != column.dtype and stored.kind + column.dtype.kind != "UU":
             raise ValueError(
                 f"{name} is {column.dtype}, in {path} it is {stored}: give the same kind."
             )
-    return {name: np.asarray(group[name][:]) for name in axis.columns}
+    return {name: _whole(path, name, group[name]) for name in axis.columns}
+
+
+def _written(path: Path, name: str) -> Any:
+    """Return an axis to write to: all of it is kept, also zeros, which Zarr leaves out."""
+    import zarr
+
+    with zarr.config.set({"array.write_empty_chunks": True}):
+        return zarr.open_array(path / name, mode="r+")
+
+
+def _whole(path: Path, name: str, array: Any) -> np.ndarray:
+    """Return the values along an axis; Zarr reads those that are lost as zeros."""
+    try:
+        if array.nchunks_initialized == array.nchunks:
+            return np.asarray(array[:])
+        reason = "files are missing"
+    except (RuntimeError, ValueError) as error:
+        reason = str(error)
+    raise ValueError(
+        f"The axis {name} in {path} is damaged ({reason}), so that cases cannot be told apart: put "
+        f"the folder {path / name} back from a copy, or give another path."
+    )
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    """Return what a file of metadata says, nothing where it is lost or damaged."""
+    try:
+        return json.loads(path.read_bytes())
+    except (FileNotFoundError, ValueError):
+        return {}
 
 
 def _dtype(array: Any) -> np.dtype:

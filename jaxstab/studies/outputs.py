@@ -1,5 +1,6 @@
 """What a case returns, as arrays that a store can hold."""
 
+import math
 import struct
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -31,6 +32,12 @@ class Form:
     def __str__(self) -> str:
         kind = "words" if self.dtype.kind == "U" else str(self.dtype)
         return f"{kind} of shape {self.shape}" if self.shape else kind
+
+    @property
+    def least_bytes(self) -> int:
+        """The size of a chunk; of words, which may be longer, that of empty ones."""
+        number = math.prod(self.shape)
+        return 4 + 4 * number if self.dtype.kind == "U" else number * self.dtype.itemsize
 
     @property
     def missing(self) -> Any:
@@ -122,15 +129,28 @@ def _array(name: str, value: Any) -> np.ndarray:
         return np.asarray(value.name)
     if is_traced(value):
         raise TypeError(f"{name} is traced: call js.study outside of JAX transformations.")
-    array = np.asarray(value) if np.isscalar(value) or hasattr(value, "dtype") else None
-    if isinstance(value, list | tuple) and not any(map(_is_tree, value)):
-        array = np.asarray(value)
+    is_list = isinstance(value, list | tuple) and not any(map(_is_tree, value))
+    is_array = is_list or np.isscalar(value) or hasattr(value, "dtype")
+    array = _without_mask(name, value) if is_array else None
     if array is None or array.dtype.kind not in "biufcU":
         kind = type(value).__name__ if array is None else array.dtype
         raise TypeError(
             f"{name} is {kind}, which is no array: return the numbers of it that you need."
         )
     return array
+
+
+def _without_mask(name: str, value: Any) -> np.ndarray:
+    """Return an array in which NaN stands for what is masked."""
+    array = np.ma.asarray(value)
+    if not np.ma.is_masked(array):
+        return array.data
+    if array.dtype.kind not in "fc":
+        raise TypeError(
+            f"{name} is a masked array of {array.dtype}, which has no NaN for a masked value: "
+            "return floats, or fill it."
+        )
+    return array.filled(np.nan)
 
 
 def _is_tree(value: Any) -> bool:

@@ -22,6 +22,7 @@ class Queue:
     Arguments:
         store, claims: those of the study.
         places: all cases asked for.
+        retry: whether those that failed before are left, too.
 
     Attributes:
         num_cases: how many cases there are.
@@ -29,7 +30,7 @@ class Queue:
         num_failed: how many of them failed.
     """
 
-    def __init__(self, store: Store, claims: Claims, places: Sequence[Index]):
+    def __init__(self, store: Store, claims: Claims, places: Sequence[Index], retry: bool = False):
         self._store = store
         self._claims = claims
         self._guard = threading.Lock()
@@ -37,6 +38,8 @@ class Queue:
         self.num_cases, self.num_done, self.num_failed = len(places), 0, 0
         self._left: deque[Index] = deque()
         for place in places:
+            if retry:
+                self._forget_failed(store.index(place))
             if not self._is_done(place):
                 self._left.append(place)
         self._left.rotate(-int(start(os.environ) * len(self._left)))
@@ -83,6 +86,13 @@ class Queue:
             else:
                 taken.append(place)
         return taken
+
+    def _forget_failed(self, index: Index) -> None:
+        # A case that another process has in hand is being run again.
+        if self._store.result(index) == "failed" and self._claims.claim(index):
+            if self._store.result(index) == "failed":
+                self._store.forget(index)
+            self._claims.release(index)
 
     def _is_done(self, place: Index) -> bool:
         result = self._store.result(self._store.index(place))

@@ -1,6 +1,7 @@
 """The cases of a study, run one by one or in batches, on each of the devices."""
 
 import errno
+import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from jaxstab.studies.axes import LISTED, Axis, Index, arguments_of, places, stac
 from jaxstab.studies.outputs import arrays_of
 from jaxstab.studies.queue import Queue
 from jaxstab.studies.store import Store
+from jaxstab.warn import warn
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
@@ -43,6 +45,7 @@ class Runner:
     def __post_init__(self) -> None:
         self.together = jax.jit(jax.vmap(lambda values: self.case(**values)))
         self.programs = self.case.programs() if isinstance(self.case, Case) else None
+        self._has_warned = False
 
     def run(self) -> None:
         """Run cases until none is left, a thread to a device."""
@@ -98,12 +101,28 @@ class Runner:
         stacked = self.stacked(padded)
         try:
             outputs = jax.device_get(jax.block_until_ready(self.together(stacked)))
-        except Exception:
-            self.solve(places)
+        except Exception as error:
+            self.solve_alone(places, error)
             return
         seconds = (perf_counter() - start) / len(places)
         for lane, place in enumerate(places):
             self.keep(place, jax.tree.map(lambda leaf, i=lane: leaf[i], outputs), seconds)
+
+    def solve_alone(self, places: Sequence[Index], error: Exception) -> None:
+        """Run and store cases one by one after an error of a batch, which does not say whose."""
+        reason = _reason(error)
+        if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
+            raise ValueError(
+                f"A batch of {self.batch} cases needs more memory than there is ({reason}): use a "
+                "smaller batch."
+            ) from error
+        if not self._has_warned:
+            self._has_warned = True
+            warn(
+                f"A batch raised an error, and its {len(places)} cases are run one by one to find "
+                f"out which failed; so are those of later batches that raise: {reason}"
+            )
+        self.solve(places)
 
     def solve_in_lanes(self, programs: Programs) -> None:
         """Run and store cases in lanes, of which none waits for the others."""
@@ -120,10 +139,10 @@ class Runner:
                     place, outputs, seconds = next(done)
                 except StopIteration:
                     return True
-                except Exception:
+                except Exception as error:
                     if not lanes.in_hand:
                         raise
-                    self.solve(lanes.in_hand)
+                    self.solve_alone(lanes.in_hand, error)
                     return False
                 self.keep(place, outputs, seconds)
                 self.queue.finish([place])
@@ -170,3 +189,9 @@ class Runner:
 
 def _text(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"
+
+
+def _reason(error: Exception) -> str:
+    """Return one line: that of a function called back stands at the end of its traceback."""
+    lines = _text(error).splitlines()
+    return [lines[0], *(line for line in lines if re.match(r"[\w.]+Error: ", line))][-1]

@@ -82,8 +82,18 @@ class Store:
         return tuple(p[i] for p, i in zip(self._positions, place, strict=True))
 
     def result(self, index: Index) -> str | None:
-        """Return the result of a case, or None where it is not done."""
-        return self._word("result", index)
+        """Return the result of a case, or None where it is not done or a part of it is lost."""
+        result = self._word("result", index)
+        forms = {
+            "successful": {**metadata.MARK_FORMS, **self._forms},
+            "failed": metadata.MARK_FORMS,
+        }.get(result or "", {})
+        is_whole = all(self._is_whole(name, index, form) for name, form in forms.items())
+        return result if forms and is_whole else None
+
+    def forget(self, index: Index) -> None:
+        """Let a case count as not done."""
+        self._chunk("result", index, 0).unlink()
 
     def require_forms(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Raise `ValueError` where outputs are not those of other cases; the first settle them."""
@@ -144,6 +154,15 @@ class Store:
         except FileNotFoundError:
             return None
         return decoded_word(chunk) if chunk else None
+
+    def _is_whole(self, name: str, index: Index, form: Form) -> bool:
+        if 0 in form.shape:
+            return True
+        try:
+            size = self._chunk(name, index, len(form.shape)).stat().st_size
+        except FileNotFoundError:
+            return False
+        return size >= form.least_bytes
 
     def _write(self, name: str, index: Index, array: np.ndarray, form: Form) -> None:
         if array.size == 0:

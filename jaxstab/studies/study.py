@@ -3,7 +3,6 @@
 import inspect
 import signal
 import threading
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +19,7 @@ from jaxstab.studies.outputs import MARKS
 from jaxstab.studies.queue import Queue
 from jaxstab.studies.run import Runner
 from jaxstab.studies.store import Store, claims_file
+from jaxstab.warn import warn
 
 if TYPE_CHECKING:
     import xarray
@@ -35,11 +35,13 @@ def study(
     path: str | Path,
     *,
     batch: int = 1,
+    retry: bool = False,
     progress: bool = False,
 ) -> "xarray.Dataset":
     """Run a function for each case of a study, and keep what it returns in a Zarr store.
 
-    What is done is never run again: after an end of any kind, the same call goes on from there.
+    What is done is never run again: after an end of any kind, the same call goes on from there. A
+    case of which a file is lost is not done.
     Several processes can share one store, each started by this same call; the cases of one that
     dies are taken over by the others, and each returns once all are done. On Windows, where the
     system has no such locks, let one process at a time run a store. Values added to an axis extend
@@ -48,13 +50,15 @@ def study(
     Arguments:
         case: the function, called by names with numbers and words of Python or random keys. It
             returns a dict of numbers, words and arrays, the same and of the same shapes in all
-            cases; members of enumerations such as `jaxstab.VERDICTS` are kept as words. A case
-            that raises is recorded with its message.
+            cases; members of enumerations such as `jaxstab.VERDICTS` are kept as words, masked
+            floats as NaN. A case that raises is recorded as failed, with its message.
         axes: one-dimensional arrays by name, whose product is run; or a list of dicts, the
             combinations to be run, which lie on the dimension `case`.
         path: the folder of the store; made where it does not exist.
         batch: how many cases run at once, by `jax.vmap` of the compiled function; those of
-            `jaxstab.cases` in as many lanes, of which none waits for the slowest.
+            `jaxstab.cases` in as many lanes, of which none waits for the slowest. Of a batch that
+            raises the cases are run one by one, with a warning.
+        retry: run cases that failed before again; by default they are done.
         progress: show a progress bar, with the number of failures.
 
     Returns:
@@ -65,8 +69,9 @@ def study(
 
     Raises:
         ValueError: for a store that was begun with another case, found by its source and all that
-            it refers to in its own module, or that has other axes; for axes that are empty or not
-            finite; for a function that has no source, or, in batches, that JAX cannot trace.
+            it refers to in its own module, or that has other axes, or of which an axis is damaged;
+            for axes that are empty or not finite; for a function that has no source, or, in
+            batches, that JAX cannot trace; for a batch that does not fit into memory.
         TypeError: for a function that takes other arguments, or returns what is no dict of arrays.
         OSError: if the disk is full; what is done stays, and the same call goes on.
         ImportError: without xarray and zarr.
@@ -80,7 +85,7 @@ def study(
     identity, source = fingerprint(case), source_of(case)
     with claims_in(claims_file(path)) as claims:
         store = Store(path, asked, claims, identity, source)
-        queue = Queue(store, claims, list(places(asked)))
+        queue = Queue(store, claims, list(places(asked)), retry)
         _run_all(case, asked, store, queue, batch, progress)
         return store.dataset()
 
@@ -116,7 +121,7 @@ def _run_all(
         report()
     if was_interrupted() and queue.num_done < total:
         message = f"The study was interrupted: {stored()}. The same call goes on."
-        warnings.warn(message, StudyInterrupted, stacklevel=3)
+        warn(message, StudyInterrupted)
 
 
 @contextmanager

@@ -1,12 +1,12 @@
 """What looks wrong with a surface, before anything is computed with it."""
 
 import math
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
 from jaxstab.surfaces.processing import trend
+from jaxstab.warn import warn_once
 
 # Jumps across an edge above so many rms steps between neighbours are none of a periodic surface.
 _JUMP = 4.0
@@ -17,7 +17,6 @@ _ABOVE_LARGEST = 1.5
 # Of fewer points along a side nothing can be told.
 _FEWEST = 32
 _SLOPES = 1e-5, 10.0
-_already_said: dict[str | tuple[str, type[Warning], int], int] = {}
 
 
 class SurfaceWarning(UserWarning):
@@ -27,10 +26,7 @@ class SurfaceWarning(UserWarning):
 def warn(sentences: list[str]) -> None:
     """Warn of what looks wrong, once for each sentence."""
     for sentence in sentences:
-        # A registry of its own, so that reading and building a contact say it once between them.
-        warnings.warn_explicit(
-            sentence, SurfaceWarning, "jaxstab", 1, module=__name__, registry=_already_said
-        )
+        warn_once(sentence, SurfaceWarning)
 
 
 def looks_wrong(heights: np.ndarray) -> list[str]:

@@ -1,0 +1,64 @@
+"""Warnings point at the caller's line, and are given once."""
+
+import inspect
+import warnings
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import rough_contact
+
+import jaxstab as js
+
+LOAD = js.MeanGap(0.2)
+
+
+def coarse(length):
+    return rough_contact(16, js.potentials.Exponential(1e-2, length), youngs_modulus=1e-3)
+
+
+def here():
+    """The line that this is called from."""
+    return inspect.currentframe().f_back.f_lineno
+
+
+def test_a_warning_points_at_the_line_of_the_caller():
+    contact = coarse(0.101)
+    with pytest.warns(js.ResolutionWarning) as said:
+        line = [js.equilibrate(contact, LOAD, throw=False), here()][1]
+    assert [(warning.filename, warning.lineno) for warning in said] == [(__file__, line)]
+
+
+def test_surfaces_point_at_the_caller_too():
+    x = np.linspace(0, 1, 64)
+    heights = np.random.default_rng(0).normal(size=(64, 64)) + 20 * x
+    with pytest.warns(js.SurfaceWarning, match="tilted") as said:
+        js.surfaces.Topography(js.Grid(64), heights)
+        js.Contact(js.HalfSpace(js.Grid(64), 1.0), heights, js.potentials.NoAdhesion())
+    assert {warning.filename for warning in said} == {__file__}
+
+
+def test_steps_of_a_fit_warn_once_and_filters_that_say_always_hold():
+    # As a fit of one's own does: another contact at each step.
+    contacts = [coarse(0.11 + 0.001 * i) for i in range(3)]
+
+    def fit():
+        for contact in contacts:
+            js.equilibrate(contact, LOAD, throw=False)
+
+    fit()  # compiles
+    for action, number in (("default", 1), ("default", 0), ("always", 3)):
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter(action)
+            fit()
+        assert [warning.category for warning in said] == number * [js.ResolutionWarning]
+
+
+@pytest.mark.parametrize("order", ["independent", "continuation"])
+def test_a_sweep_warns_once_whatever_the_filters(order):
+    loads = js.MeanGap(jnp.array([0.3, 0.25, 0.2]))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        js.sweep(coarse(0.12), loads, order=order)
+    assert [warning.category for warning in said] == [js.ResolutionWarning]
+    assert said[0].filename == __file__
