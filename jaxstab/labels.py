@@ -39,7 +39,7 @@ QUANTITIES = {
     "smoothing": ("smoothing of the law's edge over its range", NUMBER),
     "state": ("number of the state before", NUMBER),
     "stiffness": ("stiffness", STIFFNESS),
-    "surface_energy": ("surface energy", SURFACE_ENERGY),
+    "surface_energy": ("work of adhesion", SURFACE_ENERGY),
     "thickness": ("thickness of the layer", LENGTH),
     "verdict": ("verdict on the stability", NUMBER),
     "work": ("work done by what is prescribed", ENERGY),
