@@ -67,10 +67,9 @@ def test_a_file_in_metres_has_si_units_and_si_numbers(tmp_path):
 
 
 def test_a_file_of_a_line_in_metres_has_joules_per_metre():
-    grid = js.Grid(8, (1e-6, 1e-6))
-    line = js.Grid((16,), (1e-6,))
+    line, square = js.Grid((16,), (1e-6,)), js.Grid(8, (1e-6, 1e-6))
     law = js.potentials.Exponential(0.04, 1e-7)
-    for grid, energy, area in ((line, "J/m", "m"), (grid, "J", "m^2")):
+    for grid, energy, area in ((line, "J/m", "m"), (square, "J", "m^2")):
         heights = js.surfaces.sinusoid(grid, 1e-8)
         contact = js.Contact(js.HalfSpace(grid, 2e6), heights, law, unit="m")
         state = js.equilibrate(contact, js.MeanGap(5e-8))
