@@ -391,6 +391,16 @@ def test_adhesion_is_seen_beside_a_compression_that_is_far_larger(loop):
         loop,
         loop.equilibrium.mean_pressure.at[40].set(1000.0),
     )
+    # Nor is rounding a tension.
+    rounded = eqx.tree_at(
+        lambda x: x.equilibrium.mean_pressure, loop, loop.equilibrium.mean_pressure.at[:].set(1e-9)
+    )
+    rounded = eqx.tree_at(
+        lambda x: x.equilibrium.mean_pressure,
+        rounded,
+        rounded.equilibrium.mean_pressure.at[3].set(-1e-17),
+    )
+    assert limits(rounded)[1][1] > 1e-9
     tension = -float(loop.equilibrium.mean_pressure.min())
     np.testing.assert_allclose(limits(pressed)[1], [-1.2 * tension, tension])
     over = limits(pressed, x="mean_pressure", y="mean_gap")[0]

@@ -162,5 +162,7 @@ def _draw(result: Sweep, unit: str | None, path: Path) -> None:
         stability_curve(result, quantity, unit=unit, axes=axes)
     for axes in figure.axes[:-1]:
         # That of the last is beside it.
-        axes.get_legend().remove()
+        legend = axes.get_legend()
+        assert legend is not None
+        legend.remove()
     figure.savefig(path, dpi=150)

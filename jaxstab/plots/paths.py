@@ -22,6 +22,8 @@ from jaxstab.plots.style import (
 
 Quantity = Literal["mean_gap", "mean_pressure", "contact_area", "energy", "load"]
 
+# Over the largest compression: less is rounding, or nothing to look at.
+_LEAST_TENSION = 1e-3
 # Points.
 _SHORTEST_ARROW = 8
 # Letters.
@@ -99,10 +101,8 @@ def _draw(path: Path, x: Quantity, y: Quantity, unit: str | None, axes: Axes) ->
         label = f"to {loads[part == i][-1] / divisor:.3g}" if j == branch[part == i][0] else None
         colour = PALETTE[i % len(PALETTE)]
         axes.plot(there[chosen], across[chosen], ".-", markersize=3, color=colour, label=label)
-    for axis, quantity, values in ((axes.xaxis, x, there), (axes.yaxis, y, across)):
-        if quantity == "mean_pressure":
-            _show_adhesion(axis, values)
-        label_axis(axis, _label(path, quantity), unit)
+    _scale(axes.xaxis, path, x, unit)
+    _scale(axes.yaxis, path, y, unit)
     _draw_jumps(path, there, across, axes)
     is_loop = loads[0] == loads[-1] and np.isfinite(path.dissipation)
     if is_loop and (x, y) == ("mean_gap", "mean_pressure"):
@@ -124,11 +124,14 @@ def _load_label(path: Path, unit: str | None) -> tuple[float, str]:
     return scaled_label(unit, load_label(path.load), np.abs(path.load.value).max())
 
 
-def _show_adhesion(axis: Any, pressures: np.ndarray) -> None:
-    """Cut off compression that leaves no room to see the tension."""
-    tension, compression = -np.nanmin(pressures), np.nanmax(pressures)
-    if 0 < tension < compression:
-        axis.axes.set(**{f"{axis.axis_name}lim": (-1.2 * tension, tension)})
+def _scale(axis: Any, path: Path, quantity: Quantity, unit: str | None) -> None:
+    """Label an axis, and cut off a compression that leaves no room to see the tension."""
+    if quantity == "mean_pressure":
+        pressures = _of_states(path, quantity)
+        tension, compression = -np.nanmin(pressures), np.nanmax(pressures)
+        if _LEAST_TENSION * compression < tension < compression:
+            axis.axes.set(**{f"{axis.axis_name}lim": (-1.2 * tension, tension)})
+    label_axis(axis, _label(path, quantity), unit)
 
 
 def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -> None:
