@@ -184,7 +184,7 @@ class FarDisplacement(Load):
 
 
 def warn_if_soft(load: Load, solid: Solid) -> None:
-    """Warn, once for each, of a spring next to which the solid is as good as rigid.
+    """Warn, once for each, of a spring that is softer than any cantilever against a solid.
 
     Nothing is said inside of `jax.jit` and `jax.vmap`, where values are not known yet.
     """
@@ -195,9 +195,9 @@ def warn_if_soft(load: Load, solid: Solid) -> None:
         return
     warnings.warn_explicit(
         f"the stiffness of the spring is {stiffness:.3g} [pressure/length], that of the solid's "
-        f"softest wave {softest:.3g}: such a machine presses with next to nothing, whatever its "
-        "position. If the number is a force per length, as N/m, write Spring.cantilever(position, "
-        f"{stiffness:.3g}, contact.grid), which divides it by the cell's area of "
+        f"softest wave {softest:.3g}: moved by the size of the contact, it presses with "
+        "next to nothing. If the number is a force per length, write Spring.cantilever(position, "
+        f"{stiffness:.3g}, contact.grid), as for N/m, which divides it by the cell's area of "
         f"{known(solid.grid.area):.3g}. For a dead load give a MeanPressure.",
         MachineWarning,
         "jaxstab",
