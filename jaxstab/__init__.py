@@ -31,7 +31,14 @@ from jaxstab.equilibrium import (
 from jaxstab.equilibrium.window import WindowWarning
 from jaxstab.files import load, save, to_dataset
 from jaxstab.grid import Grid
-from jaxstab.loads import FarDisplacement, MeanDisplacement, MeanGap, MeanPressure, Spring
+from jaxstab.loads import (
+    FarDisplacement,
+    MachineWarning,
+    MeanDisplacement,
+    MeanGap,
+    MeanPressure,
+    Spring,
+)
 from jaxstab.paths import Jump, Path, PathInterrupted, critical_load, follow, pull_off
 from jaxstab.resolution import ResolutionWarning
 from jaxstab.results import KINDS, RESULTS, VERDICTS, SolverError
@@ -77,6 +84,7 @@ __all__ = [
     "HalfSpace",
     "Jump",
     "Layer",
+    "MachineWarning",
     "MeanDisplacement",
     "MeanGap",
     "MeanPressure",
@@ -132,4 +140,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__, "__version__"})
+    return sorted([*__all__, "__version__"])

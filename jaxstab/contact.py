@@ -33,7 +33,7 @@ from jaxstab.potentials import (
 )
 from jaxstab.profile import Profile, profile_of, require_smooth
 from jaxstab.programs import make_room, program
-from jaxstab.surfaces import Topography, suspicion
+from jaxstab.surfaces import Topography, suspicion, units
 
 # How far below a surface that ends the solid may sink beyond it, over the surface's depth.
 _DEPTH = 2
@@ -51,6 +51,8 @@ class Contact(eqx.Module):
         potential: adhesive energy per area as a scalar function of the gap, twice differentiable
             for every gap >= 0, or for every gap > 0 if it rises without bound towards zero: a
             law of `jaxstab.potentials`, any `equinox.Module`, or a bare function.
+        unit: that of lengths, for heights without one: "m", "µm", "nm", ... Figures and data sets
+            show it. In metres pressures are in pascals and energies in joules, and shown so.
 
     Warns:
         SurfaceWarning: for heights that look wrong: tilted, with opposite edges that do not meet,
@@ -58,7 +60,8 @@ class Contact(eqx.Module):
 
     Raises:
         ValueError: for heights of another shape than the grid or not finite, for a topography
-            with missing points or on another grid, and for a potential
+            with missing points, on another grid or in another unit, for a unit that is none of
+            length, and for a potential
             that is not scalar to scalar, or at zero gap not finite with its two derivatives and not
             rising to it, or not finite at other gaps, or piecewise linear.
         TypeError: for a solid that is not one, for heights that are masked, complex or of another
@@ -68,12 +71,18 @@ class Contact(eqx.Module):
     solid: Solid
     heights: Float[Array, " *grid"]
     potential: Potential
-    # That of lengths, where a measured surface has one: figures and data sets show it.
     unit: str | None = eqx.field(static=True)
 
     __repr__ = block
 
-    def __init__(self, solid: Solid, heights: ArrayLike | Topography, potential: Potential):
+    def __init__(
+        self,
+        solid: Solid,
+        heights: ArrayLike | Topography,
+        potential: Potential,
+        *,
+        unit: str | None = None,
+    ):
         if not isinstance(solid, Solid):
             raise TypeError(
                 f"The solid is a {type(solid).__name__}: give a solid such as HalfSpace(grid, ...) "
@@ -94,7 +103,7 @@ class Contact(eqx.Module):
         require_finite("heights", self.heights)
         suspicion.warn(_suspicions(solid, given, topography))
         self.solid = cast(solid, dtype)
-        self.unit = topography.unit if topography else None
+        self.unit = _unit(topography, unit)
         law = as_module(potential, dtype)
         fields = varying_fields(law)
         for field in fields:
@@ -236,6 +245,18 @@ def require_contact(contact: Any) -> None:
             f"{type(contact).__name__} is no contact: give that first, as made by "
             "jaxstab.Contact(solid, heights, potential)."
         )
+
+
+def _unit(topography: Topography | None, given: str | None) -> str | None:
+    """Return the unit of lengths: that of a topography if it has one, else that given."""
+    own = topography.unit if topography else None
+    unit = own if given is None else units.unit_of(given)
+    if own not in (None, unit):
+        raise ValueError(
+            f"The unit is {unit}, the topography is in {own}: leave out `unit`, or convert the "
+            f'topography by `.in_unit("{unit}")` and give lengths in {unit}.'
+        )
+    return unit
 
 
 def _suspicions(

@@ -129,7 +129,7 @@ def _columns(sweep: Any) -> dict[str, list[str]]:
     }
     solvers = _column(equilibrium.result.name, str)
     if stability is not None:
-        is_local = np.atleast_1d((stability.verdict == "stable") & ~stability.proved)
+        is_local = np.atleast_1d(stability.is_local)
         names = zip(_column(stability.verdict.name, str), is_local, strict=True)
         columns["verdict"] = [f"{name}, locally" if local else name for name, local in names]
         judged = _column(stability.result.name, str)

@@ -1,5 +1,9 @@
 """What each quantity is called, and what it is measured in."""
 
+import re
+
+import numpy as np
+
 from jaxstab.contact import Contact
 
 LENGTH, PRESSURE, ENERGY, NUMBER = "length", "pressure", "energy", "1"
@@ -39,7 +43,7 @@ QUANTITIES = {
     "smoothing": ("smoothing of the law's edge over its range", NUMBER),
     "state": ("number of the state before", NUMBER),
     "stiffness": ("stiffness", STIFFNESS),
-    "surface_energy": ("surface energy", SURFACE_ENERGY),
+    "surface_energy": ("work of adhesion", SURFACE_ENERGY),
     "thickness": ("thickness of the layer", LENGTH),
     "verdict": ("verdict on the stability", NUMBER),
     "work": ("work done by what is prescribed", ENERGY),
@@ -47,7 +51,48 @@ QUANTITIES = {
 }
 
 
+# In metres, and in no other unit, it is clear what a consistent set measures the rest in.
+_SI = {LENGTH: "m", "area": "m^2", PRESSURE: "Pa", ENERGY: "J"}
+_PREFIXES = dict(
+    zip(range(-18, 13, 3), ["a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"], strict=True)
+)
+# There energies and areas are those per length of the other side.
+_ON_A_LINE = {ENERGY: f"{ENERGY}/{LENGTH}", f"{LENGTH}^2": LENGTH}
+
+
+def dimension_on(num_sides: int, dimension: str) -> str:
+    """Return the dimension that a quantity has on a grid of one side or two."""
+    return _ON_A_LINE.get(dimension, dimension) if num_sides == 1 else dimension
+
+
 def with_unit(contact: Contact | str | None, label: str) -> str:
-    """Return a label with a unit of length, that of a contact if it has one, for the word."""
+    """Return a dimension, or a label "name [dimension]", in the units of a contact.
+
+    Arguments:
+        contact: the contact, or its unit of length. In metres the others are those of the SI.
+        label: the dimension or label.
+    """
     unit = contact.unit if isinstance(contact, Contact) else contact
-    return label if unit is None else label.replace(LENGTH, unit)
+    if unit is None:
+        return label
+    units = _SI if unit == "m" else {LENGTH: unit}
+    name, bracket, dimension = label.rpartition("[")
+    return name + bracket + re.sub("[a-z]+", lambda word: units.get(word[0], word[0]), dimension)
+
+
+def prefixed(unit: str, largest: float) -> tuple[float, str]:
+    """Return by what to divide a value in an SI unit, and the unit with that prefix.
+
+    Other units, and those that take no prefix, as 1/m, stay as they are.
+    """
+    if not re.match(r"(m|Pa|J)(/|$)", unit) or not 0 < largest < np.inf:
+        return 1.0, unit
+    power = int(np.clip(3 * np.floor(np.log10(largest) / 3), min(_PREFIXES), max(_PREFIXES)))
+    return 10.0**power, _PREFIXES[power] + unit
+
+
+def measured(contact: Contact | str | None, value: float, dimension: str, digits: int = 3) -> str:
+    """Return a value with its unit; in brackets, as 2 [length], where that is not known."""
+    divisor, unit = prefixed(with_unit(contact, dimension), abs(value))
+    is_known = not {*re.findall("[a-z]+", unit)} & {*_SI}
+    return f"{value / divisor:.{digits}g} {unit if is_known else f'[{unit}]'}"

@@ -92,6 +92,11 @@ def _at_some_points(potential: Potential) -> Potential:
     return with_fields(potential, [field[chosen][:, None] for field in flat])
 
 
+def innermost_gap(profile: Profile) -> float:
+    """Return the gap at which a law with a core is least, zero for any other law [length]."""
+    return float(profile.gaps[np.nanargmin(profile.values)]) if profile.has_core else 0.0
+
+
 def require_smooth(profile: Profile) -> None:
     """Raise `ValueError` if a law, where it is known, cannot be solved with.
 
@@ -102,6 +107,7 @@ def require_smooth(profile: Profile) -> None:
     if is_traced(profile):
         return
     profile = jax.tree.map(np.asarray, profile)
+    innermost = innermost_gap(profile)
     fields = {"": profile.values, " slope": profile.slopes, " curvature": profile.curvatures}
     cure = (
         "with its first two derivatives it must be finite there, or else rise without bound as the "
@@ -111,7 +117,6 @@ def require_smooth(profile: Profile) -> None:
         is_sound = np.isfinite(field[-1]) | profile.has_core
         require(f"The potential's{name} value at zero gap", field[-1], is_sound, cure)
 
-    innermost = profile.gaps[np.nanargmin(profile.values)] if profile.has_core else 0
     matters = (profile.gaps >= innermost) & (profile.gaps <= profile.gaps[0] / 2.0 ** _OCTAVES[0])
     for name, field in fields.items():
         undefined = matters & ~np.isfinite(field)

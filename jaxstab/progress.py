@@ -17,10 +17,19 @@ _bars: list[tqdm] = []
 
 @contextmanager
 def progress_bar(total: int, unit: str, *, shown: bool = True, done: int = 0) -> Iterator[tqdm]:
-    """Show a bar of `total` units, some `done` before, that `advance` moves, to the block's end."""
+    """Show a bar of `total` units, some `done` before, that `advance` moves, to the block's end.
+
+    It says "compiling" until the first step, most of whose time that is.
+    """
     from tqdm import tqdm
 
-    with tqdm(total=total, unit=unit, disable=not shown, initial=done) as bar:
+    class Bar(tqdm):
+        def update(self, n: float | None = 1) -> bool | None:
+            if not self.disable and self.desc:
+                self.set_description()
+            return super().update(n)
+
+    with Bar(total=total, unit=unit, disable=not shown, initial=done, desc="compiling") as bar:
         _bars.append(bar)
         try:
             yield bar

@@ -13,6 +13,9 @@ import xarray
 
 import jaxstab as js
 from jaxstab.__main__ import _keep_programs, main
+from jaxstab.commands import problem
+from jaxstab.commands import run as run_command
+from jaxstab.commands.parsing import Parser
 
 SURFACE = ["--size", "32", "--k-high", "8"]
 SMALL = [*SURFACE, "--study", "unloading", "--number", "5"]
@@ -371,6 +374,10 @@ def test_options_that_make_no_sense_end_in_one_line(tmp_path, capsys, arguments,
             "that of the one before",
         ),
         (["run", "--config", "wrong.toml"], "wrong.toml: size is True: give a number or text."),
+        (
+            ["run", "--config", "typo.toml"],
+            "typo.toml: there is no option rms_hight; the nearest is rms_height.",
+        ),
     ],
 )
 def test_files_that_make_no_sense_end_in_one_line(
@@ -380,8 +387,28 @@ def test_files_that_make_no_sense_end_in_one_line(
     (tmp_path / "empty.txt").touch()
     (tmp_path / "broken.toml").write_text("size = = 3")
     (tmp_path / "wrong.toml").write_text("size = true")
+    (tmp_path / "typo.toml").write_text("[surface]\nrms_hight = 0.1")
     (tmp_path / "other.toml").write_text('config = "wrong.toml"')
     assert_refused(arguments, message, capsys)
+
+
+@pytest.mark.parametrize("law", [*problem.LAWS, "none"])
+def test_the_first_load_by_default_takes_pressures_of_the_problems_own(law):
+    youngs_modulus, energy, length, rms, k_high = 0.2, 0.03, 0.4, 0.1, 4
+    given = ["--youngs-modulus", str(youngs_modulus), "--rms-height", str(rms)]
+    given += ["--size", "16", "--k-high", str(k_high), "--potential", law]
+    if law != "none":
+        given += ["--surface-energy", str(energy), "--range", str(length)]
+    parser = Parser(prog="jaxstab run")
+    run_command.add_options(parser)
+    options = run_command.read(parser, given, parser.parse_args(given))
+    contact = problem.contact_of(options)
+    assert (f"w = {energy:g}" in problem.described(options, contact)) == (law != "none")
+    loads = problem.loads_of(options, contact, [0, 1])
+    assert loads.value[1] - loads.value[0] == pytest.approx(20 * rms)
+    # That of the shortest wave as high as summits are, and that which does w over the range.
+    own = youngs_modulus * np.pi * k_high * 3 * rms + energy / length
+    assert abs(js.equilibrate(contact, loads[0]).mean_pressure) < own
 
 
 def assert_refused(arguments, message, capsys):

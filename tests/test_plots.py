@@ -10,6 +10,7 @@ from matplotlib.text import Text
 
 import jaxstab as js
 from jaxstab import plots
+from jaxstab.stacks import stacked
 
 
 @pytest.fixture(scope="module")
@@ -51,12 +52,9 @@ DRAW = {
 }
 
 
-class Measured(js.Contact):
-    """A contact whose lengths have a unit."""
-
-    def __init__(self, contact, unit):
-        self.solid, self.heights = contact.solid, contact.heights
-        self.potential, self.unit = contact.potential, unit
+def measured(contact, unit):
+    """Return a contact with a unit, with the numbers of another, and so its states."""
+    return js.Contact(contact.solid, contact.heights, contact.potential, unit=unit)
 
 
 @pytest.mark.parametrize("name", DRAW)
@@ -73,8 +71,7 @@ def test_each_plot_draws_into_the_axes_given_and_labels_them(name, kind, request
 @pytest.mark.parametrize("kind", ["state", "line"])
 def test_lengths_have_the_contacts_unit_and_pressures_none(kind, request):
     contact, equilibrium, pair = request.getfixturevalue(kind)
-    measured = Measured(contact, "µm")
-    for drawn, unit in ((contact, "length"), (measured, "µm")):
+    for drawn, unit in ((contact, "length"), (measured(contact, "µm"), "µm")):
         axes = plots.gap(drawn, equilibrium)
         (bar,) = axes.child_axes or [axes]
         assert axes.get_xlabel() == f"x [{unit}]"
@@ -83,6 +80,106 @@ def test_lengths_have_the_contacts_unit_and_pressures_none(kind, request):
         (bar,) = axes.child_axes or [axes]
         assert bar.get_ylabel() == "elastic pressure p [pressure]"
         assert plots.mode(drawn, pair).get_title().endswith(f"[pressure/{unit}]")
+    elsewhere = plots.gap(contact, equilibrium, unit="nm")
+    assert elsewhere.get_xlabel() == "x [nm]"
+
+
+@pytest.fixture(scope="module")
+def pdms():
+    """A PDMS-like contact in metres, pascals and joules per square metre, over a load."""
+    grid = js.Grid(16, (50e-6, 50e-6))
+    heights = js.surfaces.self_affine(grid, jax.random.key(1), k_high=4, rms_height=0.5e-6)
+    law = js.potentials.Exponential(0.04, 0.5e-6)
+    contact = js.Contact(js.HalfSpace(grid, 2e6, 0.5), heights, law, unit="m")
+    return contact, js.sweep(contact, js.MeanGap(jnp.array([0.5e-6, 1e-6])))
+
+
+def ticks(axis):
+    """Return what is written at the ticks of an axis, beside where they are."""
+    places = axis.get_majorticklocs()
+    texts = axis.get_major_formatter().format_ticks(places)
+    return places, [float(text.replace("\u2212", "-")) for text in texts]
+
+
+def test_in_metres_lengths_are_micrometres_and_pressures_kilopascals(pdms):
+    contact, sweep = pdms
+    state = sweep[0]
+    axes = plots.pressure(contact, state)
+    (bar,) = axes.child_axes
+    assert axes.get_xlabel() == "x [µm]" and axes.get_ylabel() == "y [µm]"
+    assert bar.get_ylabel() == "elastic pressure p [kPa]"
+    # What is drawn stays in metres and pascals, to draw into.
+    np.testing.assert_array_equal(axes.images[0].get_array(), state.equilibrium.pressure.T)
+    for axis, unit in ((axes.xaxis, 1e-6), (bar.yaxis, 1e3)):
+        places, texts = ticks(axis)
+        np.testing.assert_allclose(texts, places / unit, rtol=1e-6, atol=1e-9)
+    title = plots.mode(contact, state.stability.cone).get_title()
+    number, unit = title.removeprefix("$\\lambda$ = ").split(" ")
+    prefix = {"G": 1e9, "T": 1e12}[unit[0]]
+    assert unit[1:] == "Pa/m"
+    np.testing.assert_allclose(float(number) * prefix, state.stability.cone.eigenvalue, rtol=1e-3)
+
+
+def test_every_curve_reads_in_si_units(pdms):
+    contact, sweep = pdms
+    axes = plots.stability_curve(sweep, unit="m")
+    assert axes.get_xlabel() == "mean gap $g_0$ [µm]"
+    assert axes.get_ylabel() == "mean pressure $p_0$ [kPa]"
+    assert plots.stability_curve(sweep, "energy", unit="m").get_ylabel() == "energy [pJ]"
+    gaps = jnp.linspace(0, 9e-7, 9)
+    axes = plots.potential(contact.potential, gaps, unit="m")
+    assert axes.get_xlabel() == "gap g [nm]"
+    assert axes.get_ylabel() == "energy per area f(g) [mJ/m²]"
+    assert plots.force(contact.potential, gaps, unit="m").get_ylabel() == "attraction f'(g) [kPa]"
+    assert plots.force(contact.potential, gaps).get_ylabel() == "attraction f'(g) [pressure]"
+    rings = js.surfaces.power_spectrum(contact.grid, contact.heights)
+    assert plots.spectrum(rings, unit="m").get_ylabel() == "power spectral density [m$^4$]"
+
+
+def test_a_second_curve_takes_the_unit_that_suits_both():
+    law, axes = js.potentials.Exponential(0.04, 1e-7), plt.subplots()[1]
+    for most, label in ((5e-7, "gap g [nm]"), (5e-5, "gap g [µm]"), (50.0, "gap g [m]")):
+        plots.force(law, jnp.linspace(0, most, 9), unit="m", axes=axes)
+        assert axes.get_xlabel() == label
+        places, texts = ticks(axes.xaxis)
+        unit = {"[nm]": 1e-9, "[µm]": 1e-6, "[m]": 1}[label.split()[-1]]
+        np.testing.assert_allclose(texts, places / unit, rtol=1e-6, atol=1e-9)
+
+
+def test_a_summary_in_metres_tells_numbers_with_prefixes(pdms):
+    contact, sweep = pdms
+    state = sweep[0]
+    shown = words(plots.summary(contact, state))
+    assert {"500 nm", f"{float(state.equilibrium.mean_pressure) / 1e3:.3g} kPa"} <= shown
+    assert shown & {"[GPa/m]", "[TPa/m]"}
+
+
+def test_a_line_has_energies_per_length(line):
+    contact, _, _ = line
+    sweep = js.sweep(contact, js.MeanGap(jnp.array([0.05, 0.1])), stability=True)
+    assert plots.stability_curve(sweep, "energy").get_ylabel() == "energy [energy/length]"
+    assert plots.stability_curve(sweep, "energy", unit="m").get_ylabel().endswith("J/m]")
+
+
+def test_the_contact_is_outlined_on_modes(hertz, state, line):
+    contact, equilibrium, pair = state
+    (outline,) = plots.mode(contact, pair, equilibrium).collections
+    # Between the outermost points in contact and their neighbours, on all four sides.
+    outline = np.concatenate([path.vertices for path in outline.get_paths()])
+    x, y = (np.asarray(side)[equilibrium.in_contact] for side in contact.grid.coordinates)
+    half = float(contact.grid.spacing[0]) / 2
+    ends = [[x.min() - half, y.min() - half], [x.max() + half, y.max() + half]]
+    np.testing.assert_allclose([outline.min(0), outline.max(0)], ends)
+    assert not plots.mode(contact, pair).collections
+    contact, equilibrium, pair = line
+    assert len(plots.mode(contact, pair, equilibrium).collections) == 1
+
+
+def test_the_axis_of_a_mode_is_not_called_as_a_side_is(line, state):
+    contact, _, pair = line
+    assert plots.mode(contact, pair).get_ylabel() == "mode of unit norm [1]"
+    contact, _, pair = state
+    assert plots.mode_cut(contact, pair).get_ylabel() == "mode of unit norm [1]"
 
 
 def test_a_stability_is_not_taken_for_one_of_its_modes(state):
@@ -169,11 +266,17 @@ def test_stability_curves_fill_the_markers_of_stable_states(sweep):
 def test_verdicts_differ_without_colour(sweep):
     codes = jnp.arange(len(js.VERDICTS))
     every = eqx.tree_at(lambda x: x.stability.verdict.code, sweep[[0, 1, 2, 0]], codes)
+    # As far as found, and proved.
+    every = eqx.tree_at(lambda x: x.stability.proved, every, codes > 0)
+    extra = eqx.tree_at(lambda x: x.stability.proved, every[[0, 0]], jnp.array([True, False]))
+    labels = [marks.get_label() for marks in plots.stability_curve(extra).collections]
+    assert labels == ["stable", "stable, locally"]
+    every = stacked([*every, extra[0]], every[0])
     looks = {
         (marks.get_paths()[0].vertices.tobytes(), marks.get_facecolor()[0].mean() > 0.99)
         for marks in plots.stability_curve(every).collections
     }
-    assert len(looks) == len(js.VERDICTS)
+    assert len(looks) == len(js.VERDICTS) + 1
 
 
 def test_curves_have_the_colours_of_okabe_and_ito():
@@ -240,7 +343,7 @@ def test_a_path_is_drawn_with_its_jumps_and_the_energy_of_its_loop(loop):
     axes = plots.path(loop)
     left, right = axes.figure.axes
     assert left is axes
-    assert axes.get_title() == f"lost around the loop: {float(loop.dissipation):.4g} [energy]"
+    assert axes.get_title() == f"lost in 2 jumps: {float(loop.dissipation):.4g} [energy]"
     assert axes.get_xlabel() == "mean gap $g_0$ [length]"
     assert right.get_ylabel() == "contact area [1]"
     assert len(axes.texts) == len(loop.jumps)
@@ -258,6 +361,89 @@ def test_a_path_is_drawn_with_its_jumps_and_the_energy_of_its_loop(loop):
     np.testing.assert_allclose(area, loop.dissipation, rtol=2e-2)
     over = plots.path(loop, x="load", y="energy", axes=right)
     assert over.get_xlabel() == "mean displacement $u_0$ [length]"
+
+
+def test_jumps_too_short_for_a_head_have_none(loop):
+    short = eqx.tree_at(
+        lambda x: x.equilibrium.mean_pressure,
+        loop,
+        # The second jump is made a hundredth of the curve's height.
+        loop.equilibrium.mean_pressure.at[loop.jumps.state[1] + 1].set(
+            loop.equilibrium.mean_pressure[loop.jumps.state[1]] + 0.015
+        ),
+    )
+
+    def heads(path):
+        axes = plots.path(path, axes=plt.subplots()[1])
+        return [type(text.arrow_patch.get_arrowstyle()).__name__ for text in axes.texts]
+
+    assert heads(loop) == ["CurveB", "CurveB"]
+    assert heads(short) == ["CurveB", "Curve"]
+
+
+def test_adhesion_is_seen_beside_a_compression_that_is_far_larger(loop):
+    def limits(path, **quantities):
+        axes = plots.path(path, axes=plt.subplots()[1], **quantities)
+        return axes.get_xlim(), axes.get_ylim()
+
+    pressed = eqx.tree_at(
+        lambda x: x.equilibrium.mean_pressure,
+        loop,
+        loop.equilibrium.mean_pressure.at[40].set(1000.0),
+    )
+    # Nor is rounding a tension.
+    rounded = eqx.tree_at(
+        lambda x: x.equilibrium.mean_pressure, loop, loop.equilibrium.mean_pressure.at[:].set(1e-9)
+    )
+    rounded = eqx.tree_at(
+        lambda x: x.equilibrium.mean_pressure,
+        rounded,
+        rounded.equilibrium.mean_pressure.at[3].set(-1e-17),
+    )
+    assert limits(rounded)[1][1] > 1e-9
+    tension = -float(loop.equilibrium.mean_pressure.min())
+    np.testing.assert_allclose(limits(pressed)[1], [-1.2 * tension, tension])
+    over = limits(pressed, x="mean_pressure", y="mean_gap")[0]
+    np.testing.assert_allclose(over, [-1.2 * tension, tension])
+    # Without tension there is none to be seen, and a small compression is shown in full.
+    pushed = eqx.tree_at(
+        lambda x: x.equilibrium.mean_pressure, loop, 10 + loop.equilibrium.mean_pressure
+    )
+    assert limits(pushed)[1][1] > float(pushed.equilibrium.mean_pressure.max())
+    assert limits(loop)[1][1] > float(loop.equilibrium.mean_pressure.max())
+
+
+def test_the_contact_area_is_drawn_only_where_something_touches(loop):
+    apart = eqx.tree_at(
+        lambda x: x.equilibrium.contact_area, loop, jnp.zeros_like(loop.equilibrium.contact_area)
+    )
+    for drawn, y, number in (
+        (apart, "mean_pressure", 1),
+        (loop, "contact_area", 1),
+        (loop, "energy", 2),
+    ):
+        axes = plots.path(drawn, y=y)
+        assert len(axes.figure.axes) == number
+        # The legend is beside the last panel, off all that is drawn.
+        legend = axes.figure.axes[-1].get_legend()
+        axes.figure.draw_without_rendering()
+        box, inside = legend.get_window_extent(), axes.figure.axes[-1].get_window_extent()
+        assert box.x0 >= inside.x1
+
+
+def test_a_loop_in_metres_is_lost_in_joules(loop):
+    small = eqx.tree_at(lambda x: x.dissipation, loop, jnp.array(3.62e-14))
+    axes = plots.path(small, unit="m")
+    assert axes.get_title() == "lost in 2 jumps: 36.2 fJ"
+    loads = small.load.value * 1e-6
+    tiny = eqx.tree_at(lambda x: x.load.value, small, loads)
+    legend = plots.path(tiny, unit="m", axes=axes).get_legend()
+    assert "[µm]" in legend.get_title().get_text()
+    assert "to 1.2" in {text.get_text() for text in legend.get_texts()}
+
+
+def test_states_of_a_sweep_are_not_joined(sweep):
+    assert not plots.stability_curve(sweep).lines
 
 
 def test_a_pull_off_is_drawn_as_the_end_that_it_is(hertz):
@@ -313,7 +499,7 @@ def test_ticks_of_a_saved_summary_that_smaller_letters_make_room_for_are_as_smal
 def test_a_summary_of_a_line_shades_the_contact(line):
     contact, equilibrium, _ = line
     figure = plots.summary(contact, equilibrium, js.assess_stability(contact, equilibrium))
-    assert [len(axes.collections) for axes in figure.axes] == [0, 1, 0, 0, 0]
+    assert [len(axes.collections) for axes in figure.axes] == [0, 1, 0, 0, 1]
 
 
 def test_a_failed_state_says_so_in_its_summary(hertz, sweep):

@@ -1,5 +1,8 @@
 """A machine in series: against NumPy, dense algebra, its limits and finite differences."""
 
+import re
+import warnings
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -184,3 +187,70 @@ def test_units_do_not_matter(contact):
 def test_a_spring_without_a_stiffness_is_refused():
     with pytest.raises(ValueError, match=r"stiffness of the spring is 0\.0: it must be positive"):
         js.Spring(0.1, 0.0)
+
+
+# On a line the constant is that of a strip of unit width [pressure].
+@pytest.mark.parametrize(("lengths", "constant"), [((1e-6, 2e-6), 20.0), ((3e-6,), 2e8)])
+def test_a_cantilever_presses_with_its_constant_times_its_deflection(lengths, constant):
+    grid = js.Grid((16,) * len(lengths), lengths)
+    heights = js.surfaces.sinusoid(grid, 1e-8)
+    law = js.potentials.Exponential(0.05, 1e-8)
+    contact = js.Contact(js.HalfSpace(grid, 1e9), heights, law)
+    position = -3e-8
+    load = js.Spring.cantilever(position, constant, contact.grid)
+    state = js.equilibrate(contact, load)
+    force = float(state.mean_pressure) * np.prod(lengths)
+    deflection = float(jnp.mean(state.displacement)) - position
+    assert deflection > 1e-9
+    np.testing.assert_allclose(force, constant * deflection, rtol=1e-6)
+
+
+def test_cantilevers_can_be_traced_and_must_be_stiff():
+    grid = js.Grid(16, (2.0, 3.0))
+    constants = jnp.array([6.0, 12.0])
+    loads = jax.jit(jax.vmap(lambda c: js.Spring.cantilever(0.1, c, grid)))(constants)
+    np.testing.assert_allclose(loads.stiffness, [1, 2])
+    assert jax.grad(lambda c: js.Spring.cantilever(0.1, c, grid).stiffness)(1.0) == 1 / 6
+    with pytest.raises(ValueError, match="constant of the cantilever is -1"):
+        js.Spring.cantilever(0.1, -1.0, grid)
+
+
+def micrometre_tip(youngs_modulus):
+    grid = js.Grid(16, (1e-6, 1e-6))
+    heights = js.surfaces.paraboloid(grid, radius=1e-6)
+    law = js.potentials.Exponential(0.05, 5e-8)
+    return js.Contact(js.FreeHalfSpace(grid, youngs_modulus), heights, law)
+
+
+def test_newtons_per_metre_that_are_taken_for_pascals_per_metre_are_told_once():
+    contact = micrometre_tip(2e6)
+    load = js.Spring(jnp.array([0.0, 1e-7]), 1.0)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("default")
+        js.sweep(contact, load, stability=False)
+        js.equilibrate(contact, load[0], throw=False)
+        js.equilibrate(contact, js.Spring.cantilever(0.0, 1.0, contact.grid), throw=False)
+    (message,) = (str(x.message) for x in said if issubclass(x.category, js.MachineWarning))
+    stiffness, softest = map(float, re.findall(r"(?:is|wave) ([0-9.e+]+)[ :]", message)[:2])
+    # Of the padded cell, twice as long, the softest wave is stiff by about E* pi / (2 L).
+    assert stiffness == 1 and softest == pytest.approx(2e6 * np.pi / 2e-6, rel=0.2)
+    assert "Spring.cantilever(position, 1, contact.grid)" in message and "1e-12" in message
+
+
+def test_soft_cantilevers_on_stiff_solids_and_machines_under_jit_are_not_warned_of():
+    silica = micrometre_tip(7e10)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", js.MachineWarning)
+        js.equilibrate(silica, js.Spring.cantilever(0.0, 0.01, silica.grid), throw=False)
+        jax.jit(lambda k: js.equilibrate(silica, js.Spring(0.0, k), throw=False).energy)(1.0)
+
+
+def test_a_pull_off_through_a_machine_far_too_soft_is_warned_of():
+    grid = js.Grid((16,))
+    heights = js.surfaces.sinusoid(grid, 0.1)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.05, 0.2))
+    with warnings.catch_warnings():
+        # Before anything is solved with it.
+        warnings.simplefilter("error", js.MachineWarning)
+        with pytest.raises(js.MachineWarning, match=r"2e-09 \[pressure/length\]"):
+            js.pull_off(contact, spring=2e-9)

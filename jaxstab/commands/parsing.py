@@ -4,6 +4,7 @@ import argparse
 import re
 import tomllib
 from collections.abc import Callable, Iterable
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -22,6 +23,12 @@ class Parser(argparse.ArgumentParser):
         )
         # That of argparse knows no exponents: it takes -1e-3 for an option.
         self._negative_number_matcher = _NEGATIVE
+
+    @property
+    def options(self) -> list[str]:
+        """The long names of the options that a configuration can hold, as in --size."""
+        names = self._option_string_actions
+        return [name for name in names if name.startswith("--") and name != "--help"]
 
     def error(self, message: str) -> NoReturn:
         """Exit with a line on what is wrong."""
@@ -83,7 +90,14 @@ def from_config(parser: Parser, path: Path) -> list[str]:
         values = value if isinstance(value, list) else [value]
         if not all(type(part) in (int, float, str) for part in values) or not values:
             parser.error(f"argument --config: {path}: {name} is {value!r}: give a number or text.")
-        option, texts = f"--{name.replace('_', '-')}", list(map(str, values))
+        option = f"--{name.replace('_', '-')}"
+        if option not in parser.options:
+            nearest = get_close_matches(option, parser.options, 1, cutoff=0)[0]
+            parser.error(
+                f"argument --config: {path}: there is no option {name}; the nearest is "
+                f"{nearest[2:].replace('-', '_')}."
+            )
+        texts = list(map(str, values))
         # In one word a negative number is no option.
         arguments += [f"{option}={texts[0]}"] if len(texts) == 1 else [option, *texts]
     return arguments

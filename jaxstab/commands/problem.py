@@ -23,6 +23,7 @@ from jaxstab.potentials import (
     Potential,
     Rational,
 )
+from jaxstab.profile import innermost_gap
 from jaxstab.warn import warn
 
 LAWS = {
@@ -73,13 +74,15 @@ def add_options(parser: Parser) -> None:
     add("--poisson-ratio", type=number, default=0.0, help="nu (default %(default)g)")
     choices = [*LAWS, "none"]
     add("--potential", choices=choices, default=choices[0], help="law (default %(default)s)")
-    add("--surface-energy", type=number, help=f"gamma{_default('surface_energy')}")
+    help = f"work of adhesion w, twice gamma of equal surfaces{_default('surface_energy')}"
+    add("--surface-energy", type=number, help=help)
     add("--range", type=number, help=f"rho{_default('range')}")
     add("--smoothing", type=number, help="of the edge of Dugdale's law, over rho (default 0.1)")
     add = parser.add_argument_group("loads").add_argument
     add("--load", choices=_LOAD_KINDS, default="gap", help="which kind (default %(default)s)")
     add("--stiffness", type=number, help="of the spring")
-    add("--first", type=number, help="first load (a gap: default 1e-4 rms heights)")
+    help = "first load (a gap: default 1e-4 rms heights; with a core, from the law's minimum on)"
+    add("--first", type=number, help=help)
     add("--last", type=number, help="last load (a gap: default 20 rms heights more)")
 
 
@@ -172,7 +175,9 @@ def _potential(options: argparse.Namespace) -> Potential:
 def loads_of(options: argparse.Namespace, contact: Contact, shares: Any) -> Load:
     """Return loads at shares of the way from the first to the last."""
     rms = float(np.std(contact.heights))
-    first = 1e-4 * rms if options.first is None else options.first
+    # Inside of a core pressures know no bounds.
+    innermost = innermost_gap(contact.profile)
+    first = innermost + 1e-4 * rms if options.first is None else options.first
     last = first + 20 * rms if options.last is None else options.last
     values = jnp.asarray(first + (last - first) * np.asarray(shares))
     if options.load == "spring":
@@ -190,7 +195,7 @@ def described(options: argparse.Namespace, contact: Contact) -> str:
         what = f"{options.surface.name}, {lengths}{unit}"
     law = options.potential
     if law != "none":
-        law += f", gamma = {options.surface_energy:g}, rho = {options.range:g}"
+        law += f", w = {options.surface_energy:g}, rho = {options.range:g}"
     return (
         f"{what}, {shape} points, rms height {float(np.std(contact.heights)):.4g}\n"
         f"Half space, E = {options.youngs_modulus:g}, nu = {options.poisson_ratio:g}; "

@@ -154,8 +154,16 @@ def _new_folder(parent: Path) -> Path:
 
 
 def _draw(result: Sweep, unit: str | None, path: Path) -> None:
-    """Draw the two panels of Rey & Bleyer's fig. 12."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    stability_curve(result, "mean_pressure", unit=unit, axes=left)
-    stability_curve(result, "contact_area", unit=unit, axes=right)
+    """Draw the two panels of Rey & Bleyer's fig. 12, the second where surfaces touch."""
+    touches = bool(np.any(result.equilibrium.contact_area > 0))
+    quantities: list[Any] = ["mean_pressure", "contact_area"] if touches else ["mean_pressure"]
+    size = (10, 4) if touches else None
+    figure, panels = plt.subplots(1, len(quantities), figsize=size, layout="constrained")
+    for axes, quantity in zip(np.atleast_1d(panels), quantities, strict=True):
+        stability_curve(result, quantity, unit=unit, axes=axes)
+    for axes in figure.axes[:-1]:
+        # That of the last is beside it.
+        legend = axes.get_legend()
+        assert legend is not None
+        legend.remove()
     figure.savefig(path, dpi=150)

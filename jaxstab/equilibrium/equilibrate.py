@@ -29,7 +29,7 @@ from jaxstab.equilibrium.window import warn_at_edges, whole_start
 from jaxstab.grid import resample
 from jaxstab.iterate import Iteration, solver_or_default
 from jaxstab.lanes import by_lanes
-from jaxstab.loads import Control, GapControl, Load, require_load
+from jaxstab.loads import Control, GapControl, Load, require_load, warn_if_soft
 from jaxstab.programs import program
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
@@ -215,12 +215,15 @@ def _lift_off_core(contact: Contact, control: Control, gap: Field) -> Field:
 def initial_gap(contact: Contact, load: Load, initial: ArrayLike | State | None) -> Field | None:
     """Return what was given as `initial` as a gap on the contact's grid, checked.
 
+    Here each solver has contact and load together first: it warns of a load far too soft.
+
     Raises:
         ValueError: if its shape is not the grid's, or it is not finite, or nowhere positive where
             the load holds the mean gap; for a stack of states, or one that has another number of
             sides.
         TypeError: for an array that is complex or masked, or a result that is not a state.
     """
+    warn_if_soft(load, contact.solid)
     if initial is None:
         return None
     shape = contact.grid.shape

@@ -18,7 +18,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.recognition import recognised
 from jaxstab.files.law import law_variables
 from jaxstab.files.records import Record, Recorder, Structure, indicators
-from jaxstab.labels import LENGTH, QUANTITIES, with_unit
+from jaxstab.labels import ENERGY, LENGTH, QUANTITIES, dimension_on, with_unit
 from jaxstab.packages import require_packages
 from jaxstab.paths import Path
 from jaxstab.results import RESULTS
@@ -34,8 +34,6 @@ Result = Equilibrium | Stability | Sweep | Path
 # The form of the structure, to be raised when a reader of today could not read it.
 FORMAT = 1
 _PACKAGES = ("jaxstab", "jax", "jaxlib", "equinox", "numpy")
-# There energies and areas are those per length of the other side.
-_ON_A_LINE = {"energy": f"energy/{LENGTH}", f"{LENGTH}^2": LENGTH}
 # The order of those that a coated half space holds of a material.
 _MODULI = ("youngs_modulus", "poisson_ratio")
 _PATH_AXES = {"load": ("state",), "equilibrium": ("state",), "jumps": ("jump",)}
@@ -87,7 +85,7 @@ def to_dataset(
         attrs=_attributes(contact, result, solver, structure if fields else None),
     )
     return dataset.assign_coords(_coordinates(contact, structure, dataset)).assign(
-        law_variables(contact, with_unit(contact, LENGTH))
+        law_variables(contact)
     )
 
 
@@ -159,10 +157,9 @@ def _label(record: Record, contact: Contact, result: Result) -> tuple[str, str]:
         # What a name stands for in a law of one's own is not known.
         if not _is_ones_own(contact, record.path):
             long_name, unit = QUANTITIES.get(field, (long_name, unit))
-    if len(contact.grid.shape) == 1:
-        unit = _ON_A_LINE.get(unit, unit)
     if field == "height":
-        long_name, unit = "height", "energy"
+        long_name, unit = "height", ENERGY
+    unit = dimension_on(len(contact.grid.shape), unit)
     silent = ("equilibrium", "stability", "load", "solid", "grid", "potential")
     words = [word.replace("_", " ") for word in holders if word not in silent]
     return ", ".join([*words, long_name]), with_unit(contact, unit)

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxstab.contact import Contact
 from jaxstab.display import text
-from jaxstab.labels import PRESSURE, SURFACE_ENERGY
+from jaxstab.labels import LENGTH, PRESSURE, SURFACE_ENERGY, with_unit
 
 # Every how many points of a law's profile are kept.
 _EVERY = 16
@@ -16,29 +16,28 @@ _EVERY = 16
 _TOLERANCE = {"float32": 1e-4, "float64": 1e-9}
 
 
-def law_variables(contact: Contact, unit: str) -> dict[str, Any]:
-    """Return a law at gaps from large to zero, as variables of a data set.
-
-    Arguments:
-        contact: the contact problem.
-        unit: that of lengths.
-    """
+def law_variables(contact: Contact) -> dict[str, Any]:
+    """Return a law at gaps from large to zero, as variables of a data set."""
     profile = contact.profile
     chosen = np.append(np.arange(0, profile.gaps.size - 1, _EVERY), -1)
     gaps, values, slopes = (
         np.asarray(field)[chosen] for field in (profile.gaps, profile.values, profile.slopes)
     )
+    columns = {
+        "law_gap": (gaps, "gap", LENGTH),
+        "law_energy": (values, "law f(g)", SURFACE_ENERGY),
+        "law_attraction": (slopes, "f'(g)", PRESSURE),
+    }
     return {
-        "law_gap": ("law_gap", gaps, {"long_name": "gap", "units": unit}),
-        "law_energy": ("law_gap", values, {"long_name": "law f(g)", "units": SURFACE_ENERGY}),
-        "law_attraction": ("law_gap", slopes, {"long_name": "f'(g)", "units": PRESSURE}),
+        name: ("law_gap", column, {"long_name": long_name, "units": with_unit(contact, dimension)})
+        for name, (column, long_name, dimension) in columns.items()
     }
 
 
 def require_same_law(contact: Contact, arrays: Mapping[str, np.ndarray], path: Path) -> None:
     """Raise `ValueError` where the law of a contact is not the one that a file has values of."""
     gaps, expected = arrays["law_gap"], arrays["law_energy"]
-    energies = law_variables(contact, "")["law_energy"][1]
+    energies = law_variables(contact)["law_energy"][1]
     is_finite = np.isfinite(expected)
     depth = -expected[is_finite].min(initial=0)
     tolerance = _TOLERANCE[expected.dtype.name] * (np.abs(expected) + depth)

@@ -7,13 +7,20 @@ on it.
 from jaxstab.loads.gap import GapControl, MeanDisplacement, MeanGap
 from jaxstab.loads.load import Control, Load, require_load, require_same_machine
 from jaxstab.loads.pressure import MeanPressure, PressureControl
-from jaxstab.loads.spring import FarDisplacement, Spring, SpringControl
+from jaxstab.loads.spring import (
+    FarDisplacement,
+    MachineWarning,
+    Spring,
+    SpringControl,
+    warn_if_soft,
+)
 
 __all__ = [
     "Control",
     "FarDisplacement",
     "GapControl",
     "Load",
+    "MachineWarning",
     "MeanDisplacement",
     "MeanGap",
     "MeanPressure",
@@ -22,4 +29,5 @@ __all__ = [
     "SpringControl",
     "require_load",
     "require_same_machine",
+    "warn_if_soft",
 ]

@@ -1,5 +1,6 @@
 """Loads that press like a spring: a machine in series, or the solid itself."""
 
+import warnings
 from typing import ClassVar
 
 import equinox as eqx
@@ -8,14 +9,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from jaxstab.checks import require_positive
+from jaxstab.checks import is_traced, known, parameter, require_positive
 from jaxstab.elasticity import Field, FieldMap, Solid, apart_from_mean
-from jaxstab.grid import mean, mean_over, total
+from jaxstab.grid import Grid, mean, mean_over, total
 from jaxstab.loads.load import Load, Mask, Scalar, prescribed
 from jaxstab.loads.pressure import PressingControl
 
 # In units of the precision: by what part of itself the mean of a gap may be off.
 _ROUNDING = 4
+# Over the solid's softest wave: softer than this no cantilever is against any solid.
+_SOFT = 1e-8
+_already_said: dict[str | tuple[str, type[Warning], int], int] = {}
+
+
+class MachineWarning(UserWarning):
+    """The machine is softer than the contact by orders of magnitude."""
 
 
 class SpringControl(PressingControl):
@@ -98,12 +106,17 @@ class Spring(Load):
     million times stiffer than the waves, say that limit: the search of the cone stagnates, and says
     so.
 
+    This k is per area of the cell: `Spring.cantilever` takes one in force per length, as N/m.
+
     Arguments:
         position: where the far end of the spring is held [length]: one, or an array for a sweep.
         stiffness: k [pressure/length]; one, or one for each position.
 
     Raises:
         ValueError: if a stiffness is not positive.
+
+    Warns:
+        MachineWarning: where it meets a contact whose softest wave is 1e8 times as stiff.
     """
 
     quantity: ClassVar[str] = "position of the spring"
@@ -115,6 +128,25 @@ class Spring(Load):
     def __init__(self, position: ArrayLike, stiffness: ArrayLike):
         self.value, self.stiffness = _alike(prescribed(position), prescribed(stiffness))
         require_positive("The stiffness of the spring", self.stiffness)
+
+    @classmethod
+    def cantilever(cls, position: ArrayLike, constant: ArrayLike, grid: Grid) -> "Spring":
+        """Return the spring of a cantilever, whose constant is a force per length: k = c / area.
+
+        One of 1 N/m over a cell of 1 µm by 1 µm is stiff by 1e12 Pa/m.
+
+        Arguments:
+            position: where its far end is held [length].
+            constant: c, as in N/m where pressures are in Pa and lengths in m, or in MPa and µm
+                [pressure length]; on a line that of a strip of unit width [pressure].
+            grid: the grid of the contact, `contact.grid`, whose area the force acts on.
+
+        Raises:
+            ValueError: if a constant is not positive.
+        """
+        given = parameter(constant)
+        require_positive("The constant of the cantilever", given)
+        return cls(position, given / grid.area)
 
     @property
     def position(self) -> Float[Array, "..."]:
@@ -149,6 +181,30 @@ class FarDisplacement(Load):
     def control(self, solid: Solid, heights: Field) -> SpringControl:
         """Press with what the solid itself is stiff."""
         return _spring(self.value, solid.uniform_stiffness, solid, heights)
+
+
+def warn_if_soft(load: Load, solid: Solid) -> None:
+    """Warn, once for each, of a spring that is softer than any cantilever against a solid.
+
+    Nothing is said inside of `jax.jit` and `jax.vmap`, where values are not known yet.
+    """
+    if not isinstance(load, Spring) or is_traced((load.stiffness, solid)):
+        return
+    stiffness, softest = known(load.stiffness).min(), known(solid.min_stiffness)
+    if stiffness >= _SOFT * softest:
+        return
+    warnings.warn_explicit(
+        f"the stiffness of the spring is {stiffness:.3g} [pressure/length], that of the solid's "
+        f"softest wave {softest:.3g}: moved by the size of the contact, it presses with "
+        "next to nothing. If the number is a force per length, write Spring.cantilever(position, "
+        f"{stiffness:.3g}, contact.grid), as for N/m, which divides it by the cell's area of "
+        f"{known(solid.grid.area):.3g}. For a dead load give a MeanPressure.",
+        MachineWarning,
+        "jaxstab",
+        1,
+        module=__name__,
+        registry=_already_said,
+    )
 
 
 def _spring(position: Scalar, stiffness: Scalar, solid: Solid, heights: Field) -> SpringControl:

@@ -17,7 +17,7 @@ from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.state import State, single_equilibrium
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.lanes import by_lanes
-from jaxstab.loads import Load, MeanPressure, Spring
+from jaxstab.loads import Load, MeanPressure, Spring, warn_if_soft
 from jaxstab.paths.course import DISTURBANCE, Course, course_of
 from jaxstab.paths.step import Walk
 from jaxstab.paths.store import Count, Strongest
@@ -81,6 +81,7 @@ def pull_off(
     else:
         stiffness = scalar_parameter(spring, "The stiffness of the spring")
         load = _retraction(constant, pressure, start, stiffness)
+        warn_if_soft(load, contact.solid)
     own, unit = whole.in_own_units()
     loads = load.in_units_of(unit)
     inputs = jax.lax.stop_gradient((own, loads, start))

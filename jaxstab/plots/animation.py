@@ -16,19 +16,25 @@ from matplotlib.figure import Figure
 from jaxstab import paths
 from jaxstab.checks import require
 from jaxstab.contact import Contact
-from jaxstab.labels import with_unit
 from jaxstab.plots.fields import add_colour_bar, draw_map
 from jaxstab.plots.paths import path as draw_path
 from jaxstab.plots.paths import require_path
 from jaxstab.plots.saving import new_file, written
-from jaxstab.plots.style import BLACK, axes_or_new
+from jaxstab.plots.style import BLACK, axes_or_new, label_axis
 
 _WRITERS = {"gif": PillowWriter, "mp4": FFMpegWriter}
 _MOST_PER_SECOND = 15
 _SIZE, _DPI = (10, 4.4), 100
 
 
-def animation(contact: Contact, path: paths.Path, file: str | Path, *, seconds: float = 10) -> Path:
+def animation(
+    contact: Contact,
+    path: paths.Path,
+    file: str | Path,
+    *,
+    seconds: float = 10,
+    unit: str | None = None,
+) -> Path:
     """Write a film of a path: left its gap, with the contact in black, right its pressure.
 
     The colours of the gap, or on a line its scale, are the same throughout. Frames are spread
@@ -39,6 +45,7 @@ def animation(contact: Contact, path: paths.Path, file: str | Path, *, seconds: 
         path: its path, followed with `fields=True`.
         file: where to, a .gif or an .mp4; it must not exist yet.
         seconds: how long the film lasts, about: a GIF counts in hundredths of a second.
+        unit: that of lengths, by default the contact's.
 
     Returns:
         The path of the file.
@@ -56,8 +63,9 @@ def animation(contact: Contact, path: paths.Path, file: str | Path, *, seconds: 
     frames = np.linspace(0, len(gaps) - 1, min(len(gaps), max(int(_MOST_PER_SECOND * seconds), 2)))
     figure = Figure(_SIZE, _DPI, layout="constrained")
     left, right = map(axes_or_new, figure.subplots(1, 2))
-    show_gap = (_map if gaps.ndim == 3 else _profile)(left, contact, gaps)
-    show_place = _curve(right, contact, path)
+    unit = unit or contact.unit
+    show_gap = (_map if gaps.ndim == 3 else _profile)(left, contact, gaps, unit)
+    show_place = _curve(right, path, unit)
     # What moves must not move the panels.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -86,13 +94,13 @@ def _gaps(contact: Contact, path: paths.Path) -> np.ndarray:
     return gaps
 
 
-def _map(axes: Axes, contact: Contact, gaps: np.ndarray) -> Callable[[int], None]:
+def _map(axes: Axes, contact: Contact, gaps: np.ndarray, unit: str | None) -> Callable[[int], None]:
     """Draw a map of the gap, and return what shows that of another state."""
     # No more colours than a GIF has room for beside those of the rest.
     colours = plt.get_cmap("viridis", 128).with_extremes(bad=BLACK)
     most = gaps.max() or 1
-    image = draw_map(axes, contact, gaps[0], cmap=colours, vmin=0, vmax=most)
-    add_colour_bar(axes, image, with_unit(contact, "gap g [length]"))
+    image = draw_map(axes, contact, gaps[0], unit, cmap=colours, vmin=0, vmax=most)
+    add_colour_bar(axes, image, "gap g [length]", unit)
 
     def show(state: int) -> None:
         image.set_data(np.ma.masked_equal(gaps[state], 0).T)
@@ -102,14 +110,17 @@ def _map(axes: Axes, contact: Contact, gaps: np.ndarray) -> Callable[[int], None
     return show
 
 
-def _profile(axes: Axes, contact: Contact, gaps: np.ndarray) -> Callable[[int], None]:
+def _profile(
+    axes: Axes, contact: Contact, gaps: np.ndarray, unit: str | None
+) -> Callable[[int], None]:
     """Draw a profile of the gap, and return what shows that of another state."""
     x = np.asarray(contact.grid.coordinates[0])
     (line,) = axes.plot(x, gaps[0])
     (touching,) = axes.plot(x, np.zeros_like(x), color=BLACK, linewidth=4)
-    axes.set(xlabel=with_unit(contact, "x [length]"), ylabel=with_unit(contact, "gap g [length]"))
     most = gaps.max() or 1
     axes.set_ylim(-0.02 * most, 1.05 * most)
+    label_axis(axes.xaxis, "x [length]", unit)
+    label_axis(axes.yaxis, "gap g [length]", unit)
 
     def show(state: int) -> None:
         line.set_ydata(gaps[state])
@@ -124,9 +135,9 @@ def _say_area(axes: Axes, gap: np.ndarray) -> None:
     axes.set_title(f"contact area {100 * np.mean(gap == 0):.1f} %, in black")
 
 
-def _curve(axes: Axes, contact: Contact, path: paths.Path) -> Callable[[int], None]:
+def _curve(axes: Axes, path: paths.Path, unit: str | None) -> Callable[[int], None]:
     """Draw pressure over gap with a marker on one state, and return what moves it to another."""
-    draw_path(path, unit=contact.unit, axes=axes)
+    draw_path(path, unit=unit, axes=axes)
     there, across = (
         np.asarray(path.equilibrium.mean_gap),
         np.asarray(path.equilibrium.mean_pressure),

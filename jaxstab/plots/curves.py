@@ -10,7 +10,14 @@ from matplotlib.ticker import LogLocator
 
 from jaxstab.labels import with_unit
 from jaxstab.plots.fields import require_pair
-from jaxstab.plots.style import QUANTITIES, VERDICT_MARKERS, axes_or_new, load_label
+from jaxstab.plots.style import (
+    VERDICT_MARKERS,
+    add_legend,
+    axes_or_new,
+    label_axis,
+    load_label,
+    quantity_label,
+)
 from jaxstab.potentials import Potential, energy_density, slope
 from jaxstab.stability import Eigenpair
 from jaxstab.surfaces import PowerSpectrum
@@ -24,6 +31,7 @@ def potential(
     gaps: Float[Array, " gaps"],
     *,
     labels: Sequence[str] | None = None,
+    unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw interaction laws f(g) (Rey & Bleyer, fig. 7a).
@@ -32,9 +40,11 @@ def potential(
         laws: one or more functions of the gap.
         gaps: where to draw them [length].
         labels: their names, by default those of their classes.
+        unit: that of lengths, as in `contact.unit`.
         axes: where to draw.
     """
-    return _laws(energy_density, "energy per area f(g) [energy/area]", laws, gaps, labels, axes)
+    label = "energy per area f(g) [energy/area]"
+    return _laws(energy_density, label, laws, gaps, labels, unit, axes)
 
 
 def force(
@@ -42,10 +52,11 @@ def force(
     gaps: Float[Array, " gaps"],
     *,
     labels: Sequence[str] | None = None,
+    unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw the attraction f'(g) of interaction laws (Rey & Bleyer, fig. 7b)."""
-    return _laws(slope, "attraction f'(g) [pressure]", laws, gaps, labels, axes)
+    return _laws(slope, "attraction f'(g) [pressure]", laws, gaps, labels, unit, axes)
 
 
 def convergence(pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
@@ -57,7 +68,7 @@ def convergence(pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
         # At the start epsilon and eta are zero by construction.
         axes.semilogy(pair.history.steps[1:], values[1:], label=label)
     axes.set(xlabel="step [1]", ylabel="indicator [1]")
-    axes.legend()
+    add_legend(axes)
     return axes
 
 
@@ -69,6 +80,8 @@ def stability_curve(
     axes: Axes | None = None,
 ) -> Axes:
     """Draw a quantity over the load, with filled markers where it is stable (Rey & Bleyer, 12).
+
+    No line joins the states, as a jump may lie between two. Diamonds are stable as far as found.
 
     Arguments:
         sweep: the states.
@@ -91,13 +104,15 @@ def stability_curve(
         raise ValueError("This sweep left stability out: run it with stability=True.")
     axes = axes_or_new(axes)
     load, values = np.asarray(sweep.load.value), np.asarray(getattr(sweep.equilibrium, quantity))
-    axes.plot(load, values, color="0.8", linewidth=1, zorder=1)
+    verdicts = np.where(sweep.stability.is_local, "stable, locally", sweep.stability.verdict.name)
     for name, marker in VERDICT_MARKERS.items():
-        chosen = np.asarray(sweep.stability.verdict == name)
+        chosen = verdicts == name
         if chosen.any():
             axes.scatter(load[chosen], values[chosen], label=name.replace("_", " "), **marker)
-    axes.set(xlabel=with_unit(unit, load_label(sweep.load)), ylabel=QUANTITIES[quantity])
-    axes.legend()
+    num_sides = sweep.equilibrium.gap.ndim - 1
+    label_axis(axes.xaxis, load_label(sweep.load), unit)
+    label_axis(axes.yaxis, quantity_label(quantity, num_sides), unit)
+    add_legend(axes)
     return axes
 
 
@@ -136,7 +151,7 @@ def spectrum(
         ylabel=with_unit(unit, f"power spectral density [length$^{power}$]"),
     )
     if labels is not None:
-        axes.legend()
+        add_legend(axes)
     return axes
 
 
@@ -169,6 +184,7 @@ def _laws(
     laws: Potential | Sequence[Potential],
     gaps: Float[Array, " gaps"],
     labels: Sequence[str] | None,
+    unit: str | None,
     axes: Axes | None,
 ) -> Axes:
     axes = axes_or_new(axes)
@@ -177,6 +193,7 @@ def _laws(
     for law, label in zip(laws, labels, strict=True):
         axes.plot(np.asarray(gaps), np.asarray(derivative(law, gaps)), label=label)
     axes.axhline(0, color="0.6", linewidth=0.8)
-    axes.set(xlabel="gap g [length]", ylabel=ylabel)
-    axes.legend()
+    label_axis(axes.xaxis, "gap g [length]", unit)
+    label_axis(axes.yaxis, ylabel, unit)
+    add_legend(axes)
     return axes

@@ -10,58 +10,84 @@ from matplotlib.image import AxesImage
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.equilibrium.state import State, equilibrium_of
-from jaxstab.labels import with_unit
-from jaxstab.plots.style import axes_or_new
+from jaxstab.labels import measured
+from jaxstab.plots.style import add_legend, axes_or_new, label_axis
 from jaxstab.stability import Eigenpair
 from jaxstab.stacks import require_single
 
+# Without its symbol x, which is a side of the surface as well.
+_MODE = "mode of unit norm [1]"
 
-def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
+
+def surface(contact: Contact, *, unit: str | None = None, axes: Axes | None = None) -> Axes:
     """Draw the heights h: a map, or a profile on a line."""
     require_contact(contact)
-    return _field(contact, contact.heights, "height h [length]", "cividis", axes)
+    return _field(contact, contact.heights, "height h [length]", "cividis", unit, axes)
 
 
-def gap(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
+def gap(
+    contact: Contact, equilibrium: State, *, unit: str | None = None, axes: Axes | None = None
+) -> Axes:
     """Draw the gap g: a map, or a profile on a line."""
     equilibrium = equilibrium_of(contact, equilibrium)
-    return _field(contact, equilibrium.gap, "gap g [length]", "viridis", axes)
+    return _field(contact, equilibrium.gap, "gap g [length]", "viridis", unit, axes)
 
 
-def pressure(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
+def pressure(
+    contact: Contact, equilibrium: State, *, unit: str | None = None, axes: Axes | None = None
+) -> Axes:
     """Draw the elastic pressure p, positive in compression: a map, or a profile on a line."""
     field, label = equilibrium_of(contact, equilibrium).pressure, "elastic pressure p [pressure]"
-    return _field(contact, field, label, "RdBu_r", axes, centred=True)
+    return _field(contact, field, label, "RdBu_r", unit, axes, centred=True)
 
 
-def contact_map(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
+def contact_map(
+    contact: Contact, equilibrium: State, *, unit: str | None = None, axes: Axes | None = None
+) -> Axes:
     """Draw where the surfaces touch, in black (Rey & Bleyer, fig. 8)."""
     equilibrium = equilibrium_of(contact, equilibrium)
-    axes = axes_or_new(axes)
+    axes, unit = axes_or_new(axes), unit or contact.unit
     touches = np.asarray(equilibrium.in_contact)
     x, *y = (np.asarray(side) for side in contact.grid.coordinates)
     if y:
         colours, norm = ListedColormap(["white", "black"]), BoundaryNorm([0, 0.5, 1], 2)
-        draw_map(axes, contact, touches, cmap=colours, norm=norm)
+        draw_map(axes, contact, touches, unit, cmap=colours, norm=norm)
     else:
         axes.fill_between(x, touches, step="mid", color="black")
-        axes.set(xlabel=with_unit(contact, "x [length]"))
+        label_axis(axes.xaxis, "x [length]", unit)
         axes.set(yticks=[0, 1], yticklabels=["apart", "in contact"])
     axes.set_title(f"contact area {100 * float(equilibrium.contact_area):.1f} %")
     return axes
 
 
-def mode(contact: Contact, pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
+def mode(
+    contact: Contact,
+    pair: Eigenpair,
+    equilibrium: State | None = None,
+    *,
+    unit: str | None = None,
+    axes: Axes | None = None,
+) -> Axes:
     """Draw a mode of unit norm: a map, or a profile on a line (Rey & Bleyer, fig. 9).
+
+    Arguments:
+        contact: the contact problem.
+        pair: the eigenpair whose mode to draw.
+        equilibrium: outlines the contact if given, or shades it on a line.
+        unit: that of lengths, by default the contact's.
+        axes: where to draw.
 
     Raises:
         TypeError: for anything but an eigenpair, such as `stability.cone`.
         ValueError: for a stack of modes, or one on another grid than the contact's.
     """
     _require_mode(contact, pair)
-    axes = _field(contact, pair.mode, "mode x [1]", "RdBu_r", axes, centred=True)
-    title = rf"$\lambda$ = {float(pair.eigenvalue):.4g} [pressure/length]"
-    axes.set_title(with_unit(contact, title))
+    axes = _field(contact, pair.mode, _MODE, "RdBu_r", unit, axes, centred=True)
+    if equilibrium is not None:
+        touches = equilibrium_of(contact, equilibrium).in_contact
+        outline_contact(axes, contact, touches, "black")
+    value = measured(unit or contact, float(pair.eigenvalue), "pressure/length", digits=4)
+    axes.set_title(rf"$\lambda$ = {value}")
     return axes
 
 
@@ -71,6 +97,7 @@ def mode_cut(
     equilibrium: State | None = None,
     *,
     row: int | None = None,
+    unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw a mode along x at one row of y, and where that row is in contact.
@@ -80,6 +107,7 @@ def mode_cut(
         pair: the eigenpair whose mode to draw.
         equilibrium: shades the points in contact if given.
         row: index along y, by default the middle of the cell (Rey & Bleyer, fig. 4b).
+        unit: that of lengths, by default the contact's.
         axes: where to draw.
 
     Raises:
@@ -89,7 +117,7 @@ def mode_cut(
     if len(contact.grid.shape) != 2:
         raise ValueError("A mode on a line has no rows: draw it with jaxstab.plots.mode.")
     _require_mode(contact, pair)
-    axes = axes_or_new(axes)
+    axes, unit = axes_or_new(axes), unit or contact.unit
     row = contact.grid.shape[1] // 2 if row is None else row
     x, y = (np.asarray(side) for side in contact.grid.coordinates)
     axes.plot(x[:, row], np.asarray(pair.mode)[:, row], ".-")
@@ -97,9 +125,9 @@ def mode_cut(
     if equilibrium is not None:
         touches = np.asarray(equilibrium_of(contact, equilibrium).in_contact)[:, row]
         _shade(axes, x[:, row], touches)
-        axes.legend()
-    axes.set(xlabel=with_unit(contact, "x [length]"), ylabel="mode x [1]")
-    axes.set_title(with_unit(contact, f"at y = {y[0, row]:.4g} [length]"))
+        add_legend(axes)
+    label_axis(axes.xaxis, "x [length]", unit)
+    axes.set(ylabel=_MODE, title=f"at y = {measured(unit, float(y[0, row]), 'length', digits=4)}")
     return axes
 
 
@@ -113,30 +141,36 @@ def require_pair(pair: Eigenpair) -> None:
     require_single(pair)
 
 
-def outline_contact(axes: Axes, contact: Contact, touches: Bool[Array, " *grid"]) -> None:
-    """Outline in white on a map, or shade on a profile, where the surfaces touch."""
+def outline_contact(
+    axes: Axes, contact: Contact, touches: Bool[Array, " *grid"], colour: str
+) -> None:
+    """Outline on a map, or shade on a profile, where the surfaces touch."""
     x, *y = (np.asarray(side) for side in contact.grid.coordinates)
     inside = np.asarray(touches)
     if not y:
         _shade(axes, x, inside)
     elif inside.any() and not inside.all():
-        axes.contour(x, y[0], inside, levels=[0.5], colors="white", linewidths=0.8)
+        axes.contour(x, y[0], inside, levels=[0.5], colors=colour, linewidths=0.8)
 
 
-def draw_map(axes: Axes, contact: Contact, values: np.ndarray, **style: Any) -> AxesImage:
+def draw_map(
+    axes: Axes, contact: Contact, values: np.ndarray, unit: str | None, **style: Any
+) -> AxesImage:
     """Draw a field as an image over x and y."""
     width, height = (float(length) for length in contact.grid.lengths)
     # The first index runs along x, and each point stands in the middle of its pixel.
     dx, dy = (float(spacing) / 2 for spacing in contact.grid.spacing)
     extent = (-dx, width - dx, -dy, height - dy)
     image = axes.imshow(values.T, origin="lower", extent=extent, interpolation="nearest", **style)
-    axes.set(xlabel=with_unit(contact, "x [length]"), ylabel=with_unit(contact, "y [length]"))
+    label_axis(axes.xaxis, "x [length]", unit)
+    label_axis(axes.yaxis, "y [length]", unit)
     return image
 
 
-def add_colour_bar(axes: Axes, image: AxesImage, label: str) -> None:
+def add_colour_bar(axes: Axes, image: AxesImage, label: str, unit: str | None) -> None:
     """Add a colour bar as high as the map."""
-    axes.figure.colorbar(image, cax=axes.inset_axes((1.03, 0, 0.05, 1)), label=label)
+    bar = axes.figure.colorbar(image, cax=axes.inset_axes((1.03, 0, 0.05, 1)))
+    label_axis(bar.ax.yaxis, label, unit)
 
 
 def _field(
@@ -144,21 +178,23 @@ def _field(
     field: Float[Array, " *grid"],
     label: str,
     colours: str,
+    unit: str | None,
     axes: Axes | None,
     centred: bool = False,
 ) -> Axes:
     """Draw a field as a map with a colour bar, or on a line as a profile."""
-    axes = axes_or_new(axes)
-    values, label = np.asarray(field), with_unit(contact, label)
+    axes, unit = axes_or_new(axes), unit or contact.unit
+    values = np.asarray(field)
     if values.ndim == 1:
         axes.plot(np.asarray(contact.grid.coordinates[0]), values)
-        axes.set(xlabel=with_unit(contact, "x [length]"), ylabel=label)
+        label_axis(axes.xaxis, "x [length]", unit)
+        label_axis(axes.yaxis, label, unit)
         return axes
     # Of a closed gap there is no negative part to show.
     most = np.abs(values).max() if centred else values.max() if values.any() else 1
     least = -most if centred else values.min()
-    image = draw_map(axes, contact, values, cmap=colours, vmin=least, vmax=most)
-    add_colour_bar(axes, image, label)
+    image = draw_map(axes, contact, values, unit, cmap=colours, vmin=least, vmax=most)
+    add_colour_bar(axes, image, label, unit)
     return axes
 
 

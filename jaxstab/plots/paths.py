@@ -1,16 +1,33 @@
 """The states along a path, and its jumps."""
 
-from typing import Literal
+from textwrap import fill
+from typing import Any, Literal
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from jaxstab.labels import with_unit
+from jaxstab.labels import dimension_on, measured
 from jaxstab.paths import Path
-from jaxstab.plots.style import PALETTE, QUANTITIES, axes_or_new, load_label
+from jaxstab.plots.style import (
+    PALETTE,
+    QUANTITIES,
+    add_legend,
+    axes_or_new,
+    label_axis,
+    load_label,
+    quantity_label,
+    scaled_label,
+)
 
 Quantity = Literal["mean_gap", "mean_pressure", "contact_area", "energy", "load"]
+
+# Over the largest compression: less is rounding, or nothing to look at.
+_LEAST_TENSION = 1e-3
+# Points.
+_SHORTEST_ARROW = 8
+# Letters.
+_LEGEND_WIDTH = 14
 
 
 def path(
@@ -23,7 +40,8 @@ def path(
 ) -> Axes:
     """Draw the states along a path, its jumps as arrows, and the energy lost around a loop.
 
-    Without `axes`, the contact area is drawn beside it.
+    A compression above the largest tension is cut off, so that adhesion is seen. Without `axes`,
+    the contact area is drawn beside it where surfaces touch.
 
     Arguments:
         path: the path.
@@ -42,9 +60,11 @@ def path(
             choices = ", ".join([*QUANTITIES, "load"])
             raise ValueError(f"{name} is {quantity!r}: choose one of {choices}.")
     if axes is not None:
-        return _draw(path, x, y, unit, axes_or_new(axes))
+        return _with_legend(path, unit, _draw(path, x, y, unit, axes_or_new(axes)))
+    if y == "contact_area" or not np.any(np.asarray(path.equilibrium.contact_area) > 0):
+        return _with_legend(path, unit, _draw(path, x, y, unit, axes_or_new(None)))
     _, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    _draw(path, x, "contact_area", unit, right)
+    _with_legend(path, unit, _draw(path, x, "contact_area", unit, right))
     return _draw(path, x, y, unit, left)
 
 
@@ -71,23 +91,47 @@ def _draw(path: Path, x: Quantity, y: Quantity, unit: str | None, axes: Axes) ->
     part = np.cumsum(np.diff(forth, prepend=forth[0]) != 0)
     is_last = np.isin(np.arange(loads.size), np.asarray(path.jumps.state))
     branch = np.cumsum(np.concatenate([[False], is_last[:-1]]))
+    divisor, _ = _load_label(path, unit)
     for i, j in sorted(set(zip(part, branch, strict=True))):
         chosen = np.flatnonzero((part == i) & (branch == j))
         # From the state before, unless a jump lies between.
         before = chosen[0] - 1
         if before >= 0 and branch[before] == j:
             chosen = np.concatenate([[before], chosen])
-        label = f"to {loads[part == i][-1]:.3g}" if j == branch[part == i][0] else None
+        label = f"to {loads[part == i][-1] / divisor:.3g}" if j == branch[part == i][0] else None
         colour = PALETTE[i % len(PALETTE)]
         axes.plot(there[chosen], across[chosen], ".-", markersize=3, color=colour, label=label)
+    _scale(axes.xaxis, path, x, unit)
+    _scale(axes.yaxis, path, y, unit)
     _draw_jumps(path, there, across, axes)
     is_loop = loads[0] == loads[-1] and np.isfinite(path.dissipation)
     if is_loop and (x, y) == ("mean_gap", "mean_pressure"):
         axes.fill(there, across, color="0.9", zorder=0)
-        axes.set_title(f"lost around the loop: {float(path.dissipation):.4g} [energy]")
-    axes.set(xlabel=_label(path, x, unit), ylabel=_label(path, y, unit))
-    axes.legend(title=_label(path, "load", unit))
+        number = len(path.jumps)
+        lost = measured(
+            unit, float(path.dissipation), dimension_on(_sides(path), "energy"), digits=4
+        )
+        axes.set_title(f"lost in {number} jump{'' if number == 1 else 's'}: {lost}")
     return axes
+
+
+def _with_legend(path: Path, unit: str | None, axes: Axes) -> Axes:
+    add_legend(axes, title=fill(_load_label(path, unit)[1], _LEGEND_WIDTH))
+    return axes
+
+
+def _load_label(path: Path, unit: str | None) -> tuple[float, str]:
+    return scaled_label(unit, load_label(path.load), np.abs(path.load.value).max())
+
+
+def _scale(axis: Any, path: Path, quantity: Quantity, unit: str | None) -> None:
+    """Label an axis, and cut off a compression that leaves no room to see the tension."""
+    if quantity == "mean_pressure":
+        pressures = _of_states(path, quantity)
+        tension, compression = -np.nanmin(pressures), np.nanmax(pressures)
+        if _LEAST_TENSION * compression < tension < compression:
+            axis.axes.set(**{f"{axis.axis_name}lim": (-1.2 * tension, tension)})
+    label_axis(axis, _label(path, quantity), unit)
 
 
 def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -> None:
@@ -95,10 +139,16 @@ def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -
     dissipation, last = np.asarray(path.jumps.dissipation), np.asarray(path.jumps.state)
     gone = last[np.isnan(dissipation)]
     axes.plot(there[gone], across[gone], "x", color="0.2")
-    arrow = {"arrowstyle": "->", "color": "0.4", "linestyle": "--", "shrinkA": 0, "shrinkB": 0}
+    arrow = {"color": "0.4", "linestyle": "--", "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
     for i in last[np.isfinite(dissipation)]:
-        tip, tail = ((float(there[k]), float(across[k])) for k in (i + 1, i))
-        axes.annotate("", tip, tail, arrowprops={**arrow, "mutation_scale": 7})
+        tail, tip = ((float(there[k]), float(across[k])) for k in (i, i + 1))
+        # In points; a head on a shorter jump hides it.
+        length = np.hypot(*np.diff(axes.transData.transform([tail, tip]), axis=0)[0])
+        length *= 72 / axes.figure.dpi
+        style = "->" if length > _SHORTEST_ARROW else "-"
+        drawn = axes.annotate("", tip, tail, arrowprops={**arrow, "arrowstyle": style})
+        assert drawn.arrow_patch is not None
+        drawn.arrow_patch.set_clip_path(axes.patch)
 
 
 def _of_states(path: Path, quantity: Quantity) -> np.ndarray:
@@ -106,6 +156,9 @@ def _of_states(path: Path, quantity: Quantity) -> np.ndarray:
     return np.asarray(values)
 
 
-def _label(path: Path, quantity: Quantity, unit: str | None) -> str:
-    label = load_label(path.load) if quantity == "load" else QUANTITIES[quantity]
-    return with_unit(unit, label)
+def _label(path: Path, quantity: Quantity) -> str:
+    return load_label(path.load) if quantity == "load" else quantity_label(quantity, _sides(path))
+
+
+def _sides(path: Path) -> int:
+    return path.jumps.mode.ndim - 1

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.state import State, equilibrium_of
-from jaxstab.labels import with_unit
+from jaxstab.labels import dimension_on, measured, prefixed, with_unit
 from jaxstab.loads import MeanPressure
 from jaxstab.plots.fields import gap, mode, outline_contact, pressure, surface
 from jaxstab.plots.style import load_label
@@ -27,16 +27,18 @@ def summary(
     equilibrium: State,
     stability: Stability | None = None,
     *,
+    unit: str | None = None,
     figure: Figure | None = None,
 ) -> Figure:
     """Draw a state in one figure: surface, gap, pressure, the cone's mode, and its numbers.
 
-    The contact is outlined on the gap, or on a line shaded.
+    The contact is outlined on gap and mode, or on a line shaded.
 
     Arguments:
         contact: the contact problem.
         equilibrium: the state; an entry of a sweep holds its stability too.
         stability: what `assess_stability` returned for it.
+        unit: that of lengths, by default the contact's.
         figure: where to draw.
 
     Returns:
@@ -62,49 +64,63 @@ def summary(
     figure = plt.figure(figsize=(11, 5.2)) if figure is None else figure
     if figure.get_layout_engine() is None:
         figure.set_layout_engine("constrained")
-    panels = figure.subplot_mosaic(_PANELS, width_ratios=[1, 1, 1.4])
-    surface(contact, axes=panels["surface"])
-    gap(contact, state, axes=panels["gap"])
-    outline_contact(panels["gap"], contact, state.in_contact)
-    pressure(contact, state, axes=panels["pressure"])
-    mode(contact, known.cone, axes=panels["mode"]).set_title("")
-    _write(panels["numbers"], _numbers(contact, state, known))
+    panels, unit = figure.subplot_mosaic(_PANELS, width_ratios=[1, 1, 1.4]), unit or contact.unit
+    surface(contact, unit=unit, axes=panels["surface"])
+    gap(contact, state, unit=unit, axes=panels["gap"])
+    outline_contact(panels["gap"], contact, state.in_contact, "white")
+    pressure(contact, state, unit=unit, axes=panels["pressure"])
+    mode(contact, known.cone, state, unit=unit, axes=panels["mode"]).set_title("")
+    _write(panels["numbers"], _numbers(unit, len(contact.grid.shape), state, known))
     return figure
 
 
-def _numbers(contact: Contact, state: Equilibrium, stability: Stability) -> list[tuple[str, str]]:
+def _numbers(
+    unit: str | None, num_sides: int, state: Equilibrium, stability: Stability
+) -> list[tuple[str, str]]:
     """Return a state's numbers as lines of a name and a value."""
-    load, _, unit = load_label(state.load).partition(" [")
-    pressure = f"{float(state.mean_pressure):.3g} [pressure]"
+    load, pairs = state.load, stability.pairs
+    eigenvalues = np.array([float(pair.eigenvalue) for pair in pairs.values()])
+    largest = np.abs(eigenvalues[np.isfinite(eigenvalues)]).max(initial=0)
+    divisor, stiffness = prefixed(with_unit(unit, "pressure/length"), largest)
+    verdict = "stable, locally" if stability.is_local else stability.verdict.name.replace("_", " ")
+    value = float(load.value)
     lines = [
         # Without the symbol, whose index would shift the lines below.
-        (load.split(" $")[0], f"{float(state.load.value):.4g}" + (f" [{unit}" if unit else "")),
+        (
+            load_label(load).partition(" [")[0].split(" $")[0],
+            measured(unit, value, load.unit, digits=4) if load.unit else f"{value:.4g}",
+        ),
         # Where it is the load, it is said.
-        *([] if isinstance(state.load, MeanPressure) else [("mean pressure", pressure)]),
+        *(
+            []
+            if isinstance(load, MeanPressure)
+            else [("mean pressure", measured(unit, float(state.mean_pressure), "pressure"))]
+        ),
         ("contact area", f"{100 * float(state.contact_area):.1f} %"),
         ("", ""),
-        ("eigenvalues", "[pressure/length]"),
-        *((name.replace("_", " "), _value(pair)) for name, pair in stability.pairs.items()),
+        ("eigenvalues", f"[{stiffness}]"),
+        *((name.replace("_", " "), _value(pair, divisor)) for name, pair in pairs.items()),
         ("", ""),
-        ("verdict", stability.verdict.name.replace("_", " ")),
+        ("verdict", verdict),
     ]
     barrier = stability.barrier
     if np.isfinite(barrier.height):
+        energy = dimension_on(num_sides, "energy")
         lines += [
-            ("barrier", f"{float(barrier.height):.3g} [energy]"),
-            ("at amplitude", f"{float(barrier.amplitude):.3g} [length]"),
+            ("barrier", measured(unit, float(barrier.height), energy)),
+            ("at amplitude", measured(unit, float(barrier.amplitude), "length")),
         ]
     for part in (state, stability):
         if part.result != "successful":
             lines.append((type(part).__name__.lower(), part.result.name.replace("_", " ")))
-    return [(name, with_unit(contact, value)) for name, value in lines]
+    return lines
 
 
-def _value(pair: Eigenpair) -> str:
-    """Return an eigenvalue with its error, or why it has none."""
+def _value(pair: Eigenpair, divisor: float) -> str:
+    """Return an eigenvalue with its error over a divisor, or why it has none."""
     if pair.result != "successful":
         return pair.result.name.replace("_", " ")
-    value, error = float(pair.eigenvalue), float(pair.error)
+    value, error = float(pair.eigenvalue) / divisor, float(pair.error) / divisor
     return f"{value:.3g} ± {error:.1g}" if np.isfinite(value) else "none admissible"
 
 

@@ -1,6 +1,8 @@
 """Interaction laws: scalar functions of the gap that return an energy per area.
 
-Derivatives are taken by automatic differentiation only, so that a law is one formula.
+Derivatives are taken by automatic differentiation only, so that a law is one formula. The argument
+`surface_energy` of a law is the work of adhesion w: the energy per area that it takes to separate
+the surfaces. Of two equal surfaces it is twice the surface energy gamma of each.
 """
 
 from jaxstab.potentials.composed import Potential as Potential

@@ -11,7 +11,7 @@ from jaxstab.display import whole
 
 
 class _RangedLaw(eqx.Module):
-    """A law with a surface energy [energy/area] and a range [length]."""
+    """A law with a work of adhesion [energy/area] and a range [length]."""
 
     surface_energy: Float[Array, ""]
     length: Float[Array, ""]
@@ -32,14 +32,15 @@ class _RangedLaw(eqx.Module):
 
 
 class Exponential(_RangedLaw):
-    """f(g) = -gamma exp(-g / rho) (Rey & Bleyer, eq. 45).
+    """f(g) = -w exp(-g / rho) (Rey & Bleyer, eq. 45).
 
     Arguments:
-        surface_energy: gamma [energy/area].
+        surface_energy: w, the work of adhesion per area, gamma_1 + gamma_2 - gamma_12 of the two
+            surfaces; between equal ones twice the surface energy of each [energy/area].
         length: rho, the range [length].
 
     Raises:
-        ValueError: if gamma is negative or rho is not positive.
+        ValueError: if w is negative or rho is not positive.
     """
 
     def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
@@ -48,14 +49,15 @@ class Exponential(_RangedLaw):
 
 
 class Gaussian(_RangedLaw):
-    """f(g) = -gamma exp(-g^2 / (2 rho^2)) (Rey & Bleyer, eq. 46).
+    """f(g) = -w exp(-g^2 / (2 rho^2)) (Rey & Bleyer, eq. 46).
 
     Arguments:
-        surface_energy: gamma [energy/area].
+        surface_energy: w, the work of adhesion per area, gamma_1 + gamma_2 - gamma_12 of the two
+            surfaces; between equal ones twice the surface energy of each [energy/area].
         length: rho, the range [length].
 
     Raises:
-        ValueError: if gamma is negative or rho is not positive.
+        ValueError: if w is negative or rho is not positive.
     """
 
     def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
@@ -64,14 +66,15 @@ class Gaussian(_RangedLaw):
 
 
 class Rational(_RangedLaw):
-    """f(g) = -gamma / (1 + g^2 / rho^2) (Rey & Bleyer, eq. 47), a long-range law.
+    """f(g) = -w / (1 + g^2 / rho^2) (Rey & Bleyer, eq. 47), a long-range law.
 
     Arguments:
-        surface_energy: gamma [energy/area].
+        surface_energy: w, the work of adhesion per area, gamma_1 + gamma_2 - gamma_12 of the two
+            surfaces; between equal ones twice the surface energy of each [energy/area].
         length: rho, the range [length].
 
     Raises:
-        ValueError: if gamma is negative or rho is not positive.
+        ValueError: if w is negative or rho is not positive.
     """
 
     def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
@@ -80,18 +83,19 @@ class Rational(_RangedLaw):
 
 
 class Dugdale(_RangedLaw):
-    """f' = sigma / (1 + exp((g - rho) / w)): the attraction sigma up to a gap rho, then none.
+    """f' = sigma / (1 + exp((g - rho) / s)): the attraction sigma up to a gap rho, then none.
 
-    The edge of Dugdale's step is smoothed over w; sigma is such that f(0) = -gamma, the work of
-    adhesion. Its wall is contact itself.
+    The edge of Dugdale's step is smoothed over s; sigma is such that f(0) = -w. Its wall is contact
+    itself.
 
     Arguments:
-        surface_energy: gamma [energy/area].
+        surface_energy: w, the work of adhesion per area, gamma_1 + gamma_2 - gamma_12 of the two
+            surfaces; between equal ones twice the surface energy of each [energy/area].
         length: rho, the range [length].
-        smoothing: w / rho, over which the attraction falls from 73 to 27 % of sigma.
+        smoothing: s / rho, over which the attraction falls from 73 to 27 % of sigma.
 
     Raises:
-        ValueError: if gamma is negative, or rho or the smoothing is not positive.
+        ValueError: if w is negative, or rho or the smoothing is not positive.
     """
 
     smoothing: Float[Array, ""]
@@ -109,16 +113,17 @@ class Dugdale(_RangedLaw):
 
 
 class LennardJones(_RangedLaw):
-    """f(g) = gamma / 2 ((z0 / g)^9 - 3 (z0 / g)^3): the 9-3 law between a solid and a wall.
+    """f(g) = w / 2 ((z0 / g)^9 - 3 (z0 / g)^3): the 9-3 law between a solid and a wall.
 
-    It repels below z0, where it is least, at -gamma; no gap closes against it.
+    It repels below z0, where it is least, at -w; no gap closes against it.
 
     Arguments:
-        surface_energy: gamma, the depth of the minimum [energy/area].
+        surface_energy: w, the work of adhesion per area, gamma_1 + gamma_2 - gamma_12 of the two
+            surfaces; between equal ones twice the surface energy of each [energy/area].
         length: z0, the gap at the minimum [length].
 
     Raises:
-        ValueError: if gamma or z0 is not positive.
+        ValueError: if w or z0 is not positive.
     """
 
     def __init__(self, surface_energy: ArrayLike, length: ArrayLike):

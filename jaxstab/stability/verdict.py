@@ -68,6 +68,11 @@ class Stability(Stackable, eqx.Module):
         )
 
     @property
+    def is_local(self) -> Bool[Array, ""]:
+        """Whether the verdict is stable but not proved: a lower minimum may have been missed."""
+        return (self.verdict == VERDICTS.stable) & ~self.proved
+
+    @property
     def pairs(self) -> dict[str, Eigenpair]:
         """The three eigenpairs by name, from the lowest to the highest."""
         return {"lower_bound": self.lower_bound, "cone": self.cone, "critical": self.critical}
