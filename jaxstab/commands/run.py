@@ -43,7 +43,7 @@ def add_options(parser: Parser) -> None:
     add = parser.add_argument_group("loop, from the last load to the first and back").add_argument
     help = (
         "part of the problem's energy that a jump loses for it to be located (default 2e-7, or "
-        "0.5 %% of what was lost before)"
+        "0.3 %% of what was lost before)"
     )
     add("--smallest-jump", type=number, help=help)
     add = parser.add_argument_group("unloading, from the first load to the last").add_argument

@@ -43,7 +43,7 @@ _ROOM = 32, 2
 # From which loss jumps are located by default: over the problem's own energy, and over what was
 # lost before.
 _SMALLEST_JUMP = 2e-7
-_SMALLEST_SHARE = 5e-3
+_SMALLEST_SHARE = 3e-3
 
 
 class PathInterrupted(UserWarning):
@@ -82,7 +82,7 @@ def follow(
         initial: where the first equilibrium starts, as in `equilibrate`.
         smallest_jump: the loss from which a jump is located, over the problem's own energy: that
             of the elastic deformation in full contact and of the deepest adhesion. By default
-            2e-7, or 0.5 % of what the path has lost before, whichever is more: jumps of 1 % of a
+            2e-7, or 0.3 % of what the path has lost before, whichever is more: jumps of 1 % of a
             loop's loss are located.
         disturbance: the size of a random field, the same at every step, that is added to where
             each equilibrium starts, over the rms height; over the range of the law or the spacing
