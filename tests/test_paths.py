@@ -203,6 +203,28 @@ def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
     np.testing.assert_array_equal(path.load.value, loop.load.value[: len(path.load.value)])
 
 
+def test_a_path_may_have_thousands_of_states():
+    grid = js.Grid((16,))
+    heights = js.surfaces.sinusoid(grid, 0.05)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.01, 0.2))
+    gaps = jnp.linspace(0.5, 0.1, 2500)
+    path = js.follow(contact, js.MeanGap(gaps))
+    assert len(path.load.value) >= gaps.size and not len(path.jumps)
+    last = js.equilibrate(contact, js.MeanGap(gaps[-1]))
+    np.testing.assert_allclose(path.equilibrium.mean_pressure[-1], last.mean_pressure, rtol=1e-6)
+
+
+def test_a_load_that_rounding_reaches_a_step_too_early_is_passed():
+    grid = js.Grid((16,))
+    heights = js.surfaces.sinusoid(grid, 0.05)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.01, 0.2))
+    # As far from each other as the longest step.
+    turns = js.MeanGap(jnp.linspace(0.44, 0.54, 33))
+    path = jax.jit(lambda load: js.follow(contact, load, max_states=256, throw=False))(turns)
+    assert path.result == "successful"
+    assert jnp.isin(turns.value, path.load.value).all()
+
+
 def test_what_cannot_be_followed_is_told(hertz):
     with pytest.raises(ValueError, match="takes the turning points of a load, two or more"):
         js.follow(hertz, js.MeanDisplacement(1.3))

@@ -37,7 +37,7 @@ from jaxstab.progress import progress_bar
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 
-_BATCH_SECONDS = 0.5
+_BATCH_SECONDS, _BATCH_STEPS = 0.5, 1024
 # States and jumps of a batch.
 _ROOM = 32, 2
 # From which loss jumps are located by default: over the problem's own energy, and over what was
@@ -199,7 +199,8 @@ def _recorded(fields: bool, inputs: Any, bar: Any) -> Recording:
             recording.add(jax.block_until_ready(_go_on(recording.walk, num_steps, *inputs)))
             bar.update(int(100 * travelled(load, recording.walk)) - bar.n)
             # The first time it is compiled.
-            num_steps = 2 * num_steps if perf_counter() - start < _BATCH_SECONDS else num_steps
+            if perf_counter() - start < _BATCH_SECONDS:
+                num_steps = min(2 * num_steps, _BATCH_STEPS)
     except KeyboardInterrupt:
         part = 100 * float(travelled(load, recording.walk))
         message = f"The path was interrupted at {part:.0f} %."

@@ -286,7 +286,8 @@ def _stride(
     stride = jnp.where(walk.search.is_on, 2 * aim.length, stride)
     stride = jnp.where(is_event, course.longest / 8, stride)
     stride = jnp.where(is_apart, course.longest, stride)
-    return jnp.where(is_free, stride, walk.stride)
+    # A step that rounding leaves no length says nothing of the next.
+    return jnp.where(is_free & (aim.length > 0), stride, walk.stride)
 
 
 def _brings_together(contact: Contact, load: Load) -> Flag:
