@@ -19,6 +19,11 @@ def is_traced(value: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
 
 
+def is_transformed(inputs: Any) -> bool:
+    """Whether JAX transforms what is computed from `inputs`; under `jax.jit` even of constants."""
+    return is_traced((inputs, jax.device_put(np.zeros(()))))
+
+
 def is_spread(value: Any) -> bool:
     """Whether `value` is an array of which several devices hold parts."""
     is_known = isinstance(value, jax.Array) and not is_traced(value)

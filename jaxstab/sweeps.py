@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 
 from jaxstab import display
-from jaxstab.checks import is_traced, known
+from jaxstab.checks import is_transformed, known
 from jaxstab.contact import Contact, require_contact
 from jaxstab.equilibrium import (
     Equilibrium,
@@ -23,7 +23,7 @@ from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.iterate import solver_or_default
 from jaxstab.loads import Load, require_load
 from jaxstab.programs import program
-from jaxstab.progress import progress_bar
+from jaxstab.progress import can_be_shown, progress_bar
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
 from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability, assess_stability
@@ -116,15 +116,14 @@ def sweep(
     stability_solver = solver_or_default(stability_solver, ConeSolver, ProjectedLOBPCG)
     start = initial_gap(contact, load, initial)
     problem = _Problem(contact, equilibrium_solver, stability_solver, key, stability)
-    # Under jit even a constant is traced.
-    if is_traced((problem, load, start, jax.device_put(np.zeros(())))):
+    bar = progress_bar(
+        load.value.size, "load", shown=can_be_shown(progress, (problem, load, start))
+    )
+    if is_transformed((problem, load, start)):
         warn_if_coarse(contact)
-        if progress:
-            warn("Inside of JAX transformations no progress is shown.")
         solve = _solve_together if order == "independent" else _solve_in_turn
         return solve(problem, load, start, throw)
     # NaN marks what was not found.
-    bar = progress_bar(load.value.size, "load", shown=progress)
     with said_once(), jax.debug_nans(False), bar as bar:
         warn_if_coarse(contact)
         if order == "independent" and jax.default_backend() != "cpu":

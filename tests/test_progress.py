@@ -2,8 +2,11 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
+from conftest import rough_contact
 
+import jaxstab as js
 from jaxstab.progress import advance, progress_bar
 
 
@@ -35,4 +38,41 @@ def test_compiled_code_ends_the_wait_as_well(capsys):
 def test_a_bar_that_is_not_shown_says_nothing(capsys, updates):
     with progress_bar(3, "load", shown=False) as bar:
         bar.update(updates)
+    assert capsys.readouterr().err == ""
+
+
+CONTACT = rough_contact(16, js.potentials.Exponential(0.02, 0.08), rms_height=0.05)
+STATE = js.equilibrate(CONTACT, js.MeanGap(0.1))
+WAITS = {
+    "pull_off": lambda **options: js.pull_off(CONTACT, **options),
+    "assess_stability": lambda **options: js.assess_stability(CONTACT, STATE, **options),
+    "critical_load": lambda **options: js.critical_load(
+        CONTACT, js.MeanPressure(jnp.array([0.0, -0.2])), **options
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WAITS)
+def test_what_takes_long_shows_that_it_goes_on_and_finds_the_same(name, capsys):
+    silent = WAITS[name](throw=False)
+    assert capsys.readouterr().err == ""
+    shown = WAITS[name](throw=False, progress=True)
+    said = capsys.readouterr().err
+    assert "compiling:   0%" in said and said.split("\r")[-1].startswith("100%")
+    for one, other in zip(jax.tree.leaves(silent), jax.tree.leaves(shown), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("name", WAITS)
+def test_inside_of_transformations_no_bar_is_shown_and_a_warning_says_so(name, capsys):
+    with pytest.warns(UserWarning, match="no progress is shown") as told:
+        jax.eval_shape(lambda: WAITS[name](throw=False, progress=True).result)
+    assert [warning.filename for warning in told] == [__file__]
+    assert capsys.readouterr().err == ""
+
+
+def test_a_path_inside_of_transformations_says_that_it_shows_no_progress(capsys):
+    turns = js.MeanGap(jnp.array([0.1, 0.09]))
+    with pytest.warns(UserWarning, match="no progress is shown"):
+        jax.eval_shape(lambda: js.follow(CONTACT, turns, progress=True, throw=False).result)
     assert capsys.readouterr().err == ""

@@ -4,11 +4,13 @@ import inspect
 import warnings
 
 import jax.numpy as jnp
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from conftest import rough_contact
 
 import jaxstab as js
+from jaxstab.loads import warn_if_soft
 
 LOAD = js.MeanGap(0.2)
 
@@ -62,3 +64,20 @@ def test_a_sweep_warns_once_whatever_the_filters(order):
         js.sweep(coarse(0.12), loads, order=order)
     assert [warning.category for warning in said] == [js.ResolutionWarning]
     assert said[0].filename == __file__
+
+
+def test_steps_of_a_fit_through_a_soft_machine_warn_once_of_the_callers_line():
+    contact = rough_contact(16, js.potentials.Exponential(0.02, 0.08))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("default")
+        for stiffness in (1e-9, 2e-9):
+            warn_if_soft(js.Spring(0.0, stiffness), contact.solid)
+    assert [(x.category, x.filename) for x in said] == [(js.MachineWarning, __file__)]
+
+
+def test_a_figure_that_is_too_small_is_told_of_at_the_line_that_saves_it(tmp_path):
+    figure, _ = plt.subplots(figsize=(20, 5))
+    with pytest.warns(UserWarning, match="hardly to be read") as said:
+        line = [js.plots.save(figure, tmp_path / "wide.png", width="single"), here()][1]
+    assert [(warning.filename, warning.lineno) for warning in said] == [(__file__, line)]
+    plt.close(figure)

@@ -57,9 +57,9 @@ class Calibration(eqx.Module):
             parameter.
         num_steps: steps of the optimiser, from all starts.
         result: a member of `RESULTS`: how the fit ended.
+        history: the "residual" as it went.
         losses: the loss that each start came to, infinite where there is none.
         results: how each start ended; `not_computed` for those that were not needed.
-        history: the "residual" as it went.
     """
 
     contact: Contact
@@ -71,9 +71,9 @@ class Calibration(eqx.Module):
     residual: Float[Array, ""]
     num_steps: Int[Array, ""]
     result: RESULTS
-    losses: Float[Array, " starts"]
-    results: RESULTS
     history: History
+    losses: Float[Array, " starts"] | None = None
+    results: RESULTS | None = None
 
     __repr__ = block
 

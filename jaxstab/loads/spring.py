@@ -1,6 +1,5 @@
 """Loads that press like a spring: a machine in series, or the solid itself."""
 
-import warnings
 from typing import ClassVar
 
 import equinox as eqx
@@ -14,12 +13,12 @@ from jaxstab.elasticity import Field, FieldMap, Solid, apart_from_mean
 from jaxstab.grid import Grid, mean, mean_over, total
 from jaxstab.loads.load import Load, Mask, Scalar, prescribed
 from jaxstab.loads.pressure import PressingControl
+from jaxstab.warn import warn_once
 
 # In units of the precision: by what part of itself the mean of a gap may be off.
 _ROUNDING = 4
 # Over the solid's softest wave: softer than this no cantilever is against any solid.
 _SOFT = 1e-8
-_already_said: dict[str | tuple[str, type[Warning], int], int] = {}
 
 
 class MachineWarning(UserWarning):
@@ -193,17 +192,14 @@ def warn_if_soft(load: Load, solid: Solid) -> None:
     stiffness, softest = known(load.stiffness).min(), known(solid.min_stiffness)
     if stiffness >= _SOFT * softest:
         return
-    warnings.warn_explicit(
+    warn_once(
         f"the stiffness of the spring is {stiffness:.3g} [pressure/length], that of the solid's "
         f"softest wave {softest:.3g}: moved by the size of the contact, it presses with "
         "next to nothing. If the number is a force per length, write Spring.cantilever(position, "
         f"{stiffness:.3g}, contact.grid), as for N/m, which divides it by the cell's area of "
         f"{known(solid.grid.area):.3g}. For a dead load give a MeanPressure.",
         MachineWarning,
-        "jaxstab",
-        1,
-        module=__name__,
-        registry=_already_said,
+        per_line=True,
     )
 
 

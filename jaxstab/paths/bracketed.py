@@ -29,9 +29,12 @@ from jaxstab.paths.course import course_of
 from jaxstab.paths.store import Count, Store
 from jaxstab.paths.walk import walk
 from jaxstab.programs import first_good, if_needed, program
+from jaxstab.progress import Report, can_be_shown, searches_bar, unseen
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import throw_failure
 
+# Two ways, to a fold and to a jump.
+_NUM_SEARCHES = 4
 _ROOM = Count.none, partial(Store.empty, size=1, fields=True)
 
 
@@ -40,6 +43,7 @@ def critical_load(
     bracket: Load,
     *,
     initial: ArrayLike | State | None = None,
+    progress: bool = False,
     throw: bool = True,
 ) -> CriticalLoad:
     """Return the load at which a branch of stable equilibria ends, on the way between two loads.
@@ -55,6 +59,7 @@ def critical_load(
             its end. If the branch from the first does not end before the second, that from the
             second is followed towards the first.
         initial: where equilibria at both loads start, as in `equilibrate`.
+        progress: show a progress bar.
         throw: raise where no end is found, or a derivative is asked for that does not exist;
             otherwise look at `result`, and such a derivative is NaN.
 
@@ -83,11 +88,12 @@ def critical_load(
     whole, start = whole_start(contact, bracket[0], start)
     own, unit = whole.in_own_units()
     loads = bracket.in_units_of(unit)
+    inputs = jax.lax.stop_gradient((own, loads, start))
+    bar = searches_bar(_NUM_SEARCHES, shown=can_be_shown(progress, inputs))
     # Histories end in NaN, and what was not found is NaN.
-    with jax.debug_nans(False):
-        inputs = jax.lax.stop_gradient((own, loads, start))
+    with jax.debug_nans(False), bar as report:
         # Outside of a trace nothing is compiled for a search that is not needed.
-        limit = _find_lanes(*inputs) if is_traced(inputs) else _find(*inputs)
+        limit = _find_lanes(*inputs) if is_traced(inputs) else _find(*inputs, report)
     found = critical_load_at(limit, own, loads[0], throw).in_units_of(1 / unit)
     found = found.on_surface(whole.solid)
     if not throw:
@@ -95,15 +101,15 @@ def critical_load(
     return throw_failure(found.result, found, lambda: _describe(bracket, found))
 
 
-def _find(contact: Contact, bracket: Load, start: Field | None) -> Limit:
+def _find(contact: Contact, bracket: Load, start: Field | None, report: Report) -> Limit:
     """Return the end of the branch from the first load, or else of that from the second.
 
     Where there is neither, it is the way that was asked for first that is told of.
     """
-    first = _end_of_branch(contact, bracket, start)
+    first = _end_of_branch(contact, bracket, start, report)
     if first.is_found:
         return first
-    second = _end_of_branch(contact, _turned(bracket), start)
+    second = _end_of_branch(contact, _turned(bracket), start, report)
     return second if second.is_found else first
 
 
@@ -127,11 +133,16 @@ def _turned(bracket: Load) -> Load:
     return jax.tree.map(lambda leaf: leaf[::-1], bracket)
 
 
-def _end_of_branch(contact: Contact, way: Load, start: Field | None) -> Limit:
+def _end_of_branch(
+    contact: Contact, way: Load, start: Field | None, report: Report = unseen
+) -> Limit:
     """Return the fold that ends the branch from the first load, or else the jump."""
     inputs = contact, way, start
     fold = _fold(*inputs)
-    return if_needed(~fold.is_found, lambda: _jump(*inputs, fold), fold)
+    report(fold)
+    end = if_needed(~fold.is_found, lambda: _jump(*inputs, fold), fold)
+    report(end)
+    return end
 
 
 _fold = program(follow_to_fold)

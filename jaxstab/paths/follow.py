@@ -1,9 +1,7 @@
 """The path of a contact under a programme of loads, through its jumps."""
 
-import warnings
 from dataclasses import replace
 from functools import partial
-from time import perf_counter
 from typing import Any
 
 import jax
@@ -31,13 +29,13 @@ from jaxstab.paths.path import Path
 from jaxstab.paths.recording import Recording
 from jaxstab.paths.step import Walk
 from jaxstab.paths.store import Field, Scalar, Store
-from jaxstab.paths.walk import begin, go_on, travelled
+from jaxstab.paths.walk import begin, go_on, in_batches, travelled
 from jaxstab.programs import program
-from jaxstab.progress import progress_bar
+from jaxstab.progress import can_be_shown, progress_bar
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
+from jaxstab.warn import warn
 
-_BATCH_SECONDS, _BATCH_STEPS = 0.5, 1024
 # States and jumps of a batch.
 _ROOM = 32, 2
 # From which loss jumps are located by default: over the problem's own energy, and over what was
@@ -133,7 +131,8 @@ def follow(
     loads = load.in_units_of(unit)
     inputs = jax.lax.stop_gradient((own, loads, start, least, share, noise))
     # What was not found is NaN.
-    with jax.debug_nans(False), progress_bar(100, "%", shown=progress) as bar:
+    bar = progress_bar(100, "%", shown=can_be_shown(progress, inputs))
+    with jax.debug_nans(False), bar as bar:
         if is_traced(inputs):
             path = _traced_path(sizes, fields, *inputs)
         else:
@@ -189,22 +188,20 @@ def _course(
 
 
 def _recorded(fields: bool, inputs: Any, bar: Any) -> Recording:
-    """Go to the end, or until interrupted, in batches of steps of about a second each."""
-    load, num_steps = inputs[1], 1
+    """Go to the end, or until interrupted."""
+    load = inputs[1]
     recording = Recording(_begin(_ROOM, fields, *inputs))
+
+    def further(walk: Walk[Store], num_steps: int) -> Walk[Store]:
+        # While it waits, an interrupt stays pending.
+        recording.add(jax.block_until_ready(_go_on(walk, num_steps, *inputs)))
+        return recording.walk
+
     try:
-        while recording.walk.is_open(load):
-            start = perf_counter()
-            # While it waits, an interrupt stays pending.
-            recording.add(jax.block_until_ready(_go_on(recording.walk, num_steps, *inputs)))
-            bar.update(int(100 * travelled(load, recording.walk)) - bar.n)
-            # The first time it is compiled.
-            if perf_counter() - start < _BATCH_SECONDS:
-                num_steps = min(2 * num_steps, _BATCH_STEPS)
+        in_batches(recording.walk, further, load, bar)
     except KeyboardInterrupt:
         part = 100 * float(travelled(load, recording.walk))
-        message = f"The path was interrupted at {part:.0f} %."
-        warnings.warn(message, PathInterrupted, stacklevel=3)
+        warn(f"The path was interrupted at {part:.0f} %.", PathInterrupted)
         recording.walk = replace(recording.walk, result=RESULTS.interrupted)
     return recording
 

@@ -1,6 +1,8 @@
 """The pull-off: the largest tension that a contact survives as it is unloaded."""
 
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,7 +12,7 @@ from jaxtyping import Array, ArrayLike
 from jaxstab.branches.branch import Field, Scalar
 from jaxstab.branches.critical_load import CriticalLoad, critical_load_at
 from jaxstab.branches.limit import Limit, limit_ahead
-from jaxstab.checks import scalar_parameter
+from jaxstab.checks import is_traced, scalar_parameter
 from jaxstab.contact import Contact, require_contact
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrate import initial_gap
@@ -21,10 +23,12 @@ from jaxstab.loads import Load, MeanPressure, Spring, warn_if_soft
 from jaxstab.paths.course import DISTURBANCE, Course, course_of
 from jaxstab.paths.step import Walk
 from jaxstab.paths.store import Count, Strongest
-from jaxstab.paths.walk import walk
+from jaxstab.paths.walk import begin, go_on, in_batches
 from jaxstab.programs import program
+from jaxstab.progress import can_be_shown, progress_bar
 from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.results import RESULTS, throw_failure
+from jaxstab.warn import said_once
 
 # Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4
@@ -41,6 +45,7 @@ def pull_off(
     *,
     initial: ArrayLike | State | None = None,
     spring: ArrayLike | None = None,
+    progress: bool = False,
     throw: bool = True,
 ) -> CriticalLoad:
     """Return the largest tension that a contact survives as it is unloaded, and what ends it.
@@ -56,6 +61,7 @@ def pull_off(
         initial: a state in contact to unload from, on this grid or another, at its own mean
             pressure, or a gap, at none; by default the equilibrium at zero mean pressure.
         spring: the stiffness of a machine in series [pressure/length]; by default a dead load.
+        progress: show a progress bar.
         throw: raise where there is no pull-off, or a derivative is asked for that does not exist;
             otherwise look at `result`, and such a derivative is NaN.
 
@@ -72,36 +78,67 @@ def pull_off(
             a jump.
     """
     require_contact(contact)
-    warn_if_coarse(contact, FOR_JUMPS)
-    pressure, start = _start(jax.lax.stop_gradient(contact), initial)
-    whole, start = whole_start(contact, MeanPressure(pressure), start)
-    constant = jax.lax.stop_gradient(whole)
-    if spring is None:
-        load: Load = dead_load(constant, pressure)
-    else:
+    stiffness = None
+    if spring is not None:
         stiffness = scalar_parameter(spring, "The stiffness of the spring")
-        load = _retraction(constant, pressure, start, stiffness)
-        warn_if_soft(load, contact.solid)
-    own, unit = whole.in_own_units()
-    loads = load.in_units_of(unit)
-    inputs = jax.lax.stop_gradient((own, loads, start))
+    constants = jax.lax.stop_gradient((contact, stiffness))
+    bar = progress_bar(100, "%", shown=can_be_shown(progress, (constants, initial)))
     # What was not found is NaN.
-    with jax.debug_nans(False):
-        end = _find(*inputs)
+    with said_once(), jax.debug_nans(False), bar as bar:
+        warn_if_coarse(contact, FOR_JUMPS)
+        pressure, start = _start(constants[0], initial)
+        whole, start = whole_start(contact, MeanPressure(pressure), start)
+        constant = jax.lax.stop_gradient(whole)
+        if stiffness is None:
+            load: Load = dead_load(constant, pressure)
+        else:
+            load = _retraction(constant, pressure, start, stiffness)
+            warn_if_soft(load, contact.solid)
+        own, unit = whole.in_own_units()
+        loads = load.in_units_of(unit)
+        end = _find(bar, *jax.lax.stop_gradient((own, loads, start)))
     found = as_shown(end, own, loads[0], throw).in_units_of(1 / unit).on_surface(whole.solid)
     if not throw:
         return found
     return throw_failure(found.result, found, lambda: _describe(constant, load))
 
 
+def _find(bar: Any, *inputs: Any) -> tuple[Limit, Equilibrium]:
+    problem = inputs[:2]
+    if is_traced(inputs):
+        return _find_lanes(*inputs)
+    ended = in_batches(_begin(*inputs), partial(_go_on, *problem), problem[1], bar)
+    bar.set_description("locating")
+    end = jax.block_until_ready(_end(*problem, ended))
+    bar.update(0)
+    return end
+
+
+# A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
 @program
-def _find(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
-    return by_lanes(_find_one)(contact, load, start)
+def _find_lanes(*inputs: Any) -> tuple[Limit, Equilibrium]:
+    def find(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
+        problem = contact, load
+        return _end(*problem, _go_on(*problem, _begin(*problem, start)))
+
+    return by_lanes(find)(*inputs)
 
 
-def _find_one(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
-    course = unloading(contact, load)
-    return end_of(course, walk(course, start, *ROOM))
+@program
+def _begin(contact: Contact, load: Load, start: Field) -> Walk[Strongest]:
+    return begin(unloading(contact, load), start, *ROOM)
+
+
+@program
+def _go_on(
+    contact: Contact, load: Load, walk: Walk[Strongest], num_steps: int | None = None
+) -> Walk[Strongest]:
+    return go_on(unloading(contact, load), walk, num_steps)
+
+
+@program
+def _end(contact: Contact, load: Load, ended: Walk[Strongest]) -> tuple[Limit, Equilibrium]:
+    return end_of(unloading(contact, load), ended)
 
 
 def unloading(contact: Contact, load: Load) -> Course:

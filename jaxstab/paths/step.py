@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from jaxstab.checks import known
 from jaxstab.contact import Contact
 from jaxstab.loads import Load
 from jaxstab.paths.course import Course
@@ -96,7 +97,9 @@ class Walk(eqx.Module, Generic[Jumps]):
 
     def is_open(self, load: Load) -> Flag:
         """Return whether there is a step to take along a programme."""
-        return (self.part < load.value.size - 1) & (self.result == RESULTS.successful)
+        # NumPy compiles nothing.
+        is_before_end = known(self.part) < load.value.size - 1
+        return is_before_end & known(self.result == RESULTS.successful)
 
     @property
     def is_full(self) -> Flag:

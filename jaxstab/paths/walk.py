@@ -1,6 +1,8 @@
 """The walk along a programme of loads, step by step, through jumps."""
 
 from collections.abc import Callable
+from time import perf_counter
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +15,9 @@ from jaxstab.paths.store import Count, Event, Field, Flag, Place, Record, Scalar
 from jaxstab.results import RESULTS
 
 States = Store | Count
+AnyWalk = TypeVar("AnyWalk", bound=Walk)
+
+_BATCH_SECONDS, _BATCH_STEPS = 0.5, 1024
 
 
 def walk(
@@ -98,3 +103,27 @@ def travelled(load: Load, walk: Walk) -> Scalar:
     lengths = jnp.abs(jnp.diff(turns))
     done = jnp.sum(jnp.where(jnp.arange(lengths.size) < walk.part, lengths, 0))
     return (done + jnp.abs(here - turns[walk.part])) / jnp.sum(lengths)
+
+
+def in_batches(
+    walk: AnyWalk, further: Callable[[AnyWalk, int], AnyWalk], load: Load, bar: Any
+) -> AnyWalk:
+    """Return a walk at its end, taken there in batches of steps of about a second each.
+
+    Arguments:
+        walk: where it begins.
+        further: returns a walk after a number of steps more.
+        load: the programme.
+        bar: shows the part of it that is done, in per cent.
+    """
+    num_steps = 1
+    while walk.is_open(load):
+        start = perf_counter()
+        # While it waits, an interrupt stays pending.
+        walk = jax.block_until_ready(further(walk, num_steps))
+        if not bar.disable:
+            bar.update(int(100 * travelled(load, walk)) - bar.n)
+        # The first time it is compiled.
+        if perf_counter() - start < _BATCH_SECONDS:
+            num_steps = min(2 * num_steps, _BATCH_STEPS)
+    return walk

@@ -1,6 +1,5 @@
 """Figures on disk, as journals print them."""
 
-import warnings
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from io import BytesIO
@@ -18,6 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.text import Text
+
+from jaxstab.warn import warn
 
 Width = Literal["single", "double"] | float
 
@@ -61,10 +62,9 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
     target = new_file(file, whole.canvas.get_supported_filetypes())
     printed, drawn = _millimetres(width, whole), whole.get_size_inches()[0] / _MM
     if printed < _MOST_CROWDED * drawn:
-        warnings.warn(
+        warn(
             f"A figure of {drawn:.0f} mm is hardly to be read at {printed:.0f} mm, where letters "
-            'keep their size: choose width="double".',
-            stacklevel=2,
+            'keep their size: choose width="double".'
         )
     with plt.rc_context(_AS_TEXT), _as_printed(whole, printed * _MM):
         picture = BytesIO()

@@ -22,6 +22,7 @@ from jaxstab.hessian import Block, Hessian
 from jaxstab.iterate import solver_or_default
 from jaxstab.lanes import by_lanes
 from jaxstab.programs import program
+from jaxstab.progress import Report, can_be_shown, searches_bar, unseen
 from jaxstab.resolution import warn_if_coarse
 from jaxstab.results import RESULTS, VERDICTS, throw_failure
 from jaxstab.stability.cones import AdmissibleCone, Subspace
@@ -41,6 +42,8 @@ from jaxstab.stability.verdict import (
     verdict_on,
 )
 
+# For the lower bound, on the critical cone and on the cone.
+_NUM_SEARCHES = 3
 # Random vectors to start from.
 _NUM_RANDOM = 8
 # In units of the precision: reactions below this part of the pressure are none.
@@ -56,6 +59,7 @@ def assess_stability(
     *,
     key: PRNGKeyArray | None = None,
     verdict_only: bool = False,
+    progress: bool = False,
     throw: bool = True,
 ) -> Stability:
     """Return the stability of an equilibrium against admissible perturbations (Rey & Bleyer, 22).
@@ -81,6 +85,7 @@ def assess_stability(
         key: the random key of the vectors to start from, `jax.random.key(0)` by default.
         verdict_only: stop when a number proves the verdict; those not computed are NaN, with the
             result "not_computed".
+        progress: show a progress bar.
         throw: raise where a solver fails, or a derivative is asked for that does not exist (in
             forward mode outside of jit, of any of the numbers); otherwise look at `result`,
             and such a derivative is NaN. Under vmap the failure of one lane raises for all, so
@@ -101,28 +106,17 @@ def assess_stability(
     require_key(key)
     contact, equilibrium = whole_state(contact, equilibrium)
     inputs = jax.lax.stop_gradient((contact, equilibrium, solver, key))
+    bar = searches_bar(_NUM_SEARCHES, shown=can_be_shown(progress, inputs))
     # Histories end in NaN, and what was not found is NaN.
-    with jax.debug_nans(False):
-        stability = _assess(*inputs, verdict_only)
+    with jax.debug_nans(False), bar as report:
+        assess = _assess_lanes if is_traced(inputs) else partial(_assess_one, report=report)
+        stability = assess(verdict_only, *inputs)
     if is_traced((contact, equilibrium)):
         stability = with_derivatives(contact, equilibrium, stability, throw)
     stability = stability.on_surface(contact.solid)
     if not throw:
         return stability
     return throw_failure(stability.result, stability, lambda: describe(stability))
-
-
-def _assess(
-    contact: Contact,
-    equilibrium: Equilibrium,
-    solver: ConeSolver,
-    key: PRNGKeyArray,
-    verdict_only: bool = False,
-) -> Stability:
-    """Do what `assess_stability` does, on checked arguments, without derivatives."""
-    inputs = contact, equilibrium, solver, key
-    assess = _assess_lanes if is_traced(inputs) else _assess_one
-    return assess(verdict_only, *inputs)
 
 
 # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
@@ -164,9 +158,10 @@ def _assess_one(
     equilibrium: Equilibrium,
     solver: ConeSolver,
     key: PRNGKeyArray,
+    report: Report = unseen,
 ) -> Stability:
     search, state = prepared(contact, equilibrium, key, verdict_only)
-    return stability_of(equilibrium, state, search.run(solver))
+    return stability_of(equilibrium, state, search.run(solver, report))
 
 
 class _State(eqx.Module):

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxstab.checks import is_traced
 from jaxstab.hessian import Block, Hessian
 from jaxstab.programs import if_needed
+from jaxstab.progress import Report, unseen
 from jaxstab.results import RESULTS
 from jaxstab.stability.certificate import certified_bound
 from jaxstab.stability.coarse import (
@@ -58,7 +59,7 @@ class Search(eqx.Module):
     is_doubtful: Bool[Array, ""]
     verdict_only: bool = eqx.field(static=True)
 
-    def run(self, solver: ConeSolver) -> "Found":
+    def run(self, solver: ConeSolver, report: Report = unseen) -> "Found":
         """Return the eigenpairs, the solver being the cone's; not compiled is what need not run."""
         spaces = Davidson(solver.tolerance_in(self.random.dtype))
         is_default = isinstance(solver, ProjectedLOBPCG)
@@ -67,6 +68,7 @@ class Search(eqx.Module):
 
         start = self.random[:BLOCK_SIZE]
         around = _on_space(spaces, self.hessian, self.cone.hull, start)
+        report(around)
         is_proved = self.verdict_only & (_flag(around.sign) > 0)
         hull = if_needed(
             touches & ~is_proved,
@@ -78,6 +80,7 @@ class Search(eqx.Module):
             lambda: after(hull, self._on(self.critical_cone, fast, hull)),
             hull,
         )
+        report(critical)
         is_decided = is_proved | (self.verdict_only & (_flag(critical.sign) < 0))
         if is_default:
             cone = if_needed(
@@ -94,6 +97,7 @@ class Search(eqx.Module):
             lambda: _certified(spaces, self.hessian, self.cone, cone, around),
             cone,
         )
+        report(cone)
         return self.concluded(around, cone, critical, hull, is_proved, is_decided)
 
     def _on(self, cone: AdmissibleCone, solver: ConeSolver, hull: Lowest) -> Lowest:
