@@ -90,7 +90,7 @@ def _energies(path: Any) -> list[str]:
     if np.isfinite(path.work):
         lines = [
             f"  work  {described(path.work)}",
-            f"  lost in {len(losses)} jumps  {described(path.dissipation)}",
+            f"  lost in {len(losses)} jumps  {_number(losses.sum())}",
         ]
     else:
         known, number = work[np.isfinite(work)][-1], np.isfinite(np.cumsum(losses)).sum()
@@ -99,7 +99,9 @@ def _energies(path: Any) -> list[str]:
             f"  lost in {number} jumps before  {_number(losses[:number].sum())}",
             "  after that neither is known: a dead load pulls surfaces apart without end",
         ]
-    if path.unlocated is not None and path.unlocated > path.unlocated_error:
+    if path.unlocated is None:
+        lines[0] += " by quadrature, as version 0.1.0 had it"
+    elif path.unlocated > path.unlocated_error:
         amount, error = float(path.unlocated), float(path.unlocated_error)
         lines.append(f"  lost in jumps not located  {amount:.2g} ± {error:.1g}")
     return lines

@@ -35,6 +35,8 @@ class Course(eqx.Module):
         share: the same, over what was lost before.
         resolution: how near it is located [that of the load].
         disturbance: a field that is added to where each equilibrium starts [length].
+        finds_all: whether a jump is told by the force too; otherwise by its loss alone, as is
+            enough where the end of one branch is sought.
     """
 
     contact: Contact
@@ -43,6 +45,7 @@ class Course(eqx.Module):
     share: Scalar
     resolution: Scalar
     disturbance: Field
+    finds_all: bool = eqx.field(static=True)
 
     def smallest_loss(self, here: Record) -> Scalar:
         """Return the loss from which a jump from a state is located."""
@@ -109,8 +112,9 @@ def course_of(
     load: Load,
     smallest_jump: ArrayLike,
     disturbance: ArrayLike,
-    resolution: ArrayLike = 5e-7,
+    resolution: ArrayLike = 1e-6,
     share: ArrayLike = 0.0,
+    finds_all: bool = False,
 ) -> Course:
     """Return the course of a programme.
 
@@ -121,6 +125,7 @@ def course_of(
         disturbance: the size of a random field, over `_own_length`.
         resolution: how near a jump is located, over the range of the loads.
         share: the loss from which a jump is located, over what was lost before.
+        finds_all: whether a jump is told by the force too.
     """
     turns, heights = load.value, contact.heights
     noise = jax.random.normal(jax.random.key(0), heights.shape, heights.dtype)
@@ -133,6 +138,7 @@ def course_of(
         share=jnp.asarray(share),
         resolution=jnp.maximum(resolution * (jnp.max(turns) - jnp.min(turns)), finest),
         disturbance=jnp.asarray(disturbance) * _own_length(contact) * noise,
+        finds_all=finds_all,
     )
 
 

@@ -167,18 +167,20 @@ def aimed(course: Course, walk: Walk) -> Aim:
     left = jnp.abs(target - here.value)
     # Where it failed by its length alone, what is left of the step is right.
     tries_whole = (search.distance <= search.nearness) | (search.error <= 1)
-    within = jnp.where(tries_whole, 1, _SHARE) * search.distance
+    within = jnp.where(tries_whole, 1, _SHARE if course.finds_all else 0.5) * search.distance
     length = jnp.minimum(jnp.where(search.is_on, within, walk.stride), left)
     is_end = length >= left
     # The last step to a load that failed is a jump, if it fails again.
-    is_final = search.is_on & (length <= search.nearness)
+    is_near = (length if course.finds_all else search.distance) <= search.nearness
+    is_final = search.is_on & is_near
     change = jnp.sign(target - here.value) * length
     value = jnp.where(is_end, target, here.value + change)
     rate = (here.gap - walk.last.gap) / _nonzero(here.value - walk.last.value)
     # From the end of a branch the way goes down from its last state.
-    gap = here.gap + jnp.where(is_final, 0, change * rate)
+    stays = is_final if course.finds_all else search.is_on
+    gap = here.gap + jnp.where(stays, 0, change * rate)
     gap = jnp.where(walk.is_apart, course.apart(), jnp.maximum(gap, 0))
-    is_open = walk.is_apart | is_final | (here.value == walk.last.value)
+    is_open = walk.is_apart | is_final | (here.value == walk.last.value) | ~course.finds_all
     least = jnp.where(is_open, -jnp.inf, _least_potential(course, walk, change))
     return Aim(value, length, course.start(value, walk.part, gap), least, is_end, is_final)
 
@@ -200,7 +202,8 @@ def _judged(course: Course, walk: Walk, aim: Aim, place: Place, result: RESULTS)
     slope = (place.force - here.force) / _nonzero(change)
     turn = (slope - (here.force - last.force) / _nonzero(before)) / _nonzero(change + before)
     # The error of the trapezoid, where F is a parabola through three states.
-    curved = jnp.where(change * before > 0, turn * change**3 / 6, 0)
+    is_known = (change * before > 0) & course.finds_all
+    curved = jnp.where(is_known, turn * change**3 / 6, 0)
     loss = here.potential + change * (here.force + place.force) / 2 - curved - place.potential
     least = course.smallest_loss(walk.here)
     error = jnp.maximum(jnp.abs(loss), jnp.abs(curved) / _MAX_CURVATURE) / least
@@ -287,10 +290,11 @@ def _stride(
     stride = jnp.minimum(aim.length * jnp.clip(growth, 0.5, 2), course.longest)
     # A load that was only too far away is passed by steps that grow again.
     stride = jnp.where(walk.search.is_on, 2 * aim.length, stride)
+    # A step cut short by the end of a part, to no length even, says nothing against a long one.
+    stride = jnp.where(aim.is_end, jnp.maximum(stride, walk.stride), stride)
     stride = jnp.where(is_event, course.longest / 8, stride)
     stride = jnp.where(is_apart, course.longest, stride)
-    # A step that rounding leaves no length says nothing of the next.
-    return jnp.where(is_free & (aim.length > 0), stride, walk.stride)
+    return jnp.where(is_free, stride, walk.stride)
 
 
 def _brings_together(contact: Contact, load: Load) -> Flag:

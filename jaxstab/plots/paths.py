@@ -109,7 +109,10 @@ def _draw(path: Path, x: Quantity, y: Quantity, unit: str | None, axes: Axes) ->
         axes.fill(there, across, color="0.9", zorder=0)
         number = len(path.jumps)
         lost = measured(
-            unit, float(path.dissipation), dimension_on(_sides(path), "energy"), digits=4
+            unit,
+            float(path.jumps.dissipation.sum()),
+            dimension_on(_sides(path), "energy"),
+            digits=4,
         )
         axes.set_title(f"lost in {number} jump{'' if number == 1 else 's'}: {lost}")
     return axes
