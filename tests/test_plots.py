@@ -432,7 +432,7 @@ def test_the_contact_area_is_drawn_only_where_something_touches(loop):
 
 
 def test_a_loop_in_metres_is_lost_in_joules(loop):
-    small = eqx.tree_at(lambda x: x.dissipation, loop, jnp.array(3.62e-14))
+    small = eqx.tree_at(lambda x: x.jumps.dissipation, loop, jnp.array([3e-14, 6.2e-15]))
     axes = plots.path(small, unit="m")
     assert axes.get_title() == "lost in 2 jumps: 36.2 fJ"
     loads = small.load.value * 1e-6
