@@ -207,7 +207,10 @@ def _shortening(contact: Contact, max_move: Float[Array, ""] | None) -> Callable
         rooms = (law_range + gap) / jnp.where(moves, jnp.abs(direction), 1)
         return jnp.minimum(length, max_move * jnp.min(jnp.where(moves, rooms, jnp.inf)))
 
-    return shortened
+    def unchanged(length: Float[Array, ""], *_: Float[Array, " *grid"]) -> Float[Array, ""]:
+        return length
+
+    return partial(jax.lax.cond, jnp.isfinite(max_move), shortened, unchanged)
 
 
 def _nonzero(value: Float[Array, ""]) -> Float[Array, ""]:

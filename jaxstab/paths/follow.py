@@ -38,8 +38,6 @@ from jaxstab.warn import warn
 
 # States and jumps of a batch.
 _ROOM = 32, 2
-# How near jumps are located, over the range of the loads.
-_RESOLUTION = 5e-7
 # From which loss jumps are located by default: over the problem's own energy, and over what was
 # lost before.
 _SMALLEST_JUMP = 2e-7
@@ -186,7 +184,7 @@ def _go_on(walk: Walk[Store], num_steps: int | None, *inputs: Any) -> Walk[Store
 def _course(
     contact: Contact, load: Load, smallest_jump: Scalar, share: Scalar, disturbance: Scalar
 ) -> Course:
-    return course_of(contact, load, smallest_jump, disturbance, _RESOLUTION, share, finds_all=True)
+    return course_of(contact, load, smallest_jump, disturbance, share=share, finds_all=True)
 
 
 def _recorded(fields: bool, inputs: Any, bar: Any) -> Recording:

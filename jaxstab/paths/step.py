@@ -35,14 +35,13 @@ from jaxstab.results import RESULTS
 
 # By what factor further on a state is sought where the solver is lost beyond the end of a branch.
 _FURTHER = 8
-# The part of the way to a load beyond the end that is tried next: trials beyond it end early.
-_SHARE = 0.65
 # How much of the smallest loss the curvature of F may take from the work on a step.
 _MAX_CURVATURE = 4
-# The errors on a branch that may add up in a potential foreseen.
-_LEEWAY = 20
+# The errors on a branch that may add up in a potential foreseen, and for steps once one has failed:
+# what is said of these too early costs less.
+_LEEWAY, _LEEWAY_IN_SEARCH = 20, 5
 # The part of the errors allowed that a step aims at.
-_AIM = 0.5
+_AIM = 0.7
 
 
 class Search(eqx.Module):
@@ -51,13 +50,11 @@ class Search(eqx.Module):
     Attributes:
         distance: how far ahead the nearest such load lies; infinite if there is none.
         error: that of a step there, over what is allowed, as far as it is known.
-        loss: what the first step that failed has lost [energy].
         nearness: how near the end of the branch is to be located.
     """
 
     distance: Scalar
     error: Scalar
-    loss: Scalar
     nearness: Scalar
 
     @property
@@ -136,11 +133,9 @@ class Trial(eqx.Module):
     """A step that was tried, and what it means.
 
     Attributes:
-        loss: what was lost on it, as far as the work on it is known; infinite if it has no end
-            [energy].
         dissipation: what the jump on it has lost, the difference of two potentials at the load that
             it begins at [energy].
-        error: of loss and force, over what is allowed on a branch.
+        error: of loss and force, over what is allowed on a branch; infinite if it has no end.
         is_smooth: whether it stayed on the branch.
         is_jump: whether it left the branch, at its end.
         is_pulled: whether the surfaces fell apart in that jump.
@@ -149,7 +144,6 @@ class Trial(eqx.Module):
         is_lost: whether no equilibrium was found where the branch has ended.
     """
 
-    loss: Scalar
     dissipation: Scalar
     error: Scalar
     is_smooth: Flag
@@ -167,7 +161,7 @@ def aimed(course: Course, walk: Walk) -> Aim:
     left = jnp.abs(target - here.value)
     # Where it failed by its length alone, what is left of the step is right.
     tries_whole = (search.distance <= search.nearness) | (search.error <= 1)
-    within = jnp.where(tries_whole, 1, _SHARE if course.finds_all else 0.5) * search.distance
+    within = jnp.where(tries_whole, search.distance, search.distance / 2)
     length = jnp.minimum(jnp.where(search.is_on, within, walk.stride), left)
     is_end = length >= left
     # The last step to a load that failed is a jump, if it fails again.
@@ -180,8 +174,8 @@ def aimed(course: Course, walk: Walk) -> Aim:
     stays = is_final if course.finds_all else search.is_on
     gap = here.gap + jnp.where(stays, 0, change * rate)
     gap = jnp.where(walk.is_apart, course.apart(), jnp.maximum(gap, 0))
-    is_open = walk.is_apart | is_final | (here.value == walk.last.value) | ~course.finds_all
-    least = jnp.where(is_open, -jnp.inf, _least_potential(course, walk, change))
+    is_foreseen = ~walk.is_apart & ~is_final & (here.value != walk.last.value) & course.finds_all
+    least = jnp.where(is_foreseen, _least_potential(course, walk, change), -jnp.inf)
     return Aim(value, length, course.start(value, walk.part, gap), least, is_end, is_final)
 
 
@@ -190,8 +184,8 @@ def _least_potential(course: Course, walk: Walk, change: Scalar) -> Scalar:
     here, last = walk.here.place, walk.last
     slope = (here.force - last.force) / _nonzero(here.value - last.value)
     foreseen = here.potential + change * (here.force + change * slope / 2)
-    loss = jnp.where(jnp.isfinite(walk.search.loss), walk.search.loss, 0)
-    return foreseen - _LEEWAY * course.smallest_loss(walk.here) - loss / 4
+    leeway = jnp.where(walk.search.is_on, _LEEWAY_IN_SEARCH, _LEEWAY)
+    return foreseen - leeway * course.smallest_loss(walk.here)
 
 
 def _judged(course: Course, walk: Walk, aim: Aim, place: Place, result: RESULTS) -> Trial:
@@ -214,7 +208,6 @@ def _judged(course: Course, walk: Walk, aim: Aim, place: Place, result: RESULTS)
     presses = _brings_together(course.contact, course.at(value, walk.part))
     touches = walk.is_apart & is_found & presses
     return Trial(
-        loss=jnp.where(is_together, loss, jnp.inf),
         dissipation=here.potential + change * place.force - place.potential,
         error=jnp.where(is_together, error, jnp.inf),
         is_smooth=is_smooth,
@@ -271,7 +264,6 @@ def _search(
     return Search(
         jnp.where(is_over, jnp.inf, distance),
         error,
-        jnp.where(search.is_on, search.loss, jnp.abs(trial.loss)),
         jnp.where(is_over, course.resolution, nearness),
     )
 

@@ -69,7 +69,7 @@ def begin_at(
         here=here,
         last=place,
         stride=course.longest / 8,
-        search=Search(zero + jnp.inf, zero, zero, course.resolution),
+        search=Search(zero + jnp.inf, zero, course.resolution),
         part=none,
         is_apart=jnp.array(False),
         states=states(here).with_entry(here, jnp.array(True)),
