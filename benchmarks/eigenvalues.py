@@ -38,8 +38,8 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lobp
 
 import jaxstab as js
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.eigenpairs import Eigenpair, measured
-from jaxstab.stability.modes import noise
+from jaxstab.stability.eigenpair import Eigenpair, measured
+from jaxstab.stability.lowest_modes import noise
 
 TOLERANCE = 1e-7
 GROWTH_SIZES = [128, 256, 512, 1024]

@@ -19,8 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxstab as js
-from jaxstab.paths.stage import PullOffStages
-from jaxstab.refill import Lanes, Programs
+from jaxstab.studies.lanes.pull_off import PullOffStages
+from jaxstab.studies.lanes.scheduler import Lanes, Programs
 
 RESULTS = Path(__file__).parent / "results" / "refilled.md"
 LAWS = (js.potentials.Exponential, js.potentials.Gaussian, js.potentials.Rational)

@@ -25,9 +25,9 @@ import jax.numpy as jnp  # noqa: E402
 from jax.sharding import NamedSharding, PartitionSpec  # noqa: E402
 
 import jaxstab as js  # noqa: E402
-from jaxstab.hessian import Hessian  # noqa: E402
+from jaxstab.contact.hessian import Hessian  # noqa: E402
 from jaxstab.stability.cones import Subspace  # noqa: E402
-from jaxstab.stability.modes import BLOCK_SIZE  # noqa: E402
+from jaxstab.stability.lowest_modes import BLOCK_SIZE  # noqa: E402
 
 KINDS = ("all-to-all", "all-reduce", "all-gather", "collective-permute")
 BYTES = {"f64": 8, "c128": 16, "f32": 4, "c64": 8, "s32": 4, "s64": 8, "pred": 1}

@@ -7,19 +7,14 @@ contact*, whose equation numbers the documentation quotes.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from jaxstab import cases, files, potentials, surfaces
-from jaxstab.branches.critical_load import CriticalLoad
+from jaxstab import files, potentials, surfaces
 from jaxstab.calibration import Calibration, calibrate
 from jaxstab.citations import cite
 from jaxstab.contact import Contact
-from jaxstab.elasticity import (
-    CoatedHalfSpace,
-    FreeHalfSpace,
-    HalfSpace,
-    Layer,
-    Solid,
-    Spectral,
-)
+from jaxstab.contact.resolution import ResolutionWarning
+from jaxstab.core.grid import Grid
+from jaxstab.core.history import History
+from jaxstab.core.results import KINDS, RESULTS, VERDICTS, SolverError
 from jaxstab.equilibrium import (
     Equilibrium,
     EquilibriumSolver,
@@ -30,7 +25,6 @@ from jaxstab.equilibrium import (
 )
 from jaxstab.equilibrium.window import WindowWarning
 from jaxstab.files import load, save, to_dataset
-from jaxstab.grid import Grid
 from jaxstab.loads import (
     FarDisplacement,
     MachineWarning,
@@ -39,14 +33,23 @@ from jaxstab.loads import (
     MeanPressure,
     Spring,
 )
-from jaxstab.paths import Jump, Path, PathInterrupted, critical_load, follow, pull_off
-from jaxstab.resolution import ResolutionWarning
-from jaxstab.results import KINDS, RESULTS, VERDICTS, SolverError
+from jaxstab.paths import Jump, Path, PathInterrupted, States, critical_load, follow, pull_off
+from jaxstab.paths.branch_end.critical_load import CriticalLoad
+from jaxstab.paths.sweep import Sweep, SweepInterrupted, sweep
+from jaxstab.solids import (
+    CoatedHalfSpace,
+    FreeHalfSpace,
+    HalfSpace,
+    Layer,
+    Solid,
+    Spectral,
+)
 from jaxstab.stability import (
     Barrier,
     ConeSolver,
     Davidson,
     Eigenpair,
+    Minimum,
     ProjectedLOBPCG,
     ProximalIteration,
     SpaceSolver,
@@ -55,9 +58,8 @@ from jaxstab.stability import (
     lowest_modes,
     release,
 )
-from jaxstab.studies import StudyInterrupted, study
+from jaxstab.studies import StudyInterrupted, cases, study
 from jaxstab.surfaces import SurfaceWarning
-from jaxstab.sweeps import Sweep, SweepInterrupted, sweep
 
 if TYPE_CHECKING:
     from jaxstab import plots, references
@@ -82,12 +84,14 @@ __all__ = [
     "FreeHalfSpace",
     "Grid",
     "HalfSpace",
+    "History",
     "Jump",
     "Layer",
     "MachineWarning",
     "MeanDisplacement",
     "MeanGap",
     "MeanPressure",
+    "Minimum",
     "Path",
     "PathInterrupted",
     "PolonskyKeerRey",
@@ -102,6 +106,7 @@ __all__ = [
     "Spectral",
     "Spring",
     "Stability",
+    "States",
     "StudyInterrupted",
     "SurfaceWarning",
     "Sweep",

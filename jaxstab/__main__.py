@@ -8,9 +8,9 @@ from pathlib import Path
 import jax
 import matplotlib
 
-from jaxstab.commands import cite, info, plot, run, study
-from jaxstab.commands.parsing import BAD_INPUT, FAILED, INTERRUPTED, Ended, Parser
-from jaxstab.results import SolverError
+from jaxstab.cli import cite, info, plot, run, study
+from jaxstab.cli.parsing import BAD_INPUT, FAILED, INTERRUPTED, Ended, Parser
+from jaxstab.core.results import SolverError
 
 COMMANDS = {"run": run, "study": study, "info": info, "plot": plot, "cite": cite}
 

@@ -39,9 +39,10 @@ import numpy as np
 import pytest
 
 import jaxstab as js
-from jaxstab import lanes, potentials
-from jaxstab.history import History
-from jaxstab.programs import num_pieces
+from jaxstab import potentials
+from jaxstab.core import batching
+from jaxstab.core.compile import num_pieces
+from jaxstab.core.history import History
 
 jax.config.update("jax_enable_x64", True)
 # A trace makes many objects that live on, and looking for garbage among them takes a twentieth.
@@ -73,7 +74,7 @@ def beside_an_accelerator():
     """Trace programs as where JAX finds one."""
     jax.clear_caches()
     try:
-        with mock.patch.object(lanes, "_has_accelerator", lambda: True):
+        with mock.patch.object(batching, "_has_accelerator", lambda: True):
             yield
     finally:
         # Or the next test gets this one's programs.

@@ -13,7 +13,7 @@ import numpy as np
 from jax.sharding import NamedSharding, PartitionSpec
 
 import jaxstab as js
-from jaxstab.hessian import Hessian
+from jaxstab.contact.hessian import Hessian
 from jaxstab.stability.cones import Subspace
 
 N = 32

@@ -10,7 +10,7 @@ import pytest
 from conftest import beside_an_accelerator
 
 import jaxstab as js
-from jaxstab import lanes
+from jaxstab.core import batching
 
 N, LANES = 16, 3
 
@@ -84,7 +84,7 @@ def test_lanes_together_give_what_each_gives_alone(monkeypatch):
         mapped.append(lanes)
         return jax.vmap(together)(lanes)
 
-    monkeypatch.setattr(lanes, "_map", map_together)
+    monkeypatch.setattr(batching, "_map", map_together)
     joint = jax.jit(jax.vmap(solve))(heights)
     # Or the next test gets this one's programs.
     jax.clear_caches()

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jaxstab as js
-from jaxstab.hessian import Hessian
-from jaxstab.stability import coarse
+from jaxstab.contact.hessian import Hessian
+from jaxstab.stability import coarse_start
 from jaxstab.stability.cones import AdmissibleCone
 
 
@@ -17,8 +17,8 @@ from jaxstab.stability.cones import AdmissibleCone
 def small_is_large(monkeypatch):
     """Have grids of 64 x 64 searched from ones of 32 x 32 and 16 x 16."""
     jax.clear_caches()
-    monkeypatch.setattr(coarse, "_LARGE", 64**2)
-    monkeypatch.setattr(coarse, "_FEWEST", 16**2)
+    monkeypatch.setattr(coarse_start, "_LARGE", 64**2)
+    monkeypatch.setattr(coarse_start, "_FEWEST", 16**2)
     yield
     jax.clear_caches()
 
@@ -89,7 +89,7 @@ def test_a_coarser_problem_without_a_mode_gives_no_start(small_is_large):
     free = jnp.zeros(grid.shape, bool).at[::8, ::8].set(True)
     hessian = Hessian(js.HalfSpace(grid, 1.0), jnp.where(free, -40.0, 0.0))
     random = jax.random.normal(jax.random.key(0), (3, *grid.shape))
-    search = jax.jit(coarse.mode_by_coarser)
+    search = jax.jit(coarse_start.mode_by_coarser)
     start, *_ = search(js.ProjectedLOBPCG(), hessian, AdmissibleCone(~free), random)
     np.testing.assert_array_equal(start, 0)
 

@@ -13,9 +13,9 @@ import xarray
 
 import jaxstab as js
 from jaxstab.__main__ import _keep_programs, main
-from jaxstab.commands import problem
-from jaxstab.commands import run as run_command
-from jaxstab.commands.parsing import Parser
+from jaxstab.cli import problem
+from jaxstab.cli import run as run_command
+from jaxstab.cli.parsing import Parser
 
 SURFACE = ["--size", "32", "--k-high", "8"]
 SMALL = [*SURFACE, "--study", "unloading", "--number", "5"]

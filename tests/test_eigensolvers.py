@@ -15,11 +15,11 @@ from conftest import (
 )
 
 import jaxstab as js
-from jaxstab.checks import cast
-from jaxstab.hessian import Hessian, SymmetricOperator
+from jaxstab.contact.hessian import Hessian, SymmetricOperator
+from jaxstab.core.checks import cast
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpairs import measured
-from jaxstab.stability.modes import noise
+from jaxstab.stability.eigenpair import measured
+from jaxstab.stability.lowest_modes import noise
 
 
 class Dense(SymmetricOperator):

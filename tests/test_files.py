@@ -188,8 +188,11 @@ def test_what_cannot_be_read_is_refused_in_a_sentence(case, tmp_path):
     [
         (lambda text: text.replace('"format": 1', '"format": 99'), "a form that this version"),
         (lambda text: text.replace('"num_steps": {', '"num_loops": {'), "another version of the"),
-        (lambda text: text.replace("history:History", "history:Chronicle"), "is not found"),
-        (lambda text: text.replace("jaxstab.history:History", "os:system"), "no equinox.Module"),
+        (lambda text: text.replace("jaxstab:History", "jaxstab:Chronicle"), "is not found"),
+        (
+            lambda text: text.replace("jaxstab:History", "os:system"),
+            "no equinox.Module",
+        ),
         (lambda text: text.replace('"RESULTS"', '"VERDICTS"'), "successful in the file is not one"),
     ],
 )
@@ -208,7 +211,7 @@ def test_a_file_of_another_version_is_refused_in_a_sentence(case, tmp_path, chan
     ("new", "old"),
     [
         pytest.param(', "sharding": null', "", id="than a field with a default"),
-        pytest.param("history:History", "iterate:History", id="than a module"),
+        pytest.param("jaxstab:History", "jaxstab.history:History", id="than a module"),
     ],
 )
 def test_an_older_file_opens(case, tmp_path, new, old):

@@ -97,7 +97,7 @@ def run_in(folder, *arguments):
 
 @pytest.mark.parametrize("command", ["info", "plot"])
 def test_no_command_imports_what_a_file_names_in_the_folder_it_runs_in(saved, trap, command):
-    rewritten(saved, "jaxstab.elasticity.half_space:HalfSpace", "trap_module:Law")
+    rewritten(saved, "jaxstab:HalfSpace", "trap_module:Law")
     run = run_in(trap, command, str(saved))
     assert run.returncode == 2
     assert "--import trap_module" in run.stderr
@@ -107,17 +107,21 @@ def test_no_command_imports_what_a_file_names_in_the_folder_it_runs_in(saved, tr
     ("old", "new", "message"),
     [
         # An attribute that a module makes when it is asked for, by an import.
-        ("jaxstab.history:History", "jaxstab:references.Law", "is not found"),
-        ("jaxstab.history:History", "os:system", r"no equinox\.Module"),
-        ("jaxstab.history:History", "builtins:eval", r"no equinox\.Module"),
-        ("jaxstab.history:History", "subprocess:Popen", r"no equinox\.Module"),
-        ("jaxstab.history:History", "jaxstab.files.records:import_module", "is not found"),
-        ("jaxstab.history:History", "jaxstab.history:History.__init__.__globals__", "is not found"),
-        ("jaxstab.history:History", "", "names the class"),
+        ("jaxstab:History", "jaxstab:references.Law", "is not found"),
+        ("jaxstab:History", "os:system", r"no equinox\.Module"),
+        ("jaxstab:History", "builtins:eval", r"no equinox\.Module"),
+        ("jaxstab:History", "subprocess:Popen", r"no equinox\.Module"),
+        ("jaxstab:History", "jaxstab.files.records:import_module", "is not found"),
+        (
+            "jaxstab:History",
+            "jaxstab:History.__init__.__globals__",
+            "is not found",
+        ),
+        ("jaxstab:History", "", "names the class"),
         ('"RESULTS"', '"jax"', "jax of the file is no enumeration"),
         ('"RESULTS"', '"Enumeration.promote"', "is no enumeration"),
         ('"RESULTS"', '"__builtins__"', "is no enumeration"),
-        ('"class": "jaxstab.history:History"', '"class": ["os"]', "cannot be read"),
+        ('"class": "jaxstab:History"', '"class": ["os"]', "cannot be read"),
         ('{"tuple": ', '{"set": ', "cannot be read"),
     ],
 )

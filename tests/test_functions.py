@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxstab.functions import as_pytree
+from jaxstab.core.closures import as_pytree
 
 X = 0.7
 RATES = np.arange(1.0, 4.0)

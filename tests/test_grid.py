@@ -5,7 +5,7 @@ import pytest
 import scipy.signal
 
 import jaxstab as js
-from jaxstab.grid import resample
+from jaxstab.core.grid import resample
 
 SHAPES = [(8,), (9,), (8, 8), (9, 7), (6, 9), (7, 4)]
 

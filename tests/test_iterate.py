@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import jaxstab as js
-from jaxstab.history import History
-from jaxstab.iterate import IterativeSolver
-from jaxstab.pause import Pause
-from jaxstab.progress import advance, progress_bar
+from jaxstab.core.history import History
+from jaxstab.core.loop import IterativeSolver
+from jaxstab.core.pause import Pause
+from jaxstab.core.progress import advance, progress_bar
 
 
 @pytest.mark.parametrize("count", [1, 256, 257, 513, 5000, 100_000])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from conftest import beside_an_accelerator
 
-from jaxstab.lanes import by_lanes
+from jaxstab.core.batching import by_lanes
 
 
 def iterate(start, factor):

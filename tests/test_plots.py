@@ -10,7 +10,7 @@ from matplotlib.text import Text
 
 import jaxstab as js
 from jaxstab import plots
-from jaxstab.stacks import stacked
+from jaxstab.core.stack import stacked
 
 
 @pytest.fixture(scope="module")

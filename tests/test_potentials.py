@@ -13,7 +13,7 @@ from jaxstab.potentials import (
     energy_density,
     slope,
 )
-from jaxstab.profile import Profile
+from jaxstab.potentials.profile import Profile
 
 GAPS = jnp.linspace(0.0, 3.0, 25).reshape(5, 5)
 # f, f' and f'' written out by hand, at gamma = 2, rho = 0.7.

@@ -1,7 +1,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from jaxstab import programs
+from jaxstab.core import compile as programs
 
 
 def test_programs_are_dropped_before_there_is_no_room_for_more(monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 from conftest import rough_contact
 
 import jaxstab as js
-from jaxstab.progress import advance, progress_bar
+from jaxstab.core.progress import advance, progress_bar
 
 
 def test_a_bar_says_compiling_until_its_first_step(capsys):

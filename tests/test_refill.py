@@ -8,10 +8,10 @@ import pytest
 import xarray
 
 import jaxstab as js
-from jaxstab.cases import Case
-from jaxstab.refill import Lanes, Programs
-from jaxstab.stage import Stage
+from jaxstab.studies.cases import Case
 from jaxstab.studies.fingerprint import differences, fingerprint
+from jaxstab.studies.lanes.scheduler import Lanes, Programs
+from jaxstab.studies.lanes.stage import Stage
 from jaxstab.studies.store import Store
 
 # Steps of Collatz's sequence from a number to one, from the literature (OEIS A006577).

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxstab as js
-from jaxstab.refill import Lanes
-from jaxstab.stability import coarse
+from jaxstab.stability import coarse_start
+from jaxstab.studies.lanes.scheduler import Lanes
 
 GRID = js.Grid(16)
 # Stable without contact, stable by a bound that is proved, held by contact, and no equilibrium.
@@ -64,8 +64,8 @@ def test_verdicts_in_lanes_are_those_found_alone():
 
 def test_on_a_large_grid_lanes_start_from_the_coarser_one_too(monkeypatch):
     jax.clear_caches()
-    monkeypatch.setattr(coarse, "_LARGE", GRID.size)
-    monkeypatch.setattr(coarse, "_FEWEST", GRID.size // 4)
+    monkeypatch.setattr(coarse_start, "_LARGE", GRID.size)
+    monkeypatch.setattr(coarse_start, "_FEWEST", GRID.size // 4)
     # The coarser mode is trusted in the first, and not in the second.
     cases = [(5, 0.003, 0.08), (1, 0.02, 0.02)]
     verdicts = assert_lanes_find_what_is_found_alone(js.cases.verdict(rough, summary), cases, 2)

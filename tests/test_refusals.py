@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jaxstab as js
-from jaxstab.derivatives import attach, pushed
-from jaxstab.refusals import Obstacle
+from jaxstab.core.implicit import attach, pushed
+from jaxstab.core.no_derivative import Obstacle
 
 X = jnp.array([1.0, 2.0])
 SENTENCE = "^The derivative does not exist: it is in the way."

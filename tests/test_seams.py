@@ -9,8 +9,7 @@ from descent import Descent
 from jaxtyping import Array
 
 import jaxstab as js
-from jaxstab.iterate import IterativeSolver
-from jaxstab.stability.solver import Minimum
+from jaxstab.core.loop import IterativeSolver
 
 SHAPE = (4, 5)
 SIZE = 20
@@ -132,7 +131,7 @@ class PowerIteration(js.ConeSolver):
             return {"residual": moved * operator.bound / operator.scale}
 
         found = self.iterate(lambda x: unit(descent(x)), measure, unit(jnp.abs(starts[-1])))
-        return Minimum(
+        return js.Minimum(
             descent(found.state), found.num_steps, 2 * found.num_steps, found.result, found.history
         )
 

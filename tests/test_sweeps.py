@@ -11,7 +11,7 @@ import pytest
 from conftest import compilations
 
 import jaxstab as js
-from jaxstab.sweeps import _padded
+from jaxstab.paths.sweep import _padded
 
 LOADS = jnp.linspace(1e-5, 2.0, 32)
 SCRIPT = Path(__file__).parent / "lanes_as_users_run_them.py"
@@ -113,7 +113,7 @@ def interrupt_at(number, monkeypatch):
             signal.raise_signal(signal.SIGINT)
         return js.equilibrate(*arguments, **options)
 
-    monkeypatch.setattr("jaxstab.sweeps.equilibrate", solve)
+    monkeypatch.setattr("jaxstab.paths.sweep.equilibrate", solve)
 
 
 @pytest.mark.usefixtures("interruptible")

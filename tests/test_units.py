@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxstab as js
-from jaxstab.labels import measured
+from jaxstab.files.labels import measured
 
 
 def flat(unit=None, heights=None, length=1e-6):

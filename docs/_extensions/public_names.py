@@ -50,16 +50,16 @@ def everything() -> dict[str, Any]:
     """Return all that is public, but for modules, by its dotted name, the shortest if several."""
     found: dict[str, Any] = {}
 
-    def collect(module: ModuleType) -> None:
-        items = {name: getattr(module, name) for name in members(module)}
-        modules = [item for item in items.values() if isinstance(item, ModuleType)]
-        for name, item in items.items():
-            if item not in modules and not any(item is known for known in found.values()):
-                found[f"{module.__name__}.{name}"] = item
-        for inner in modules:
-            collect(inner)
+    def collect(name: str, module: ModuleType) -> None:
+        items = {f"{name}.{x}": getattr(module, x) for x in members(module)}
+        modules = {x: item for x, item in items.items() if isinstance(item, ModuleType)}
+        for x, item in items.items():
+            if x not in modules and not any(item is known for known in found.values()):
+                found[x] = item
+        for x, inner in modules.items():
+            collect(x, inner)
 
-    collect(import_module(PACKAGE))
+    collect(PACKAGE, import_module(PACKAGE))
     return found
 
 
@@ -74,9 +74,10 @@ def names_of(entry: str) -> list[str]:
     A module stands for what is public in it or from it, of the latter functions first; anything
     else for itself.
     """
-    if not isinstance(resolve(entry), ModuleType):
+    module = resolve(entry)
+    if not isinstance(module, ModuleType):
         return [entry]
-    found = {name: x for name, x in everything().items() if is_inside(home_of(x), entry)}
+    found = {name: x for name, x in everything().items() if is_inside(home_of(x), module.__name__)}
     inside = [name for name in found if name.rpartition(".")[0] == entry]
     from_it = [name for name in found if name.rpartition(".")[0] == PACKAGE]
     return sorted(from_it, key=lambda name: isclass(found[name])) + inside

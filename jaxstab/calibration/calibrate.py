@@ -22,19 +22,19 @@ from jaxstab.calibration.least_squares import (
     Values,
 )
 from jaxstab.calibration.starts import best_of
-from jaxstab.checks import integer, is_traced, parameter, require, require_finite
 from jaxstab.contact import Contact, require_contact
-from jaxstab.display import block
+from jaxstab.contact.resolution import warn_if_coarse
+from jaxstab.core.checks import integer, is_traced, parameter, require, require_finite
+from jaxstab.core.compile import program
+from jaxstab.core.display import block
+from jaxstab.core.history import History
+from jaxstab.core.loop import refuse_derivatives
+from jaxstab.core.progress import advance, progress_bar
+from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
 from jaxstab.equilibrium.window import whole_start
-from jaxstab.history import History
-from jaxstab.iterate import refuse_derivatives
 from jaxstab.loads import Load, MeanPressure, require_load
-from jaxstab.programs import program
-from jaxstab.progress import advance, progress_bar
-from jaxstab.resolution import warn_if_coarse
-from jaxstab.results import RESULTS, throw_failure
 
 # Imported where it is used, since that takes a while.
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxstab.history import Indicators
-from jaxstab.iterate import Iteration, IterativeSolver, Loop
+from jaxstab.core.history import Indicators
+from jaxstab.core.loop import Iteration, IterativeSolver, Loop
 from jaxstab.loads import Load
 
 # Imported where it is used, since that takes a while.

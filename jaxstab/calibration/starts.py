@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxstab.calibration.least_squares import State, Values
-from jaxstab.iterate import Iteration
-from jaxstab.results import RESULTS
+from jaxstab.core.loop import Iteration
+from jaxstab.core.results import RESULTS
 
 MOST = 8
 # Logarithms: a factor of two around the first start, and nearer to the best fit so far.

@@ -9,14 +9,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxstab.checks import is_traced, known, numbers, require, require_finite
 from jaxstab.contact import Contact, require_contact
-from jaxstab.derivatives import attach
-from jaxstab.elasticity import Solid
-from jaxstab.equilibrium.implicit import changes_of_fields
-from jaxstab.equilibrium.preconditioned import PreconditionedConjugateGradient
-from jaxstab.equilibrium.solver import EquilibriumSolver
-from jaxstab.equilibrium.state import (
+from jaxstab.contact.resolution import warn_if_coarse
+from jaxstab.core.batching import by_lanes
+from jaxstab.core.checks import is_traced, known, numbers, require, require_finite
+from jaxstab.core.compile import program
+from jaxstab.core.grid import resample
+from jaxstab.core.implicit import attach
+from jaxstab.core.loop import Iteration, solver_or_default
+from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.equilibrium.derivatives import changes_of_fields
+from jaxstab.equilibrium.equilibrium import (
     DIFFERENTIABLE,
     Equilibrium,
     Field,
@@ -25,14 +28,11 @@ from jaxstab.equilibrium.state import (
     in_units_of,
     single_equilibrium,
 )
+from jaxstab.equilibrium.solvers.base import EquilibriumSolver
+from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
 from jaxstab.equilibrium.window import warn_at_edges, whole_start
-from jaxstab.grid import resample
-from jaxstab.iterate import Iteration, solver_or_default
-from jaxstab.lanes import by_lanes
 from jaxstab.loads import Control, GapControl, Load, require_load, warn_if_soft
-from jaxstab.programs import program
-from jaxstab.resolution import warn_if_coarse
-from jaxstab.results import RESULTS, throw_failure
+from jaxstab.solids import Solid
 
 # In units of the precision: what part of itself a mean gap may be off.
 _ROUNDING = 1e3

@@ -10,17 +10,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxstab.checks import is_traced, known
 from jaxstab.contact import Contact
-from jaxstab.derivatives import LinearSystem
-from jaxstab.elasticity import Field, Padded, mirrored, padded, where_window
-from jaxstab.equilibrium.state import Equilibrium
-from jaxstab.grid import mean
-from jaxstab.hessian import Hessian
+from jaxstab.contact.hessian import Hessian
+from jaxstab.core.checks import is_traced, known
+from jaxstab.core.compile import program
+from jaxstab.core.grid import mean
+from jaxstab.core.implicit import LinearSystem
+from jaxstab.core.results import RESULTS
+from jaxstab.core.warn import warn_once
+from jaxstab.equilibrium.equilibrium import Equilibrium
 from jaxstab.loads import Load
-from jaxstab.programs import program
-from jaxstab.results import RESULTS
-from jaxstab.warn import warn_once
+from jaxstab.solids import Field, Padded, mirrored, padded, where_window
 
 Start = TypeVar("Start", Field, Field | None)
 

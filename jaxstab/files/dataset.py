@@ -11,19 +11,19 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jaxstab.checks import is_traced
 from jaxstab.contact import Contact, require_contact
-from jaxstab.display import text
+from jaxstab.core.checks import is_traced
+from jaxstab.core.display import text
+from jaxstab.core.extras import require_packages
+from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.recognition import recognised
+from jaxstab.equilibrium.verify import recognised
+from jaxstab.files.labels import ENERGY, LENGTH, QUANTITIES, dimension_on, with_unit
 from jaxstab.files.law import law_variables
 from jaxstab.files.records import Record, Recorder, Structure, indicators
-from jaxstab.labels import ENERGY, LENGTH, QUANTITIES, dimension_on, with_unit
-from jaxstab.packages import require_packages
 from jaxstab.paths import Path
-from jaxstab.results import RESULTS
+from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
-from jaxstab.sweeps import Sweep
 
 # Imported where it is used, since that takes a while and few need it.
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from jaxstab.contact import Contact
-from jaxstab.display import text
-from jaxstab.labels import LENGTH, PRESSURE, SURFACE_ENERGY, with_unit
+from jaxstab.core.display import text
+from jaxstab.files.labels import LENGTH, PRESSURE, SURFACE_ENERGY, with_unit
 
 # Every how many points of a law's profile are kept.
 _EVERY = 16

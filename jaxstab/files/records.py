@@ -1,8 +1,8 @@
 """Pytrees as named arrays and a structure in JSON, and back.
 
-Classes are kept by their import path, so that one's own laws, solids and loads come back too, in a
-program that has imported their module: a file imports nothing. Bare functions have no path: of
-these only the name is kept.
+Classes of jaxstab are kept by their public name, others by their import path, so that one's own
+laws, solids and loads come back too, in a program that has imported their module: a file imports
+nothing. Bare functions have no path: of these only the name is kept.
 """
 
 import sys
@@ -14,11 +14,12 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jaxstab import results
-from jaxstab.checks import is_traced
-from jaxstab.enumerations import Enumeration
-from jaxstab.functions import is_bare
-from jaxstab.history import History
+from jaxstab.core import results
+from jaxstab.core.checks import is_traced
+from jaxstab.core.closures import is_bare
+from jaxstab.core.enumeration import Enumeration
+from jaxstab.core.history import History
+from jaxstab.core.names import is_own, public, public_name
 
 # JSON, as Python has it.
 Structure = Any
@@ -110,7 +111,7 @@ class Recorder:
             )
             for field in fields(value)
         }
-        return {"class": f"{type(value).__module__}:{type(value).__qualname__}", "fields": contents}
+        return {"class": public_name(type(value)), "fields": contents}
 
     def _array(self, array: Any, path: tuple[str, ...], axes: tuple[str, ...]) -> Structure:
         if is_traced(array):
@@ -224,13 +225,14 @@ def _class(path: str) -> type:
         ValueError: for a module that is not imported, a class that is not in it, and any other.
     """
     module, _, name = path.partition(":")
-    if module not in sys.modules:
+    if not is_own(module) and module not in sys.modules:
         raise ValueError(
             f"The file names the class {path}, and a file imports no module: if you trust it, "
             f"write `import {module}` before jaxstab.load, or give the option --import {module}."
         )
-    found: Any = sys.modules[module]
-    for part in name.split("."):
+    # Older files name the module that a class of jaxstab lay in.
+    found: Any = public(name) if is_own(module) else sys.modules[module]
+    for part in [] if is_own(module) else name.split("."):
         # What `getattr` finds may be imported by it.
         found = getattr(found, "__dict__", {}).get(part)
     if found is None:

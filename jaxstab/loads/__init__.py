@@ -4,9 +4,9 @@ A load acts on the mean of the gap: it holds it, or presses with a mean pressure
 on it.
 """
 
-from jaxstab.loads.gap import GapControl, MeanDisplacement, MeanGap
+from jaxstab.loads.held_gap import GapControl, MeanDisplacement, MeanGap
 from jaxstab.loads.load import Control, Load, require_load, require_same_machine
-from jaxstab.loads.pressure import MeanPressure, PressureControl
+from jaxstab.loads.pressure import MeanPressure, PressingControl, PressureControl
 from jaxstab.loads.spring import (
     FarDisplacement,
     MachineWarning,
@@ -24,6 +24,7 @@ __all__ = [
     "MeanDisplacement",
     "MeanGap",
     "MeanPressure",
+    "PressingControl",
     "PressureControl",
     "Spring",
     "SpringControl",

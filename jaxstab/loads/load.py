@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from jaxstab.checks import cast, is_traced, known, parameter
-from jaxstab.display import inline
-from jaxstab.elasticity import Field, FieldMap, Solid
-from jaxstab.profile import Profile
-from jaxstab.stacks import Stackable
+from jaxstab.core.checks import cast, is_traced, known, parameter
+from jaxstab.core.display import inline
+from jaxstab.core.stack import Stackable
+from jaxstab.potentials.profile import Profile
+from jaxstab.solids import Field, FieldMap, Solid
 
 Mask = Bool[Array, " *grid"]
 Scalar = Float[Array, ""]

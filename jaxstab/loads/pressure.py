@@ -7,10 +7,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxstab.elasticity import Field, Solid
-from jaxstab.grid import mean
+from jaxstab.core.grid import mean
 from jaxstab.loads.load import Control, Load, Mask, Scalar, prescribed
-from jaxstab.profile import Profile
+from jaxstab.potentials.profile import Profile
+from jaxstab.solids import Field, Solid
 
 
 class PressingControl(Control):

@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from jaxstab.checks import is_traced, known, parameter, require_positive
-from jaxstab.elasticity import Field, FieldMap, Solid, apart_from_mean
-from jaxstab.grid import Grid, mean, mean_over, total
+from jaxstab.core.checks import is_traced, known, parameter, require_positive
+from jaxstab.core.grid import Grid, mean, mean_over, total
+from jaxstab.core.warn import warn_once
 from jaxstab.loads.load import Load, Mask, Scalar, prescribed
 from jaxstab.loads.pressure import PressingControl
-from jaxstab.warn import warn_once
+from jaxstab.solids import Field, FieldMap, Solid, apart_from_mean
 
 # In units of the precision: by what part of itself the mean of a gap may be off.
 _ROUNDING = 4

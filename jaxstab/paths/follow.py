@@ -7,7 +7,10 @@ from typing import Any
 import jax
 from jaxtyping import Array, ArrayLike, Int
 
-from jaxstab.checks import (
+from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
+from jaxstab.core.batching import by_lanes
+from jaxstab.core.checks import (
     integer,
     is_traced,
     known,
@@ -16,25 +19,22 @@ from jaxstab.checks import (
     require_finite,
     require_positive,
 )
-from jaxstab.contact import Contact, require_contact
+from jaxstab.core.compile import program
+from jaxstab.core.progress import can_be_shown, progress_bar
+from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrate import initial_gap
-from jaxstab.equilibrium.state import State
+from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.window import whole_start
-from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, require_load, require_same_machine
-from jaxstab.paths.account import path_of, path_with_room
-from jaxstab.paths.course import DISTURBANCE, Course, course_of
-from jaxstab.paths.implicit import with_derivatives
+from jaxstab.paths.derivatives import with_derivatives
+from jaxstab.paths.explain import path_of, path_with_room
 from jaxstab.paths.path import Path
+from jaxstab.paths.programme import DISTURBANCE, Course, course_of
+from jaxstab.paths.record import Field, Scalar, Store
 from jaxstab.paths.recording import Recording
 from jaxstab.paths.step import Walk
-from jaxstab.paths.store import Field, Scalar, Store
 from jaxstab.paths.walk import begin, go_on, in_batches, travelled
-from jaxstab.programs import program
-from jaxstab.progress import can_be_shown, progress_bar
-from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.results import RESULTS, throw_failure
-from jaxstab.warn import warn
 
 # States and jumps of a batch.
 _ROOM = 32, 2

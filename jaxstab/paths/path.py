@@ -5,13 +5,13 @@ from dataclasses import replace
 import equinox as eqx
 from jaxtyping import Array, Float, Int
 
-from jaxstab import display
-from jaxstab.display import block
-from jaxstab.elasticity import Solid
+from jaxstab.core import display
+from jaxstab.core.display import block
+from jaxstab.core.results import KINDS, RESULTS
+from jaxstab.core.stack import Stackable
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
-from jaxstab.results import KINDS, RESULTS
-from jaxstab.stacks import Stackable
+from jaxstab.solids import Solid
 
 
 class States(Stackable, eqx.Module):

@@ -9,26 +9,26 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike
 
-from jaxstab.branches.branch import Field, Scalar
-from jaxstab.branches.critical_load import CriticalLoad, critical_load_at
-from jaxstab.branches.limit import Limit, limit_ahead
-from jaxstab.checks import is_traced, scalar_parameter
 from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
+from jaxstab.core.batching import by_lanes
+from jaxstab.core.checks import is_traced, scalar_parameter
+from jaxstab.core.compile import program
+from jaxstab.core.progress import can_be_shown, progress_bar
+from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.warn import said_once
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrate import initial_gap
-from jaxstab.equilibrium.state import State, single_equilibrium
+from jaxstab.equilibrium.equilibrium import State, single_equilibrium
 from jaxstab.equilibrium.window import whole_start
-from jaxstab.lanes import by_lanes
 from jaxstab.loads import Load, MeanPressure, Spring, warn_if_soft
-from jaxstab.paths.course import DISTURBANCE, Course, course_of
+from jaxstab.paths.branch_end.critical_load import CriticalLoad, critical_load_at
+from jaxstab.paths.branch_end.linearise import Field, Scalar
+from jaxstab.paths.branch_end.locate import Limit, limit_ahead
+from jaxstab.paths.programme import DISTURBANCE, Course, course_of
+from jaxstab.paths.record import Count, Strongest
 from jaxstab.paths.step import Walk
-from jaxstab.paths.store import Count, Strongest
 from jaxstab.paths.walk import begin, go_on, in_batches
-from jaxstab.programs import program
-from jaxstab.progress import can_be_shown, progress_bar
-from jaxstab.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.results import RESULTS, throw_failure
-from jaxstab.warn import said_once
 
 # Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4

@@ -7,9 +7,9 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from jaxstab.checks import known
+from jaxstab.core.checks import known
+from jaxstab.paths.record import Event, Store
 from jaxstab.paths.step import Walk
-from jaxstab.paths.store import Event, Store
 
 # Of the states, so that one program serves paths of many lengths.
 _ROOM = 1024

@@ -16,11 +16,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxstab.checks import known
 from jaxstab.contact import Contact
+from jaxstab.core.checks import known
+from jaxstab.core.results import RESULTS
 from jaxstab.loads import Load
-from jaxstab.paths.course import Course
-from jaxstab.paths.store import (
+from jaxstab.paths.programme import Course
+from jaxstab.paths.record import (
     Count,
     Event,
     Field,
@@ -31,7 +32,6 @@ from jaxstab.paths.store import (
     Store,
     Strongest,
 )
-from jaxstab.results import RESULTS
 
 # By what factor further on a state is sought where the solver is lost beyond the end of a branch.
 _FURTHER = 8

@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int
 
+from jaxstab.core.results import RESULTS
 from jaxstab.loads import Load
-from jaxstab.paths.course import Course
+from jaxstab.paths.programme import Course
+from jaxstab.paths.record import Count, Event, Field, Flag, Place, Record, Scalar, Store
 from jaxstab.paths.step import Jumps, Search, Walk, after, aimed
-from jaxstab.paths.store import Count, Event, Field, Flag, Place, Record, Scalar, Store
-from jaxstab.results import RESULTS
 
 States = Store | Count
 AnyWalk = TypeVar("AnyWalk", bound=Walk)

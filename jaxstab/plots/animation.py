@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxstab import paths
-from jaxstab.checks import require
 from jaxstab.contact import Contact
+from jaxstab.core.checks import require
 from jaxstab.plots.fields import add_colour_bar, draw_map
 from jaxstab.plots.paths import path as draw_path
 from jaxstab.plots.paths import require_path

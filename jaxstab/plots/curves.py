@@ -8,7 +8,8 @@ from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
-from jaxstab.labels import with_unit
+from jaxstab.files.labels import with_unit
+from jaxstab.paths.sweep import Sweep
 from jaxstab.plots.fields import require_pair
 from jaxstab.plots.style import (
     VERDICT_MARKERS,
@@ -21,7 +22,6 @@ from jaxstab.plots.style import (
 from jaxstab.potentials import Potential, energy_density, slope
 from jaxstab.stability import Eigenpair
 from jaxstab.surfaces import PowerSpectrum
-from jaxstab.sweeps import Sweep
 
 _OF_A_SWEEP = ("mean_pressure", "contact_area", "energy")
 

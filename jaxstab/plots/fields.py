@@ -9,11 +9,11 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.image import AxesImage
 
 from jaxstab.contact import Contact, require_contact
-from jaxstab.equilibrium.state import State, equilibrium_of
-from jaxstab.labels import measured
+from jaxstab.core.stack import require_single
+from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.files.labels import measured
 from jaxstab.plots.style import add_legend, axes_or_new, label_axis
 from jaxstab.stability import Eigenpair
-from jaxstab.stacks import require_single
 
 # Without its symbol x, which is a side of the surface as well.
 _MODE = "mode of unit norm [1]"

@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from jaxstab.labels import dimension_on, measured
+from jaxstab.files.labels import dimension_on, measured
 from jaxstab.paths import Path
 from jaxstab.plots.style import (
     PALETTE,

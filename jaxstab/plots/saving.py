@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.text import Text
 
-from jaxstab.warn import warn
+from jaxstab.core.warn import warn
 
 Width = Literal["single", "double"] | float
 

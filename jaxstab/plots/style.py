@@ -8,7 +8,7 @@ from matplotlib.axis import Axis
 from matplotlib.ticker import Formatter, ScalarFormatter
 
 from jaxstab.contact import Contact
-from jaxstab.labels import dimension_on, prefixed, with_unit
+from jaxstab.files.labels import dimension_on, prefixed, with_unit
 from jaxstab.loads import Load
 
 # Okabe & Ito's, told apart by all kinds of colour vision; their yellow is too pale for a line.

@@ -8,14 +8,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxstab.contact import Contact
+from jaxstab.core.stack import require_single
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.state import State, equilibrium_of
-from jaxstab.labels import dimension_on, measured, prefixed, with_unit
+from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.files.labels import dimension_on, measured, prefixed, with_unit
 from jaxstab.loads import MeanPressure
 from jaxstab.plots.fields import gap, mode, outline_contact, pressure, surface
 from jaxstab.plots.style import load_label
 from jaxstab.stability import Eigenpair, Stability
-from jaxstab.stacks import require_single
 
 _PANELS: list[Any] = [["surface", "gap", "numbers"], ["pressure", "mode", "numbers"]]
 # In sizes of the font.

@@ -5,15 +5,6 @@ Derivatives are taken by automatic differentiation only, so that a law is one fo
 the surfaces. Of two equal surfaces it is twice the surface energy gamma of each.
 """
 
-from jaxstab.potentials.composed import Potential as Potential
-from jaxstab.potentials.composed import (
-    Scaled,
-    Varying,
-    Within,
-    everywhere,
-    varying_fields,
-    with_fields,
-)
 from jaxstab.potentials.evaluation import (
     as_module,
     curvature,
@@ -28,6 +19,15 @@ from jaxstab.potentials.laws import (
     LennardJones,
     NoAdhesion,
     Rational,
+)
+from jaxstab.potentials.varying import Potential as Potential
+from jaxstab.potentials.varying import (
+    Scaled,
+    Varying,
+    Within,
+    everywhere,
+    varying_fields,
+    with_fields,
 )
 
 __all__ = [

@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxstab.checks import cast
-from jaxstab.functions import as_pytree
-from jaxstab.potentials.composed import Potential, averaged_laws, by_points, varying_fields
+from jaxstab.core.checks import cast
+from jaxstab.core.closures import as_pytree
+from jaxstab.potentials.varying import Potential, averaged_laws, by_points, varying_fields
 
 Field = Float[Array, " *grid"]
 

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxstab.checks import known, parameter, require, require_positive
-from jaxstab.display import whole
+from jaxstab.core.checks import known, parameter, require, require_positive
+from jaxstab.core.display import whole
 
 
 class _RangedLaw(eqx.Module):

@@ -1,14 +1,14 @@
 """Stability of equilibria: cones, eigensolvers, and `assess_stability`."""
 
 from jaxstab.stability.assess import assess_stability
-from jaxstab.stability.davidson import Davidson
-from jaxstab.stability.eigenpairs import Eigenpair
-from jaxstab.stability.margins import Barrier
-from jaxstab.stability.modes import lowest_modes
-from jaxstab.stability.projected import ProjectedLOBPCG
-from jaxstab.stability.proximal import ProximalIteration
-from jaxstab.stability.release import release
-from jaxstab.stability.solver import ConeSolver, SpaceSolver
+from jaxstab.stability.barrier import Barrier
+from jaxstab.stability.eigenpair import Eigenpair
+from jaxstab.stability.lowest_modes import lowest_modes
+from jaxstab.stability.perturb import release
+from jaxstab.stability.solvers.base import ConeSolver, Minimum, SpaceSolver
+from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
+from jaxstab.stability.solvers.davidson import Davidson
+from jaxstab.stability.solvers.proximal import ProximalIteration
 from jaxstab.stability.verdict import Stability
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "ConeSolver",
     "Davidson",
     "Eigenpair",
+    "Minimum",
     "ProjectedLOBPCG",
     "ProximalIteration",
     "SpaceSolver",

@@ -9,31 +9,31 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from jaxstab.balance import missed_pressure
-from jaxstab.checks import is_traced, require_key
 from jaxstab.contact import Contact
+from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.contact.residual import missed_pressure
+from jaxstab.contact.resolution import warn_if_coarse
+from jaxstab.core.batching import by_lanes
+from jaxstab.core.checks import is_traced, require_key
+from jaxstab.core.compile import program
+from jaxstab.core.grid import Grid, total
+from jaxstab.core.loop import solver_or_default
+from jaxstab.core.progress import Report, can_be_shown, searches_bar, unseen
+from jaxstab.core.results import RESULTS, VERDICTS, throw_failure
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.implicit import third_derivative
-from jaxstab.equilibrium.recognition import recognised_by
-from jaxstab.equilibrium.state import State, equilibrium_of
+from jaxstab.equilibrium.derivatives import third_derivative
+from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.equilibrium.verify import recognised_by
 from jaxstab.equilibrium.window import whole_state
-from jaxstab.grid import Grid, total
-from jaxstab.hessian import Block, Hessian
-from jaxstab.iterate import solver_or_default
-from jaxstab.lanes import by_lanes
-from jaxstab.programs import program
-from jaxstab.progress import Report, can_be_shown, searches_bar, unseen
-from jaxstab.resolution import warn_if_coarse
-from jaxstab.results import RESULTS, VERDICTS, throw_failure
+from jaxstab.stability.barrier import differentiable as differentiable_margins
+from jaxstab.stability.barrier import margins_of, pressure_scale
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpairs import Eigenpair
-from jaxstab.stability.implicit import differentiable
-from jaxstab.stability.margins import differentiable as differentiable_margins
-from jaxstab.stability.margins import margins_of, pressure_scale
-from jaxstab.stability.modes import noise
-from jaxstab.stability.projected import ProjectedLOBPCG
+from jaxstab.stability.derivatives import differentiable
+from jaxstab.stability.eigenpair import Eigenpair
+from jaxstab.stability.lowest_modes import noise
 from jaxstab.stability.search import Found, Search
-from jaxstab.stability.solver import ConeSolver
+from jaxstab.stability.solvers.base import ConeSolver
+from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 from jaxstab.stability.verdict import (
     Stability,
     describe,

@@ -12,12 +12,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxstab.elasticity import FieldMap
-from jaxstab.grid import total
-from jaxstab.hessian import Block, Hessian, SymmetricOperator
+from jaxstab.contact.hessian import Block, Hessian, SymmetricOperator
+from jaxstab.core.grid import total
+from jaxstab.solids import FieldMap
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.davidson import Davidson
-from jaxstab.stability.eigenpairs import measured
+from jaxstab.stability.eigenpair import measured
+from jaxstab.stability.solvers.davidson import Davidson
 
 # To what part of the cone's eigenvalue soft waves are stiffened, tried in turn.
 SHARES = (0.5, 0.25)

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxstab.grid import centred, total
+from jaxstab.core.grid import centred, total
 
 
 class Subspace(eqx.Module):

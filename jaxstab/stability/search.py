@@ -13,25 +13,33 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxstab.checks import is_traced
-from jaxstab.hessian import Block, Hessian
-from jaxstab.programs import if_needed
-from jaxstab.progress import Report, unseen
-from jaxstab.results import RESULTS
+from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.core.checks import is_traced
+from jaxstab.core.compile import if_needed
+from jaxstab.core.progress import Report, unseen
+from jaxstab.core.results import RESULTS
 from jaxstab.stability.certificate import certified_bound
-from jaxstab.stability.coarse import (
+from jaxstab.stability.coarse_start import (
     is_foreseen,
     is_large,
     minimum_by_coarser,
     space_starts,
 )
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.davidson import Davidson
-from jaxstab.stability.eigenpairs import Eigenpair, admissible_pair, lowered
-from jaxstab.stability.lowest import Lowest, after, again, cone_starts, costing, on_cone, on_space
-from jaxstab.stability.modes import BLOCK_SIZE
-from jaxstab.stability.projected import ProjectedLOBPCG
-from jaxstab.stability.solver import ConeSolver
+from jaxstab.stability.eigenpair import Eigenpair, admissible_pair, lowered
+from jaxstab.stability.lowest_modes import BLOCK_SIZE
+from jaxstab.stability.lowest_pair import (
+    Lowest,
+    after,
+    again,
+    cone_starts,
+    costing,
+    on_cone,
+    on_space,
+)
+from jaxstab.stability.solvers.base import ConeSolver
+from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
+from jaxstab.stability.solvers.davidson import Davidson
 
 
 class Search(eqx.Module):

@@ -5,12 +5,12 @@ from dataclasses import replace
 import equinox as eqx
 from jaxtyping import Array, Bool, Float
 
-from jaxstab.display import block
-from jaxstab.elasticity import Solid
-from jaxstab.results import RESULTS, VERDICTS
-from jaxstab.stability.eigenpairs import Eigenpair
-from jaxstab.stability.margins import Barrier
-from jaxstab.stacks import Stackable
+from jaxstab.core.display import block
+from jaxstab.core.results import RESULTS, VERDICTS
+from jaxstab.core.stack import Stackable
+from jaxstab.solids import Solid
+from jaxstab.stability.barrier import Barrier
+from jaxstab.stability.eigenpair import Eigenpair
 
 
 class Stability(Stackable, eqx.Module):

@@ -14,10 +14,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxstab.cases import Case
-from jaxstab.functions import is_bare
+from jaxstab.core.closures import is_bare
+from jaxstab.core.names import first_module
+from jaxstab.core.warn import warn
+from jaxstab.studies.cases import Case
 from jaxstab.studies.definitions import definition, global_names, plain
-from jaxstab.warn import warn
 
 _PLAIN = None | bool | int | float | complex | str | bytes | range | slice | PurePath | np.dtype
 
@@ -119,7 +120,7 @@ class _Reader:
             inner = {field: getattr(value, field) for field in names}
             return f"{self._class(type(value))} {self.described(name, inner)}"
         if callable(value) and hasattr(value, "__name__"):
-            return f"{getattr(value, '__module__', '')}.{value.__name__}"
+            return f"{first_module(value)}.{value.__name__}"
         raise TypeError(
             f"The case refers to `{name}`, of which a study cannot tell whether it has changed: "
             f"it is {type(value).__module__}.{type(value).__qualname__}. Refer to its numbers, as "
@@ -166,7 +167,7 @@ class _Reader:
 
     def _class(self, kind: type) -> str:
         if kind.__module__ != self.names.get("__name__"):
-            return f"class {kind.__module__}.{kind.__qualname__}"
+            return f"class {first_module(kind)}.{kind.__qualname__}"
         if id(kind) in self._seen:
             return self._seen[id(kind)]
         name = kind.__qualname__.rpartition("<locals>.")[-1]

@@ -9,8 +9,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxstab.checks import is_traced
-from jaxstab.enumerations import Enumeration
+from jaxstab.core.checks import is_traced
+from jaxstab.core.enumeration import Enumeration
 
 # What each case has beside what it returns.
 MARKS = ("result", "seconds", "error")

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 
 from jaxstab.studies.axes import Index
-from jaxstab.studies.claims import Claims
+from jaxstab.studies.locks import Claims
 from jaxstab.studies.store import Store
 
 # Seconds between looks at what other processes have in hand.

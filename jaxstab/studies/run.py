@@ -11,13 +11,13 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxstab.cases import Case
-from jaxstab.refill import Lanes, Programs
+from jaxstab.core.warn import warn
 from jaxstab.studies.axes import LISTED, Axis, Index, arguments_of, places, stacked_at, values_at
+from jaxstab.studies.cases import Case
+from jaxstab.studies.lanes.scheduler import Lanes, Programs
 from jaxstab.studies.outputs import arrays_of
 from jaxstab.studies.queue import Queue
 from jaxstab.studies.store import Store
-from jaxstab.warn import warn
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 

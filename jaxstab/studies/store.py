@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxstab.studies import metadata
 from jaxstab.studies.axes import Axis, Index
-from jaxstab.studies.claims import Claims
+from jaxstab.studies.locks import Claims
 from jaxstab.studies.outputs import (
     MARKS,
     MISSING,

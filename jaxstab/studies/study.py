@@ -9,17 +9,17 @@ from pathlib import Path
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
-from jaxstab.checks import integer
-from jaxstab.packages import require_packages
-from jaxstab.progress import progress_bar
+from jaxstab.core.checks import integer
+from jaxstab.core.extras import require_packages
+from jaxstab.core.progress import progress_bar
+from jaxstab.core.warn import warn
 from jaxstab.studies.axes import LISTED, Axis, arguments_of, places, read_axes
-from jaxstab.studies.claims import claims_in
 from jaxstab.studies.fingerprint import fingerprint, innermost, source_of
+from jaxstab.studies.locks import claims_in
 from jaxstab.studies.outputs import MARKS
 from jaxstab.studies.queue import Queue
 from jaxstab.studies.run import Runner
 from jaxstab.studies.store import Store, claims_file
-from jaxstab.warn import warn
 
 if TYPE_CHECKING:
     import xarray

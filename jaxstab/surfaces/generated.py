@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float, Int, PRNGKeyArray
 
-from jaxstab.checks import (
+from jaxstab.core.checks import (
     integer,
     known,
     require,
@@ -16,7 +16,7 @@ from jaxstab.checks import (
     require_positive,
     scalar_parameter,
 )
-from jaxstab.grid import Grid, require_grid
+from jaxstab.core.grid import Grid, require_grid
 from jaxstab.surfaces.statistics import nyquist, rms_derivative
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxstab.grid import Grid
+from jaxstab.core.grid import Grid
 from jaxstab.surfaces import suspicion
 from jaxstab.surfaces.formats.instruments import read_instrument, read_instrument_text
 from jaxstab.surfaces.formats.netcdf import read_netcdf

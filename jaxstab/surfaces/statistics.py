@@ -12,12 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxstab.checks import are_finite, is_traced, known, numbers, parameter, require
-from jaxstab.grid import Grid, require_grid
+from jaxstab.core.checks import are_finite, is_traced, known, numbers, parameter, require
+from jaxstab.core.grid import Grid, require_grid
 from jaxstab.surfaces.topography import Topography
 
 if TYPE_CHECKING:
-    from jaxstab.elasticity import Solid
+    from jaxstab.solids import Solid
 
 # Rounding must not decide which ring a point at its edge belongs to.
 _ROUNDING = 1e-3

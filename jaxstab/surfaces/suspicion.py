@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxstab.core.warn import warn_once
 from jaxstab.surfaces.processing import trend
-from jaxstab.warn import warn_once
 
 # Jumps across an edge above so many rms steps between neighbours are none of a periodic surface.
 _JUMP = 4.0

@@ -7,8 +7,8 @@ from typing import Any, Literal
 import jax
 import numpy as np
 
-from jaxstab.checks import is_traced, known
-from jaxstab.grid import Grid, require_grid, resample
+from jaxstab.core.checks import is_traced, known
+from jaxstab.core.grid import Grid, require_grid, resample
 from jaxstab.surfaces import processing, suspicion, units
 
 _TAPER = 0.1

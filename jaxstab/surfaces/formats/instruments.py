@@ -4,7 +4,7 @@ import zipfile
 from io import BytesIO, StringIO
 from typing import Any
 
-from jaxstab.packages import require_packages
+from jaxstab.core.extras import require_packages
 from jaxstab.surfaces.formats.scan import (
     Refused,
     Scan,

@@ -1,0 +1,182 @@
+"""The sources behind a computation, as text and as BibTeX; `citations.bib` lists them."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from functools import cache
+from importlib import import_module
+from importlib.metadata import version
+from importlib.resources import files
+from inspect import isclass
+from operator import attrgetter
+from textwrap import fill
+from types import ModuleType
+from typing import Any, NamedTuple
+
+_SOFTWARE = "jaxstab"
+_METHOD = "rey_bleyer_2018"
+# Fields of an entry that are ours alone.
+_OURS = ("behind", "role")
+
+
+class Source(NamedTuple):
+    """An entry of the bibliography.
+
+    Attributes:
+        key: its key.
+        kind: "article", "book" or "misc".
+        fields: its fields by name.
+    """
+
+    key: str
+    kind: str
+    fields: dict[str, str]
+
+    @property
+    def behind(self) -> list[str]:
+        """The public names of what it is behind."""
+        return re.findall(r"[\w.]+", self.fields.get("behind", ""))
+
+    @property
+    def text(self) -> str:
+        """The source as one line of plain text."""
+        field = {name: _plain(text) for name, text in self.fields.items()}
+        names = [" ".join(reversed(name.split(", "))) for name in field["author"].split(" and ")]
+        line = f"{', '.join(names)}. {field['title']}"
+        if "version" in field:
+            return f"{line}, version {field['version']}."
+        where = field.get("journal") or field["publisher"]
+        if "volume" in field:
+            where = f"{where} {field['volume']}, {field['pages']}"
+        line = f"{line}. {where} ({field['year']})."
+        return f"{line} doi:{field['doi']}" if "doi" in field else line
+
+    @property
+    def bibtex(self) -> str:
+        """The source as an entry of BibTeX."""
+        lines = [f"  {name} = {{{x}}}," for name, x in self.fields.items() if name not in _OURS]
+        return "\n".join([f"@{self.kind}{{{self.key},", *lines, "}"])
+
+
+class Citations:
+    """What to cite; `print` shows it as text.
+
+    Attributes:
+        reasons: the sources, each with the names of those of the objects asked for that it is
+            behind.
+    """
+
+    def __init__(self, reasons: dict[str, list[str]]):
+        self.reasons = reasons
+
+    @property
+    def bibtex(self) -> str:
+        """The entries of BibTeX, for a `.bib` file."""
+        return "\n\n".join(_sources()[key].bibtex for key in self.reasons) + "\n"
+
+    def __repr__(self) -> str:
+        entries = []
+        for key, names in self.reasons.items():
+            source = _sources()[key]
+            behind = f" (behind {', '.join(names)})" if names else ""
+            entries.append(_wrapped(source.text, ""))
+            entries.append(_wrapped(source.fields["role"] + behind, "    "))
+        return "\n".join(entries)
+
+
+def cite(*objects: Any) -> Citations:
+    """Return the sources behind functions, classes, modules or results of jaxstab, and jaxstab.
+
+    Arguments:
+        objects: what was used: functions (`js.equilibrate`), classes (`js.potentials.Dugdale`),
+            modules (`js.references.jkr`), or what they returned, which stands for its class and
+            those of its parts. Without any, the software and the paper whose method it implements.
+
+    Returns:
+        The citations: `print` them, or write `.bibtex` to a file.
+
+    Raises:
+        ValueError: for something that is not of jaxstab.
+    """
+    reasons: dict[str, list[str]] = {_SOFTWARE: []}
+    if not objects:
+        reasons[_METHOD] = []
+    for item in objects:
+        parts = list(_parts(item))
+        if not parts:
+            raise ValueError(
+                f"{item!r} is not of jaxstab: cite takes its functions, classes and modules, such "
+                "as jaxstab.equilibrate or jaxstab.references.jkr, and their results."
+            )
+        for source in _sources().values():
+            targets = [attrgetter(name)(import_module("jaxstab")) for name in source.behind]
+            if any(_concerns(target, part) for target in targets for part in parts):
+                reasons.setdefault(source.key, []).append(_name(item))
+    return Citations({key: list(dict.fromkeys(names)) for key, names in reasons.items()})
+
+
+@cache
+def _sources() -> dict[str, Source]:
+    text = files("jaxstab.citations").joinpath("citations.bib").read_text(encoding="utf-8")
+    sources = {}
+    for kind, key, body in re.findall(r"^@(\w+)\{(\w+),\n(.*?)^\}", text, re.DOTALL | re.MULTILINE):
+        found = dict(re.findall(r"^  (\w+) = \{(.*)\},$", body, re.MULTILINE))
+        if key == _SOFTWARE:
+            found["version"] = version("jaxstab")
+        sources[key] = Source(key, kind, found)
+    return sources
+
+
+def _parts(item: Any) -> Iterator[Any]:
+    """Yield the functions, classes and modules of jaxstab that an object is or is made of."""
+    if isinstance(item, ModuleType):
+        if _is_inside(item.__name__, "jaxstab"):
+            yield item
+    elif isclass(item):
+        yield from (kind for kind in item.__mro__ if _is_inside(kind.__module__, "jaxstab"))
+    elif hasattr(item, "__qualname__"):
+        if _is_inside(getattr(item, "__module__", None) or "", "jaxstab"):
+            yield item
+    else:
+        yield from _parts(type(item))
+        if is_dataclass(item):
+            for field in fields(item):
+                yield from _parts(getattr(item, field.name, None))
+
+
+def _concerns(target: Any, part: Any) -> bool:
+    """Whether they are the same, or one is a module that holds the other."""
+    return part is target or _holds(target, part) or _holds(part, target)
+
+
+def _holds(module: Any, item: Any) -> bool:
+    if not isinstance(module, ModuleType):
+        return False
+    home = item.__name__ if isinstance(item, ModuleType) else item.__module__
+    return _is_inside(home, module.__name__)
+
+
+def _is_inside(module: str, package: str) -> bool:
+    return module == package or module.startswith(f"{package}.")
+
+
+def _name(item: Any) -> str:
+    """Return the name of an object, or of the class of a result."""
+    if isinstance(item, ModuleType):
+        return item.__name__.removeprefix("jaxstab.")
+    return getattr(item, "__qualname__", type(item).__name__)
+
+
+def _wrapped(text: str, margin: str) -> str:
+    return fill(
+        text,
+        88,
+        initial_indent=margin,
+        subsequent_indent=margin + "  ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"[{}]", "", text).replace("--", "-")

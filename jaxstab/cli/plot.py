@@ -1,0 +1,69 @@
+"""`jaxstab plot`: the figure of a result."""
+
+import argparse
+from itertools import chain, count
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from jaxstab import plots
+from jaxstab.cli.parsing import Parser, whole
+from jaxstab.cli.result import add_result_options, loaded
+from jaxstab.contact import Contact
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.files.dataset import Result
+from jaxstab.paths import Path as Followed
+from jaxstab.paths.sweep import Sweep
+from jaxstab.stability import Stability
+
+DESCRIPTION = "Draw a result: a loop, a curve of stability, or all of one state."
+
+
+def add_options(parser: Parser) -> None:
+    """Add the options of the command."""
+    parser.add_argument("file", type=Path, metavar="RESULT.nc", help="a result")
+    help = "the figure, .png, .pdf or .svg (default: beside the result)"
+    parser.add_argument("--output", type=Path, metavar="FILE", help=help)
+    parser.add_argument("--state", type=whole(0), help="draw one state of a sweep, from 0 on")
+    help = "of the print, a column or a page (default double)"
+    parser.add_argument("--width", choices=["single", "double"], default="double", help=help)
+    add_result_options(parser)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Draw the figure and say where it is."""
+    contact, result = loaded(options)
+    if options.state is not None:
+        if not isinstance(result, Sweep) or options.state >= len(result):
+            number = len(result) if isinstance(result, Sweep) else 0
+            raise ValueError(f"--state is {options.state}: {options.file} has {number} of a sweep.")
+        result = result[options.state]
+    figure = _figure(contact, result)
+    output = options.output or _free_name(options.file.with_suffix(".png"))
+    print(plots.save(figure, output, width=options.width))
+
+
+def _free_name(path: Path) -> Path:
+    """Return a path, or the first of path-2, path-3, ... that does not exist."""
+    numbered = (path.with_stem(f"{path.stem}-{number}") for number in count(2))
+    return next(name for name in chain([path], numbered) if not name.exists())
+
+
+def _figure(contact: Contact, result: Result) -> Figure:
+    if isinstance(result, Followed):
+        axes = plots.path(result, unit=contact.unit)
+    elif isinstance(result, Stability):
+        axes = plots.mode(contact, result.cone)
+    elif isinstance(result, Equilibrium):
+        axes = plots.gap(contact, result)
+    elif result.stack_shape and result.stability is not None:
+        axes = plots.stability_curve(result, unit=contact.unit)
+    elif result.stack_shape:
+        raise ValueError("This sweep left stability out: choose one state of it, by --state.")
+    elif result.stability is None:
+        axes = plots.gap(contact, result.equilibrium)
+    else:
+        return plots.summary(contact, result)
+    figure = axes.get_figure(root=True)
+    assert isinstance(figure, Figure)
+    return figure

@@ -1,0 +1,169 @@
+"""`jaxstab run`: a contact loaded and unloaded, or the unloading study of the paper."""
+
+import argparse
+import warnings
+from pathlib import Path
+from typing import Any
+
+import jax
+import matplotlib.pyplot as plt
+import numpy as np
+
+from jaxstab.cli import problem
+from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended, Parser, from_config, number, whole
+from jaxstab.contact import Contact
+from jaxstab.core.extras import NETCDF, are_installed
+from jaxstab.core.results import RESULTS
+from jaxstab.core.warn import warn
+from jaxstab.files import save
+from jaxstab.files.dataset import Result
+from jaxstab.paths import PathInterrupted, follow
+from jaxstab.paths.sweep import Sweep, SweepInterrupted, sweep
+from jaxstab.plots import path as plot_path
+from jaxstab.plots import stability_curve
+
+DESCRIPTION = """\
+Press a rough surface on an adhesive elastic half space and draw it off again, through every jump on
+the way; or judge the stability of each of many states as it is unloaded (Rey & Bleyer, section
+4.2.3). Figure and data go into a new folder."""
+# What belongs to one study, and its defaults.
+_STUDIES: dict[str, dict[str, Any]] = {
+    "loop": {"smallest_jump": None},
+    "unloading": {"number": 21, "order": "continuation"},
+}
+
+
+def add_options(parser: Parser) -> None:
+    """Add the options of the command."""
+    parser.add_argument("--config", type=Path, metavar="FILE", help="a TOML file of these options")
+    kinds = list(_STUDIES)
+    help = "what to do (default %(default)s)"
+    parser.add_argument("--study", choices=kinds, default=kinds[0], help=help)
+    problem.add_options(parser)
+    add = parser.add_argument_group("loop, from the last load to the first and back").add_argument
+    help = (
+        "part of the problem's energy that a jump loses for it to be located (default 2e-7, or "
+        "0.3 %% of what was lost before)"
+    )
+    add("--smallest-jump", type=number, help=help)
+    add = parser.add_argument_group("unloading, from the first load to the last").add_argument
+    defaults = _STUDIES["unloading"]
+    add("--number", type=whole(1), help=f"number of loads (default {defaults['number']})")
+    help = f"where each load starts (default {defaults['order']})"
+    add("--order", choices=["continuation", "independent"], help=help)
+    add = parser.add_argument_group("run").add_argument
+    help = "of all numbers (default %(default)s)"
+    add("--precision", choices=["float64", "float32"], default="float64", help=help)
+    help = "folder; runs are numbered in it (default %(default)s)"
+    add("--output", type=Path, default=Path("results"), help=help)
+
+
+def read(parser: Parser, arguments: list[str], options: argparse.Namespace) -> argparse.Namespace:
+    """Return the options, those of a configuration file before those given, checked."""
+    if options.config is not None:
+        options = parser.parse_args([*from_config(parser, options.config), *arguments])
+    problem.settle(parser, options)
+    for study, defaults in _STUDIES.items():
+        for name, value in defaults.items():
+            if getattr(options, name) is None:
+                setattr(options, name, value)
+            elif study != options.study:
+                parser.error(f"argument --{name.replace('_', '-')} belongs to --study {study}.")
+    return options
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the study that the options describe, print its table and write its files."""
+    jax.config.update("jax_enable_x64", options.precision == "float64")
+    contact = problem.contact_of(options)
+    if not are_installed(*NETCDF):
+        warn("No data will be written: pip install 'jaxstab[data]'.")
+    folder = _new_folder(options.output)
+    print(problem.described(options, contact))
+    try:
+        complaint = _loop if options.study == "loop" else _unloading
+        complaint = complaint(options, contact, folder)
+    finally:
+        # What was not begun leaves nothing.
+        if not any(folder.iterdir()):
+            folder.rmdir()
+    print(f"\nFigure and data are in {folder.resolve()}")
+    if complaint:
+        raise complaint
+
+
+def _loop(options: argparse.Namespace, contact: Contact, folder: Path) -> Ended | None:
+    """Follow the contact from the last load to the first and back."""
+    turns = problem.loads_of(options, contact, [1, 0, 1])
+    with warnings.catch_warnings():
+        # Said at the end instead.
+        warnings.simplefilter("ignore", PathInterrupted)
+        path = follow(
+            contact, turns, smallest_jump=options.smallest_jump, progress=True, throw=False
+        )
+    print(path)
+    if len(path.load.value) > 1:
+        figure = plot_path(path, unit=contact.unit).get_figure(root=True)
+        assert figure is not None
+        figure.savefig(folder / "loop.png", dpi=150)
+    _save(folder / "loop.nc", contact, path)
+    if path.result == RESULTS.interrupted:
+        return Ended(f"interrupted, {len(path.load.value)} states are done.", INTERRUPTED)
+    if path.result != RESULTS.successful:
+        return Ended(f"the path ended before its end: {RESULTS[path.result]}.", FAILED)
+    return None
+
+
+def _unloading(options: argparse.Namespace, contact: Contact, folder: Path) -> Ended | None:
+    """Assess the stability of the equilibria from the first load to the last."""
+    loads = problem.loads_of(options, contact, np.linspace(0, 1, options.number))
+    with warnings.catch_warnings():
+        # Said at the end instead.
+        warnings.simplefilter("ignore", SweepInterrupted)
+        result = sweep(contact, loads, order=options.order, progress=True)
+    print(result)
+    _draw(result, contact.unit, folder / "unloading.png")
+    _save(folder / "unloading.nc", contact, result)
+    done = result.load.value.size
+    if done < options.number:
+        return Ended(f"interrupted, {done} of {options.number} loads are done.", INTERRUPTED)
+    assert result.stability is not None
+    if not np.any(result.stability.result == "successful"):
+        return Ended("every load failed, as the last column says.", FAILED)
+    return None
+
+
+def _save(path: Path, contact: Contact, result: Result) -> None:
+    if are_installed(*NETCDF):
+        save(path, contact, result)
+
+
+def _new_folder(parent: Path) -> Path:
+    """Make and return the first of parent/1, parent/2, ... that does not exist."""
+    number = 1
+    while True:
+        folder = parent / str(number)
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            if not parent.is_dir():
+                raise
+            number += 1
+        else:
+            return folder
+
+
+def _draw(result: Sweep, unit: str | None, path: Path) -> None:
+    """Draw the two panels of Rey & Bleyer's fig. 12, the second where surfaces touch."""
+    touches = bool(np.any(result.equilibrium.contact_area > 0))
+    quantities: list[Any] = ["mean_pressure", "contact_area"] if touches else ["mean_pressure"]
+    size = (10, 4) if touches else None
+    figure, panels = plt.subplots(1, len(quantities), figsize=size, layout="constrained")
+    for axes, quantity in zip(np.atleast_1d(panels), quantities, strict=True):
+        stability_curve(result, quantity, unit=unit, axes=axes)
+    for axes in figure.axes[:-1]:
+        # That of the last is beside it.
+        legend = axes.get_legend()
+        assert legend is not None
+        legend.remove()
+    figure.savefig(path, dpi=150)

@@ -1,0 +1,96 @@
+"""`jaxstab study`: the study that a file describes, begun or gone on with."""
+
+import argparse
+import sys
+import traceback
+import warnings
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import jaxstab
+from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended, Parser, whole
+from jaxstab.studies import StudyInterrupted
+
+DESCRIPTION = """\
+Run the study that a file of Python describes, or go on with it: the file defines the function
+`case` and its `axes`, as jaxstab.study takes them. What is done is never run again."""
+
+# What the file is imported as: no name that another module may have.
+_MODULE = "__study__"
+
+
+def add_options(parser: Parser) -> None:
+    """Add the options of the command."""
+    parser.add_argument("file", type=Path, metavar="STUDY.py", help="defines `case` and `axes`")
+    help = "the store of the results; begun where it is not there"
+    parser.add_argument("--path", type=Path, metavar="STUDY.zarr", required=True, help=help)
+    help = "how many cases run at once, by jax.vmap (default %(default)s)"
+    parser.add_argument("--batch", type=whole(1), default=1, help=help)
+    help = "run cases that failed before again"
+    parser.add_argument("--retry", action="store_true", help=help)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run the study and say how its cases ended."""
+    module = _imported(options.file)
+    with warnings.catch_warnings():
+        # Said at the end instead.
+        warnings.simplefilter("ignore", StudyInterrupted)
+        dataset = jaxstab.study(
+            module.case,
+            module.axes,
+            options.path,
+            batch=options.batch,
+            retry=options.retry,
+            progress=True,
+        )
+    results = dataset["result"].values.ravel().tolist()
+    print(_described(dataset, results))
+    print(f"\nThe results are in {options.path.resolve()}")
+    if "missing" in results:
+        done = len(results) - results.count("missing")
+        raise Ended(f"interrupted, {done} of {len(results)} cases are done.", INTERRUPTED)
+    if "successful" not in results:
+        raise Ended("every case failed, as the error above says.", FAILED)
+
+
+def _imported(path: Path) -> Any:
+    """Return the module that a file is."""
+    spec = spec_from_file_location(_MODULE, path.resolve())
+    if not path.is_file() or spec is None or spec.loader is None:
+        raise ValueError(f"{path} is no file of Python.")
+    module = module_from_spec(spec)
+    # As a script, it can import what lies beside it.
+    sys.path.insert(0, str(path.resolve().parent))
+    sys.modules[_MODULE] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [frame.lineno for frame in frames if frame.filename == spec.origin]
+        line = f", line {lines[-1]}" if lines else ""
+        raise ValueError(f"{path}{line}: {type(error).__name__}: {error}") from error
+    for name in ("case", "axes"):
+        if not hasattr(module, name):
+            raise ValueError(f"{path} defines no `{name}`: a study needs `case` and `axes`.")
+    return module
+
+
+def _described(dataset: Any, results: list[str]) -> str:
+    counts = {word: results.count(word) for word in ("successful", "failed", "missing")}
+    lines = [f"{len(results)} cases: {', '.join(f'{n} {word}' for word, n in counts.items() if n)}"]
+    lines.append(f"{float(dataset['seconds'].sum()):.3g} s of computation")
+    if counts["failed"]:
+        first = dataset[dict(zip(dataset["result"].dims, _place(dataset, results), strict=True))]
+        where = ", ".join(f"{name}={first[name].item()}" for name in first.coords)
+        lines.append(f"The first that failed, {where}: {first['error'].item()}")
+        lines.append("To run what failed again: --retry")
+    return "\n".join(lines)
+
+
+def _place(dataset: Any, results: list[str]) -> tuple[np.intp, ...]:
+    """Return where the first case lies that failed."""
+    return np.unravel_index(results.index("failed"), dataset["result"].shape)

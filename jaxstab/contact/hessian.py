@@ -1,0 +1,109 @@
+"""The Hessian of a contact's energy at a gap: an operator, and what eigensolvers ask of it."""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxstab.core.grid import total
+from jaxstab.solids import FieldMap, Solid, apart_from_mean
+
+# Several fields along a leading axis.
+Block = Float[Array, "block *grid"]
+
+
+class SymmetricOperator(eqx.Module):
+    """A symmetric operator on fields, with what an eigensolver needs to know of it.
+
+    Attributes:
+        bound: a number not below the norm of A.
+        scale: the size of A on its lower modes, not above the bound: what residuals are relative
+            to.
+    """
+
+    bound: eqx.AbstractVar[Float[Array, ""]]
+    scale: eqx.AbstractVar[Float[Array, ""]]
+
+    @abstractmethod
+    def __call__(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        """Apply the operator A."""
+
+    @abstractmethod
+    def preconditioner(
+        self, mode: Float[Array, " *grid"], eigenvalue: Float[Array, ""]
+    ) -> FieldMap:
+        """Return a positive operator that is roughly (A - lambda)^-1.
+
+        Arguments:
+            mode: a unit vector near which it should be good.
+            eigenvalue: the Rayleigh quotient of that vector.
+        """
+
+
+class Hessian(SymmetricOperator):
+    """A = K + D (Rey & Bleyer, eq. 24), and the part of the load.
+
+    Arguments:
+        solid: K.
+        curvature: f''(g), the diagonal of D [pressure/length].
+        stiffness: that of the load on the mean of a perturbation [pressure/length], None for none.
+        mask: the points that may move, None for all.
+    """
+
+    solid: Solid
+    curvature: Float[Array, " *grid"]
+    stiffness: Float[Array, ""] | None
+    mask: Bool[Array, " *grid"] | None
+    bound: Float[Array, ""]
+    scale: Float[Array, ""]
+
+    def __init__(
+        self,
+        solid: Solid,
+        curvature: Float[Array, " *grid"],
+        stiffness: Float[Array, ""] | None = None,
+        mask: Bool[Array, " *grid"] | None = None,
+    ):
+        self.solid = solid.held_by(0 if stiffness is None else stiffness)
+        self.curvature = curvature if mask is None else jnp.where(mask, curvature, 0)
+        self.stiffness = stiffness
+        self.mask = mask
+        # Computed once, since eigensolvers ask for them at every step.
+        stiffest, softening = solid.max_stiffness, -jnp.min(self.curvature)
+        highest = stiffest if stiffness is None else jnp.maximum(stiffest, stiffness)
+        # K is not negative, so |A| <= max(K + D, -D).
+        self.bound = jnp.maximum(highest + jnp.maximum(jnp.max(self.curvature), 0), softening)
+        # Points of large f'' take no part in lower modes, nor does what is stiffly held.
+        self.scale = jnp.maximum(stiffest, softening)
+
+    def __call__(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        """Return A x, at the price of one application of K."""
+        return self.solid.apply(field) + self.curvature * field
+
+    def restricted(self, mask: Bool[Array, " *grid"]) -> "Hessian":
+        """Return an operator that does the same to fields which vanish outside the mask, there."""
+        return Hessian(self.solid, self.curvature, self.stiffness, mask)
+
+    def preconditioner(
+        self, mode: Float[Array, " *grid"], eigenvalue: Float[Array, ""]
+    ) -> FieldMap:
+        """Return F (K + s)^-1 F, s the elastic part x.Kx of the eigenvalue.
+
+        F = (1 + (f'' - lambda - s) / s)^-1/2 where f'' is above lambda + s, 1 elsewhere: a mode
+        decays where the adhesion is that stiff.
+        """
+        elastic = eigenvalue - total(self.curvature * mode**2)
+        shift = jnp.clip(elastic, self.solid.min_stiffness, self.solid.max_stiffness)
+        stiff = jnp.maximum(self.curvature - eigenvalue - shift, 0)
+        share = jnp.sqrt(shift / (shift + stiff))
+        inverse = self.inverse(shift)
+        return lambda field: share * inverse(share * field)
+
+    def inverse(self, shift: Float[Array, ""]) -> FieldMap:
+        """Return roughly the inverse of K + shift on fields that vanish outside the mask."""
+        inverse, stiffness = self.solid.precondition(shift), self.stiffness
+        if stiffness is None:
+            return inverse
+        mask = jnp.ones_like(self.curvature, bool) if self.mask is None else self.mask
+        return lambda field: apart_from_mean(inverse, field, mask, stiffness, shift)

@@ -1,0 +1,120 @@
+"""Equilibrium as a residual: how far a gap is from it."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxstab.core.grid import total
+from jaxstab.loads import Control
+from jaxstab.potentials import Potential, derivatives
+from jaxstab.solids import Solid
+
+# How much the mean of what is missed counts beside its rms.
+_MEAN_SHARE = 1e-2
+# Over the mean gap: below this spread of the heights a surface is nearly flat.
+_FLAT = 1e-2
+# How much larger than the rounding of what a gap takes the scale of residuals then is, so that the
+# default tolerances can be reached.
+_ROUNDING = {"float64": 5e8, "float32": 5e3}
+
+
+class Balance(eqx.Module):
+    """How far a gap is from equilibrium (Rey & Bleyer, eqs. 9 and 10).
+
+    Equilibrium asks that the net pressure K u + p0 + f'(g) vanish where g > 0 and not be negative
+    where g = 0. The residual is the rms of what is missed over that of K u and, where g > 0, of
+    what of f' the load does not take by itself (under a held mean gap f' less its mean, otherwise
+    f' + p0), or over a hundredth of that of K h where this is larger (in single precision, which
+    cannot resolve less, a tenth). Where a core is stiffer than any wave, f' and what is missed
+    count by as much less. Over a nearly flat surface the scale is not less than what the stiffest
+    wave takes to move by a part of the gap, which rounding hides. Under a held pressure the
+    residual is not less than a hundredth of the mean of what is missed over that of p0 and f'.
+
+    Attributes:
+        net: K u + p0 + f'(g) [pressure].
+        curvature: f''(g) [pressure/length].
+        elastic_energy: u.Ku / 2 (Rey & Bleyer, eq. 15) [energy/area].
+        adhesion: sum f(g) [energy/area].
+        residual: the relative optimality residual.
+        has_escaped: whether the load has pulled the surfaces apart for good.
+    """
+
+    net: Float[Array, " *grid"]
+    curvature: Float[Array, " *grid"]
+    elastic_energy: Float[Array, ""]
+    adhesion: Float[Array, ""]
+    residual: Float[Array, ""]
+    has_escaped: Bool[Array, ""]
+
+
+def balance_of(
+    solid: Solid,
+    heights: Float[Array, " *grid"],
+    potential: Potential,
+    control: Control,
+    escape: Float[Array, ""],
+) -> Callable[[Float[Array, " *grid"]], Balance]:
+    """Return the map from a gap, nowhere negative, to how far it is from equilibrium.
+
+    Arguments:
+        solid, heights, potential: those of the contact.
+        control: what the load asks of the gap.
+        escape: the gap beyond which nothing holds the surfaces against the load [length].
+    """
+    held, stiffest = solid.held_by(0), solid.max_stiffness
+    conforming = conforming_pressure(solid, heights)
+    # What a hundredth of the elastic pressures hides moves no point by a part of the heights.
+    smallest_scale = conforming * max(1e-2, 1e6 * float(jnp.finfo(heights.dtype).eps))
+    heights -= heights.ravel()[0]
+    spread = jnp.max(jnp.abs(heights))
+    rounding = _ROUNDING[heights.dtype.name] * float(jnp.finfo(heights.dtype).eps)
+
+    def balance(gap: Float[Array, " *grid"]) -> Balance:
+        # Less that of one point: K ignores a constant, but would lose digits to it.
+        displacement = gap - gap.ravel()[0] + heights
+        elastic = held.apply(displacement)
+        density, attraction, curvature = derivatives(potential, gap)
+        net = control.net_pressure(elastic + attraction, gap)
+        missed = missed_pressure(net, gap)
+        # Between flat surfaces only attraction and p0 tell how much is little.
+        whole = jnp.abs(attraction) + jnp.abs(net - elastic - attraction)
+        resisting = control.resisting(attraction, gap)
+        resisting = jnp.where(conforming > 0, resisting, whole)
+        # On a core stiffer than any wave, a point is as far off as its own stiffness says, unless
+        # that is beyond all numbers.
+        share = jnp.where(curvature == jnp.inf, 1, stiffest / jnp.maximum(curvature, stiffest))
+        scale = jnp.sqrt(total(elastic**2 + (share * resisting) ** 2) / gap.size)
+        scale = jnp.maximum(scale, smallest_scale)
+        level = total(gap) / gap.size
+        is_nearly_flat = (spread > 0) & (spread < _FLAT * level)
+        scale = jnp.where(is_nearly_flat, jnp.maximum(scale, rounding * stiffest * level), scale)
+        residual = jnp.sqrt(total((share * missed) ** 2) / gap.size)
+        residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
+        # A light load is all that keeps the surfaces where they are.
+        imbalance = _MEAN_SHARE * control.mean_imbalance(missed, attraction, gap)
+        return Balance(
+            net=net,
+            curvature=curvature,
+            elastic_energy=total(displacement * elastic) / 2,
+            adhesion=total(density),
+            residual=jnp.maximum(residual, imbalance),
+            has_escaped=control.has_escaped(gap, escape),
+        )
+
+    return balance
+
+
+def conforming_pressure(solid: Solid, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
+    """Return the rms elastic pressure that full contact takes, |K h| [pressure]."""
+    heights = solid.flush(heights)
+    pressure = solid.held_by(0).apply(heights - jnp.mean(heights))
+    return jnp.sqrt(jnp.mean(pressure**2))
+
+
+def missed_pressure(
+    net: Float[Array, " *grid"], gap: Float[Array, " *grid"]
+) -> Float[Array, " *grid"]:
+    """Return what of the net pressure is out of balance [pressure]."""
+    return jnp.where(gap > 0, net, jnp.minimum(net, 0))

@@ -1,0 +1,61 @@
+"""The warning that a grid is too coarse for the adhesion on it."""
+
+import equinox as eqx
+import numpy as np
+
+from jaxstab.contact import Contact
+from jaxstab.core.checks import is_traced, known
+from jaxstab.core.warn import warn_once
+
+_MAX_REFINEMENT = 1024
+
+
+class ResolutionWarning(UserWarning):
+    """The grid is too coarse for the adhesion."""
+
+
+# What a state needs, and what a jump does: there pinning shows in full.
+FOR_STATES, FOR_JUMPS = 1.0, 4.0
+# The error of a pull-off times the square of the resolution, measured on Johnson's wave.
+_PINNING = 0.2
+
+
+def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
+    """Warn, once a problem and a line of the caller's, if contact edges are pinned to the grid.
+
+    That is where `contact.resolution` is below what is needed. Nothing is said inside of `jax.jit`
+    and `jax.vmap`, where values are not known yet.
+    """
+    stiffest, sharpest = known(contact.solid.max_stiffness), known(contact.profile.max_curvature)
+    if is_traced((stiffest, sharpest)) or stiffest >= needed * sharpest:
+        return
+    resolution = stiffest / sharpest
+    effect = (
+        "contact edges may be pinned to the grid, and jumps be artefacts"
+        if resolution < FOR_STATES
+        else f"loads of jumps and pull-offs may be off by {100 * _PINNING / resolution**2:.0f} %"
+    )
+    message = (
+        f"the grid of {_times(contact.grid.shape)} points is too coarse for the adhesion: the "
+        f"stiffness of its shortest wave is {resolution:.3g} of the largest |f''|, so that "
+        f"{effect}. {_cure(contact, resolution / needed)}"
+    )
+    warn_once(message, ResolutionWarning, per_line=True)
+
+
+def _cure(contact: Contact, share: np.floating) -> str:
+    """Return which grid is as much stiffer as this share of what is needed asks for."""
+    solid, refinement = contact.solid, 1
+    while solid.max_stiffness * share < contact.solid.max_stiffness:
+        refinement *= 2
+        if refinement > _MAX_REFINEMENT:
+            return "No grid of a size to compute with would do."
+        # Waves that much shorter are those of as many points on a cell that much smaller.
+        lengths = contact.grid.lengths / refinement
+        solid = eqx.tree_at(lambda solid: solid.grid.lengths, solid, lengths)
+    finer = _times(tuple(refinement * n for n in contact.grid.shape))
+    return f"A grid of {finer} would do, and so would a weaker or longer-ranged adhesion."
+
+
+def _times(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape))

@@ -1,0 +1,125 @@
+"""Enumerations whose members compiled code can choose: each is an integer array in a pytree."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Self, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Int
+
+from jaxstab.core.display import UNREADABLE, described
+from jaxstab.core.stack import Stackable
+
+Tree = TypeVar("Tree")
+
+
+@dataclass(frozen=True)
+class _Meaning:
+    text: str
+
+
+def member(meaning: str) -> Any:
+    """Return a member of an enumeration, in the body of whose class this is called."""
+    return _Meaning(meaning)
+
+
+class _Members(type):
+    """What an enumeration is itself: the collection of its members."""
+
+    names: np.ndarray
+    texts: np.ndarray
+
+    def __init__(cls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]):
+        super().__init__(name, bases, namespace)
+        meanings = {key: x.text for key, x in namespace.items() if isinstance(x, _Meaning)}
+        cls.names = np.array(list(meanings))
+        cls.texts = np.array([f"{key}: {text}" for key, text in meanings.items()])
+        for code, key in enumerate(meanings):
+            setattr(cls, key, cls(np.array(code, np.int32)))
+        cls.__doc__ = "\n\n".join([cls.__doc__ or "", *cls.texts])
+        jax.tree_util.register_dataclass(cls, data_fields=["code"], meta_fields=[])
+
+    def __len__(cls) -> int:
+        return len(cls.names)
+
+    def __iter__(cls) -> Iterator[Any]:
+        return (getattr(cls, name) for name in cls.names)
+
+    def __contains__(cls, item: Any) -> bool:
+        return item in cls.names if isinstance(item, str) else type(item) is cls
+
+    def __getitem__(cls, item: Any) -> Any:
+        """Return the name and the meaning of a member, or an array of them."""
+        return _pick(cls.texts, cls.promote(item).code)
+
+    def promote(cls, item: Any) -> Any:
+        """Return the member of a name, or a member itself.
+
+        Raises:
+            ValueError: for a name that no member has.
+            TypeError: for anything else.
+        """
+        if type(item) is cls:
+            return item
+        if not isinstance(item, str):
+            raise TypeError(f"{item!r} is neither a member of {cls.__name__} nor a name of one.")
+        if item not in cls.names:
+            raise ValueError(f"{item!r} is not one of {cls.__name__}: {', '.join(cls.names)}.")
+        return getattr(cls, item)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Enumeration(Stackable, metaclass=_Members):
+    """A member of an enumeration, or an array of members; under JAX transformations too.
+
+    Attributes:
+        code: the number of each member, in the order of the enumeration.
+    """
+
+    code: Int[Array | np.ndarray, "..."]
+
+    @property
+    def name(self) -> Any:
+        """The name, a `str`; of an array of members, a NumPy array of names."""
+        return _pick(type(self).names, self.code)
+
+    @classmethod
+    def where(cls, condition: Bool[ArrayLike, "..."], one: Self, other: Self) -> Self:
+        """Return one member where the condition holds, and the other elsewhere."""
+        with jax.ensure_compile_time_eval():
+            return cls(jnp.where(condition, cls.promote(one).code, cls.promote(other).code))
+
+    def error_if(self, tree: Tree, condition: Bool[ArrayLike, "..."]) -> Tree:
+        """Return `tree`, or raise with the member's text where the condition holds; in jit too."""
+        return eqx.branched_error_if(tree, condition, self.code, type(self).texts.tolist())
+
+    def __eq__(self, other: Any) -> Bool[Array, "..."]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        if other is None:
+            return jnp.zeros(np.shape(self.code), bool)
+        # Also inside of jit, what is known stays known.
+        with jax.ensure_compile_time_eval():
+            return jnp.asarray(self.code == type(self).promote(other).code)
+
+    def __ne__(self, other: Any) -> Bool[Array, "..."]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        return ~(self == other)
+
+    def __hash__(self) -> int:
+        # That of the name, which it equals.
+        return hash(self.name)
+
+    def __format__(self, spec: str) -> str:
+        return format(str(self), spec)
+
+    def __repr__(self) -> str:
+        try:
+            return np.array2string(np.asarray(self.name), formatter={"all": str})
+        except UNREADABLE:
+            return f"{type(self).__name__}({described(self.code)})"
+
+
+def _pick(words: np.ndarray, code: Any) -> Any:
+    picked = words[np.asarray(code)]
+    return picked if picked.ndim else str(picked)

@@ -1,0 +1,232 @@
+"""Periodic grids in one and two dimensions.
+
+Points lie at x_i = i L / n, wave vectors at q = 2 pi k / L; fields are real, so only the
+half spectrum of `rfftn` is kept. Fields may be spread over several devices.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import NamedSharding
+from jaxtyping import Array, ArrayLike, Bool, Complex, Float, Shaped
+
+from jaxstab.core import fft
+from jaxstab.core.checks import array, integer, is_traced, known, parameter, require_positive
+from jaxstab.core.display import inline
+
+# Fewer sums are faster one by one: each addition in a pass waits for the last.
+_LEAST_IN_A_PASS = 5
+
+
+def require_grid(grid: Any) -> None:
+    """Raise `TypeError` for what is no grid."""
+    if not isinstance(grid, Grid):
+        raise TypeError(
+            f"The grid is a {type(grid).__name__}: give the grid first, as in "
+            "jaxstab.Grid(128), or the `grid` of a topography."
+        )
+
+
+class Grid(eqx.Module):
+    """A periodic grid of points on a line or a rectangle.
+
+    Arguments:
+        shape: number of points along each side; one integer n means an n x n square.
+        lengths: side lengths [length], all 1 by default.
+        sharding: how fields lie on several devices: a `NamedSharding` with one axis of its mesh
+            over the first side, `PartitionSpec("x")`; on one device by default. Files do not
+            keep it.
+
+    Raises:
+        ValueError: for other than one or two sides, fewer than 2 points along a side, or
+            lengths that are not positive; for another spec, a line on several devices, and a first
+            side that they do not divide.
+        TypeError: for a number of points that is not an integer, or another kind of sharding.
+    """
+
+    shape: tuple[int, ...] = eqx.field(static=True)
+    lengths: Float[Array, " sides"]
+    sharding: NamedSharding | None = eqx.field(static=True, repr=False, default=None)
+
+    __repr__ = inline
+
+    def __init__(
+        self,
+        shape: int | Sequence[int],
+        lengths: Sequence[float] | ArrayLike = 1.0,
+        *,
+        sharding: NamedSharding | None = None,
+    ):
+        numbers: Any = shape if np.ndim(shape) else (shape, shape)
+        self.shape = tuple(integer("A number of grid points", n) for n in numbers)
+        if len(self.shape) not in (1, 2) or min(self.shape, default=0) < 2:
+            raise ValueError(
+                f"Grid shape is {self.shape}: give one side (a line) or two, of 2 points or more."
+            )
+        given = known(parameter(lengths, "A grid length"))
+        if given.shape not in ((), (len(self.shape),)):
+            raise ValueError(f"Grid lengths are {given}: give one for each side of {self.shape}.")
+        require_positive("A grid length", given)
+        sides = given * np.ones(len(self.shape), given.dtype)
+        self.lengths = sides if is_traced(sides) else array(sides)
+        self.sharding = None if sharding is None else fft.checked(sharding, self.shape)
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return math.prod(self.shape)
+
+    @property
+    @jax.jit
+    def spacing(self) -> Float[Array, " sides"]:
+        """Distance between neighbouring points along each side [length]."""
+        return self.lengths / jnp.array(self.shape)
+
+    @property
+    @jax.jit
+    def cell_area(self) -> Float[Array, ""]:
+        """Area that one point stands for [length^2]; on a line, its length [length]."""
+        return jnp.prod(self.spacing)
+
+    @property
+    @jax.jit
+    def area(self) -> Float[Array, ""]:
+        """Area of the cell [length^2]; on a line, its length [length]."""
+        return jnp.prod(self.lengths)
+
+    @property
+    @jax.jit
+    def coordinates(self) -> tuple[Float[Array, " *grid"], ...]:
+        """Coordinates of every point [length], one array for each side."""
+        sides = [jnp.arange(n) * dx for n, dx in zip(self.shape, self.spacing, strict=True)]
+        return tuple(map(self.placed, jnp.meshgrid(*sides, indexing="ij")))
+
+    def placed(self, field: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."]:
+        """Return a field or several, or a spectrum, where those of the grid lie."""
+        if self.sharding is None:
+            return array(field) if isinstance(field, np.ndarray) else field
+        sharding = fft.after(field.ndim - len(self.shape), self.sharding)
+        if isinstance(field, np.ndarray):
+            # Each process fills its own devices, with no word to the others.
+            return jax.make_array_from_callback(
+                field.shape, sharding, lambda part: field[part].copy()
+            )
+        if is_traced(field):
+            return jax.lax.with_sharding_constraint(field, sharding)
+        return jax.device_put(field, sharding)
+
+    def transform(self, field: Float[Array, " *grid"]) -> Complex[Array, " *modes"]:
+        """Return the half spectrum of a field: that of `rfftn`.
+
+        On several devices its axes are swapped, and last come waves that do not count.
+        """
+        return fft.transform(field, self.sharding)
+
+    def inverse_transform(self, modes: Complex[Array, " *modes"]) -> Float[Array, " *grid"]:
+        """Return the field of a half spectrum."""
+        return fft.inverse_transform(modes, self.shape, self.sharding)
+
+    @property
+    def coarser(self) -> "Grid | None":
+        """The grid of every other point; None where there is none, or several devices hold it."""
+        if self.sharding is not None or any(n % 2 or n < 4 for n in self.shape):
+            return None
+        return Grid(tuple(n // 2 for n in self.shape), self.lengths)
+
+    @property
+    @jax.jit
+    def wavenumbers(self) -> Float[Array, " *modes"]:
+        """Norm |q| = 2 pi |k / L| of every wave vector of `transform` [1/length]."""
+        # In waves per longest side, whose squares stay in range in any unit.
+        longest = jax.lax.stop_gradient(jnp.max(self.lengths))
+        sides = zip(self.waves, longest / self.lengths, strict=True)
+        squared = sum((k.astype(ratio.dtype) * ratio) ** 2 for k, ratio in sides)
+        # Two `where`s keep the derivative of the root at zero out of those of the lengths.
+        norm = jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)
+        return self.placed(2 * jnp.pi / longest * norm)
+
+    @property
+    def waves(self) -> tuple[Float[np.ndarray, "..."], ...]:
+        """Number of waves k along each side of the modes of `transform`, to be broadcast."""
+        *full, half = self.shape
+        along = np.fft.rfftfreq(half, 1 / half)
+        axes = [*(np.fft.fftfreq(n, 1 / n) for n in full), self._filled_up(along, "edge")]
+        waves = np.meshgrid(*axes, indexing="ij", sparse=True)
+        return tuple(k if self.sharding is None else k.T for k in waves)
+
+    @property
+    @jax.jit
+    def mode_multiplicity(self) -> Float[Array, " *modes"]:
+        """How many modes of the full spectrum each mode of `transform` stands for: 1, 2, or 0."""
+        half = self.shape[-1]
+        column = np.full(half // 2 + 1, 2.0)
+        column[0] = 1
+        if half % 2 == 0:
+            column[-1] = 1
+        column = self._filled_up(column, "constant")
+        if self.sharding is None:
+            return jnp.broadcast_to(column, (*self.shape[:-1], column.size))
+        return self.placed(jnp.broadcast_to(column[:, None], (column.size, self.shape[0])))
+
+    def _filled_up(self, column: np.ndarray, mode: Any) -> np.ndarray:
+        """Return what waves along the last side have, and those that do not count."""
+        count = fft.num_waves(self.shape[-1], self.sharding)
+        return np.pad(column, (0, count - column.size), mode)
+
+
+def resample(field: Float[Array, " *grid"], shape: tuple[int, ...]) -> Float[Array, " *finer"]:
+    """Return a periodic field on another number of points, through its Fourier series.
+
+    Its waves are those that both numbers of points resolve, a wave of two points as a cosine.
+    """
+    scale = math.prod(shape) / field.size
+    for axis, n in enumerate(shape):
+        before = field.shape[axis]
+        modes = jnp.fft.rfft(field, axis=axis)
+        modes = jax.lax.slice_in_dim(modes, 0, min(n, before) // 2 + 1, axis=axis)
+        if n != before and min(n, before) % 2 == 0:
+            # One of two waves k and -k where there are more points, but both where it is the last.
+            modes = modes.at[(slice(None),) * axis + (-1,)].multiply(0.5 if n > before else 2)
+        field = jnp.fft.irfft(modes, n, axis=axis)
+    return scale * field
+
+
+def total(field: Float[Array, " *grid"]) -> Float[Array, ""]:
+    """Return the sum of a field; by products with ones, which on the CPU is the fastest way."""
+    for length in field.shape[::-1]:
+        field = jnp.matmul(field, jnp.ones(length, field.dtype), precision="highest")
+    return field
+
+
+def totals(fields: Sequence[Float[Array, " *grid"]]) -> Float[Array, " fields"]:
+    """Return the sums of several fields, which may be products; of many, in one pass over all."""
+    if len(fields) < _LEAST_IN_A_PASS:
+        return jnp.stack([total(field) for field in fields])
+
+    def add(left: tuple[Array, ...], right: tuple[Array, ...]) -> tuple[Array, ...]:
+        return tuple(map(jnp.add, left, right))
+
+    zeros = tuple(jnp.zeros((), field.dtype) for field in fields)
+    rows = jnp.stack(jax.lax.reduce(tuple(fields), zeros, add, (fields[0].ndim - 1,)))
+    return jax.vmap(total)(rows) if rows.ndim > 1 else rows
+
+
+def mean(field: Float[Array, " *grid"]) -> Float[Array, ""]:
+    """Return the mean of a field."""
+    return total(field) / field.size
+
+
+def mean_over(mask: Bool[Array, " *grid"], field: Float[Array, " *grid"]) -> Float[Array, ""]:
+    """Return the mean of a field over a mask, zero over none."""
+    count = jnp.maximum(total(mask.astype(field.dtype)), 1)
+    return total(jnp.where(mask, field, 0)) / count
+
+
+def centred(field: Float[Array, " *grid"], mask: Bool[Array, " *grid"]) -> Float[Array, " *grid"]:
+    """Return the field less its mean over the mask, zero outside the mask."""
+    return jnp.where(mask, field - mean_over(mask, field), 0)

@@ -1,0 +1,71 @@
+"""What a solver was at on its way: its indicators, at a bounded number of its steps."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jaxstab.core import display
+from jaxstab.core.stack import Stackable
+
+Indicators = dict[str, Float[Array, ""]]
+
+_HISTORY_LENGTH = 512
+
+
+class History(Stackable, eqx.Module):
+    """Indicators of a solver at a bounded number of its steps: all at first, then ever fewer.
+
+    Attributes:
+        table: a row for each record, NaN where unused: the step, and the indicators by name.
+        names: of the indicators, in order.
+    """
+
+    table: Float[Array, "records columns"]
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    __repr__ = display.history
+
+    @property
+    def stack_shape(self) -> tuple[int, ...]:
+        """The leading axes of a stack of histories."""
+        return self.table.shape[:-2]
+
+    @classmethod
+    def empty(cls, names: Iterable[str], dtype: Any = float) -> "History":
+        """Return a history without records for indicators of these names."""
+        names = tuple(sorted(names))
+        return cls(jnp.full((_HISTORY_LENGTH, 1 + len(names)), jnp.nan, dtype), names)
+
+    @property
+    def steps(self) -> Float[Array, " records"]:
+        """The steps that are on record."""
+        return self.table[..., 0]
+
+    @property
+    def values(self) -> dict[str, Float[Array, " records"]]:
+        """The indicators at these steps."""
+        return {name: self.table[..., 1 + i] for i, name in enumerate(self.names)}
+
+    def scaled(self, **factors: Float[Array, ""]) -> "History":
+        """Return the history with some of its indicators, if they are there, times a factor."""
+        dtype = self.table.dtype
+        columns = [jnp.asarray(factors.get(name, 1), dtype) for name in ("step", *self.names)]
+        return replace(self, table=self.table * jnp.stack(columns))
+
+    def record(self, count: Int[Array, ""], step: Int[Array, ""], new: Indicators) -> "History":
+        """Return the history with the `count`-th measurement, taken at `step`, added.
+
+        The first 256 have a row each. Then the rows of each doubling of the count are 32, and each
+        keeps the last of those that share it.
+        """
+        octave = jnp.maximum(23 - jax.lax.clz(count.astype(jnp.int32)), 0)
+        shared = 224 + 32 * octave + (count >> (octave + 3))
+        row = jnp.minimum(jnp.where(count < 256, count, shared), _HISTORY_LENGTH - 1)
+        values = jnp.stack([step, *(new[name] for name in self.names)]).astype(self.table.dtype)
+        table = jax.lax.dynamic_update_index_in_dim(self.table, values, row, 0)
+        return replace(self, table=table)

@@ -1,0 +1,265 @@
+"""The forward loop of every solver: it steps, measures, stops, and keeps a history."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any, ClassVar, Generic, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+from jaxstab.core.checks import parameter, require, require_positive
+from jaxstab.core.history import History, Indicators
+from jaxstab.core.pause import Pause
+from jaxstab.core.results import RESULTS
+
+State = TypeVar("State")
+Solver = TypeVar("Solver")
+
+_STALL_FACTOR = 0.99
+# What counts as progress: of the fall of the energy so far, and in units of the precision.
+_LEAST_FALL = 1e-9
+_ROUNDING = 10
+_NO_LIMIT = 2**31 - 1
+
+
+def optional_parameter(value: ArrayLike | None) -> Float[Array, ""] | None:
+    """Return `value` as a floating-point array, None as None."""
+    return None if value is None else parameter(value)
+
+
+def solver_or_default(solver: Any, kind: type, default: type[Solver]) -> Solver:
+    """Return the solver that was given, or one of the default's class where there is none.
+
+    Raises:
+        TypeError: if it is not of a kind.
+    """
+    if solver is None:
+        return default()
+    if isinstance(solver, kind):
+        return solver
+    is_class = isinstance(solver, type)
+    given = f"the class {solver.__name__}" if is_class else f"of type {type(solver).__name__}"
+    raise TypeError(
+        f"The solver is {given}: give an instance of {kind.__name__}, such as {default.__name__}()."
+    )
+
+
+class Iteration(eqx.Module, Generic[State]):
+    """The outcome of `iterate`."""
+
+    state: State
+    residual: Float[Array, ""]
+    num_steps: Int[Array, ""]
+    result: RESULTS
+    history: History
+
+
+class Loop(eqx.Module, Generic[State]):
+    """A loop that is under way, from which it can go on.
+
+    Attributes:
+        state: where it is.
+        residual: the residual there.
+        num_steps: the steps taken since it began or was resumed.
+        num_before: those taken before.
+        first: the indicators where it began.
+        best: the least that each indicator was at a step that made progress.
+        best_step: that step.
+        history: the indicators on record.
+    """
+
+    state: State
+    residual: Float[Array, ""]
+    num_steps: Int[Array, ""]
+    num_before: Int[Array, ""]
+    first: Indicators
+    best: Indicators
+    best_step: Int[Array, ""]
+    history: History
+
+
+class IterativeSolver(eqx.Module):
+    """An algorithm that repeats a step until its residual falls to a tolerance.
+
+    Attributes:
+        tolerance: the residual to reach; None stands for `default_tolerance`.
+        max_steps: the step limit.
+        default_tolerance: the residual that each precision can reach; not needed where the
+            tolerance is never None.
+        patience: the loop has stagnated when its last progress is older than this many steps and
+            than half of all steps. Progress is a lower residual, or a lower "energy" where the
+            solver measures one.
+        steps_per_check: steps between two looks at the residual.
+
+    Raises:
+        ValueError: if tolerance or step limit is not positive.
+    """
+
+    tolerance: eqx.AbstractVar[Float[Array, ""] | None]
+    max_steps: eqx.AbstractVar[Int[Array, ""]]
+
+    default_tolerance: ClassVar[Mapping[str, float]]
+    patience: ClassVar[int] = 300
+    steps_per_check: ClassVar[int] = 1
+
+    def __check_init__(self) -> None:
+        if self.tolerance is not None:
+            require_positive("The tolerance", self.tolerance)
+        require("max_steps", self.max_steps, self.max_steps > 0, "it must be positive.")
+
+    def tolerance_in(self, dtype: jnp.dtype) -> Float[Array, ""] | float:
+        """Return the residual to reach in a precision."""
+        if self.tolerance is not None:
+            return self.tolerance
+        return self.default_tolerance.get(dtype.name, max(self.default_tolerance.values()))
+
+    def iterate(
+        self,
+        step: Callable[[State], State],
+        measure: Callable[[State], Indicators],
+        state: State,
+        max_steps: ArrayLike = _NO_LIMIT,
+    ) -> Iteration[State]:
+        """Repeat `step` from `state` until the tolerance is reached, or say why it is not.
+
+        The loop also ends at the step limit, at a residual that is not finite, and when it has
+        stagnated.
+
+        Arguments:
+            step: one step of the algorithm.
+            measure: its indicators, of which "residual" decides, every `steps_per_check` steps.
+            state: where to start.
+            max_steps: the number of steps after which to pause: none where nothing is sought.
+        """
+        return self._run(step, measure, partial(self.begin, measure, state), max_steps)
+
+    def resume(
+        self,
+        step: Callable[[State], State],
+        measure: Callable[[State], Indicators],
+        before: Iteration[State],
+        first: Indicators,
+        max_steps: ArrayLike = _NO_LIMIT,
+    ) -> Iteration[State]:
+        """Go on from an iteration, by at most `max_steps` steps; its steps and history count too.
+
+        Arguments:
+            step, measure: as in `iterate`.
+            before: where it stands.
+            first: its indicators there, from which progress counts anew.
+            max_steps: the number of steps after which to pause.
+        """
+        return self._run(step, measure, partial(self.resumed, before, first), max_steps)
+
+    def begin(self, measure: Callable[[State], Indicators], state: State) -> Loop[State]:
+        """Return the loop of `iterate` before its first step."""
+        first = measure(state)
+        zero = jnp.zeros((), int)
+        history = History.empty(first, first["residual"].dtype).record(zero, zero, first)
+        return Loop(state, first["residual"], zero, zero, first, first, zero, history)
+
+    def resumed(self, before: Iteration[State], first: Indicators) -> Loop[State]:
+        """Return the loop of `resume` before its first step."""
+        zero = jnp.zeros_like(before.num_steps)
+        residual, history = before.residual, before.history
+        return Loop(before.state, residual, zero, before.num_steps, first, first, zero, history)
+
+    def go_on(
+        self,
+        step: Callable[[State], State],
+        measure: Callable[[State], Indicators],
+        loop: Loop[State],
+        max_steps: ArrayLike = _NO_LIMIT,
+    ) -> Loop[State]:
+        """Return a loop after at most `max_steps` steps more; pauses change nothing."""
+        limit = jnp.minimum(max_steps, _NO_LIMIT - loop.num_steps) + loop.num_steps
+
+        def advance(loop: Loop[State]) -> Loop[State]:
+            state = loop.state
+            if self.steps_per_check == 1:
+                state = step(state)
+            else:
+                state = jax.lax.fori_loop(0, self.steps_per_check, lambda _, s: step(s), state)
+            num_steps = loop.num_steps + self.steps_per_check
+            indicators = measure(state)
+            improved = _is_progress(loop, indicators)
+            steps = loop.num_before + num_steps
+            return replace(
+                loop,
+                state=state,
+                residual=indicators["residual"],
+                num_steps=num_steps,
+                best={
+                    name: jnp.where(improved, jnp.minimum(best, indicators[name]), best)
+                    for name, best in loop.best.items()
+                },
+                best_step=jnp.where(improved, num_steps, loop.best_step),
+                history=loop.history.record(steps // self.steps_per_check, steps, indicators),
+            )
+
+        # By default accelerators multiply float32 matrices to three digits.
+        with jax.default_matmul_precision("highest"):
+            return jax.lax.while_loop(
+                lambda loop: ~self.is_over(loop) & (loop.num_steps < limit), advance, loop
+            )
+
+    def is_over(self, loop: Loop[Any]) -> Bool[Array, ""]:
+        """Return whether a loop has come to its end."""
+        unfinished = (loop.residual > self._goal(loop)) & jnp.isfinite(loop.residual)
+        has_steps = loop.num_steps < self.max_steps - loop.num_before
+        return ~(unfinished & has_steps & ~self._is_stalled(loop))
+
+    def outcome(self, loop: Loop[State]) -> Iteration[State]:
+        """Return what a loop has come to, at its end or at a pause."""
+        stalled = self._is_stalled(loop)
+        result = RESULTS.where(stalled, RESULTS.stagnated, RESULTS.max_steps_reached)
+        result = RESULTS.where(loop.residual <= self._goal(loop), RESULTS.successful, result)
+        result = RESULTS.where(jnp.isfinite(loop.residual), result, RESULTS.nonfinite)
+        num_steps = loop.num_before + loop.num_steps
+        return Iteration(loop.state, loop.residual, num_steps, result, loop.history)
+
+    def _run(
+        self,
+        step: Callable[[State], State],
+        measure: Callable[[State], Indicators],
+        begin: Callable[[], Loop[State]],
+        max_steps: ArrayLike,
+    ) -> Iteration[State]:
+        pause = Pause.current()
+        if pause is None:
+            return self.outcome(self.go_on(step, measure, begin(), max_steps))
+        return self.outcome(pause.go_on(partial(self.go_on, step, measure), begin))
+
+    def _goal(self, loop: Loop[Any]) -> Float[Array, ""] | float:
+        return self.tolerance_in(loop.residual.dtype)
+
+    def _is_stalled(self, loop: Loop[Any]) -> Bool[Array, ""]:
+        return loop.num_steps > self.patience + 2 * loop.best_step
+
+
+def _is_progress(loop: Loop[Any], new: Indicators) -> Bool[Array, ""]:
+    first, best = loop.first, loop.best
+    progress = new["residual"] < _STALL_FACTOR * best["residual"]
+    if "energy" in new:
+        fall = first["energy"] - best["energy"]
+        rounding = _ROUNDING * float(jnp.finfo(fall.dtype).eps)
+        least = jnp.maximum(max(_LEAST_FALL, rounding) * fall, rounding * jnp.abs(best["energy"]))
+        progress |= best["energy"] - new["energy"] > least
+    return progress
+
+
+@jax.custom_jvp
+def refuse_derivatives(tree: State) -> State:
+    """Return `tree`, for a loop whose derivatives would be of its steps, not of its answer."""
+    return tree
+
+
+@refuse_derivatives.defjvp
+def _raise(primals: tuple[State], tangents: tuple[State]) -> tuple[State, State]:
+    raise NotImplementedError(
+        "lowest_modes and calibrate cannot be differentiated: apply jax.lax.stop_gradient to what "
+        "goes in, or take the derivatives of equilibrate, assess_stability or critical_load."
+    )

@@ -1,0 +1,83 @@
+"""Stacks: the results of many solves in one pytree, along leading axes of its arrays."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Self, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxstab.core.checks import is_spread, is_traced, known
+
+Entry = TypeVar("Entry")
+
+
+class Stackable:
+    """A pytree that is a sequence where its arrays have a leading axis, as after `jax.vmap`.
+
+    One number at least, of those that each entry has, must be a scalar of its own.
+    """
+
+    @property
+    def stack_shape(self) -> tuple[int, ...]:
+        """The leading axes that all arrays share: () for a single entry."""
+        return min((np.shape(leaf) for leaf in jax.tree.leaves(self)), key=len, default=())
+
+    def __len__(self) -> int:
+        return self._leading_axes()[0]
+
+    def __getitem__(self, index: Any) -> Self:
+        shape = self._leading_axes()
+        if isinstance(index, list):
+            index = np.asarray(index)
+        if not is_traced(index):
+            # NumPy refuses what lies beyond the end; JAX would take the last entry.
+            _ = np.broadcast_to(False, shape)[index]
+        return jax.tree.map(lambda leaf: _entry(leaf, index), self)
+
+    def __iter__(self) -> Iterator[Self]:
+        return (self[i] for i in range(len(self)))
+
+    def _leading_axes(self) -> tuple[int, ...]:
+        if self.stack_shape == ():
+            raise TypeError(f"This is a single {type(self).__name__}, without entries to choose.")
+        return self.stack_shape
+
+
+def _entry(leaf: Any, index: Any) -> Array:
+    is_at_hand = (
+        isinstance(leaf, jax.Array)
+        and not is_traced((leaf, index))
+        and {device.platform for device in leaf.devices()} == {"cpu"}
+        and len(leaf.devices()) == 1
+    )
+    # By NumPy, since JAX would compile for every shape.
+    return jax.device_put(np.asarray(leaf)[index]) if is_at_hand else leaf[index]
+
+
+def stacked(entries: Sequence[Entry], like: Entry) -> Entry:
+    """Return results along a leading axis, also none of them; `like` has their shapes."""
+
+    def stack(one: Any, *leaves: Array) -> Array:
+        if leaves and is_spread(leaves[0]):
+            return jnp.stack(leaves)
+        # By NumPy, since JAX would compile for every number.
+        empty = np.zeros((0, *one.shape), one.dtype)
+        return jax.device_put(np.stack(leaves) if leaves else empty)
+
+    return jax.tree.map(stack, like, *entries)
+
+
+def first_entries(tree: Entry, number: int) -> Entry:
+    """Return the first entries of a stack whose values are known."""
+    return jax.tree.map(lambda leaf: jax.device_put(known(leaf)[:number]), tree)
+
+
+def require_single(value: Stackable) -> None:
+    """Raise `ValueError` if `value` is a stack."""
+    if value.stack_shape:
+        raise ValueError(
+            f"This {type(value).__name__} is a stack of shape {value.stack_shape}: choose a state: "
+            "sweep[3]."
+        )

@@ -1,0 +1,95 @@
+"""Derivatives of an equilibrium with respect to all that went into it."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxstab.contact import Contact
+from jaxstab.contact.residual import missed_pressure
+from jaxstab.core.grid import total
+from jaxstab.core.implicit import LinearSystem, finite, pushed
+from jaxstab.core.no_derivative import Obstacle, any_exists
+from jaxstab.equilibrium.equilibrium import Field, Fields, fields_of
+from jaxstab.loads import Control, Load
+from jaxstab.potentials import slope
+from jaxstab.solids import Solid
+
+# What the residual may do to the smallest eigenvalue, over it.
+_MAX_ERROR = 1e-2
+NOT_FOUND = "there is no converged equilibrium (look at its result)"
+_CHANGING = (
+    "a point is about to touch or to let go: its gap, or its reaction, is zero to within the "
+    "residual of the equilibrium. Differentiate at a slightly different load, in float64 or with a "
+    "finer tolerance"
+)
+
+
+def changes_of_fields(
+    fields: Fields,
+    is_found: Bool[Array, ""],
+    inputs: tuple[Contact, Load],
+    changes: tuple[Contact, Load],
+) -> tuple[Fields, dict[str, list[Obstacle]]]:
+    """Return how the fields of an equilibrium change with contact and load, a rule for `attach`."""
+    inputs = contact, load = finite(is_found, inputs)
+    fields = finite(is_found, fields)
+    gap = fields["gap"]
+    is_free = gap > 0
+    control = contact.control(load)
+    net = fields["pressure"] + slope(contact.potential, gap)
+    missed = missed_pressure(net, gap)
+    sharpness = jnp.max(jnp.abs(jnp.where(is_free, third_derivative(contact, gap), 0)))
+
+    def is_sound(moved: Field, right_side: Field) -> Bool[Array, ""]:
+        # After Newton and Kantorovich, with the eigenvalue that the solution shows.
+        eigenvalue = total(moved * right_side) / total(moved**2)
+        error = sharpness * jnp.sqrt(total(missed**2)) / eigenvalue**2
+        return error < _MAX_ERROR
+
+    obstacles = [Obstacle(~is_found, NOT_FOUND), changing_contact(net, gap, contact.solid)]
+    system = free_system(contact, control, gap)
+    change, imbalance = pushed(partial(fields_of, gap=gap), inputs, changes)
+    right_side = jnp.where(any_exists(obstacles), 0, -imbalance)
+    moved = system.differentiable_solution(right_side, is_sound)
+    _, (response, _) = jax.jvp(partial(fields_of, contact, load), (gap,), (moved,))
+    sums = {name: change[name] + response[name] for name in fields}
+    reasons = dict.fromkeys(fields, obstacles)
+    if control.fixes_mean:
+        # No move of the free points that keeps the mean gap does work to first order, nor does it
+        # matter which of them are free.
+        sums["energy"], reasons["energy"] = change["energy"], obstacles[:1]
+    return sums, reasons
+
+
+def free_system(contact: Contact, control: Control, gap: Field) -> LinearSystem:
+    """Return the system of A on the free points, for an A that is positive there."""
+    is_free = gap > 0
+    hessian = contact.hessian(gap, control).restricted(is_free)
+    adhesion = total(jnp.maximum(hessian.curvature, 0)) / gap.size
+    inverse = hessian.inverse(contact.solid.min_stiffness + adhesion)
+    return LinearSystem(hessian, inverse, lambda field: control.project(field, is_free))
+
+
+def third_derivative(contact: Contact, gap: Field) -> Field:
+    """Return f'''(g) at every point [pressure/length^2]."""
+    return jax.jvp(contact.curvature, (gap,), (jnp.ones_like(gap),))[1]
+
+
+def changing_contact(net: Field, gap: Field, solid: Solid) -> Obstacle:
+    """Return the obstacle of a point of hardly any reaction, or hardly any gap."""
+    return Obstacle(jnp.any(changing_points(net, gap, solid)), _CHANGING)
+
+
+def changing_points(net: Field, gap: Field, solid: Solid) -> Bool[Array, " *grid"]:
+    """Return where there is hardly any reaction, or hardly any gap."""
+    noise = pressure_noise(net, gap)
+    return jnp.where(gap > 0, gap * solid.max_stiffness, net) <= noise
+
+
+def pressure_noise(net: Field, gap: Field) -> Float[Array, ""]:
+    """Return the least pressure that can be told from the residual, and from rounding."""
+    eps = jnp.finfo(gap.dtype).eps
+    squares = 1e2 * missed_pressure(net, gap) ** 2 + (1e3 * eps * net) ** 2
+    return jnp.sqrt(total(squares) / gap.size)

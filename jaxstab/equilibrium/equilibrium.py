@@ -1,0 +1,209 @@
+"""An equilibrium, its fields, and what can be taken for one."""
+
+from dataclasses import replace
+from typing import Any, Protocol
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.residual import Balance
+from jaxstab.core.display import block
+from jaxstab.core.history import History
+from jaxstab.core.results import RESULTS
+from jaxstab.core.stack import Stackable, require_single
+from jaxstab.loads import Load
+from jaxstab.potentials import slope
+from jaxstab.solids import Solid
+
+Field = Float[Array, " *grid"]
+Fields = dict[str, Array]
+
+# The fields of an `Equilibrium` that can be differentiated, and those that hold pressures.
+DIFFERENTIABLE = ("displacement", "gap", "pressure", "reaction", "mean_pressure", "energy")
+_FIELDS = ("displacement", "gap", "pressure", "reaction", "in_contact")
+_PRESSURES = ("pressure", "reaction", "mean_pressure", "energy")
+
+
+class Equilibrium(Stackable, eqx.Module):
+    """An equilibrium K u + p0 + f'(g) = mu, g >= 0, mu >= 0, mu g = 0 (Rey & Bleyer, 9 and 10).
+
+    Attributes:
+        load: the load that holds it.
+        displacement: u = g + h [length].
+        gap: g, exactly zero at the points in contact [length].
+        pressure: the elastic pressure K u + p0, positive in compression [pressure].
+        reaction: mu, the pressure of contact; zero out of contact [pressure].
+        in_contact: where the surfaces touch.
+        mean_pressure: p0 = mean(mu - f'(g)), positive in compression [pressure].
+        contact_area: the number of contact points over that of all points.
+        area: that of the cell [length^2]; on a line its length [length].
+        energy: elastic and adhesive energy of the surface [energy]; not that of a uniform
+            compression, nor of a spring.
+        residual: the relative optimality residual.
+        num_steps: steps that the solver took.
+        result: a member of `RESULTS`: how the solver ended.
+        history: the indicator "residual" as the solver went, and where the solver measures it
+            "energy", u.Ku / 2 + sum f(g) (Rey & Bleyer, eq. 15) and the work of the load, which is
+            the energy of the surface over the area of one cell [energy/area].
+    """
+
+    load: Load
+    displacement: Float[Array, " *grid"]
+    gap: Float[Array, " *grid"]
+    pressure: Float[Array, " *grid"]
+    reaction: Float[Array, " *grid"]
+    in_contact: Bool[Array, " *grid"]
+    mean_pressure: Float[Array, ""]
+    contact_area: Float[Array, ""]
+    area: Float[Array, ""]
+    energy: Float[Array, ""]
+    residual: Float[Array, ""]
+    num_steps: Int[Array, ""]
+    result: RESULTS
+    history: History
+
+    __repr__ = block
+
+    @property
+    def force(self) -> Float[Array, ""]:
+        """The mean pressure times the area of the cell, positive in compression.
+
+        [pressure length^2]; on a line it is a force per length across it [pressure length].
+        """
+        return self.mean_pressure * self.area
+
+    def on_surface(self, solid: Solid) -> "Equilibrium":
+        """Return the same state with the part of its fields that has a surface opposite to it."""
+        return replace(self, **{name: solid.surface(getattr(self, name)) for name in _FIELDS})
+
+    def in_units_of(self, pressure: Float[Array, ""]) -> "Equilibrium":
+        """Return the same state with pressures in another unit; lengths stay."""
+        return replace(
+            self,
+            load=self.load.in_units_of(pressure),
+            history=self.history.scaled(energy=1 / pressure),
+            **in_units_of(pressure, {name: getattr(self, name) for name in _PRESSURES}),
+        )
+
+
+def in_units_of(pressure: Float[Array, ""], fields: Fields) -> Fields:
+    """Return fields of an equilibrium with pressures in another unit; lengths stay."""
+    return {
+        name: field / pressure if name in _PRESSURES else field for name, field in fields.items()
+    }
+
+
+def fields_of(contact: Contact, load: Load, gap: Field) -> tuple[Fields, Field]:
+    """Return the differentiable fields of an equilibrium and its net pressure.
+
+    Its gap, brought under the load if the load is another one, moves with it.
+    """
+    control = contact.control(load)
+    gap = control.restore(gap)
+    net = control.net_pressure(contact.gradient(gap), gap)
+    return assembled(contact, gap, net, contact.energy(gap)), net
+
+
+def assembled(contact: Contact, gap: Field, net: Field, energy: Float[Array, ""]) -> Fields:
+    """Return the differentiable fields of a state from its gap, net pressure and energy.
+
+    Where its gap is NaN, so are they.
+    """
+    attraction = slope(contact.potential, gap)
+    reaction = jnp.where(gap > 0, 0, net)
+    return {
+        "displacement": contact.displacement(gap),
+        "gap": gap,
+        "pressure": net - attraction,
+        "reaction": reaction,
+        "mean_pressure": jnp.mean(contact.solid.surface(reaction - attraction)),
+        "energy": energy,
+    }
+
+
+def contact_area(contact: Contact, gap: Field) -> Float[Array, ""]:
+    """Return the number of contact points over that of all points of the surface, NaN of NaN."""
+    return jnp.mean(contact.solid.surface(jnp.where(jnp.isnan(gap), gap, gap == 0)))
+
+
+def equilibrium_at(
+    contact: Contact, load: Load, gap: Field, balance: Balance, **how: Any
+) -> Equilibrium:
+    """Return the state of a gap and its balance, given how it was found: residual, steps, ..."""
+    energy = (balance.elastic_energy + balance.adhesion) * contact.grid.cell_area
+    return Equilibrium(
+        load=load,
+        in_contact=gap == 0,
+        contact_area=contact_area(contact, gap),
+        area=contact.area,
+        **assembled(contact, gap, balance.net, energy),
+        **how,
+    )
+
+
+def state_at(contact: Contact, load: Load, gap: Field) -> Equilibrium:
+    """Return the equilibrium of a gap that was found before."""
+    balance = contact.balance(contact.control(load))(gap)
+    is_finite = jnp.isfinite(balance.residual)
+    return equilibrium_at(
+        contact,
+        load,
+        gap,
+        balance,
+        residual=balance.residual,
+        num_steps=jnp.array(0),
+        result=RESULTS.where(is_finite, RESULTS.successful, RESULTS.nonfinite),
+        history=History.empty(["residual"], gap.dtype),
+    )
+
+
+class _HoldsEquilibrium(Protocol):
+    @property
+    def equilibrium(self) -> Equilibrium: ...
+
+
+# Also an entry of a sweep, or a fold.
+State = Equilibrium | _HoldsEquilibrium
+
+
+def single_equilibrium(state: Any) -> Equilibrium:
+    """Return the one equilibrium that a state is or holds.
+
+    Raises:
+        TypeError: for something that is not a state.
+        ValueError: for a stack of states.
+    """
+    equilibrium = getattr(state, "equilibrium", state)
+    if not isinstance(equilibrium, Equilibrium):
+        raise TypeError(
+            f"{type(state).__name__} is not a state: give what jaxstab.equilibrate returned, or an "
+            "entry of a sweep."
+        )
+    require_single(equilibrium)
+    return equilibrium
+
+
+def equilibrium_of(contact: Contact, state: State) -> Equilibrium:
+    """Return the one equilibrium that a state is or holds, on the contact's grid.
+
+    Raises:
+        TypeError: for something that is not a state.
+        ValueError: for a stack of states, or one that has another grid or precision than the
+            contact.
+    """
+    require_contact(contact)
+    equilibrium = single_equilibrium(state)
+    if equilibrium.gap.shape != contact.grid.shape:
+        raise ValueError(
+            f"The equilibrium has shape {equilibrium.gap.shape}, the contact's grid "
+            f"{contact.grid.shape}: use the contact that it came from."
+        )
+    if equilibrium.gap.dtype != contact.heights.dtype:
+        raise ValueError(
+            f"The equilibrium is in {equilibrium.gap.dtype}, the contact in "
+            f"{contact.heights.dtype}: use the contact that it came from, or start from it: "
+            "equilibrate(contact, load, initial=equilibrium)."
+        )
+    return equilibrium

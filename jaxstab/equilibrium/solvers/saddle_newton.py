@@ -1,0 +1,110 @@
+"""Newton's method for equilibria of any kind, minima of the energy or not."""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jaxstab.contact import Contact
+from jaxstab.contact.hessian import Hessian
+from jaxstab.contact.residual import Balance
+from jaxstab.core.grid import total
+from jaxstab.core.history import Indicators
+from jaxstab.core.loop import Iteration, optional_parameter
+from jaxstab.equilibrium.solvers.base import EquilibriumSolver
+from jaxstab.loads import Control
+
+# Halvings of a step before it is taken as it is.
+_MAX_CUTS = 8
+# How well the linear system of a step is solved, and by how many vectors at most.
+_ACCURACY = 1e-3
+_NUM_VECTORS = 40
+_MAX_RESTARTS = 10
+
+
+class _State(eqx.Module):
+    gap: Float[Array, " *grid"]
+    balance: Balance
+
+
+class _Trial(eqx.Module):
+    state: _State
+    length: Float[Array, ""]
+    count: Int[Array, ""]
+
+
+class SaddleNewton(EquilibriumSolver):
+    """Newton's method on the balance of pressures, which does not ask whether energy falls.
+
+    It finds the equilibrium near its start, be it a minimum or a saddle: the far side of a fold,
+    for one. A step moves the points out of contact, and those in contact that are pulled off it,
+    by the solution of (K + D) d = -(K u + p0 + f') among them (GMRES with the preconditioner
+    1 / (K + c)). It is cut at zero gap, and halved while it raises the residual.
+
+    Arguments:
+        tolerance: relative optimality residual to reach; by default 1e-9 in float64 and 1e-4 in
+            float32.
+        max_steps: the step limit, 200 by default.
+    """
+
+    tolerance: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
+    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=200)
+
+    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
+    patience: ClassVar[int] = 20
+
+    def solve(
+        self,
+        contact: Contact,
+        control: Control,
+        gap: Float[Array, " *grid"],
+    ) -> Iteration[_State]:
+        """Iterate from a gap that meets the load to an equilibrium under it."""
+        # Late, since it takes a while to import.
+        from jax.scipy.sparse.linalg import gmres
+
+        balance_of = contact.balance(control)
+
+        def newton_step(state: _State) -> Float[Array, " *grid"]:
+            net, curvature = state.balance.net, state.balance.curvature
+            is_moving = control.moving(state.gap, net)
+            hessian = Hessian(contact.solid, curvature, control.stiffness, is_moving)
+            adhesion = total(jnp.abs(curvature)) / curvature.size
+            inverse = hessian.inverse(contact.solid.min_stiffness + adhesion)
+
+            def project(field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+                return control.project(field, is_moving)
+
+            # What does not move is left to the identity.
+            step, _ = gmres(
+                lambda field: project(hessian(project(field))) + field - project(field),
+                -project(net),
+                M=lambda field: project(inverse(project(field))),
+                tol=_ACCURACY,
+                restart=_NUM_VECTORS,
+                maxiter=_MAX_RESTARTS,
+            )
+            return project(step)
+
+        def step(state: _State) -> _State:
+            change = newton_step(state)
+
+            def attempt(trial: _Trial) -> _Trial:
+                new = control.admissible(state.gap + trial.length * change)
+                return _Trial(_State(new, balance_of(new)), trial.length / 2, trial.count + 1)
+
+            def is_worse(trial: _Trial) -> Array:
+                falls = trial.state.balance.residual < state.balance.residual
+                return (trial.count == 0) | (~falls & (trial.count <= _MAX_CUTS))
+
+            start = _Trial(state, jnp.ones((), gap.dtype), jnp.array(0))
+            return jax.lax.while_loop(is_worse, attempt, start).state
+
+        def measure(state: _State) -> Indicators:
+            balance = state.balance
+            return {"residual": jnp.where(balance.has_escaped, jnp.inf, balance.residual)}
+
+        return self.iterate(step, measure, _State(gap, balance_of(gap)))

@@ -1,0 +1,38 @@
+"""Whether a state is an equilibrium of the contact that it is used with."""
+
+import jax.numpy as jnp
+
+from jaxstab.contact import Contact
+from jaxstab.contact.residual import Balance
+from jaxstab.core.compile import program
+from jaxstab.core.grid import total
+from jaxstab.core.results import RESULTS
+from jaxstab.equilibrium.equilibrium import Equilibrium
+from jaxstab.equilibrium.window import whole_state
+
+# In units of the precision: what rounding may add to a residual, and to a load that is met.
+_ROUNDING = 1e3
+
+
+@program
+def recognised(contact: Contact, equilibrium: Equilibrium) -> RESULTS:
+    """Return whether a state is in equilibrium in this contact, under its load."""
+    contact, equilibrium = whole_state(contact, equilibrium)
+    unit = contact.own_pressure
+    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
+    control = contact.control(equilibrium.load)
+    balance = contact.balance(control)(equilibrium.gap)
+    return recognised_by(balance, contact, equilibrium)
+
+
+def recognised_by(balance: Balance, contact: Contact, equilibrium: Equilibrium) -> RESULTS:
+    """Return the same, from the balance of pressures evaluated anew."""
+    gap, reaction, pressure = equilibrium.gap, equilibrium.reaction, equilibrium.pressure
+    rounding = _ROUNDING * jnp.finfo(gap.dtype).eps
+    missed = contact.control(equilibrium.load).missed(gap)
+    is_own = (balance.residual <= 2 * equilibrium.residual + rounding) & (missed <= rounding)
+    result = RESULTS.where(is_own, RESULTS.successful, RESULTS.other_contact)
+    result = RESULTS.where(jnp.isfinite(balance.residual), result, RESULTS.nonfinite)
+    is_finite = jnp.isfinite(total(gap) + total(reaction) + total(pressure))
+    is_found = (equilibrium.result == RESULTS.successful) & is_finite
+    return RESULTS.where(is_found, result, RESULTS.no_equilibrium)

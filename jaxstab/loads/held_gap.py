@@ -1,0 +1,101 @@
+"""Loads that hold the mean of the gap."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxstab.core.grid import centred, mean, mean_over, total
+from jaxstab.loads.load import Control, Load, Mask, Scalar, prescribed
+from jaxstab.solids import Field, Solid
+
+
+class GapControl(Control):
+    """The mean gap is held at a value [length]."""
+
+    fixes_mean: ClassVar[bool] = True
+
+    mean_gap: Scalar
+
+    @property
+    def stiffness(self) -> None:
+        """None: perturbations have no mean for it to act on."""
+
+    @property
+    def is_feasible(self) -> Bool[Array, ""]:
+        """Whether the mean gap is positive and finite."""
+        return (self.mean_gap > 0) & jnp.isfinite(self.mean_gap)
+
+    def starting_gap(self, heights: Field) -> Field:
+        """Return g0 + mean(h) - h."""
+        return self.mean_gap + jnp.mean(heights) - heights
+
+    def restore(self, gap: Field) -> Field:
+        """Return the gap scaled to its mean."""
+        return gap * (self.mean_gap * gap.size / total(gap))
+
+    def admissible(self, gap: Field) -> Field:
+        """Return the gap cut at zero, and scaled to its mean."""
+        return self.restore(jnp.maximum(gap, 0))
+
+    def missed(self, gap: Field) -> Scalar:
+        """Return how far the mean gap is off, over what it should be."""
+        unit = jnp.where(self.mean_gap == 0, 1, self.mean_gap)
+        return jnp.abs((mean(gap) - self.mean_gap) / unit)
+
+    def energy(self, mean_gap: Array) -> Array:
+        """Return zero: the mean gap does not move."""
+        return jnp.zeros_like(mean_gap)
+
+    def net_pressure(self, gradient: Field, gap: Field) -> Field:
+        """Return the gradient less its mean over the free points, which is -p0."""
+        return gradient - mean_over(gap > 0, gradient)
+
+    def resisting(self, attraction: Field, gap: Field) -> Field:
+        """Return the attraction of the free points less its mean, which p0 balances."""
+        return centred(attraction, gap > 0)
+
+    def mean_imbalance(self, missed: Field, attraction: Field, gap: Field) -> Scalar:
+        """Return zero: p0 is whatever balances the mean."""
+        return jnp.zeros((), missed.dtype)
+
+    def project(self, field: Field, is_moving: Mask) -> Field:
+        """Return the field less its mean over the moving points, zero elsewhere."""
+        return centred(field, is_moving)
+
+
+class MeanDisplacement(Load):
+    """A prescribed mean(u) [length]: one value, or an array of them for a sweep."""
+
+    quantity: ClassVar[str] = "mean displacement $u_0$"
+    unit: ClassVar[str] = "length"
+
+    value: Float[Array, "..."] = eqx.field(converter=prescribed)
+
+    def control(self, solid: Solid, heights: Field) -> GapControl:
+        """Hold the mean gap at mean(u) - mean(h)."""
+        _refuse_window("MeanDisplacement", solid)
+        return GapControl(self.value.astype(heights.dtype) - jnp.mean(heights))
+
+
+class MeanGap(Load):
+    """A prescribed mean(g) [length] (Rey & Bleyer, eq. 4): one value, or an array for a sweep."""
+
+    quantity: ClassVar[str] = "mean gap $g_0$"
+    unit: ClassVar[str] = "length"
+
+    value: Float[Array, "..."] = eqx.field(converter=prescribed)
+
+    def control(self, solid: Solid, heights: Field) -> GapControl:
+        """Hold the mean gap at the value."""
+        _refuse_window("MeanGap", solid)
+        return GapControl(self.value.astype(heights.dtype))
+
+
+def _refuse_window(load: str, solid: Solid) -> None:
+    if solid.is_window:
+        raise ValueError(
+            f"{load} cannot be held on the window of a {type(solid).__name__}, which says nothing "
+            "of the solid beyond: prescribe a FarDisplacement, a MeanPressure or a Spring."
+        )

@@ -1,0 +1,177 @@
+"""The way along a stable branch to its fold.
+
+The branch is followed towards the fold by the square of the eigenvalue, which falls linearly with
+the load. What a step loses tells whether it stayed on the branch. Newton's method goes the last
+part of it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from jaxstab.contact import Contact
+from jaxstab.core.grid import mean, total
+from jaxstab.core.history import Indicators
+from jaxstab.core.loop import Iteration, IterativeSolver
+from jaxstab.core.results import KINDS, RESULTS
+from jaxstab.equilibrium import PreconditionedConjugateGradient
+from jaxstab.equilibrium.equilibrate import find
+from jaxstab.equilibrium.equilibrium import fields_of
+from jaxstab.loads import Control, Load
+from jaxstab.paths.branch_end.fold import FoldNewton
+from jaxstab.paths.branch_end.linearise import Field, Point, Scalar, linearised, point_at
+from jaxstab.paths.branch_end.locate import Limit, limit_of
+from jaxstab.paths.energy import own_energy, smallest_loss, supply_of
+from jaxstab.stability.lowest_modes import BLOCK_SIZE, noise
+
+# The part that a step goes of the way to where the fold is foreseen.
+_SHARE = 0.75
+# How much farther than foreseen the fold may lie.
+_SURPRISE = 2
+# How far a step of a solver may move a point: farther ones were seen to leap over minima.
+_MAX_MOVE = 0.1
+# Jumps that lose a smaller part of the problem's own energy do not end a branch.
+SMALLEST_JUMP = {"float64": 1e-6, "float32": 1e-5}
+
+
+def branch_solver(control: Control) -> PreconditionedConjugateGradient:
+    """Return the solver of the equilibria along a branch under a load.
+
+    Where the mean gap is held, no long step draws the surfaces apart.
+    """
+    return PreconditionedConjugateGradient(max_move=None if control.fixes_mean else _MAX_MOVE)
+
+
+def follow_to_fold(contact: Contact, loads: Load, start: Field | None) -> Limit:
+    """Return where the branch from the first load ends on its way to the second."""
+    first, last = (jax.tree.map(lambda leaf, i=i: leaf[i], loads) for i in (0, 1))
+    equilibrium = find(contact, first, PreconditionedConjugateGradient(), start)
+    is_found = equilibrium.result == RESULTS.successful
+    gap = equilibrium.gap
+    point = point_at(contact, first, gap, noise(jax.random.key(0), BLOCK_SIZE, gap))
+    approach = _Approach().solve(contact, point, last, is_found)
+    near = approach.state
+    newton = FoldNewton().solve(contact, near.point, is_found)
+    fold = newton.state
+    end = fold.load.value
+    is_between = (end - first.value) * (last.value - end) >= 0
+    # Another one may be the end of another branch: far away, or one on the far side of it.
+    is_near = jnp.abs(end - near.point.load.value) <= _SURPRISE * jnp.abs(near.distance)
+    is_ahead = near.distance * (last.value - near.point.load.value) > 0
+    linear = linearised(contact, fold.load, fold.gap, fold.pair)
+    is_end = linear.branches_off | ((near.point.load.value - end) * linear.side > 0)
+    is_foreseen = is_near & is_end & (is_ahead | (approach.result == RESULTS.successful))
+    is_fold = (newton.result == RESULTS.successful) & is_between & is_foreseen
+    result = RESULTS.where(is_fold, RESULTS.successful, RESULTS.no_fold)
+    limit = limit_of(KINDS.fold, jnp.zeros_like(gap, bool), newton)
+    return replace(
+        limit,
+        num_steps=equilibrium.num_steps + approach.num_steps + newton.num_steps,
+        result=RESULTS.where(is_found, result, equilibrium.result),
+    )
+
+
+class _Approaching(eqx.Module):
+    """A point of the branch, and how it goes on from there.
+
+    Attributes:
+        point: the state.
+        rate: how its gap follows the load.
+        potential: E + W [energy].
+        force: F, how it follows the load on the branch [energy over that of the load].
+        force_rate: how that does.
+        smallest_loss: from which a step has left the branch [energy].
+        distance: how far ahead a fold is foreseen, with its sign.
+        fraction: the part of a step that is tried next.
+    """
+
+    point: Point
+    rate: Field
+    potential: Scalar
+    force: Scalar
+    force_rate: Scalar
+    smallest_loss: Scalar
+    distance: Scalar
+    fraction: Scalar
+
+    def loss_to(self, new: "_Approaching") -> Scalar:
+        """Return what the step to another point loses, nothing on the same smooth branch.
+
+        What the load supplies is known to the fifth order of the step.
+        """
+        stride = new.point.load.value - self.point.load.value
+        supplied = stride * (self.force + new.force) / 2
+        supplied += stride**2 * (self.force_rate - new.force_rate) / 12
+        return self.potential + supplied - new.potential
+
+
+class _Approach(IterativeSolver):
+    """Steps along a stable branch, from load to load, to near the fold ahead of it."""
+
+    tolerance: Scalar | None = None
+    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=100)
+
+    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-3, "float32": 1e-2}
+    patience: ClassVar[int] = 15
+
+    def solve(
+        self, contact: Contact, point: Point, last: Load, is_needed: Bool[Array, ""]
+    ) -> Iteration[_Approaching]:
+        """Go from a point of the branch towards a load beyond its end, if there is such a point."""
+        width = jnp.abs(last.value - point.load.value)
+
+        threshold = SMALLEST_JUMP[point.gap.dtype.name] * own_energy(contact)
+
+        def foresee(point: Point, fraction: Scalar) -> _Approaching:
+            load, gap = point.load, point.gap
+            linear = linearised(contact, load, gap, point.pair)
+            moved, _ = linear.system.solution(-linear.imbalance_rate)
+            rate = moved + linear.gap_rate
+            slope = total(linear.eigenvalue_slope * rate)
+
+            def account(value: Scalar, gap: Field) -> tuple[Scalar, tuple[Scalar, Scalar]]:
+                at, (fields, _) = load.at(value), fields_of(contact, load.at(value), gap)
+                pressure, mean_gap = fields["mean_pressure"], mean(fields["gap"])
+                supply = supply_of(contact, at, mean_gap, pressure)
+                potential = fields["energy"] + supply.potential
+                least = smallest_loss(contact, threshold, potential, mean_gap, pressure)
+                return supply.force, (potential, least)
+
+            here, along = (load.value, gap), (jnp.ones_like(load.value), rate)
+            force, force_rate, (potential, least) = jax.jvp(account, here, along, has_aux=True)
+            distance = -point.pair.eigenvalue / (2 * slope)
+            return _Approaching(
+                point, rate, potential, force, force_rate, least, distance, fraction
+            )
+
+        def is_ahead(state: _Approaching) -> Bool[Array, ""]:
+            left = last.value - state.point.load.value
+            return (state.distance * left > 0) & (jnp.abs(state.distance) < jnp.abs(left))
+
+        def step(state: _Approaching) -> _Approaching:
+            old = state.point
+            left = last.value - old.load.value
+            stride = jnp.where(is_ahead(state), _SHARE * state.distance, left) * state.fraction
+            load = old.load.at(old.load.value + stride)
+            start = jnp.maximum(old.gap + stride * state.rate, 0)
+            solver = branch_solver(contact.control(load))
+            equilibrium = find(contact, load, solver, start)
+            is_found = equilibrium.result == RESULTS.successful
+            new = point_at(contact, load, jnp.where(is_found, equilibrium.gap, 1), old.modes)
+            ahead = foresee(new, jnp.minimum(2 * state.fraction, 1))
+            is_same = is_found & (new.pair.eigenvalue > 0)
+            is_same &= jnp.abs(state.loss_to(ahead)) <= state.smallest_loss
+            nearer = replace(state, fraction=state.fraction / 3)
+            return jax.tree.map(partial(jnp.where, is_same), ahead, nearer)
+
+        def measure(state: _Approaching) -> Indicators:
+            return {"residual": jnp.where(is_ahead(state), jnp.abs(state.distance) / width, 1)}
+
+        start, limit = foresee(point, jnp.ones_like(width)), jnp.where(is_needed, self.max_steps, 0)
+        return self.iterate(step, measure, start, limit)

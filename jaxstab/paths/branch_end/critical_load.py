@@ -1,0 +1,105 @@
+"""The load at which a branch of equilibria ends, as a differentiable result."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxstab.contact import Contact
+from jaxstab.core.display import block
+from jaxstab.core.results import KINDS, RESULTS
+from jaxstab.core.stack import Stackable
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.equilibrium import contact_area, fields_of
+from jaxstab.loads import Load
+from jaxstab.paths.branch_end.derivatives import differentiable, differentiable_fields
+from jaxstab.paths.branch_end.locate import Limit
+from jaxstab.solids import Solid
+from jaxstab.stability import Eigenpair
+from jaxstab.stability.cones import Subspace
+from jaxstab.stability.derivatives import differentiable as differentiable_pair
+
+
+class CriticalLoad(Stackable, eqx.Module):
+    """Where a branch of equilibria ends; by symmetry it can branch off there instead.
+
+    Attributes:
+        equilibrium: the last equilibrium of the branch, with its load.
+        kind: a member of `KINDS`: a fold or a release.
+        critical: the smallest eigenvalue on the points that are free or let go, and its mode. It
+            is zero at a fold and negative at a release. `Stability.critical` is that without the
+            points that let go, which is still positive right before a release. Where other points
+            touch or let go at once, it may be neither, and its error is at least as large.
+        after: the state that remains beyond a pull-off; None of others.
+        result: a member of `RESULTS`: how the search ended.
+    """
+
+    equilibrium: Equilibrium
+    kind: KINDS
+    critical: Eigenpair
+    after: Equilibrium | None
+    result: RESULTS
+
+    __repr__ = block
+
+    @property
+    def load(self) -> Load:
+        """The critical load."""
+        return self.equilibrium.load
+
+    def on_surface(self, solid: Solid) -> "CriticalLoad":
+        """Return the same with the part of its fields that has a surface opposite to it."""
+        return replace(
+            self,
+            equilibrium=self.equilibrium.on_surface(solid),
+            critical=self.critical.on_surface(solid),
+            after=None if self.after is None else self.after.on_surface(solid),
+        )
+
+    def in_units_of(self, pressure: Float[Array, ""]) -> "CriticalLoad":
+        """Return the same with pressures in another unit; lengths stay."""
+        return replace(
+            self,
+            equilibrium=self.equilibrium.in_units_of(pressure),
+            critical=self.critical.in_units_of(pressure),
+            after=None if self.after is None else self.after.in_units_of(pressure),
+        )
+
+
+def critical_load_at(limit: Limit, contact: Contact, shared: Load, throw: bool) -> CriticalLoad:
+    """Return the limit of a branch as a differentiable function of the contact and its load.
+
+    Arguments:
+        limit: where it is, a constant.
+        contact: the contact problem.
+        shared: the load, of which all but the value is to be differentiated with respect to.
+        throw: whether a derivative that does not exist is an error, or NaN.
+    """
+    limit = replace(limit, load=shared.at(limit.load.value))
+    load, gap = differentiable(limit, contact, throw)
+    is_found, in_contact = limit.is_found, limit.gap == 0
+    fields, _ = fields_of(*jax.lax.stop_gradient((contact, limit.load, limit.gap)))
+    fields = {name: jnp.where(is_found, field, jnp.nan) for name, field in fields.items()}
+    fields = differentiable_fields(fields, is_found, contact, load, gap, throw)
+    space = Subspace(~in_contact | limit.point, contact.control(load).fixes_mean)
+    eigenvalue = jnp.where(is_found, limit.critical.eigenvalue, jnp.nan)
+    pair = replace(limit.critical, eigenvalue=eigenvalue, result=limit.result)
+    return CriticalLoad(
+        equilibrium=Equilibrium(
+            load=load,
+            in_contact=in_contact,
+            contact_area=jnp.where(is_found, contact_area(contact, limit.gap), jnp.nan),
+            area=contact.area,
+            residual=limit.residual,
+            num_steps=limit.num_steps,
+            result=limit.result,
+            history=limit.history,
+            **fields,
+        ),
+        kind=limit.kind,
+        critical=differentiable_pair(pair, space, contact, load, gap, throw),
+        after=None,
+        result=limit.result,
+    )

@@ -1,0 +1,172 @@
+"""The load at which a stable branch of equilibria ends, in a fold or a release.
+
+At a fold the smallest eigenvalue on the free points vanishes, and the branch turns back:
+
+    K u + p0 + f'(g) = 0 on the free points,   lambda(g) = 0.
+
+At a release the reaction of a contact point vanishes instead, and the energy falls as it opens.
+"""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike
+
+from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
+from jaxstab.core.batching import by_lanes
+from jaxstab.core.checks import is_traced
+from jaxstab.core.compile import first_good, if_needed, program
+from jaxstab.core.progress import Report, can_be_shown, searches_bar, unseen
+from jaxstab.core.results import throw_failure
+from jaxstab.equilibrium.equilibrate import initial_gap
+from jaxstab.equilibrium.equilibrium import State
+from jaxstab.equilibrium.window import whole_start
+from jaxstab.loads import Load, require_load, require_same_machine
+from jaxstab.paths.branch_end.approach import SMALLEST_JUMP, follow_to_fold
+from jaxstab.paths.branch_end.critical_load import CriticalLoad, critical_load_at
+from jaxstab.paths.branch_end.linearise import Field
+from jaxstab.paths.branch_end.locate import Limit, limit_ahead
+from jaxstab.paths.programme import course_of
+from jaxstab.paths.record import Count, Store
+from jaxstab.paths.walk import walk
+
+# Two ways, to a fold and to a jump.
+_NUM_SEARCHES = 4
+_ROOM = Count.none, partial(Store.empty, size=1, fields=True)
+
+
+def critical_load(
+    contact: Contact,
+    bracket: Load,
+    *,
+    initial: ArrayLike | State | None = None,
+    progress: bool = False,
+    throw: bool = True,
+) -> CriticalLoad:
+    """Return the load at which a branch of stable equilibria ends, on the way between two loads.
+
+    A fold is looked for first, by its eigenvalue, and if none is found the branch is followed to
+    its jump, by a release or a fold. The end of a branch need not be a pull-off: beyond it the
+    contact may go on in another state, as rough surfaces do many times. `jaxstab.pull_off` gives
+    that, `jaxstab.follow` all of them.
+
+    Arguments:
+        contact: the contact problem.
+        bracket: a load that holds two values: one at which the branch is stable, and one beyond
+            its end. If the branch from the first does not end before the second, that from the
+            second is followed towards the first.
+        initial: where equilibria at both loads start, as in `equilibrate`.
+        progress: show a progress bar.
+        throw: raise where no end is found, or a derivative is asked for that does not exist;
+            otherwise look at `result`, and such a derivative is NaN.
+
+    Returns:
+        The end of the branch. Its load, equilibrium and mode can be differentiated with respect to
+        the contact: dl = -(x.dr) / (x.dr/dl), r being the net pressure, and x the mode at a fold,
+        at a release the move that opens the point and that the free points follow. Where the
+        branch does not end but branches off, by symmetry, or two events coincide, there is none.
+
+    Raises:
+        ValueError: for other than two loads, machines that differ, or an initial gap that
+            `equilibrate` refuses.
+        SolverError: if `throw`, where the first load has no stable equilibrium, or its branch does
+            not end in the bracket.
+    """
+    require_contact(contact)
+    require_load(bracket)
+    if bracket.value.shape != (2,):
+        raise ValueError(
+            f"critical_load takes two loads, but {type(bracket).__name__} holds an array of shape "
+            f"{bracket.value.shape}: give one on the stable branch and one beyond its end."
+        )
+    require_same_machine(bracket)
+    warn_if_coarse(contact, FOR_JUMPS)
+    start = initial_gap(contact, bracket, initial)
+    whole, start = whole_start(contact, bracket[0], start)
+    own, unit = whole.in_own_units()
+    loads = bracket.in_units_of(unit)
+    inputs = jax.lax.stop_gradient((own, loads, start))
+    bar = searches_bar(_NUM_SEARCHES, shown=can_be_shown(progress, inputs))
+    # Histories end in NaN, and what was not found is NaN.
+    with jax.debug_nans(False), bar as report:
+        # Outside of a trace nothing is compiled for a search that is not needed.
+        limit = _find_lanes(*inputs) if is_traced(inputs) else _find(*inputs, report)
+    found = critical_load_at(limit, own, loads[0], throw).in_units_of(1 / unit)
+    found = found.on_surface(whole.solid)
+    if not throw:
+        return found
+    return throw_failure(found.result, found, lambda: _describe(bracket, found))
+
+
+def _find(contact: Contact, bracket: Load, start: Field | None, report: Report) -> Limit:
+    """Return the end of the branch from the first load, or else of that from the second.
+
+    Where there is neither, it is the way that was asked for first that is told of.
+    """
+    first = _end_of_branch(contact, bracket, start, report)
+    if first.is_found:
+        return first
+    second = _end_of_branch(contact, _turned(bracket), start, report)
+    return second if second.is_found else first
+
+
+# A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
+@program
+def _find_lanes(*inputs: Any) -> Limit:
+    return by_lanes(_find_in_trace)(*inputs)
+
+
+def _find_in_trace(contact: Contact, bracket: Load, start: Field | None) -> Limit:
+    """Return what `_find` does, both ways in one program."""
+
+    def end_of(number: Array) -> Limit:
+        way = jax.tree.map(partial(jnp.where, number == 0), bracket, _turned(bracket))
+        return _end_of_branch(contact, way, start)
+
+    return first_good(end_of, lambda limit: limit.is_found)
+
+
+def _turned(bracket: Load) -> Load:
+    return jax.tree.map(lambda leaf: leaf[::-1], bracket)
+
+
+def _end_of_branch(
+    contact: Contact, way: Load, start: Field | None, report: Report = unseen
+) -> Limit:
+    """Return the fold that ends the branch from the first load, or else the jump."""
+    inputs = contact, way, start
+    fold = _fold(*inputs)
+    report(fold)
+    end = if_needed(~fold.is_found, lambda: _jump(*inputs, fold), fold)
+    report(end)
+    return end
+
+
+_fold = program(follow_to_fold)
+
+
+@program
+def _jump(contact: Contact, loads: Load, start: Field | None, fold: Limit) -> Limit:
+    """Return the jump that ends the branch from the first load, or else the fold not found."""
+    first = loads[0]
+    begin = contact.control(first).starting_gap(contact.heights) if start is None else start
+    smallest_jump = SMALLEST_JUMP[contact.heights.dtype.name]
+    course = course_of(contact, loads, smallest_jump, disturbance=0.0)
+    way = walk(course, begin, *_ROOM)
+    jump = jax.tree.map(lambda leaf: leaf[0], way.jumps.rows)
+    limit = limit_ahead(contact, first.at(jump.before.value), jump.before.gap, jump.ahead)
+    is_end = limit.is_found & (way.jumps.count == 1)
+    return jax.tree.map(partial(jnp.where, is_end), limit, fold)
+
+
+def _describe(bracket: Load, found: CriticalLoad) -> str:
+    first, last = (float(value) for value in jax.lax.stop_gradient(bracket.value))
+    equilibrium = jax.lax.stop_gradient(found.equilibrium)
+    return (
+        f"No end of a branch found between {type(bracket).__name__}({first:.6g}) and ({last:.6g}): "
+        f"the search ended at {float(equilibrium.load.value):.6g} with a residual of "
+        f"{float(equilibrium.residual):.3g}"
+    )

@@ -1,0 +1,152 @@
+"""The programme that a path follows: what is the same all the way."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Int
+
+from jaxstab.contact import Contact
+from jaxstab.core.results import RESULTS
+from jaxstab.equilibrium import PreconditionedConjugateGradient
+from jaxstab.equilibrium.equilibrate import concluded, started
+from jaxstab.loads import Load
+from jaxstab.paths.branch_end.approach import branch_solver
+from jaxstab.paths.energy import own_energy, smallest_loss
+from jaxstab.paths.record import Field, Place, Record, Scalar, place_of
+
+# By default, over the size of the problem's own heights and gaps.
+DISTURBANCE = 1e-6
+# How far a step of the solver may move a point on its way to another branch, over its gap and the
+# range of the law: longer ones came to other minima than an overdamped relaxation.
+_MAX_MOVE = 0.03
+# Steps of a monotone part of the programme, at least.
+_NUM_STEPS = 32
+
+
+class Course(eqx.Module):
+    """What is the same all the way.
+
+    Attributes:
+        contact: the contact problem, in units of its own.
+        load: the turning points of the programme.
+        threshold: the loss from which a jump is located [energy].
+        share: the same, over what was lost before.
+        resolution: how near it is located [that of the load].
+        disturbance: a field that is added to where each equilibrium starts [length].
+        finds_all: whether a jump is told by the force too; otherwise by its loss alone, as is
+            enough where the end of one branch is sought.
+    """
+
+    contact: Contact
+    load: Load
+    threshold: Scalar
+    share: Scalar
+    resolution: Scalar
+    disturbance: Field
+    finds_all: bool = eqx.field(static=True)
+
+    def smallest_loss(self, here: Record) -> Scalar:
+        """Return the loss from which a jump from a state is located."""
+        place = here.place
+        # What surfaces that fell apart have lost is no number.
+        threshold = jnp.fmax(self.threshold, self.share * here.dissipation)
+        return smallest_loss(
+            self.contact, threshold, place.potential, place.mean_gap, place.mean_pressure
+        )
+
+    @property
+    def solver(self) -> PreconditionedConjugateGradient:
+        """The solver of the equilibria on the way."""
+        return branch_solver(self.contact.control(self.load[0]))
+
+    @property
+    def longest(self) -> Scalar:
+        """The longest step."""
+        turns = self.load.value
+        return jnp.maximum((jnp.max(turns) - jnp.min(turns)) / _NUM_STEPS, self.resolution)
+
+    def at(self, value: Scalar, part: Int[Array, ""]) -> Load:
+        """Return the load at a value on a part of the programme."""
+        return jax.tree.map(lambda leaf: leaf[part], self.load).at(value)
+
+    def start(self, value: Scalar, part: Int[Array, ""], gap: Field) -> Field:
+        """Return a gap, disturbed and brought under a load, from which to seek an equilibrium."""
+        # Contact points stay where they are.
+        disturbed = jnp.where(gap > 0, jnp.maximum(gap + self.disturbance, 0), 0)
+        return started(self.contact, self.at(value, part), disturbed)
+
+    def state(
+        self,
+        value: Scalar,
+        part: Int[Array, ""],
+        start: Field,
+        least_potential: ArrayLike = -jnp.inf,
+        is_final: ArrayLike = False,
+    ) -> tuple[Place, RESULTS]:
+        """Return the equilibrium at a load that the solver finds from a start.
+
+        Arguments:
+            value: of the load.
+            part: of the programme.
+            start: the gap to start from.
+            least_potential: once the potential falls below it, the search ends without a result.
+            is_final: whether the way down may lead to another branch.
+        """
+        contact, load = self.contact, self.at(value, part)
+        solver = replace(self.solver, least_energy=least_potential / contact.grid.cell_area)
+        if solver.max_move is None:
+            solver = replace(solver, max_move=jnp.where(is_final, _MAX_MOVE, jnp.inf))
+        iteration = solver.solve(contact, contact.control(load), start)
+        found = concluded(contact, load, iteration)
+        return place_of(contact, found, value), found.result
+
+    def apart(self) -> Field:
+        """Return the gap of surfaces that are about to touch."""
+        return jnp.max(self.contact.heights) - self.contact.heights
+
+
+def course_of(
+    contact: Contact,
+    load: Load,
+    smallest_jump: ArrayLike,
+    disturbance: ArrayLike,
+    resolution: ArrayLike = 1e-6,
+    share: ArrayLike = 0.0,
+    finds_all: bool = False,
+) -> Course:
+    """Return the course of a programme.
+
+    Arguments:
+        contact: the contact problem, in units of its own.
+        load: the turning points of the programme.
+        smallest_jump: the loss from which a jump is located, over the problem's own energy.
+        disturbance: the size of a random field, over `_own_length`.
+        resolution: how near a jump is located, over the range of the loads.
+        share: the loss from which a jump is located, over what was lost before.
+        finds_all: whether a jump is told by the force too.
+    """
+    turns, heights = load.value, contact.heights
+    noise = jax.random.normal(jax.random.key(0), heights.shape, heights.dtype)
+    # Loads that are nearer to each other are the same.
+    finest = 4 * jnp.finfo(turns.dtype).eps * jnp.max(jnp.abs(turns))
+    return Course(
+        contact,
+        load,
+        threshold=jnp.asarray(smallest_jump) * own_energy(contact),
+        share=jnp.asarray(share),
+        resolution=jnp.maximum(resolution * (jnp.max(turns) - jnp.min(turns)), finest),
+        disturbance=jnp.asarray(disturbance) * _own_length(contact) * noise,
+        finds_all=finds_all,
+    )
+
+
+def _own_length(contact: Contact) -> Scalar:
+    """Return the rms height, or of a flatter surface what the law and the grid resolve."""
+    grid = contact.grid
+    spacing = jnp.min(grid.lengths / jnp.asarray(grid.shape))
+    return jnp.maximum(
+        jnp.std(contact.solid.surface(contact.heights)),
+        jnp.minimum(contact.profile.range, spacing),
+    )

@@ -1,0 +1,204 @@
+"""The states and jumps that a walk records, in stores of a bounded size."""
+
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxstab.contact import Contact
+from jaxstab.core.grid import mean
+from jaxstab.core.results import RESULTS
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.equilibrium import state_at
+from jaxstab.loads import Load
+from jaxstab.paths.energy import supply_of
+
+Field = Float[Array, " *grid"]
+Scalar = Float[Array, ""]
+Flag = Bool[Array, ""]
+
+
+class Place(eqx.Module):
+    """A state on the way: its load and gap, and what follows from these.
+
+    Attributes:
+        value: of the load.
+        gap: g [length].
+        mean_gap: mean(g) [length].
+        mean_pressure: p0 [pressure].
+        contact_area: the number of contact points over that of all points.
+        energy: E, of the surface [energy].
+        stored: E and what the machine stores [energy].
+        potential: E + W [energy].
+        force: F, how the potential follows the load on a branch [energy over that of the load].
+    """
+
+    value: Scalar
+    gap: Field
+    mean_gap: Scalar
+    mean_pressure: Scalar
+    contact_area: Scalar
+    energy: Scalar
+    stored: Scalar
+    potential: Scalar
+    force: Scalar
+
+
+class Record(eqx.Module):
+    """A state recorded, and the energy lost in the jumps up to there [energy]."""
+
+    place: Place
+    dissipation: Scalar
+
+
+class Event(eqx.Module):
+    """A jump: from where to where, what it loses, the number of its state, whether a touch."""
+
+    before: Place
+    after: Place
+    dissipation: Scalar
+    state: Int[Array, ""]
+    is_touch: Flag
+
+    @property
+    def ahead(self) -> Scalar:
+        """How far ahead of the state before the load of the one after lies, with its sign."""
+        return self.after.value - self.before.value
+
+    def state_before(self, contact: Contact, one: Load) -> Equilibrium:
+        """Return the equilibrium before it, given the load there at any value."""
+        return _state_unless(self.is_touch, contact, one, self.before)
+
+    def state_after(self, contact: Contact, one: Load) -> Equilibrium:
+        """Return the equilibrium after it, given the load there at any value."""
+        is_pulled = ~self.is_touch & jnp.isnan(self.dissipation)
+        return _state_unless(is_pulled, contact, one, self.after)
+
+
+def _state_unless(is_apart: Flag, contact: Contact, one: Load, place: Place) -> Equilibrium:
+    """Return the equilibrium of a place; where surfaces are apart there is none."""
+    gap = jnp.where(is_apart, jnp.nan, place.gap)
+    state = state_at(contact, one.at(place.value), gap)
+    return replace(
+        state,
+        contact_area=jnp.where(is_apart, 0, state.contact_area),
+        result=RESULTS.where(is_apart, RESULTS.pulled_off, state.result),
+    )
+
+
+def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
+    """Return an equilibrium as a place of a walk, at a value of the load that may be meant."""
+    load, mean_gap = found.load.at(value), mean(found.gap)
+    supply = supply_of(contact, load, mean_gap, found.mean_pressure)
+    held = supply.potential
+    return Place(
+        value,
+        found.gap,
+        mean_gap,
+        found.mean_pressure,
+        found.contact_area,
+        found.energy,
+        found.energy + (held if contact.control(load).stores_energy else 0),
+        found.energy + held,
+        supply.force,
+    )
+
+
+class Store(eqx.Module):
+    """Entries in order, in room for a number of them.
+
+    Attributes:
+        rows: the entries along a leading axis, empty where their fields are not kept.
+        count: how many there are.
+    """
+
+    rows: Any
+    count: Int[Array, ""]
+
+    @classmethod
+    def empty(cls, like: Any, *, size: int, fields: bool) -> "Store":
+        """Return room for a number of entries, with or without their fields."""
+
+        def rows(leaf: Array) -> Array:
+            is_field = leaf.ndim > 0
+            if is_field and not fields:
+                return jnp.zeros((size, 0), leaf.dtype)
+            return jnp.broadcast_to(_nothing(leaf), (size, *leaf.shape))
+
+        return cls(jax.tree.map(rows, like), jnp.array(0))
+
+    @property
+    def is_full(self) -> Flag:
+        """Return whether there is no room left."""
+        return self.count >= len(jax.tree.leaves(self.rows)[0])
+
+    def with_entry(self, entry: Any, is_kept: Flag) -> "Store":
+        """Return the store with an entry, if it is kept."""
+
+        def placed(rows: Array, leaf: Array) -> Array:
+            if rows.shape[1:] != leaf.shape:
+                return rows
+            return rows.at[jnp.where(is_kept, self.count, len(rows))].set(leaf, mode="drop")
+
+        return Store(jax.tree.map(placed, self.rows, entry), self.count + is_kept)
+
+
+class Count(eqx.Module):
+    """The number of entries, where nothing else of them is kept."""
+
+    count: Int[Array, ""]
+
+    @classmethod
+    def none(cls, like: Any) -> "Count":
+        """Return that there is none as yet."""
+        return cls(jnp.array(0))
+
+    @property
+    def is_full(self) -> Flag:
+        """Return that there is always room for another."""
+        return jnp.array(False)
+
+    def with_entry(self, entry: Any, is_kept: Flag) -> "Count":
+        """Return the number with an entry, if it is counted."""
+        return Count(self.count + is_kept)
+
+
+class Strongest(eqx.Module):
+    """Of all jumps the first from the largest tension.
+
+    Attributes:
+        event: the jump, NaN where there is none.
+        tension: from which it was [pressure].
+    """
+
+    event: Event
+    tension: Scalar
+
+    @classmethod
+    def none(cls, like: Event) -> "Strongest":
+        """Return that there is none as yet."""
+        return cls(jax.tree.map(_nothing, like), jnp.full_like(like.dissipation, -jnp.inf))
+
+    @property
+    def is_found(self) -> Flag:
+        """Return whether there is one."""
+        return self.tension > -jnp.inf
+
+    @property
+    def is_full(self) -> Flag:
+        """Return that there is always room for another."""
+        return jnp.array(False)
+
+    def with_entry(self, event: Event, is_kept: Flag) -> "Strongest":
+        """Return the stronger one of this and another that is kept, if that is no touch."""
+        tension = -event.before.mean_pressure
+        is_stronger = is_kept & ~event.is_touch & (tension > self.tension)
+        new = Strongest(event, tension)
+        return jax.tree.map(lambda one, other: jnp.where(is_stronger, one, other), new, self)
+
+
+def _nothing(leaf: Array) -> Array:
+    return jnp.full_like(leaf, jnp.nan if leaf.dtype.kind == "f" else 0)

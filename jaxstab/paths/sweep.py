@@ -1,0 +1,240 @@
+"""Equilibrium and stability at many loads: each from the same start, or from the one before."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
+
+from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.resolution import warn_if_coarse
+from jaxstab.core import display
+from jaxstab.core.checks import is_transformed, known
+from jaxstab.core.compile import program
+from jaxstab.core.loop import solver_or_default
+from jaxstab.core.progress import can_be_shown, progress_bar
+from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.stack import Stackable, stacked
+from jaxstab.core.warn import said_once, warn
+from jaxstab.equilibrium import (
+    Equilibrium,
+    EquilibriumSolver,
+    PreconditionedConjugateGradient,
+    equilibrate,
+)
+from jaxstab.equilibrium.equilibrate import initial_gap
+from jaxstab.loads import Load, require_load
+from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability, assess_stability
+
+Order = Literal["independent", "continuation"]
+_Start = Float[Array, " *grid"] | None
+
+
+class SweepInterrupted(UserWarning):
+    """A sweep was interrupted; it holds the loads done so far."""
+
+
+class Sweep(Stackable, eqx.Module):
+    """Equilibria at many loads and their stability; every field has a leading axis of loads.
+
+    `sweep[3]` is one state, without that axis; `len(sweep)`, slices and loops work as in a list.
+
+    Attributes:
+        load: the loads.
+        equilibrium: the equilibrium at each load.
+        stability: the stability of each, or None where the sweep left it out.
+    """
+
+    load: Load
+    equilibrium: Equilibrium
+    stability: Stability | None
+
+    __repr__ = display.sweep
+
+
+def sweep(
+    contact: Contact,
+    load: Load,
+    *,
+    order: Order = "independent",
+    equilibrium_solver: EquilibriumSolver | None = None,
+    stability: bool = True,
+    stability_solver: ConeSolver | None = None,
+    initial: ArrayLike | Equilibrium | None = None,
+    key: PRNGKeyArray | None = None,
+    progress: bool = False,
+    throw: bool = False,
+) -> Sweep:
+    """Return the equilibrium and its stability at each of many loads.
+
+    Each is what `equilibrate` and `assess_stability` return for it, by the same compiled programs.
+    Only inside of `jax.jit`, `jax.vmap` and `jax.grad`, and for independent loads on an
+    accelerator, all loads are one program, which can neither be interrupted nor show progress.
+
+    Ctrl-C ends a sweep after the load that is being solved, and returns the loads done so far.
+
+    Arguments:
+        contact: the contact problem.
+        load: a load that holds a one-dimensional array of values.
+        order: "independent" solves each load from the same start; "continuation" each from the
+            last equilibrium found (Rey & Bleyer, section 4.2.3).
+        equilibrium_solver: the algorithm for equilibria, by default that of `equilibrate`.
+        stability: whether to assess the equilibria too.
+        stability_solver: the algorithm for the cone, as in `assess_stability`.
+        initial: where to start, as in `equilibrate`.
+        key: the random key of the eigensolvers' starts, as in `assess_stability`.
+        progress: show a progress bar.
+        throw: raise if any load fails; otherwise each load carries its own `result`, and one that
+            fails leaves the others as they would have been.
+
+    Returns:
+        The results, stacked along a leading axis of loads.
+
+    Raises:
+        ValueError: for a single load or none, an order that does not exist, or an initial gap that
+            `equilibrate` refuses.
+        TypeError: for something that is not a load, or not a solver of its kind.
+        SolverError: if `throw` and a load failed.
+        KeyboardInterrupt: if interrupted before the first load was done.
+    """
+    require_contact(contact)
+    require_load(load)
+    if load.value.ndim != 1 or load.value.size == 0:
+        raise ValueError(
+            f"sweep takes a one-dimensional array of loads, but {type(load).__name__} holds one "
+            f"of shape {load.value.shape}: use jaxstab.equilibrate for a single load."
+        )
+    if order not in ("independent", "continuation"):
+        raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
+    equilibrium_solver = solver_or_default(
+        equilibrium_solver, EquilibriumSolver, PreconditionedConjugateGradient
+    )
+    stability_solver = solver_or_default(stability_solver, ConeSolver, ProjectedLOBPCG)
+    start = initial_gap(contact, load, initial)
+    problem = _Problem(contact, equilibrium_solver, stability_solver, key, stability)
+    bar = progress_bar(
+        load.value.size, "load", shown=can_be_shown(progress, (problem, load, start))
+    )
+    if is_transformed((problem, load, start)):
+        warn_if_coarse(contact)
+        solve = _solve_together if order == "independent" else _solve_in_turn
+        return solve(problem, load, start, throw)
+    # NaN marks what was not found.
+    with said_once(), jax.debug_nans(False), bar as bar:
+        warn_if_coarse(contact)
+        if order == "independent" and jax.default_backend() != "cpu":
+            states = _solve_padded(problem, load, start)
+            bar.update(len(states))
+        else:
+            states = _solve_one_by_one(problem, load, start, order, bar.update)
+        found = stacked(states, states[0])
+        return _without_failures(states, found) if throw else found
+
+
+class _Problem(eqx.Module):
+    """What all loads of a sweep share."""
+
+    contact: Contact
+    equilibrium_solver: EquilibriumSolver
+    stability_solver: ConeSolver
+    key: PRNGKeyArray | None
+    assesses: bool = eqx.field(static=True)
+
+    def solve(self, load: Load, start: _Start, throw: bool = False) -> Sweep:
+        """Return the equilibrium and the stability at one load."""
+        equilibrium = equilibrate(
+            self.contact, load, self.equilibrium_solver, initial=start, throw=throw
+        )
+        if not self.assesses:
+            return Sweep(load, equilibrium, None)
+        stability = assess_stability(
+            self.contact, equilibrium, self.stability_solver, key=self.key, throw=throw
+        )
+        return Sweep(load, equilibrium, stability)
+
+
+def _solve_one_by_one(
+    problem: _Problem, load: Load, start: _Start, order: Order, report: Callable[[], object]
+) -> list[Sweep]:
+    states = []
+    try:
+        for i in range(load.value.size):
+            state = problem.solve(load[i], start)
+            states.append(state)
+            # While it waits, an interrupt stays pending.
+            jax.block_until_ready(state)
+            failed = state.equilibrium.result != RESULTS.successful
+            if order == "continuation" and not failed:
+                start = state.equilibrium.gap
+            report()
+    except KeyboardInterrupt:
+        if not states:
+            raise
+        message = f"The sweep was interrupted: {len(states)} of {load.value.size} loads are done."
+        warn(message, SweepInterrupted)
+    return states
+
+
+def _solve_padded(problem: _Problem, load: Load, start: _Start) -> list[Sweep]:
+    """Solve all loads together, and copies of the last up to a number that has a program."""
+    number = load.value.size
+    # NumPy compiles nothing.
+    copies = np.minimum(np.arange(_padded(number)), number - 1)
+    padded = jax.tree.map(lambda leaf: np.asarray(leaf)[copies], load)
+    states = jax.tree.map(known, _solve_together(problem, padded, start))
+    return [jax.tree.map(lambda leaf, i=i: leaf[i], states) for i in range(number)]
+
+
+def _padded(number: int) -> int:
+    """Return the least of 1, 2, 3, 4, 6, 8, 12, 16, 24, ... that holds `number`."""
+    power = 1 << (number - 1).bit_length()
+    return 3 * power // 4 if number <= 3 * power // 4 else power
+
+
+@partial(program, static_argnames="throw")
+def _solve_together(problem: _Problem, load: Load, start: _Start, throw: bool = False) -> Sweep:
+    return jax.vmap(lambda load: problem.solve(load, start, throw))(load)
+
+
+@partial(program, static_argnames="throw")
+def _solve_in_turn(problem: _Problem, load: Load, start: _Start, throw: bool) -> Sweep:
+    Carry = tuple[Float[Array, " *grid"], Bool[Array, ""]]
+    contact = problem.contact
+
+    def solve(carry: Carry, load: Load) -> tuple[Carry, Sweep]:
+        last, has_last = carry
+        start = jnp.where(has_last, last, contact.control(load).starting_gap(contact.heights))
+        state = problem.solve(load, start, throw)
+        found = state.equilibrium.result == RESULTS.successful
+        return (jnp.where(found, state.equilibrium.gap, last), has_last | found), state
+
+    last = jnp.zeros_like(contact.heights) if start is None else start.astype(contact.heights.dtype)
+    return jax.lax.scan(solve, (last, jnp.array(start is not None)), load)[1]
+
+
+def _without_failures(states: list[Sweep], found: Sweep) -> Sweep:
+    """Return what was found, or raise if any load failed."""
+    failed = [state for state in states if _result(state) != RESULTS.successful]
+    if not failed:
+        return found
+    load = failed[0].load
+    return throw_failure(
+        _result(failed[0]),
+        found,
+        lambda: (
+            f"{len(failed)} of {len(states)} loads failed, the first at "
+            f"{type(load).__name__}({float(load.value):.6g})"
+        ),
+    )
+
+
+def _result(state: Sweep) -> RESULTS:
+    equilibrium, stability = state.equilibrium, state.stability
+    if stability is None:
+        return equilibrium.result
+    is_found = equilibrium.result == RESULTS.successful
+    return RESULTS.where(is_found, stability.result, equilibrium.result)

@@ -1,0 +1,151 @@
+"""A law looked at once over all gaps: what it does where, and whether it can be solved with."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jaxstab.core.checks import is_traced, require
+from jaxstab.core.compile import program
+from jaxstab.potentials import Potential, derivatives, varying_fields, with_fields
+
+# From the largest gap to the smallest, as multiples of the size of the grid.
+_OCTAVES = (10, -40)
+# By what part a slope at zero may differ from that right above it, for rounding.
+_JUMP = 0.25
+# At how many points a law that varies is looked at, beside its extremes.
+_NUM_POINTS = 64
+
+
+class Profile(eqx.Module):
+    """A potential at gaps from a thousand times the size of a grid to a trillionth of it, and zero.
+
+    Of one that varies over the surface, the extremes over many of its points.
+
+    Attributes:
+        gaps: from the largest to the smallest [length].
+        values: f [energy/area].
+        slopes: f' [pressure].
+        curvatures: f'' [pressure/length].
+        has_core: whether f is not finite at zero gap, and positive and repulsive where it last is.
+        max_curvature: the largest |f''| where f attracts [pressure/length].
+    """
+
+    gaps: Float[Array, " gaps"]
+    values: Float[Array, " gaps"]
+    slopes: Float[Array, " gaps"]
+    curvatures: Float[Array, " gaps"]
+    has_core: Bool[Array, ""]
+    max_curvature: Float[Array, ""]
+
+    def __init__(self, potential: Potential, lengths: Float[Array, "..."]):
+        size = jnp.max(lengths)
+        # 64 to the octave.
+        octaves = np.linspace(*_OCTAVES, 50 * 64 + 1)
+        self.gaps = size * jnp.asarray(np.append(2.0**octaves, 0), size.dtype)
+        values, slopes, curvatures = derivatives(_at_some_points(potential), self.gaps)
+        attracting = jnp.abs(jnp.where(slopes >= 0, curvatures, 0))
+        if values.ndim == 2:
+            values, slopes = jnp.min(values, 0), jnp.max(slopes, 0)
+            curvatures = jnp.max(curvatures, 0)
+        self.values, self.slopes, self.curvatures = values, slopes, curvatures
+        finite = jnp.isfinite(self.values) & jnp.isfinite(self.slopes)
+        last = jnp.max(jnp.where(finite, jnp.arange(finite.size), 0))
+        rises = (self.values[last] > 0) & (self.slopes[last] < 0)
+        self.has_core = rises & ~jnp.isfinite(self.values[-1])
+        self.max_curvature = jnp.max(attracting)
+
+    @property
+    def max_attraction(self) -> Float[Array, ""]:
+        """The largest f' [pressure]."""
+        return jnp.max(jnp.where(jnp.isfinite(self.slopes), self.slopes, 0))
+
+    @property
+    def range(self) -> Float[Array, ""]:
+        """The length over which the attraction changes by itself, infinite of none [length]."""
+        is_curved = (self.max_attraction > 0) & (self.max_curvature > 0)
+        return jnp.where(
+            is_curved, self.max_attraction / jnp.where(is_curved, self.max_curvature, 1), jnp.inf
+        )
+
+    def outermost_gap(self, attraction: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the largest gap at which f' is not below an attraction, or zero [length]."""
+        return jnp.max(jnp.where(self.slopes >= attraction, self.gaps, 0))
+
+
+profile_of = program(Profile)
+
+
+def _at_some_points(potential: Potential) -> Potential:
+    """Return a law with its fields at points spread over the surface, and where it is extreme."""
+    fields = varying_fields(potential)
+    if not fields:
+        return potential
+    flat = [field.ravel() for field in jnp.broadcast_arrays(*fields)]
+    size = flat[0].size
+    _, slopes, curvatures = derivatives(with_fields(potential, flat), jnp.zeros_like(flat[0]))
+    numbers = [*flat, jnp.nan_to_num(slopes), jnp.nan_to_num(jnp.abs(curvatures))]
+    extreme = [pick(values) for values in numbers for pick in (jnp.argmin, jnp.argmax)]
+    spread = np.linspace(0, size - 1, min(size, _NUM_POINTS)).astype(int)
+    chosen = jnp.concatenate([jnp.asarray(spread), jnp.stack(extreme)])
+    return with_fields(potential, [field[chosen][:, None] for field in flat])
+
+
+def innermost_gap(profile: Profile) -> float:
+    """Return the gap at which a law with a core is least, zero for any other law [length]."""
+    return float(profile.gaps[np.nanargmin(profile.values)]) if profile.has_core else 0.0
+
+
+def require_smooth(profile: Profile) -> None:
+    """Raise `ValueError` if a law, where it is known, cannot be solved with.
+
+    That is one that is not finite, or one of its first two derivatives, at a gap up to the size of
+    the grid, the inside of a core excepted; one whose slope jumps at zero gap, where contact points
+    are; and one that is piecewise linear.
+    """
+    if is_traced(profile):
+        return
+    profile = jax.tree.map(np.asarray, profile)
+    innermost = innermost_gap(profile)
+    fields = {"": profile.values, " slope": profile.slopes, " curvature": profile.curvatures}
+    cure = (
+        "with its first two derivatives it must be finite there, or else rise without bound as the "
+        "gap closes."
+    )
+    for name, field in fields.items():
+        is_sound = np.isfinite(field[-1]) | profile.has_core
+        require(f"The potential's{name} value at zero gap", field[-1], is_sound, cure)
+
+    matters = (profile.gaps >= innermost) & (profile.gaps <= profile.gaps[0] / 2.0 ** _OCTAVES[0])
+    for name, field in fields.items():
+        undefined = matters & ~np.isfinite(field)
+        if undefined.any():
+            gap, value = profile.gaps[undefined][-1], field[undefined][-1]
+            raise ValueError(
+                f"The potential's{name} value at a gap of {gap:.6g} is {value}: with its first two "
+                "derivatives it must be finite there. In single precision a formula can leave the "
+                "range where its value does not: use float64, or write it by ratios of lengths."
+            )
+
+    # More than a curvature that underflows would change it.
+    steps = -np.diff(profile.gaps) * np.finfo(profile.gaps.dtype).tiny
+    jumps = not profile.curvatures.any() and np.abs(np.diff(profile.slopes)) > steps
+    if np.any(jumps):
+        raise ValueError(
+            "The potential is piecewise linear: its curvature, on which equilibrium and stability "
+            "rest, is zero at every gap while its slope jumps, from "
+            f"{profile.slopes.min():.6g} to {profile.slopes.max():.6g}. Give a smooth fit of it, "
+            "such as a spline of third order."
+        )
+
+    above, at_zero = profile.slopes[-2:]
+    bends = 2 * profile.gaps[-2] * np.abs(profile.curvatures[-2:]).max()
+    jump = np.abs(above - at_zero) - bends
+    if not profile.has_core and jump > _JUMP * max(abs(above), abs(at_zero)):
+        raise ValueError(
+            f"The potential's slope is {at_zero:.6g} at zero gap and {above:.6g} right above it, "
+            "so that points in contact would not feel what those beside them do. Gaps are never "
+            "negative: leave out jnp.maximum(gap, 0), jnp.clip, jax.nn.relu or jnp.where that "
+            "change there, whose derivatives at zero are halved or none."
+        )

@@ -1,0 +1,141 @@
+"""Laws made of another: one that varies over the surface, is not everywhere, or is scaled."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxstab.core.display import whole
+
+Potential = Callable[[Float[Array, ""]], Float[Array, ""]]
+
+_averaged: ContextVar[list["Varying"] | None] = ContextVar("averaged", default=None)
+
+
+class Varying(eqx.Module):
+    """A law that varies over the surface: f(g, x), where parameters of `law` are fields f(x).
+
+    As a function of one gap for all points it is the mean over the surface.
+
+    Arguments:
+        law: a law of which parameters are arrays of the grid's shape, others numbers. With a core
+            it must have one everywhere.
+
+    Raises:
+        TypeError: for a function, and for a law with parameters that are no arrays.
+    """
+
+    law: Potential
+
+    __repr__ = whole
+
+    def __check_init__(self) -> None:
+        # Of a function it is not known which of its arrays vary: it would be their mean everywhere.
+        if not all(hasattr(leaf, "shape") for leaf in jax.tree.leaves(self.law)):
+            raise TypeError(
+                "The law that varies holds more than arrays: give one of jaxstab.potentials, or an "
+                "equinox.Module whose parameters are arrays. Of a function none can vary."
+            )
+
+    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the mean energy per area at a gap [length]."""
+        averaged = _averaged.get()
+        if averaged is not None and any(map(jnp.ndim, jax.tree.leaves(self.law))):
+            averaged.append(self)
+        return jnp.mean(self.law(gap))
+
+
+@contextmanager
+def averaged_laws() -> Iterator[list[Varying]]:
+    """Collect the laws of which the mean over the surface is taken."""
+    laws: list[Varying] = []
+    outer = _averaged.set(laws)
+    try:
+        yield laws
+    finally:
+        _averaged.reset(outer)
+
+
+class Within(eqx.Module):
+    """A law between surfaces of which one is not everywhere; elsewhere nothing acts.
+
+    Arguments:
+        law: the law; what varies in it does so over all points.
+        is_there: where the surface is.
+    """
+
+    law: Potential
+    is_there: Bool[Array, " *grid"]
+
+    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the energy per area at a gap of a point [length]."""
+        return jnp.where(self.is_there, self.law(gap), 0)
+
+
+class Scaled(eqx.Module):
+    """A law whose energy is that of another one times a factor.
+
+    Attributes:
+        law: the other one.
+        factor: the factor.
+        has_core: whether they have a core, None if that is not known.
+    """
+
+    law: Potential
+    factor: Float[Array, ""]
+    has_core: bool | None = eqx.field(static=True, default=None)
+
+    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the other energy per area at a gap [length], times the factor."""
+        return self.factor * self.law(gap)
+
+
+def everywhere(potential: Potential) -> Potential:
+    """Return a law as it is where there is a surface."""
+
+    def is_limited(node: Any) -> bool:
+        return isinstance(node, Within)
+
+    return jax.tree.map(
+        lambda node: node.law if is_limited(node) else node, potential, is_leaf=is_limited
+    )
+
+
+def varying_fields(potential: Potential) -> list[Array]:
+    """Return the parameters of a law that vary over the surface."""
+    return by_points(potential)[0]
+
+
+def with_fields(potential: Potential, fields: Sequence[Array]) -> Potential:
+    """Return a law with others in place of its `varying_fields`."""
+    return by_points(potential)[1](fields)
+
+
+def by_points(potential: Potential) -> tuple[list[Array], Callable[[Sequence[Array]], Potential]]:
+    """Return the fields of a law, and what makes a law of others in their place."""
+
+    def varies(node: Any) -> Any:
+        if isinstance(node, Within):
+            return replace(node, law=flagged(node.law), is_there=True)
+        is_varying = isinstance(node, Varying)
+        return jax.tree.map(lambda leaf: is_varying and jnp.ndim(leaf) > 0, node)
+
+    def flagged(node: Any) -> Any:
+        return jax.tree.map(varies, node, is_leaf=lambda node: isinstance(node, Varying | Within))
+
+    flags = flagged(potential)
+    leaves, structure = jax.tree.flatten(potential)
+    is_field = jax.tree.leaves(flags)
+
+    def law_at(values: Sequence[Array]) -> Potential:
+        rest = iter(values)
+        merged = [next(rest) if f else leaf for leaf, f in zip(leaves, is_field, strict=True)]
+        return jax.tree.unflatten(structure, merged)
+
+    return [leaf for leaf, f in zip(leaves, is_field, strict=True) if f], law_at

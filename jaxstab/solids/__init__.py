@@ -1,0 +1,24 @@
+"""Elastic solids: what they all are, and one file per kind."""
+
+from jaxstab.solids.free_half_space import FreeHalfSpace, Padded, mirrored, padded, where_window
+from jaxstab.solids.half_space import HalfSpace
+from jaxstab.solids.layers import CoatedHalfSpace, Layer
+from jaxstab.solids.solid import Field, FieldMap, Solid, apart_from_mean
+from jaxstab.solids.spectral import Spectral, SpectralSolid
+
+__all__ = [
+    "CoatedHalfSpace",
+    "Field",
+    "FieldMap",
+    "FreeHalfSpace",
+    "HalfSpace",
+    "Layer",
+    "Padded",
+    "Solid",
+    "Spectral",
+    "SpectralSolid",
+    "apart_from_mean",
+    "mirrored",
+    "padded",
+    "where_window",
+]

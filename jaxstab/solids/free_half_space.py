@@ -1,0 +1,203 @@
+"""The elastic half space under a single contact, which is not repeated.
+
+Pressures on a window act on it by real-space coefficients, wrapped on a grid of twice the points a
+side: there K is their inverse, and where no surface is, equilibrium itself makes the pressure zero.
+"""
+
+from typing import ClassVar, NoReturn
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
+
+from jaxstab.core.compile import program
+from jaxstab.core.grid import Grid
+from jaxstab.core.implicit import LinearSystem
+from jaxstab.solids.moduli import Scalar, contact_modulus, elastic_constants
+from jaxstab.solids.solid import Field, FieldMap, Solid
+from jaxstab.solids.spectral import Waves, multiplied
+
+
+class Padded(Waves):
+    """A solid on a grid of twice the points a side, of which the first are the window."""
+
+    is_window: ClassVar[bool] = True
+
+    @property
+    def window(self) -> tuple[int, ...]:
+        """The number of points of the window along each side."""
+        return tuple(n // 2 for n in self.grid.shape)
+
+    @property
+    def share(self) -> float:
+        """The part of the grid that the window is."""
+        return 0.5 ** len(self.grid.shape)
+
+    def surface(self, field: Array) -> Array:
+        """Return the window of one field or several."""
+        return _first(self, field)
+
+    def under(self, pressure: Field) -> Field:
+        """Return G p on all of the grid, the displacement under a pressure on the window."""
+        return multiplied(self.grid, 1 / self.multiplier, padded(pressure, 0))
+
+    def flush(self, heights: Field) -> Field:
+        """Return the surface continued by its mirror images, as no edge of it is."""
+        return mirrored(self.surface(heights))
+
+
+class FreeHalfSpace(Solid):
+    """An isotropic elastic half space that is free of pressure outside of a window.
+
+    The displacement of the window is u = d + G p, d that of the far side (`FarDisplacement`), with
+    Love's coefficients G of a uniform pressure on each cell (Johnson, Contact Mechanics, 1985, eq.
+    3.25; Liu, Wang & Liu, Wear 243, 2000). On a line nothing is at rest far away: there d is the
+    displacement at a distance L, the window's length, from a single line of force, and G
+    that of ln(r / L).
+
+    Computations run on twice the points a side (`Contact.whole`, which also has the energy and the
+    Hessian of a gap); the window is all that results show. Eigenvalues
+    are those of all displacements, also outside of the window, and modes have unit norm there. The
+    energy of equilibria leaves out that of a uniform pressure on twice the window.
+
+    Arguments:
+        grid: the window. It is not periodic.
+        youngs_modulus: E [pressure].
+        poisson_ratio: nu.
+
+    Raises:
+        ValueError: if E is not positive, or nu outside (-1, 0.5].
+        TypeError: if one of them is complex.
+    """
+
+    grid: Grid
+    youngs_modulus: Float[Array, ""]
+    poisson_ratio: Float[Array, ""]
+
+    is_window: ClassVar[bool] = True
+
+    def __init__(self, grid: Grid, youngs_modulus: ArrayLike, poisson_ratio: ArrayLike = 0.0):
+        self.grid = grid
+        constants = elastic_constants(youngs_modulus, poisson_ratio)
+        self.youngs_modulus, self.poisson_ratio = constants
+
+    @property
+    def contact_modulus(self) -> Float[Array, ""]:
+        """E* = E / (1 - nu^2) [pressure]; NaN where nu is traced and outside (-1, 0.5]."""
+        return contact_modulus(self.youngs_modulus, self.poisson_ratio)
+
+    @property
+    def whole(self) -> Padded:
+        """The same solid on the padded grid."""
+        return _whole(self.grid, self.contact_modulus)
+
+    @property
+    def max_stiffness(self) -> Float[Array, ""]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The stiffness of the padded grid's stiffest wave [pressure/length]."""
+        return self.whole.max_stiffness
+
+    @property
+    def min_stiffness(self) -> Float[Array, ""]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """That of its softest wave but for q = 0 [pressure/length]."""
+        return self.whole.min_stiffness
+
+    @property
+    def uniform_stiffness(self) -> Float[Array, ""]:
+        """That of a uniform pressure on the padded grid [pressure/length]."""
+        return self.whole.uniform_stiffness
+
+    @property
+    def is_valid(self) -> Array:
+        """Whether every wave's stiffness is positive, and a number of full precision."""
+        return self.whole.is_valid
+
+    def held_by(self, stiffness: ArrayLike) -> NoReturn:
+        """Raise: the displacement that is the same everywhere takes a pressure that is not."""
+        raise TypeError(
+            "Energies, gradients, Hessians and balances of a contact on a FreeHalfSpace are those "
+            "of twice its points a side: ask `contact.whole` for them."
+        )
+
+    @program
+    def displacement(self, pressure: Field) -> Field:
+        """Return G p, the displacement under a pressure on the window [length]."""
+        whole = self.whole
+        return whole.surface(whole.under(pressure))
+
+    @program
+    def apply(self, displacement: Field) -> Field:
+        """Return the pressure of a displacement of the whole window; NaN if it is not found."""
+        whole = self.whole
+
+        def precondition(field: Field) -> Field:
+            return whole.surface(whole.apply(padded(field, 0)))
+
+        system = LinearSystem(self.displacement, precondition, lambda field: field)
+        return system.differentiable_solution(displacement)
+
+    def precondition(self, shift: Scalar) -> FieldMap:
+        """Return the window of the inverse of K + shift on the padded grid."""
+        whole = self.whole
+        inverse = whole.precondition(shift)
+        return lambda field: whole.surface(inverse(padded(field, 0)))
+
+
+def padded(field: Field, value: ArrayLike) -> Field:
+    """Return a field on the window on twice the points a side, a value outside."""
+    return jnp.pad(field, [(0, n) for n in field.shape], constant_values=value)
+
+
+def where_window(field: Field) -> Bool[Array, " *grid"]:
+    """Return where on twice the points a side the window of a field is."""
+    return padded(jnp.ones_like(field, bool), False)
+
+
+def mirrored(field: Field) -> Field:
+    """Return a field on the window on twice the points a side, continued by its mirror images."""
+    return jnp.pad(field, [(0, n) for n in field.shape], mode="symmetric")
+
+
+@jax.jit
+def _first(padded: Padded, field: Array) -> Array:
+    return padded.grid.placed(field[(..., *(slice(n) for n in padded.window))])
+
+
+@program
+def _whole(grid: Grid, modulus: Scalar) -> Padded:
+    doubled = tuple(2 * n for n in grid.shape)
+    whole = Grid(doubled, 2 * grid.lengths, sharding=grid.sharding)
+    compliance = whole.transform(whole.placed(_coefficients(grid, doubled))).real
+    # Those that stand for no wave are to be like one.
+    compliance = jnp.where(whole.mode_multiplicity > 0, compliance, compliance.ravel()[1])
+    return Padded.of(whole, modulus / compliance)
+
+
+def _coefficients(grid: Grid, doubled: tuple[int, ...]) -> Field:
+    """Return the displacements under unit pressure on the first cell, for E* = 1 [length]."""
+    halves = grid.spacing / 2
+    steps = [np.minimum(np.arange(n), n - np.arange(n)) for n in doubled]
+    sides = [2 * half * step for half, step in zip(halves, steps, strict=True)]
+    if len(sides) == 1:
+        return _on_a_line(sides[0], halves[0], grid.lengths[0])
+    x, y = jnp.meshgrid(*sides, indexing="ij")
+    a, b = halves
+    along = _strip(x + a, y, b) - _strip(x - a, y, b)
+    return (along + _strip(y + b, x, a) - _strip(y - b, x, a)) / jnp.pi
+
+
+def _strip(s: Field, t: Field, half: Scalar) -> Field:
+    """Return s (asinh((t + half) / |s|) - asinh((t - half) / |s|)), to all digits."""
+    upper, lower = t + half, t - half
+    far, near = jnp.hypot(s, upper), jnp.hypot(s, lower)
+    rise = 2 * half + 4 * t * half / (far + near)
+    return s * jnp.log1p(rise / (lower + near))
+
+
+def _on_a_line(x: Field, half: Scalar, length: Scalar) -> Field:
+    """Return -2 / pi times the integral of ln(r / L) over a cell (Johnson, eq. 2.19)."""
+
+    def integral(r: Field) -> Field:
+        return r * (jnp.log(jnp.abs(r) / length) - 1)
+
+    return -2 / jnp.pi * (integral(x + half) - integral(x - half))

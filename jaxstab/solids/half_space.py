@@ -1,0 +1,39 @@
+"""The isotropic elastic half space."""
+
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxstab.core.grid import Grid
+from jaxstab.solids.moduli import contact_modulus, elastic_constants
+from jaxstab.solids.spectral import SpectralSolid
+
+
+class HalfSpace(SpectralSolid):
+    """An isotropic elastic half space: K = E* |q| / 2, E* = E / (1 - nu^2) (Westergaard).
+
+    Arguments:
+        grid: the grid of its surface.
+        youngs_modulus: E [pressure].
+        poisson_ratio: nu.
+
+    Raises:
+        ValueError: if E is not positive, or nu outside (-1, 0.5].
+        TypeError: if one of them is complex.
+    """
+
+    grid: Grid
+    youngs_modulus: Float[Array, ""]
+    poisson_ratio: Float[Array, ""]
+
+    def __init__(self, grid: Grid, youngs_modulus: ArrayLike, poisson_ratio: ArrayLike = 0.0):
+        self.grid = grid
+        constants = elastic_constants(youngs_modulus, poisson_ratio)
+        self.youngs_modulus, self.poisson_ratio = constants
+
+    @property
+    def contact_modulus(self) -> Float[Array, ""]:
+        """E* = E / (1 - nu^2) [pressure]; NaN where nu is traced and outside (-1, 0.5]."""
+        return contact_modulus(self.youngs_modulus, self.poisson_ratio)
+
+    def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
+        """Return E* |q| / 2 [pressure/length]."""
+        return self.contact_modulus * wavenumbers / 2

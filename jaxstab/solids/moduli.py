@@ -1,0 +1,42 @@
+"""The constants of isotropic elasticity: checked, and as each formula wants them."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxstab.core.checks import known, require, require_positive, scalar_parameter
+
+Scalar = Float[Array, ""]
+
+
+def elastic_constants(
+    youngs_modulus: ArrayLike, poisson_ratio: ArrayLike, where: str = ""
+) -> tuple[Scalar, Scalar]:
+    """Return E and nu as arrays, checked; `where` ends their names in errors.
+
+    Raises:
+        ValueError: if E is not positive, or nu outside (-1, 0.5], or one is not a single number.
+        TypeError: if one of them is complex.
+    """
+    modulus_name, ratio_name = f"Young's modulus{where}", f"Poisson's ratio{where}"
+    modulus = scalar_parameter(youngs_modulus, modulus_name)
+    ratio = scalar_parameter(poisson_ratio, ratio_name)
+    require_positive(modulus_name, modulus)
+    nu = known(ratio)
+    require(ratio_name, nu, (nu > -1) & (nu <= 0.5), "it must lie in (-1, 0.5].")
+    return modulus, ratio
+
+
+def possible_ratio(poisson_ratio: Scalar) -> Scalar:
+    """Return nu; NaN where it is traced and outside (-1, 0.5]."""
+    nu = poisson_ratio
+    return jnp.where((nu > -1) & (nu <= 0.5), nu, jnp.nan)
+
+
+def contact_modulus(youngs_modulus: Scalar, poisson_ratio: Scalar) -> Scalar:
+    """Return E* = E / (1 - nu^2) [pressure]."""
+    return youngs_modulus / (1 - possible_ratio(poisson_ratio) ** 2)
+
+
+def shear_modulus(youngs_modulus: Scalar, poisson_ratio: Scalar) -> Scalar:
+    """Return G = E / (2 (1 + nu)) [pressure]."""
+    return youngs_modulus / (2 * (1 + possible_ratio(poisson_ratio)))

@@ -1,0 +1,187 @@
+"""Solids that are the same everywhere: K multiplies each wave by a stiffness of its own."""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Self
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Bool, Float
+
+from jaxstab.core.checks import require_positive
+from jaxstab.core.closures import as_pytree
+from jaxstab.core.compile import program
+from jaxstab.core.grid import Grid, require_grid
+from jaxstab.solids.solid import Field, FieldMap, Solid
+
+
+class Waves(Solid):
+    """A solid that is the same everywhere, by its multiplier in Fourier space.
+
+    Attributes:
+        multiplier: K on the half spectrum of the grid [pressure/length].
+        has_range: whether all waves are positive and numbers of full precision in the user's units.
+    """
+
+    grid: Grid
+    multiplier: Float[Array, " *modes"]
+    max_stiffness: Float[Array, ""]
+    min_stiffness: Float[Array, ""]
+    has_range: Bool[Array, ""]
+
+    @classmethod
+    def of(cls, grid: Grid, multiplier: Float[Array, " *modes"]) -> Self:
+        """Return the solid of a multiplier."""
+        waves = multiplier.ravel()[1:]
+        most, least = jnp.max(waves), jnp.min(waves)
+        has_range = (least >= jnp.finfo(waves.dtype).tiny) & jnp.all(jnp.isfinite(waves))
+        return cls(grid, multiplier, most, least, has_range)
+
+    @property
+    def uniform_stiffness(self) -> Float[Array, ""]:
+        """The multiplier at q = 0 [pressure/length]."""
+        return self.multiplier.ravel()[0]
+
+    @property
+    def is_valid(self) -> Bool[Array, ""]:
+        """Whether every wave's stiffness was positive, and a number of full precision."""
+        return self.has_range
+
+    def apply(self, displacement: Field) -> Field:
+        """Return K u [pressure], at the price of one pair of Fourier transforms."""
+        return multiplied(self.grid, self.multiplier, displacement)
+
+    def precondition(self, shift: Float[Array, ""]) -> FieldMap:
+        """Return the inverse of K + shift."""
+        inverse = 1 / (self.multiplier + shift)
+        return lambda field: multiplied(self.grid, inverse, field)
+
+    def held_by(self, stiffness: ArrayLike) -> "Waves":
+        """Return the same solid with another multiplier at q = 0."""
+        first = (0,) * self.multiplier.ndim
+        return replace(self, multiplier=self.multiplier.at[first].set(stiffness))
+
+    def lacking(self, level: Float[Array, ""]) -> tuple[FieldMap, Float[Array, ""]]:
+        """Return max(0, level - K), the mean left out, and what it is on a point itself."""
+        first = (0,) * self.multiplier.ndim
+        lack = jnp.maximum(level - self.multiplier, 0).at[first].set(0)
+        on_point = self.grid.inverse_transform(lack).ravel()[0]
+        return lambda field: multiplied(self.grid, lack, field), on_point
+
+    def coarser(self) -> "Waves | None":
+        """Return the solid with the waves of the grid of every other point, if there is one."""
+        grid = self.grid.coarser
+        if grid is None:
+            return None
+        kept = tuple(k.astype(int) for k in grid.waves)
+        return Waves.of(grid, self.multiplier[kept])
+
+    def scaled(self, factor: Float[Array, ""]) -> "Waves":
+        """Return the solid with its multiplier times a factor."""
+        stiffnesses = self.multiplier, self.max_stiffness, self.min_stiffness
+        multiplier, most, least = (factor * stiffness for stiffness in stiffnesses)
+        return replace(self, multiplier=multiplier, max_stiffness=most, min_stiffness=least)
+
+
+def multiplied(grid: Grid, multiplier: Float[Array, " *modes"], field: Field) -> Field:
+    """Return a field on a grid with its waves multiplied."""
+    return grid.inverse_transform(multiplier.astype(field.dtype) * grid.transform(field))
+
+
+class SpectralSolid(Solid):
+    """A solid that is the same everywhere, by its stiffness for every wavenumber."""
+
+    @abstractmethod
+    def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
+        """Return the multiplier K(|q|) at wavenumbers |q| > 0 [pressure/length]."""
+
+    @property
+    @program
+    def waves(self) -> Waves:
+        """The same solid by its multiplier."""
+        q = self.grid.wavenumbers
+        # The second `where` keeps a formula that is singular at q = 0 out of the derivatives.
+        stiffness = self.stiffness_at(jnp.where(q > 0, q, jnp.max(q)))
+        return Waves.of(self.grid, jnp.where(q > 0, stiffness, self.uniform_stiffness))
+
+    @property
+    def max_stiffness(self) -> Float[Array, ""]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The stiffness of the grid's stiffest wave [pressure/length]."""
+        return self.waves.max_stiffness
+
+    @property
+    def min_stiffness(self) -> Float[Array, ""]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The stiffness of its softest wave [pressure/length]."""
+        return self.waves.min_stiffness
+
+    @property
+    def uniform_stiffness(self) -> Float[Array, ""]:
+        """The multiplier at q = 0: zero where the far side moves along [pressure/length]."""
+        return jnp.zeros((), self.grid.lengths.dtype)
+
+    @property
+    def is_valid(self) -> Bool[Array, ""]:
+        """Whether every wave's stiffness is positive, and a number of full precision."""
+        return self.waves.is_valid
+
+    def apply(self, displacement: Field) -> Field:
+        """Return K u (Rey & Bleyer, eq. 12) [pressure]."""
+        return self.waves.apply(displacement)
+
+    def precondition(self, shift: Float[Array, ""]) -> FieldMap:
+        """Return the inverse of K + shift."""
+        return self.waves.precondition(shift)
+
+    def held_by(self, stiffness: ArrayLike) -> Waves:
+        """Return the same solid by its multiplier, another one at q = 0."""
+        return self.waves.held_by(stiffness)
+
+    def scaled(self, factor: Float[Array, ""]) -> Waves:
+        """Return the same solid by its multiplier, times a factor."""
+        return self.waves.scaled(factor)
+
+    def lacking(self, level: Float[Array, ""]) -> tuple[FieldMap, Float[Array, ""]]:
+        """Return max(0, level - K), the mean left out, and what it is on a point itself."""
+        return self.waves.lacking(level)
+
+    def displacement(self, pressure: Field) -> Field:
+        """Return the displacement under a pressure (Rey & Bleyer, eq. 11) [length].
+
+        Where the far side moves along, it has zero mean.
+        """
+        multiplier = self.waves.multiplier
+        moves = multiplier > 0
+        compliance = jnp.where(moves, 1 / jnp.where(moves, multiplier, 1), 0)
+        return multiplied(self.grid, compliance, pressure)
+
+
+class Spectral(SpectralSolid):
+    """A solid of any stiffness: K = function(|q|), for instance a layer on a rigid base.
+
+    Arguments:
+        grid: the grid of its surface.
+        function: maps |q| > 0 [1/length] to the stiffness [pressure/length], array to array; a
+            function or an `equinox.Module`. Its value at q = 0 is never used.
+
+    Raises:
+        ValueError: if the stiffness is not one real number for each wave, positive and finite.
+        TypeError: if the function cannot be traced by JAX.
+    """
+
+    grid: Grid
+    function: Callable[[Array], Array]
+
+    def __init__(self, grid: Grid, function: Callable[[Array], Array]):
+        require_grid(grid)
+        self.grid = grid
+        wavenumbers = jax.eval_shape(lambda grid: grid.wavenumbers, grid)
+        cure = "it must return one real stiffness for each wavenumber."
+        self.function = as_pytree("The function of the solid", function, wavenumbers, cure)
+        waves = self.waves
+        for stiffness in (waves.min_stiffness, waves.max_stiffness):
+            require_positive("The stiffness of a wave", stiffness)
+
+    def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
+        """Return function(|q|) [pressure/length]."""
+        return self.function(wavenumbers)

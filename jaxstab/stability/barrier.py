@@ -1,0 +1,132 @@
+"""How far a state is from losing its contact: the least reaction, and the barrier that holds it."""
+
+from dataclasses import replace
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxstab.contact import Contact
+from jaxstab.core.display import inline
+from jaxstab.core.grid import total
+from jaxstab.core.implicit import attach, finite, pushed
+from jaxstab.core.no_derivative import Obstacle
+from jaxstab.core.results import RESULTS
+from jaxstab.core.stack import Stackable
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.derivatives import NOT_FOUND, pressure_noise
+from jaxstab.potentials import slope
+from jaxstab.stability.eigenpair import Eigenpair
+
+Field = Float[Array, " *grid"]
+# Gap, elastic pressure and reaction; an eigenvalue and its mode.
+Fields = tuple[Field, Field, Field]
+Pair = tuple[Float[Array, ""], Field]
+
+_NOT_HELD = "only a state held by contact has a barrier"
+_TIE = (
+    "several points share the least reaction, to within the residual of the equilibrium. "
+    "Differentiate the reactions instead, or break the symmetry of the surface"
+)
+
+
+class Barrier(Stackable, eqx.Module):
+    """What holds a state that its cone's mode would leave: E(t) = t mu.x + t^2 lambda / 2.
+
+    Attributes:
+        height: (mu.x)^2 / (2 |lambda|) over the surface, where E is largest [energy].
+        amplitude: t = mu.x / |lambda|, in units of the mode of unit norm [length].
+    """
+
+    height: Float[Array, ""]
+    amplitude: Float[Array, ""]
+
+    __repr__ = inline
+
+    def over(self, area: Float[Array, ""]) -> "Barrier":
+        """Return the barrier of a surface from that per area of a point, given this."""
+        return replace(self, height=self.height * area.astype(self.height.dtype))
+
+
+# Complementarity and barrier, as in `Stability`.
+Margins = tuple[Float[Array, ""], Barrier]
+
+
+def margins_of(
+    scale: Float[Array, ""], equilibrium: Equilibrium, cone: Eigenpair, is_held: Bool[Array, ""]
+) -> Margins:
+    """Return the margins of a state, given the pair on the cone and whether contact holds it.
+
+    The complementarity, over a scale of pressure, is +inf without contact; the barrier, per area
+    of a point, NaN where the state is not held.
+    """
+    complementarity, barrier = _over_scale(is_held, scale, *_state(equilibrium, cone))
+    touches = jnp.any(equilibrium.in_contact)
+    return (
+        jnp.where(touches, complementarity, jnp.inf),
+        jax.tree.map(lambda number: jnp.where(is_held, number, jnp.nan), barrier),
+    )
+
+
+def differentiable(
+    margins: Margins,
+    contact: Contact,
+    equilibrium: Equilibrium,
+    cone: Eigenpair,
+    is_held: Bool[Array, ""],
+    throw: bool,
+) -> Margins:
+    """Return margins as functions of the contact, the equilibrium and the pair on the cone."""
+    known = equilibrium.result == RESULTS.successful, is_held
+    inputs = contact, *_state(equilibrium, cone)
+    return attach(_changes_of_margins, throw, margins, known, inputs)
+
+
+def pressure_scale(contact: Contact, gap: Field, pressure: Field) -> Float[Array, ""]:
+    """Return the rms of elastic pressure and attraction [pressure]."""
+    attraction = slope(contact.potential, gap)
+    squares = total(pressure**2 + attraction**2)
+    # Two `where`s keep the derivative of the root at zero out.
+    positive = jnp.where(squares > 0, squares, 1)
+    return jnp.where(squares > 0, jnp.sqrt(positive / attraction.size), 0)
+
+
+def _state(equilibrium: Equilibrium, cone: Eigenpair) -> tuple[Fields, Pair]:
+    fields = equilibrium.gap, equilibrium.pressure, equilibrium.reaction
+    return fields, (cone.eigenvalue, cone.mode)
+
+
+def _formulae(is_held: Bool[Array, ""], contact: Contact, fields: Fields, pair: Pair) -> Margins:
+    gap, pressure, _ = fields
+    scale = pressure_scale(contact, gap, pressure)
+    complementarity, barrier = _over_scale(is_held, scale, fields, pair)
+    return complementarity, barrier.over(contact.grid.cell_area)
+
+
+def _over_scale(
+    is_held: Bool[Array, ""], scale: Float[Array, ""], fields: Fields, pair: Pair
+) -> Margins:
+    gap, _, reaction = fields
+    least = jnp.min(jnp.where(gap == 0, reaction, jnp.max(reaction)))
+    eigenvalue, mode = pair
+    # The first-order cost of lifting off.
+    cost = jnp.sum(reaction * mode)
+    amplitude = -cost / jnp.where(is_held, eigenvalue, -1)
+    return least / jnp.where(scale == 0, 1, scale), Barrier(cost * amplitude / 2, amplitude)
+
+
+def _changes_of_margins(
+    _: Margins, known: tuple[Bool[Array, ""], Bool[Array, ""]], inputs: tuple, changes: tuple
+) -> tuple[Margins, tuple[list[Obstacle], list[Obstacle]]]:
+    is_found, is_held = known
+    inputs = *finite(is_found, inputs[:2]), finite(is_held, inputs[2])
+    contact, (gap, pressure, reaction), _ = inputs
+    touches = gap == 0
+    noise = pressure_noise(pressure + slope(contact.potential, gap), gap)
+    least = jnp.min(jnp.where(touches, reaction, jnp.inf))
+    is_tied = jnp.count_nonzero(touches & (reaction <= least + noise)) > 1
+    of_complementarity = [Obstacle(~is_found, NOT_FOUND), Obstacle(is_tied, _TIE)]
+    changed = pushed(partial(_formulae, is_held), inputs, changes)
+    return changed, (of_complementarity, [Obstacle(~is_held, _NOT_HELD)])

@@ -1,0 +1,185 @@
+"""Starts on a large grid: the modes of the same problem on every other point.
+
+Modes of rough contacts are smooth on a fine grid but for the edges of contact, and a search among
+many local minimisers costs least where there are few points. There a point touches where at least
+half of the points around it do, and adheres as the mean of those that are like it.
+"""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.stability.cones import AdmissibleCone, Subspace
+from jaxstab.stability.eigenpair import admissible_pair
+from jaxstab.stability.lowest_modes import BLOCK_SIZE
+from jaxstab.stability.lowest_pair import cone_starts, on_space
+from jaxstab.stability.ritz import scaled_to_unit
+from jaxstab.stability.solvers.base import Minimum
+from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
+from jaxstab.stability.solvers.davidson import Davidson
+
+# The points from which a grid is large: on fewer, compiling the coarser problems does not pay.
+_LARGE = 2**18
+# The points below which there is no coarser problem: contacts would be missed.
+_FEWEST = 2**14
+# The residual to which a coarser problem is solved at most.
+_TOLERANCE = 1e-4
+# How far the eigenvalue may lie from that of the coarser problem, as a part of it: no other
+# minimiser is taken to be lower by more.
+_TRUST = 1e-2
+
+
+def is_large(hessian: Hessian) -> bool:
+    """Return whether the searches of a problem start from a coarser one."""
+    return hessian.solid.grid.size >= _LARGE and _has_coarser(hessian)
+
+
+def space_starts(
+    solver: Davidson, hessian: Hessian, space: Subspace, random: Block
+) -> tuple[Block, Int[Array, ""]]:
+    """Return a block to start from on a linear space, and its cost in applications of A.
+
+    It is random, or on a large grid has the modes of the coarser problem.
+    """
+    if is_large(hessian):
+        return modes_by_coarser(solver, hessian, space, random)
+    return random, jnp.array(0)
+
+
+def modes_by_coarser(
+    solver: Davidson, hessian: Hessian, space: Subspace, random: Block
+) -> tuple[Block, Int[Array, ""]]:
+    """Return a block to start from on a linear space, and its cost in applications of A.
+
+    The last of its vectors is a random one, in which no mode is missing.
+    """
+    nowhere = jnp.zeros_like(space.is_moving)
+    cone = AdmissibleCone(nowhere, ~space.is_moving, space.fixes_mean)
+    hessian, cone = _coarser(hessian, cone)
+    starts, cost = _on_sublattices(random)[:BLOCK_SIZE], jnp.array(0)
+    rough = Davidson(_rough(solver, random))
+    if _has_coarser(hessian):
+        starts, cost = modes_by_coarser(rough, hessian, cone.hull, starts)
+    found = on_space(rough, hessian, cone.hull, starts)
+    modes = jnp.stack([*map(_refined, found.modes[:-1]), random[-1]])
+    return modes, _share_of(cost + found.pair.num_applications, space)
+
+
+def minimum_by_coarser(
+    solver: ProjectedLOBPCG,
+    hessian: Hessian,
+    cone: AdmissibleCone,
+    known: Float[Array, " *grid"],
+    is_known: Bool[Array, ""],
+    random: Block,
+) -> tuple[Minimum, Float[Array, ""]]:
+    """Return the minimiser on a cone that the mode of the coarser problem leads to.
+
+    Arguments:
+        solver: for the cone.
+        hessian: A.
+        cone: the cone.
+        known: a vector to start from instead.
+        is_known: whether to, and ask no coarser problem.
+        random: vectors from which the coarser problem starts.
+
+    Returns:
+        The minimiser, and the eigenvalue of the coarser problem, which is NaN where that has none.
+    """
+    guess, foreseen, cost = jax.lax.cond(
+        is_known,
+        lambda: (known, jnp.full((), jnp.nan, known.dtype), jnp.array(0)),
+        lambda: mode_by_coarser(solver, hessian, cone, random),
+    )
+    is_start = jnp.any(guess != 0)
+    found = solver.solve(hessian.restricted(cone.is_moving), cone, guess[None], is_start[None])
+    minimum = replace(found, num_applications=found.num_applications + cost)
+    return minimum, jnp.where(is_start, foreseen, jnp.nan)
+
+
+def is_foreseen(eigenvalue: Float[Array, ""], foreseen: Float[Array, ""]) -> Bool[Array, ""]:
+    """Return whether an eigenvalue is that of the coarser problem, and no other start need be."""
+    return jnp.abs(eigenvalue - foreseen) <= _TRUST * jnp.abs(eigenvalue)
+
+
+def mode_by_coarser(
+    solver: ProjectedLOBPCG, hessian: Hessian, cone: AdmissibleCone, random: Block
+) -> tuple[Float[Array, " *grid"], Float[Array, ""], Int[Array, ""]]:
+    """Return a vector to start from on a cone, what its eigenvalue was there, and its cost.
+
+    It is zero where the coarser problem has no mode. The cost is in applications of A.
+    """
+    hull = cone.hull
+    hessian, cone = _coarser(hessian, cone)
+    random = _on_sublattices(random)
+    rough = ProjectedLOBPCG(_rough(solver, random))
+    if _has_coarser(hessian):
+        start, _, cost = mode_by_coarser(rough, hessian, cone, random)
+        starts, is_needed = start[None], jnp.array([True])
+    else:
+        around = on_space(Davidson(rough.tolerance), hessian, cone.hull, random[:BLOCK_SIZE])
+        starts, is_needed, _ = cone_starts(rough, cone, around, random)
+        cost = around.pair.num_applications
+    restricted = hessian.restricted(cone.is_moving)
+    found = rough.solve(restricted, cone, starts, is_needed)
+    eigenvalue, mode, _ = admissible_pair(restricted, cone, found.vector)
+    return _refined(mode), eigenvalue, _share_of(cost + found.num_applications + 1, hull)
+
+
+def _has_coarser(hessian: Hessian) -> bool:
+    solid = hessian.solid
+    return solid.grid.size >= 4 * _FEWEST and solid.coarser() is not None
+
+
+def _rough(solver: Davidson | ProjectedLOBPCG, like: Block) -> Float[Array, ""]:
+    return jnp.maximum(solver.tolerance_in(like.dtype), _TOLERANCE)
+
+
+def _share_of(cost: Int[Array, ""], fine: Subspace) -> Int[Array, ""]:
+    """Return how many applications on all points cost what some on the coarser grid do."""
+    return -(-cost // 2**fine.is_moving.ndim)
+
+
+def _coarser(hessian: Hessian, cone: AdmissibleCone) -> tuple[Hessian, AdmissibleCone]:
+    solid = hessian.solid.coarser()
+    assert solid is not None
+    is_moving = ~_majority(~cone.is_moving)
+    curvature = _mean_of_like(hessian.curvature, cone.one_sided | ~cone.is_moving)
+    coarser = AdmissibleCone(_majority(cone.one_sided) & is_moving, ~is_moving, cone.fixes_mean)
+    return Hessian(solid, curvature, hessian.stiffness), coarser
+
+
+def _majority(mask: Bool[Array, " *grid"]) -> Bool[Array, " *coarse"]:
+    """Return where at least half of the points of a cell of the coarser grid are in a mask."""
+    cells = _cells(mask)
+    return 2 * jnp.sum(cells, axis=0) >= len(cells)
+
+
+def _mean_of_like(
+    field: Float[Array, " *grid"], mask: Bool[Array, " *grid"]
+) -> Float[Array, " *coarse"]:
+    """Return the mean over the points of a cell that are in a mask, or out of it, as most are."""
+    like = _cells(mask) == _majority(mask)
+    return jnp.sum(jnp.where(like, _cells(field), 0), axis=0) / jnp.sum(like, axis=0)
+
+
+def _refined(field: Float[Array, " *coarse"]) -> Float[Array, " *grid"]:
+    """Return a mode of the coarser grid at all points, a unit vector again."""
+    for axis in range(field.ndim):
+        field = jnp.repeat(field, 2, axis=axis)
+    return scaled_to_unit(field)
+
+
+def _on_sublattices(random: Block) -> Block:
+    """Return random vectors on the coarser grid: the points of a cell are in different ones."""
+    return jnp.concatenate([_cells(field) for field in random])[: len(random)]
+
+
+def _cells(field: Array) -> Array:
+    """Return a field as one of cells of the coarser grid, whose points are along a first axis."""
+    pairs = field.reshape([n for side in field.shape for n in (side // 2, 2)])
+    cells = jnp.moveaxis(pairs, range(1, pairs.ndim, 2), range(field.ndim))
+    return cells.reshape(-1, *(n // 2 for n in field.shape))

@@ -1,0 +1,177 @@
+"""A smallest eigenvalue on a cone: what a solver finds of it, and how it is measured."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+from jaxstab.contact.hessian import SymmetricOperator
+from jaxstab.core.display import block
+from jaxstab.core.grid import total
+from jaxstab.core.history import History
+from jaxstab.core.results import RESULTS
+from jaxstab.core.stack import Stackable
+from jaxstab.solids import Solid
+from jaxstab.stability.cones import AdmissibleCone, Subspace
+from jaxstab.stability.ritz import scaled_to_unit
+from jaxstab.stability.solvers.base import Minimum
+
+Admissible = Subspace | AdmissibleCone
+
+# What rounding adds to an eigenvalue's error, in units of the precision and the bound on |A|.
+_ROUNDING = 32
+
+
+class Eigenpair(Stackable, eqx.Module):
+    """A smallest eigenvalue of A = K + D among admissible unit vectors, and its mode.
+
+    Attributes:
+        eigenvalue: lambda = x.Ax / x.x, without the factor 1/2 of Rey & Bleyer's eq. 26
+            [pressure/length]; +inf where no perturbation is admissible.
+        mode: x, of unit Euclidean norm; zero where no perturbation is admissible.
+        residual: the projected residual |x - P(x - (A x - lambda x) / b)| b / s, with b a bound
+            on |A| and s its size on the lower modes, which is b where f'' is nowhere positive.
+        error: s times the residual, and rounding: how far lambda is from an eigenvalue of A on
+            the face of the cone that x lies on [pressure/length].
+        proved: whether it is proved to be the smallest, to within its error: on a linear space,
+            and on a cone that holds the lowest mode of the space around it.
+        bound: what the smallest is proved not to be below [pressure/length]; -inf if nothing is.
+        num_steps: steps that the solver took, from all its starts.
+        num_applications: applications of A and of the preconditioner, at a pair of Fourier
+            transforms each.
+        result: a member of `RESULTS`: how the solver ended.
+        history: the indicators of the solver as it went, "residual" and others.
+    """
+
+    eigenvalue: Float[Array, ""]
+    mode: Float[Array, " *grid"]
+    residual: Float[Array, ""]
+    error: Float[Array, ""]
+    proved: Bool[Array, ""]
+    bound: Float[Array, ""]
+    num_steps: Int[Array, ""]
+    num_applications: Int[Array, ""]
+    result: RESULTS
+    history: History
+
+    __repr__ = block
+
+    def on_surface(self, solid: Solid) -> "Eigenpair":
+        """Return the same pair with the part of its mode that has a surface opposite to it."""
+        return replace(self, mode=solid.surface(self.mode))
+
+    def in_units_of(self, pressure: Float[Array, ""]) -> "Eigenpair":
+        """Return the same pair with pressures in another unit; lengths stay."""
+        return replace(
+            self,
+            eigenvalue=self.eigenvalue / pressure,
+            error=self.error / pressure,
+            bound=self.bound / pressure,
+        )
+
+    @property
+    def sign(self) -> Int[Array, ""]:
+        """1 or -1 where the eigenvalue is converged and larger than its error, otherwise 0."""
+        is_sure = (self.result == RESULTS.successful) & (jnp.abs(self.eigenvalue) > self.error)
+        return jnp.where(is_sure, jnp.where(self.eigenvalue > 0, 1, -1), 0)
+
+    def with_proof(
+        self, is_proved: Bool[ArrayLike, ""], bound: Float[ArrayLike, ""] = -jnp.inf
+    ) -> "Eigenpair":
+        """Return the pair with what is proved of it.
+
+        Arguments:
+            is_proved: whether it is the smallest, if the solver found it.
+            bound: what it is not below, known otherwise.
+        """
+        proved = (self.result == RESULTS.successful) & is_proved
+        least = jnp.where(self.eigenvalue == jnp.inf, jnp.inf, self.eigenvalue - self.error)
+        return replace(
+            self, proved=proved, bound=jnp.maximum(jnp.where(proved, least, -jnp.inf), bound)
+        )
+
+
+def measured(
+    operator: SymmetricOperator, cone: Admissible, found: Minimum, vector: Float[Array, " *grid"]
+) -> Eigenpair:
+    """Return the eigenpair of a vector that a solver found, brought onto the cone."""
+    eigenvalue, mode, residual = admissible_pair(operator, cone, vector)
+    return Eigenpair(
+        eigenvalue=eigenvalue,
+        mode=mode,
+        residual=residual,
+        error=_error(operator, residual),
+        proved=jnp.array(False),
+        bound=jnp.full_like(eigenvalue, -jnp.inf),
+        num_steps=found.num_steps,
+        num_applications=found.num_applications + 1,
+        result=found.result,
+        history=found.history,
+    )
+
+
+def lowered(pair: Eigenpair, other: Eigenpair) -> Eigenpair:
+    """Return a pair that is not above one on a smaller cone.
+
+    If the other is lower by more than the pair's own error, the solver had missed the smallest:
+    the pair becomes that of the other's mode, and is said to have stagnated.
+    """
+    is_missed = other.eigenvalue < pair.eigenvalue - pair.error
+    failed = is_missed & (pair.result == RESULTS.successful)
+    return replace(
+        pair,
+        eigenvalue=jnp.where(other.eigenvalue < pair.eigenvalue, other.eigenvalue, pair.eigenvalue),
+        mode=jnp.where(is_missed, other.mode, pair.mode),
+        residual=jnp.where(is_missed, jnp.inf, pair.residual),
+        error=jnp.where(is_missed, jnp.inf, pair.error),
+        proved=pair.proved & ~is_missed,
+        bound=jnp.where(is_missed, -jnp.inf, pair.bound),
+        result=RESULTS.where(failed, RESULTS.stagnated, pair.result),
+    )
+
+
+def admissible_pair(
+    operator: SymmetricOperator, cone: Admissible, vector: Float[Array, " *grid"]
+) -> tuple[Float[Array, ""], Float[Array, " *grid"], Float[Array, ""]]:
+    """Return eigenvalue, mode and projected residual of the cone's unit vector nearest to this.
+
+    The eigenvalue is +inf, mode and residual are zero, where that vector is zero.
+    """
+    mode = unit_vector(cone, vector)
+    product = operator(mode)
+    quotient = total(mode * product)
+    moved = cone.project(descended(operator, mode, product, quotient))
+    residual = projected_residual(operator, mode, moved)
+    return jnp.where(jnp.any(mode != 0), quotient, jnp.inf), mode, residual
+
+
+def descended(
+    operator: SymmetricOperator,
+    mode: Float[Array, " *grid"],
+    product: Float[Array, " *grid"],
+    eigenvalue: Float[Array, ""],
+) -> Float[Array, " *grid"]:
+    """Return x - (A x - lambda x) / b, from x and A x.
+
+    Projected onto a cone, it has no larger Rayleigh quotient than x: with s the change,
+    s.(A - lambda) x <= -b |s|^2 while s.(A - lambda) s <= 2 b |s|^2.
+    """
+    return mode - (product - eigenvalue * mode) / operator.bound
+
+
+def projected_residual(
+    operator: SymmetricOperator, mode: Float[Array, " *grid"], moved: Float[Array, " *grid"]
+) -> Float[Array, ""]:
+    """Return |x - P(x - (A x - lambda x) / b)| b / s from x and what it is moved to."""
+    return jnp.sqrt(total((mode - moved) ** 2)) * (operator.bound / operator.scale)
+
+
+def unit_vector(cone: Admissible, vector: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    """Return the cone's unit vector nearest to this one, or zero where there is none."""
+    return scaled_to_unit(jnp.where(cone.is_trivial, 0, cone.project(vector)))
+
+
+def _error(operator: SymmetricOperator, residual: Float[Array, ""]) -> Float[Array, ""]:
+    rounding = _ROUNDING * jnp.finfo(residual.dtype).eps * operator.bound
+    return operator.scale * residual + rounding

@@ -1,0 +1,141 @@
+"""The lowest modes of an equilibrium on a linear space."""
+
+from dataclasses import replace
+from functools import partial
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from jaxstab.contact import Contact
+from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.contact.resolution import warn_if_coarse
+from jaxstab.core.checks import integer, require_key
+from jaxstab.core.compile import program
+from jaxstab.core.loop import refuse_derivatives, solver_or_default
+from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.equilibrium.verify import recognised
+from jaxstab.equilibrium.window import whole_state
+from jaxstab.stability.cones import Subspace
+from jaxstab.stability.eigenpair import Eigenpair, measured
+from jaxstab.stability.solvers.base import SpaceSolver
+from jaxstab.stability.solvers.davidson import Davidson
+
+# The modes that a search for the lowest carries on.
+BLOCK_SIZE = 4
+# Modes beyond those asked for, which make them converge sooner.
+_GUARD = 2
+
+
+def lowest_modes(
+    contact: Contact,
+    equilibrium: State,
+    count: int,
+    *,
+    space: Literal["lower_bound", "critical"] = "lower_bound",
+    solver: SpaceSolver | None = None,
+    key: PRNGKeyArray | None = None,
+    throw: bool = True,
+) -> Eigenpair:
+    """Return the lowest eigenvalues of A = K + D on a linear space, and their modes.
+
+    Arguments:
+        contact: the contact problem.
+        equilibrium: one of its equilibria, or what holds it: an entry of a sweep, a fold.
+        count: how many.
+        space: "lower_bound" for all perturbations that the load allows, "critical" for those that
+            leave the points in contact where they are.
+        solver: the algorithm, `Davidson()` by default.
+        key: the random key of the vectors to start from, `jax.random.key(0)` by default.
+        throw: raise where the solver fails; otherwise look at `result`.
+
+    Returns:
+        The eigenpairs from the lowest up, along a leading axis; steps, applications and history,
+        the same for each, are those of all together. Beyond the dimension of the space they are
+        +inf, with the result "too_many_modes".
+
+    Raises:
+        ValueError: if the equilibrium has another grid or precision than the contact, the count is
+            not positive or larger than the dimension of V0, or the space is not one of the two.
+        TypeError: if the count is not an integer, the solver not one for linear spaces, or the
+            key not a random one.
+        SolverError: if `throw`, for an equilibrium or modes that did not converge, or a count
+            larger than the dimension of the space.
+    """
+    equilibrium = equilibrium_of(contact, equilibrium)
+    count = integer("count", count)
+    if count < 1:
+        raise ValueError(f"count is {count}: ask for one mode or more.")
+    if space not in ("lower_bound", "critical"):
+        raise ValueError(f'space is {space!r}: choose "lower_bound" or "critical".')
+    warn_if_coarse(contact)
+    solver = solver_or_default(solver, SpaceSolver, Davidson)
+    key = jax.random.key(0) if key is None else key
+    require_key(key)
+    pairs, dimension = _lowest_modes(contact, equilibrium, solver, key, count, space == "critical")
+    if not throw:
+        return pairs
+
+    def describe() -> str:
+        return (
+            f"The {count} lowest modes were not found among {dimension} admissible "
+            f"{'direction' if dimension == 1 else 'directions'}"
+        )
+
+    return throw_failure(pairs.result[-1], pairs, describe)
+
+
+@partial(program, static_argnames=("count", "stays_in_contact"))
+def _lowest_modes(
+    contact: Contact,
+    equilibrium: Equilibrium,
+    solver: SpaceSolver,
+    key: PRNGKeyArray,
+    count: int,
+    stays_in_contact: bool,
+) -> tuple[Eigenpair, Int[Array, ""]]:
+    """Return the modes, and the dimension of the space."""
+    contact, equilibrium = refuse_derivatives((contact, equilibrium))
+    contact, equilibrium = whole_state(contact, equilibrium)
+    state = recognised(contact, equilibrium)
+    unit = contact.own_pressure
+    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
+    control = contact.control(equilibrium.load)
+    most = contact.grid.size - control.fixes_mean
+    if count > most:
+        raise ValueError(f"count is {count}, but {most} directions are admissible: ask for fewer.")
+    is_equilibrium = state == RESULTS.successful
+    # Where there is nothing to assess, nothing moves.
+    is_moving = is_equilibrium & ~(equilibrium.in_contact & stays_in_contact)
+    space = Subspace(is_moving, control.fixes_mean)
+    hessian = contact.hessian(equilibrium.gap, control).restricted(space.is_moving)
+    starts = noise(key, max(count + _GUARD, BLOCK_SIZE), equilibrium.gap)
+    found = solver.solve(hessian, space, starts, count)
+    found = replace(found, num_applications=found.num_applications + count - 1)
+    dimension = jnp.sum(is_moving) - control.fixes_mean
+
+    def measured_at(place: Int[Array, ""]) -> Eigenpair:
+        result = RESULTS.where(place < dimension, found.result, RESULTS.too_many_modes)
+        result = RESULTS.where(is_equilibrium, result, state)
+        mode = replace(found, result=result)
+        return measured(hessian, space, mode, found.vector[place]).with_proof(True)
+
+    pairs = jax.vmap(measured_at)(jnp.arange(count))
+    return pairs.in_units_of(1 / unit).on_surface(contact.solid), jnp.maximum(dimension, 0)
+
+
+def lowest_pair(
+    solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Block
+) -> tuple[Eigenpair, Block]:
+    """Return the lowest pair on a linear space, and a block of modes to go on from."""
+    restricted = hessian.restricted(space.is_moving)
+    found = solver.solve(restricted, space, starts)
+    return measured(restricted, space, found, found.vector[0]), found.vector
+
+
+def noise(key: PRNGKeyArray, count: int, like: Float[Array, " *grid"]) -> Block:
+    """Return random fields to start from."""
+    return jax.random.uniform(key, (count, *like.shape), like.dtype, -1, 1)

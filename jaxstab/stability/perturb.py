@@ -1,0 +1,75 @@
+"""The test of a verdict: perturb an equilibrium along a mode, and see where it goes."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxstab.contact import Contact
+from jaxstab.core.checks import numbers, parameter, require, require_finite
+from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
+from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.equilibrium.verify import recognised
+
+_SMALL = 1e-3
+
+
+def release(
+    contact: Contact,
+    equilibrium: State,
+    mode: ArrayLike,
+    *,
+    amplitude: ArrayLike | None = None,
+    solver: EquilibriumSolver | None = None,
+    throw: bool = True,
+) -> Equilibrium:
+    """Return the equilibrium that a state relaxes to after a push along a mode.
+
+    The gap becomes g + t x, cut at zero, and is brought under the load; from there the energy
+    falls until it can fall no more. Small pushes bring a `stable` state and one `held_by_contact`
+    back to where they were; pushed along its critical mode, an `unstable` one ends at a lower
+    energy.
+
+    Arguments:
+        contact: the contact problem.
+        equilibrium: one of its equilibria, or what holds it: an entry of a sweep, a fold.
+        mode: x, the direction of the push, of any length.
+        amplitude: t [length]; by default such that no point moves by more than a thousandth of
+            the mean gap. Its sign is that of the push.
+        solver: the algorithm, by default that of `equilibrate`. One that does not lower the
+            energy tests nothing.
+        throw: as in `equilibrate`.
+
+    Returns:
+        The new equilibrium, under the same load.
+
+    Raises:
+        ValueError: if equilibrium or mode are not on the contact's grid or not finite, or the push
+            closes all of the gap where the load holds its mean.
+        TypeError: if the mode is not real numbers, or the solver not one for equilibria.
+        SolverError: as `equilibrate`, and for a state that is no equilibrium of the contact.
+    """
+    equilibrium = equilibrium_of(contact, equilibrium)
+    x = numbers(mode, "The mode")
+    if x.shape != contact.grid.shape:
+        raise ValueError(f"The mode has shape {x.shape}, the grid {contact.grid.shape}.")
+    x = contact.grid.placed(x)
+    require_finite("The mode", x)
+    cure = "release a converged one."
+    is_finite = jnp.all(jnp.isfinite(equilibrium.gap))
+    require("The residual of the equilibrium", equilibrium.residual, is_finite, cure)
+    t = _small_amplitude(equilibrium, x) if amplitude is None else parameter(amplitude)
+    require("The amplitude", t, jnp.isfinite(t), "it must be finite.")
+    start = jnp.maximum(equilibrium.gap + t * x, 0)
+    state = recognised(contact, equilibrium)
+    if throw:
+        start = throw_failure(state, start, lambda: "There is nothing to release")
+    released = equilibrate(contact, equilibrium.load, solver, initial=start, throw=throw)
+    result = RESULTS.where(state == RESULTS.successful, released.result, state)
+    return replace(released, result=result)
+
+
+def _small_amplitude(equilibrium: Equilibrium, mode: Float[Array, " *grid"]) -> Float[Array, ""]:
+    largest = jnp.max(jnp.abs(mode))
+    return _SMALL * jnp.mean(equilibrium.gap) / jnp.where(largest == 0, 1, largest)

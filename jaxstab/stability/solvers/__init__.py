@@ -1,0 +1,1 @@
+"""The eigensolvers, a file for each."""

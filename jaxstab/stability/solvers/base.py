@@ -1,0 +1,74 @@
+"""What solvers for smallest eigenvalues are to all the rest."""
+
+from abc import abstractmethod
+
+import equinox as eqx
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxstab.contact.hessian import Block, SymmetricOperator
+from jaxstab.core.history import History
+from jaxstab.core.loop import IterativeSolver
+from jaxstab.core.results import RESULTS
+from jaxstab.stability.cones import AdmissibleCone, Subspace
+
+
+class Minimum(eqx.Module):
+    """What a solver found: a vector near a minimiser of the Rayleigh quotient, and at what cost.
+
+    Attributes:
+        vector: the vector, which need not be admissible to the last digit; of a solver on a
+            linear space, a block of them.
+        num_steps: steps taken.
+        num_applications: applications of A and of the preconditioner.
+        result: how the solver ended.
+        history: its indicators as it went.
+    """
+
+    vector: Float[Array, " *grid"]
+    num_steps: Int[Array, ""]
+    num_applications: Int[Array, ""]
+    result: RESULTS
+    history: History
+
+
+class ConeSolver(IterativeSolver):
+    """An algorithm for the smallest eigenvalue on a cone."""
+
+    @abstractmethod
+    def solve(
+        self,
+        operator: SymmetricOperator,
+        cone: AdmissibleCone,
+        starts: Block,
+        is_needed: Bool[Array, " starts"] | bool = True,
+    ) -> Minimum:
+        """Return a minimiser of the Rayleigh quotient on a cone.
+
+        Arguments:
+            operator: A [pressure/length].
+            cone: where perturbations must lie.
+            starts: vectors to start from, not brought onto the cone: first the best guesses, last
+                random ones.
+            is_needed: which of them are of use.
+        """
+
+
+class SpaceSolver(IterativeSolver):
+    """An algorithm for the smallest eigenvalues on a linear space."""
+
+    @abstractmethod
+    def solve(
+        self, operator: SymmetricOperator, space: Subspace, starts: Block, count: int = 1
+    ) -> Minimum:
+        """Return the modes of a block, the lowest `count` of them to the tolerance.
+
+        Arguments:
+            operator: A [pressure/length].
+            space: where modes must lie.
+            starts: a vector for every mode of the block.
+            count: how many modes decide.
+
+        Returns:
+            As vectors the whole block, in the order of the eigenvalues; zero where the block is
+            larger than the space.
+        """

@@ -1,0 +1,209 @@
+"""The lowest modes on a linear space: Davidson's method, restarted with the last move.
+
+The generalised method of R. B. Morgan and D. S. Scott, SIAM J. Sci. Stat. Comput. 7 (1986) 817,
+with the locally optimal restart of A. Stathopoulos, SIAM J. Sci. Comput. 29 (2007) 481: a step
+widens the space of the lowest Ritz vectors and the last move by preconditioned residuals, one
+after another, and keeps the lowest Ritz vectors of it all.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxstab.contact.hessian import Block, SymmetricOperator
+from jaxstab.core.grid import total
+from jaxstab.core.history import Indicators
+from jaxstab.core.loop import optional_parameter
+from jaxstab.stability.cones import Subspace
+from jaxstab.stability.ritz import (
+    combination,
+    combinations,
+    inner_products,
+    norms,
+    rayleigh_ritz,
+)
+from jaxstab.stability.solvers.base import Minimum, SpaceSolver
+
+# Residuals by which a step widens its space.
+_NUM_RESIDUALS = 3
+# Residuals below which, in units of what rounding leaves of A x, point nowhere in particular.
+_NOISE = 100
+
+
+class _Span(eqx.Module):
+    """A space by vectors and P A times each, zero where unused, and their inner products."""
+
+    basis: Block
+    products: Block
+    gram: Float[Array, "room room"]
+    energies: Float[Array, "room room"]
+
+    @classmethod
+    def empty(cls, room: int, like: Float[Array, " *grid"]) -> "_Span":
+        """Return a space with room for a number of vectors."""
+        block = jnp.zeros((room, *like.shape), like.dtype)
+        matrix = jnp.zeros((room, room), like.dtype)
+        return cls(block, block, matrix, matrix)
+
+    def with_vector(
+        self,
+        slot: Int[Array, ""],
+        vector: Float[Array, " *grid"],
+        operator: SymmetricOperator,
+        space: Subspace,
+        is_noise: Bool[Array, ""],
+    ) -> "_Span":
+        """Return the space with another vector, made orthogonal to the rest if it may be noise.
+
+        That reads them all twice. Of a residual that is more enough is new, and the inner products
+        tell how much.
+        """
+        vector = jax.lax.cond(is_noise, lambda: self._apart_from(vector), lambda: vector)
+        vector = space.project(vector)
+        product = space.project(operator(vector))
+        basis, products = _put(vector, self.basis, slot), _put(product, self.products, slot)
+        overlaps, energies = inner_products(basis, vector, product)
+        return _Span(
+            basis,
+            products,
+            _put_both(overlaps, self.gram, slot),
+            _put_both(energies, self.energies, slot),
+        )
+
+    def _apart_from(self, vector: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        (overlaps,), square = inner_products(self.basis, vector), total(vector**2)
+        rest = vector - combination(overlaps, self.basis)
+        # None, where what is left is little more than rounding.
+        is_new = total(rest**2) > _rounding(square.dtype) ** 2 * square
+        return jnp.where(is_new, rest, 0)
+
+    def spanned_by(self, parts: Float[Array, "room kept"]) -> "_Span":
+        """Return the space of some combinations of its vectors, with the same room."""
+        room, kept = parts.shape
+        basis, products = combinations(parts, self.basis, self.products)
+        parts = jnp.pad(parts, ((0, 0), (0, room - kept)))
+        return _Span(basis, products, parts.T @ self.gram @ parts, parts.T @ self.energies @ parts)
+
+
+# A space, its lowest Ritz values and vectors, and those vectors one step before.
+_Widening = tuple[_Span, Array, Array, Array]
+
+
+class _State(eqx.Module):
+    """A space, its lowest Ritz pairs, and whether it has no vectors yet.
+
+    The first step takes the starts: what adds vectors is traced once, since it is most of what
+    there is to compile.
+    """
+
+    span: _Span
+    eigenvalues: Float[Array, " size"]
+    residuals: Float[Array, " count"]
+    is_empty: Bool[Array, ""]
+
+
+class Davidson(SpaceSolver):
+    """Davidson's method with a locally optimal restart, on a linear space.
+
+    Arguments:
+        tolerance: the residual |P(A x - lambda x)| / s of a unit vector to reach, P the projection
+            onto the space and s the size of A on its lower modes; by default 1e-7 in float64 and
+            1e-5 in float32.
+        max_steps: the step limit, 5000 by default; the first takes the starts, each other one three
+            residuals.
+    """
+
+    tolerance: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
+    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=5000)
+
+    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
+
+    def solve(
+        self, operator: SymmetricOperator, space: Subspace, starts: Block, count: int = 1
+    ) -> Minimum:
+        """Return the modes of a block, as `SpaceSolver` says."""
+        size = len(starts)
+        tolerance = self.tolerance_in(starts.dtype)
+
+        def restarted(span: _Span, eigenvalues: Array, parts: Array, last: Array) -> _State:
+            """Keep the lowest Ritz vectors, and the part of another vector apart from them."""
+            square = last @ span.gram @ last
+            for _ in range(2):
+                last -= parts @ (parts.T @ (span.gram @ last))
+            rest = last @ span.gram @ last
+            is_new = rest > _rounding(square.dtype) ** 2 * square
+            last = jnp.where(is_new, last / jnp.sqrt(jnp.where(is_new, rest, 1)), 0)
+            span = span.spanned_by(jnp.column_stack([parts, last]))
+            residuals = [span.products[i] - eigenvalues[i] * span.basis[i] for i in range(count)]
+            residual = norms(residuals) / operator.scale
+            return _State(span, eigenvalues, residual, jnp.array(False))
+
+        def step(state: _State) -> _State:
+            target = jnp.argmax(state.residuals > tolerance)
+            mode, eigenvalue = state.span.basis[target], state.eigenvalues[target]
+            rounding = jnp.finfo(mode.dtype).eps * operator.bound / operator.scale
+            is_noise = state.residuals[target] < _NOISE * rounding
+            precondition = operator.preconditioner(mode, eigenvalue)
+
+            def widen(index: Array, carry: _Widening) -> _Widening:
+                span, eigenvalues, parts, _ = carry
+
+                def of_kept() -> Array:
+                    return span.products[target] - eigenvalue * mode
+
+                def of_combined() -> Array:
+                    lowest = parts[:, target]
+                    product = combination(lowest, span.products)
+                    return product - eigenvalues[target] * combination(lowest, span.basis)
+
+                def steepest() -> Array:
+                    # The first is of a vector that the space has.
+                    return precondition(jax.lax.cond(index == 0, of_kept, of_combined))
+
+                vector = jax.lax.cond(state.is_empty, lambda: starts[index], steepest)
+                slot = jnp.where(state.is_empty, index, size + 1 + index)
+                span = span.with_vector(slot, vector, operator, space, is_noise)
+                return span, *rayleigh_ritz(span.gram, span.energies, size), parts
+
+            parts = jnp.eye(len(state.span.basis), size, dtype=starts.dtype)
+            number = jnp.where(state.is_empty, size, _NUM_RESIDUALS)
+            start = state.span, state.eigenvalues, parts, parts
+            span, eigenvalues, parts, before = jax.lax.fori_loop(0, number, widen, start)
+            return restarted(span, eigenvalues, parts, before[:, target])
+
+        def measure(state: _State) -> Indicators:
+            return {"residual": jnp.max(state.residuals)}
+
+        span = _Span.empty(size + 1 + _NUM_RESIDUALS, starts[0])
+        # No residual is known yet: one above any tolerance, from which every fall is progress.
+        none = jnp.full(count, jnp.finfo(starts.dtype).max, starts.dtype)
+        unknown = jnp.zeros(size, starts.dtype), none
+        iteration = self.iterate(step, measure, _State(span, *unknown, jnp.array(True)))
+        history = iteration.history
+        num_residuals = _NUM_RESIDUALS * jnp.maximum(iteration.num_steps - 1, 0)
+        return Minimum(
+            vector=iteration.state.span.basis[:size],
+            num_steps=iteration.num_steps,
+            num_applications=size + 2 * num_residuals,
+            result=iteration.result,
+            history=replace(history, table=history.table.at[0, 1:].set(jnp.nan)),
+        )
+
+
+def _put(entry: Array, entries: Array, slot: Int[Array, ""], axis: int = 0) -> Array:
+    return jax.lax.dynamic_update_index_in_dim(entries, entry, slot, axis)
+
+
+def _put_both(row: Array, matrix: Array, slot: Int[Array, ""]) -> Array:
+    """Return a symmetric matrix with another row, and column."""
+    return _put(row, _put(row, matrix, slot), slot, axis=1)
+
+
+def _rounding(dtype: jnp.dtype) -> float:
+    """Return what part of a vector, orthogonal to all others, may be rounding."""
+    return float(jnp.finfo(dtype).eps) ** (2 / 3)

@@ -1,0 +1,1 @@
+"""Ready-made cases computed in lanes, in which a new case follows one that is done."""

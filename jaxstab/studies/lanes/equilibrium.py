@@ -1,0 +1,98 @@
+"""An equilibrium as a stage of a case: what `equilibrate` does by default, with pauses."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+from jaxstab.contact import Contact
+from jaxstab.core.loop import Iteration, Loop
+from jaxstab.core.pause import Pause
+from jaxstab.equilibrium.equilibrate import concluded, in_users_units, started
+from jaxstab.equilibrium.equilibrium import Equilibrium, Field
+from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
+from jaxstab.equilibrium.window import whole_start
+from jaxstab.loads import Load, require_load
+from jaxstab.studies.lanes.stage import Record, Stage
+
+# Returns a contact and its load, given the inputs of a case by name.
+Build = Callable[..., tuple[Contact, Load]]
+
+
+class _Problem(eqx.Module):
+    """A contact problem in units of its own.
+
+    Attributes:
+        contact: the contact.
+        load: its load.
+        unit: the unit of pressure.
+        start: a gap to start from.
+    """
+
+    contact: Contact
+    load: Load
+    unit: Float[Array, ""]
+    start: Field
+
+    def solve(self) -> Iteration[Any]:
+        """Return what the solver has come to, here or where its loop pauses."""
+        control = self.contact.control(self.load)
+        return _solver().solve(self.contact, control, self.start)
+
+
+class _Solve(eqx.Module):
+    problem: _Problem
+    loop: Loop[Any]
+
+
+class EquilibriumStage(Stage):
+    """The equilibrium of a contact that is built from the inputs of a case.
+
+    Arguments:
+        build: returns the contact and its load.
+    """
+
+    def __init__(self, build: Build):
+        self.build = build
+
+    def begin(self, record: Record) -> _Solve:
+        """Return the solve before its first step."""
+        contact, load = self.build(**record[0])
+        require_load(load)
+        whole, start = whole_start(contact, load, None)
+        unit = whole.own_pressure
+        whole, load = whole.in_units_of(unit), load.in_units_of(unit)
+        problem = _Problem(whole, load, unit, started(whole, load, start))
+        with Pause() as pause:
+            problem.solve()
+        return jax.tree.map(lambda leaf: leaf[None], _Solve(problem, pause.loop))
+
+    def advance(self, record: Record, state: _Solve, max_steps: ArrayLike) -> _Solve:
+        """Return the solve after at most so many steps more."""
+        with Pause(state.loop, max_steps) as pause:
+            state.problem.solve()
+        return replace(state, loop=pause.loop)
+
+    def is_over(self, record: Record, state: _Solve) -> Bool[Array, ""]:
+        """Return whether the solve has ended."""
+        return _solver().is_over(state.loop)
+
+    def num_steps(self, state: _Solve) -> Int[Array, ""]:
+        """Return the number of steps taken."""
+        return state.loop.num_steps
+
+    def found(self, record: Record) -> tuple[Contact, Equilibrium]:
+        """Return the contact of a case and its equilibrium, on the grid that it is solved on."""
+        contact, load = self.build(**record[0])
+        solve: _Solve = jax.tree.map(lambda leaf: leaf[0], record[1])
+        problem = solve.problem
+        with Pause(solve.loop):
+            found = concluded(problem.contact, problem.load, problem.solve())
+        return contact, in_users_units(found, problem.unit, load)
+
+
+def _solver() -> PreconditionedConjugateGradient:
+    return PreconditionedConjugateGradient()
