@@ -14,7 +14,7 @@ from jaxstab.contact import Contact
 from jaxstab.contact.resolution import ResolutionWarning
 from jaxstab.core.grid import Grid
 from jaxstab.core.history import History
-from jaxstab.core.results import KINDS, RESULTS, VERDICTS, SolverError
+from jaxstab.core.results import RESULTS, SolverError
 from jaxstab.equilibrium import (
     Equilibrium,
     EquilibriumSolver,
@@ -35,6 +35,7 @@ from jaxstab.loads import (
 )
 from jaxstab.paths import Jump, Path, PathInterrupted, States, critical_load, follow, pull_off
 from jaxstab.paths.branch_end.critical_load import CriticalLoad
+from jaxstab.paths.branch_end.kind import KINDS
 from jaxstab.paths.sweep import Sweep, SweepInterrupted, sweep
 from jaxstab.solids import (
     CoatedHalfSpace,
@@ -58,6 +59,7 @@ from jaxstab.stability import (
     lowest_modes,
     release,
 )
+from jaxstab.stability.verdict import VERDICTS
 from jaxstab.studies import StudyInterrupted, cases, study
 from jaxstab.surfaces import SurfaceWarning
 

@@ -61,90 +61,13 @@ def history(self: Any) -> str:
         return f"History({', '.join(self.names)})"
 
 
-def sweep(self: Any) -> str:
-    """Return a table with one line for each load: a `__repr__`."""
-    try:
-        return _table(_columns(self))
-    except UNREADABLE:
-        return block(self)
-
-
-def path(self: Any) -> str:
-    """Return what a path is in lines, and a table with one line for each of its jumps."""
-    try:
-        loads, jumps = np.asarray(self.load.value), self.jumps
-        name = type(self.load).__name__
-        lines = [
-            f"Path: {name} {_number(loads[0])} to {_number(loads[-1])} in {loads.size} states, "
-            f"{len(jumps)} jumps; {self.result.name}",
-            *_energies(self),
-        ]
-        return "\n".join([*lines, _table(_jumps(name, jumps))] if len(jumps) else lines)
-    except UNREADABLE:
-        return block(self)
-
-
-def _energies(path: Any) -> list[str]:
-    """Return the lines on the work along a path and on what it has lost."""
-    work, losses = np.asarray(path.equilibrium.work), np.asarray(path.jumps.dissipation)
-    if np.isfinite(path.work):
-        lines = [
-            f"  work  {described(path.work)}",
-            f"  lost in {len(losses)} jumps  {_number(losses.sum())}",
-        ]
-    else:
-        known, number = work[np.isfinite(work)][-1], np.isfinite(np.cumsum(losses)).sum()
-        lines = [
-            f"  work until the surfaces fall apart  {_number(known)}",
-            f"  lost in {number} jumps before  {_number(losses[:number].sum())}",
-            "  after that neither is known: a dead load pulls surfaces apart without end",
-        ]
-    if path.unlocated is None:
-        lines[0] += " by quadrature, as version 0.1.0 had it"
-    elif path.unlocated > path.unlocated_error:
-        amount, error = float(path.unlocated), float(path.unlocated_error)
-        lines.append(f"  lost in jumps not located  {amount:.2g} ± {error:.1g}")
-    return lines
-
-
-def _jumps(name: str, jumps: Any) -> dict[str, list[str]]:
-    areas = [state.contact_area for state in (jumps.before, jumps.after)]
-    before, after = (_column(area, lambda part: f"{100 * part:.2f} %") for area in areas)
-    return {
-        name: _column(jumps.load.value, "{:.8g}".format),
-        "kind": _column(jumps.kind.name, str),
-        "dissipation": _column(jumps.dissipation, "{:.4e}".format),
-        "mean pressure": _column(jumps.before.mean_pressure, "{:+.4e}".format),
-        "contact area": before,
-        "after": after,
-    }
-
-
-def _columns(sweep: Any) -> dict[str, list[str]]:
-    equilibrium, stability = sweep.equilibrium, sweep.stability
-    pairs = {} if stability is None else stability.pairs
-    columns = {
-        type(sweep.load).__name__: _column(sweep.load.value, "{:.6g}".format),
-        "mean pressure": _column(equilibrium.mean_pressure, "{:+.4e}".format),
-        "contact area": _column(equilibrium.contact_area, lambda part: f"{100 * part:.2f} %"),
-        **{k.replace("_", " "): _column(x.eigenvalue, "{:+.4e}".format) for k, x in pairs.items()},
-    }
-    solvers = _column(equilibrium.result.name, str)
-    if stability is not None:
-        is_local = np.atleast_1d(stability.is_local)
-        names = zip(_column(stability.verdict.name, str), is_local, strict=True)
-        columns["verdict"] = [f"{name}, locally" if local else name for name, local in names]
-        judged = _column(stability.result.name, str)
-        solvers = [x if x != "successful" else y for x, y in zip(solvers, judged, strict=True)]
-    steps = [_column(x.num_steps, str) for x in (equilibrium, *pairs.values())]
-    return columns | {"steps": list(map(" + ".join, zip(*steps, strict=True))), "solvers": solvers}
-
-
-def _column(values: Any, form: Callable[[Any], str]) -> list[str]:
+def column(values: Any, form: Callable[[Any], str]) -> list[str]:
+    """Return the cells of a column of a table."""
     return [form(value) for value in np.atleast_1d(values).tolist()]
 
 
-def _table(columns: Mapping[str, Iterable[str]]) -> str:
+def table(columns: Mapping[str, Iterable[str]]) -> str:
+    """Return a table of named columns, without its middle if it is long."""
     rows = list(zip(*columns.values(), strict=True))
     if len(rows) > _MOST_ROWS:
         half = _MOST_ROWS // 2
@@ -161,7 +84,7 @@ def described(value: Any) -> str:
         return f"traced {_kind(value)}" if isinstance(value, jax.core.Tracer) else _kind(value)
     numbers = known(value)
     if numbers.size <= 3 and numbers.ndim <= 1:
-        texts = [_number(number) for number in numbers.ravel().tolist()]
+        texts = [number(x) for x in numbers.ravel().tolist()]
         return texts[0] if numbers.ndim == 0 else f"[{', '.join(texts)}]"
     return f"{_kind(value)} {_range(numbers)}"
 
@@ -183,7 +106,7 @@ def text(value: Any) -> str:
     if _is_array(value):
         return described(value)
     if isinstance(value, int | float | complex):
-        return _number(value)
+        return number(value)
     if isinstance(value, eqx.Module) and type(value).__repr__ in (eqx.Module.__repr__, block):
         return inline(value)
     if isinstance(value, tuple | list | dict):
@@ -206,7 +129,8 @@ def _is_array(value: Any) -> bool:
     return all(hasattr(value, name) for name in ("dtype", "shape", "ndim"))
 
 
-def _number(value: Any) -> str:
+def number(value: Any) -> str:
+    """Return a number with six digits at most."""
     return str(value) if isinstance(value, int) else f"{value:.6g}"
 
 

@@ -249,17 +249,3 @@ def _is_progress(loop: Loop[Any], new: Indicators) -> Bool[Array, ""]:
         least = jnp.maximum(max(_LEAST_FALL, rounding) * fall, rounding * jnp.abs(best["energy"]))
         progress |= best["energy"] - new["energy"] > least
     return progress
-
-
-@jax.custom_jvp
-def refuse_derivatives(tree: State) -> State:
-    """Return `tree`, for a loop whose derivatives would be of its steps, not of its answer."""
-    return tree
-
-
-@refuse_derivatives.defjvp
-def _raise(primals: tuple[State], tangents: tuple[State]) -> tuple[State, State]:
-    raise NotImplementedError(
-        "lowest_modes and calibrate cannot be differentiated: apply jax.lax.stop_gradient to what "
-        "goes in, or take the derivatives of equilibrate, assess_stability or critical_load."
-    )

@@ -5,7 +5,7 @@ lane of a batch of which nothing is asked harms no other.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -17,6 +17,8 @@ from jaxtyping import Array, Bool, Float
 
 from jaxstab.core.checks import is_spread, known
 from jaxstab.core.results import SolverError
+
+Tree = TypeVar("Tree")
 
 _UNSOLVED = (
     "its linear system was not solved: it is singular, as at a fold, or nearer to it than the "
@@ -30,6 +32,20 @@ class Obstacle(eqx.Module):
 
     exists: Bool[Array, ""]
     message: str = eqx.field(static=True)
+
+
+@jax.custom_jvp
+def refuse_derivatives(tree: Tree) -> Tree:
+    """Return `tree`, for a loop whose derivatives would be of its steps, not of its answer."""
+    return tree
+
+
+@refuse_derivatives.defjvp
+def _refuse(primals: tuple[Tree], tangents: tuple[Tree]) -> tuple[Tree, Tree]:
+    raise NotImplementedError(
+        "lowest_modes and calibrate cannot be differentiated: apply jax.lax.stop_gradient to what "
+        "goes in, or take the derivatives of equilibrate, assess_stability or critical_load."
+    )
 
 
 def any_exists(obstacles: Sequence[Obstacle]) -> Bool[Array, ""]:

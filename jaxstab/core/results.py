@@ -1,4 +1,4 @@
-"""What a solver, an assessment or a path can say, and how a failure is raised."""
+"""How a solve can end, and how a failure is raised."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -75,26 +75,6 @@ class RESULTS(Enumeration):
     too_many_modes = member(
         "there are fewer admissible directions than modes asked for. Ask for fewer (`count`)"
     )
-
-
-class VERDICTS(Enumeration):
-    """What is known of the stability of an equilibrium."""
-
-    stable = member("every small admissible perturbation raises the energy to second order")
-    held_by_contact = member(
-        "a strict local minimum, since lifting off costs energy at first order; "
-        "beyond a finite barrier lifting off lowers it"
-    )
-    unstable = member("an arbitrarily small admissible perturbation lowers the energy")
-    undecided = member("an eigenvalue is zero to within its error, or a solver did not converge")
-
-
-class KINDS(Enumeration):
-    """Why a branch of equilibria ends."""
-
-    fold = member("the smallest eigenvalue on the free points vanishes")
-    release = member("a contact point lets go, and the energy falls as it opens")
-    touch = member("surfaces that a pull had taken apart come back together")
 
 
 class SolverError(RuntimeError):

@@ -14,7 +14,6 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jaxstab.core import results
 from jaxstab.core.checks import is_traced
 from jaxstab.core.closures import is_bare
 from jaxstab.core.enumeration import Enumeration
@@ -150,7 +149,7 @@ def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> Any:
         return None
     match structure:
         case {"members": str(name), "array": str(array)}:
-            members = vars(results).get(name)
+            members = public(name)
             if not (isinstance(members, type) and issubclass(members, Enumeration)):
                 raise ValueError(f"{name} of the file is no enumeration of jaxstab.")
             _require(array, arrays)

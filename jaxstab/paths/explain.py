@@ -11,10 +11,9 @@ from jaxtyping import Array
 from jaxstab.contact import Contact
 from jaxstab.core.batching import by_lanes
 from jaxstab.core.compile import program
-from jaxstab.core.results import KINDS
 from jaxstab.core.stack import first_entries, stacked
 from jaxstab.loads import Load
-from jaxstab.paths.branch_end.kind import reason_of
+from jaxstab.paths.branch_end.kind import KINDS, reason_of
 from jaxstab.paths.branch_end.release import first_releases
 from jaxstab.paths.path import Jump, Path, States
 from jaxstab.paths.record import Event, Store

@@ -3,14 +3,16 @@
 from dataclasses import replace
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxstab.core import display
-from jaxstab.core.display import block
-from jaxstab.core.results import KINDS, RESULTS
+from jaxstab.core.display import block, column
+from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
+from jaxstab.paths.branch_end.kind import KINDS
 from jaxstab.solids import Solid
 
 
@@ -135,7 +137,8 @@ class Path(eqx.Module):
     unlocated: Float[Array, ""] | None = None
     unlocated_error: Float[Array, ""] | None = None
 
-    __repr__ = display.path
+    def __repr__(self) -> str:
+        return _text(self)
 
     def on_surface(self, solid: Solid) -> "Path":
         """Return the same path with the part of its fields that has a surface opposite to it."""
@@ -156,3 +159,54 @@ class Path(eqx.Module):
             jumps=self.jumps.in_units_of(pressure),
             **{name: value / pressure for name, value in energies.items() if value is not None},
         )
+
+
+def _text(path: "Path") -> str:
+    """Return what a path is in lines, and a table with one line for each of its jumps."""
+    try:
+        loads, jumps = np.asarray(path.load.value), path.jumps
+        name = type(path.load).__name__
+        lines = [
+            f"Path: {name} {display.number(loads[0])} to {display.number(loads[-1])} in "
+            f"{loads.size} states, {len(jumps)} jumps; {path.result.name}",
+            *_energies(path),
+        ]
+        return "\n".join([*lines, display.table(_jumps(name, jumps))] if len(jumps) else lines)
+    except display.UNREADABLE:
+        return display.block(path)
+
+
+def _energies(path: "Path") -> list[str]:
+    """Return the lines on the work along a path and on what it has lost."""
+    work, losses = np.asarray(path.equilibrium.work), np.asarray(path.jumps.dissipation)
+    if np.isfinite(path.work):
+        lines = [
+            f"  work  {display.described(path.work)}",
+            f"  lost in {len(losses)} jumps  {display.number(losses.sum())}",
+        ]
+    else:
+        known, number = work[np.isfinite(work)][-1], np.isfinite(np.cumsum(losses)).sum()
+        lines = [
+            f"  work until the surfaces fall apart  {display.number(known)}",
+            f"  lost in {number} jumps before  {display.number(losses[:number].sum())}",
+            "  after that neither is known: a dead load pulls surfaces apart without end",
+        ]
+    if path.unlocated is None or path.unlocated_error is None:
+        lines[0] += " by quadrature, as version 0.1.0 had it"
+    elif path.unlocated > path.unlocated_error:
+        amount, error = float(path.unlocated), float(path.unlocated_error)
+        lines.append(f"  lost in jumps not located  {amount:.2g} ± {error:.1g}")
+    return lines
+
+
+def _jumps(name: str, jumps: Jump) -> dict[str, list[str]]:
+    areas = [state.contact_area for state in (jumps.before, jumps.after)]
+    before, after = (column(area, lambda part: f"{100 * part:.2f} %") for area in areas)
+    return {
+        name: column(jumps.load.value, "{:.8g}".format),
+        "kind": column(jumps.kind.name, str),
+        "dissipation": column(jumps.dissipation, "{:.4e}".format),
+        "mean pressure": column(jumps.before.mean_pressure, "{:+.4e}".format),
+        "contact area": before,
+        "after": after,
+    }

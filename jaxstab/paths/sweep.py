@@ -15,6 +15,7 @@ from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core import display
 from jaxstab.core.checks import is_transformed, known
 from jaxstab.core.compile import program
+from jaxstab.core.display import column
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
@@ -53,7 +54,8 @@ class Sweep(Stackable, eqx.Module):
     equilibrium: Equilibrium
     stability: Stability | None
 
-    __repr__ = display.sweep
+    def __repr__(self) -> str:
+        return _text(self)
 
 
 def sweep(
@@ -238,3 +240,31 @@ def _result(state: Sweep) -> RESULTS:
         return equilibrium.result
     is_found = equilibrium.result == RESULTS.successful
     return RESULTS.where(is_found, stability.result, equilibrium.result)
+
+
+def _text(sweep: "Sweep") -> str:
+    """Return a table with one line for each load."""
+    try:
+        return display.table(_columns(sweep))
+    except display.UNREADABLE:
+        return display.block(sweep)
+
+
+def _columns(sweep: "Sweep") -> dict[str, list[str]]:
+    equilibrium, stability = sweep.equilibrium, sweep.stability
+    pairs = {} if stability is None else stability.pairs
+    columns = {
+        type(sweep.load).__name__: column(sweep.load.value, "{:.6g}".format),
+        "mean pressure": column(equilibrium.mean_pressure, "{:+.4e}".format),
+        "contact area": column(equilibrium.contact_area, lambda part: f"{100 * part:.2f} %"),
+        **{k.replace("_", " "): column(x.eigenvalue, "{:+.4e}".format) for k, x in pairs.items()},
+    }
+    solvers = column(equilibrium.result.name, str)
+    if stability is not None:
+        is_local = np.atleast_1d(stability.is_local)
+        names = zip(column(stability.verdict.name, str), is_local, strict=True)
+        columns["verdict"] = [f"{name}, locally" if local else name for name, local in names]
+        judged = column(stability.result.name, str)
+        solvers = [x if x != "successful" else y for x, y in zip(solvers, judged, strict=True)]
+    steps = [column(x.num_steps, str) for x in (equilibrium, *pairs.values())]
+    return columns | {"steps": list(map(" + ".join, zip(*steps, strict=True))), "solvers": solvers}

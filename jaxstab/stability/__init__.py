@@ -2,10 +2,10 @@
 
 from jaxstab.stability.assess import assess_stability
 from jaxstab.stability.barrier import Barrier
-from jaxstab.stability.eigenpair import Eigenpair
+from jaxstab.stability.eigenpair import Eigenpair, Minimum
 from jaxstab.stability.lowest_modes import lowest_modes
 from jaxstab.stability.perturb import release
-from jaxstab.stability.solvers.base import ConeSolver, Minimum, SpaceSolver
+from jaxstab.stability.solvers.base import ConeSolver, SpaceSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 from jaxstab.stability.solvers.davidson import Davidson
 from jaxstab.stability.solvers.proximal import ProximalIteration

@@ -19,7 +19,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, total
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import Report, can_be_shown, searches_bar, unseen
-from jaxstab.core.results import RESULTS, VERDICTS, throw_failure
+from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.derivatives import third_derivative
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
@@ -35,6 +35,7 @@ from jaxstab.stability.search import Found, Search
 from jaxstab.stability.solvers.base import ConeSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 from jaxstab.stability.verdict import (
+    VERDICTS,
     Stability,
     describe,
     first_failure,

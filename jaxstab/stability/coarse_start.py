@@ -13,11 +13,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpair import admissible_pair
+from jaxstab.stability.eigenpair import Minimum, admissible_pair
 from jaxstab.stability.lowest_modes import BLOCK_SIZE
 from jaxstab.stability.lowest_pair import cone_starts, on_space
 from jaxstab.stability.ritz import scaled_to_unit
-from jaxstab.stability.solvers.base import Minimum
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 from jaxstab.stability.solvers.davidson import Davidson
 

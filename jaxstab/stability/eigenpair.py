@@ -15,12 +15,30 @@ from jaxstab.core.stack import Stackable
 from jaxstab.solids import Solid
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.ritz import scaled_to_unit
-from jaxstab.stability.solvers.base import Minimum
 
 Admissible = Subspace | AdmissibleCone
 
 # What rounding adds to an eigenvalue's error, in units of the precision and the bound on |A|.
 _ROUNDING = 32
+
+
+class Minimum(eqx.Module):
+    """What a solver found: a vector near a minimiser of the Rayleigh quotient, and at what cost.
+
+    Attributes:
+        vector: the vector, which need not be admissible to the last digit; of a solver on a
+            linear space, a block of them.
+        num_steps: steps taken.
+        num_applications: applications of A and of the preconditioner.
+        result: how the solver ended.
+        history: its indicators as it went.
+    """
+
+    vector: Float[Array, " *grid"]
+    num_steps: Int[Array, ""]
+    num_applications: Int[Array, ""]
+    result: RESULTS
+    history: History
 
 
 class Eigenpair(Stackable, eqx.Module):

@@ -13,7 +13,8 @@ from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import integer, require_key
 from jaxstab.core.compile import program
-from jaxstab.core.loop import refuse_derivatives, solver_or_default
+from jaxstab.core.loop import solver_or_default
+from jaxstab.core.no_derivative import refuse_derivatives
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of

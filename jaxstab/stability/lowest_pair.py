@@ -11,10 +11,10 @@ from jaxtyping import Array, Bool, Int
 from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.core.results import RESULTS
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpair import Eigenpair, measured
+from jaxstab.stability.eigenpair import Eigenpair, Minimum, measured
 from jaxstab.stability.lowest_modes import lowest_pair
 from jaxstab.stability.ritz import norms
-from jaxstab.stability.solvers.base import ConeSolver, Minimum, SpaceSolver
+from jaxstab.stability.solvers.base import ConeSolver, SpaceSolver
 
 # Up to so many points, each contact point that lifts alone is a start too: near full contact on
 # few points others were seen to miss the smallest.

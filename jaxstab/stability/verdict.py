@@ -6,11 +6,24 @@ import equinox as eqx
 from jaxtyping import Array, Bool, Float
 
 from jaxstab.core.display import block
-from jaxstab.core.results import RESULTS, VERDICTS
+from jaxstab.core.enumeration import Enumeration, member
+from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.solids import Solid
 from jaxstab.stability.barrier import Barrier
 from jaxstab.stability.eigenpair import Eigenpair
+
+
+class VERDICTS(Enumeration):
+    """What is known of the stability of an equilibrium."""
+
+    stable = member("every small admissible perturbation raises the energy to second order")
+    held_by_contact = member(
+        "a strict local minimum, since lifting off costs energy at first order; "
+        "beyond a finite barrier lifting off lowers it"
+    )
+    unstable = member("an arbitrarily small admissible perturbation lowers the energy")
+    undecided = member("an eigenvalue is zero to within its error, or a solver did not converge")
 
 
 class Stability(Stackable, eqx.Module):

@@ -4,7 +4,7 @@ Heights are an array or a `Topography`, whose grid is then the one to give.
 """
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import equinox as eqx
 import jax
@@ -16,11 +16,19 @@ from jaxstab.core.checks import are_finite, is_traced, known, numbers, parameter
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.surfaces.topography import Topography
 
-if TYPE_CHECKING:
-    from jaxstab.solids import Solid
-
 # Rounding must not decide which ring a point at its edge belongs to.
 _ROUNDING = 1e-3
+
+
+class Elastic(Protocol):
+    """What is asked of a solid here."""
+
+    @property
+    def grid(self) -> Grid: ...  # noqa: D102
+    @property
+    def is_window(self) -> bool: ...  # noqa: D102
+    def apply(self, displacement: Array, /) -> Array: ...  # noqa: D102
+    def held_by(self, stiffness: ArrayLike, /) -> Any: ...  # noqa: D102
 
 
 def rms_height(heights: Float[Array, " *grid"] | Topography) -> Float[Array, ""]:
@@ -126,7 +134,7 @@ def autocorrelation(grid: Grid, heights: Float[Array, " *grid"] | Topography) ->
 
 
 def full_contact_energy(
-    solid: "Solid", heights: Float[Array, " *grid"] | Topography
+    solid: Elastic, heights: Float[Array, " *grid"] | Topography
 ) -> Float[Array, ""]:
     """Return the elastic energy of full contact per area of the cell.
 
@@ -154,7 +162,7 @@ def full_contact_energy(
 
 
 def effective_work_of_adhesion(
-    solid: "Solid", heights: Float[Array, " *grid"] | Topography, work: ArrayLike
+    solid: Elastic, heights: Float[Array, " *grid"] | Topography, work: ArrayLike
 ) -> Float[Array, ""]:
     """Return w A / A0 - U / A0, what closing the rough interface gains (Persson & Tosatti, 2001).
 
@@ -183,7 +191,7 @@ def effective_work_of_adhesion(
     return true_area * work - full_contact_energy(solid, heights)
 
 
-def _grid_of(solid: "Solid") -> Grid:
+def _grid_of(solid: Elastic) -> Grid:
     grid = getattr(solid, "grid", None)
     if isinstance(solid, Topography) or not isinstance(grid, Grid):
         raise TypeError(

@@ -19,12 +19,13 @@ from jaxstab.contact import Contact
 from jaxstab.core.grid import mean, total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, IterativeSolver
-from jaxstab.core.results import KINDS, RESULTS
+from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.equilibrium import fields_of
 from jaxstab.loads import Control, Load
 from jaxstab.paths.branch_end.fold import FoldNewton
+from jaxstab.paths.branch_end.kind import KINDS
 from jaxstab.paths.branch_end.linearise import Field, Point, Scalar, linearised, point_at
 from jaxstab.paths.branch_end.locate import Limit, limit_of
 from jaxstab.paths.energy import own_energy, smallest_loss, supply_of

@@ -9,12 +9,13 @@ from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact
 from jaxstab.core.display import block
-from jaxstab.core.results import KINDS, RESULTS
+from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import contact_area, fields_of
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.derivatives import differentiable, differentiable_fields
+from jaxstab.paths.branch_end.kind import KINDS
 from jaxstab.paths.branch_end.locate import Limit
 from jaxstab.solids import Solid
 from jaxstab.stability import Eigenpair

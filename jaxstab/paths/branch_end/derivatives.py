@@ -10,10 +10,10 @@ from jaxstab.contact import Contact
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import attach, finite, pushed
 from jaxstab.core.no_derivative import Obstacle, any_exists
-from jaxstab.core.results import KINDS
 from jaxstab.equilibrium.derivatives import changing_points
 from jaxstab.equilibrium.equilibrium import Fields, fields_of
 from jaxstab.loads import Load
+from jaxstab.paths.branch_end.kind import KINDS
 from jaxstab.paths.branch_end.linearise import (
     Field,
     Scalar,

@@ -13,10 +13,10 @@ from jaxstab.contact import Contact
 from jaxstab.core.compile import first_good
 from jaxstab.core.history import History
 from jaxstab.core.loop import Iteration
-from jaxstab.core.results import KINDS, RESULTS
+from jaxstab.core.results import RESULTS
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.fold import FoldNewton
-from jaxstab.paths.branch_end.kind import reason_of
+from jaxstab.paths.branch_end.kind import KINDS, reason_of
 from jaxstab.paths.branch_end.linearise import Point, point_at
 from jaxstab.paths.branch_end.release import (
     Held,

@@ -2,33 +2,12 @@
 
 from abc import abstractmethod
 
-import equinox as eqx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
-from jaxstab.core.history import History
 from jaxstab.core.loop import IterativeSolver
-from jaxstab.core.results import RESULTS
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-
-
-class Minimum(eqx.Module):
-    """What a solver found: a vector near a minimiser of the Rayleigh quotient, and at what cost.
-
-    Attributes:
-        vector: the vector, which need not be admissible to the last digit; of a solver on a
-            linear space, a block of them.
-        num_steps: steps taken.
-        num_applications: applications of A and of the preconditioner.
-        result: how the solver ended.
-        history: its indicators as it went.
-    """
-
-    vector: Float[Array, " *grid"]
-    num_steps: Int[Array, ""]
-    num_applications: Int[Array, ""]
-    result: RESULTS
-    history: History
+from jaxstab.stability.eigenpair import Minimum
 
 
 class ConeSolver(IterativeSolver):

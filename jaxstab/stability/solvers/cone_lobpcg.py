@@ -16,13 +16,13 @@ from jaxstab.core.history import History, Indicators
 from jaxstab.core.loop import Iteration, optional_parameter
 from jaxstab.core.results import RESULTS
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.eigenpair import descended, projected_residual
+from jaxstab.stability.eigenpair import Minimum, descended, projected_residual
 from jaxstab.stability.ritz import (
     combination,
     rayleigh_ritz,
     scaled_to_unit,
 )
-from jaxstab.stability.solvers.base import ConeSolver, Minimum
+from jaxstab.stability.solvers.base import ConeSolver
 from jaxstab.stability.solvers.rounds import ROUNDS, places, winner
 
 # Lengths of a step, each a third of the last, before it is given up.

@@ -20,6 +20,7 @@ from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import optional_parameter
 from jaxstab.stability.cones import Subspace
+from jaxstab.stability.eigenpair import Minimum
 from jaxstab.stability.ritz import (
     combination,
     combinations,
@@ -27,7 +28,7 @@ from jaxstab.stability.ritz import (
     norms,
     rayleigh_ritz,
 )
-from jaxstab.stability.solvers.base import Minimum, SpaceSolver
+from jaxstab.stability.solvers.base import SpaceSolver
 
 # Residuals by which a step widens its space.
 _NUM_RESIDUALS = 3

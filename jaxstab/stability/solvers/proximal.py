@@ -22,8 +22,8 @@ from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import optional_parameter
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.eigenpair import admissible_pair, descended, unit_vector
-from jaxstab.stability.solvers.base import ConeSolver, Minimum
+from jaxstab.stability.eigenpair import Minimum, admissible_pair, descended, unit_vector
+from jaxstab.stability.solvers.base import ConeSolver
 
 
 class _State(eqx.Module):

@@ -8,9 +8,8 @@ from jaxstab.contact.hessian import SymmetricOperator
 from jaxstab.core.loop import Iteration
 from jaxstab.core.results import RESULTS
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.eigenpair import descended
+from jaxstab.stability.eigenpair import Minimum, descended
 from jaxstab.stability.ritz import norms
-from jaxstab.stability.solvers.base import Minimum
 
 # Steps in each round, and how many may go on to the next.
 ROUNDS = ((4, 12), (8, 3), (10, 3), (15, 3), (25, 3), (40, 3), (60, 3), (2**31 - 1, 1))

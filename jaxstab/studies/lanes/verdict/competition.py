@@ -11,7 +11,7 @@ from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core.loop import Iteration, Loop
 from jaxstab.core.pause import Pause
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.solvers.base import Minimum
+from jaxstab.stability.eigenpair import Minimum
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG, descend, entry
 from jaxstab.stability.solvers.rounds import ROUNDS, places, winner
 

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import pytest
 import SurfaceTopography
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "```python" in path.read_text())
 # A block of Python, and the block of text after it, if there is one, which is what it prints.
