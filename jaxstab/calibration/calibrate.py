@@ -31,6 +31,7 @@ from jaxstab.core.history import History
 from jaxstab.core.no_derivative import refuse_derivatives
 from jaxstab.core.progress import advance, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.types import Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
 from jaxstab.equilibrium.window import whole_start
@@ -67,8 +68,8 @@ class Calibration(eqx.Module):
     standard_errors: Any
     covariance: Float[Array, "parameters parameters"]
     mean_pressure: Curve
-    loss: Float[Array, ""]
-    residual: Float[Array, ""]
+    loss: Scalar
+    residual: Scalar
     num_steps: Int[Array, ""]
     result: RESULTS
     history: History

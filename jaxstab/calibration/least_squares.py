@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, IterativeSolver, Loop
+from jaxstab.core.types import Flag, Scalar
 from jaxstab.loads import Load
 
 # Imported where it is used, since that takes a while.
@@ -71,10 +72,10 @@ class State(eqx.Module):
     misfit: Curve
     jacobian: Float[Array, "loads parameters"]
     # The largest change by the step that led here, or by one that was not taken.
-    reach: Float[Array, ""]
+    reach: Scalar
 
     @property
-    def loss(self) -> Float[Array, ""]:
+    def loss(self) -> Scalar:
         """Half the sum of squared misfits."""
         return jnp.sum(self.misfit**2) / 2
 
@@ -100,7 +101,7 @@ class LeastSquares(IterativeSolver):
     tolerance lowers it.
     """
 
-    tolerance: Float[Array, ""] | None
+    tolerance: Scalar | None
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray)
     optimizer: "optax.GradientTransformation | None" = eqx.field(static=True)
     order: Order = eqx.field(static=True)
@@ -158,7 +159,7 @@ class LeastSquares(IterativeSolver):
         )
         return self.iterate(step, measure, begun)
 
-    def _is_stalled(self, loop: Loop[State]) -> Bool[Array, ""]:
+    def _is_stalled(self, loop: Loop[State]) -> Flag:
         return super()._is_stalled(loop) | (loop.state.reach < self._goal(loop))
 
 
@@ -197,7 +198,7 @@ def _optimised(
     optimizer = optax.with_extra_args_support(optimizer)
 
     @jax.custom_jvp
-    def loss(free: Values) -> Float[Array, ""]:
+    def loss(free: Values) -> Scalar:
         return state_at(free, None).loss
 
     @loss.defjvp

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike
 
 from jaxstab import potentials
 from jaxstab.contact.hessian import Hessian
@@ -21,6 +21,7 @@ from jaxstab.core.checks import cast, is_spread, is_traced, numbers, require_fin
 from jaxstab.core.compile import make_room, program
 from jaxstab.core.display import block
 from jaxstab.core.grid import Grid
+from jaxstab.core.types import Field, FieldMap, Flag, Scalar
 from jaxstab.loads import Control, Load
 from jaxstab.potentials import (
     Potential,
@@ -32,7 +33,7 @@ from jaxstab.potentials import (
     with_fields,
 )
 from jaxstab.potentials.profile import Profile, profile_of, require_smooth
-from jaxstab.solids import FieldMap, Solid, mirrored, padded, where_window
+from jaxstab.solids import Solid, mirrored, padded, where_window
 from jaxstab.surfaces import Topography, suspicion, units
 
 # How far below a surface that ends the solid may sink beyond it, over the surface's depth.
@@ -69,7 +70,7 @@ class Contact(eqx.Module):
     """
 
     solid: Solid
-    heights: Float[Array, " *grid"]
+    heights: Field
     potential: Potential
     unit: str | None = eqx.field(static=True)
 
@@ -117,7 +118,7 @@ class Contact(eqx.Module):
         require_smooth(self.profile)
 
     @property
-    def has_core(self) -> Bool[Array, ""] | bool:
+    def has_core(self) -> Flag | bool:
         """Whether the potential rises without bound as a gap closes, so that none ever does."""
         law = self.potential
         known = law.has_core if isinstance(law, potentials.Scaled) else None
@@ -140,12 +141,12 @@ class Contact(eqx.Module):
         return self.solid.grid
 
     @property
-    def area(self) -> Float[Array, ""]:
+    def area(self) -> Scalar:
         """That of the surface [length^2]; on a line its length [length]."""
         return (self.grid.area * self.solid.share).astype(self.heights.dtype)
 
     @property
-    def resolution(self) -> Float[Array, ""]:
+    def resolution(self) -> Scalar:
         """Stiffness of the grid's shortest wave over the largest |f''| where the law attracts.
 
         Below 1 the grid pins contact edges, and jumps between its points are artefacts. The tension
@@ -157,12 +158,12 @@ class Contact(eqx.Module):
         return self.solid.max_stiffness / self.profile.max_curvature
 
     @property
-    def is_valid(self) -> Bool[Array, ""]:
+    def is_valid(self) -> Flag:
         """Whether heights are finite and the solid is a possible one, also where traced."""
         return jnp.all(jnp.isfinite(self.heights)) & self.solid.is_valid
 
     @property
-    def own_pressure(self) -> Float[Array, ""]:
+    def own_pressure(self) -> Scalar:
         """The unit of pressure that suits the problem, a power of two: squares keep the range.
 
         It is about what the stiffest wave takes to move by the height of the surface.
@@ -173,7 +174,7 @@ class Contact(eqx.Module):
         _, exponent = jnp.frexp(jax.lax.stop_gradient(height * stiffness))
         return jnp.ldexp(jnp.ones((), height.dtype), exponent)
 
-    def in_units_of(self, pressure: Float[Array, ""], has_core: bool | None = None) -> "Contact":
+    def in_units_of(self, pressure: Scalar, has_core: bool | None = None) -> "Contact":
         """Return the same contact with pressures in another unit; lengths stay.
 
         What is known of its core goes with it, and need not be compiled for.
@@ -182,20 +183,20 @@ class Contact(eqx.Module):
         law = potentials.Scaled(self.potential, 1 / pressure, has_core)
         return eqx.tree_at(lambda contact: (contact.solid, contact.potential), self, (solid, law))
 
-    def in_own_units(self) -> tuple["Contact", Float[Array, ""]]:
+    def in_own_units(self) -> tuple["Contact", Scalar]:
         """Return the same contact with pressures in a unit of its own, and that unit."""
         unit, has_core = self.own_pressure, self.has_core
         return self.in_units_of(unit, None if is_traced(has_core) else bool(has_core)), unit
 
-    def gap(self, displacement: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    def gap(self, displacement: Field) -> Field:
         """Return g = u - h (Rey & Bleyer, eq. 2) [length]."""
         return displacement - self.heights
 
-    def displacement(self, gap: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    def displacement(self, gap: Field) -> Field:
         """Return u = g + h [length]."""
         return gap + self.heights
 
-    def energy(self, gap: Float[Array, " *grid"]) -> Float[Array, ""]:
+    def energy(self, gap: Field) -> Scalar:
         """Return the potential energy of the surface (Rey & Bleyer, eq. 5) [energy]."""
         elastic = self.solid.held_by(0).energy(self.displacement(gap))
         adhesive = jnp.sum(energy_density(self.potential, gap)) * self.grid.cell_area
@@ -206,12 +207,12 @@ class Contact(eqx.Module):
         """The map from a gap to K u + f'(g) [pressure], K prepared once, here."""
         solid = self.solid.held_by(0)
 
-        def gradient(gap: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+        def gradient(gap: Field) -> Field:
             return solid.apply(self.displacement(gap)) + slope(self.potential, gap)
 
         return gradient
 
-    def curvature(self, gap: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    def curvature(self, gap: Field) -> Field:
         """Return f''(g), the diagonal of D (Rey & Bleyer, eq. 24) [pressure/length]."""
         return curvature(self.potential, gap)
 
@@ -219,7 +220,7 @@ class Contact(eqx.Module):
         """Return what a load asks of the gap here."""
         return load.control(self.solid, self.heights)
 
-    def hessian(self, gap: Float[Array, " *grid"], control: Control | None = None) -> Hessian:
+    def hessian(self, gap: Field, control: Control | None = None) -> Hessian:
         """Return the operator A = K + D (Rey & Bleyer, eq. 24) [pressure/length].
 
         Under a control K includes what the load is stiff; by default that is nothing.
@@ -228,11 +229,11 @@ class Contact(eqx.Module):
         return Hessian(self.solid, self.curvature(gap), stiffness)
 
     @property
-    def conforming_pressure(self) -> Float[Array, ""]:
+    def conforming_pressure(self) -> Scalar:
         """Rms elastic pressure that full contact takes, |K h| [pressure]: the problem's scale."""
         return conforming_pressure(self.solid, self.heights)
 
-    def balance(self, control: Control) -> Callable[[Float[Array, " *grid"]], Balance]:
+    def balance(self, control: Control) -> Callable[[Field], Balance]:
         """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
         escape = control.escape_gap(self.profile)
         return balance_of(self.solid, self.heights, self.potential, control, escape)

@@ -4,10 +4,11 @@ from abc import abstractmethod
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from jaxstab.core.grid import total
-from jaxstab.solids import FieldMap, Solid, apart_from_mean
+from jaxstab.core.types import Field, FieldMap, Mask, Scalar
+from jaxstab.solids import Solid, apart_from_mean
 
 # Several fields along a leading axis.
 Block = Float[Array, "block *grid"]
@@ -22,17 +23,15 @@ class SymmetricOperator(eqx.Module):
             to.
     """
 
-    bound: eqx.AbstractVar[Float[Array, ""]]
-    scale: eqx.AbstractVar[Float[Array, ""]]
+    bound: eqx.AbstractVar[Scalar]
+    scale: eqx.AbstractVar[Scalar]
 
     @abstractmethod
-    def __call__(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    def __call__(self, field: Field) -> Field:
         """Apply the operator A."""
 
     @abstractmethod
-    def preconditioner(
-        self, mode: Float[Array, " *grid"], eigenvalue: Float[Array, ""]
-    ) -> FieldMap:
+    def preconditioner(self, mode: Field, eigenvalue: Scalar) -> FieldMap:
         """Return a positive operator that is roughly (A - lambda)^-1.
 
         Arguments:
@@ -52,18 +51,18 @@ class Hessian(SymmetricOperator):
     """
 
     solid: Solid
-    curvature: Float[Array, " *grid"]
-    stiffness: Float[Array, ""] | None
-    mask: Bool[Array, " *grid"] | None
-    bound: Float[Array, ""]
-    scale: Float[Array, ""]
+    curvature: Field
+    stiffness: Scalar | None
+    mask: Mask | None
+    bound: Scalar
+    scale: Scalar
 
     def __init__(
         self,
         solid: Solid,
-        curvature: Float[Array, " *grid"],
-        stiffness: Float[Array, ""] | None = None,
-        mask: Bool[Array, " *grid"] | None = None,
+        curvature: Field,
+        stiffness: Scalar | None = None,
+        mask: Mask | None = None,
     ):
         self.solid = solid.held_by(0 if stiffness is None else stiffness)
         self.curvature = curvature if mask is None else jnp.where(mask, curvature, 0)
@@ -77,17 +76,15 @@ class Hessian(SymmetricOperator):
         # Points of large f'' take no part in lower modes, nor does what is stiffly held.
         self.scale = jnp.maximum(stiffest, softening)
 
-    def __call__(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    def __call__(self, field: Field) -> Field:
         """Return A x, at the price of one application of K."""
         return self.solid.apply(field) + self.curvature * field
 
-    def restricted(self, mask: Bool[Array, " *grid"]) -> "Hessian":
+    def restricted(self, mask: Mask) -> "Hessian":
         """Return an operator that does the same to fields which vanish outside the mask, there."""
         return Hessian(self.solid, self.curvature, self.stiffness, mask)
 
-    def preconditioner(
-        self, mode: Float[Array, " *grid"], eigenvalue: Float[Array, ""]
-    ) -> FieldMap:
+    def preconditioner(self, mode: Field, eigenvalue: Scalar) -> FieldMap:
         """Return F (K + s)^-1 F, s the elastic part x.Kx of the eigenvalue.
 
         F = (1 + (f'' - lambda - s) / s)^-1/2 where f'' is above lambda + s, 1 elsewhere: a mode
@@ -100,7 +97,7 @@ class Hessian(SymmetricOperator):
         inverse = self.inverse(shift)
         return lambda field: share * inverse(share * field)
 
-    def inverse(self, shift: Float[Array, ""]) -> FieldMap:
+    def inverse(self, shift: Scalar) -> FieldMap:
         """Return roughly the inverse of K + shift on fields that vanish outside the mask."""
         inverse, stiffness = self.solid.precondition(shift), self.stiffness
         if stiffness is None:

@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
 
 from jaxstab.core.grid import total
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads import Control
 from jaxstab.potentials import Potential, derivatives
 from jaxstab.solids import Solid
@@ -41,21 +41,21 @@ class Balance(eqx.Module):
         has_escaped: whether the load has pulled the surfaces apart for good.
     """
 
-    net: Float[Array, " *grid"]
-    curvature: Float[Array, " *grid"]
-    elastic_energy: Float[Array, ""]
-    adhesion: Float[Array, ""]
-    residual: Float[Array, ""]
-    has_escaped: Bool[Array, ""]
+    net: Field
+    curvature: Field
+    elastic_energy: Scalar
+    adhesion: Scalar
+    residual: Scalar
+    has_escaped: Flag
 
 
 def balance_of(
     solid: Solid,
-    heights: Float[Array, " *grid"],
+    heights: Field,
     potential: Potential,
     control: Control,
-    escape: Float[Array, ""],
-) -> Callable[[Float[Array, " *grid"]], Balance]:
+    escape: Scalar,
+) -> Callable[[Field], Balance]:
     """Return the map from a gap, nowhere negative, to how far it is from equilibrium.
 
     Arguments:
@@ -71,7 +71,7 @@ def balance_of(
     spread = jnp.max(jnp.abs(heights))
     rounding = _ROUNDING[heights.dtype.name] * float(jnp.finfo(heights.dtype).eps)
 
-    def balance(gap: Float[Array, " *grid"]) -> Balance:
+    def balance(gap: Field) -> Balance:
         # Less that of one point: K ignores a constant, but would lose digits to it.
         displacement = gap - gap.ravel()[0] + heights
         elastic = held.apply(displacement)
@@ -106,15 +106,13 @@ def balance_of(
     return balance
 
 
-def conforming_pressure(solid: Solid, heights: Float[Array, " *grid"]) -> Float[Array, ""]:
+def conforming_pressure(solid: Solid, heights: Field) -> Scalar:
     """Return the rms elastic pressure that full contact takes, |K h| [pressure]."""
     heights = solid.flush(heights)
     pressure = solid.held_by(0).apply(heights - jnp.mean(heights))
     return jnp.sqrt(jnp.mean(pressure**2))
 
 
-def missed_pressure(
-    net: Float[Array, " *grid"], gap: Float[Array, " *grid"]
-) -> Float[Array, " *grid"]:
+def missed_pressure(net: Field, gap: Field) -> Field:
     """Return what of the net pressure is out of balance [pressure]."""
     return jnp.where(gap > 0, net, jnp.minimum(net, 0))

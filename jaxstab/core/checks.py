@@ -13,6 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from jaxstab.core.types import Scalar
+
 
 def is_traced(value: Any) -> bool:
     """Whether any leaf of `value` is a JAX tracer, so that its numbers are not known yet."""
@@ -77,7 +79,7 @@ def numbers(value: Any, name: str) -> Float[Array | np.ndarray, "..."]:
     return known(value).astype(float)
 
 
-def scalar_parameter(value: Any, name: str) -> Float[Array, ""]:
+def scalar_parameter(value: Any, name: str) -> Scalar:
     """Return a parameter that must be a single number.
 
     Raises:

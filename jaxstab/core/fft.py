@@ -12,12 +12,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax.sharding import AbstractMesh, Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Complex
+
+from jaxstab.core.types import Field
 
 
-def transform(
-    field: Float[Array, " *grid"], sharding: NamedSharding | None
-) -> Complex[Array, " *modes"]:
+def transform(field: Field, sharding: NamedSharding | None) -> Complex[Array, " *modes"]:
     """Return the half spectrum of a field, of which the devices hold rows if it is spread."""
     if sharding is None:
         return jnp.fft.rfftn(field)
@@ -33,7 +33,7 @@ def transform(
 
 def inverse_transform(
     modes: Complex[Array, " *modes"], shape: tuple[int, ...], sharding: NamedSharding | None
-) -> Float[Array, " *grid"]:
+) -> Field:
     """Return the field of a shape from its half spectrum."""
     if sharding is None:
         return jnp.fft.irfftn(modes, s=shape)

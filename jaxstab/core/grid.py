@@ -13,11 +13,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import NamedSharding
-from jaxtyping import Array, ArrayLike, Bool, Complex, Float, Shaped
+from jaxtyping import Array, ArrayLike, Complex, Float, Shaped
 
 from jaxstab.core import fft
 from jaxstab.core.checks import array, integer, is_traced, known, parameter, require_positive
 from jaxstab.core.display import inline
+from jaxstab.core.types import Field, Mask, Scalar
 
 # Fewer sums are faster one by one: each addition in a pass waits for the last.
 _LEAST_IN_A_PASS = 5
@@ -89,19 +90,19 @@ class Grid(eqx.Module):
 
     @property
     @jax.jit
-    def cell_area(self) -> Float[Array, ""]:
+    def cell_area(self) -> Scalar:
         """Area that one point stands for [length^2]; on a line, its length [length]."""
         return jnp.prod(self.spacing)
 
     @property
     @jax.jit
-    def area(self) -> Float[Array, ""]:
+    def area(self) -> Scalar:
         """Area of the cell [length^2]; on a line, its length [length]."""
         return jnp.prod(self.lengths)
 
     @property
     @jax.jit
-    def coordinates(self) -> tuple[Float[Array, " *grid"], ...]:
+    def coordinates(self) -> tuple[Field, ...]:
         """Coordinates of every point [length], one array for each side."""
         sides = [jnp.arange(n) * dx for n, dx in zip(self.shape, self.spacing, strict=True)]
         return tuple(map(self.placed, jnp.meshgrid(*sides, indexing="ij")))
@@ -120,14 +121,14 @@ class Grid(eqx.Module):
             return jax.lax.with_sharding_constraint(field, sharding)
         return jax.device_put(field, sharding)
 
-    def transform(self, field: Float[Array, " *grid"]) -> Complex[Array, " *modes"]:
+    def transform(self, field: Field) -> Complex[Array, " *modes"]:
         """Return the half spectrum of a field: that of `rfftn`.
 
         On several devices its axes are swapped, and last come waves that do not count.
         """
         return fft.transform(field, self.sharding)
 
-    def inverse_transform(self, modes: Complex[Array, " *modes"]) -> Float[Array, " *grid"]:
+    def inverse_transform(self, modes: Complex[Array, " *modes"]) -> Field:
         """Return the field of a half spectrum."""
         return fft.inverse_transform(modes, self.shape, self.sharding)
 
@@ -179,7 +180,7 @@ class Grid(eqx.Module):
         return np.pad(column, (0, count - column.size), mode)
 
 
-def resample(field: Float[Array, " *grid"], shape: tuple[int, ...]) -> Float[Array, " *finer"]:
+def resample(field: Field, shape: tuple[int, ...]) -> Float[Array, " *finer"]:
     """Return a periodic field on another number of points, through its Fourier series.
 
     Its waves are those that both numbers of points resolve, a wave of two points as a cosine.
@@ -196,14 +197,14 @@ def resample(field: Float[Array, " *grid"], shape: tuple[int, ...]) -> Float[Arr
     return scale * field
 
 
-def total(field: Float[Array, " *grid"]) -> Float[Array, ""]:
+def total(field: Field) -> Scalar:
     """Return the sum of a field; by products with ones, which on the CPU is the fastest way."""
     for length in field.shape[::-1]:
         field = jnp.matmul(field, jnp.ones(length, field.dtype), precision="highest")
     return field
 
 
-def totals(fields: Sequence[Float[Array, " *grid"]]) -> Float[Array, " fields"]:
+def totals(fields: Sequence[Field]) -> Float[Array, " fields"]:
     """Return the sums of several fields, which may be products; of many, in one pass over all."""
     if len(fields) < _LEAST_IN_A_PASS:
         return jnp.stack([total(field) for field in fields])
@@ -216,17 +217,17 @@ def totals(fields: Sequence[Float[Array, " *grid"]]) -> Float[Array, " fields"]:
     return jax.vmap(total)(rows) if rows.ndim > 1 else rows
 
 
-def mean(field: Float[Array, " *grid"]) -> Float[Array, ""]:
+def mean(field: Field) -> Scalar:
     """Return the mean of a field."""
     return total(field) / field.size
 
 
-def mean_over(mask: Bool[Array, " *grid"], field: Float[Array, " *grid"]) -> Float[Array, ""]:
+def mean_over(mask: Mask, field: Field) -> Scalar:
     """Return the mean of a field over a mask, zero over none."""
     count = jnp.maximum(total(mask.astype(field.dtype)), 1)
     return total(jnp.where(mask, field, 0)) / count
 
 
-def centred(field: Float[Array, " *grid"], mask: Bool[Array, " *grid"]) -> Float[Array, " *grid"]:
+def centred(field: Field, mask: Mask) -> Field:
     """Return the field less its mean over the mask, zero outside the mask."""
     return jnp.where(mask, field - mean_over(mask, field), 0)

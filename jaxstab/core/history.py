@@ -11,8 +11,9 @@ from jaxtyping import Array, Float, Int
 
 from jaxstab.core import display
 from jaxstab.core.stack import Stackable
+from jaxstab.core.types import Scalar
 
-Indicators = dict[str, Float[Array, ""]]
+Indicators = dict[str, Scalar]
 
 _HISTORY_LENGTH = 512
 
@@ -51,7 +52,7 @@ class History(Stackable, eqx.Module):
         """The indicators at these steps."""
         return {name: self.table[..., 1 + i] for i, name in enumerate(self.names)}
 
-    def scaled(self, **factors: Float[Array, ""]) -> "History":
+    def scaled(self, **factors: Scalar) -> "History":
         """Return the history with some of its indicators, if they are there, times a factor."""
         dtype = self.table.dtype
         columns = [jnp.asarray(factors.get(name, 1), dtype) for name in ("step", *self.names)]

@@ -16,14 +16,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from jaxstab.core.grid import total
 from jaxstab.core.no_derivative import entering, leaving, nan_if_nan, nan_or, nan_where
+from jaxstab.core.types import Field, FieldMap, Flag, Scalar
 
 Tree = TypeVar("Tree")
-Field = Float[Array, " *grid"]
-FieldMap = Callable[[Field], Field]
 # Maps values, what is known of them, inputs and changes of these (None for none) to the changes of
 # the values, linearly, and to a list of `Obstacle`s for all of them or for each.
 Rule = Callable[[Any, Any, Any, Any], tuple[Any, Any]]
@@ -68,7 +67,7 @@ def _differentiate(rule: Rule, throw: bool, primals: tuple, tangents: tuple) -> 
 @partial(jax.jit, static_argnums=0)
 def _changes(
     rule: Rule, values: Tree, known: Any, inputs: Any, changes: Any, outside: Any
-) -> tuple[Tree, Any, Float[Array, ""]]:
+) -> tuple[Tree, Any, Scalar]:
     """Return the changes of the values, their obstacles, and NaN if there is any outside or zero.
 
     Arguments:
@@ -85,7 +84,7 @@ def _changes(
     return moved, obstacles, nan_if_nan(asked)
 
 
-def _asked(inputs: Any, changes: Any) -> Float[Array, ""]:
+def _asked(inputs: Any, changes: Any) -> Scalar:
     """Return a linear function of changes, whose derivatives do not vanish either."""
     asked = jnp.array(0.0)
     for change, leaf in zip(
@@ -118,7 +117,7 @@ def _is_none(leaf: Any) -> bool:
     return leaf is None
 
 
-def finite(is_found: Bool[Array, ""], tree: Tree) -> Tree:
+def finite(is_found: Flag, tree: Tree) -> Tree:
     """Return a tree as it is, or where nothing was found other floating-point numbers.
 
     These are sound as parameters of a law or a solid too, and as a field without symmetry.
@@ -157,7 +156,7 @@ class LinearSystem(eqx.Module):
     def differentiable_solution(
         self,
         right_side: Field,
-        is_sound: Callable[[Field, Field], Bool[Array, ""]] = lambda x, b: jnp.array(True),
+        is_sound: Callable[[Field, Field], Flag] = lambda x, b: jnp.array(True),
     ) -> Field:
         """Return x, as a differentiable function of A and b in both modes; NaN if not solved.
 
@@ -179,7 +178,7 @@ class LinearSystem(eqx.Module):
         x = jax.lax.custom_linear_solve(apply, right_side, solve, symmetric=True)
         return self.project(x)
 
-    def solution(self, right_side: Field) -> tuple[Field, Bool[Array, ""]]:
+    def solution(self, right_side: Field) -> tuple[Field, Flag]:
         """Return x by preconditioned conjugate gradients, and whether it solves the system.
 
         Where A is not positive the method may break down, and says so.
@@ -188,7 +187,7 @@ class LinearSystem(eqx.Module):
         b = self.project(right_side)
         tolerance = _TOLERANCE[b.dtype.name] ** 2 * total(b**2)
 
-        def goes_on(state: _State) -> Bool[Array, ""]:
+        def goes_on(state: _State) -> Flag:
             return (total(state.residual**2) > tolerance) & (state.num_steps < _MAX_STEPS)
 
         def step(state: _State) -> _State:
@@ -216,5 +215,5 @@ class _State(eqx.Module):
     solution: Field
     residual: Field
     direction: Field
-    norm: Float[Array, ""]
+    norm: Scalar
     num_steps: Int[Array, ""]

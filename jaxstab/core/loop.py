@@ -8,12 +8,13 @@ from typing import Any, ClassVar, Generic, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.core.checks import parameter, require, require_positive
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.pause import Pause
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Flag, Scalar
 
 State = TypeVar("State")
 Solver = TypeVar("Solver")
@@ -25,7 +26,7 @@ _ROUNDING = 10
 _NO_LIMIT = 2**31 - 1
 
 
-def optional_parameter(value: ArrayLike | None) -> Float[Array, ""] | None:
+def optional_parameter(value: ArrayLike | None) -> Scalar | None:
     """Return `value` as a floating-point array, None as None."""
     return None if value is None else parameter(value)
 
@@ -51,7 +52,7 @@ class Iteration(eqx.Module, Generic[State]):
     """The outcome of `iterate`."""
 
     state: State
-    residual: Float[Array, ""]
+    residual: Scalar
     num_steps: Int[Array, ""]
     result: RESULTS
     history: History
@@ -72,7 +73,7 @@ class Loop(eqx.Module, Generic[State]):
     """
 
     state: State
-    residual: Float[Array, ""]
+    residual: Scalar
     num_steps: Int[Array, ""]
     num_before: Int[Array, ""]
     first: Indicators
@@ -98,7 +99,7 @@ class IterativeSolver(eqx.Module):
         ValueError: if tolerance or step limit is not positive.
     """
 
-    tolerance: eqx.AbstractVar[Float[Array, ""] | None]
+    tolerance: eqx.AbstractVar[Scalar | None]
     max_steps: eqx.AbstractVar[Int[Array, ""]]
 
     default_tolerance: ClassVar[Mapping[str, float]]
@@ -110,7 +111,7 @@ class IterativeSolver(eqx.Module):
             require_positive("The tolerance", self.tolerance)
         require("max_steps", self.max_steps, self.max_steps > 0, "it must be positive.")
 
-    def tolerance_in(self, dtype: jnp.dtype) -> Float[Array, ""] | float:
+    def tolerance_in(self, dtype: jnp.dtype) -> Scalar | float:
         """Return the residual to reach in a precision."""
         if self.tolerance is not None:
             return self.tolerance
@@ -206,7 +207,7 @@ class IterativeSolver(eqx.Module):
                 lambda loop: ~self.is_over(loop) & (loop.num_steps < limit), advance, loop
             )
 
-    def is_over(self, loop: Loop[Any]) -> Bool[Array, ""]:
+    def is_over(self, loop: Loop[Any]) -> Flag:
         """Return whether a loop has come to its end."""
         unfinished = (loop.residual > self._goal(loop)) & jnp.isfinite(loop.residual)
         has_steps = loop.num_steps < self.max_steps - loop.num_before
@@ -233,14 +234,14 @@ class IterativeSolver(eqx.Module):
             return self.outcome(self.go_on(step, measure, begin(), max_steps))
         return self.outcome(pause.go_on(partial(self.go_on, step, measure), begin))
 
-    def _goal(self, loop: Loop[Any]) -> Float[Array, ""] | float:
+    def _goal(self, loop: Loop[Any]) -> Scalar | float:
         return self.tolerance_in(loop.residual.dtype)
 
-    def _is_stalled(self, loop: Loop[Any]) -> Bool[Array, ""]:
+    def _is_stalled(self, loop: Loop[Any]) -> Flag:
         return loop.num_steps > self.patience + 2 * loop.best_step
 
 
-def _is_progress(loop: Loop[Any], new: Indicators) -> Bool[Array, ""]:
+def _is_progress(loop: Loop[Any], new: Indicators) -> Flag:
     first, best = loop.first, loop.best
     progress = new["residual"] < _STALL_FACTOR * best["residual"]
     if "energy" in new:

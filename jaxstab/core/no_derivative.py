@@ -13,10 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from jaxstab.core.checks import is_spread, known
 from jaxstab.core.results import SolverError
+from jaxstab.core.types import Flag, Scalar
 
 Tree = TypeVar("Tree")
 
@@ -30,7 +31,7 @@ _UNSOLVED = (
 class Obstacle(eqx.Module):
     """A reason why a derivative does not exist: whether it is there, and how to say it."""
 
-    exists: Bool[Array, ""]
+    exists: Flag
     message: str = eqx.field(static=True)
 
 
@@ -48,19 +49,17 @@ def _refuse(primals: tuple[Tree], tangents: tuple[Tree]) -> tuple[Tree, Tree]:
     )
 
 
-def any_exists(obstacles: Sequence[Obstacle]) -> Bool[Array, ""]:
+def any_exists(obstacles: Sequence[Obstacle]) -> Flag:
     """Return whether there is any reason."""
     return jnp.any(jnp.stack([obstacle.exists for obstacle in obstacles]))
 
 
-def nan_where(is_refused: Bool[Array, ""], cause: Array, effect: Array) -> Array:
+def nan_where(is_refused: Flag, cause: Array, effect: Array) -> Array:
     """Return an effect, linear in its cause, or NaN where it is refused and not of nothing."""
     return jnp.where(is_refused & jnp.any(cause != 0), jnp.nan, effect)
 
 
-def nan_or(
-    change: Array, obstacles: Sequence[Obstacle], asked: Float[Array, ""]
-) -> Float[Array, "..."]:
+def nan_or(change: Array, obstacles: Sequence[Obstacle], asked: Scalar) -> Float[Array, "..."]:
     """Return a tangent, in both modes of differentiation, or NaN where there is an obstacle.
 
     Arguments:
@@ -74,7 +73,7 @@ def nan_or(
     return _opaque(lambda b: nan_where(is_refused, b, b), cause)
 
 
-def nan_if_nan(asked: Float[Array, ""]) -> Float[Array, ""]:
+def nan_if_nan(asked: Scalar) -> Scalar:
     """Return zero, or NaN if the argument is NaN; in reverse mode if the cotangent is."""
     return _opaque(lambda b: jnp.where(jnp.isnan(b), b, 0), asked)
 

@@ -4,14 +4,14 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact
 from jaxstab.contact.residual import missed_pressure
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import LinearSystem, finite, pushed
 from jaxstab.core.no_derivative import Obstacle, any_exists
-from jaxstab.equilibrium.equilibrium import Field, Fields, fields_of
+from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.equilibrium.equilibrium import Fields, fields_of
 from jaxstab.loads import Control, Load
 from jaxstab.potentials import slope
 from jaxstab.solids import Solid
@@ -28,7 +28,7 @@ _CHANGING = (
 
 def changes_of_fields(
     fields: Fields,
-    is_found: Bool[Array, ""],
+    is_found: Flag,
     inputs: tuple[Contact, Load],
     changes: tuple[Contact, Load],
 ) -> tuple[Fields, dict[str, list[Obstacle]]]:
@@ -42,7 +42,7 @@ def changes_of_fields(
     missed = missed_pressure(net, gap)
     sharpness = jnp.max(jnp.abs(jnp.where(is_free, third_derivative(contact, gap), 0)))
 
-    def is_sound(moved: Field, right_side: Field) -> Bool[Array, ""]:
+    def is_sound(moved: Field, right_side: Field) -> Flag:
         # After Newton and Kantorovich, with the eigenvalue that the solution shows.
         eigenvalue = total(moved * right_side) / total(moved**2)
         error = sharpness * jnp.sqrt(total(missed**2)) / eigenvalue**2
@@ -82,13 +82,13 @@ def changing_contact(net: Field, gap: Field, solid: Solid) -> Obstacle:
     return Obstacle(jnp.any(changing_points(net, gap, solid)), _CHANGING)
 
 
-def changing_points(net: Field, gap: Field, solid: Solid) -> Bool[Array, " *grid"]:
+def changing_points(net: Field, gap: Field, solid: Solid) -> Mask:
     """Return where there is hardly any reaction, or hardly any gap."""
     noise = pressure_noise(net, gap)
     return jnp.where(gap > 0, gap * solid.max_stiffness, net) <= noise
 
 
-def pressure_noise(net: Field, gap: Field) -> Float[Array, ""]:
+def pressure_noise(net: Field, gap: Field) -> Scalar:
     """Return the least pressure that can be told from the residual, and from rounding."""
     eps = jnp.finfo(gap.dtype).eps
     squares = 1e2 * missed_pressure(net, gap) ** 2 + (1e3 * eps * net) ** 2

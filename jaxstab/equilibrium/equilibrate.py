@@ -18,11 +18,11 @@ from jaxstab.core.grid import resample
 from jaxstab.core.implicit import attach
 from jaxstab.core.loop import Iteration, solver_or_default
 from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.derivatives import changes_of_fields
 from jaxstab.equilibrium.equilibrium import (
     DIFFERENTIABLE,
     Equilibrium,
-    Field,
     State,
     equilibrium_at,
     in_units_of,
@@ -131,7 +131,7 @@ def _find_in_own_units(
     return in_users_units(by_lanes(find)(*own, solver, initial), unit, load)
 
 
-def in_users_units(found: Equilibrium, unit: Float[Array, ""], load: Load) -> Equilibrium:
+def in_users_units(found: Equilibrium, unit: Scalar, load: Load) -> Equilibrium:
     """Return an equilibrium found in a contact's own unit of pressure, under the load as given."""
     found = found.in_units_of(1 / unit)
     overflows = (found.result == RESULTS.successful) & ~jnp.isfinite(found.energy)

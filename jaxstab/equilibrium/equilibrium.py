@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.residual import Balance
@@ -13,11 +13,11 @@ from jaxstab.core.display import block
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable, require_single
+from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.loads import Load
 from jaxstab.potentials import slope
 from jaxstab.solids import Solid
 
-Field = Float[Array, " *grid"]
 Fields = dict[str, Array]
 
 # The fields of an `Equilibrium` that can be differentiated, and those that hold pressures.
@@ -50,16 +50,16 @@ class Equilibrium(Stackable, eqx.Module):
     """
 
     load: Load
-    displacement: Float[Array, " *grid"]
-    gap: Float[Array, " *grid"]
-    pressure: Float[Array, " *grid"]
-    reaction: Float[Array, " *grid"]
-    in_contact: Bool[Array, " *grid"]
-    mean_pressure: Float[Array, ""]
-    contact_area: Float[Array, ""]
-    area: Float[Array, ""]
-    energy: Float[Array, ""]
-    residual: Float[Array, ""]
+    displacement: Field
+    gap: Field
+    pressure: Field
+    reaction: Field
+    in_contact: Mask
+    mean_pressure: Scalar
+    contact_area: Scalar
+    area: Scalar
+    energy: Scalar
+    residual: Scalar
     num_steps: Int[Array, ""]
     result: RESULTS
     history: History
@@ -67,7 +67,7 @@ class Equilibrium(Stackable, eqx.Module):
     __repr__ = block
 
     @property
-    def force(self) -> Float[Array, ""]:
+    def force(self) -> Scalar:
         """The mean pressure times the area of the cell, positive in compression.
 
         [pressure length^2]; on a line it is a force per length across it [pressure length].
@@ -78,7 +78,7 @@ class Equilibrium(Stackable, eqx.Module):
         """Return the same state with the part of its fields that has a surface opposite to it."""
         return replace(self, **{name: solid.surface(getattr(self, name)) for name in _FIELDS})
 
-    def in_units_of(self, pressure: Float[Array, ""]) -> "Equilibrium":
+    def in_units_of(self, pressure: Scalar) -> "Equilibrium":
         """Return the same state with pressures in another unit; lengths stay."""
         return replace(
             self,
@@ -88,7 +88,7 @@ class Equilibrium(Stackable, eqx.Module):
         )
 
 
-def in_units_of(pressure: Float[Array, ""], fields: Fields) -> Fields:
+def in_units_of(pressure: Scalar, fields: Fields) -> Fields:
     """Return fields of an equilibrium with pressures in another unit; lengths stay."""
     return {
         name: field / pressure if name in _PRESSURES else field for name, field in fields.items()
@@ -106,7 +106,7 @@ def fields_of(contact: Contact, load: Load, gap: Field) -> tuple[Fields, Field]:
     return assembled(contact, gap, net, contact.energy(gap)), net
 
 
-def assembled(contact: Contact, gap: Field, net: Field, energy: Float[Array, ""]) -> Fields:
+def assembled(contact: Contact, gap: Field, net: Field, energy: Scalar) -> Fields:
     """Return the differentiable fields of a state from its gap, net pressure and energy.
 
     Where its gap is NaN, so are they.
@@ -123,7 +123,7 @@ def assembled(contact: Contact, gap: Field, net: Field, energy: Float[Array, ""]
     }
 
 
-def contact_area(contact: Contact, gap: Field) -> Float[Array, ""]:
+def contact_area(contact: Contact, gap: Field) -> Scalar:
     """Return the number of contact points over that of all points of the surface, NaN of NaN."""
     return jnp.mean(contact.solid.surface(jnp.where(jnp.isnan(gap), gap, gap == 0)))
 

@@ -17,10 +17,11 @@ from jaxstab.core.compile import program
 from jaxstab.core.grid import mean
 from jaxstab.core.implicit import LinearSystem
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field
 from jaxstab.core.warn import warn_once
 from jaxstab.equilibrium.equilibrium import Equilibrium
 from jaxstab.loads import Load
-from jaxstab.solids import Field, Padded, mirrored, padded, where_window
+from jaxstab.solids import Padded, mirrored, padded, where_window
 
 Start = TypeVar("Start", Field, Field | None)
 

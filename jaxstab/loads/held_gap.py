@@ -4,11 +4,12 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from jaxstab.core.grid import centred, mean, mean_over, total
-from jaxstab.loads.load import Control, Load, Mask, Scalar, prescribed
-from jaxstab.solids import Field, Solid
+from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.loads.load import Control, Load, prescribed
+from jaxstab.solids import Solid
 
 
 class GapControl(Control):
@@ -23,7 +24,7 @@ class GapControl(Control):
         """None: perturbations have no mean for it to act on."""
 
     @property
-    def is_feasible(self) -> Bool[Array, ""]:
+    def is_feasible(self) -> Flag:
         """Whether the mean gap is positive and finite."""
         return (self.mean_gap > 0) & jnp.isfinite(self.mean_gap)
 

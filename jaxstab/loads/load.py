@@ -7,16 +7,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.core.checks import cast, is_traced, known, parameter
 from jaxstab.core.display import inline
 from jaxstab.core.stack import Stackable
+from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.potentials.profile import Profile
-from jaxstab.solids import Field, FieldMap, Solid
-
-Mask = Bool[Array, " *grid"]
-Scalar = Float[Array, ""]
+from jaxstab.solids import Solid
 
 
 class Control(eqx.Module):
@@ -40,7 +38,7 @@ class Control(eqx.Module):
 
     @property
     @abstractmethod
-    def is_feasible(self) -> Bool[Array, ""]:
+    def is_feasible(self) -> Flag:
         """Whether any gap meets the load."""
 
     @abstractmethod
@@ -91,7 +89,7 @@ class Control(eqx.Module):
         """Return the gap beyond which nothing holds the surfaces against the load [length]."""
         return jnp.array(jnp.inf)
 
-    def has_escaped(self, gap: Field, escape_gap: Scalar) -> Bool[Array, ""]:
+    def has_escaped(self, gap: Field, escape_gap: Scalar) -> Flag:
         """Whether the load has pulled the surfaces apart for good."""
         return jnp.array(False)
 

@@ -5,12 +5,13 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from jaxstab.core.grid import mean
-from jaxstab.loads.load import Control, Load, Mask, Scalar, prescribed
+from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.loads.load import Control, Load, prescribed
 from jaxstab.potentials.profile import Profile
-from jaxstab.solids import Field, Solid
+from jaxstab.solids import Solid
 
 
 class PressingControl(Control):
@@ -68,7 +69,7 @@ class PressureControl(PressingControl):
         """None: the pressure does not change with the gap."""
 
     @property
-    def is_feasible(self) -> Bool[Array, ""]:
+    def is_feasible(self) -> Flag:
         """Whether the pressure is finite."""
         return jnp.isfinite(self.mean_pressure)
 
@@ -89,7 +90,7 @@ class PressureControl(PressingControl):
         outermost = profile.outermost_gap(-1e-3 * self.mean_pressure)
         return jnp.where(self.mean_pressure < 0, outermost, jnp.inf)
 
-    def has_escaped(self, gap: Field, escape_gap: Scalar) -> Bool[Array, ""]:
+    def has_escaped(self, gap: Field, escape_gap: Scalar) -> Flag:
         """Whether all points are beyond that gap."""
         return jnp.all((gap > 0) & (gap > escape_gap))
 

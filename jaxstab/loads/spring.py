@@ -6,14 +6,15 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.core.checks import is_traced, known, parameter, require_positive
 from jaxstab.core.grid import Grid, mean, mean_over, total
+from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.core.warn import warn_once
-from jaxstab.loads.load import Load, Mask, Scalar, prescribed
+from jaxstab.loads.load import Load, prescribed
 from jaxstab.loads.pressure import PressingControl
-from jaxstab.solids import Field, FieldMap, Solid, apart_from_mean
+from jaxstab.solids import Solid, apart_from_mean
 
 # In units of the precision: by what part of itself the mean of a gap may be off.
 _ROUNDING = 4
@@ -39,7 +40,7 @@ class SpringControl(PressingControl):
     softest: Scalar
 
     @property
-    def is_stiff(self) -> Bool[Array, ""]:
+    def is_stiff(self) -> Flag:
         """Whether it is stiffer than the softest wave, and rather holds the gap than presses."""
         return self.constant > self.softest
 
@@ -49,7 +50,7 @@ class SpringControl(PressingControl):
         return self.constant
 
     @property
-    def is_feasible(self) -> Bool[Array, ""]:
+    def is_feasible(self) -> Flag:
         """Whether the spring has a position and a stiffness."""
         is_finite = jnp.isfinite(self.relaxed_gap) & jnp.isfinite(self.constant)
         return is_finite & (self.constant > 0)

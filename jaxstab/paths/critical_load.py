@@ -21,13 +21,13 @@ from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import first_good, if_needed, program
 from jaxstab.core.progress import Report, can_be_shown, searches_bar, unseen
 from jaxstab.core.results import throw_failure
+from jaxstab.core.types import Field
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.branch_end.approach import SMALLEST_JUMP, follow_to_fold
 from jaxstab.paths.branch_end.critical_load import CriticalLoad, critical_load_at
-from jaxstab.paths.branch_end.linearise import Field
 from jaxstab.paths.branch_end.locate import Limit, limit_ahead
 from jaxstab.paths.programme import course_of
 from jaxstab.paths.record import Count, Store

@@ -12,10 +12,10 @@ from jaxstab.contact import Contact
 from jaxstab.core.checks import is_traced
 from jaxstab.core.implicit import attach
 from jaxstab.core.no_derivative import Obstacle
+from jaxstab.core.types import Scalar
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.derivatives import differentiable_value
 from jaxstab.paths.path import Jump, Path
-from jaxstab.paths.record import Scalar
 
 _NO_DERIVATIVE = (
     "of a path only the loads of its jumps have one. Differentiate `path.jumps.load`, or an "

@@ -8,12 +8,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact
+from jaxstab.core.types import Scalar
 from jaxstab.loads import Load
-
-Scalar = Float[Array, ""]
 
 # In units of the precision: what of a loss may be rounding.
 _ROUNDING = 16

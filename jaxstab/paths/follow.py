@@ -22,6 +22,7 @@ from jaxstab.core.checks import (
 from jaxstab.core.compile import program
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.types import Field, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.equilibrium import State
@@ -31,7 +32,7 @@ from jaxstab.paths.derivatives import with_derivatives
 from jaxstab.paths.explain import path_of, path_with_room
 from jaxstab.paths.path import Path
 from jaxstab.paths.programme import DISTURBANCE, Course, course_of
-from jaxstab.paths.record import Field, Scalar, Store
+from jaxstab.paths.record import Store
 from jaxstab.paths.recording import Recording
 from jaxstab.paths.step import Walk
 from jaxstab.paths.walk import begin, go_on, in_batches, travelled

@@ -10,6 +10,7 @@ from jaxstab.core import display
 from jaxstab.core.display import block, column
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
+from jaxstab.core.types import Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.kind import KINDS
@@ -54,7 +55,7 @@ class States(Stackable, eqx.Module):
         """Return the same states with the part of their gaps that has a surface opposite to it."""
         return replace(self, gap=None if self.gap is None else solid.surface(self.gap))
 
-    def in_units_of(self, pressure: Float[Array, ""]) -> "States":
+    def in_units_of(self, pressure: Scalar) -> "States":
         """Return the same states with pressures in another unit; lengths stay."""
         return replace(
             self,
@@ -100,7 +101,7 @@ class Jump(Stackable, eqx.Module):
             mode=solid.surface(self.mode),
         )
 
-    def in_units_of(self, pressure: Float[Array, ""]) -> "Jump":
+    def in_units_of(self, pressure: Scalar) -> "Jump":
         """Return the same jumps with pressures in another unit; lengths stay."""
         return replace(
             self,
@@ -131,11 +132,11 @@ class Path(eqx.Module):
     load: Load
     equilibrium: States
     jumps: Jump
-    work: Float[Array, ""]
-    dissipation: Float[Array, ""]
+    work: Scalar
+    dissipation: Scalar
     result: RESULTS
-    unlocated: Float[Array, ""] | None = None
-    unlocated_error: Float[Array, ""] | None = None
+    unlocated: Scalar | None = None
+    unlocated_error: Scalar | None = None
 
     def __repr__(self) -> str:
         return _text(self)
@@ -148,7 +149,7 @@ class Path(eqx.Module):
             jumps=self.jumps.on_surface(solid),
         )
 
-    def in_units_of(self, pressure: Float[Array, ""]) -> "Path":
+    def in_units_of(self, pressure: Scalar) -> "Path":
         """Return the same path with pressures in another unit; lengths stay."""
         names = "work", "dissipation", "unlocated", "unlocated_error"
         energies = {name: getattr(self, name) for name in names}

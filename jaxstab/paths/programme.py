@@ -9,12 +9,13 @@ from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import concluded, started
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.approach import branch_solver
 from jaxstab.paths.energy import own_energy, smallest_loss
-from jaxstab.paths.record import Field, Place, Record, Scalar, place_of
+from jaxstab.paths.record import Place, Record, place_of
 
 # By default, over the size of the problem's own heights and gaps.
 DISTURBANCE = 1e-6

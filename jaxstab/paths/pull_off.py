@@ -16,6 +16,7 @@ from jaxstab.core.checks import is_traced, scalar_parameter
 from jaxstab.core.compile import program
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.types import Field, Scalar
 from jaxstab.core.warn import said_once
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrate import initial_gap
@@ -23,7 +24,6 @@ from jaxstab.equilibrium.equilibrium import State, single_equilibrium
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, MeanPressure, Spring, warn_if_soft
 from jaxstab.paths.branch_end.critical_load import CriticalLoad, critical_load_at
-from jaxstab.paths.branch_end.linearise import Field, Scalar
 from jaxstab.paths.branch_end.locate import Limit, limit_ahead
 from jaxstab.paths.programme import DISTURBANCE, Course, course_of
 from jaxstab.paths.record import Count, Strongest

@@ -6,19 +6,16 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.grid import mean
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load
 from jaxstab.paths.energy import supply_of
-
-Field = Float[Array, " *grid"]
-Scalar = Float[Array, ""]
-Flag = Bool[Array, ""]
 
 
 class Place(eqx.Module):

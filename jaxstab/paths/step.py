@@ -19,19 +19,10 @@ from jaxtyping import Array, Int
 from jaxstab.contact import Contact
 from jaxstab.core.checks import known
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads import Load
 from jaxstab.paths.programme import Course
-from jaxstab.paths.record import (
-    Count,
-    Event,
-    Field,
-    Flag,
-    Place,
-    Record,
-    Scalar,
-    Store,
-    Strongest,
-)
+from jaxstab.paths.record import Count, Event, Place, Record, Store, Strongest
 
 # By what factor further on a state is sought where the solver is lost beyond the end of a branch.
 _FURTHER = 8

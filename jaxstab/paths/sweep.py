@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
+from jaxtyping import ArrayLike, PRNGKeyArray
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
@@ -20,6 +20,7 @@ from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import Stackable, stacked
+from jaxstab.core.types import Field, Flag
 from jaxstab.core.warn import said_once, warn
 from jaxstab.equilibrium import (
     Equilibrium,
@@ -32,7 +33,7 @@ from jaxstab.loads import Load, require_load
 from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability, assess_stability
 
 Order = Literal["independent", "continuation"]
-_Start = Float[Array, " *grid"] | None
+_Start = Field | None
 
 
 class SweepInterrupted(UserWarning):
@@ -204,7 +205,7 @@ def _solve_together(problem: _Problem, load: Load, start: _Start, throw: bool = 
 
 @partial(program, static_argnames="throw")
 def _solve_in_turn(problem: _Problem, load: Load, start: _Start, throw: bool) -> Sweep:
-    Carry = tuple[Float[Array, " *grid"], Bool[Array, ""]]
+    Carry = tuple[Field, Flag]
     contact = problem.contact
 
     def solve(carry: Carry, load: Load) -> tuple[Carry, Sweep]:

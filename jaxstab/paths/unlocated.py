@@ -3,7 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-Scalar = Float[Array, ""]
+from jaxstab.core.types import Scalar
+
 Values = Float[Array, " states"]
 
 

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads import Load
 from jaxstab.paths.programme import Course
-from jaxstab.paths.record import Count, Event, Field, Flag, Place, Record, Scalar, Store
+from jaxstab.paths.record import Count, Event, Place, Record, Store
 from jaxstab.paths.step import Jumps, Search, Walk, after, aimed
 
 States = Store | Count

@@ -3,13 +3,13 @@
 from typing import Any
 
 import numpy as np
-from jaxtyping import Array, Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.image import AxesImage
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core.stack import require_single
+from jaxstab.core.types import Field, Mask
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.files.labels import measured
 from jaxstab.plots.style import add_legend, axes_or_new, label_axis
@@ -141,9 +141,7 @@ def require_pair(pair: Eigenpair) -> None:
     require_single(pair)
 
 
-def outline_contact(
-    axes: Axes, contact: Contact, touches: Bool[Array, " *grid"], colour: str
-) -> None:
+def outline_contact(axes: Axes, contact: Contact, touches: Mask, colour: str) -> None:
     """Outline on a map, or shade on a profile, where the surfaces touch."""
     x, *y = (np.asarray(side) for side in contact.grid.coordinates)
     inside = np.asarray(touches)
@@ -175,7 +173,7 @@ def add_colour_bar(axes: Axes, image: AxesImage, label: str, unit: str | None) -
 
 def _field(
     contact: Contact,
-    field: Float[Array, " *grid"],
+    field: Field,
     label: str,
     colours: str,
     unit: str | None,

@@ -5,13 +5,12 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from jaxstab.core.checks import cast
 from jaxstab.core.closures import as_pytree
+from jaxstab.core.types import Field, Scalar
 from jaxstab.potentials.varying import Potential, averaged_laws, by_points, varying_fields
-
-Field = Float[Array, " *grid"]
 
 
 def as_module(potential: Potential, dtype: Any) -> Potential:
@@ -55,10 +54,10 @@ def derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
             f"{gap.shape}: give one for each point."
         ) from None
 
-    def at_point(gap: Float[Array, ""], *values: Array) -> tuple[Array, Array, Array]:
+    def at_point(gap: Scalar, *values: Array) -> tuple[Array, Array, Array]:
         law = law_at(values)
 
-        def slope_and_value(gap: Float[Array, ""]) -> tuple[Array, Array]:
+        def slope_and_value(gap: Scalar) -> tuple[Array, Array]:
             value, slope = jax.value_and_grad(law)(gap)
             return slope, value
 

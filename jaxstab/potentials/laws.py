@@ -4,17 +4,18 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import ArrayLike
 
 from jaxstab.core.checks import known, parameter, require, require_positive
 from jaxstab.core.display import whole
+from jaxstab.core.types import Scalar
 
 
 class _RangedLaw(eqx.Module):
     """A law with a work of adhesion [energy/area] and a range [length]."""
 
-    surface_energy: Float[Array, ""]
-    length: Float[Array, ""]
+    surface_energy: Scalar
+    length: Scalar
 
     __repr__ = whole
 
@@ -26,7 +27,7 @@ class _RangedLaw(eqx.Module):
         require("The surface energy", energy, finite, "it must be finite and not negative.")
         require_positive("The length of the potential", self.length)
 
-    def _reduced(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+    def _reduced(self, gap: Scalar) -> Scalar:
         # By a product: over a whole field, a quotient takes longer than all the rest.
         return gap * (1 / self.length)
 
@@ -43,7 +44,7 @@ class Exponential(_RangedLaw):
         ValueError: if w is negative or rho is not positive.
     """
 
-    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
         return -self.surface_energy * jnp.exp(-self._reduced(gap))
 
@@ -60,7 +61,7 @@ class Gaussian(_RangedLaw):
         ValueError: if w is negative or rho is not positive.
     """
 
-    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
         return -self.surface_energy * jnp.exp(-(self._reduced(gap) ** 2) / 2)
 
@@ -77,7 +78,7 @@ class Rational(_RangedLaw):
         ValueError: if w is negative or rho is not positive.
     """
 
-    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
         return -self.surface_energy / (1 + self._reduced(gap) ** 2)
 
@@ -98,14 +99,14 @@ class Dugdale(_RangedLaw):
         ValueError: if w is negative, or rho or the smoothing is not positive.
     """
 
-    smoothing: Float[Array, ""]
+    smoothing: Scalar
 
     def __init__(self, surface_energy: ArrayLike, length: ArrayLike, smoothing: ArrayLike = 0.1):
         super().__init__(surface_energy, length)
         self.smoothing = parameter(smoothing)
         require_positive("The smoothing of the potential", self.smoothing)
 
-    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
         edge = 1 / self.smoothing
         left = jax.nn.softplus(edge * (1 - self._reduced(gap)))
@@ -130,7 +131,7 @@ class LennardJones(_RangedLaw):
         super().__init__(surface_energy, length)
         require_positive("The surface energy of a law with a core", self.surface_energy)
 
-    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
         attraction = 1 / self._reduced(gap) ** 3
         # In this form infinite, not undefined, at zero gap.
@@ -140,6 +141,6 @@ class LennardJones(_RangedLaw):
 class NoAdhesion(eqx.Module):
     """f(g) = 0: contact without adhesion."""
 
-    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, gap: Scalar) -> Scalar:
         """Return zero energy per area at any gap [length]."""
         return jnp.zeros_like(gap)

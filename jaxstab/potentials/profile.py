@@ -4,10 +4,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from jaxstab.core.checks import is_traced, require
 from jaxstab.core.compile import program
+from jaxstab.core.types import Flag, Scalar
 from jaxstab.potentials import Potential, derivatives, varying_fields, with_fields
 
 # From the largest gap to the smallest, as multiples of the size of the grid.
@@ -36,8 +37,8 @@ class Profile(eqx.Module):
     values: Float[Array, " gaps"]
     slopes: Float[Array, " gaps"]
     curvatures: Float[Array, " gaps"]
-    has_core: Bool[Array, ""]
-    max_curvature: Float[Array, ""]
+    has_core: Flag
+    max_curvature: Scalar
 
     def __init__(self, potential: Potential, lengths: Float[Array, "..."]):
         size = jnp.max(lengths)
@@ -57,19 +58,19 @@ class Profile(eqx.Module):
         self.max_curvature = jnp.max(attracting)
 
     @property
-    def max_attraction(self) -> Float[Array, ""]:
+    def max_attraction(self) -> Scalar:
         """The largest f' [pressure]."""
         return jnp.max(jnp.where(jnp.isfinite(self.slopes), self.slopes, 0))
 
     @property
-    def range(self) -> Float[Array, ""]:
+    def range(self) -> Scalar:
         """The length over which the attraction changes by itself, infinite of none [length]."""
         is_curved = (self.max_attraction > 0) & (self.max_curvature > 0)
         return jnp.where(
             is_curved, self.max_attraction / jnp.where(is_curved, self.max_curvature, 1), jnp.inf
         )
 
-    def outermost_gap(self, attraction: Float[Array, ""]) -> Float[Array, ""]:
+    def outermost_gap(self, attraction: Scalar) -> Scalar:
         """Return the largest gap at which f' is not below an attraction, or zero [length]."""
         return jnp.max(jnp.where(self.slopes >= attraction, self.gaps, 0))
 

@@ -9,11 +9,12 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array
 
 from jaxstab.core.display import whole
+from jaxstab.core.types import Mask, Scalar
 
-Potential = Callable[[Float[Array, ""]], Float[Array, ""]]
+Potential = Callable[[Scalar], Scalar]
 
 _averaged: ContextVar[list["Varying"] | None] = ContextVar("averaged", default=None)
 
@@ -43,7 +44,7 @@ class Varying(eqx.Module):
                 "equinox.Module whose parameters are arrays. Of a function none can vary."
             )
 
-    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, gap: Scalar) -> Scalar:
         """Return the mean energy per area at a gap [length]."""
         averaged = _averaged.get()
         if averaged is not None and any(map(jnp.ndim, jax.tree.leaves(self.law))):
@@ -71,9 +72,9 @@ class Within(eqx.Module):
     """
 
     law: Potential
-    is_there: Bool[Array, " *grid"]
+    is_there: Mask
 
-    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap of a point [length]."""
         return jnp.where(self.is_there, self.law(gap), 0)
 
@@ -88,10 +89,10 @@ class Scaled(eqx.Module):
     """
 
     law: Potential
-    factor: Float[Array, ""]
+    factor: Scalar
     has_core: bool | None = eqx.field(static=True, default=None)
 
-    def __call__(self, gap: Float[Array, ""]) -> Float[Array, ""]:
+    def __call__(self, gap: Scalar) -> Scalar:
         """Return the other energy per area at a gap [length], times the factor."""
         return self.factor * self.law(gap)
 

@@ -3,13 +3,11 @@
 from jaxstab.solids.free_half_space import FreeHalfSpace, Padded, mirrored, padded, where_window
 from jaxstab.solids.half_space import HalfSpace
 from jaxstab.solids.layers import CoatedHalfSpace, Layer
-from jaxstab.solids.solid import Field, FieldMap, Solid, apart_from_mean
+from jaxstab.solids.solid import Solid, apart_from_mean
 from jaxstab.solids.spectral import Spectral, SpectralSolid
 
 __all__ = [
     "CoatedHalfSpace",
-    "Field",
-    "FieldMap",
     "FreeHalfSpace",
     "HalfSpace",
     "Layer",

@@ -9,13 +9,14 @@ from typing import ClassVar, NoReturn
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike
 
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid
 from jaxstab.core.implicit import LinearSystem
-from jaxstab.solids.moduli import Scalar, contact_modulus, elastic_constants
-from jaxstab.solids.solid import Field, FieldMap, Solid
+from jaxstab.core.types import Field, FieldMap, Mask, Scalar
+from jaxstab.solids.moduli import contact_modulus, elastic_constants
+from jaxstab.solids.solid import Solid
 from jaxstab.solids.spectral import Waves, multiplied
 
 
@@ -72,8 +73,8 @@ class FreeHalfSpace(Solid):
     """
 
     grid: Grid
-    youngs_modulus: Float[Array, ""]
-    poisson_ratio: Float[Array, ""]
+    youngs_modulus: Scalar
+    poisson_ratio: Scalar
 
     is_window: ClassVar[bool] = True
 
@@ -83,7 +84,7 @@ class FreeHalfSpace(Solid):
         self.youngs_modulus, self.poisson_ratio = constants
 
     @property
-    def contact_modulus(self) -> Float[Array, ""]:
+    def contact_modulus(self) -> Scalar:
         """E* = E / (1 - nu^2) [pressure]; NaN where nu is traced and outside (-1, 0.5]."""
         return contact_modulus(self.youngs_modulus, self.poisson_ratio)
 
@@ -93,17 +94,17 @@ class FreeHalfSpace(Solid):
         return _whole(self.grid, self.contact_modulus)
 
     @property
-    def max_stiffness(self) -> Float[Array, ""]:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def max_stiffness(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The stiffness of the padded grid's stiffest wave [pressure/length]."""
         return self.whole.max_stiffness
 
     @property
-    def min_stiffness(self) -> Float[Array, ""]:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def min_stiffness(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
         """That of its softest wave but for q = 0 [pressure/length]."""
         return self.whole.min_stiffness
 
     @property
-    def uniform_stiffness(self) -> Float[Array, ""]:
+    def uniform_stiffness(self) -> Scalar:
         """That of a uniform pressure on the padded grid [pressure/length]."""
         return self.whole.uniform_stiffness
 
@@ -148,7 +149,7 @@ def padded(field: Field, value: ArrayLike) -> Field:
     return jnp.pad(field, [(0, n) for n in field.shape], constant_values=value)
 
 
-def where_window(field: Field) -> Bool[Array, " *grid"]:
+def where_window(field: Field) -> Mask:
     """Return where on twice the points a side the window of a field is."""
     return padded(jnp.ones_like(field, bool), False)
 

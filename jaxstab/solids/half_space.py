@@ -3,6 +3,7 @@
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.core.grid import Grid
+from jaxstab.core.types import Scalar
 from jaxstab.solids.moduli import contact_modulus, elastic_constants
 from jaxstab.solids.spectral import SpectralSolid
 
@@ -21,8 +22,8 @@ class HalfSpace(SpectralSolid):
     """
 
     grid: Grid
-    youngs_modulus: Float[Array, ""]
-    poisson_ratio: Float[Array, ""]
+    youngs_modulus: Scalar
+    poisson_ratio: Scalar
 
     def __init__(self, grid: Grid, youngs_modulus: ArrayLike, poisson_ratio: ArrayLike = 0.0):
         self.grid = grid
@@ -30,7 +31,7 @@ class HalfSpace(SpectralSolid):
         self.youngs_modulus, self.poisson_ratio = constants
 
     @property
-    def contact_modulus(self) -> Float[Array, ""]:
+    def contact_modulus(self) -> Scalar:
         """E* = E / (1 - nu^2) [pressure]; NaN where nu is traced and outside (-1, 0.5]."""
         return contact_modulus(self.youngs_modulus, self.poisson_ratio)
 

@@ -12,12 +12,8 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.core.checks import require_positive, scalar_parameter
 from jaxstab.core.grid import Grid
-from jaxstab.solids.moduli import (
-    Scalar,
-    elastic_constants,
-    possible_ratio,
-    shear_modulus,
-)
+from jaxstab.core.types import Scalar
+from jaxstab.solids.moduli import elastic_constants, possible_ratio, shear_modulus
 from jaxstab.solids.spectral import SpectralSolid
 
 Waves = Float[Array, " *modes"]
@@ -49,9 +45,9 @@ class Layer(SpectralSolid):
     """
 
     grid: Grid
-    youngs_modulus: Float[Array, ""]
-    poisson_ratio: Float[Array, ""]
-    thickness: Float[Array, ""]
+    youngs_modulus: Scalar
+    poisson_ratio: Scalar
+    thickness: Scalar
 
     def __init__(
         self,
@@ -66,7 +62,7 @@ class Layer(SpectralSolid):
         self.thickness = _thickness(thickness)
 
     @property
-    def uniform_stiffness(self) -> Float[Array, ""]:
+    def uniform_stiffness(self) -> Scalar:
         """E (1 - nu) / ((1 + nu) (1 - 2 nu) h), infinite at nu = 0.5 [pressure/length]."""
         nu = possible_ratio(self.poisson_ratio)
         softness = (1 + nu) * (1 - 2 * nu) / (1 - nu)
@@ -103,9 +99,9 @@ class CoatedHalfSpace(SpectralSolid):
     """
 
     grid: Grid
-    layer: tuple[Float[Array, ""], Float[Array, ""]]
-    thickness: Float[Array, ""]
-    base: tuple[Float[Array, ""], Float[Array, ""]]
+    layer: tuple[Scalar, Scalar]
+    thickness: Scalar
+    base: tuple[Scalar, Scalar]
 
     def __init__(
         self,

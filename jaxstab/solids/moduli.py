@@ -1,11 +1,10 @@
 """The constants of isotropic elasticity: checked, and as each formula wants them."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import ArrayLike
 
 from jaxstab.core.checks import known, require, require_positive, scalar_parameter
-
-Scalar = Float[Array, ""]
+from jaxstab.core.types import Scalar
 
 
 def elastic_constants(

@@ -6,18 +6,15 @@ says how stiff it is (`Solid.held_by`).
 """
 
 from abc import abstractmethod
-from collections.abc import Callable
 from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike
 
 from jaxstab.core.display import inline
 from jaxstab.core.grid import Grid, centred, mean, mean_over, require_grid
-
-Field = Float[Array, " *grid"]
-FieldMap = Callable[[Field], Field]
+from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
 
 
 class Solid(eqx.Module):
@@ -35,8 +32,8 @@ class Solid(eqx.Module):
     """
 
     grid: eqx.AbstractVar[Grid]
-    max_stiffness: eqx.AbstractVar[Float[Array, ""]]
-    min_stiffness: eqx.AbstractVar[Float[Array, ""]]
+    max_stiffness: eqx.AbstractVar[Scalar]
+    min_stiffness: eqx.AbstractVar[Scalar]
 
     # Whether there is solid beyond the grid too, which no load can hold in the mean.
     is_window: ClassVar[bool] = False
@@ -69,16 +66,16 @@ class Solid(eqx.Module):
         """Return the pressure K u of a displacement relative to the far side [pressure]."""
 
     @abstractmethod
-    def precondition(self, shift: Float[Array, ""]) -> FieldMap:
+    def precondition(self, shift: Scalar) -> FieldMap:
         """Return roughly the inverse of K + shift, for a positive shift: symmetric and positive."""
 
     @property
-    def uniform_stiffness(self) -> Float[Array, ""]:
+    def uniform_stiffness(self) -> Scalar:
         """The pressure over a displacement that is the same everywhere [pressure/length]."""
         return self.apply(jnp.ones(self.grid.shape, self.max_stiffness.dtype)).ravel()[0]
 
     @property
-    def is_valid(self) -> Bool[Array, ""]:
+    def is_valid(self) -> Flag:
         """Whether stiffnesses are positive, and numbers of full precision."""
         least, most = self.min_stiffness, self.max_stiffness
         return (least >= jnp.finfo(least.dtype).tiny) & jnp.isfinite(most)
@@ -87,7 +84,7 @@ class Solid(eqx.Module):
         """Return the same solid with another uniform stiffness, prepared to be applied often."""
         return Altered(self, jnp.ones_like(self.max_stiffness), stiffness)
 
-    def scaled(self, factor: Float[Array, ""]) -> "Solid":
+    def scaled(self, factor: Scalar) -> "Solid":
         """Return a solid whose stiffness is this one's times a factor."""
         return Altered(self, factor, factor * self.uniform_stiffness)
 
@@ -95,7 +92,7 @@ class Solid(eqx.Module):
         """Return the same solid on every other point, where the coarser grid's waves are known."""
         return None
 
-    def lacking(self, level: Float[Array, ""]) -> tuple[FieldMap, Float[Array, ""]] | None:
+    def lacking(self, level: Scalar) -> tuple[FieldMap, Scalar] | None:
         """Return what K lacks of a stiffness, as an operator, and that on a point itself.
 
         For each wave that is max(0, level - K), where the solid is one that has waves, as a
@@ -107,7 +104,7 @@ class Solid(eqx.Module):
         """Return K u (Rey & Bleyer, eq. 12) [pressure]."""
         return self.apply(displacement)
 
-    def energy(self, displacement: Field) -> Float[Array, ""]:
+    def energy(self, displacement: Field) -> Scalar:
         """Return the elastic energy u.Ku / 2 over the surface [energy]."""
         density = displacement * self.apply(displacement) / 2
         return jnp.sum(density) * self.grid.cell_area.astype(density.dtype)
@@ -116,9 +113,9 @@ class Solid(eqx.Module):
 def apart_from_mean(
     inverse: FieldMap,
     field: Field,
-    mask: Bool[Array, " *grid"],
-    stiffness: Float[Array, ""],
-    softest: Float[Array, ""],
+    mask: Mask,
+    stiffness: Scalar,
+    softest: Scalar,
 ) -> Field:
     """Return roughly the inverse of K on the points of a mask, which a spring holds, times a field.
 
@@ -143,13 +140,13 @@ class Altered(Solid):
     """A solid whose stiffness is that of another one times a factor, but for the uniform one."""
 
     grid: Grid
-    max_stiffness: Float[Array, ""]
-    min_stiffness: Float[Array, ""]
+    max_stiffness: Scalar
+    min_stiffness: Scalar
     solid: Solid
-    factor: Float[Array, ""]
-    uniform: Float[Array, ""]
+    factor: Scalar
+    uniform: Scalar
 
-    def __init__(self, solid: Solid, factor: Float[Array, ""], uniform: ArrayLike):
+    def __init__(self, solid: Solid, factor: Scalar, uniform: ArrayLike):
         self.grid = solid.grid
         self.max_stiffness = factor * solid.max_stiffness
         self.min_stiffness = factor * solid.min_stiffness
@@ -158,7 +155,7 @@ class Altered(Solid):
         self.uniform = jnp.asarray(uniform, factor.dtype)
 
     @property
-    def uniform_stiffness(self) -> Float[Array, ""]:
+    def uniform_stiffness(self) -> Scalar:
         """That which was given [pressure/length]."""
         return self.uniform
 
@@ -167,7 +164,7 @@ class Altered(Solid):
         rigid = mean(displacement)
         return self.factor * self.solid.apply(displacement - rigid) + self.uniform * rigid
 
-    def precondition(self, shift: Float[Array, ""]) -> FieldMap:
+    def precondition(self, shift: Scalar) -> FieldMap:
         """Return that of the other solid, exact for the mean."""
         inverse = self.solid.precondition(shift / self.factor)
 

@@ -7,13 +7,14 @@ from typing import Self
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.core.checks import require_positive
 from jaxstab.core.closures import as_pytree
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, require_grid
-from jaxstab.solids.solid import Field, FieldMap, Solid
+from jaxstab.core.types import Field, FieldMap, Flag, Scalar
+from jaxstab.solids.solid import Solid
 
 
 class Waves(Solid):
@@ -26,9 +27,9 @@ class Waves(Solid):
 
     grid: Grid
     multiplier: Float[Array, " *modes"]
-    max_stiffness: Float[Array, ""]
-    min_stiffness: Float[Array, ""]
-    has_range: Bool[Array, ""]
+    max_stiffness: Scalar
+    min_stiffness: Scalar
+    has_range: Flag
 
     @classmethod
     def of(cls, grid: Grid, multiplier: Float[Array, " *modes"]) -> Self:
@@ -39,12 +40,12 @@ class Waves(Solid):
         return cls(grid, multiplier, most, least, has_range)
 
     @property
-    def uniform_stiffness(self) -> Float[Array, ""]:
+    def uniform_stiffness(self) -> Scalar:
         """The multiplier at q = 0 [pressure/length]."""
         return self.multiplier.ravel()[0]
 
     @property
-    def is_valid(self) -> Bool[Array, ""]:
+    def is_valid(self) -> Flag:
         """Whether every wave's stiffness was positive, and a number of full precision."""
         return self.has_range
 
@@ -52,7 +53,7 @@ class Waves(Solid):
         """Return K u [pressure], at the price of one pair of Fourier transforms."""
         return multiplied(self.grid, self.multiplier, displacement)
 
-    def precondition(self, shift: Float[Array, ""]) -> FieldMap:
+    def precondition(self, shift: Scalar) -> FieldMap:
         """Return the inverse of K + shift."""
         inverse = 1 / (self.multiplier + shift)
         return lambda field: multiplied(self.grid, inverse, field)
@@ -62,7 +63,7 @@ class Waves(Solid):
         first = (0,) * self.multiplier.ndim
         return replace(self, multiplier=self.multiplier.at[first].set(stiffness))
 
-    def lacking(self, level: Float[Array, ""]) -> tuple[FieldMap, Float[Array, ""]]:
+    def lacking(self, level: Scalar) -> tuple[FieldMap, Scalar]:
         """Return max(0, level - K), the mean left out, and what it is on a point itself."""
         first = (0,) * self.multiplier.ndim
         lack = jnp.maximum(level - self.multiplier, 0).at[first].set(0)
@@ -77,7 +78,7 @@ class Waves(Solid):
         kept = tuple(k.astype(int) for k in grid.waves)
         return Waves.of(grid, self.multiplier[kept])
 
-    def scaled(self, factor: Float[Array, ""]) -> "Waves":
+    def scaled(self, factor: Scalar) -> "Waves":
         """Return the solid with its multiplier times a factor."""
         stiffnesses = self.multiplier, self.max_stiffness, self.min_stiffness
         multiplier, most, least = (factor * stiffness for stiffness in stiffnesses)
@@ -106,22 +107,22 @@ class SpectralSolid(Solid):
         return Waves.of(self.grid, jnp.where(q > 0, stiffness, self.uniform_stiffness))
 
     @property
-    def max_stiffness(self) -> Float[Array, ""]:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def max_stiffness(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The stiffness of the grid's stiffest wave [pressure/length]."""
         return self.waves.max_stiffness
 
     @property
-    def min_stiffness(self) -> Float[Array, ""]:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def min_stiffness(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The stiffness of its softest wave [pressure/length]."""
         return self.waves.min_stiffness
 
     @property
-    def uniform_stiffness(self) -> Float[Array, ""]:
+    def uniform_stiffness(self) -> Scalar:
         """The multiplier at q = 0: zero where the far side moves along [pressure/length]."""
         return jnp.zeros((), self.grid.lengths.dtype)
 
     @property
-    def is_valid(self) -> Bool[Array, ""]:
+    def is_valid(self) -> Flag:
         """Whether every wave's stiffness is positive, and a number of full precision."""
         return self.waves.is_valid
 
@@ -129,7 +130,7 @@ class SpectralSolid(Solid):
         """Return K u (Rey & Bleyer, eq. 12) [pressure]."""
         return self.waves.apply(displacement)
 
-    def precondition(self, shift: Float[Array, ""]) -> FieldMap:
+    def precondition(self, shift: Scalar) -> FieldMap:
         """Return the inverse of K + shift."""
         return self.waves.precondition(shift)
 
@@ -137,11 +138,11 @@ class SpectralSolid(Solid):
         """Return the same solid by its multiplier, another one at q = 0."""
         return self.waves.held_by(stiffness)
 
-    def scaled(self, factor: Float[Array, ""]) -> Waves:
+    def scaled(self, factor: Scalar) -> Waves:
         """Return the same solid by its multiplier, times a factor."""
         return self.waves.scaled(factor)
 
-    def lacking(self, level: Float[Array, ""]) -> tuple[FieldMap, Float[Array, ""]]:
+    def lacking(self, level: Scalar) -> tuple[FieldMap, Scalar]:
         """Return max(0, level - K), the mean left out, and what it is on a point itself."""
         return self.waves.lacking(level)
 

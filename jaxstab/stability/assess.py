@@ -7,7 +7,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block, Hessian
@@ -20,6 +20,7 @@ from jaxstab.core.grid import Grid, total
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import Report, can_be_shown, searches_bar, unseen
 from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.derivatives import third_derivative
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
@@ -132,7 +133,7 @@ def with_derivatives(
     """Return a stability as a differentiable function of the contact and the equilibrium."""
     fixes_mean = contact.control(equilibrium.load).fixes_mean
 
-    def attach(pair: Eigenpair, is_moving: Bool[Array, " *grid"]) -> Eigenpair:
+    def attach(pair: Eigenpair, is_moving: Mask) -> Eigenpair:
         face = Subspace(is_moving, fixes_mean)
         return differentiable(pair, face, contact, equilibrium.load, equilibrium.gap, throw)
 
@@ -178,13 +179,13 @@ class _State(eqx.Module):
     """
 
     result: RESULTS
-    unit: Float[Array, ""]
-    area: Float[Array, ""]
-    scale: Float[Array, ""]
-    imbalance: Float[Array, ""]
-    sharpness: Float[Array, " *grid"]
+    unit: Scalar
+    area: Scalar
+    scale: Scalar
+    imbalance: Scalar
+    sharpness: Field
 
-    def covered(self, pair: Eigenpair, softest: Float[Array, ""]) -> Eigenpair:
+    def covered(self, pair: Eigenpair, softest: Scalar) -> Eigenpair:
         """Return a pair whose error covers that of the state, the softest of whose modes is given.
 
         The gap may be off by dg = A^-1 r, and d lambda = sum f''' x^2 dg. Without an equilibrium
@@ -213,7 +214,7 @@ def prepared(
 
 
 @jax.jit
-def _random_starts(grid: Grid, key: PRNGKeyArray, like: Float[Array, " *grid"]) -> Block:
+def _random_starts(grid: Grid, key: PRNGKeyArray, like: Field) -> Block:
     """Return vectors to start from, by a program that is the same for all laws and loads."""
     return grid.placed(noise(key, _NUM_RANDOM, like))
 

@@ -6,7 +6,6 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact
 from jaxstab.core.display import inline
@@ -15,15 +14,15 @@ from jaxstab.core.implicit import attach, finite, pushed
 from jaxstab.core.no_derivative import Obstacle
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.derivatives import NOT_FOUND, pressure_noise
 from jaxstab.potentials import slope
 from jaxstab.stability.eigenpair import Eigenpair
 
-Field = Float[Array, " *grid"]
 # Gap, elastic pressure and reaction; an eigenvalue and its mode.
 Fields = tuple[Field, Field, Field]
-Pair = tuple[Float[Array, ""], Field]
+Pair = tuple[Scalar, Field]
 
 _NOT_HELD = "only a state held by contact has a barrier"
 _TIE = (
@@ -40,23 +39,21 @@ class Barrier(Stackable, eqx.Module):
         amplitude: t = mu.x / |lambda|, in units of the mode of unit norm [length].
     """
 
-    height: Float[Array, ""]
-    amplitude: Float[Array, ""]
+    height: Scalar
+    amplitude: Scalar
 
     __repr__ = inline
 
-    def over(self, area: Float[Array, ""]) -> "Barrier":
+    def over(self, area: Scalar) -> "Barrier":
         """Return the barrier of a surface from that per area of a point, given this."""
         return replace(self, height=self.height * area.astype(self.height.dtype))
 
 
 # Complementarity and barrier, as in `Stability`.
-Margins = tuple[Float[Array, ""], Barrier]
+Margins = tuple[Scalar, Barrier]
 
 
-def margins_of(
-    scale: Float[Array, ""], equilibrium: Equilibrium, cone: Eigenpair, is_held: Bool[Array, ""]
-) -> Margins:
+def margins_of(scale: Scalar, equilibrium: Equilibrium, cone: Eigenpair, is_held: Flag) -> Margins:
     """Return the margins of a state, given the pair on the cone and whether contact holds it.
 
     The complementarity, over a scale of pressure, is +inf without contact; the barrier, per area
@@ -75,7 +72,7 @@ def differentiable(
     contact: Contact,
     equilibrium: Equilibrium,
     cone: Eigenpair,
-    is_held: Bool[Array, ""],
+    is_held: Flag,
     throw: bool,
 ) -> Margins:
     """Return margins as functions of the contact, the equilibrium and the pair on the cone."""
@@ -84,7 +81,7 @@ def differentiable(
     return attach(_changes_of_margins, throw, margins, known, inputs)
 
 
-def pressure_scale(contact: Contact, gap: Field, pressure: Field) -> Float[Array, ""]:
+def pressure_scale(contact: Contact, gap: Field, pressure: Field) -> Scalar:
     """Return the rms of elastic pressure and attraction [pressure]."""
     attraction = slope(contact.potential, gap)
     squares = total(pressure**2 + attraction**2)
@@ -98,16 +95,14 @@ def _state(equilibrium: Equilibrium, cone: Eigenpair) -> tuple[Fields, Pair]:
     return fields, (cone.eigenvalue, cone.mode)
 
 
-def _formulae(is_held: Bool[Array, ""], contact: Contact, fields: Fields, pair: Pair) -> Margins:
+def _formulae(is_held: Flag, contact: Contact, fields: Fields, pair: Pair) -> Margins:
     gap, pressure, _ = fields
     scale = pressure_scale(contact, gap, pressure)
     complementarity, barrier = _over_scale(is_held, scale, fields, pair)
     return complementarity, barrier.over(contact.grid.cell_area)
 
 
-def _over_scale(
-    is_held: Bool[Array, ""], scale: Float[Array, ""], fields: Fields, pair: Pair
-) -> Margins:
+def _over_scale(is_held: Flag, scale: Scalar, fields: Fields, pair: Pair) -> Margins:
     gap, _, reaction = fields
     least = jnp.min(jnp.where(gap == 0, reaction, jnp.max(reaction)))
     eigenvalue, mode = pair
@@ -118,7 +113,7 @@ def _over_scale(
 
 
 def _changes_of_margins(
-    _: Margins, known: tuple[Bool[Array, ""], Bool[Array, ""]], inputs: tuple, changes: tuple
+    _: Margins, known: tuple[Flag, Flag], inputs: tuple, changes: tuple
 ) -> tuple[Margins, tuple[list[Obstacle], list[Obstacle]]]:
     is_found, is_held = known
     inputs = *finite(is_found, inputs[:2]), finite(is_held, inputs[2])

@@ -10,11 +10,11 @@ which for zero mean is that on the free points.
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Block, Hessian, SymmetricOperator
 from jaxstab.core.grid import total
-from jaxstab.solids import FieldMap
+from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpair import measured
 from jaxstab.stability.solvers.davidson import Davidson
@@ -28,20 +28,18 @@ class _Stiffened(SymmetricOperator):
 
     hessian: Hessian
     lack: FieldMap
-    on_point: Float[Array, ""]
-    one_sided: Bool[Array, " *grid"]
-    bound: Float[Array, ""]
-    scale: Float[Array, ""]
+    on_point: Scalar
+    one_sided: Mask
+    bound: Scalar
+    scale: Scalar
 
-    def __call__(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    def __call__(self, field: Field) -> Field:
         """Return (A - N) x."""
         on_contact = jnp.where(self.one_sided, field, 0)
         gained = self.lack(on_contact) - self.on_point * total(on_contact)
         return self.hessian(field) + jnp.where(self.one_sided, gained, 0)
 
-    def preconditioner(
-        self, mode: Float[Array, " *grid"], eigenvalue: Float[Array, ""]
-    ) -> FieldMap:
+    def preconditioner(self, mode: Field, eigenvalue: Scalar) -> FieldMap:
         """Return that of A."""
         return self.hessian.preconditioner(mode, eigenvalue)
 
@@ -50,9 +48,9 @@ def certified_bound(
     solver: Davidson,
     hessian: Hessian,
     cone: AdmissibleCone,
-    eigenvalue: Float[Array, ""],
+    eigenvalue: Scalar,
     starts: Block,
-) -> tuple[Float[Array, ""], Int[Array, ""]]:
+) -> tuple[Scalar, Int[Array, ""]]:
     """Return a number that the smallest eigenvalue on a cone is not below, and what it cost.
 
     It is -inf if none is known. The cost is counted in applications, each a pair of transforms.
@@ -70,7 +68,7 @@ def certified_bound(
         value, more = bound_by(solver, hessian, cone, eigenvalue, starts, number)
         return number + 1, jnp.maximum(best, value), cost + more
 
-    def goes_on(state: tuple[Array, Array, Array]) -> Bool[Array, ""]:
+    def goes_on(state: tuple[Array, Array, Array]) -> Flag:
         number, best, _ = state
         return is_sought(number, best)
 
@@ -79,7 +77,7 @@ def certified_bound(
     return best, cost
 
 
-def is_sought(number: Int[Array, ""], best: Float[Array, ""]) -> Bool[Array, ""]:
+def is_sought(number: Int[Array, ""], best: Scalar) -> Flag:
     """Return whether the share of this number is to be tried, with the best bound so far."""
     return (number < len(SHARES)) & (best <= 0)
 
@@ -88,10 +86,10 @@ def bound_by(
     solver: Davidson,
     hessian: Hessian,
     cone: AdmissibleCone,
-    eigenvalue: Float[Array, ""],
+    eigenvalue: Scalar,
     starts: Block,
     number: Int[Array, ""],
-) -> tuple[Float[Array, ""], Int[Array, ""]]:
+) -> tuple[Scalar, Int[Array, ""]]:
     """Return the bound by one of the shares, given by its number, and what it cost."""
     hull = cone.hull
     restricted = hessian.restricted(hull.is_moving)

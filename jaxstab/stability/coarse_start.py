@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import Minimum, admissible_pair
 from jaxstab.stability.lowest_modes import BLOCK_SIZE
@@ -71,10 +72,10 @@ def minimum_by_coarser(
     solver: ProjectedLOBPCG,
     hessian: Hessian,
     cone: AdmissibleCone,
-    known: Float[Array, " *grid"],
-    is_known: Bool[Array, ""],
+    known: Field,
+    is_known: Flag,
     random: Block,
-) -> tuple[Minimum, Float[Array, ""]]:
+) -> tuple[Minimum, Scalar]:
     """Return the minimiser on a cone that the mode of the coarser problem leads to.
 
     Arguments:
@@ -99,14 +100,14 @@ def minimum_by_coarser(
     return minimum, jnp.where(is_start, foreseen, jnp.nan)
 
 
-def is_foreseen(eigenvalue: Float[Array, ""], foreseen: Float[Array, ""]) -> Bool[Array, ""]:
+def is_foreseen(eigenvalue: Scalar, foreseen: Scalar) -> Flag:
     """Return whether an eigenvalue is that of the coarser problem, and no other start need be."""
     return jnp.abs(eigenvalue - foreseen) <= _TRUST * jnp.abs(eigenvalue)
 
 
 def mode_by_coarser(
     solver: ProjectedLOBPCG, hessian: Hessian, cone: AdmissibleCone, random: Block
-) -> tuple[Float[Array, " *grid"], Float[Array, ""], Int[Array, ""]]:
+) -> tuple[Field, Scalar, Int[Array, ""]]:
     """Return a vector to start from on a cone, what its eigenvalue was there, and its cost.
 
     It is zero where the coarser problem has no mode. The cost is in applications of A.
@@ -133,7 +134,7 @@ def _has_coarser(hessian: Hessian) -> bool:
     return solid.grid.size >= 4 * _FEWEST and solid.coarser() is not None
 
 
-def _rough(solver: Davidson | ProjectedLOBPCG, like: Block) -> Float[Array, ""]:
+def _rough(solver: Davidson | ProjectedLOBPCG, like: Block) -> Scalar:
     return jnp.maximum(solver.tolerance_in(like.dtype), _TOLERANCE)
 
 
@@ -151,21 +152,19 @@ def _coarser(hessian: Hessian, cone: AdmissibleCone) -> tuple[Hessian, Admissibl
     return Hessian(solid, curvature, hessian.stiffness), coarser
 
 
-def _majority(mask: Bool[Array, " *grid"]) -> Bool[Array, " *coarse"]:
+def _majority(mask: Mask) -> Bool[Array, " *coarse"]:
     """Return where at least half of the points of a cell of the coarser grid are in a mask."""
     cells = _cells(mask)
     return 2 * jnp.sum(cells, axis=0) >= len(cells)
 
 
-def _mean_of_like(
-    field: Float[Array, " *grid"], mask: Bool[Array, " *grid"]
-) -> Float[Array, " *coarse"]:
+def _mean_of_like(field: Field, mask: Mask) -> Float[Array, " *coarse"]:
     """Return the mean over the points of a cell that are in a mask, or out of it, as most are."""
     like = _cells(mask) == _majority(mask)
     return jnp.sum(jnp.where(like, _cells(field), 0), axis=0) / jnp.sum(like, axis=0)
 
 
-def _refined(field: Float[Array, " *coarse"]) -> Float[Array, " *grid"]:
+def _refined(field: Float[Array, " *coarse"]) -> Field:
     """Return a mode of the coarser grid at all points, a unit vector again."""
     for axis in range(field.ndim):
         field = jnp.repeat(field, 2, axis=axis)

@@ -8,9 +8,10 @@ contact presses, since lifting off there costs energy at first order.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array
 
 from jaxstab.core.grid import centred, total
+from jaxstab.core.types import Field, Flag, Mask, Scalar
 
 
 class Subspace(eqx.Module):
@@ -21,15 +22,15 @@ class Subspace(eqx.Module):
         fixes_mean: whether they must have zero mean too.
     """
 
-    is_moving: Bool[Array, " *grid"]
+    is_moving: Mask
     fixes_mean: bool = eqx.field(static=True, default=True)
 
     @property
-    def is_trivial(self) -> Bool[Array, ""]:
+    def is_trivial(self) -> Flag:
         """Whether zero is its only field."""
         return _count(self.is_moving) <= self.fixes_mean
 
-    def project(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    def project(self, field: Field) -> Field:
         """Return the nearest field of the space."""
         if self.fixes_mean:
             return centred(field, self.is_moving)
@@ -47,17 +48,17 @@ class AdmissibleCone(eqx.Module):
         fixes_mean: whether they must have zero mean too, as under a prescribed mean gap.
     """
 
-    one_sided: Bool[Array, " *grid"]
-    held: Bool[Array, " *grid"] | None = None
+    one_sided: Mask
+    held: Mask | None = None
     fixes_mean: bool = eqx.field(static=True, default=True)
 
     @property
-    def is_moving(self) -> Bool[Array, " *grid"]:
+    def is_moving(self) -> Mask:
         """Where perturbations need not vanish."""
         return jnp.ones_like(self.one_sided) if self.held is None else ~self.held
 
     @property
-    def is_trivial(self) -> Bool[Array, ""]:
+    def is_trivial(self) -> Flag:
         """Whether zero is the only admissible perturbation, as in full contact at a mean gap."""
         num_moving = _count(self.is_moving)
         num_free = _count(self.is_moving & ~self.one_sided)
@@ -70,11 +71,11 @@ class AdmissibleCone(eqx.Module):
         """The smallest linear space around the cone."""
         return Subspace(self.is_moving, self.fixes_mean)
 
-    def face(self, field: Float[Array, " *grid"]) -> Subspace:
+    def face(self, field: Field) -> Subspace:
         """Return the smallest linear space of the cone's faces around one of its fields."""
         return Subspace(self.is_moving & (~self.one_sided | (field > 0)), self.fixes_mean)
 
-    def project(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    def project(self, field: Field) -> Field:
         """Return the nearest field of the cone.
 
         It is x - s, cut at zero where one-sided, with the shift s that makes its mean zero: the
@@ -98,25 +99,25 @@ class AdmissibleCone(eqx.Module):
         shift, *_ = jax.lax.while_loop(lambda state: state[2], climb, start)
         return self._cut(field - shift)
 
-    def newton_step(self, field: Float[Array, " *grid"]) -> Float[Array, ""]:
+    def newton_step(self, field: Field) -> Scalar:
         """Return the first Newton step towards the shift that projects a field."""
         if not self.fixes_mean:
             return jnp.zeros((), field.dtype)
         return self._step(field, self._num_uncut(field))
 
-    def _step(self, field: Float[Array, " *grid"], num_uncut: Array) -> Array:
+    def _step(self, field: Field, num_uncut: Array) -> Array:
         return total(jnp.where(self._is_uncut(field), field, 0)) / jnp.maximum(num_uncut, 1)
 
-    def _num_uncut(self, field: Float[Array, " *grid"]) -> Array:
+    def _num_uncut(self, field: Field) -> Array:
         return total(self._is_uncut(field).astype(field.dtype))
 
-    def _is_uncut(self, field: Float[Array, " *grid"]) -> Bool[Array, " *grid"]:
+    def _is_uncut(self, field: Field) -> Mask:
         return self.is_moving & ((field > 0) | ~self.one_sided)
 
-    def _cut(self, field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    def _cut(self, field: Field) -> Field:
         cut = jnp.where(self.one_sided, jnp.maximum(field, 0), field)
         return cut if self.held is None else jnp.where(self.held, 0, cut)
 
 
-def _count(mask: Bool[Array, " *grid"]) -> Float[Array, ""]:
+def _count(mask: Mask) -> Scalar:
     return total(mask.astype(jnp.float32))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
@@ -12,11 +12,10 @@ from jaxstab.core.grid import total
 from jaxstab.core.implicit import LinearSystem, attach, finite, pushed
 from jaxstab.core.no_derivative import Obstacle, any_exists
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads import Load
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpair import Eigenpair
-
-Field = Float[Array, " *grid"]
 
 # An eigenvalue nearer to the next than this many of its errors is taken for a multiple one.
 _ERRORS_APART = 10
@@ -47,8 +46,8 @@ def differentiable(
 
 
 def _changes_of_pair(
-    pair: tuple[Float[Array, ""], Field],
-    known: tuple[Float[Array, ""], Bool[Array, ""], Subspace],
+    pair: tuple[Scalar, Field],
+    known: tuple[Scalar, Flag, Subspace],
     inputs: tuple[Contact, Load, Field],
     changes: tuple[Contact, Load, Field],
 ) -> tuple[tuple[Array, Field], list[Obstacle]]:
@@ -79,7 +78,7 @@ def _hessian(contact: Contact, load: Load, gap: Field) -> Hessian:
     return contact.hessian(gap, contact.control(load))
 
 
-def _separation(system: LinearSystem, mode: Field) -> Float[Array, ""]:
+def _separation(system: LinearSystem, mode: Field) -> Scalar:
     """Return how far the next eigenvalue is, from one step of inverse iteration."""
     probe = jax.random.normal(jax.random.key(0), mode.shape, mode.dtype)
     found, _ = system.solution(probe)

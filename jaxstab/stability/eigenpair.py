@@ -12,6 +12,7 @@ from jaxstab.core.grid import total
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.solids import Solid
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.ritz import scaled_to_unit
@@ -34,7 +35,7 @@ class Minimum(eqx.Module):
         history: its indicators as it went.
     """
 
-    vector: Float[Array, " *grid"]
+    vector: Field
     num_steps: Int[Array, ""]
     num_applications: Int[Array, ""]
     result: RESULTS
@@ -62,12 +63,12 @@ class Eigenpair(Stackable, eqx.Module):
         history: the indicators of the solver as it went, "residual" and others.
     """
 
-    eigenvalue: Float[Array, ""]
-    mode: Float[Array, " *grid"]
-    residual: Float[Array, ""]
-    error: Float[Array, ""]
-    proved: Bool[Array, ""]
-    bound: Float[Array, ""]
+    eigenvalue: Scalar
+    mode: Field
+    residual: Scalar
+    error: Scalar
+    proved: Flag
+    bound: Scalar
     num_steps: Int[Array, ""]
     num_applications: Int[Array, ""]
     result: RESULTS
@@ -79,7 +80,7 @@ class Eigenpair(Stackable, eqx.Module):
         """Return the same pair with the part of its mode that has a surface opposite to it."""
         return replace(self, mode=solid.surface(self.mode))
 
-    def in_units_of(self, pressure: Float[Array, ""]) -> "Eigenpair":
+    def in_units_of(self, pressure: Scalar) -> "Eigenpair":
         """Return the same pair with pressures in another unit; lengths stay."""
         return replace(
             self,
@@ -111,7 +112,7 @@ class Eigenpair(Stackable, eqx.Module):
 
 
 def measured(
-    operator: SymmetricOperator, cone: Admissible, found: Minimum, vector: Float[Array, " *grid"]
+    operator: SymmetricOperator, cone: Admissible, found: Minimum, vector: Field
 ) -> Eigenpair:
     """Return the eigenpair of a vector that a solver found, brought onto the cone."""
     eigenvalue, mode, residual = admissible_pair(operator, cone, vector)
@@ -150,8 +151,8 @@ def lowered(pair: Eigenpair, other: Eigenpair) -> Eigenpair:
 
 
 def admissible_pair(
-    operator: SymmetricOperator, cone: Admissible, vector: Float[Array, " *grid"]
-) -> tuple[Float[Array, ""], Float[Array, " *grid"], Float[Array, ""]]:
+    operator: SymmetricOperator, cone: Admissible, vector: Field
+) -> tuple[Scalar, Field, Scalar]:
     """Return eigenvalue, mode and projected residual of the cone's unit vector nearest to this.
 
     The eigenvalue is +inf, mode and residual are zero, where that vector is zero.
@@ -166,10 +167,10 @@ def admissible_pair(
 
 def descended(
     operator: SymmetricOperator,
-    mode: Float[Array, " *grid"],
-    product: Float[Array, " *grid"],
-    eigenvalue: Float[Array, ""],
-) -> Float[Array, " *grid"]:
+    mode: Field,
+    product: Field,
+    eigenvalue: Scalar,
+) -> Field:
     """Return x - (A x - lambda x) / b, from x and A x.
 
     Projected onto a cone, it has no larger Rayleigh quotient than x: with s the change,
@@ -178,18 +179,16 @@ def descended(
     return mode - (product - eigenvalue * mode) / operator.bound
 
 
-def projected_residual(
-    operator: SymmetricOperator, mode: Float[Array, " *grid"], moved: Float[Array, " *grid"]
-) -> Float[Array, ""]:
+def projected_residual(operator: SymmetricOperator, mode: Field, moved: Field) -> Scalar:
     """Return |x - P(x - (A x - lambda x) / b)| b / s from x and what it is moved to."""
     return jnp.sqrt(total((mode - moved) ** 2)) * (operator.bound / operator.scale)
 
 
-def unit_vector(cone: Admissible, vector: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+def unit_vector(cone: Admissible, vector: Field) -> Field:
     """Return the cone's unit vector nearest to this one, or zero where there is none."""
     return scaled_to_unit(jnp.where(cone.is_trivial, 0, cone.project(vector)))
 
 
-def _error(operator: SymmetricOperator, residual: Float[Array, ""]) -> Float[Array, ""]:
+def _error(operator: SymmetricOperator, residual: Scalar) -> Scalar:
     rounding = _ROUNDING * jnp.finfo(residual.dtype).eps * operator.bound
     return operator.scale * residual + rounding

@@ -6,7 +6,7 @@ from typing import Literal
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Int, PRNGKeyArray
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block, Hessian
@@ -16,6 +16,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.no_derivative import refuse_derivatives
 from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.types import Field
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.verify import recognised
@@ -137,6 +138,6 @@ def lowest_pair(
     return measured(restricted, space, found, found.vector[0]), found.vector
 
 
-def noise(key: PRNGKeyArray, count: int, like: Float[Array, " *grid"]) -> Block:
+def noise(key: PRNGKeyArray, count: int, like: Field) -> Block:
     """Return random fields to start from."""
     return jax.random.uniform(key, (count, *like.shape), like.dtype, -1, 1)

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Flag
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import Eigenpair, Minimum, measured
 from jaxstab.stability.lowest_modes import lowest_pair
@@ -41,7 +42,7 @@ def cone_starts(
     hull: Lowest,
     random: Block,
     before: Lowest | None = None,
-) -> tuple[Block, Bool[Array, " starts"], Bool[Array, ""]]:
+) -> tuple[Block, Bool[Array, " starts"], Flag]:
     """Return vectors to start from on a cone, which are needed, and whether one is the answer.
 
     They are the two lowest modes of its hull with both signs, and noise, on few points also each
@@ -73,7 +74,7 @@ def on_cone(
     cone: AdmissibleCone,
     hull: Lowest,
     found: Minimum,
-    is_answer: Bool[Array, ""],
+    is_answer: Flag,
 ) -> Lowest:
     """Return the lowest pair on a cone, as it was found."""
     restricted = hessian.restricted(cone.is_moving)

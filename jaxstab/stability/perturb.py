@@ -3,11 +3,12 @@
 from dataclasses import replace
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import ArrayLike
 
 from jaxstab.contact import Contact
 from jaxstab.core.checks import numbers, parameter, require, require_finite
 from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.verify import recognised
@@ -70,6 +71,6 @@ def release(
     return replace(released, result=result)
 
 
-def _small_amplitude(equilibrium: Equilibrium, mode: Float[Array, " *grid"]) -> Float[Array, ""]:
+def _small_amplitude(equilibrium: Equilibrium, mode: Field) -> Scalar:
     largest = jnp.max(jnp.abs(mode))
     return _SMALL * jnp.mean(equilibrium.gap) / jnp.where(largest == 0, 1, largest)

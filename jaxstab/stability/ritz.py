@@ -12,17 +12,16 @@ from jaxtyping import Array, Float
 
 from jaxstab.contact.hessian import Block
 from jaxstab.core.grid import total, totals
+from jaxstab.core.types import Field
 
 
-def inner_products(block: Block, *fields: Float[Array, " *grid"]) -> Float[Array, "fields block"]:
+def inner_products(block: Block, *fields: Field) -> Float[Array, "fields block"]:
     """Return the inner products of every vector of a block with each of some fields."""
     sums = totals([vector * field for field in fields for vector in block])
     return sums.reshape(len(fields), len(block))
 
 
-def combination(
-    parts: Float[Array, " block"], block: Block | Sequence[Float[Array, " *grid"]]
-) -> Float[Array, " *grid"]:
+def combination(parts: Float[Array, " block"], block: Block | Sequence[Field]) -> Field:
     """Return a linear combination of the vectors of a block."""
     return reduce(jnp.add, (part * vector for part, vector in zip(parts, block, strict=True)))
 
@@ -34,12 +33,12 @@ def combinations(parts: Float[Array, "block count"], *blocks: Block) -> tuple[Bl
     return tuple(jnp.pad(block, [(0, room)] + [(0, 0)] * (block.ndim - 1)) for block in combined)
 
 
-def norms(block: Block | Sequence[Float[Array, " *grid"]]) -> Float[Array, " block"]:
+def norms(block: Block | Sequence[Field]) -> Float[Array, " block"]:
     """Return the Euclidean norms of the vectors of a block."""
     return jnp.sqrt(totals([vector**2 for vector in block]))
 
 
-def scaled_to_unit(vector: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+def scaled_to_unit(vector: Field) -> Field:
     """Return a vector scaled to unit length, zero if it is zero."""
     norm = jnp.sqrt(total(vector**2))
     return vector / jnp.where(norm == 0, 1, norm)

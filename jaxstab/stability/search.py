@@ -11,13 +11,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import if_needed
 from jaxstab.core.progress import Report, unseen
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Flag, Mask, Scalar
 from jaxstab.stability.certificate import certified_bound
 from jaxstab.stability.coarse_start import (
     is_foreseen,
@@ -61,10 +62,10 @@ class Search(eqx.Module):
     cone: AdmissibleCone
     critical_cone: AdmissibleCone
     random: Block
-    nearly_touching: Bool[Array, " *grid"]
-    touches: Bool[Array, ""]
-    is_weak: Bool[Array, ""]
-    is_doubtful: Bool[Array, ""]
+    nearly_touching: Mask
+    touches: Flag
+    is_weak: Flag
+    is_doubtful: Flag
     verdict_only: bool = eqx.field(static=True)
 
     def run(self, solver: ConeSolver, report: Report = unseen) -> "Found":
@@ -186,7 +187,7 @@ def _on_cone(
 @jax.jit
 def on_cone_by_coarser(
     solver: ProjectedLOBPCG, hessian: Hessian, cone: AdmissibleCone, hull: Lowest, random: Block
-) -> tuple[Lowest, Bool[Array, ""]]:
+) -> tuple[Lowest, Flag]:
     """Search a cone from the mode of the coarser problem, and say whether to trust what is found.
 
     Apart from the search from all starts, as that takes the memory of them all.
@@ -208,7 +209,7 @@ def _certified(
     )
 
 
-def with_bound(found: Lowest, bound: Float[Array, ""], cost: Int[Array, ""]) -> Lowest:
+def with_bound(found: Lowest, bound: Scalar, cost: Int[Array, ""]) -> Lowest:
     """Return a pair with a bound that is proved, at a cost."""
     return costing(replace(found, pair=found.pair.with_proof(False, bound)), cost)
 
@@ -246,12 +247,12 @@ def _cone_in_doubt(search: Search, cone: Lowest) -> Lowest:
     return _with_error(cone, jnp.maximum(rise, hessian.scale * residual))
 
 
-def _rise(above: Float[Array, ""], below: Float[Array, ""]) -> Float[Array, ""]:
+def _rise(above: Scalar, below: Scalar) -> Scalar:
     # Two infinite numbers are alike.
     return jnp.where(above == below, 0, above - below)
 
 
-def _with_error(lowest: Lowest, error: Float[Array, ""]) -> Lowest:
+def _with_error(lowest: Lowest, error: Scalar) -> Lowest:
     pair = lowest.pair
     pair = replace(pair, error=jnp.maximum(pair.error, jnp.where(jnp.isnan(error), jnp.inf, error)))
     return replace(lowest, pair=pair.with_proof(pair.proved), sign=pair.sign)

@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Float
 
 from jaxstab.core.display import block
 from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
+from jaxstab.core.types import Flag, Scalar
 from jaxstab.solids import Solid
 from jaxstab.stability.barrier import Barrier
 from jaxstab.stability.eigenpair import Eigenpair
@@ -53,10 +53,10 @@ class Stability(Stackable, eqx.Module):
     lower_bound: Eigenpair
     cone: Eigenpair
     critical: Eigenpair
-    complementarity: Float[Array, ""]
+    complementarity: Scalar
     barrier: Barrier
     verdict: VERDICTS
-    proved: Bool[Array, ""]
+    proved: Flag
     result: RESULTS
 
     __repr__ = block
@@ -70,7 +70,7 @@ class Stability(Stackable, eqx.Module):
             critical=self.critical.on_surface(solid),
         )
 
-    def in_units_of(self, pressure: Float[Array, ""]) -> "Stability":
+    def in_units_of(self, pressure: Scalar) -> "Stability":
         """Return the same stability with pressures in another unit; lengths stay."""
         return replace(
             self,
@@ -81,7 +81,7 @@ class Stability(Stackable, eqx.Module):
         )
 
     @property
-    def is_local(self) -> Bool[Array, ""]:
+    def is_local(self) -> Flag:
         """Whether the verdict is stable but not proved: a lower minimum may have been missed."""
         return (self.verdict == VERDICTS.stable) & ~self.proved
 
@@ -92,7 +92,7 @@ class Stability(Stackable, eqx.Module):
 
 
 def verdict_on(
-    lower_bound: Eigenpair, cone: Eigenpair, critical: Eigenpair, holds: Bool[Array, ""]
+    lower_bound: Eigenpair, cone: Eigenpair, critical: Eigenpair, holds: Flag
 ) -> VERDICTS:
     """Return the verdict on three eigenpairs, given whether contact is sure to hold."""
     is_held = (cone.sign < 0) & holds
@@ -102,7 +102,7 @@ def verdict_on(
     return VERDICTS.where(is_stable, VERDICTS.stable, verdict)
 
 
-def proof_of(verdict: VERDICTS, cone: Eigenpair, critical: Eigenpair) -> Bool[Array, ""]:
+def proof_of(verdict: VERDICTS, cone: Eigenpair, critical: Eigenpair) -> Flag:
     """Return whether a verdict is proved, given the pairs on both cones.
 
     A negative eigenvalue proves itself, by its mode; a positive one must not be below zero.

@@ -6,7 +6,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Complex, Float, Int, PRNGKeyArray
+from jaxtyping import Array, ArrayLike, Complex, Int, PRNGKeyArray
 
 from jaxstab.core.checks import (
     integer,
@@ -17,12 +17,11 @@ from jaxstab.core.checks import (
     scalar_parameter,
 )
 from jaxstab.core.grid import Grid, require_grid
+from jaxstab.core.types import Field, Scalar
 from jaxstab.surfaces.statistics import nyquist, rms_derivative
 
 
-def sinusoid(
-    grid: Grid, amplitude: ArrayLike, waves: int | tuple[int, ...] | None = None
-) -> Float[Array, " *grid"]:
+def sinusoid(grid: Grid, amplitude: ArrayLike, waves: int | tuple[int, ...] | None = None) -> Field:
     """Return h = A cos(2 pi k.x / L), a wavy surface (Westergaard, 1939).
 
     Arguments:
@@ -52,9 +51,7 @@ def sinusoid(
 
 
 @jax.jit
-def _sinusoid(
-    grid: Grid, amplitude: Float[Array, ""], waves: Int[np.ndarray, " sides"]
-) -> Float[Array, " *grid"]:
+def _sinusoid(grid: Grid, amplitude: Scalar, waves: Int[np.ndarray, " sides"]) -> Field:
     sides = zip(waves, grid.coordinates, grid.lengths, strict=True)
     phase = sum(2 * jnp.pi * k * x / length for k, x, length in sides)
     return amplitude * jnp.cos(phase)
@@ -71,7 +68,7 @@ def self_affine(
     rms_height: ArrayLike | None = None,
     rms_slope: ArrayLike | None = None,
     exponent: str = "field",
-) -> Float[Array, " *grid"]:
+) -> Field:
     """Return a Gaussian self-affine surface by Fourier filtering (Rey & Bleyer, eq. 43).
 
     White noise is filtered by the square root of the power spectrum Phi(k) = C for
@@ -138,12 +135,12 @@ def _require_spectrum(
 def _filtered_noise(
     grid: Grid,
     key: PRNGKeyArray,
-    hurst: Float[Array, ""],
-    cutoffs: Sequence[Float[Array, ""]],
-    target: Float[Array, ""],
+    hurst: Scalar,
+    cutoffs: Sequence[Scalar],
+    target: Scalar,
     exponent: str,
     order: int,
-) -> tuple[Float[Array, " *grid"], Int[Array, ""]]:
+) -> tuple[Field, Int[Array, ""]]:
     """Return a surface, the rms of its derivative of an order as asked for, and how many waves."""
     k_low, k_rolloff, k_high = cutoffs
     k = grid.wavenumbers * jnp.max(grid.lengths) / (2 * jnp.pi)

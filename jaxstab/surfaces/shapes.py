@@ -17,12 +17,10 @@ from jaxstab.core.checks import (
     scalar_parameter,
 )
 from jaxstab.core.grid import Grid, require_grid
-
-Heights = Float[Array, " *grid"]
-Scalar = Float[Array, ""]
+from jaxstab.core.types import Field, Scalar
 
 
-def paraboloid(grid: Grid, radius: ArrayLike) -> Heights:
+def paraboloid(grid: Grid, radius: ArrayLike) -> Field:
     """Return h = -r^2 / (2 R), its summit in the middle of the cell (Rey & Bleyer, eq. 40).
 
     Arguments:
@@ -30,7 +28,7 @@ def paraboloid(grid: Grid, radius: ArrayLike) -> Heights:
         radius: R, the radius of curvature at the summit [length].
 
     Returns:
-        Heights [length], zero at the summit.
+        Field [length], zero at the summit.
 
     Raises:
         ValueError: if the radius is not positive.
@@ -40,11 +38,11 @@ def paraboloid(grid: Grid, radius: ArrayLike) -> Heights:
 
 
 @jax.jit
-def _paraboloid(grid: Grid, radius: Scalar) -> Heights:
+def _paraboloid(grid: Grid, radius: Scalar) -> Field:
     return -_squared_distance(grid) / (2 * radius)
 
 
-def sphere(grid: Grid, radius: ArrayLike) -> Heights:
+def sphere(grid: Grid, radius: ArrayLike) -> Field:
     """Return h = sqrt(R^2 - r^2) - R up to r = R, and beyond it flat at -R.
 
     Arguments:
@@ -52,7 +50,7 @@ def sphere(grid: Grid, radius: ArrayLike) -> Heights:
         radius: R [length].
 
     Returns:
-        Heights [length], zero at the summit.
+        Field [length], zero at the summit.
 
     Raises:
         ValueError: if the radius is not positive.
@@ -62,7 +60,7 @@ def sphere(grid: Grid, radius: ArrayLike) -> Heights:
 
 
 @jax.jit
-def _sphere(grid: Grid, radius: Scalar) -> Heights:
+def _sphere(grid: Grid, radius: Scalar) -> Field:
     share = _squared_distance(grid) / radius**2
     is_inside = share < 1
     # As R - sqrt(R^2 - r^2) it would lose digits near the summit.
@@ -70,7 +68,7 @@ def _sphere(grid: Grid, radius: Scalar) -> Heights:
     return -jnp.where(is_inside, depth, radius)
 
 
-def cone(grid: Grid, slope: ArrayLike) -> Heights:
+def cone(grid: Grid, slope: ArrayLike) -> Field:
     """Return h = -s r.
 
     Arguments:
@@ -78,7 +76,7 @@ def cone(grid: Grid, slope: ArrayLike) -> Heights:
         slope: s, the tangent of the angle between flank and plane.
 
     Returns:
-        Heights [length], zero at the apex.
+        Field [length], zero at the apex.
 
     Raises:
         ValueError: if the slope is not positive.
@@ -88,11 +86,11 @@ def cone(grid: Grid, slope: ArrayLike) -> Heights:
 
 
 @jax.jit
-def _cone(grid: Grid, slope: Scalar) -> Heights:
+def _cone(grid: Grid, slope: Scalar) -> Field:
     return -slope * _distance(grid)
 
 
-def flat_punch(grid: Grid, radius: ArrayLike, rim_radius: ArrayLike) -> Heights:
+def flat_punch(grid: Grid, radius: ArrayLike, rim_radius: ArrayLike) -> Field:
     """Return a flat of radius a with a rounded rim: h = 0, beyond it -(r - a)^2 / (2 R).
 
     Arguments:
@@ -101,7 +99,7 @@ def flat_punch(grid: Grid, radius: ArrayLike, rim_radius: ArrayLike) -> Heights:
         rim_radius: R, the radius of curvature of its rim [length].
 
     Returns:
-        Heights [length], zero on the flat.
+        Field [length], zero on the flat.
 
     Raises:
         ValueError: if a radius is not positive.
@@ -112,13 +110,13 @@ def flat_punch(grid: Grid, radius: ArrayLike, rim_radius: ArrayLike) -> Heights:
 
 
 @jax.jit
-def _flat_punch(grid: Grid, radius: Scalar, rim_radius: Scalar) -> Heights:
+def _flat_punch(grid: Grid, radius: Scalar, rim_radius: Scalar) -> Field:
     return -(jnp.maximum(_distance(grid) - radius, 0) ** 2) / (2 * rim_radius)
 
 
 def wavy_sphere(
     grid: Grid, radius: ArrayLike, amplitude: ArrayLike, wavelength: ArrayLike
-) -> Heights:
+) -> Field:
     """Return h = -r^2 / (2 R) - A (1 - cos(2 pi r / l)), a sphere with concentric waves (Guduru).
 
     P. R. Guduru, J. Mech. Phys. Solids 55, 445 (2007).
@@ -130,7 +128,7 @@ def wavy_sphere(
         wavelength: l [length].
 
     Returns:
-        Heights [length], zero at the summit.
+        Field [length], zero at the summit.
 
     Raises:
         ValueError: if radius or wavelength are not positive, or the amplitude not finite.
@@ -143,12 +141,12 @@ def wavy_sphere(
 
 
 @jax.jit
-def _wavy_sphere(grid: Grid, radius: Scalar, amplitude: Scalar, wavelength: Scalar) -> Heights:
+def _wavy_sphere(grid: Grid, radius: Scalar, amplitude: Scalar, wavelength: Scalar) -> Field:
     waves = 1 - jnp.cos(2 * jnp.pi * _distance(grid) / wavelength)
     return _paraboloid(grid, radius) - amplitude * waves
 
 
-def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Heights:
+def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Field:
     """Return the tip that a measured profile describes, the same all around.
 
     Between the radii it is cubic, with a continuous slope, and never beyond the heights beside it
@@ -160,7 +158,7 @@ def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Hei
         profile_heights: h there, the summit pointing towards the solid, upwards [length].
 
     Returns:
-        Heights [length].
+        Field [length].
 
     Raises:
         ValueError: for radii that do not ascend from zero, or end before the corners; for heights
@@ -185,7 +183,7 @@ def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Hei
 
 
 @jax.jit
-def _tip(grid: Grid, radii: Float[Array, " n"], heights: Float[Array, " n"]) -> Heights:
+def _tip(grid: Grid, radii: Float[Array, " n"], heights: Float[Array, " n"]) -> Field:
     widths, secants = jnp.diff(radii), jnp.diff(heights) / jnp.diff(radii)
     before, after = secants[:-1], secants[1:]
     # The harmonic mean, weighted by widths; zero at a summit or in a trough.
@@ -204,18 +202,18 @@ def _tip(grid: Grid, radii: Float[Array, " n"], heights: Float[Array, " n"]) -> 
     return level + widths[i] * t * (1 - t) * bend
 
 
-def _squared_distance(grid: Grid) -> Heights:
+def _squared_distance(grid: Grid) -> Field:
     sides = zip(grid.coordinates, grid.lengths, strict=True)
     return jnp.sum(jnp.stack([(x - length / 2) ** 2 for x, length in sides]), axis=0)
 
 
-def _distance(grid: Grid) -> Heights:
+def _distance(grid: Grid) -> Field:
     """Return the distance from the middle; its derivatives by the lengths are zero there."""
     squared = _squared_distance(grid)
     return jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)
 
 
-def _positive(name: str, value: ArrayLike) -> Float[Array, ""]:
+def _positive(name: str, value: ArrayLike) -> Scalar:
     number = scalar_parameter(value, name)
     require_positive(name, number)
     return number

@@ -14,6 +14,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.core.checks import are_finite, is_traced, known, numbers, parameter, require
 from jaxstab.core.grid import Grid, require_grid
+from jaxstab.core.types import Field, Scalar
 from jaxstab.surfaces.topography import Topography
 
 # Rounding must not decide which ring a point at its edge belongs to.
@@ -31,7 +32,7 @@ class Elastic(Protocol):
     def held_by(self, stiffness: ArrayLike, /) -> Any: ...  # noqa: D102
 
 
-def rms_height(heights: Float[Array, " *grid"] | Topography) -> Float[Array, ""]:
+def rms_height(heights: Field | Topography) -> Scalar:
     """Return the root mean square height about the mean [length]."""
     return _standard_deviation(_complete(heights))
 
@@ -39,12 +40,12 @@ def rms_height(heights: Float[Array, " *grid"] | Topography) -> Float[Array, ""]
 _standard_deviation = jax.jit(jnp.std)
 
 
-def rms_slope(grid: Grid, heights: Float[Array, " *grid"] | Topography) -> Float[Array, ""]:
+def rms_slope(grid: Grid, heights: Field | Topography) -> Scalar:
     """Return the root mean square of |grad h|."""
     return rms_derivative(grid, _heights_on(grid, heights), 1)
 
 
-def rms_curvature(grid: Grid, heights: Float[Array, " *grid"] | Topography) -> Float[Array, ""]:
+def rms_curvature(grid: Grid, heights: Field | Topography) -> Scalar:
     """Return the root mean square of the mean curvature, lap h / d in d dimensions [1/length]."""
     return rms_derivative(grid, _heights_on(grid, heights), 2) / len(grid.shape)
 
@@ -65,7 +66,7 @@ class PowerSpectrum(eqx.Module):
     num_waves: Float[Array, " rings"]
 
 
-def power_spectrum(grid: Grid, heights: Float[Array, " *grid"] | Topography) -> PowerSpectrum:
+def power_spectrum(grid: Grid, heights: Field | Topography) -> PowerSpectrum:
     """Return the radial power spectrum of a surface, up to the corner of its spectrum.
 
     Arguments:
@@ -101,7 +102,7 @@ class Autocorrelation(eqx.Module):
     value: Float[Array, " rings"]
 
 
-def autocorrelation(grid: Grid, heights: Float[Array, " *grid"] | Topography) -> Autocorrelation:
+def autocorrelation(grid: Grid, heights: Field | Topography) -> Autocorrelation:
     """Return the radial autocorrelation <h(x) h(x + r)> of heights about their mean.
 
     It is the Fourier transform of |h(q)|^2 (Wiener and Khinchin), averaged over rings as wide as
@@ -126,16 +127,14 @@ def autocorrelation(grid: Grid, heights: Float[Array, " *grid"] | Topography) ->
     power = jnp.abs(grid.transform(heights - jnp.mean(heights))) ** 2
     value = grid.inverse_transform(power) / grid.size
 
-    def averaged(field: Float[Array, " *grid"]) -> Float[Array, " rings"]:
+    def averaged(field: Field) -> Float[Array, " rings"]:
         return jnp.zeros(num_rings, field.dtype).at[ring].add(field, mode="drop")
 
     num_points = averaged(jnp.ones_like(distance))
     return Autocorrelation(averaged(distance) / num_points, averaged(value) / num_points)
 
 
-def full_contact_energy(
-    solid: Elastic, heights: Float[Array, " *grid"] | Topography
-) -> Float[Array, ""]:
+def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
     """Return the elastic energy of full contact per area of the cell.
 
     That is u.Ku / 2 with u = h, for a half space E*/4 sum |q| |h(q)|^2 (Persson & Tosatti, J. Chem.
@@ -162,8 +161,8 @@ def full_contact_energy(
 
 
 def effective_work_of_adhesion(
-    solid: Elastic, heights: Float[Array, " *grid"] | Topography, work: ArrayLike
-) -> Float[Array, ""]:
+    solid: Elastic, heights: Field | Topography, work: ArrayLike
+) -> Scalar:
     """Return w A / A0 - U / A0, what closing the rough interface gains (Persson & Tosatti, 2001).
 
     A / A0 is the mean of sqrt(1 + |grad h|^2), with the gradient of the Fourier series. Below zero
@@ -200,7 +199,7 @@ def _grid_of(solid: Elastic) -> Grid:
     return grid
 
 
-def _heights_on(grid: Grid, heights: Any) -> Float[Array, " *grid"]:
+def _heights_on(grid: Grid, heights: Any) -> Field:
     """Return heights as an array, which must be on the grid."""
     require_grid(grid)
     heights = _complete(heights.on(grid) if isinstance(heights, Topography) else heights)
@@ -223,7 +222,7 @@ def _complete(heights: Any) -> Float[Array | np.ndarray, " *grid"]:
     return heights
 
 
-def _gradient(grid: Grid, heights: Float[Array, " *grid"]) -> list[Float[Array, " *grid"]]:
+def _gradient(grid: Grid, heights: Field) -> list[Field]:
     """Return the derivatives of the Fourier series along each side."""
     modes = grid.transform(heights)
     sides = zip(grid.waves, grid.shape, grid.lengths, strict=True)
@@ -238,7 +237,7 @@ def nyquist(shape: tuple[int, ...], lengths: Any) -> Any:
 
 
 @partial(jax.jit, static_argnums=2)
-def rms_derivative(grid: Grid, heights: Float[Array, " *grid"], order: int) -> Float[Array, ""]:
+def rms_derivative(grid: Grid, heights: Field, order: int) -> Scalar:
     """Return the rms of |q|^order h(q), by Parseval's theorem."""
     q = grid.wavenumbers
     squares = jnp.where(q > 0, (q**order * jnp.abs(grid.transform(heights))) ** 2, 0)

@@ -5,8 +5,8 @@ from typing import Any
 
 from jaxstab.contact import Contact
 from jaxstab.core.loop import Iteration, IterativeSolver
+from jaxstab.core.types import Field
 from jaxstab.loads import Control
-from jaxstab.solids import Field
 
 
 class EquilibriumSolver(IterativeSolver):

@@ -7,13 +7,14 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, optional_parameter
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver
 from jaxstab.loads import Control
 from jaxstab.solids import Solid
@@ -27,19 +28,19 @@ _STIFF = 0.1
 
 
 class _State(eqx.Module):
-    gap: Float[Array, " *grid"]
+    gap: Field
     balance: Balance
-    direction: Float[Array, " *grid"]
-    force: Float[Array, " *grid"]
-    force_norm: Float[Array, ""]
-    reach: Float[Array, ""]
+    direction: Field
+    force: Field
+    force_norm: Scalar
+    reach: Scalar
 
 
 class _Trial(eqx.Module):
-    gap: Float[Array, " *grid"]
+    gap: Field
     balance: Balance
-    is_accepted: Bool[Array, ""]
-    length: Float[Array, ""]
+    is_accepted: Flag
+    length: Scalar
     num_cuts: Int[Array, ""]
 
 
@@ -63,10 +64,10 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
             this value, summed over the points [pressure length]; by default never.
     """
 
-    tolerance: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
+    tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=20_000)
-    max_move: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
-    least_energy: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
+    max_move: Scalar | None = eqx.field(converter=optional_parameter, default=None)
+    least_energy: Scalar | None = eqx.field(converter=optional_parameter, default=None)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
 
@@ -74,7 +75,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
         self,
         contact: Contact,
         control: Control,
-        gap: Float[Array, " *grid"],
+        gap: Field,
     ) -> Iteration[_State]:
         """Iterate from a gap that meets the load to an equilibrium under it."""
         solid = contact.solid.held_by(0 if control.stiffness is None else control.stiffness)
@@ -82,11 +83,11 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
         balance_of = contact.balance(control)
         shortened = _shortening(contact, self.max_move)
 
-        def energy_of(gap: Float[Array, " *grid"], balance: Balance) -> Float[Array, ""]:
+        def energy_of(gap: Field, balance: Balance) -> Scalar:
             work = gap.size * control.energy(total(gap) / gap.size)
             return balance.elastic_energy + balance.adhesion + work
 
-        def search(state: _State, direction: Float[Array, " *grid"], length: Array) -> _Trial:
+        def search(state: _State, direction: Field, length: Array) -> _Trial:
             energy = energy_of(state.gap, state.balance)
             # The work of a load that is nearly nothing, as at a spring that has relaxed, is no
             # more certain than the mean gap.
@@ -95,7 +96,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
             terms = state.balance.elastic_energy, state.balance.adhesion, energy, work
             noise = 100 * jnp.finfo(gap.dtype).eps * sum(map(jnp.abs, terms))
 
-            def tried(length: Array) -> Float[Array, " *grid"]:
+            def tried(length: Array) -> Field:
                 return control.admissible(state.gap - length * direction)
 
             def attempt(trial: _Trial) -> _Trial:
@@ -164,9 +165,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
         return self.iterate(step, measure, start)
 
 
-def _preconditioner(
-    contact: Contact, solid: Solid, gap: Float[Array, " *grid"]
-) -> Callable[[Float[Array, " *grid"], Float[Array, " *grid"]], Float[Array, " *grid"]]:
+def _preconditioner(contact: Contact, solid: Solid, gap: Field) -> Callable[[Field, Field], Field]:
     """Return the map from f'' and a force to 1 / (K + c) times the force.
 
     The constant c is the stiffness of the softest wave and of the adhesion. Points that sit on a
@@ -174,19 +173,17 @@ def _preconditioner(
     """
     stiff = _STIFF * solid.max_stiffness
 
-    def softness(curvature: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    def softness(curvature: Field) -> Field:
         return stiff / (stiff + jnp.maximum(curvature, 0))
 
     curvature = contact.curvature(gap)
     adhesion = total(jnp.maximum(curvature, 0) * softness(curvature)) / gap.size
     inverse = solid.precondition(solid.share * solid.min_stiffness + adhesion)
 
-    def by_waves(_: Array, force: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    def by_waves(_: Array, force: Field) -> Field:
         return inverse(force)
 
-    def by_waves_and_points(
-        curvature: Float[Array, " *grid"], force: Float[Array, " *grid"]
-    ) -> Float[Array, " *grid"]:
+    def by_waves_and_points(curvature: Field, force: Field) -> Field:
         share = softness(curvature)
         waves = jnp.sqrt(share) * inverse(jnp.sqrt(share) * force)
         return waves + share * (1 - share) / stiff * force
@@ -194,24 +191,22 @@ def _preconditioner(
     return partial(jax.lax.cond, contact.has_core, by_waves_and_points, by_waves)
 
 
-def _shortening(contact: Contact, max_move: Float[Array, ""] | None) -> Callable[..., Array]:
+def _shortening(contact: Contact, max_move: Scalar | None) -> Callable[..., Array]:
     """Return the map from the length of a step, a gap and a direction to one that is allowed."""
     if max_move is None:
         return lambda length, gap, direction: length
     law_range = contact.profile.range
 
-    def shortened(
-        length: Float[Array, ""], gap: Float[Array, " *grid"], direction: Float[Array, " *grid"]
-    ) -> Float[Array, ""]:
+    def shortened(length: Scalar, gap: Field, direction: Field) -> Scalar:
         moves = direction != 0
         rooms = (law_range + gap) / jnp.where(moves, jnp.abs(direction), 1)
         return jnp.minimum(length, max_move * jnp.min(jnp.where(moves, rooms, jnp.inf)))
 
-    def unchanged(length: Float[Array, ""], *_: Float[Array, " *grid"]) -> Float[Array, ""]:
+    def unchanged(length: Scalar, *_: Field) -> Scalar:
         return length
 
     return partial(jax.lax.cond, jnp.isfinite(max_move), shortened, unchanged)
 
 
-def _nonzero(value: Float[Array, ""]) -> Float[Array, ""]:
+def _nonzero(value: Scalar) -> Scalar:
     return jnp.where(value == 0, 1, value)

@@ -9,22 +9,23 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, optional_parameter
+from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver
 from jaxstab.loads import Control
 
 
 class _State(eqx.Module):
-    gap: Float[Array, " *grid"]
+    gap: Field
     balance: Balance
-    direction: Float[Array, " *grid"]
-    free_norm: Float[Array, ""]
+    direction: Field
+    free_norm: Scalar
 
 
 class PolonskyKeerRey(EquilibriumSolver):
@@ -42,7 +43,7 @@ class PolonskyKeerRey(EquilibriumSolver):
         max_steps: the step limit, 20 000 by default.
     """
 
-    tolerance: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
+    tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=20_000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-8, "float32": 1e-4}
@@ -52,7 +53,7 @@ class PolonskyKeerRey(EquilibriumSolver):
         self,
         contact: Contact,
         control: Control,
-        gap: Float[Array, " *grid"],
+        gap: Field,
     ) -> Iteration[_State]:
         """Iterate from a gap that meets the load to an equilibrium of the same mean gap.
 
@@ -98,5 +99,5 @@ class PolonskyKeerRey(EquilibriumSolver):
         return self.iterate(step, measure, start)
 
 
-def _ratio(above: Float[Array, ""], below: Float[Array, ""]) -> Float[Array, ""]:
+def _ratio(above: Scalar, below: Scalar) -> Scalar:
     return jnp.where(below > 0, above / jnp.where(below > 0, below, 1), 0)

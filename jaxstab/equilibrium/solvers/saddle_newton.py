@@ -6,7 +6,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
@@ -14,6 +14,7 @@ from jaxstab.contact.residual import Balance
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, optional_parameter
+from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver
 from jaxstab.loads import Control
 
@@ -26,13 +27,13 @@ _MAX_RESTARTS = 10
 
 
 class _State(eqx.Module):
-    gap: Float[Array, " *grid"]
+    gap: Field
     balance: Balance
 
 
 class _Trial(eqx.Module):
     state: _State
-    length: Float[Array, ""]
+    length: Scalar
     count: Int[Array, ""]
 
 
@@ -50,7 +51,7 @@ class SaddleNewton(EquilibriumSolver):
         max_steps: the step limit, 200 by default.
     """
 
-    tolerance: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
+    tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=200)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
@@ -60,7 +61,7 @@ class SaddleNewton(EquilibriumSolver):
         self,
         contact: Contact,
         control: Control,
-        gap: Float[Array, " *grid"],
+        gap: Field,
     ) -> Iteration[_State]:
         """Iterate from a gap that meets the load to an equilibrium under it."""
         # Late, since it takes a while to import.
@@ -68,14 +69,14 @@ class SaddleNewton(EquilibriumSolver):
 
         balance_of = contact.balance(control)
 
-        def newton_step(state: _State) -> Float[Array, " *grid"]:
+        def newton_step(state: _State) -> Field:
             net, curvature = state.balance.net, state.balance.curvature
             is_moving = control.moving(state.gap, net)
             hessian = Hessian(contact.solid, curvature, control.stiffness, is_moving)
             adhesion = total(jnp.abs(curvature)) / curvature.size
             inverse = hessian.inverse(contact.solid.min_stiffness + adhesion)
 
-            def project(field: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+            def project(field: Field) -> Field:
                 return control.project(field, is_moving)
 
             # What does not move is left to the identity.

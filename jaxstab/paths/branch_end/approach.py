@@ -13,20 +13,21 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.grid import mean, total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, IterativeSolver
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.equilibrium import fields_of
 from jaxstab.loads import Control, Load
 from jaxstab.paths.branch_end.fold import FoldNewton
 from jaxstab.paths.branch_end.kind import KINDS
-from jaxstab.paths.branch_end.linearise import Field, Point, Scalar, linearised, point_at
+from jaxstab.paths.branch_end.linearise import Point, linearised, point_at
 from jaxstab.paths.branch_end.locate import Limit, limit_of
 from jaxstab.paths.energy import own_energy, smallest_loss, supply_of
 from jaxstab.stability.lowest_modes import BLOCK_SIZE, noise
@@ -122,7 +123,7 @@ class _Approach(IterativeSolver):
     patience: ClassVar[int] = 15
 
     def solve(
-        self, contact: Contact, point: Point, last: Load, is_needed: Bool[Array, ""]
+        self, contact: Contact, point: Point, last: Load, is_needed: Flag
     ) -> Iteration[_Approaching]:
         """Go from a point of the branch towards a load beyond its end, if there is such a point."""
         width = jnp.abs(last.value - point.load.value)
@@ -151,7 +152,7 @@ class _Approach(IterativeSolver):
                 point, rate, potential, force, force_rate, least, distance, fraction
             )
 
-        def is_ahead(state: _Approaching) -> Bool[Array, ""]:
+        def is_ahead(state: _Approaching) -> Flag:
             left = last.value - state.point.load.value
             return (state.distance * left > 0) & (jnp.abs(state.distance) < jnp.abs(left))
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact
 from jaxstab.core.display import block
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
+from jaxstab.core.types import Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import contact_area, fields_of
 from jaxstab.loads import Load
@@ -59,7 +59,7 @@ class CriticalLoad(Stackable, eqx.Module):
             after=None if self.after is None else self.after.on_surface(solid),
         )
 
-    def in_units_of(self, pressure: Float[Array, ""]) -> "CriticalLoad":
+    def in_units_of(self, pressure: Scalar) -> "CriticalLoad":
         """Return the same with pressures in another unit; lengths stay."""
         return replace(
             self,

@@ -4,23 +4,17 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
 
 from jaxstab.contact import Contact
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import attach, finite, pushed
 from jaxstab.core.no_derivative import Obstacle, any_exists
+from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium.derivatives import changing_points
 from jaxstab.equilibrium.equilibrium import Fields, fields_of
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.kind import KINDS
-from jaxstab.paths.branch_end.linearise import (
-    Field,
-    Scalar,
-    free_space,
-    linearised,
-    newton_step,
-)
+from jaxstab.paths.branch_end.linearise import free_space, linearised, newton_step
 from jaxstab.paths.branch_end.locate import Limit, locate
 from jaxstab.paths.branch_end.release import first_of, first_releases, opening
 from jaxstab.stability.derivatives import differentiable as differentiable_pair
@@ -72,7 +66,7 @@ def differentiable_value(
 
 
 def differentiable_fields(
-    fields: Fields, is_found: Bool[Array, ""], contact: Contact, load: Load, gap: Field, throw: bool
+    fields: Fields, is_found: Flag, contact: Contact, load: Load, gap: Field, throw: bool
 ) -> Fields:
     """Return the fields at a limit as functions of the contact, and of its load and gap."""
     return attach(_changes_of_fields, throw, fields, is_found, (contact, load, gap))
@@ -119,7 +113,7 @@ def _changes_of_limit(
 
     shift, *missed = pushed(pressures, inputs, changes)
 
-    def missed_if(is_of_kind: Bool[Array, ""]) -> list[Field]:
+    def missed_if(is_of_kind: Flag) -> list[Field]:
         # Of nothing, linear systems are solved in no step.
         return [jnp.where(is_of_kind & ~is_blocked, part, 0) for part in missed]
 
@@ -132,7 +126,7 @@ def _changes_of_limit(
 
 
 def _move_of_release(
-    contact: Contact, load: Load, gap: Field, point: Bool[Array, " *grid"], net_change: Field
+    contact: Contact, load: Load, gap: Field, point: Mask, net_change: Field
 ) -> Changes:
     """Return the changes of load and gap that cancel one of the net pressure."""
     near = opening(contact, load, gap, point)
@@ -143,7 +137,7 @@ def _move_of_release(
 
 
 def _changes_of_fields(
-    fields: Fields, is_found: Bool[Array, ""], inputs: tuple, changes: tuple
+    fields: Fields, is_found: Flag, inputs: tuple, changes: tuple
 ) -> tuple[Fields, list[Obstacle]]:
     moved, _ = pushed(fields_of, finite(is_found, inputs), changes)
     return moved, [Obstacle(~is_found, NOT_FOUND)]

@@ -5,19 +5,13 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, IterativeSolver
-from jaxstab.paths.branch_end.linearise import (
-    Point,
-    Scalar,
-    linearised,
-    moved_along,
-    newton_step,
-    point_at,
-)
+from jaxstab.core.types import Flag, Scalar
+from jaxstab.paths.branch_end.linearise import Point, linearised, moved_along, newton_step, point_at
 
 
 class FoldNewton(IterativeSolver):
@@ -30,7 +24,7 @@ class FoldNewton(IterativeSolver):
     patience: ClassVar[int] = 8
 
     def solve(
-        self, contact: Contact, point: Point, is_needed: Bool[Array, ""] | bool = True
+        self, contact: Contact, point: Point, is_needed: Flag | bool = True
     ) -> Iteration[Point]:
         """Go from a point of the branch to the fold, if there is such a point."""
 

@@ -2,18 +2,15 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact
 from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.grid import mean
+from jaxstab.core.types import Field, Flag
 from jaxstab.loads import Load
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.lowest_modes import BLOCK_SIZE, lowest_pair, noise
 from jaxstab.stability.solvers.davidson import Davidson
-
-Field = Float[Array, " *grid"]
-Flag = Bool[Array, ""]
 
 # How far beyond the end of a branch, in units of how near it is known, a point may let go at it.
 _LEEWAY = 2

@@ -9,21 +9,18 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
 from jaxstab.core.grid import total
-from jaxstab.core.implicit import FieldMap, LinearSystem
+from jaxstab.core.implicit import LinearSystem
+from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.equilibrium.derivatives import third_derivative
 from jaxstab.equilibrium.equilibrium import fields_of
 from jaxstab.loads import Load
 from jaxstab.stability import Davidson, Eigenpair
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.lowest_modes import lowest_pair
-
-Field = Float[Array, " *grid"]
-Scalar = Float[Array, ""]
 
 # The residual of a mode: derivatives of the eigenvalue are as good as it is.
 _MODE_TOLERANCE = {"float64": 1e-9, "float32": 1e-5}
@@ -45,7 +42,7 @@ def point_at(
     load: Load,
     gap: Field,
     modes: Block,
-    opened: Bool[Array, " *grid"] | bool = False,
+    opened: Mask | bool = False,
 ) -> Point:
     """Return a state of a branch, its modes sought from a block of others.
 
@@ -138,7 +135,7 @@ class Linearisation(NamedTuple):
         return -load * eigenvalue
 
     @property
-    def branches_off(self) -> Bool[Array, ""]:
+    def branches_off(self) -> Flag:
         """Whether the load does not act on the mode, or the eigenvalue does not change along it."""
         least = _LEAST_COSINE[self.pair.mode.dtype.name]
         load, eigenvalue = self._along_mode

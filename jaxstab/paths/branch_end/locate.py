@@ -7,13 +7,14 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.compile import first_good
 from jaxstab.core.history import History
 from jaxstab.core.loop import Iteration
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.fold import FoldNewton
 from jaxstab.paths.branch_end.kind import KINDS, reason_of
@@ -28,10 +29,6 @@ from jaxstab.paths.branch_end.release import (
 )
 from jaxstab.stability.eigenpair import Eigenpair
 from jaxstab.stability.lowest_modes import BLOCK_SIZE, noise
-
-Field = Float[Array, " *grid"]
-Mask = Bool[Array, " *grid"]
-Scalar = Float[Array, ""]
 
 # How far from where it was seen to lie a limit may be found, over how near that is known.
 _LEEWAY = 10
@@ -62,11 +59,11 @@ class Limit(eqx.Module):
     residual: Scalar
     num_steps: Int[Array, ""]
     history: History
-    is_exact: Bool[Array, ""]
+    is_exact: Flag
     result: RESULTS
 
     @property
-    def is_found(self) -> Bool[Array, ""]:
+    def is_found(self) -> Flag:
         """Whether there is one."""
         return self.result == RESULTS.successful
 

@@ -11,23 +11,20 @@ from typing import ClassVar, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.grid import mean, total
 from jaxstab.core.history import Indicators
 from jaxstab.core.implicit import LinearSystem
 from jaxstab.core.loop import Iteration, IterativeSolver
+from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.derivatives import free_system
 from jaxstab.equilibrium.equilibrium import fields_of
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.linearise import free_space, moved_along, rates
 from jaxstab.stability.cones import Subspace
-
-Field = Float[Array, " *grid"]
-Mask = Bool[Array, " *grid"]
-Scalar = Float[Array, ""]
 
 
 class Held(eqx.Module):

@@ -15,6 +15,7 @@ from jaxstab.core.grid import total, totals
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.loop import Iteration, optional_parameter
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpair import Minimum, descended, projected_residual
 from jaxstab.stability.ritz import (
@@ -30,29 +31,29 @@ _MAX_TRIES = 4
 
 
 class _Point(eqx.Module):
-    mode: Float[Array, " *grid"]
-    product: Float[Array, " *grid"]
-    eigenvalue: Float[Array, ""]
+    mode: Field
+    product: Field
+    eigenvalue: Scalar
 
     @classmethod
-    def at(cls, operator: SymmetricOperator, mode: Float[Array, " *grid"]) -> "_Point":
+    def at(cls, operator: SymmetricOperator, mode: Field) -> "_Point":
         product = operator(mode)
         return cls(mode, product, total(mode * product))
 
 
 class _State(eqx.Module):
     point: _Point
-    descended: Float[Array, " *grid"]
-    move: Float[Array, " *grid"]
-    move_product: Float[Array, " *grid"]
-    is_stuck: Bool[Array, ""]
+    descended: Field
+    move: Field
+    move_product: Field
+    is_stuck: Flag
     num_applications: Int[Array, ""]
 
 
 class _Trial(eqx.Module):
     point: _Point
-    is_lower: Bool[Array, ""]
-    length: Float[Array, ""]
+    is_lower: Flag
+    length: Scalar
     num_tries: Int[Array, ""]
     num_applications: Int[Array, ""]
 
@@ -75,7 +76,7 @@ class ProjectedLOBPCG(ConeSolver):
         max_steps: the step limit of each start, 5000 by default.
     """
 
-    tolerance: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
+    tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=5000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
@@ -108,7 +109,7 @@ class ProjectedLOBPCG(ConeSolver):
 
 
 def _inner_products(
-    basis: Sequence[Float[Array, " *grid"]], products: Sequence[Float[Array, " *grid"]]
+    basis: Sequence[Field], products: Sequence[Field]
 ) -> tuple[
     Float[Array, "vectors vectors"], Float[Array, "vectors vectors"], Float[Array, " vectors"]
 ]:
@@ -121,7 +122,7 @@ def _inner_products(
     return gram, energies, sums[-size:]
 
 
-def _compared(old: _Point, mode: Array, product: Array) -> tuple[_Point, Bool[Array, ""]]:
+def _compared(old: _Point, mode: Array, product: Array) -> tuple[_Point, Flag]:
     """Return the point of a unit vector, and whether it is a lower one; zero never is.
 
     The Rayleigh quotients of x and x + d differ by d.((A x - lambda x) + (A (x + d) - lambda
@@ -133,7 +134,7 @@ def _compared(old: _Point, mode: Array, product: Array) -> tuple[_Point, Bool[Ar
     return point, (change <= 0) & (square > 0)
 
 
-def entry(cone: AdmissibleCone, start: Float[Array, " *grid"]) -> Iteration[_State]:
+def entry(cone: AdmissibleCone, start: Field) -> Iteration[_State]:
     """Return a start before its first step."""
     nothing, zero = jnp.zeros_like(start), jnp.zeros((), start.dtype)
     # The first step begins at the projected start, as if that were where the last step led.

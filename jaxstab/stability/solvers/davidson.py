@@ -13,12 +13,13 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import optional_parameter
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpair import Minimum
 from jaxstab.stability.ritz import (
@@ -45,7 +46,7 @@ class _Span(eqx.Module):
     energies: Float[Array, "room room"]
 
     @classmethod
-    def empty(cls, room: int, like: Float[Array, " *grid"]) -> "_Span":
+    def empty(cls, room: int, like: Field) -> "_Span":
         """Return a space with room for a number of vectors."""
         block = jnp.zeros((room, *like.shape), like.dtype)
         matrix = jnp.zeros((room, room), like.dtype)
@@ -54,10 +55,10 @@ class _Span(eqx.Module):
     def with_vector(
         self,
         slot: Int[Array, ""],
-        vector: Float[Array, " *grid"],
+        vector: Field,
         operator: SymmetricOperator,
         space: Subspace,
-        is_noise: Bool[Array, ""],
+        is_noise: Flag,
     ) -> "_Span":
         """Return the space with another vector, made orthogonal to the rest if it may be noise.
 
@@ -76,7 +77,7 @@ class _Span(eqx.Module):
             _put_both(energies, self.energies, slot),
         )
 
-    def _apart_from(self, vector: Float[Array, " *grid"]) -> Float[Array, " *grid"]:
+    def _apart_from(self, vector: Field) -> Field:
         (overlaps,), square = inner_products(self.basis, vector), total(vector**2)
         rest = vector - combination(overlaps, self.basis)
         # None, where what is left is little more than rounding.
@@ -105,7 +106,7 @@ class _State(eqx.Module):
     span: _Span
     eigenvalues: Float[Array, " size"]
     residuals: Float[Array, " count"]
-    is_empty: Bool[Array, ""]
+    is_empty: Flag
 
 
 class Davidson(SpaceSolver):
@@ -119,7 +120,7 @@ class Davidson(SpaceSolver):
             residuals.
     """
 
-    tolerance: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
+    tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=5000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}

@@ -15,22 +15,23 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import optional_parameter
+from jaxstab.core.types import Field, Scalar
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpair import Minimum, admissible_pair, descended, unit_vector
 from jaxstab.stability.solvers.base import ConeSolver
 
 
 class _State(eqx.Module):
-    x: Float[Array, " *grid"]
-    y: Float[Array, " *grid"]
-    z: Float[Array, ""]
-    z_change: Float[Array, ""]
+    x: Field
+    y: Field
+    z: Scalar
+    z_change: Scalar
 
 
 class ProximalIteration(ConeSolver):
@@ -43,7 +44,7 @@ class ProximalIteration(ConeSolver):
         max_steps: the step limit, 200 000 by default.
     """
 
-    tolerance: Float[Array, ""] | None = eqx.field(converter=optional_parameter, default=None)
+    tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=200_000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}

@@ -6,13 +6,14 @@ from typing import Any
 
 import equinox as eqx
 import jax
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.loop import Iteration, Loop
 from jaxstab.core.pause import Pause
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium.equilibrate import concluded, in_users_units, started
-from jaxstab.equilibrium.equilibrium import Equilibrium, Field
+from jaxstab.equilibrium.equilibrium import Equilibrium
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_load
@@ -34,7 +35,7 @@ class _Problem(eqx.Module):
 
     contact: Contact
     load: Load
-    unit: Float[Array, ""]
+    unit: Scalar
     start: Field
 
     def solve(self) -> Iteration[Any]:
@@ -76,7 +77,7 @@ class EquilibriumStage(Stage):
             state.problem.solve()
         return replace(state, loop=pause.loop)
 
-    def is_over(self, record: Record, state: _Solve) -> Bool[Array, ""]:
+    def is_over(self, record: Record, state: _Solve) -> Flag:
         """Return whether the solve has ended."""
         return _solver().is_over(state.loop)
 

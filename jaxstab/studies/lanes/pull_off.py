@@ -8,12 +8,13 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Int
+from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.loop import Loop
 from jaxstab.core.pause import Pause
 from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Flag
 from jaxstab.loads import MeanPressure
 from jaxstab.paths.branch_end.critical_load import CriticalLoad
 from jaxstab.paths.programme import Course
@@ -39,7 +40,7 @@ class _Walking(eqx.Module):
 
     course: Course
     walk: Walk[Strongest]
-    has_begun: Bool[Array, ""]
+    has_begun: Flag
     aim: Aim
     loop: Loop[Any]
     num_before: Int[Array, ""]
@@ -57,7 +58,7 @@ class _Walking(eqx.Module):
 def _seeking(
     course: Course,
     walk: Walk[Strongest],
-    has_begun: Bool[Array, ""],
+    has_begun: Flag,
     aim: Aim,
     num_before: Int[Array, ""],
 ) -> _Walking:
@@ -101,7 +102,7 @@ class WalkStage(Stage):
         is_found = state.course.solver.is_over(state.loop)
         return jax.tree.map(partial(jnp.where, is_found), state.after(*found), state)
 
-    def is_over(self, record: Record, state: _Walking) -> Bool[Array, ""]:
+    def is_over(self, record: Record, state: _Walking) -> Flag:
         """Return whether the walk has come to its end."""
         return state.has_begun & ~state.walk.is_open(state.course.load)
 

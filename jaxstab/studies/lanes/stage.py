@@ -3,7 +3,9 @@
 from abc import ABC, abstractmethod
 from typing import Any
 
-from jaxtyping import Array, ArrayLike, Bool, Int
+from jaxtyping import Array, ArrayLike, Int
+
+from jaxstab.core.types import Flag
 
 # The inputs of a case, and after them the states of its stages so far.
 Record = tuple[Any, ...]
@@ -29,7 +31,7 @@ class Stage(ABC):
         """Return the state of a lane after at most so many steps more."""
 
     @abstractmethod
-    def is_over(self, record: Record, state: Any) -> Bool[Array, ""]:
+    def is_over(self, record: Record, state: Any) -> Flag:
         """Return whether a lane has no step to take."""
 
     @abstractmethod

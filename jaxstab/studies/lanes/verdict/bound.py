@@ -6,11 +6,12 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.contact.hessian import Block
 from jaxstab.core.loop import Loop
 from jaxstab.core.pause import Pause
+from jaxstab.core.types import Flag, Scalar
 from jaxstab.stability.certificate import SHARES, bound_by, is_sought
 from jaxstab.stability.search import Search
 from jaxstab.studies.lanes.stage import Record, Stage
@@ -31,11 +32,11 @@ class _Bounding(eqx.Module):
         loop: where the search is; None where the solid knows of no bound.
     """
 
-    eigenvalue: Float[Array, ""]
+    eigenvalue: Scalar
     modes: Block
     number: Int[Array, ""]
-    is_needed: Bool[Array, ""]
-    best: Float[Array, ""]
+    is_needed: Flag
+    best: Scalar
     cost: Int[Array, ""]
     loop: Loop[Any] | None
 
@@ -76,7 +77,7 @@ class BoundStage(Stage):
             self._bound(ready_in(record).search, state)
         return replace(state, loop=pause.loop)
 
-    def is_over(self, record: Record, state: _Bounding) -> Bool[Array, ""]:
+    def is_over(self, record: Record, state: _Bounding) -> Flag:
         """Return whether the search has ended, or is not needed."""
         if state.loop is None:
             return jnp.array(True)

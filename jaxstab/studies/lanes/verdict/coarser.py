@@ -3,8 +3,9 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Int
+from jaxtyping import Array, ArrayLike, Int
 
+from jaxstab.core.types import Flag
 from jaxstab.stability.coarse_start import is_large
 from jaxstab.stability.lowest_pair import Lowest
 from jaxstab.stability.search import on_cone_by_coarser
@@ -22,7 +23,7 @@ class First(eqx.Module):
     """
 
     lowest: Lowest | None
-    is_trusted: Bool[Array, ""]
+    is_trusted: Flag
 
 
 class CoarserStage(Stage):
@@ -51,7 +52,7 @@ class CoarserStage(Stage):
         """Return the state as it is."""
         return state
 
-    def is_over(self, record: Record, state: First) -> Bool[Array, ""]:
+    def is_over(self, record: Record, state: First) -> Flag:
         """Return that it is."""
         return jnp.array(True)
 

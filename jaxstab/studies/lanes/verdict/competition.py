@@ -10,6 +10,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core.loop import Iteration, Loop
 from jaxstab.core.pause import Pause
+from jaxstab.core.types import Flag
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpair import Minimum
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG, descend, entry
@@ -28,10 +29,10 @@ class Competitor(eqx.Module):
     """
 
     loop: Loop
-    goes_on: Bool[Array, ""]
+    goes_on: Flag
     round: Int[Array, ""]
 
-    def is_over(self, solver: ProjectedLOBPCG) -> Bool[Array, ""]:
+    def is_over(self, solver: ProjectedLOBPCG) -> Flag:
         """Return whether the round is over for this start."""
         is_last = self.round >= _NUM_ROUNDS
         has_run = self.loop.num_steps >= _length(self.round)
@@ -76,7 +77,7 @@ def turned(
         loops = jax.tree.map(partial(jnp.where, is_last), all_.loop, resumed)
         return Competitor(loops, wins, all_.round + 1)
 
-    def goes_on(all_: Competitor) -> Bool[Array, ""]:
+    def goes_on(all_: Competitor) -> Flag:
         is_over = jax.vmap(lambda one: one.is_over(solver))(all_)
         return jnp.all(is_over) & (all_.round[0] < _NUM_ROUNDS)
 

@@ -6,8 +6,9 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Int
+from jaxtyping import Array, ArrayLike, Int
 
+from jaxstab.core.types import Flag
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.lowest_pair import Lowest, after, again, cone_starts, on_cone
 from jaxstab.stability.search import Search
@@ -28,7 +29,7 @@ class _OnCone(eqx.Module):
     """
 
     number: Int[Array, ""]
-    is_answer: Bool[Array, ""]
+    is_answer: Flag
     competitor: Competitor
 
 
@@ -71,7 +72,7 @@ class ConesStage(Stage):
         competitor = state.competitor.advanced(cone_solver(), *problem, max_steps)
         return replace(state, competitor=competitor)
 
-    def is_over(self, record: Record, state: _OnCone) -> Bool[Array, ""]:
+    def is_over(self, record: Record, state: _OnCone) -> Flag:
         """Return whether the round is over for a start."""
         return state.competitor.is_over(cone_solver())
 

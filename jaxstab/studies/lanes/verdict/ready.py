@@ -5,8 +5,9 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Int
+from jaxtyping import Array, ArrayLike, Int
 
+from jaxstab.core.types import Flag
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.stability.assess import prepared
 from jaxstab.stability.cones import AdmissibleCone
@@ -61,7 +62,7 @@ class ReadyStage(Stage):
         """Return the state as it is."""
         return state
 
-    def is_over(self, record: Record, state: Ready) -> Bool[Array, ""]:
+    def is_over(self, record: Record, state: Ready) -> Flag:
         """Return that it is."""
         return jnp.array(True)
 
@@ -70,7 +71,7 @@ class ReadyStage(Stage):
         return jnp.array(0)
 
 
-def chosen(condition: Bool[Array, ""], one: Lowest, other: Lowest) -> Lowest:
+def chosen(condition: Flag, one: Lowest, other: Lowest) -> Lowest:
     """Return the one of two lowest pairs."""
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y), one, other)
 

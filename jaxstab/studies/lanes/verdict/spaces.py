@@ -6,11 +6,12 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Int
+from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.contact.hessian import Block
 from jaxstab.core.loop import Loop
 from jaxstab.core.pause import Pause
+from jaxstab.core.types import Flag, Mask
 from jaxstab.stability.coarse_start import space_starts
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.lowest_modes import BLOCK_SIZE
@@ -31,8 +32,8 @@ class _OnSpace(eqx.Module):
         loop: where the search is.
     """
 
-    is_moving: Bool[Array, " *grid"]
-    is_needed: Bool[Array, ""]
+    is_moving: Mask
+    is_needed: Flag
     starts: Block
     cost: Int[Array, ""]
     loop: Loop[Any]
@@ -66,7 +67,7 @@ class SpacesStage(Stage):
             _lowest(ready_in(record).search, state.is_moving, state.starts)
         return replace(state, loop=pause.loop)
 
-    def is_over(self, record: Record, state: _OnSpace) -> Bool[Array, ""]:
+    def is_over(self, record: Record, state: _OnSpace) -> Flag:
         """Return whether a search has ended, or is not needed."""
         return ~state.is_needed | space_solver(state.starts.dtype).is_over(state.loop)
 
@@ -87,10 +88,10 @@ class SpacesStage(Stage):
         return around, chosen(search.touches, hull, again(around))
 
 
-def _lowest(search: Search, is_moving: Bool[Array, " *grid"], starts: Block) -> Lowest:
+def _lowest(search: Search, is_moving: Mask, starts: Block) -> Lowest:
     space = _space(search, is_moving)
     return on_space(space_solver(starts.dtype), search.hessian, space, starts)
 
 
-def _space(search: Search, is_moving: Bool[Array, " *grid"]) -> Subspace:
+def _space(search: Search, is_moving: Mask) -> Subspace:
     return Subspace(is_moving, search.cone.fixes_mean)
