@@ -1,6 +1,5 @@
 """A solver for equilibria of one's own, which several tests take."""
 
-import equinox as eqx
 from jaxtyping import Array
 
 import jaxstab as js
@@ -13,20 +12,7 @@ class Descent(js.EquilibriumSolver):
     max_steps: Array = 20_000
     patience = 5_000
 
-    def solve(self, contact, control, gap):
-        balance_of = contact.balance(control)
-        length = 1 / contact.solid.max_stiffness
-
-        def step(state):
-            moves = control.project(state.balance.net, (state.gap > 0) | (state.balance.net < 0))
-            gap = control.admissible(state.gap - length * moves)
-            return State(gap, balance_of(gap))
-
-        return self.iterate(
-            step, lambda state: {"residual": state.balance.residual}, State(gap, balance_of(gap))
-        )
-
-
-class State(eqx.Module):
-    gap: Array
-    balance: eqx.Module
+    def step(self, problem, state):
+        gap, net = state.gap, state.balance.net
+        moves = problem.control.project(net, (gap > 0) | (net < 0))
+        return problem.state(gap - moves / problem.contact.solid.max_stiffness)

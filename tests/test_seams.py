@@ -110,6 +110,16 @@ def test_a_solid_of_ones_own_has_derivatives(name):
         np.testing.assert_allclose(slopes, (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-7)
 
 
+def unit(cone, vector):
+    vector = cone.project(vector)
+    return vector / jnp.linalg.norm(vector)
+
+
+def descended(operator, x):
+    product = operator(x)
+    return x - (product - jnp.sum(x * product) * x) / operator.bound
+
+
 class PowerIteration(js.ConeSolver):
     """Steps down the Rayleigh quotient and back onto the cone, from the last start."""
 
@@ -117,23 +127,20 @@ class PowerIteration(js.ConeSolver):
     max_steps: Array = 20_000
     patience = 5_000
 
-    def solve(self, operator, cone, starts, is_needed=True):
-        def unit(vector):
-            vector = cone.project(vector)
-            return vector / jnp.linalg.norm(vector)
+    def init(self, problem, start):
+        return unit(problem.domain, jnp.abs(start[-1]))
 
-        def descent(x):
-            product = operator(x)
-            return x - (product - jnp.sum(x * product) * x) / operator.bound
+    def step(self, problem, state):
+        return unit(problem.domain, descended(problem.operator, state))
 
-        def measure(x):
-            moved = jnp.linalg.norm(x - cone.project(descent(x)))
-            return {"residual": moved * operator.bound / operator.scale}
+    def measure(self, problem, state):
+        operator = problem.operator
+        moved = jnp.linalg.norm(state - problem.domain.project(descended(operator, state)))
+        return {"residual": moved * operator.bound / operator.scale}
 
-        found = self.iterate(lambda x: unit(descent(x)), measure, unit(jnp.abs(starts[-1])))
-        return js.Minimum(
-            descent(found.state), found.num_steps, 2 * found.num_steps, found.result, found.history
-        )
+    def minimum(self, problem, found):
+        vector, steps = descended(problem.operator, found.state), found.num_steps
+        return js.Minimum(vector, steps, 2 * steps, found.result, found.history)
 
 
 @pytest.fixture(scope="module")

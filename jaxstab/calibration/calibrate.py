@@ -14,6 +14,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 
 from jaxstab.calibration.least_squares import (
     Curve,
+    Fit,
     LeastSquares,
     Measured,
     Order,
@@ -271,11 +272,8 @@ def _fit(
 
     first = pressures, jacobian * scale.slopes(jnp.zeros_like(values))
     report = advance if progress else lambda after: None
-    tried = best_of(
-        lambda start: solver.solve(curve, measured, first, start, report),
-        starts,
-        jnp.zeros_like(values),
-    )
+    fit = Fit(curve, measured, first, report)
+    tried = best_of(partial(solver.run, fit), starts, jnp.zeros_like(values))
     state = tried.best.state
     found = scale.to_values(state.free)
     slopes = scale.slopes(state.free)

@@ -1,7 +1,7 @@
 """Nonlinear least squares: steps of a method, until a Gauss-Newton step would be small."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import Iteration, IterativeSolver, Loop
+from jaxstab.core.loop import IterativeSolver, Loop
 from jaxstab.core.types import Flag, Scalar
 from jaxstab.loads import Load
 
@@ -93,6 +93,43 @@ class State(eqx.Module):
         return 2 * self.loss / jnp.maximum(count, 1) * (scaled.T @ scaled)
 
 
+StateAt = Callable[[Values, Any], State]
+Move = Callable[[State], State]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The misfit between a curve and measurements.
+
+    Attributes:
+        curve: the curve and its Jacobian.
+        measured: the measurements.
+        first: the curve at zero, which need not be evaluated again.
+        report: called at each step.
+        memory, move: the first memory of a method, and its step.
+    """
+
+    curve: Callable[[Values], Slopes]
+    measured: Measured
+    first: Slopes
+    report: Callable[[Array], None]
+    memory: Any = None
+    move: Move = lambda state: state
+
+    def state_of(self, free: Any, memory: Any, evaluated: Slopes) -> State:
+        """Return where a fit is, whose curve is known."""
+        root, (pressure, jacobian) = self.measured.roots, evaluated
+        # What has no weight need not even be finite.
+        has_weight = root > 0
+        misfit = jnp.where(has_weight, root * (pressure - self.measured.mean_pressure), 0)
+        rows = jnp.where(has_weight[:, None], root[:, None] * jacobian, 0)
+        return State(free, memory, pressure, misfit, rows, jnp.array(jnp.inf))
+
+    def state_at(self, free: Any, memory: Any) -> State:
+        """Return where a fit is."""
+        return self.state_of(free, memory, self.curve(free))
+
+
 class LeastSquares(IterativeSolver):
     """Levenberg and Marquardt's method, until that of Gauss and Newton would change little.
 
@@ -109,62 +146,34 @@ class LeastSquares(IterativeSolver):
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-6}
     patience: ClassVar[int] = 100
 
-    def solve(
-        self,
-        curve: Callable[[Values], Slopes],
-        measured: Measured,
-        first: Slopes,
-        start: Values,
-        advance: Callable[[Array], None],
-    ) -> Iteration[State]:
-        """Minimise the misfit between a curve, with its Jacobian, and measurements.
-
-        Arguments:
-            curve: the curve and its Jacobian.
-            measured: the measurements.
-            first: the curve at zero, which need not be evaluated again.
-            start: where to start.
-            advance: called at each step.
-        """
-        root = measured.roots
-        # What has no weight need not even be finite.
-        has_weight = root > 0
-
-        def state_of(free: Any, memory: Any, evaluated: Slopes) -> State:
-            pressure, jacobian = evaluated
-            misfit = jnp.where(has_weight, root * (pressure - measured.mean_pressure), 0)
-            rows = jnp.where(has_weight[:, None], root[:, None] * jacobian, 0)
-            return State(free, memory, pressure, misfit, rows, jnp.array(jnp.inf))
-
-        def state_at(free: Any, memory: Any) -> State:
-            return state_of(free, memory, curve(free))
-
-        def measure(state: State) -> Indicators:
-            # Of combinations that are not determined, nothing is asked.
-            change = jnp.linalg.lstsq(state.jacobian, state.misfit)[0]
-            return {"residual": jnp.max(jnp.abs(change))}
-
-        zero = jnp.zeros_like(start)
+    def prepared(self, problem: "Fit", start: Values) -> "Fit":
+        """Return the problem with the method's step."""
         method = _marquardt if self.optimizer is None else partial(_optimised, self.optimizer)
-        memory, move = method(state_at, zero)
+        memory, move = method(problem.state_at, jnp.zeros_like(start))
+        return replace(problem, memory=memory, move=move)
 
-        def step(state: State) -> State:
-            advance(state.misfit)
-            return move(state)
-
-        begun = jax.lax.cond(
+    def init(self, problem: "Fit", start: Values) -> State:
+        """Return where a fit begins."""
+        zero = jnp.zeros_like(start)
+        return jax.lax.cond(
             jnp.any(start != zero),
-            lambda: state_at(start, memory),
-            lambda: state_of(zero, memory, first),
+            lambda: problem.state_at(start, problem.memory),
+            lambda: problem.state_of(zero, problem.memory, problem.first),
         )
-        return self.iterate(step, measure, begun)
+
+    def step(self, problem: "Fit", state: State) -> State:
+        """Return where a step of the method leads."""
+        problem.report(state.misfit)
+        return problem.move(state)
+
+    def measure(self, problem: "Fit", state: State) -> Indicators:
+        """Return the largest change by a step of Gauss and Newton's method."""
+        # Of combinations that are not determined, nothing is asked.
+        change = jnp.linalg.lstsq(state.jacobian, state.misfit)[0]
+        return {"residual": jnp.max(jnp.abs(change))}
 
     def _is_stalled(self, loop: Loop[State]) -> Flag:
         return super()._is_stalled(loop) | (loop.state.reach < self._goal(loop))
-
-
-StateAt = Callable[[Values, Any], State]
-Move = Callable[[State], State]
 
 
 def _marquardt(state_at: StateAt, free: Values) -> tuple[Any, Move]:

@@ -1,6 +1,7 @@
 """The forward loop of every solver: it steps, measures, stops, and keeps a history."""
 
-from collections.abc import Callable, Mapping
+from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar
@@ -12,7 +13,6 @@ from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.core.checks import parameter, require, require_positive
 from jaxstab.core.history import History, Indicators
-from jaxstab.core.pause import Pause
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag, Scalar
 
@@ -49,7 +49,7 @@ def solver_or_default(solver: Any, kind: type, default: type[Solver]) -> Solver:
 
 
 class Iteration(eqx.Module, Generic[State]):
-    """The outcome of `iterate`."""
+    """What a loop has come to."""
 
     state: State
     residual: Scalar
@@ -85,6 +85,10 @@ class Loop(eqx.Module, Generic[State]):
 class IterativeSolver(eqx.Module):
     """An algorithm that repeats a step until its residual falls to a tolerance.
 
+    A subclass says where it begins (`init`), what a step is (`step`) and how far it is from an
+    answer (`measure`); the loop is here. The loop also ends at the step limit, at a residual that
+    is not finite, and when it has stagnated.
+
     Attributes:
         tolerance: the residual to reach; None stands for `default_tolerance`.
         max_steps: the step limit.
@@ -111,81 +115,72 @@ class IterativeSolver(eqx.Module):
             require_positive("The tolerance", self.tolerance)
         require("max_steps", self.max_steps, self.max_steps > 0, "it must be positive.")
 
+    def prepared(self, problem: Any, start: Any) -> Any:
+        """Return a problem with all that is the same at every step from a start."""
+        return problem
+
+    def init(self, problem: Any, start: Any) -> Any:
+        """Return the state before the first step; the start itself where nothing else is said."""
+        return start
+
+    @abstractmethod
+    def step(self, problem: Any, state: Any) -> Any:
+        """Return the state after a step."""
+
+    @abstractmethod
+    def measure(self, problem: Any, state: Any) -> Indicators:
+        """Return the indicators of a state, of which "residual" decides."""
+
     def tolerance_in(self, dtype: jnp.dtype) -> Scalar | float:
         """Return the residual to reach in a precision."""
         if self.tolerance is not None:
             return self.tolerance
         return self.default_tolerance.get(dtype.name, max(self.default_tolerance.values()))
 
-    def iterate(
-        self,
-        step: Callable[[State], State],
-        measure: Callable[[State], Indicators],
-        state: State,
-        max_steps: ArrayLike = _NO_LIMIT,
-    ) -> Iteration[State]:
-        """Repeat `step` from `state` until the tolerance is reached, or say why it is not.
-
-        The loop also ends at the step limit, at a residual that is not finite, and when it has
-        stagnated.
+    def run(self, problem: Any, start: Any, max_steps: ArrayLike = _NO_LIMIT) -> Iteration[Any]:
+        """Go from a start until the tolerance is reached, or say why it is not.
 
         Arguments:
-            step: one step of the algorithm.
-            measure: its indicators, of which "residual" decides, every `steps_per_check` steps.
-            state: where to start.
-            max_steps: the number of steps after which to pause: none where nothing is sought.
+            problem: what `step` and `measure` are given, once it is `prepared`.
+            start: what `init` is given.
+            max_steps: the number of steps after which to stop: none where nothing is sought.
         """
-        return self._run(step, measure, partial(self.begin, measure, state), max_steps)
+        problem = self.prepared(problem, start)
+        return self.outcome(self.advance(problem, self.begin(problem, start), max_steps))
 
-    def resume(
-        self,
-        step: Callable[[State], State],
-        measure: Callable[[State], Indicators],
-        before: Iteration[State],
-        first: Indicators,
-        max_steps: ArrayLike = _NO_LIMIT,
-    ) -> Iteration[State]:
-        """Go on from an iteration, by at most `max_steps` steps; its steps and history count too.
-
-        Arguments:
-            step, measure: as in `iterate`.
-            before: where it stands.
-            first: its indicators there, from which progress counts anew.
-            max_steps: the number of steps after which to pause.
-        """
-        return self._run(step, measure, partial(self.resumed, before, first), max_steps)
-
-    def begin(self, measure: Callable[[State], Indicators], state: State) -> Loop[State]:
-        """Return the loop of `iterate` before its first step."""
-        first = measure(state)
-        zero = jnp.zeros((), int)
+    def begin(self, problem: Any, start: Any) -> Loop[Any]:
+        """Return the loop from a start before its first step; the problem is prepared."""
+        state, zero = self.init(problem, start), jnp.zeros((), int)
+        first = self.measure(problem, state)
         history = History.empty(first, first["residual"].dtype).record(zero, zero, first)
         return Loop(state, first["residual"], zero, zero, first, first, zero, history)
 
-    def resumed(self, before: Iteration[State], first: Indicators) -> Loop[State]:
-        """Return the loop of `resume` before its first step."""
-        zero = jnp.zeros_like(before.num_steps)
-        residual, history = before.residual, before.history
-        return Loop(before.state, residual, zero, before.num_steps, first, first, zero, history)
+    def resumed(self, before: Iteration[State]) -> Loop[State]:
+        """Return a loop that goes on from an iteration, from which progress counts anew.
 
-    def go_on(
-        self,
-        step: Callable[[State], State],
-        measure: Callable[[State], Indicators],
-        loop: Loop[State],
-        max_steps: ArrayLike = _NO_LIMIT,
+        Its steps and history count too.
+        """
+        zero, residual = jnp.zeros_like(before.num_steps), before.residual
+        first = {"residual": residual}
+        return Loop(
+            before.state, residual, zero, before.num_steps, first, first, zero, before.history
+        )
+
+    def advance(
+        self, problem: Any, loop: Loop[State], max_steps: ArrayLike = _NO_LIMIT
     ) -> Loop[State]:
         """Return a loop after at most `max_steps` steps more; pauses change nothing."""
         limit = jnp.minimum(max_steps, _NO_LIMIT - loop.num_steps) + loop.num_steps
+        step = partial(self.step, problem)
 
-        def advance(loop: Loop[State]) -> Loop[State]:
+        def further(loop: Loop[State]) -> Loop[State]:
             state = loop.state
             if self.steps_per_check == 1:
                 state = step(state)
             else:
                 state = jax.lax.fori_loop(0, self.steps_per_check, lambda _, s: step(s), state)
             num_steps = loop.num_steps + self.steps_per_check
-            indicators = measure(state)
+            indicators = self.measure(problem, state)
             improved = _is_progress(loop, indicators)
             steps = loop.num_before + num_steps
             return replace(
@@ -204,7 +199,7 @@ class IterativeSolver(eqx.Module):
         # By default accelerators multiply float32 matrices to three digits.
         with jax.default_matmul_precision("highest"):
             return jax.lax.while_loop(
-                lambda loop: ~self.is_over(loop) & (loop.num_steps < limit), advance, loop
+                lambda loop: ~self.is_over(loop) & (loop.num_steps < limit), further, loop
             )
 
     def is_over(self, loop: Loop[Any]) -> Flag:
@@ -221,18 +216,6 @@ class IterativeSolver(eqx.Module):
         result = RESULTS.where(jnp.isfinite(loop.residual), result, RESULTS.nonfinite)
         num_steps = loop.num_before + loop.num_steps
         return Iteration(loop.state, loop.residual, num_steps, result, loop.history)
-
-    def _run(
-        self,
-        step: Callable[[State], State],
-        measure: Callable[[State], Indicators],
-        begin: Callable[[], Loop[State]],
-        max_steps: ArrayLike,
-    ) -> Iteration[State]:
-        pause = Pause.current()
-        if pause is None:
-            return self.outcome(self.go_on(step, measure, begin(), max_steps))
-        return self.outcome(pause.go_on(partial(self.go_on, step, measure), begin))
 
     def _goal(self, loop: Loop[Any]) -> Scalar | float:
         return self.tolerance_in(loop.residual.dtype)

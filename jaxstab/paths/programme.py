@@ -1,6 +1,7 @@
 """The programme that a path follows: what is the same all the way."""
 
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -8,10 +9,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.contact import Contact
+from jaxstab.core.loop import Iteration
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import concluded, started
+from jaxstab.equilibrium.solvers.base import Problem
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.approach import branch_solver
 from jaxstab.paths.energy import own_energy, smallest_loss
@@ -95,13 +98,29 @@ class Course(eqx.Module):
             least_potential: once the potential falls below it, the search ends without a result.
             is_final: whether the way down may lead to another branch.
         """
-        contact, load = self.contact, self.at(value, part)
-        solver = replace(self.solver, least_energy=least_potential / contact.grid.cell_area)
+        solver, problem = self.search(value, part, least_potential, is_final)
+        return self.place(value, part, solver.run(problem, start))
+
+    def search(
+        self,
+        value: Scalar,
+        part: Int[Array, ""],
+        least_potential: ArrayLike = -jnp.inf,
+        is_final: ArrayLike = False,
+    ) -> tuple[PreconditionedConjugateGradient, Problem]:
+        """Return the solver for the equilibrium at a load, and its problem: as in `state`."""
+        contact, solver = self.contact, self.solver
+        solver = replace(solver, least_energy=least_potential / contact.grid.cell_area)
         if solver.max_move is None:
             solver = replace(solver, max_move=jnp.where(is_final, _MAX_MOVE, jnp.inf))
-        iteration = solver.solve(contact, contact.control(load), start)
-        found = concluded(contact, load, iteration)
-        return place_of(contact, found, value), found.result
+        return solver, Problem.of(contact, contact.control(self.at(value, part)))
+
+    def place(
+        self, value: Scalar, part: Int[Array, ""], found: Iteration[Any]
+    ) -> tuple[Place, RESULTS]:
+        """Return what the solver has come to at a load."""
+        state = concluded(self.contact, self.at(value, part), found)
+        return place_of(self.contact, state, value), state.result
 
     def apart(self) -> Field:
         """Return the gap of surfaces that are about to touch."""

@@ -16,7 +16,8 @@ from jaxstab.contact.hessian import Block, Hessian, SymmetricOperator
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.eigenpair import measured
+from jaxstab.stability.eigenpair import Minimum, measured
+from jaxstab.stability.solvers.base import ModesProblem
 from jaxstab.stability.solvers.davidson import Davidson
 
 # To what part of the cone's eigenvalue soft waves are stiffened, tried in turn.
@@ -65,7 +66,10 @@ def certified_bound(
 
     def attempt(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         number, best, cost = state
-        value, more = bound_by(solver, hessian, cone, eigenvalue, starts, number)
+        problem = bounding(hessian, cone, eigenvalue, starts, number)
+        assert problem is not None
+        found = solver.solve(problem.operator, problem.domain, problem.starts)
+        value, more = bound_by(problem, found)
         return number + 1, jnp.maximum(best, value), cost + more
 
     def goes_on(state: tuple[Array, Array, Array]) -> Flag:
@@ -73,6 +77,8 @@ def certified_bound(
         return is_sought(number, best)
 
     start = jnp.array(0), jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)
+    if bounding(hessian, cone, eigenvalue, starts, start[0]) is None:
+        return start[1:]
     _, best, cost = jax.lax.while_loop(goes_on, attempt, start)
     return best, cost
 
@@ -82,15 +88,17 @@ def is_sought(number: Int[Array, ""], best: Scalar) -> Flag:
     return (number < len(SHARES)) & (best <= 0)
 
 
-def bound_by(
-    solver: Davidson,
+def bounding(
     hessian: Hessian,
     cone: AdmissibleCone,
     eigenvalue: Scalar,
     starts: Block,
     number: Int[Array, ""],
-) -> tuple[Scalar, Int[Array, ""]]:
-    """Return the bound by one of the shares, given by its number, and what it cost."""
+) -> ModesProblem | None:
+    """Return the problem whose eigenvalue is a bound, by one of the shares, given by its number.
+
+    None where the solid knows of none.
+    """
     hull = cone.hull
     restricted = hessian.restricted(hull.is_moving)
     contact = cone.one_sided & hull.is_moving
@@ -99,7 +107,7 @@ def bound_by(
     level = jnp.asarray(SHARES, eigenvalue.dtype)[number] * eigenvalue - adhesion
     lacking = restricted.solid.lacking(level)
     if lacking is None:
-        return jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)
+        return None
     lack, on_point = lacking
     largest = restricted.bound + jnp.maximum(level, 0) + on_point * size
     operator = _Stiffened(
@@ -110,8 +118,12 @@ def bound_by(
         on_point=on_point,
         one_sided=contact,
     )
-    found = solver.solve(operator, hull, starts)
-    pair = measured(operator, hull, found, found.vector[0])
+    return ModesProblem(operator, hull, starts)
+
+
+def bound_by(problem: ModesProblem, found: Minimum) -> tuple[Scalar, Int[Array, ""]]:
+    """Return the bound that was found, and what it cost."""
+    pair = measured(problem.operator, problem.domain, found, found.vector[0])
     # A and N are one application here, but two pairs of transforms.
-    cost = found.num_applications + (found.num_applications + len(starts)) // 2
+    cost = found.num_applications + (found.num_applications + len(problem.starts)) // 2
     return pair.with_proof(True).bound, cost

@@ -13,9 +13,8 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import Eigenpair, Minimum, measured
-from jaxstab.stability.lowest_modes import lowest_pair
 from jaxstab.stability.ritz import norms
-from jaxstab.stability.solvers.base import ConeSolver, SpaceSolver
+from jaxstab.stability.solvers.base import ConeSolver, ModesProblem, SpaceSolver
 
 # Up to so many points, each contact point that lifts alone is a start too: near full contact on
 # few points others were seen to miss the smallest.
@@ -32,8 +31,14 @@ class Lowest(eqx.Module):
 
 def on_space(solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Block) -> Lowest:
     """Return the lowest pair on a linear space."""
-    pair, modes = lowest_pair(solver, hessian, space, starts)
-    return Lowest(pair.with_proof(True), pair.sign, modes)
+    problem = ModesProblem(hessian.restricted(space.is_moving), space, starts)
+    return found_on_space(problem, solver.solve(problem.operator, space, starts))
+
+
+def found_on_space(problem: ModesProblem, found: Minimum) -> Lowest:
+    """Return the lowest pair on a linear space, as it was found."""
+    pair = measured(problem.operator, problem.domain, found, found.vector[0])
+    return Lowest(pair.with_proof(True), pair.sign, found.vector)
 
 
 def cone_starts(

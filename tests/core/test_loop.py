@@ -9,7 +9,6 @@ import pytest
 import jaxstab as js
 from jaxstab.core.history import History
 from jaxstab.core.loop import IterativeSolver
-from jaxstab.core.pause import Pause
 from jaxstab.core.progress import advance, progress_bar
 
 
@@ -44,12 +43,20 @@ def test_a_bar_moves_when_compiled_code_says_so():
     jax.jit(advance)(1.0)
 
 
-class Descent(IterativeSolver):
+class Counter(IterativeSolver):
+    """Counts up; the problem says what it measures."""
+
     tolerance: jax.Array | None = None
     max_steps: jax.Array = eqx.field(converter=jnp.asarray, default=1000)
 
     default_tolerance: ClassVar[dict[str, float]] = {"float64": 1e-3}
     patience: ClassVar[int] = 20
+
+    def step(self, problem, state):
+        return state + 1
+
+    def measure(self, problem, state):
+        return problem(state)
 
 
 @pytest.mark.parametrize(("ends_at", "result"), [(500, "successful"), (10, "stagnated")])
@@ -58,7 +65,7 @@ def test_a_falling_energy_is_progress_though_the_residual_is_not(ends_at, result
         residual = jnp.where(step < 300, 1.0 + step, 1e-4)
         return {"residual": residual, "energy": 100.0 - jnp.minimum(step, ends_at)}
 
-    iteration = Descent().iterate(lambda step: step + 1.0, measure, jnp.array(0.0))
+    iteration = Counter().run(measure, jnp.array(0.0))
     assert iteration.result == getattr(js.RESULTS, result)
     assert iteration.num_steps == (300 if result == "successful" else 41)
 
@@ -81,7 +88,7 @@ def test_falls_count_where_they_are_more_than_rounding(dtype, fall, level, is_pr
         energy = level + jnp.where(step == 0, 1, -fall * step)
         return {"residual": 1 + step, "energy": energy.astype(dtype)}
 
-    iteration = Descent(max_steps=200).iterate(lambda step: step + 1, measure, jnp.zeros((), dtype))
+    iteration = Counter(max_steps=200).run(measure, jnp.zeros((), dtype))
     assert iteration.result == ("max_steps_reached" if is_progress else "stagnated")
 
 
@@ -91,18 +98,15 @@ def test_pauses_change_nothing(ends_at):
         residual = jnp.where(step < 300, 1.0 + step, 1e-4)
         return {"residual": residual, "energy": 100.0 - jnp.minimum(step, ends_at)}
 
-    def solve(pause):
-        with pause:
-            return Descent().iterate(lambda step: step + 1.0, measure, jnp.array(0.0))
-
-    whole = Descent().iterate(lambda step: step + 1.0, measure, jnp.array(0.0))
-    pause = Pause()
-    assert solve(pause).num_steps == 0
+    solver = Counter()
+    whole = solver.run(measure, jnp.array(0.0))
+    loop = solver.begin(measure, jnp.array(0.0))
+    assert solver.outcome(loop).num_steps == 0
     for count in range(1, 100):
-        if Descent().is_over(pause.loop):
+        if solver.is_over(loop):
             break
-        pause = Pause(pause.loop, 7)
-        assert solve(pause).num_steps == min(7 * count, whole.num_steps)
-    found = solve(Pause(pause.loop))
+        loop = solver.advance(measure, loop, 7)
+        assert solver.outcome(loop).num_steps == min(7 * count, whole.num_steps)
+    found = solver.outcome(loop)
     for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(whole), strict=True):
         np.testing.assert_array_equal(one, other)

@@ -1,30 +1,73 @@
 """What a solver for equilibria is to all the rest."""
 
-from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
+import equinox as eqx
+
 from jaxstab.contact import Contact
+from jaxstab.contact.residual import Balance
+from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, IterativeSolver
 from jaxstab.core.types import Field
 from jaxstab.loads import Control
 
 
-class EquilibriumSolver(IterativeSolver):
-    """An algorithm for equilibria: a subclass gives a step and an indicator to `iterate`.
+class State(eqx.Module):
+    """A gap that meets the load and is nowhere negative, and how far it is from equilibrium."""
 
-    It may be given as `solver` wherever an equilibrium is sought.
+    gap: Field
+    balance: Balance
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A contact under a load.
+
+    Attributes:
+        contact: the contact, in units of its own.
+        control: what the load asks of the gap.
+        balance: maps a gap to how far it is from equilibrium.
     """
 
-    @abstractmethod
+    contact: Contact
+    control: Control
+    balance: Callable[[Field], Balance]
+
+    @classmethod
+    def of(cls, contact: Contact, control: Control) -> "Problem":
+        """Return the problem of a contact under a load."""
+        return cls(contact, control, contact.balance(control))
+
+    def state(self, gap: Field) -> State:
+        """Return the state of the admissible gap that is near to another."""
+        gap = self.control.admissible(gap)
+        return State(gap, self.balance(gap))
+
+
+class EquilibriumSolver(IterativeSolver):
+    """An algorithm for equilibria: a subclass says what a `step` is, from a state to the next.
+
+    Its states have a `gap` that meets the load and is nowhere negative, and its `balance`, whose
+    residual is to fall to the tolerance. It may be given as `solver` wherever an equilibrium is
+    sought.
+    """
+
+    def init(self, problem: Any, start: Field) -> Any:
+        """Return the state of a gap that meets the load."""
+        return State(start, problem.balance(start))
+
+    def measure(self, problem: Any, state: Any) -> Indicators:
+        """Return the residual of a state."""
+        return {"residual": state.balance.residual}
+
     def solve(self, contact: Contact, control: Control, gap: Field) -> Iteration[Any]:
-        """Iterate from a gap that meets the load to an equilibrium under it.
+        """Go from a gap that meets the load to an equilibrium under it.
 
         Arguments:
             contact: the contact problem, in units of its own.
             control: what the load asks of the gap.
             gap: where to start.
-
-        Returns:
-            The iteration, its state a `gap` that meets the load and is nowhere negative, and its
-            `balance`, by `contact.balance(control)`, whose residual is to fall to the tolerance.
         """
+        return self.run(Problem.of(contact, control), gap)

@@ -1,6 +1,7 @@
 """Preconditioned projected conjugate gradients whose energy never rises."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
 
@@ -13,10 +14,9 @@ from jaxstab.contact import Contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import Iteration, optional_parameter
+from jaxstab.core.loop import optional_parameter
 from jaxstab.core.types import Field, Flag, Scalar
-from jaxstab.equilibrium.solvers.base import EquilibriumSolver
-from jaxstab.loads import Control
+from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.solids import Solid
 
 # Cuts of a step to a third before it is given up.
@@ -71,98 +71,120 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
 
-    def solve(
-        self,
-        contact: Contact,
-        control: Control,
-        gap: Field,
-    ) -> Iteration[_State]:
-        """Iterate from a gap that meets the load to an equilibrium under it."""
+    def prepared(self, problem: Problem, start: Field) -> "_Prepared":
+        """Return the problem with its preconditioner, made for a start."""
+        contact, control = problem.contact, problem.control
         solid = contact.solid.held_by(0 if control.stiffness is None else control.stiffness)
-        precondition = _preconditioner(contact, solid, gap)
-        balance_of = contact.balance(control)
-        shortened = _shortening(contact, self.max_move)
+        return _Prepared(
+            contact,
+            control,
+            problem.balance,
+            solid,
+            _preconditioner(contact, solid, start),
+            _shortening(contact, self.max_move),
+        )
 
-        def energy_of(gap: Field, balance: Balance) -> Scalar:
-            work = gap.size * control.energy(total(gap) / gap.size)
-            return balance.elastic_energy + balance.adhesion + work
+    def init(self, problem: "_Prepared", start: Field) -> _State:
+        """Return the state of a gap that meets the load."""
+        one, nothing = jnp.ones((), start.dtype), jnp.zeros_like(start)
+        return _State(start, problem.balance(start), nothing, nothing, one, one)
 
-        def search(state: _State, direction: Field, length: Array) -> _Trial:
-            energy = energy_of(state.gap, state.balance)
-            # The work of a load that is nearly nothing, as at a spring that has relaxed, is no
-            # more certain than the mean gap.
-            mean_gap = total(state.gap) / gap.size
-            work = gap.size * mean_gap * jax.grad(control.energy)(mean_gap)
-            terms = state.balance.elastic_energy, state.balance.adhesion, energy, work
-            noise = 100 * jnp.finfo(gap.dtype).eps * sum(map(jnp.abs, terms))
+    def step(self, problem: "_Prepared", state: _State) -> _State:
+        """Return the state after a step along a direction of conjugate gradients."""
+        control, net = problem.control, state.balance.net
+        is_moving = control.moving(state.gap, net)
+        force = control.project(net, is_moving)
+        inverse = partial(problem.precondition, state.balance.curvature)
+        steepest = control.precondition(inverse, force, is_moving)
+        force_norm = total(force * steepest)
+        change = force_norm - total(state.force * steepest)
+        momentum = jnp.maximum(change, 0) / _nonzero(state.force_norm)
+        descent = force_norm + momentum * total(force * state.direction)
+        momentum = jnp.where(descent > 0, momentum, 0)
+        descent = jnp.where(descent > 0, descent, force_norm)
+        direction = control.project(steepest + momentum * state.direction, is_moving)
 
-            def tried(length: Array) -> Field:
-                return control.admissible(state.gap - length * direction)
+        softening = state.balance.curvature * direction
+        curvature = total(direction * (problem.solid.apply(direction) + softening))
+        is_convex = curvature > 0
+        # To the preconditioner, which knows no negative curvature, the length is 1.
+        length = jnp.where(is_convex, descent / _nonzero(curvature), state.reach)
 
-            def attempt(trial: _Trial) -> _Trial:
-                balance = balance_of(trial.gap)
-                change = trial.gap - state.gap
-                before, after = total(state.balance.net * change), total(balance.net * change)
-                gain = energy_of(trial.gap, balance) - energy
-                promised = _ARMIJO * jnp.minimum(before, 0)
-                # Where rounding hides the gain, the slopes at both ends still show it.
-                is_hidden = (gain <= noise) & ((before + after) / 2 <= promised)
-                is_accepted = (gain <= promised) | is_hidden
-                # A third of the last length; the last cut leaves the gap where it is.
-                shorter = jnp.where(trial.num_cuts < _MAX_CUTS - 1, trial.length / 3, 0)
-                length = jnp.where(is_accepted, trial.length, shorter)
-                gap = jax.lax.cond(is_accepted, lambda: trial.gap, lambda: tried(length))
-                return _Trial(gap, balance, is_accepted, length, trial.num_cuts + ~is_accepted)
+        length = problem.shortened(length, state.gap, direction)
+        trial = _line_search(problem, state, direction, length)
+        grows = ~is_convex & (trial.num_cuts == 0)
+        return _State(
+            trial.gap,
+            trial.balance,
+            direction,
+            force,
+            force_norm,
+            jnp.where(grows, 2 * state.reach, 1),
+        )
 
-            return jax.lax.while_loop(
-                lambda trial: ~trial.is_accepted & (trial.num_cuts <= _MAX_CUTS),
-                attempt,
-                _Trial(tried(length), state.balance, jnp.array(False), length, jnp.array(0)),
-            )
+    def measure(self, problem: "_Prepared", state: _State) -> Indicators:
+        """Return residual and energy; the residual is infinite where nothing is to be found."""
+        balance, energy = state.balance, problem.energy(state.gap, state.balance)
+        has_left = balance.has_escaped
+        if self.least_energy is not None:
+            has_left |= energy < self.least_energy
+        residual = jnp.where(has_left, jnp.inf, balance.residual)
+        return {"residual": residual, "energy": energy}
 
-        def step(state: _State) -> _State:
-            net = state.balance.net
-            is_moving = control.moving(state.gap, net)
-            force = control.project(net, is_moving)
-            inverse = partial(precondition, state.balance.curvature)
-            steepest = control.precondition(inverse, force, is_moving)
-            force_norm = total(force * steepest)
-            change = force_norm - total(state.force * steepest)
-            momentum = jnp.maximum(change, 0) / _nonzero(state.force_norm)
-            descent = force_norm + momentum * total(force * state.direction)
-            momentum = jnp.where(descent > 0, momentum, 0)
-            descent = jnp.where(descent > 0, descent, force_norm)
-            direction = control.project(steepest + momentum * state.direction, is_moving)
 
-            softening = state.balance.curvature * direction
-            curvature = total(direction * (solid.apply(direction) + softening))
-            is_convex = curvature > 0
-            # To the preconditioner, which knows no negative curvature, the length is 1.
-            length = jnp.where(is_convex, descent / _nonzero(curvature), state.reach)
+@dataclass(frozen=True)
+class _Prepared(Problem):
+    """A problem with what is the same at every step.
 
-            trial = search(state, direction, shortened(length, state.gap, direction))
-            grows = ~is_convex & (trial.num_cuts == 0)
-            return _State(
-                trial.gap,
-                trial.balance,
-                direction,
-                force,
-                force_norm,
-                jnp.where(grows, 2 * state.reach, 1),
-            )
+    Attributes:
+        solid: held as the load holds it.
+        precondition: maps f'' and a force to a move.
+        shortened: maps the length of a step, a gap and a direction to a length that is allowed.
+    """
 
-        def measure(state: _State) -> Indicators:
-            balance, energy = state.balance, energy_of(state.gap, state.balance)
-            has_left = balance.has_escaped
-            if self.least_energy is not None:
-                has_left |= energy < self.least_energy
-            residual = jnp.where(has_left, jnp.inf, balance.residual)
-            return {"residual": residual, "energy": energy}
+    solid: Solid
+    precondition: Callable[[Field, Field], Field]
+    shortened: Callable[..., Array]
 
-        one = jnp.ones((), gap.dtype)
-        nothing = jnp.zeros_like(gap)
-        start = _State(gap, balance_of(gap), nothing, nothing, one, one)
-        return self.iterate(step, measure, start)
+    def energy(self, gap: Field, balance: Balance) -> Scalar:
+        """Return the energy of a gap and of the load, summed over the points."""
+        work = gap.size * self.control.energy(total(gap) / gap.size)
+        return balance.elastic_energy + balance.adhesion + work
+
+
+def _line_search(problem: _Prepared, state: _State, direction: Field, length: Array) -> _Trial:
+    """Return what a step leads to, cut until the energy falls."""
+    control, energy = problem.control, problem.energy(state.gap, state.balance)
+    # The work of a load that is nearly nothing, as at a spring that has relaxed, is no more certain
+    # than the mean gap.
+    mean_gap = total(state.gap) / state.gap.size
+    work = state.gap.size * mean_gap * jax.grad(control.energy)(mean_gap)
+    terms = state.balance.elastic_energy, state.balance.adhesion, energy, work
+    noise = 100 * jnp.finfo(state.gap.dtype).eps * sum(map(jnp.abs, terms))
+
+    def tried(length: Array) -> Field:
+        return control.admissible(state.gap - length * direction)
+
+    def attempt(trial: _Trial) -> _Trial:
+        balance = problem.balance(trial.gap)
+        change = trial.gap - state.gap
+        before, after = total(state.balance.net * change), total(balance.net * change)
+        gain = problem.energy(trial.gap, balance) - energy
+        promised = _ARMIJO * jnp.minimum(before, 0)
+        # Where rounding hides the gain, the slopes at both ends still show it.
+        is_hidden = (gain <= noise) & ((before + after) / 2 <= promised)
+        is_accepted = (gain <= promised) | is_hidden
+        # A third of the last length; the last cut leaves the gap where it is.
+        shorter = jnp.where(trial.num_cuts < _MAX_CUTS - 1, trial.length / 3, 0)
+        length = jnp.where(is_accepted, trial.length, shorter)
+        gap = jax.lax.cond(is_accepted, lambda: trial.gap, lambda: tried(length))
+        return _Trial(gap, balance, is_accepted, length, trial.num_cuts + ~is_accepted)
+
+    return jax.lax.while_loop(
+        lambda trial: ~trial.is_accepted & (trial.num_cuts <= _MAX_CUTS),
+        attempt,
+        _Trial(tried(length), state.balance, jnp.array(False), length, jnp.array(0)),
+    )
 
 
 def _preconditioner(contact: Contact, solid: Solid, gap: Field) -> Callable[[Field, Field], Field]:

@@ -11,14 +11,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxstab.contact import Contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core.grid import total
-from jaxstab.core.history import Indicators
-from jaxstab.core.loop import Iteration, optional_parameter
+from jaxstab.core.loop import optional_parameter
 from jaxstab.core.types import Field, Scalar
-from jaxstab.equilibrium.solvers.base import EquilibriumSolver
-from jaxstab.loads import Control
+from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 
 
 class _State(eqx.Module):
@@ -49,54 +46,45 @@ class PolonskyKeerRey(EquilibriumSolver):
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-8, "float32": 1e-4}
     patience: ClassVar[int] = 1_000
 
-    def solve(
-        self,
-        contact: Contact,
-        control: Control,
-        gap: Field,
-    ) -> Iteration[_State]:
-        """Iterate from a gap that meets the load to an equilibrium of the same mean gap.
+    def prepared(self, problem: Problem, start: Field) -> Problem:
+        """Return a problem that holds the mean gap.
 
         Raises:
-            ValueError: for a load that does not hold the mean gap.
+            ValueError: for a load that does not.
         """
-        if not control.fixes_mean:
+        if not problem.control.fixes_mean:
             raise ValueError(
                 "PolonskyKeerRey holds the mean gap only: under any other load use "
                 "PreconditionedConjugateGradient."
             )
-        solid = contact.solid.held_by(0)
-        max_stiffness = solid.max_stiffness
-        mean_gap = total(gap) / gap.size
-        balance_of = contact.balance(control)
+        return problem
 
-        def step(state: _State) -> _State:
-            is_free, net = state.gap > 0, state.balance.net
-            curvature = state.balance.curvature
-            free_norm = total(jnp.where(is_free, net, 0) ** 2)
-            momentum = _ratio(free_norm, state.free_norm)
-            # Over a stiffness, so that no product leaves the range of single precision.
-            direction = net / max_stiffness + momentum * state.direction
-            direction = jnp.where(is_free, direction, 0)
+    def init(self, problem: Problem, start: Field) -> _State:
+        """Return the state of a gap that meets the load."""
+        zero = jnp.zeros((), start.dtype)
+        return _State(start, problem.balance(start), jnp.zeros_like(start), zero)
 
-            elastic = total(direction * solid.apply(direction))
-            both = elastic + total(curvature * direction**2)
-            length = _ratio(total(net * direction), jnp.where(both > 0, both, elastic))
+    def step(self, problem: Problem, state: _State) -> _State:
+        """Return the state after a step along the direction of conjugate gradients."""
+        solid = problem.contact.solid.held_by(0)
+        is_free, net = state.gap > 0, state.balance.net
+        curvature = state.balance.curvature
+        free_norm = total(jnp.where(is_free, net, 0) ** 2)
+        momentum = _ratio(free_norm, state.free_norm)
+        # Over a stiffness, so that no product leaves the range of single precision.
+        direction = net / solid.max_stiffness + momentum * state.direction
+        direction = jnp.where(is_free, direction, 0)
 
-            gap = jnp.maximum(state.gap - length * direction, 0)
-            is_pulled = (gap == 0) & (net < 0)
-            release = -net / (max_stiffness + jnp.maximum(curvature, 0))
-            gap = jnp.where(is_pulled, release, gap)
-            gap = gap * (mean_gap * gap.size / total(gap))
-            free_norm = jnp.where(jnp.any(is_pulled), 0, free_norm)
-            return _State(gap, balance_of(gap), direction, free_norm)
+        elastic = total(direction * solid.apply(direction))
+        both = elastic + total(curvature * direction**2)
+        length = _ratio(total(net * direction), jnp.where(both > 0, both, elastic))
 
-        def measure(state: _State) -> Indicators:
-            return {"residual": state.balance.residual}
-
-        zero = jnp.zeros((), gap.dtype)
-        start = _State(gap, balance_of(gap), jnp.zeros_like(gap), zero)
-        return self.iterate(step, measure, start)
+        gap = jnp.maximum(state.gap - length * direction, 0)
+        is_pulled = (gap == 0) & (net < 0)
+        release = -net / (solid.max_stiffness + jnp.maximum(curvature, 0))
+        gap = problem.control.restore(jnp.where(is_pulled, release, gap))
+        free_norm = jnp.where(jnp.any(is_pulled), 0, free_norm)
+        return _State(gap, problem.balance(gap), direction, free_norm)
 
 
 def _ratio(above: Scalar, below: Scalar) -> Scalar:

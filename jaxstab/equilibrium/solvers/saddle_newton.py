@@ -8,15 +8,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
-from jaxstab.contact.residual import Balance
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import Iteration, optional_parameter
+from jaxstab.core.loop import optional_parameter
 from jaxstab.core.types import Field, Scalar
-from jaxstab.equilibrium.solvers.base import EquilibriumSolver
-from jaxstab.loads import Control
+from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem, State
 
 # Halvings of a step before it is taken as it is.
 _MAX_CUTS = 8
@@ -26,13 +23,8 @@ _NUM_VECTORS = 40
 _MAX_RESTARTS = 10
 
 
-class _State(eqx.Module):
-    gap: Field
-    balance: Balance
-
-
 class _Trial(eqx.Module):
-    state: _State
+    state: State
     length: Scalar
     count: Int[Array, ""]
 
@@ -57,55 +49,48 @@ class SaddleNewton(EquilibriumSolver):
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
     patience: ClassVar[int] = 20
 
-    def solve(
-        self,
-        contact: Contact,
-        control: Control,
-        gap: Field,
-    ) -> Iteration[_State]:
-        """Iterate from a gap that meets the load to an equilibrium under it."""
-        # Late, since it takes a while to import.
-        from jax.scipy.sparse.linalg import gmres
+    def step(self, problem: Problem, state: State) -> State:
+        """Return the state after a step of Newton's method, or of the part that is no worse."""
+        change = _newton_step(problem, state)
 
-        balance_of = contact.balance(control)
+        def attempt(trial: _Trial) -> _Trial:
+            new = problem.state(state.gap + trial.length * change)
+            return _Trial(new, trial.length / 2, trial.count + 1)
 
-        def newton_step(state: _State) -> Field:
-            net, curvature = state.balance.net, state.balance.curvature
-            is_moving = control.moving(state.gap, net)
-            hessian = Hessian(contact.solid, curvature, control.stiffness, is_moving)
-            adhesion = total(jnp.abs(curvature)) / curvature.size
-            inverse = hessian.inverse(contact.solid.min_stiffness + adhesion)
+        def is_worse(trial: _Trial) -> Array:
+            falls = trial.state.balance.residual < state.balance.residual
+            return (trial.count == 0) | (~falls & (trial.count <= _MAX_CUTS))
 
-            def project(field: Field) -> Field:
-                return control.project(field, is_moving)
+        start = _Trial(state, jnp.ones((), state.gap.dtype), jnp.array(0))
+        return jax.lax.while_loop(is_worse, attempt, start).state
 
-            # What does not move is left to the identity.
-            step, _ = gmres(
-                lambda field: project(hessian(project(field))) + field - project(field),
-                -project(net),
-                M=lambda field: project(inverse(project(field))),
-                tol=_ACCURACY,
-                restart=_NUM_VECTORS,
-                maxiter=_MAX_RESTARTS,
-            )
-            return project(step)
+    def measure(self, problem: Problem, state: State) -> Indicators:
+        """Return the residual, infinite where the surfaces are apart for good."""
+        balance = state.balance
+        return {"residual": jnp.where(balance.has_escaped, jnp.inf, balance.residual)}
 
-        def step(state: _State) -> _State:
-            change = newton_step(state)
 
-            def attempt(trial: _Trial) -> _Trial:
-                new = control.admissible(state.gap + trial.length * change)
-                return _Trial(_State(new, balance_of(new)), trial.length / 2, trial.count + 1)
+def _newton_step(problem: Problem, state: State) -> Field:
+    # Late, since it takes a while to import.
+    from jax.scipy.sparse.linalg import gmres
 
-            def is_worse(trial: _Trial) -> Array:
-                falls = trial.state.balance.residual < state.balance.residual
-                return (trial.count == 0) | (~falls & (trial.count <= _MAX_CUTS))
+    control, solid = problem.control, problem.contact.solid
+    net, curvature = state.balance.net, state.balance.curvature
+    is_moving = control.moving(state.gap, net)
+    hessian = Hessian(solid, curvature, control.stiffness, is_moving)
+    adhesion = total(jnp.abs(curvature)) / curvature.size
+    inverse = hessian.inverse(solid.min_stiffness + adhesion)
 
-            start = _Trial(state, jnp.ones((), gap.dtype), jnp.array(0))
-            return jax.lax.while_loop(is_worse, attempt, start).state
+    def project(field: Field) -> Field:
+        return control.project(field, is_moving)
 
-        def measure(state: _State) -> Indicators:
-            balance = state.balance
-            return {"residual": jnp.where(balance.has_escaped, jnp.inf, balance.residual)}
-
-        return self.iterate(step, measure, _State(gap, balance_of(gap)))
+    # What does not move is left to the identity.
+    step, _ = gmres(
+        lambda field: project(hessian(project(field))) + field - project(field),
+        -project(net),
+        M=lambda field: project(inverse(project(field))),
+        tol=_ACCURACY,
+        restart=_NUM_VECTORS,
+        maxiter=_MAX_RESTARTS,
+    )
+    return project(step)

@@ -6,7 +6,7 @@ part of it.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
@@ -18,7 +18,7 @@ from jaxtyping import Array, Int
 from jaxstab.contact import Contact
 from jaxstab.core.grid import mean, total
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import Iteration, IterativeSolver
+from jaxstab.core.loop import IterativeSolver
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
@@ -57,9 +57,11 @@ def follow_to_fold(contact: Contact, loads: Load, start: Field | None) -> Limit:
     is_found = equilibrium.result == RESULTS.successful
     gap = equilibrium.gap
     point = point_at(contact, first, gap, noise(jax.random.key(0), BLOCK_SIZE, gap))
-    approach = _Approach().solve(contact, point, last, is_found)
+    newton, approach = FoldNewton(), _Approach()
+    way = _Way(contact, last, jnp.abs(last.value - first.value))
+    approach = approach.run(way, point, jnp.where(is_found, approach.max_steps, 0))
     near = approach.state
-    newton = FoldNewton().solve(contact, near.point, is_found)
+    newton = newton.run(contact, near.point, jnp.where(is_found, newton.max_steps, 0))
     fold = newton.state
     end = fold.load.value
     is_between = (end - first.value) * (last.value - end) >= 0
@@ -113,6 +115,48 @@ class _Approaching(eqx.Module):
         return self.potential + supplied - new.potential
 
 
+@dataclass(frozen=True)
+class _Way:
+    """The way from a state of a branch to a load beyond its end.
+
+    Attributes:
+        contact: the contact.
+        last: the load beyond.
+        width: how far that is.
+    """
+
+    contact: Contact
+    last: Load
+    width: Scalar
+
+    def foresee(self, point: Point, fraction: Scalar) -> _Approaching:
+        """Return a point of the branch, and how it goes on from there."""
+        contact, load, gap = self.contact, point.load, point.gap
+        threshold = SMALLEST_JUMP[gap.dtype.name] * own_energy(contact)
+        linear = linearised(contact, load, gap, point.pair)
+        moved, _ = linear.system.solution(-linear.imbalance_rate)
+        rate = moved + linear.gap_rate
+        slope = total(linear.eigenvalue_slope * rate)
+
+        def account(value: Scalar, gap: Field) -> tuple[Scalar, tuple[Scalar, Scalar]]:
+            at, (fields, _) = load.at(value), fields_of(contact, load.at(value), gap)
+            pressure, mean_gap = fields["mean_pressure"], mean(fields["gap"])
+            supply = supply_of(contact, at, mean_gap, pressure)
+            potential = fields["energy"] + supply.potential
+            least = smallest_loss(contact, threshold, potential, mean_gap, pressure)
+            return supply.force, (potential, least)
+
+        here, along = (load.value, gap), (jnp.ones_like(load.value), rate)
+        force, force_rate, (potential, least) = jax.jvp(account, here, along, has_aux=True)
+        distance = -point.pair.eigenvalue / (2 * slope)
+        return _Approaching(point, rate, potential, force, force_rate, least, distance, fraction)
+
+    def is_ahead(self, state: _Approaching) -> Flag:
+        """Return whether a fold is foreseen on the way."""
+        left = self.last.value - state.point.load.value
+        return (state.distance * left > 0) & (jnp.abs(state.distance) < jnp.abs(left))
+
+
 class _Approach(IterativeSolver):
     """Steps along a stable branch, from load to load, to near the fold ahead of it."""
 
@@ -122,58 +166,27 @@ class _Approach(IterativeSolver):
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-3, "float32": 1e-2}
     patience: ClassVar[int] = 15
 
-    def solve(
-        self, contact: Contact, point: Point, last: Load, is_needed: Flag
-    ) -> Iteration[_Approaching]:
-        """Go from a point of the branch towards a load beyond its end, if there is such a point."""
-        width = jnp.abs(last.value - point.load.value)
+    def init(self, problem: _Way, start: Point) -> _Approaching:
+        """Return a point of the branch, and how it goes on."""
+        return problem.foresee(start, jnp.ones_like(problem.width))
 
-        threshold = SMALLEST_JUMP[point.gap.dtype.name] * own_energy(contact)
+    def step(self, problem: _Way, state: _Approaching) -> _Approaching:
+        """Return the next point, or the same with a shorter step ahead."""
+        contact, old = problem.contact, state.point
+        left = problem.last.value - old.load.value
+        stride = jnp.where(problem.is_ahead(state), _SHARE * state.distance, left) * state.fraction
+        load = old.load.at(old.load.value + stride)
+        start = jnp.maximum(old.gap + stride * state.rate, 0)
+        equilibrium = find(contact, load, branch_solver(contact.control(load)), start)
+        is_found = equilibrium.result == RESULTS.successful
+        new = point_at(contact, load, jnp.where(is_found, equilibrium.gap, 1), old.modes)
+        ahead = problem.foresee(new, jnp.minimum(2 * state.fraction, 1))
+        is_same = is_found & (new.pair.eigenvalue > 0)
+        is_same &= jnp.abs(state.loss_to(ahead)) <= state.smallest_loss
+        nearer = replace(state, fraction=state.fraction / 3)
+        return jax.tree.map(partial(jnp.where, is_same), ahead, nearer)
 
-        def foresee(point: Point, fraction: Scalar) -> _Approaching:
-            load, gap = point.load, point.gap
-            linear = linearised(contact, load, gap, point.pair)
-            moved, _ = linear.system.solution(-linear.imbalance_rate)
-            rate = moved + linear.gap_rate
-            slope = total(linear.eigenvalue_slope * rate)
-
-            def account(value: Scalar, gap: Field) -> tuple[Scalar, tuple[Scalar, Scalar]]:
-                at, (fields, _) = load.at(value), fields_of(contact, load.at(value), gap)
-                pressure, mean_gap = fields["mean_pressure"], mean(fields["gap"])
-                supply = supply_of(contact, at, mean_gap, pressure)
-                potential = fields["energy"] + supply.potential
-                least = smallest_loss(contact, threshold, potential, mean_gap, pressure)
-                return supply.force, (potential, least)
-
-            here, along = (load.value, gap), (jnp.ones_like(load.value), rate)
-            force, force_rate, (potential, least) = jax.jvp(account, here, along, has_aux=True)
-            distance = -point.pair.eigenvalue / (2 * slope)
-            return _Approaching(
-                point, rate, potential, force, force_rate, least, distance, fraction
-            )
-
-        def is_ahead(state: _Approaching) -> Flag:
-            left = last.value - state.point.load.value
-            return (state.distance * left > 0) & (jnp.abs(state.distance) < jnp.abs(left))
-
-        def step(state: _Approaching) -> _Approaching:
-            old = state.point
-            left = last.value - old.load.value
-            stride = jnp.where(is_ahead(state), _SHARE * state.distance, left) * state.fraction
-            load = old.load.at(old.load.value + stride)
-            start = jnp.maximum(old.gap + stride * state.rate, 0)
-            solver = branch_solver(contact.control(load))
-            equilibrium = find(contact, load, solver, start)
-            is_found = equilibrium.result == RESULTS.successful
-            new = point_at(contact, load, jnp.where(is_found, equilibrium.gap, 1), old.modes)
-            ahead = foresee(new, jnp.minimum(2 * state.fraction, 1))
-            is_same = is_found & (new.pair.eigenvalue > 0)
-            is_same &= jnp.abs(state.loss_to(ahead)) <= state.smallest_loss
-            nearer = replace(state, fraction=state.fraction / 3)
-            return jax.tree.map(partial(jnp.where, is_same), ahead, nearer)
-
-        def measure(state: _Approaching) -> Indicators:
-            return {"residual": jnp.where(is_ahead(state), jnp.abs(state.distance) / width, 1)}
-
-        start, limit = foresee(point, jnp.ones_like(width)), jnp.where(is_needed, self.max_steps, 0)
-        return self.iterate(step, measure, start, limit)
+    def measure(self, problem: _Way, state: _Approaching) -> Indicators:
+        """Return how far ahead the fold is, over the whole way."""
+        is_ahead = problem.is_ahead(state)
+        return {"residual": jnp.where(is_ahead, jnp.abs(state.distance) / problem.width, 1)}

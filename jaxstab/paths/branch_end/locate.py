@@ -130,7 +130,7 @@ def locate(
         return jax.tree.map(partial(jnp.where, is_near), newton, unmoved)
 
     def release() -> Iteration[Held]:
-        return unless_far(ReleaseNewton().solve(contact, replace(here, point=point)), here)
+        return unless_far(ReleaseNewton().run(contact, replace(here, point=point)), here)
 
     is_release = kind == KINDS.release
     released = jax.lax.cond(is_release, release, lambda: Iteration(here, residual, *none))
@@ -140,7 +140,7 @@ def locate(
     end = jax.lax.cond(
         is_release,
         lambda: replace(released, state=near),
-        lambda: unless_far(FoldNewton().solve(contact, near), near),
+        lambda: unless_far(FoldNewton().run(contact, near), near),
     )
     result = RESULTS.where(jnp.isfinite(end.residual), RESULTS.successful, RESULTS.nonfinite)
     limit, pair = limit_of(kind, held.point, end), end.state.pair

@@ -17,7 +17,7 @@ from jaxstab.contact import Contact
 from jaxstab.core.grid import mean, total
 from jaxstab.core.history import Indicators
 from jaxstab.core.implicit import LinearSystem
-from jaxstab.core.loop import Iteration, IterativeSolver
+from jaxstab.core.loop import IterativeSolver
 from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.derivatives import free_system
@@ -130,23 +130,19 @@ class ReleaseNewton(IterativeSolver):
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
     patience: ClassVar[int] = 8
 
-    def solve(self, contact: Contact, held: Held) -> Iteration[Held]:
-        """Go from a state of the branch to the release."""
-        pressure = contact.conforming_pressure
+    def step(self, problem: Contact, state: Held) -> Held:
+        """Return the state after a step of Newton's method."""
+        near = opening(problem, state.load, state.gap, state.point)
+        change = -near.reaction / near.slope
+        move, _ = near.system.solution(-near.imbalance - change * near.net_rate)
+        move = move + change * near.gap_rate
+        load, gap = moved_along(problem, state.load, state.gap, change, move)
+        return Held(load, gap, state.point)
 
-        def step(held: Held) -> Held:
-            near = opening(contact, held.load, held.gap, held.point)
-            change = -near.reaction / near.slope
-            move, _ = near.system.solution(-near.imbalance - change * near.net_rate)
-            move = move + change * near.gap_rate
-            load, gap = moved_along(contact, held.load, held.gap, change, move)
-            return Held(load, gap, held.point)
-
-        def measure(held: Held) -> Indicators:
-            net = rates(contact, held.load, held.gap)[0]
-            imbalance = jnp.where(held.gap > 0, net, 0)
-            reaction = total(jnp.where(held.point, net, 0))
-            missed = jnp.sqrt(total(imbalance**2) / net.size)
-            return {"residual": jnp.maximum(missed, jnp.abs(reaction)) / pressure}
-
-        return self.iterate(step, measure, held)
+    def measure(self, problem: Contact, state: Held) -> Indicators:
+        """Return how far balance and reaction are from zero."""
+        net = rates(problem, state.load, state.gap)[0]
+        imbalance = jnp.where(state.gap > 0, net, 0)
+        reaction = total(jnp.where(state.point, net, 0))
+        missed = jnp.sqrt(total(imbalance**2) / net.size)
+        return {"residual": jnp.maximum(missed, jnp.abs(reaction)) / problem.conforming_pressure}

@@ -1,19 +1,40 @@
 """What solvers for smallest eigenvalues are to all the rest."""
 
-from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any
 
 from jaxtyping import Array, Bool
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
-from jaxstab.core.loop import IterativeSolver
+from jaxstab.core.loop import Iteration, IterativeSolver
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import Minimum
 
 
-class ConeSolver(IterativeSolver):
-    """An algorithm for the smallest eigenvalue on a cone."""
+@dataclass(frozen=True)
+class Eigenproblem:
+    """An operator and a set.
 
-    @abstractmethod
+    Attributes:
+        operator: A [pressure/length].
+        domain: where perturbations must lie: a cone, or a linear space.
+    """
+
+    operator: SymmetricOperator
+    domain: Any
+
+
+class ConeSolver(IterativeSolver):
+    """An algorithm for the smallest eigenvalue on a cone.
+
+    A subclass gives `init`, from a block of vectors to start from, `step` and `measure`; and
+    `minimum`, where its state is not the vector.
+    """
+
+    def minimum(self, problem: Eigenproblem, found: Iteration[Any]) -> Minimum:
+        """Return the vector that was found, and at what cost: one application for each step."""
+        return Minimum(found.state, found.num_steps, found.num_steps, found.result, found.history)
+
     def solve(
         self,
         operator: SymmetricOperator,
@@ -30,12 +51,17 @@ class ConeSolver(IterativeSolver):
                 random ones.
             is_needed: which of them are of use.
         """
+        problem = Eigenproblem(operator, cone)
+        return self.minimum(problem, self.run(problem, starts))
 
 
 class SpaceSolver(IterativeSolver):
-    """An algorithm for the smallest eigenvalues on a linear space."""
+    """An algorithm for the smallest eigenvalues on a linear space, to be written alike."""
 
-    @abstractmethod
+    def minimum(self, problem: Any, found: Iteration[Any]) -> Minimum:
+        """Return the block that was found, and at what cost: one application for each step."""
+        return Minimum(found.state, found.num_steps, found.num_steps, found.result, found.history)
+
     def solve(
         self, operator: SymmetricOperator, space: Subspace, starts: Block, count: int = 1
     ) -> Minimum:
@@ -51,3 +77,18 @@ class SpaceSolver(IterativeSolver):
             As vectors the whole block, in the order of the eigenvalues; zero where the block is
             larger than the space.
         """
+        problem = ModesProblem(operator, space, starts, count)
+        return self.minimum(problem, self.run(problem, starts))
+
+
+@dataclass(frozen=True)
+class ModesProblem(Eigenproblem):
+    """An operator, a linear space, and what to begin with.
+
+    Attributes:
+        starts: a vector for every mode of the block.
+        count: how many modes decide.
+    """
+
+    starts: Block
+    count: int = 1

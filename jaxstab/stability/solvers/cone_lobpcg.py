@@ -7,7 +7,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core.batching import advance_lanes, map_lanes
@@ -23,7 +23,7 @@ from jaxstab.stability.ritz import (
     rayleigh_ritz,
     scaled_to_unit,
 )
-from jaxstab.stability.solvers.base import ConeSolver
+from jaxstab.stability.solvers.base import ConeSolver, Eigenproblem
 from jaxstab.stability.solvers.rounds import ROUNDS, places, winner
 
 # Lengths of a step, each a third of the last, before it is given up.
@@ -81,6 +81,30 @@ class ProjectedLOBPCG(ConeSolver):
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
 
+    def step(self, problem: Eigenproblem, state: _State) -> _State:
+        """Return one start after a step."""
+        operator, cone, old = problem.operator, problem.domain, state.point
+        point = jax.lax.cond(
+            state.is_stuck,
+            lambda: _Point.at(operator, scaled_to_unit(state.descended)),
+            lambda: old,
+        )
+        trial = _lower(operator, cone, point, state)
+        point = jax.tree.map(partial(jnp.where, trial.is_lower), trial.point, point)
+        along = total(point.mode * old.mode)
+        return _State(
+            point,
+            cone.project(descended(operator, point.mode, point.product, point.eigenvalue)),
+            point.mode - along * old.mode,
+            point.product - along * old.product,
+            ~trial.is_lower,
+            state.num_applications + state.is_stuck + 2 + trial.num_applications,
+        )
+
+    def measure(self, problem: Eigenproblem, state: _State) -> Indicators:
+        """Return the projected residual of one start."""
+        return {"residual": projected_residual(problem.operator, state.point.mode, state.descended)}
+
     def solve(
         self,
         operator: SymmetricOperator,
@@ -89,6 +113,10 @@ class ProjectedLOBPCG(ConeSolver):
         is_needed: Bool[Array, " starts"] | bool = True,
     ) -> Minimum:
         """Return the best minimiser of the Rayleigh quotient that the starts lead to."""
+        problem = Eigenproblem(operator, cone)
+
+        def descend(before: Iteration[_State], max_steps: Array) -> Iteration[_State]:
+            return self.outcome(self.advance(problem, self.resumed(before), max_steps))
 
         def compete(
             carry: tuple[Iteration[_State], Bool[Array, " starts"]],
@@ -97,7 +125,7 @@ class ProjectedLOBPCG(ConeSolver):
             before, goes_on = carry
             round_length, num_kept = limits
             max_steps = jnp.where(goes_on, round_length, 0)
-            found = advance_lanes(partial(descend, self, operator, cone), before, max_steps)
+            found = advance_lanes(descend, before, max_steps)
             return (found, places(found, goes_on, operator, cone) < num_kept), None
 
         is_trivial = cone.is_trivial
@@ -144,40 +172,6 @@ def entry(cone: AdmissibleCone, start: Field) -> Iteration[_State]:
     history = History.empty(["residual"], start.dtype)
     history = history.record(none, none, {"residual": jnp.full_like(zero, jnp.nan)})
     return Iteration(state, unknown, none, RESULTS.max_steps_reached, history)
-
-
-def descend(
-    solver: ProjectedLOBPCG,
-    operator: SymmetricOperator,
-    cone: AdmissibleCone,
-    before: Iteration[_State],
-    max_steps: ArrayLike,
-) -> Iteration[_State]:
-    """Return what one start leads to in a number of steps."""
-
-    def step(state: _State) -> _State:
-        old = state.point
-        point = jax.lax.cond(
-            state.is_stuck,
-            lambda: _Point.at(operator, scaled_to_unit(state.descended)),
-            lambda: old,
-        )
-        trial = _lower(operator, cone, point, state)
-        point = jax.tree.map(partial(jnp.where, trial.is_lower), trial.point, point)
-        along = total(point.mode * old.mode)
-        return _State(
-            point,
-            cone.project(descended(operator, point.mode, point.product, point.eigenvalue)),
-            point.mode - along * old.mode,
-            point.product - along * old.product,
-            ~trial.is_lower,
-            state.num_applications + state.is_stuck + 2 + trial.num_applications,
-        )
-
-    def measure(state: _State) -> Indicators:
-        return {"residual": projected_residual(operator, state.point.mode, state.descended)}
-
-    return solver.resume(step, measure, before, {"residual": before.residual}, max_steps)
 
 
 def _lower(

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import optional_parameter
+from jaxstab.core.loop import Iteration, optional_parameter
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpair import Minimum
@@ -29,7 +29,7 @@ from jaxstab.stability.ritz import (
     norms,
     rayleigh_ritz,
 )
-from jaxstab.stability.solvers.base import SpaceSolver
+from jaxstab.stability.solvers.base import ModesProblem, SpaceSolver
 
 # Residuals by which a step widens its space.
 _NUM_RESIDUALS = 3
@@ -125,76 +125,79 @@ class Davidson(SpaceSolver):
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
 
-    def solve(
-        self, operator: SymmetricOperator, space: Subspace, starts: Block, count: int = 1
-    ) -> Minimum:
-        """Return the modes of a block, as `SpaceSolver` says."""
-        size = len(starts)
-        tolerance = self.tolerance_in(starts.dtype)
-
-        def restarted(span: _Span, eigenvalues: Array, parts: Array, last: Array) -> _State:
-            """Keep the lowest Ritz vectors, and the part of another vector apart from them."""
-            square = last @ span.gram @ last
-            for _ in range(2):
-                last -= parts @ (parts.T @ (span.gram @ last))
-            rest = last @ span.gram @ last
-            is_new = rest > _rounding(square.dtype) ** 2 * square
-            last = jnp.where(is_new, last / jnp.sqrt(jnp.where(is_new, rest, 1)), 0)
-            span = span.spanned_by(jnp.column_stack([parts, last]))
-            residuals = [span.products[i] - eigenvalues[i] * span.basis[i] for i in range(count)]
-            residual = norms(residuals) / operator.scale
-            return _State(span, eigenvalues, residual, jnp.array(False))
-
-        def step(state: _State) -> _State:
-            target = jnp.argmax(state.residuals > tolerance)
-            mode, eigenvalue = state.span.basis[target], state.eigenvalues[target]
-            rounding = jnp.finfo(mode.dtype).eps * operator.bound / operator.scale
-            is_noise = state.residuals[target] < _NOISE * rounding
-            precondition = operator.preconditioner(mode, eigenvalue)
-
-            def widen(index: Array, carry: _Widening) -> _Widening:
-                span, eigenvalues, parts, _ = carry
-
-                def of_kept() -> Array:
-                    return span.products[target] - eigenvalue * mode
-
-                def of_combined() -> Array:
-                    lowest = parts[:, target]
-                    product = combination(lowest, span.products)
-                    return product - eigenvalues[target] * combination(lowest, span.basis)
-
-                def steepest() -> Array:
-                    # The first is of a vector that the space has.
-                    return precondition(jax.lax.cond(index == 0, of_kept, of_combined))
-
-                vector = jax.lax.cond(state.is_empty, lambda: starts[index], steepest)
-                slot = jnp.where(state.is_empty, index, size + 1 + index)
-                span = span.with_vector(slot, vector, operator, space, is_noise)
-                return span, *rayleigh_ritz(span.gram, span.energies, size), parts
-
-            parts = jnp.eye(len(state.span.basis), size, dtype=starts.dtype)
-            number = jnp.where(state.is_empty, size, _NUM_RESIDUALS)
-            start = state.span, state.eigenvalues, parts, parts
-            span, eigenvalues, parts, before = jax.lax.fori_loop(0, number, widen, start)
-            return restarted(span, eigenvalues, parts, before[:, target])
-
-        def measure(state: _State) -> Indicators:
-            return {"residual": jnp.max(state.residuals)}
-
-        span = _Span.empty(size + 1 + _NUM_RESIDUALS, starts[0])
+    def init(self, problem: ModesProblem, start: Block) -> _State:
+        """Return a space that has no vectors yet."""
+        span = _Span.empty(len(start) + 1 + _NUM_RESIDUALS, start[0])
         # No residual is known yet: one above any tolerance, from which every fall is progress.
-        none = jnp.full(count, jnp.finfo(starts.dtype).max, starts.dtype)
-        unknown = jnp.zeros(size, starts.dtype), none
-        iteration = self.iterate(step, measure, _State(span, *unknown, jnp.array(True)))
-        history = iteration.history
-        num_residuals = _NUM_RESIDUALS * jnp.maximum(iteration.num_steps - 1, 0)
+        none = jnp.full(problem.count, jnp.finfo(start.dtype).max, start.dtype)
+        return _State(span, jnp.zeros(len(start), start.dtype), none, jnp.array(True))
+
+    def step(self, problem: ModesProblem, state: _State) -> _State:
+        """Return the lowest Ritz vectors of a space widened by preconditioned residuals."""
+        operator, starts, size = problem.operator, problem.starts, len(problem.starts)
+        target = jnp.argmax(state.residuals > self.tolerance_in(starts.dtype))
+        mode, eigenvalue = state.span.basis[target], state.eigenvalues[target]
+        rounding = jnp.finfo(mode.dtype).eps * operator.bound / operator.scale
+        is_noise = state.residuals[target] < _NOISE * rounding
+        precondition = operator.preconditioner(mode, eigenvalue)
+
+        def widen(index: Array, carry: _Widening) -> _Widening:
+            span, eigenvalues, parts, _ = carry
+
+            def of_kept() -> Array:
+                return span.products[target] - eigenvalue * mode
+
+            def of_combined() -> Array:
+                lowest = parts[:, target]
+                product = combination(lowest, span.products)
+                return product - eigenvalues[target] * combination(lowest, span.basis)
+
+            def steepest() -> Array:
+                # The first is of a vector that the space has.
+                return precondition(jax.lax.cond(index == 0, of_kept, of_combined))
+
+            vector = jax.lax.cond(state.is_empty, lambda: starts[index], steepest)
+            slot = jnp.where(state.is_empty, index, size + 1 + index)
+            span = span.with_vector(slot, vector, operator, problem.domain, is_noise)
+            return span, *rayleigh_ritz(span.gram, span.energies, size), parts
+
+        parts = jnp.eye(len(state.span.basis), size, dtype=starts.dtype)
+        number = jnp.where(state.is_empty, size, _NUM_RESIDUALS)
+        start = state.span, state.eigenvalues, parts, parts
+        span, eigenvalues, parts, before = jax.lax.fori_loop(0, number, widen, start)
+        return _restarted(problem, span, eigenvalues, parts, before[:, target])
+
+    def measure(self, problem: ModesProblem, state: _State) -> Indicators:
+        """Return the largest residual of the modes that decide."""
+        return {"residual": jnp.max(state.residuals)}
+
+    def minimum(self, problem: ModesProblem, found: Iteration[_State]) -> Minimum:
+        """Return the block of modes, and what it cost."""
+        size, history = len(problem.starts), found.history
+        num_residuals = _NUM_RESIDUALS * jnp.maximum(found.num_steps - 1, 0)
         return Minimum(
-            vector=iteration.state.span.basis[:size],
-            num_steps=iteration.num_steps,
+            vector=found.state.span.basis[:size],
+            num_steps=found.num_steps,
             num_applications=size + 2 * num_residuals,
-            result=iteration.result,
+            result=found.result,
             history=replace(history, table=history.table.at[0, 1:].set(jnp.nan)),
         )
+
+
+def _restarted(
+    problem: ModesProblem, span: _Span, eigenvalues: Array, parts: Array, last: Array
+) -> _State:
+    """Keep the lowest Ritz vectors, and the part of another vector apart from them."""
+    square = last @ span.gram @ last
+    for _ in range(2):
+        last -= parts @ (parts.T @ (span.gram @ last))
+    rest = last @ span.gram @ last
+    is_new = rest > _rounding(square.dtype) ** 2 * square
+    last = jnp.where(is_new, last / jnp.sqrt(jnp.where(is_new, rest, 1)), 0)
+    span = span.spanned_by(jnp.column_stack([parts, last]))
+    residuals = [span.products[i] - eigenvalues[i] * span.basis[i] for i in range(problem.count)]
+    residual = norms(residuals) / problem.operator.scale
+    return _State(span, eigenvalues, residual, jnp.array(False))
 
 
 def _put(entry: Array, entries: Array, slot: Int[Array, ""], axis: int = 0) -> Array:

@@ -15,16 +15,15 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Int
 
-from jaxstab.contact.hessian import Block, SymmetricOperator
+from jaxstab.contact.hessian import Block
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import optional_parameter
+from jaxstab.core.loop import Iteration, optional_parameter
 from jaxstab.core.types import Field, Scalar
-from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpair import Minimum, admissible_pair, descended, unit_vector
-from jaxstab.stability.solvers.base import ConeSolver
+from jaxstab.stability.solvers.base import ConeSolver, Eigenproblem
 
 
 class _State(eqx.Module):
@@ -51,50 +50,48 @@ class ProximalIteration(ConeSolver):
     patience: ClassVar[int] = 40_000
     steps_per_check: ClassVar[int] = 50
 
-    def solve(
-        self,
-        operator: SymmetricOperator,
-        cone: AdmissibleCone,
-        starts: Block,
-        is_needed: Bool[Array, " starts"] | bool = True,
-    ) -> Minimum:
-        """Return a minimiser of the Rayleigh quotient, from the last of the starts alone."""
+    def init(self, problem: Eigenproblem, start: Block) -> _State:
+        """Return the last of the starts alone, brought onto the cone."""
+        # One of the two signs survives the projection.
+        towards, away = (unit_vector(problem.domain, sign * start[-1]) for sign in (1, -1))
+        x, zero = jnp.where(jnp.any(towards != 0), towards, away), jnp.zeros((), start.dtype)
+        return _State(x, 0 * x, zero, zero)
+
+    def step(self, problem: Eigenproblem, state: _State) -> _State:
+        """Return the state after a primal and a dual step."""
+        operator, cone = problem.operator, problem.domain
         bound = operator.bound
         beta = bound * (1 + jnp.mean(cone.one_sided, dtype=bound.dtype))
-        # One of the two signs survives the projection.
-        towards, away = (unit_vector(cone, sign * starts[-1]) for sign in (1, -1))
-        start = jnp.where(jnp.any(towards != 0), towards, away)
+        # tau sigma = 1/2.
+        x = state.x - operator(state.x) / beta - (state.y + state.z) / 2
+        x = x / jnp.sqrt(total(x**2))
+        pulled = state.y + 2 * x - state.x
+        z_change = cone.newton_step(pulled)
+        z = state.z + z_change
+        y = jnp.where(cone.one_sided, jnp.minimum(pulled - z_change, 0), 0)
+        return _State(x, y, z, z_change)
 
-        def step(state: _State) -> _State:
-            # tau sigma = 1/2.
-            x = state.x - operator(state.x) / beta - (state.y + state.z) / 2
-            x = x / jnp.sqrt(total(x**2))
-            pulled = state.y + 2 * x - state.x
-            z_change = cone.newton_step(pulled)
-            z = state.z + z_change
-            y = jnp.where(cone.one_sided, jnp.minimum(pulled - z_change, 0), 0)
-            return _State(x, y, z, z_change)
+    def measure(self, problem: Eigenproblem, state: _State) -> Indicators:
+        """Return the projected residual, and the paper's epsilon and eta."""
+        _, _, residual = admissible_pair(problem.operator, problem.domain, state.x)
+        return {
+            "residual": residual,
+            "epsilon": jnp.abs(jnp.sum(state.x)),
+            "eta": jnp.abs(state.z_change) / jnp.maximum(jnp.abs(state.z), _tiny(state.z)),
+        }
 
-        def measure(state: _State) -> Indicators:
-            _, _, residual = admissible_pair(operator, cone, state.x)
-            return {
-                "residual": residual,
-                "epsilon": jnp.abs(jnp.sum(state.x)),
-                "eta": jnp.abs(state.z_change) / jnp.maximum(jnp.abs(state.z), _tiny(state.z)),
-            }
-
-        zero = jnp.zeros((), start.dtype)
-        iteration = self.iterate(step, measure, _State(start, 0 * start, zero, zero))
-        num_checks = 1 + iteration.num_steps // self.steps_per_check
+    def minimum(self, problem: Eigenproblem, found: Iteration[_State]) -> Minimum:
+        """Return a minimiser of the Rayleigh quotient."""
+        operator, num_steps = problem.operator, found.num_steps
         # One projected gradient step sets to exactly zero what the contact holds.
-        eigenvalue, mode, _ = admissible_pair(operator, cone, iteration.state.x)
+        eigenvalue, mode, _ = admissible_pair(operator, problem.domain, found.state.x)
         eigenvalue = jnp.where(eigenvalue == jnp.inf, 0, eigenvalue)
         return Minimum(
             vector=descended(operator, mode, operator(mode), eigenvalue),
-            num_steps=iteration.num_steps,
-            num_applications=iteration.num_steps + num_checks + 2,
-            result=iteration.result,
-            history=iteration.history,
+            num_steps=num_steps,
+            num_applications=num_steps + 1 + num_steps // self.steps_per_check + 2,
+            result=found.result,
+            history=found.history,
         )
 
 

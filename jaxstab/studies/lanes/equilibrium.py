@@ -9,11 +9,11 @@ import jax
 from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.contact import Contact
-from jaxstab.core.loop import Iteration, Loop
-from jaxstab.core.pause import Pause
+from jaxstab.core.loop import Loop
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium.equilibrate import concluded, in_users_units, started
 from jaxstab.equilibrium.equilibrium import Equilibrium
+from jaxstab.equilibrium.solvers.base import Problem
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_load
@@ -38,10 +38,11 @@ class _Problem(eqx.Module):
     unit: Scalar
     start: Field
 
-    def solve(self) -> Iteration[Any]:
-        """Return what the solver has come to, here or where its loop pauses."""
-        control = self.contact.control(self.load)
-        return _solver().solve(self.contact, control, self.start)
+    @property
+    def prepared(self) -> Any:
+        """What the solver is given."""
+        problem = Problem.of(self.contact, self.contact.control(self.load))
+        return _solver().prepared(problem, self.start)
 
 
 class _Solve(eqx.Module):
@@ -67,15 +68,13 @@ class EquilibriumStage(Stage):
         unit = whole.own_pressure
         whole, load = whole.in_units_of(unit), load.in_units_of(unit)
         problem = _Problem(whole, load, unit, started(whole, load, start))
-        with Pause() as pause:
-            problem.solve()
-        return jax.tree.map(lambda leaf: leaf[None], _Solve(problem, pause.loop))
+        loop = _solver().begin(problem.prepared, problem.start)
+        return jax.tree.map(lambda leaf: leaf[None], _Solve(problem, loop))
 
     def advance(self, record: Record, state: _Solve, max_steps: ArrayLike) -> _Solve:
         """Return the solve after at most so many steps more."""
-        with Pause(state.loop, max_steps) as pause:
-            state.problem.solve()
-        return replace(state, loop=pause.loop)
+        loop = _solver().advance(state.problem.prepared, state.loop, max_steps)
+        return replace(state, loop=loop)
 
     def is_over(self, record: Record, state: _Solve) -> Flag:
         """Return whether the solve has ended."""
@@ -90,8 +89,7 @@ class EquilibriumStage(Stage):
         contact, load = self.build(**record[0])
         solve: _Solve = jax.tree.map(lambda leaf: leaf[0], record[1])
         problem = solve.problem
-        with Pause(solve.loop):
-            found = concluded(problem.contact, problem.load, problem.solve())
+        found = concluded(problem.contact, problem.load, _solver().outcome(solve.loop))
         return contact, in_users_units(found, problem.unit, load)
 
 

@@ -12,7 +12,6 @@ from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.loop import Loop
-from jaxstab.core.pause import Pause
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag
 from jaxstab.loads import MeanPressure
@@ -63,9 +62,13 @@ def _seeking(
     num_before: Int[Array, ""],
 ) -> _Walking:
     """Return a walk that is about to seek an equilibrium."""
-    with Pause() as pause:
-        course.state(aim.value, walk.part, *aim.search)
-    return _Walking(course, walk, has_begun, aim, pause.loop, num_before)
+    solver, problem = _search(course, walk, aim)
+    return _Walking(course, walk, has_begun, aim, solver.begin(problem, aim.start), num_before)
+
+
+def _search(course: Course, walk: Walk[Strongest], aim: Aim) -> tuple[Any, Any]:
+    solver, problem = course.search(aim.value, walk.part, aim.least_potential, aim.is_final)
+    return solver, solver.prepared(problem, aim.start)
 
 
 class WalkStage(Stage):
@@ -95,11 +98,11 @@ class WalkStage(Stage):
 
     def advance(self, record: Record, state: _Walking, max_steps: ArrayLike) -> _Walking:
         """Return the walk after at most so many steps more of the search that it is in."""
-        aim = state.aim
-        with Pause(state.loop, max_steps) as pause:
-            found = state.course.state(aim.value, state.walk.part, *aim.search)
-        state = replace(state, loop=pause.loop)
-        is_found = state.course.solver.is_over(state.loop)
+        course, walk, aim = state.course, state.walk, state.aim
+        solver, problem = _search(course, walk, aim)
+        state = replace(state, loop=solver.advance(problem, state.loop, max_steps))
+        found = course.place(aim.value, walk.part, solver.outcome(state.loop))
+        is_found = solver.is_over(state.loop)
         return jax.tree.map(partial(jnp.where, is_found), state.after(*found), state)
 
     def is_over(self, record: Record, state: _Walking) -> Flag:

@@ -10,10 +10,10 @@ from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.contact.hessian import Block
 from jaxstab.core.loop import Loop
-from jaxstab.core.pause import Pause
 from jaxstab.core.types import Flag, Scalar
-from jaxstab.stability.certificate import SHARES, bound_by, is_sought
+from jaxstab.stability.certificate import SHARES, bound_by, bounding, is_sought
 from jaxstab.stability.search import Search
+from jaxstab.stability.solvers.base import ModesProblem
 from jaxstab.studies.lanes.stage import Record, Stage
 from jaxstab.studies.lanes.verdict.cones import ConesStage
 from jaxstab.studies.lanes.verdict.ready import ready_in, space_solver
@@ -73,9 +73,11 @@ class BoundStage(Stage):
 
     def advance(self, record: Record, state: _Bounding, max_steps: ArrayLike) -> _Bounding:
         """Return the search after at most so many steps more."""
-        with Pause(state.loop, max_steps) as pause:
-            self._bound(ready_in(record).search, state)
-        return replace(state, loop=pause.loop)
+        problem = _problem(ready_in(record).search, state)
+        if problem is None or state.loop is None:
+            return state
+        solver = space_solver(state.best.dtype)
+        return replace(state, loop=solver.advance(problem, state.loop, max_steps))
 
     def is_over(self, record: Record, state: _Bounding) -> Flag:
         """Return whether the search has ended, or is not needed."""
@@ -90,8 +92,11 @@ class BoundStage(Stage):
     def turn(self, record: Record, states: _Bounding) -> _Bounding:
         """Return the search for the next bound, where one is needed."""
         search, state = ready_in(record).search, jax.tree.map(lambda leaf: leaf[0], states)
-        with Pause(state.loop):
-            bound, cost = self._bound(search, state)
+        problem, solver = _problem(search, state), space_solver(state.best.dtype)
+        if problem is None or state.loop is None:
+            return states
+        found = solver.minimum(problem, solver.outcome(state.loop))
+        bound, cost = bound_by(problem, found)
         best = jnp.where(state.is_needed, jnp.maximum(state.best, bound), state.best)
         turned = replace(
             state,
@@ -103,11 +108,12 @@ class BoundStage(Stage):
         return jax.tree.map(lambda leaf: leaf[None], self._begun(search, turned))
 
     def _begun(self, search: Search, state: _Bounding) -> _Bounding:
-        with Pause() as pause:
-            self._bound(search, state)
-        return replace(state, loop=pause.loop)
+        problem, solver = _problem(search, state), space_solver(state.best.dtype)
+        if problem is None:
+            return state
+        return replace(state, loop=solver.begin(problem, state.modes))
 
-    def _bound(self, search: Search, state: _Bounding) -> tuple[Array, Array]:
-        solver = space_solver(state.best.dtype)
-        number = jnp.minimum(state.number, len(SHARES) - 1)
-        return bound_by(solver, search.hessian, search.cone, state.eigenvalue, state.modes, number)
+
+def _problem(search: Search, state: _Bounding) -> ModesProblem | None:
+    number = jnp.minimum(state.number, len(SHARES) - 1)
+    return bounding(search.hessian, search.cone, state.eigenvalue, state.modes, number)

@@ -8,12 +8,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
-from jaxstab.core.loop import Iteration, Loop
-from jaxstab.core.pause import Pause
+from jaxstab.core.loop import Loop
 from jaxstab.core.types import Flag
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpair import Minimum
-from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG, descend, entry
+from jaxstab.stability.solvers.base import Eigenproblem
+from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG, entry
 from jaxstab.stability.solvers.rounds import ROUNDS, places, winner
 
 _NUM_ROUNDS = len(ROUNDS)
@@ -47,9 +47,8 @@ class Competitor(eqx.Module):
     ) -> "Competitor":
         """Return the start after at most so many steps more of its round."""
         left = jnp.minimum(max_steps, _length(self.round) - self.loop.num_steps)
-        with Pause(self.loop, left) as pause:
-            descend(solver, operator, cone, solver.outcome(self.loop), left)
-        return Competitor(pause.loop, self.goes_on, self.round)
+        loop = solver.advance(Eigenproblem(operator, cone), self.loop, left)
+        return Competitor(loop, self.goes_on, self.round)
 
 
 def entered(
@@ -57,7 +56,7 @@ def entered(
 ) -> Competitor:
     """Return all starts before the first round."""
     first = jax.vmap(partial(entry, cone))(starts)
-    loops = jax.vmap(partial(_resumed, solver))(first)
+    loops = jax.vmap(solver.resumed)(first)
     goes_on = is_needed & ~cone.is_trivial
     return Competitor(loops, goes_on, jnp.zeros(len(starts), int))
 
@@ -71,7 +70,7 @@ def turned(
         found = jax.vmap(solver.outcome)(all_.loop)
         num_kept = jnp.array([kept for _, kept in ROUNDS])[all_.round[0]]
         wins = places(found, all_.goes_on, operator, cone) < num_kept
-        resumed = jax.vmap(partial(_resumed, solver))(found)
+        resumed = jax.vmap(solver.resumed)(found)
         # After the last round all stay where they are.
         is_last = all_.round[0] == _NUM_ROUNDS - 1
         loops = jax.tree.map(partial(jnp.where, is_last), all_.loop, resumed)
@@ -89,10 +88,6 @@ def decided(
 ) -> Minimum:
     """Return what the competition has come to, after its last round."""
     return winner(jax.vmap(solver.outcome)(all_.loop), all_.goes_on, operator, cone)
-
-
-def _resumed(solver: ProjectedLOBPCG, before: Iteration) -> Loop:
-    return solver.resumed(before, {"residual": before.residual})
 
 
 def _length(number: Int[Array, ""]) -> Int[Array, ""]:

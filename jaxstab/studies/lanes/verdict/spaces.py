@@ -10,13 +10,13 @@ from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.contact.hessian import Block
 from jaxstab.core.loop import Loop
-from jaxstab.core.pause import Pause
 from jaxstab.core.types import Flag, Mask
 from jaxstab.stability.coarse_start import space_starts
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.lowest_modes import BLOCK_SIZE
-from jaxstab.stability.lowest_pair import Lowest, again, costing, on_space
+from jaxstab.stability.lowest_pair import Lowest, again, costing, found_on_space
 from jaxstab.stability.search import Search
+from jaxstab.stability.solvers.base import ModesProblem
 from jaxstab.studies.lanes.stage import Record, Stage
 from jaxstab.studies.lanes.verdict.ready import chosen, ready_in, space_solver
 
@@ -54,18 +54,17 @@ class SpacesStage(Stage):
             space, random = _space(search, is_moving), search.random[:BLOCK_SIZE]
             solver = space_solver(random.dtype)
             starts, cost = space_starts(solver, search.hessian, space, random)
-            with Pause() as pause:
-                _lowest(search, is_moving, starts)
-            return _OnSpace(is_moving, is_needed, starts, cost, pause.loop)
+            loop = solver.begin(_problem(search, is_moving, starts), starts)
+            return _OnSpace(is_moving, is_needed, starts, cost, loop)
 
         is_needed = jnp.stack([jnp.array(True), search.touches])
         return jax.vmap(begun)(jnp.stack(hulls), is_needed)
 
     def advance(self, record: Record, state: _OnSpace, max_steps: ArrayLike) -> _OnSpace:
         """Return a search after at most so many steps more."""
-        with Pause(state.loop, max_steps) as pause:
-            _lowest(ready_in(record).search, state.is_moving, state.starts)
-        return replace(state, loop=pause.loop)
+        problem = _problem(ready_in(record).search, state.is_moving, state.starts)
+        solver = space_solver(state.starts.dtype)
+        return replace(state, loop=solver.advance(problem, state.loop, max_steps))
 
     def is_over(self, record: Record, state: _OnSpace) -> Flag:
         """Return whether a search has ended, or is not needed."""
@@ -80,17 +79,19 @@ class SpacesStage(Stage):
         search, states = ready_in(record).search, record[3]
 
         def lowest(state: _OnSpace) -> Lowest:
-            with Pause(state.loop):
-                return costing(_lowest(search, state.is_moving, state.starts), state.cost)
+            problem = _problem(search, state.is_moving, state.starts)
+            solver = space_solver(state.starts.dtype)
+            found = solver.minimum(problem, solver.outcome(state.loop))
+            return costing(found_on_space(problem, found), state.cost)
 
         both = jax.vmap(lowest)(states)
         around, hull = (jax.tree.map(lambda leaf, i=i: leaf[i], both) for i in range(2))
         return around, chosen(search.touches, hull, again(around))
 
 
-def _lowest(search: Search, is_moving: Mask, starts: Block) -> Lowest:
+def _problem(search: Search, is_moving: Mask, starts: Block) -> ModesProblem:
     space = _space(search, is_moving)
-    return on_space(space_solver(starts.dtype), search.hessian, space, starts)
+    return ModesProblem(search.hessian.restricted(space.is_moving), space, starts)
 
 
 def _space(search: Search, is_moving: Mask) -> Subspace:
