@@ -51,6 +51,12 @@ class Scale(eqx.Module):
     start: Values
     unit: Values
 
+    @classmethod
+    def of(cls, start: Values, jacobian: Float[Array, "loads parameters"]) -> "Scale":
+        """Return the map from a start, in multiples that change the curve by its own size."""
+        sizes = jnp.linalg.norm(jacobian, axis=0)
+        return cls(start, 1 / jnp.where(sizes > 0, sizes, 1))
+
     def to_values(self, free: Values) -> Values:
         """Return the parameters."""
         is_positive = self.start > 0
