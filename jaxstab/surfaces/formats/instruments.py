@@ -10,10 +10,9 @@ from jaxstab.surfaces.formats.scan import (
     Scan,
     UnknownContent,
     chosen,
-    in_one_unit,
     on_a_side_or_two,
 )
-from jaxstab.surfaces.units import unit_of
+from jaxstab.surfaces.units import unit_if_said, unit_of
 
 # Readers of these accept files of many kinds, or those that ours have refused.
 _UNMARKED = {"asc", "xyz", "hgt", "nms", "npy", "npz", "h5", "nc"}
@@ -104,10 +103,10 @@ def _scan(reader: Any, channel: str | None) -> Scan:
     lengths = tuple(map(float, topography.physical_sizes)) if says_lengths else None
     if lengths and len(lengths) != topography.dim:
         raise Refused("its header says one side of two: write width and height.")
-    unit = unit_of(topography.unit) if topography.unit else None
+    unit = unit_if_said(topography.unit)
     heights = on_a_side_or_two(topography.heights())
-    heights, unit, units = in_one_unit(heights, unit, unit or _unit_of_sides(one))
-    return Scan(heights, lengths, unit, (*remarks, *units), bool(topography.is_periodic))
+    scan = Scan(heights, lengths, None, remarks, bool(topography.is_periodic))
+    return scan.in_units(unit, unit or _unit_of_sides(one))
 
 
 def _unit_of_sides(channel: Any) -> str | None:
