@@ -209,8 +209,8 @@ def _fit(
     progress: bool,
 ) -> Calibration:
     contact, measured = refuse_derivatives((contact, measured))
-    model = Model(contact, where)
-    values = model.values
+    values, unravel = values_of(where(contact))
+    model = Model(contact, where, unravel)
     pressures, jacobian = model.curve(values, measured.load, solver.order)
     scale = Scale.of(values, measured.roots[:, None] * jacobian)
     zero = jnp.zeros_like(values)
@@ -232,8 +232,8 @@ def _fit(
     spread = slopes[:, None] * state.covariance(measured) * slopes
     return Calibration(
         contact=model.contact_at(found),
-        parameters=model.parameters(found),
-        standard_errors=model.parameters(jnp.sqrt(jnp.diag(spread))),
+        parameters=unravel(found),
+        standard_errors=unravel(jnp.sqrt(jnp.diag(spread))),
         covariance=spread,
         mean_pressure=state.mean_pressure,
         loss=state.loss,

@@ -59,23 +59,15 @@ def values_of(tree: Any) -> tuple[Values, Callable[[Values], Any]]:
 
 @dataclass(frozen=True)
 class Model:
-    """A contact and which of its parameters may change."""
+    """A contact, which of its parameters may change, and how they follow from a vector."""
 
     contact: Contact
     where: Pick
-
-    @property
-    def values(self) -> Values:
-        """The parameters of the contact as it is."""
-        return values_of(self.where(self.contact))[0]
-
-    def parameters(self, values: Values) -> Any:
-        """Return parameters in the structure that `where` picks."""
-        return values_of(self.where(self.contact))[1](values)
+    unravel: Callable[[Values], Any]
 
     def contact_at(self, values: Values) -> Contact:
         """Return the contact with other parameters."""
-        return eqx.tree_at(self.where, self.contact, self.parameters(values))
+        return eqx.tree_at(self.where, self.contact, self.unravel(values))
 
     def curve(self, values: Values, loads: Load, order: Order) -> Slopes:
         """Return the mean pressures at loads and their Jacobian, NaN without an equilibrium."""
