@@ -1,15 +1,12 @@
 """The fit of an interaction law and a modulus to a measured curve of pressure over load."""
 
-from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from jaxstab.calibration.least_squares import (
@@ -22,6 +19,7 @@ from jaxstab.calibration.least_squares import (
     Slopes,
     Values,
 )
+from jaxstab.calibration.model import Model, Pick, Where, values_of
 from jaxstab.calibration.starts import best_of
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
@@ -29,20 +27,16 @@ from jaxstab.core.checks import integer, is_traced, parameter, require, require_
 from jaxstab.core.compile import program
 from jaxstab.core.display import block
 from jaxstab.core.history import History
+from jaxstab.core.loop import optional_parameter
 from jaxstab.core.no_derivative import refuse_derivatives
 from jaxstab.core.progress import advance, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Scalar
-from jaxstab.equilibrium import PreconditionedConjugateGradient
-from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
-from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, MeanPressure, require_load
 
 # Imported where it is used, since that takes a while.
 if TYPE_CHECKING:
     import optax
-
-Where = Callable[[Contact], Any]
 
 
 class Calibration(eqx.Module):
@@ -145,20 +139,39 @@ def calibrate(
         TypeError: for a load that prescribes the pressure, or a contact in single precision.
         SolverError: if `throw` and the fit did not converge.
     """
+    _require_problem(contact, load, order)
+    starts = None if starts is None else integer("starts", starts)
+    if starts is not None and starts < 1:
+        raise ValueError(f"starts is {starts}: give at least 1.")
+    curve = _measured(load, mean_pressure, weights)
+    _require_determined(curve, values_of(where(contact))[0].size)
+    warn_if_coarse(contact)
+    solver = LeastSquares(optional_parameter(tolerance), max_steps, optimizer, order)
+    shown = progress_bar(max_steps * (starts or 1), "step") if progress else nullcontext()
+    # Histories end in NaN, and what was not found is NaN.
+    with shown, jax.debug_nans(False):
+        fit = _fit(contact, curve, solver, Pick.of(where, contact), starts, progress)
+    if not throw:
+        return fit
+    return throw_failure(fit.result, fit, lambda: _describe(fit))
+
+
+def _require_problem(contact: Contact, load: Load, order: Order) -> None:
     require_contact(contact)
     require_load(load)
     if isinstance(load, MeanPressure):
         raise TypeError("The load is a MeanPressure: fit a curve over a mean displacement or gap.")
     if order not in ("independent", "continuation"):
         raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
-    starts = None if starts is None else integer("starts", starts)
-    if starts is not None and starts < 1:
-        raise ValueError(f"starts is {starts}: give at least 1.")
     if contact.heights.dtype != jnp.float64:
         raise TypeError(
             f"The heights are {contact.heights.dtype}: a fit needs float64, since near contact "
             "edges single precision leaves too many loads without a derivative."
         )
+
+
+def _measured(load: Load, mean_pressure: ArrayLike, weights: ArrayLike | None) -> Measured:
+    """Return the measured curve, checked, with equal weights by default."""
     measured = parameter(mean_pressure)
     if load.value.ndim != 1 or measured.shape != load.value.shape:
         raise ValueError(
@@ -170,7 +183,12 @@ def calibrate(
     if w.shape != measured.shape:
         raise ValueError(f"The weights have shape {w.shape}, the pressures {measured.shape}.")
     require("A weight", w, (w >= 0) & jnp.isfinite(w), "all must be finite and not negative.")
-    count = _values(where(contact))[0].size
+    return Measured(load, measured, w)
+
+
+def _require_determined(curve: Measured, count: int) -> None:
+    """Require more measurements with a weight than parameters, not all of them zero."""
+    measured, w = curve.mean_pressure, curve.weights
     weighed = measured.size if is_traced(w) else int(jnp.sum(w > 0))
     if not 0 < count < weighed:
         raise ValueError(
@@ -179,46 +197,6 @@ def calibrate(
         )
     cure = "one with a weight must differ from zero."
     require("The measured pressure", measured, jnp.any(w * measured != 0), cure)
-    warn_if_coarse(contact)
-    solver = LeastSquares(
-        None if tolerance is None else parameter(tolerance), max_steps, optimizer, order
-    )
-    curve = Measured(load, measured, w)
-    shown = progress_bar(max_steps * (starts or 1), "step") if progress else nullcontext()
-    # Histories end in NaN, and what was not found is NaN.
-    with shown, jax.debug_nans(False):
-        fit = _fit(contact, curve, solver, _Pick.of(where, contact), starts, progress)
-    if not throw:
-        return fit
-    return throw_failure(fit.result, fit, lambda: _describe(fit))
-
-
-@dataclass(frozen=True)
-class _Pick:
-    """A function that picks parts of a contact, equal to another that picks the same.
-
-    Functions that are written anew, as with each run of a cell, would be compiled anew.
-    """
-
-    where: Where = field(compare=False)
-    places: tuple[int, ...]
-    structure: jax.tree_util.PyTreeDef
-
-    @classmethod
-    def of(cls, where: Where, contact: Contact) -> "_Pick":
-        """Return what a function picks from a contact."""
-        leaves, structure = jax.tree.flatten(contact)
-        opaque = [object() for _ in leaves]
-        try:
-            picked, tree = jax.tree.flatten(where(jax.tree.unflatten(structure, opaque)))
-            return cls(where, tuple(map(opaque.index, picked)), tree)
-        except (TypeError, ValueError):
-            raise TypeError(
-                "`where` makes something of the contact's parameters: it must only pick them."
-            ) from None
-
-    def __call__(self, contact: Contact) -> Any:
-        return self.where(contact)
 
 
 @partial(program, static_argnames=("where", "starts", "progress"))
@@ -226,60 +204,32 @@ def _fit(
     contact: Contact,
     measured: Measured,
     solver: LeastSquares,
-    where: _Pick,
+    where: Pick,
     starts: int | None,
     progress: bool,
 ) -> Calibration:
     contact, measured = refuse_derivatives((contact, measured))
-    values, unravel = _values(where(contact))
-
-    def contact_at(values: Values) -> Contact:
-        return eqx.tree_at(where, contact, unravel(values))
-
-    def pressure(values: Values, load: Load, start: Array | None) -> tuple[Array, Array]:
-        contact, method = contact_at(values), PreconditionedConjugateGradient()
-        whole, start = whole_start(contact, load, start)
-        inputs = jax.lax.stop_gradient((whole, load, method, start))
-        found = with_derivatives(whole, load, find_equilibrium(*inputs))
-        found = found.on_surface(whole.solid)
-        is_found = found.result == RESULTS.successful
-        return jnp.where(is_found, found.mean_pressure, jnp.nan), found.gap
-
-    one_load = jax.value_and_grad(pressure, has_aux=True)
-
-    def together(values: Values) -> Slopes:
-        lanes = jax.vmap(lambda load: one_load(values, load, None))
-        (pressures, _), jacobian = lanes(measured.load)
-        return pressures, jacobian
-
-    def in_turn(values: Values) -> Slopes:
-        def follow(start: Array, load: Load) -> tuple[Array, tuple[Array, Array]]:
-            (value, gap), row = one_load(values, load, start)
-            return jnp.where(jnp.isnan(value), start, gap), (value, row)
-
-        first = jax.tree.map(lambda leaf: leaf[0], measured.load)
-        start = contact.control(first).starting_gap(contact.heights)
-        return jax.lax.scan(follow, start, measured.load)[1]
-
-    by_values = together if solver.order == "independent" else in_turn
-    pressures, jacobian = by_values(values)
-    sizes = jnp.linalg.norm(measured.roots[:, None] * jacobian, axis=0)
-    scale = Scale(values, 1 / jnp.where(sizes > 0, sizes, 1))
+    values, unravel = values_of(where(contact))
+    model = Model(contact, where, unravel)
+    pressures, jacobian = model.curve(values, measured.load, solver.order)
+    scale = Scale.of(values, measured.roots[:, None] * jacobian)
+    zero = jnp.zeros_like(values)
+    first = pressures, jacobian * scale.slopes(zero)
 
     def curve(free: Values) -> Slopes:
-        pressures, jacobian = by_values(scale.to_values(free))
+        values = scale.to_values(free)
+        pressures, jacobian = model.curve(values, measured.load, solver.order)
         return pressures, jacobian * scale.slopes(free)
 
-    first = pressures, jacobian * scale.slopes(jnp.zeros_like(values))
     report = advance if progress else lambda after: None
-    fit = Fit(curve, measured, first, report)
-    tried = best_of(partial(solver.run, fit), starts, jnp.zeros_like(values))
+    fit = Fit(curve, measured.mean_pressure, measured.roots, first, report)
+    tried = best_of(partial(solver.run, fit), starts, zero)
     state = tried.best.state
     found = scale.to_values(state.free)
     slopes = scale.slopes(state.free)
     spread = slopes[:, None] * state.covariance(measured) * slopes
     return Calibration(
-        contact=contact_at(found),
+        contact=model.contact_at(found),
         parameters=unravel(found),
         standard_errors=unravel(jnp.sqrt(jnp.diag(spread))),
         covariance=spread,
@@ -294,15 +244,8 @@ def _fit(
     )
 
 
-def _values(tree: Any) -> tuple[Values, Callable[[Values], Any]]:
-    """Return the floating-point leaves of a pytree as a vector, and the way back."""
-    leaves, rest = eqx.partition(tree, eqx.is_inexact_array)
-    values, unravel = ravel_pytree(leaves)
-    return values, lambda values: eqx.combine(unravel(values), rest)
-
-
 def _describe(fit: Calibration) -> str:
-    values = ", ".join(f"{value:.6g}" for value in _values(fit.parameters)[0])
+    values = ", ".join(f"{value:.6g}" for value in values_of(fit.parameters)[0])
     missing = jnp.isnan(fit.mean_pressure)
     if missing.any():
         return (

@@ -51,6 +51,12 @@ class Scale(eqx.Module):
     start: Values
     unit: Values
 
+    @classmethod
+    def of(cls, start: Values, jacobian: Float[Array, "loads parameters"]) -> "Scale":
+        """Return the map from a start, in multiples that change the curve by its own size."""
+        sizes = jnp.linalg.norm(jacobian, axis=0)
+        return cls(start, 1 / jnp.where(sizes > 0, sizes, 1))
+
     def to_values(self, free: Values) -> Values:
         """Return the parameters."""
         is_positive = self.start > 0
@@ -103,14 +109,16 @@ class Fit:
 
     Attributes:
         curve: the curve and its Jacobian.
-        measured: the measurements.
+        mean_pressure: the measurements.
+        roots: of their weights.
         first: the curve at zero, which need not be evaluated again.
         report: called at each step.
         memory, move: the first memory of a method, and its step.
     """
 
     curve: Callable[[Values], Slopes]
-    measured: Measured
+    mean_pressure: Curve
+    roots: Curve
     first: Slopes
     report: Callable[[Array], None]
     memory: Any = None
@@ -118,10 +126,10 @@ class Fit:
 
     def state_of(self, free: Any, memory: Any, evaluated: Slopes) -> State:
         """Return where a fit is, whose curve is known."""
-        root, (pressure, jacobian) = self.measured.roots, evaluated
+        root, (pressure, jacobian) = self.roots, evaluated
         # What has no weight need not even be finite.
         has_weight = root > 0
-        misfit = jnp.where(has_weight, root * (pressure - self.measured.mean_pressure), 0)
+        misfit = jnp.where(has_weight, root * (pressure - self.mean_pressure), 0)
         rows = jnp.where(has_weight[:, None], root[:, None] * jacobian, 0)
         return State(free, memory, pressure, misfit, rows, jnp.array(jnp.inf))
 

@@ -14,6 +14,11 @@ FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 _NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$", re.IGNORECASE)
 
 
+def option_of(name: str) -> str:
+    """Return the option of a name, as --k-low of k_low."""
+    return f"--{name.replace('_', '-')}"
+
+
 class Parser(argparse.ArgumentParser):
     """A parser that says in one line what is wrong, and takes no abbreviations."""
 
@@ -33,6 +38,10 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Exit with a line on what is wrong."""
         self.exit(BAD_INPUT, f"{self.prog}: {' '.join(message.split())}\n")
+
+    def refuse(self, name: str, reason: str) -> NoReturn:
+        """Exit with a line on what is wrong with an option."""
+        self.error(f"argument {option_of(name)} {reason}.")
 
 
 class Ended(Exception):
@@ -90,7 +99,7 @@ def from_config(parser: Parser, path: Path) -> list[str]:
         values = value if isinstance(value, list) else [value]
         if not all(type(part) in (int, float, str) for part in values) or not values:
             parser.error(f"argument --config: {path}: {name} is {value!r}: give a number or text.")
-        option = f"--{name.replace('_', '-')}"
+        option = option_of(name)
         if option not in parser.options:
             nearest = get_close_matches(option, parser.options, 1, cutoff=0)[0]
             parser.error(

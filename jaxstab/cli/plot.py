@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from jaxstab import plots
 from jaxstab.cli.parsing import Parser, whole
-from jaxstab.cli.result import add_result_options, loaded
+from jaxstab.cli.result import add_result_options, figure_of, loaded
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.files.dataset import Result
@@ -64,6 +64,4 @@ def _figure(contact: Contact, result: Result) -> Figure:
         axes = plots.gap(contact, result.equilibrium)
     else:
         return plots.summary(contact, result)
-    figure = axes.get_figure(root=True)
-    assert isinstance(figure, Figure)
-    return figure
+    return figure_of(axes)

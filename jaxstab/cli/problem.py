@@ -11,6 +11,7 @@ import numpy as np
 from jaxstab import surfaces
 from jaxstab.cli.parsing import Parser, number, whole
 from jaxstab.contact import Contact
+from jaxstab.core.display import times
 from jaxstab.core.grid import Grid
 from jaxstab.core.warn import warn
 from jaxstab.loads import Load, MeanDisplacement, MeanGap, MeanPressure, Spring
@@ -116,21 +117,21 @@ def settle(parser: Parser, options: argparse.Namespace) -> None:
     )
     for name in others:
         if getattr(options, name) is not None:
-            parser.error(f"argument {_option(name)} {reason}.")
+            parser.refuse(name, reason)
     for name in _MATERIAL:
         is_given = getattr(options, name) is not None
         is_needed = options.potential != "none" or name == "youngs_modulus"
         if is_given and not is_needed:
-            parser.error(f"argument {_option(name)} belongs to a law, not to --potential none.")
+            parser.refuse(name, "belongs to a law, not to --potential none")
         if is_measured and is_needed and not is_given:
-            parser.error(f"argument {_option(name)} is needed with --surface, whose units are its.")
+            parser.refuse(name, "is needed with --surface, whose units are its")
     if options.smoothing is not None and options.potential != "dugdale":
-        parser.error("argument --smoothing belongs to --potential dugdale.")
+        parser.refuse("smoothing", "belongs to --potential dugdale")
     if (options.stiffness is not None) != (options.load == "spring"):
-        parser.error("argument --stiffness belongs to --load spring, which needs it.")
+        parser.refuse("stiffness", "belongs to --load spring, which needs it")
     for name in ("first", "last"):
         if options.load not in ("gap", "displacement") and getattr(options, name) is None:
-            parser.error(f"argument --{name} is needed with --load {options.load}.")
+            parser.refuse(name, f"is needed with --load {options.load}")
     for name, value in _DEFAULTS.items():
         if getattr(options, name) is None:
             setattr(options, name, value)
@@ -187,11 +188,11 @@ def loads_of(options: argparse.Namespace, contact: Contact, shares: Any) -> Load
 
 def described(options: argparse.Namespace, contact: Contact) -> str:
     """Say what the problem is, in lines."""
-    shape = " x ".join(map(str, contact.grid.shape))
+    shape = times(contact.grid.shape)
     what = f"Self-affine surface {options.seed}"
     if options.surface is not None:
         unit = f" {contact.unit}" if contact.unit else ""
-        lengths = " x ".join(f"{float(length):.4g}" for length in contact.grid.lengths)
+        lengths = times(map(float, contact.grid.lengths), ".4g")
         what = f"{options.surface.name}, {lengths}{unit}"
     law = options.potential
     if law != "none":
@@ -201,7 +202,3 @@ def described(options: argparse.Namespace, contact: Contact) -> str:
         f"Half space, E = {options.youngs_modulus:g}, nu = {options.poisson_ratio:g}; "
         f"adhesion: {law}; {contact.heights.dtype}\n"
     )
-
-
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"

@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxstab.cli import problem
 from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended, Parser, from_config, number, whole
+from jaxstab.cli.result import figure_of
 from jaxstab.contact import Contact
 from jaxstab.core.extras import NETCDF, are_installed
 from jaxstab.core.results import RESULTS
@@ -68,7 +69,7 @@ def read(parser: Parser, arguments: list[str], options: argparse.Namespace) -> a
             if getattr(options, name) is None:
                 setattr(options, name, value)
             elif study != options.study:
-                parser.error(f"argument --{name.replace('_', '-')} belongs to --study {study}.")
+                parser.refuse(name, f"belongs to --study {study}")
     return options
 
 
@@ -95,17 +96,14 @@ def run(options: argparse.Namespace) -> None:
 def _loop(options: argparse.Namespace, contact: Contact, folder: Path) -> Ended | None:
     """Follow the contact from the last load to the first and back."""
     turns = problem.loads_of(options, contact, [1, 0, 1])
-    with warnings.catch_warnings():
-        # Said at the end instead.
-        warnings.simplefilter("ignore", PathInterrupted)
+    # Said at the end instead.
+    with warnings.catch_warnings(action="ignore", category=PathInterrupted):
         path = follow(
             contact, turns, smallest_jump=options.smallest_jump, progress=True, throw=False
         )
     print(path)
     if len(path.load.value) > 1:
-        figure = plot_path(path, unit=contact.unit).get_figure(root=True)
-        assert figure is not None
-        figure.savefig(folder / "loop.png", dpi=150)
+        figure_of(plot_path(path, unit=contact.unit)).savefig(folder / "loop.png", dpi=150)
     _save(folder / "loop.nc", contact, path)
     if path.result == RESULTS.interrupted:
         return Ended(f"interrupted, {len(path.load.value)} states are done.", INTERRUPTED)
@@ -117,9 +115,8 @@ def _loop(options: argparse.Namespace, contact: Contact, folder: Path) -> Ended 
 def _unloading(options: argparse.Namespace, contact: Contact, folder: Path) -> Ended | None:
     """Assess the stability of the equilibria from the first load to the last."""
     loads = problem.loads_of(options, contact, np.linspace(0, 1, options.number))
-    with warnings.catch_warnings():
-        # Said at the end instead.
-        warnings.simplefilter("ignore", SweepInterrupted)
+    # Said at the end instead.
+    with warnings.catch_warnings(action="ignore", category=SweepInterrupted):
         result = sweep(contact, loads, order=options.order, progress=True)
     print(result)
     _draw(result, contact.unit, folder / "unloading.png")

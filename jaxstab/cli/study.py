@@ -36,9 +36,8 @@ def add_options(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run the study and say how its cases ended."""
     module = _imported(options.file)
-    with warnings.catch_warnings():
-        # Said at the end instead.
-        warnings.simplefilter("ignore", StudyInterrupted)
+    # Said at the end instead.
+    with warnings.catch_warnings(action="ignore", category=StudyInterrupted):
         dataset = jaxstab.study(
             module.case,
             module.axes,

@@ -5,6 +5,7 @@ import numpy as np
 
 from jaxstab.contact import Contact
 from jaxstab.core.checks import is_traced, known
+from jaxstab.core.display import times
 from jaxstab.core.warn import warn_once
 
 _MAX_REFINEMENT = 1024
@@ -36,7 +37,7 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
         else f"loads of jumps and pull-offs may be off by {100 * _PINNING / resolution**2:.0f} %"
     )
     message = (
-        f"the grid of {_times(contact.grid.shape)} points is too coarse for the adhesion: the "
+        f"the grid of {times(contact.grid.shape)} points is too coarse for the adhesion: the "
         f"stiffness of its shortest wave is {resolution:.3g} of the largest |f''|, so that "
         f"{effect}. {_cure(contact, resolution / needed)}"
     )
@@ -53,9 +54,5 @@ def _cure(contact: Contact, share: np.floating) -> str:
         # Waves that much shorter are those of as many points on a cell that much smaller.
         lengths = contact.grid.lengths / refinement
         solid = eqx.tree_at(lambda solid: solid.grid.lengths, solid, lengths)
-    finer = _times(tuple(refinement * n for n in contact.grid.shape))
+    finer = times(refinement * n for n in contact.grid.shape)
     return f"A grid of {finer} would do, and so would a weaker or longer-ranged adhesion."
-
-
-def _times(shape: tuple[int, ...]) -> str:
-    return " x ".join(map(str, shape))

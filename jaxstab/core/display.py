@@ -61,6 +61,11 @@ def history(self: Any) -> str:
         return f"History({', '.join(self.names)})"
 
 
+def times(sides: Iterable[Any], form: str = "") -> str:
+    """Return the numbers of all sides in a form, as in 256 x 256."""
+    return " x ".join(f"{side:{form}}" for side in sides)
+
+
 def column(values: Any, form: Callable[[Any], str]) -> list[str]:
     """Return the cells of a column of a table."""
     return [form(value) for value in np.atleast_1d(values).tolist()]

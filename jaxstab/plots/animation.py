@@ -20,7 +20,7 @@ from jaxstab.plots.fields import add_colour_bar, draw_map
 from jaxstab.plots.paths import path as draw_path
 from jaxstab.plots.paths import require_path
 from jaxstab.plots.saving import new_file, written
-from jaxstab.plots.style import BLACK, axes_or_new, label_axis
+from jaxstab.plots.style import BLACK, axes_or_new, label_axes
 
 _WRITERS = {"gif": PillowWriter, "mp4": FFMpegWriter}
 _MOST_PER_SECOND = 15
@@ -66,7 +66,14 @@ def animation(
     unit = unit or contact.unit
     show_gap = (_map if gaps.ndim == 3 else _profile)(left, contact, gaps, unit)
     show_place = _curve(right, path, unit)
+
+    def show(state: int) -> None:
+        show_gap(gaps[state])
+        left.set_title(f"contact area {100 * np.mean(gaps[state] == 0):.1f} %, in black")
+        show_place(state)
+
     # What moves must not move the panels.
+    show(0)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     ending = target.suffix[1:].lower()
@@ -75,8 +82,7 @@ def animation(
         writer = _WRITERS[ending](fps=len(frames) / seconds)
         with writer.saving(figure, str(film), _DPI):
             for state in frames.round().astype(int):
-                show_gap(state)
-                show_place(state)
+                show(state)
                 writer.grab_frame()
         return written(target, film.read_bytes())
 
@@ -94,61 +100,42 @@ def _gaps(contact: Contact, path: paths.Path) -> np.ndarray:
     return gaps
 
 
-def _map(axes: Axes, contact: Contact, gaps: np.ndarray, unit: str | None) -> Callable[[int], None]:
-    """Draw a map of the gap, and return what shows that of another state."""
+def _map(
+    axes: Axes, contact: Contact, gaps: np.ndarray, unit: str | None
+) -> Callable[[np.ndarray], None]:
+    """Draw a map of the first gap, and return the function that shows another."""
     # No more colours than a GIF has room for beside those of the rest.
     colours = plt.get_cmap("viridis", 128).with_extremes(bad=BLACK)
     most = gaps.max() or 1
     image = draw_map(axes, contact, gaps[0], unit, cmap=colours, vmin=0, vmax=most)
     add_colour_bar(axes, image, "gap g [length]", unit)
-
-    def show(state: int) -> None:
-        image.set_data(np.ma.masked_equal(gaps[state], 0).T)
-        _say_area(axes, gaps[state])
-
-    show(0)
-    return show
+    return lambda gap: image.set_data(np.ma.masked_equal(gap, 0).T)
 
 
 def _profile(
     axes: Axes, contact: Contact, gaps: np.ndarray, unit: str | None
-) -> Callable[[int], None]:
-    """Draw a profile of the gap, and return what shows that of another state."""
+) -> Callable[[np.ndarray], None]:
+    """Draw a profile of the first gap, and return the function that shows another."""
     x = np.asarray(contact.grid.coordinates[0])
     (line,) = axes.plot(x, gaps[0])
     (touching,) = axes.plot(x, np.zeros_like(x), color=BLACK, linewidth=4)
     most = gaps.max() or 1
     axes.set_ylim(-0.02 * most, 1.05 * most)
-    label_axis(axes.xaxis, "x [length]", unit)
-    label_axis(axes.yaxis, "gap g [length]", unit)
+    label_axes(axes, "x [length]", "gap g [length]", unit)
 
-    def show(state: int) -> None:
-        line.set_ydata(gaps[state])
-        touching.set_ydata(np.where(gaps[state] == 0, 0, np.nan))
-        _say_area(axes, gaps[state])
+    def show(gap: np.ndarray) -> None:
+        line.set_ydata(gap)
+        touching.set_ydata(np.where(gap == 0, 0, np.nan))
 
-    show(0)
     return show
-
-
-def _say_area(axes: Axes, gap: np.ndarray) -> None:
-    axes.set_title(f"contact area {100 * np.mean(gap == 0):.1f} %, in black")
 
 
 def _curve(axes: Axes, path: paths.Path, unit: str | None) -> Callable[[int], None]:
-    """Draw pressure over gap with a marker on one state, and return what moves it to another."""
+    """Draw pressure over gap, and return the function that moves a marker to a state."""
     draw_path(path, unit=unit, axes=axes)
-    there, across = (
-        np.asarray(path.equilibrium.mean_gap),
-        np.asarray(path.equilibrium.mean_pressure),
-    )
+    states = np.stack([path.equilibrium.mean_gap, path.equilibrium.mean_pressure], axis=1)
     (marker,) = axes.plot([], [], "o", color=BLACK, markersize=9, markeredgecolor="white")
-
-    def show(state: int) -> None:
-        marker.set_data([there[state]], [across[state]])
-
-    show(0)
-    return show
+    return lambda state: marker.set_data(*states[state, :, None])
 
 
 def _with_ffmpeg() -> dict[Any, Any]:

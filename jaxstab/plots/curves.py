@@ -8,14 +8,14 @@ from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
-from jaxstab.files.labels import with_unit
 from jaxstab.paths.sweep import Sweep
 from jaxstab.plots.fields import require_pair
 from jaxstab.plots.style import (
     VERDICT_MARKERS,
     add_legend,
     axes_or_new,
-    label_axis,
+    draw_zero,
+    label_axes,
     load_label,
     quantity_label,
 )
@@ -110,8 +110,7 @@ def stability_curve(
         if chosen.any():
             axes.scatter(load[chosen], values[chosen], label=name.replace("_", " "), **marker)
     num_sides = sweep.equilibrium.gap.ndim - 1
-    label_axis(axes.xaxis, load_label(sweep.load), unit)
-    label_axis(axes.yaxis, quantity_label(quantity, num_sides), unit)
+    label_axes(axes, load_label(sweep.load), quantity_label(quantity, num_sides), unit)
     add_legend(axes)
     return axes
 
@@ -146,10 +145,8 @@ def spectrum(
     # Of the others labels would overlap.
     axes.xaxis.set_minor_locator(LogLocator(subs=(2, 5)))
     power = 3 if all(_is_of_a_line(each) for each in spectra) else 4
-    axes.set(
-        xlabel=with_unit(unit, "wavenumber q [1/length]"),
-        ylabel=with_unit(unit, f"power spectral density [length$^{power}$]"),
-    )
+    density = f"power spectral density [length$^{power}$]"
+    label_axes(axes, "wavenumber q [1/length]", density, unit)
     if labels is not None:
         add_legend(axes)
     return axes
@@ -192,8 +189,7 @@ def _laws(
     labels = [type(law).__name__ for law in laws] if labels is None else labels
     for law, label in zip(laws, labels, strict=True):
         axes.plot(np.asarray(gaps), np.asarray(derivative(law, gaps)), label=label)
-    axes.axhline(0, color="0.6", linewidth=0.8)
-    label_axis(axes.xaxis, "gap g [length]", unit)
-    label_axis(axes.yaxis, ylabel, unit)
+    draw_zero(axes)
+    label_axes(axes, "gap g [length]", ylabel, unit)
     add_legend(axes)
     return axes

@@ -12,7 +12,7 @@ from jaxstab.core.stack import require_single
 from jaxstab.core.types import Field, Mask
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.files.labels import measured
-from jaxstab.plots.style import add_legend, axes_or_new, label_axis
+from jaxstab.plots.style import add_legend, axes_or_new, draw_zero, label_axes, label_axis
 from jaxstab.stability import Eigenpair
 
 # Without its symbol x, which is a side of the surface as well.
@@ -121,7 +121,7 @@ def mode_cut(
     row = contact.grid.shape[1] // 2 if row is None else row
     x, y = (np.asarray(side) for side in contact.grid.coordinates)
     axes.plot(x[:, row], np.asarray(pair.mode)[:, row], ".-")
-    axes.axhline(0, color="0.6", linewidth=0.8)
+    draw_zero(axes)
     if equilibrium is not None:
         touches = np.asarray(equilibrium_of(contact, equilibrium).in_contact)[:, row]
         _shade(axes, x[:, row], touches)
@@ -160,8 +160,7 @@ def draw_map(
     dx, dy = (float(spacing) / 2 for spacing in contact.grid.spacing)
     extent = (-dx, width - dx, -dy, height - dy)
     image = axes.imshow(values.T, origin="lower", extent=extent, interpolation="nearest", **style)
-    label_axis(axes.xaxis, "x [length]", unit)
-    label_axis(axes.yaxis, "y [length]", unit)
+    label_axes(axes, "x [length]", "y [length]", unit)
     return image
 
 
@@ -185,8 +184,7 @@ def _field(
     values = np.asarray(field)
     if values.ndim == 1:
         axes.plot(np.asarray(contact.grid.coordinates[0]), values)
-        label_axis(axes.xaxis, "x [length]", unit)
-        label_axis(axes.yaxis, label, unit)
+        label_axes(axes, "x [length]", label, unit)
         return axes
     # Of a closed gap there is no negative part to show.
     most = np.abs(values).max() if centred else values.max() if values.any() else 1

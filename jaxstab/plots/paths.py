@@ -59,10 +59,9 @@ def path(
         if quantity not in (*QUANTITIES, "load"):
             choices = ", ".join([*QUANTITIES, "load"])
             raise ValueError(f"{name} is {quantity!r}: choose one of {choices}.")
-    if axes is not None:
+    touches = np.any(np.asarray(path.equilibrium.contact_area) > 0)
+    if axes is not None or y == "contact_area" or not touches:
         return _with_legend(path, unit, _draw(path, x, y, unit, axes_or_new(axes)))
-    if y == "contact_area" or not np.any(np.asarray(path.equilibrium.contact_area) > 0):
-        return _with_legend(path, unit, _draw(path, x, y, unit, axes_or_new(None)))
     _, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
     _with_legend(path, unit, _draw(path, x, "contact_area", unit, right))
     return _draw(path, x, y, unit, left)

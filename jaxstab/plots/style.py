@@ -81,6 +81,17 @@ def label_axis(axis: Axis, label: str, unit: Contact | str | None) -> None:
         axis.set_major_formatter(ScalarFormatter())
 
 
+def label_axes(axes: Axes, x: str, y: str, unit: Contact | str | None) -> None:
+    """Label both axes."""
+    label_axis(axes.xaxis, x, unit)
+    label_axis(axes.yaxis, y, unit)
+
+
+def draw_zero(axes: Axes) -> None:
+    """Draw a thin line at zero."""
+    axes.axhline(0, color="0.6", linewidth=0.8)
+
+
 def add_legend(axes: Axes, **options: Any) -> None:
     """Add a legend beside the axes, where the layout makes room for it, or else inside."""
     figure = axes.get_figure(root=True)

@@ -84,18 +84,13 @@ def _numbers(
     divisor, stiffness = prefixed(with_unit(unit, "pressure/length"), largest)
     verdict = "stable, locally" if stability.is_local else stability.verdict.name.replace("_", " ")
     value = float(load.value)
-    lines = [
-        # Without the symbol, whose index would shift the lines below.
-        (
-            load_label(load).partition(" [")[0].split(" $")[0],
-            measured(unit, value, load.unit, digits=4) if load.unit else f"{value:.4g}",
-        ),
-        # Where it is the load, it is said.
-        *(
-            []
-            if isinstance(load, MeanPressure)
-            else [("mean pressure", measured(unit, float(state.mean_pressure), "pressure"))]
-        ),
+    # Without the symbol, whose index would shift the lines below.
+    quantity = load_label(load).partition(" [")[0].split(" $")[0]
+    text = measured(unit, value, load.unit, digits=4) if load.unit else f"{value:.4g}"
+    lines = [(quantity, text)]
+    if not isinstance(load, MeanPressure):
+        lines.append(("mean pressure", measured(unit, float(state.mean_pressure), "pressure")))
+    lines += [
         ("contact area", f"{100 * float(state.contact_area):.1f} %"),
         ("", ""),
         ("eigenvalues", f"[{stiffness}]"),

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+Array = NDArray[np.float64]
+
 
 def require(name: str, value: ArrayLike, holds: ArrayLike, cure: str) -> None:
     """Refuse `value`, named by its first entry for which `holds` is false.
@@ -15,7 +17,7 @@ def require(name: str, value: ArrayLike, holds: ArrayLike, cure: str) -> None:
         raise ValueError(f"The {name.replace('_', ' ')} is {value[~holds][0]:g}: give {cure}.")
 
 
-def positive(**values: ArrayLike) -> tuple[NDArray[np.float64], ...]:
+def positive(**values: ArrayLike) -> tuple[Array, ...]:
     """Return `values` as arrays of one shape, each positive and finite.
 
     Raises:
@@ -27,7 +29,7 @@ def positive(**values: ArrayLike) -> tuple[NDArray[np.float64], ...]:
     return tuple(array.copy() for array in np.broadcast_arrays(*arrays.values()))
 
 
-def not_negative(name: str, value: ArrayLike) -> NDArray[np.float64]:
+def not_negative(name: str, value: ArrayLike) -> Array:
     """Return `value` as an array without negative entries, which may be infinite.
 
     Raises:

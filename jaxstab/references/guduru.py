@@ -14,12 +14,10 @@ P. R. Guduru, J. Mech. Phys. Solids 55, 445 (2007); H. Kesari, A. J. Lew, J. Mec
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from jaxstab.references import jkr
-from jaxstab.references.checks import not_negative, positive
-
-Array = NDArray[np.float64]
+from jaxstab.references.checks import Array, not_negative, positive
 
 
 def curve(

@@ -11,15 +11,16 @@ K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. A 324, 301 (1971); D. Ma
 J. Phys. D 11, 1989 (1978), for contact through a spring.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from jaxstab.references.checks import not_negative, positive, require
+from jaxstab.references.checks import Array, not_negative, positive, require
 from jaxstab.references.roots import bisect
 
-Array = NDArray[np.float64]
+_SQRT_6 = np.sqrt(6)
 
 
 class State(NamedTuple):
@@ -90,14 +91,7 @@ def force(
     Raises:
         ValueError: if an argument is not positive and finite.
     """
-    a, radius, contact_modulus, work = positive(
-        contact_radius=contact_radius,
-        radius=radius,
-        contact_modulus=contact_modulus,
-        work_of_adhesion=work_of_adhesion,
-    )
-    hertz = 4 * contact_modulus * a**3 / (3 * radius)
-    return hertz - np.sqrt(8 * np.pi * work * contact_modulus * a**3)
+    return curve(contact_radius, radius, contact_modulus, work_of_adhesion).force
 
 
 def displacement(
@@ -120,13 +114,7 @@ def displacement(
     Raises:
         ValueError: if an argument is not positive and finite.
     """
-    a, radius, contact_modulus, work = positive(
-        contact_radius=contact_radius,
-        radius=radius,
-        contact_modulus=contact_modulus,
-        work_of_adhesion=work_of_adhesion,
-    )
-    return a**2 / radius - np.sqrt(2 * np.pi * work * a / contact_modulus)
+    return curve(contact_radius, radius, contact_modulus, work_of_adhesion).displacement
 
 
 def curve(
@@ -146,10 +134,18 @@ def curve(
     Raises:
         ValueError: if an argument is not positive and finite.
     """
-    sphere = radius, contact_modulus, work_of_adhesion
-    d = displacement(contact_radius, *sphere)
-    contact_radius = np.broadcast_to(np.asarray(contact_radius, np.float64), d.shape).copy()
-    return State(force(contact_radius, *sphere), d, contact_radius)
+    a, radius, contact_modulus, work = positive(
+        contact_radius=contact_radius,
+        radius=radius,
+        contact_modulus=contact_modulus,
+        work_of_adhesion=work_of_adhesion,
+    )
+    hertz = 4 * contact_modulus * a**3 / (3 * radius)
+    return State(
+        hertz - np.sqrt(8 * np.pi * work * contact_modulus * a**3),
+        a**2 / radius - np.sqrt(2 * np.pi * work * a / contact_modulus),
+        a,
+    )
 
 
 def energy(
@@ -177,7 +173,7 @@ def energy(
     (a,) = positive(contact_radius=contact_radius)
     unit = units(radius, contact_modulus, work_of_adhesion)
     ratio = a / unit.contact_radius
-    number = 2 / 5 * ratio**5 - 2 * np.sqrt(6) / 3 * ratio**3.5 + ratio**2
+    number = 2 / 5 * ratio**5 - 2 * _SQRT_6 / 3 * ratio**3.5 + ratio**2
     return unit.force * unit.displacement * number
 
 
@@ -201,16 +197,14 @@ def pull_off(
     Raises:
         ValueError: if k is negative, or another argument not positive and finite.
     """
-    unit = units(radius, contact_modulus, work_of_adhesion)
-    dead, held = spring_weights(stiffness, unit)
-
-    def slope(root: Array) -> Array:
-        """d(F + k d)/dA in units of `Units`, where root = A^(3/2), without a positive factor."""
-        dead_load = 1.5 * np.cbrt(root**2) * (2 * root - np.sqrt(6))
-        return dead * dead_load + held * (2 * root - np.sqrt(6) / 3)
-
-    root = bisect(slope, np.sqrt(6) / 6, np.sqrt(6) / 2)
-    return _state(root, unit, radius, contact_modulus, work_of_adhesion)
+    # d(F + k d)/dA, where root = A^(3/2), without a positive factor.
+    return _where_zero(
+        lambda root: 1.5 * np.cbrt(root**2) * (2 * root - _SQRT_6),
+        lambda root: 2 * root - _SQRT_6 / 3,
+        (_SQRT_6 / 6, _SQRT_6 / 2),
+        (radius, contact_modulus, work_of_adhesion),
+        stiffness,
+    )
 
 
 def jump_in(
@@ -233,16 +227,14 @@ def jump_in(
     Raises:
         ValueError: if k is negative, or another argument not positive and finite.
     """
-    unit = units(radius, contact_modulus, work_of_adhesion)
-    dead, held = spring_weights(stiffness, unit)
-
-    def spring(root: Array) -> Array:
-        """F + k d in units of `Units`, where root = A^(3/2), without a positive factor."""
-        displacement = np.cbrt(root) * (root - 2 * np.sqrt(6) / 3)
-        return dead * root * (root - np.sqrt(6)) + held * displacement
-
-    root = bisect(spring, 2 * np.sqrt(6) / 3, np.sqrt(6))
-    return _state(root, unit, radius, contact_modulus, work_of_adhesion)
+    # F + k d, where root = A^(3/2).
+    return _where_zero(
+        lambda root: root * (root - _SQRT_6),
+        lambda root: np.cbrt(root) * (root - 2 * _SQRT_6 / 3),
+        (2 * _SQRT_6 / 3, _SQRT_6),
+        (radius, contact_modulus, work_of_adhesion),
+        stiffness,
+    )
 
 
 def loop_loss(
@@ -290,13 +282,15 @@ def spring_weights(stiffness: ArrayLike, unit: Units) -> tuple[Array, Array]:
     return 1 / (1 + stiffness), 1 - 1 / (1 + stiffness)
 
 
-def _state(
-    root: Array,
-    unit: Units,
-    radius: ArrayLike,
-    contact_modulus: ArrayLike,
-    work_of_adhesion: ArrayLike,
+def _where_zero(
+    f: Callable[[Array], Array],
+    d: Callable[[Array], Array],
+    between: tuple[float, float],
+    sphere: tuple[ArrayLike, ArrayLike, ArrayLike],
+    stiffness: ArrayLike,
 ) -> State:
-    """Return the state whose A^(3/2) is `root`."""
-    contact_radius = np.cbrt(root**2) * unit.contact_radius
-    return curve(contact_radius, radius, contact_modulus, work_of_adhesion)
+    """Return the state where f + k d is zero, both functions of A^(3/2) in units of `Units`."""
+    unit = units(*sphere)
+    dead, held = spring_weights(stiffness, unit)
+    root = bisect(lambda root: dead * f(root) + held * d(root), *between)
+    return curve(np.cbrt(root**2) * unit.contact_radius, *sphere)

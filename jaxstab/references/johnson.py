@@ -15,10 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jaxstab.references.checks import positive, require
+from jaxstab.references.checks import Array, positive, require
 from jaxstab.references.roots import bisect
-
-Array = NDArray[np.float64]
 
 
 class State(NamedTuple):

@@ -16,13 +16,11 @@ N = sqrt(c^2 - a^2) / a0 are in the units of `jkr.units`, C = hypot(A, N), t = a
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from jaxstab.references import jkr
-from jaxstab.references.checks import not_negative, positive, require
+from jaxstab.references.checks import Array, not_negative, positive, require
 from jaxstab.references.roots import bisect
-
-Array = NDArray[np.float64]
 
 # ln(N / A), from nearly JKR to nearly no contact; of folds, short of where rounding blurs them.
 _WIDTHS = (-40.0, 40.0)
@@ -96,12 +94,10 @@ def curve(
         ValueError: if an argument is not positive and finite.
     """
     (contact_radius,) = positive(contact_radius=contact_radius)
-    sphere = radius, contact_modulus, work_of_adhesion
-    parameter = transition_parameter(*sphere, strength)
-    ratio = contact_radius / jkr.units(*sphere).contact_radius
+    unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
+    ratio = contact_radius / unit.contact_radius
     width = bisect(lambda width: ratio - _radii(width, parameter)[0], *_WIDTHS)
-    ratio, width = np.broadcast_arrays(ratio, width)
-    return _in_contact(ratio, ratio * np.exp(width), *sphere, strength)
+    return _with_units(unit, *_in_contact(ratio, ratio * np.exp(width), parameter))
 
 
 def without_contact(
@@ -127,9 +123,10 @@ def without_contact(
         ValueError: if c is negative or too large, or another argument not positive and finite.
     """
     c = not_negative("outer_radius", outer_radius)
-    largest = first_touch(radius, contact_modulus, work_of_adhesion, strength).outer_radius
+    unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
+    largest = _first_outer(parameter) * unit.contact_radius
     require("outer_radius", c, c <= largest, "at most that of first_touch")
-    return _without_contact(c, radius, contact_modulus, work_of_adhesion, strength)
+    return _with_units(unit, *_without_contact(c / unit.contact_radius, parameter))
 
 
 def first_touch(
@@ -148,10 +145,8 @@ def first_touch(
     Raises:
         ValueError: if an argument is not positive and finite.
     """
-    sphere = radius, contact_modulus, work_of_adhesion
-    parameter = transition_parameter(*sphere, strength)
-    outer = _positive_root(np.pi / 4 * parameter, 4 / 3 * parameter**2 * (np.pi / 2 - 1))
-    return _without_contact(outer * jkr.units(*sphere).contact_radius, *sphere, strength)
+    unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
+    return _with_units(unit, *_without_contact(_first_outer(parameter), parameter))
 
 
 def pull_off(
@@ -177,21 +172,26 @@ def pull_off(
     Raises:
         ValueError: if k is negative, or another argument not positive and finite.
     """
-    sphere = radius, contact_modulus, work_of_adhesion
-    unit = jkr.units(*sphere)
-    parameter = transition_parameter(*sphere, strength)
+    unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
     dead, held = jkr.spring_weights(stiffness, unit)
     width = bisect(lambda width: -_slope(*_radii(width, parameter), parameter, dead, held), *_FOLDS)
-    in_contact = _in_contact(*_radii(width, parameter), *sphere, strength)
+    in_contact = _in_contact(*_radii(width, parameter), parameter)
 
     # Without contact F + k d is a parabola in c, whose lowest point is the fold if it gets there.
     curvature = held - np.pi * parameter * dead
     bends_up = curvature > 0
     outer = held * 8 * parameter / (3 * np.pi) / np.where(bends_up, curvature, 1)
-    outer = outer * unit.contact_radius
-    is_apart = bends_up & (outer < first_touch(*sphere, strength).outer_radius)
-    apart = _without_contact(outer, *sphere, strength)
-    return State(*(np.where(is_apart, *pair) for pair in zip(apart, in_contact, strict=True)))
+    is_apart = bends_up & (outer < _first_outer(parameter))
+    both = zip(_without_contact(outer, parameter), in_contact, strict=True)
+    return _with_units(unit, *(np.where(is_apart, *fields) for fields in both))
+
+
+def _scales(
+    radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike, strength: ArrayLike
+) -> tuple[jkr.Units, Array]:
+    """Return the units, and lambda, which alone decides the curve in them."""
+    sphere = radius, contact_modulus, work_of_adhesion
+    return jkr.units(*sphere), transition_parameter(*sphere, strength)
 
 
 def _positive_root(square: Array, linear: Array) -> Array:
@@ -224,41 +224,27 @@ def _slope(ratio: Array, n: Array, parameter: Array, dead: Array, held: Array) -
     return along_contact * by_width - along_width * by_contact
 
 
-def _in_contact(
-    ratio: Array,
-    n: Array,
-    radius: ArrayLike,
-    contact_modulus: ArrayLike,
-    work_of_adhesion: ArrayLike,
-    strength: ArrayLike,
-) -> State:
-    """Return the state of given A and N."""
-    unit = jkr.units(radius, contact_modulus, work_of_adhesion)
-    parameter = transition_parameter(radius, contact_modulus, work_of_adhesion, strength)
+def _in_contact(ratio: Array, n: Array, parameter: Array) -> State:
+    """Return the state of given A and N, in units."""
     c, t = np.hypot(ratio, n), np.arctan2(n, ratio)
-    return State(
-        unit.force * (ratio**3 - parameter * (ratio * n + c**2 * t)),
-        unit.displacement * (ratio**2 - 4 / 3 * parameter * n),
-        unit.contact_radius * ratio,
-        unit.contact_radius * c,
-    )
+    force = ratio**3 - parameter * (ratio * n + c**2 * t)
+    return State(force, ratio**2 - 4 / 3 * parameter * n, ratio, c)
 
 
-def _without_contact(
-    c: Array,
-    radius: ArrayLike,
-    contact_modulus: ArrayLike,
-    work_of_adhesion: ArrayLike,
-    strength: ArrayLike,
-) -> State:
-    """Return the state of given c, also where surfaces would overlap."""
-    radius, contact_modulus, work, strength = positive(
-        radius=radius,
-        contact_modulus=contact_modulus,
-        work_of_adhesion=work_of_adhesion,
-        strength=strength,
-    )
-    bulge = 4 * strength * c / (np.pi * contact_modulus)
-    displacement = c**2 / (2 * radius) - bulge - work / strength
-    c = np.broadcast_to(c, displacement.shape)
-    return State(-np.pi * strength * c**2, displacement, np.zeros_like(c), c.copy())
+def _without_contact(c: Array, parameter: Array) -> State:
+    """Return the state of given C, also where surfaces would overlap, in units."""
+    bulge = 8 / (3 * np.pi) * parameter * c
+    displacement = c**2 / 2 - bulge - 2 / (np.pi * parameter)
+    return State(-np.pi / 2 * parameter * c**2, displacement, 0 * c, c)
+
+
+def _first_outer(parameter: Array) -> Array:
+    """Return C where the middle touches."""
+    return _positive_root(np.pi / 4 * parameter, 4 / 3 * parameter**2 * (np.pi / 2 - 1))
+
+
+def _with_units(unit: jkr.Units, *numbers: Array) -> State:
+    """Return a state whose fields are given in units."""
+    fields = zip(numbers, (*unit, unit.contact_radius), strict=True)
+    fields = np.broadcast_arrays(*(number * scale for number, scale in fields))
+    return State(*(field.copy() for field in fields))

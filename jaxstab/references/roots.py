@@ -3,14 +3,12 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from jaxstab.references.checks import Array
 
 
-def bisect(
-    function: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    negative: ArrayLike,
-    positive: ArrayLike,
-) -> NDArray[np.float64]:
+def bisect(function: Callable[[Array], Array], negative: ArrayLike, positive: ArrayLike) -> Array:
     """Return the root of `function` between points where it is negative and where it is positive.
 
     Arguments:

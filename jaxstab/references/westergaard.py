@@ -4,9 +4,8 @@ h = A cos(2 pi x / L). K. L. Johnson, *Contact Mechanics* (1985), section 13.2.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jaxstab.references.checks import positive, require
+from jaxstab.references.checks import Array, positive, require
 
 
 def full_contact_pressure(amplitude: float, length: float, contact_modulus: float) -> float:
@@ -35,12 +34,12 @@ def contact_fraction(
 
 
 def pressure(
-    x: NDArray[np.float64],
+    x: Array,
     mean_pressure: float,
     amplitude: float,
     length: float,
     contact_modulus: float,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return p(x) = 2 p cos(s) sqrt(sin(s_a)^2 - sin(s)^2) / sin(s_a)^2 in contact, 0 elsewhere.
 
     Arguments:

@@ -72,25 +72,13 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
         SurfaceWarning: if no band of the spectrum is self-affine: with H in [0, 1], known to 0.25,
             over a factor of 2.5 of wavenumbers.
     """
-    if not isinstance(spectrum, PowerSpectrum):
-        raise TypeError(
-            f"{type(spectrum).__name__} is no spectrum: give what jaxstab.surfaces.power_spectrum "
-            "returned."
-        )
-    q, density, count = (
-        np.asarray(x, float) for x in (spectrum.wavenumber, spectrum.density, spectrum.num_waves)
-    )
-    if not all(np.isfinite(part).all() for part in (q, density, count)):
-        raise ValueError("The spectrum is NaN or infinite: compute it of heights that are finite.")
-    dimension = 1 if count.max() <= 2 else 2
-    num_held = np.sum((count > 0) & (density > _NOTHING * density.max()))
-    if num_held < _FEWEST_RINGS + 2:
-        raise ValueError(f"The spectrum has {num_held} rings with waves: give 5 or more.")
-    first = int(np.argmax((count > 0) & (density > _LEAKAGE * density.max())))
+    q, density, count = _rings(spectrum)
+    dimension, largest = (1 if count.max() <= 2 else 2), density.max()
+    first = int(np.argmax((count > 0) & (density > _LEAKAGE * largest)))
     used = np.flatnonzero(count[first:] > 0) + first
-    q, count, largest = q[used], count[used], density.max()
     # Of the two waves q and -q one is that of the other.
-    x, y, pairs = np.log(q), np.log(np.maximum(density[used] / largest, _NOTHING)), count / 2
+    q, pairs = q[used], count[used] / 2
+    x, y = np.log(q), np.log(np.maximum(density[used] / largest, _NOTHING))
     (start, end), likely = _bands(x, y, pairs, dimension)
     line = _Line.fitted(x, y, pairs, start, end)
     if not line.is_straight and likely:
@@ -121,6 +109,23 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
             ]
         )
     return law
+
+
+def _rings(spectrum: PowerSpectrum) -> list[np.ndarray]:
+    """Return wavenumber, density and number of waves of all rings, checked."""
+    if not isinstance(spectrum, PowerSpectrum):
+        raise TypeError(
+            f"{type(spectrum).__name__} is no spectrum: give what jaxstab.surfaces.power_spectrum "
+            "returned."
+        )
+    parts = spectrum.wavenumber, spectrum.density, spectrum.num_waves
+    q, density, count = (np.asarray(part, float) for part in parts)
+    if not all(np.isfinite(part).all() for part in (q, density, count)):
+        raise ValueError("The spectrum is NaN or infinite: compute it of heights that are finite.")
+    num_held = np.sum((count > 0) & (density > _NOTHING * density.max()))
+    if num_held < _FEWEST_RINGS + 2:
+        raise ValueError(f"The spectrum has {num_held} rings with waves: give 5 or more.")
+    return [q, density, count]
 
 
 def _bands(

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike
 
+from jaxstab.core.display import times
 from jaxstab.core.grid import Grid
 from jaxstab.surfaces import suspicion
 from jaxstab.surfaces.formats.instruments import read_instrument, read_instrument_text
@@ -143,7 +144,7 @@ def _alone(reader: Callable[[Any], Scan], content: Any, channel: str | None) -> 
 
 def _made(scan: Scan, lengths: Sequence[float] | ArrayLike | None, unit: str | None) -> Topography:
     """Return a surface of what a file and its user say, which must not contradict each other."""
-    points = " x ".join(map(str, scan.heights.shape))
+    points = times(scan.heights.shape)
     sides = lengths if scan.lengths is None else scan.lengths
     if sides is None:
         raise ValueError(
@@ -155,8 +156,7 @@ def _made(scan: Scan, lengths: Sequence[float] | ArrayLike | None, unit: str | N
             f"lengths is {lengths}, one number for {points} points: give one for each side."
         )
     if lengths is not None and scan.lengths is not None and not _agree(lengths, scan.lengths):
-        said = " x ".join(f"{length:.10g}" for length in scan.lengths)
-        said += f" {scan.unit}" if scan.unit else ""
+        said = times(scan.lengths, ".10g") + (f" {scan.unit}" if scan.unit else "")
         raise ValueError(f"lengths are {lengths}, but the file says {said}: leave them out.")
     if unit is not None and scan.unit not in (None, unit_of(unit)):
         raise ValueError(

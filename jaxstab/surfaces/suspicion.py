@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxstab.core.display import times
 from jaxstab.core.warn import warn_once
 from jaxstab.surfaces.processing import trend
 
@@ -61,10 +62,10 @@ def has_wrong_scale(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
     slope = rms_slope(heights, lengths)
     if slope == 0 or _SLOPES[0] <= slope <= _SLOPES[1]:
         return []
-    sides = " x ".join(f"{length:.4g}" for length in lengths)
     return [
-        f"the rms slope is {slope:.3g}: heights of rms {rms(heights):.3g} on sides of {sides} are "
-        "hardly in one unit. Give `lengths` in the unit of the heights."
+        f"the rms slope is {slope:.3g}: heights of rms {rms(heights):.3g} on sides of "
+        f"{times(lengths, '.4g')} are hardly in one unit. Give `lengths` in the unit of the "
+        "heights."
     ]
 
 

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 from jaxstab.core.checks import is_traced, known
+from jaxstab.core.display import times
 from jaxstab.core.grid import Grid, require_grid, resample
 from jaxstab.surfaces import processing, suspicion, units
 
@@ -99,8 +100,8 @@ class Topography:
     def __repr__(self) -> str:
         missing, unit = self.num_missing, f" {self.unit}" if self.unit else " (unit unknown)"
         rows = [
-            ("points", " x ".join(map(str, self.grid.shape))),
-            ("lengths", " x ".join(f"{length:.6g}" for length in self.lengths) + unit),
+            ("points", times(self.grid.shape)),
+            ("lengths", times(self.lengths, ".6g") + unit),
             ("rms height", f"{suspicion.rms(self.heights):.4g}{unit}"),
             ("rms slope", f"{suspicion.rms_slope(self.heights, self.lengths):.4g}"),
             ("missing", f"{missing} points ({100 * missing / self.grid.size:.3g} %)"),
@@ -216,7 +217,7 @@ class Topography:
         heights = self.heights[tuple(kept)]
         grid = Grid(heights.shape, spacing * heights.shape)
         is_periodic = self.is_periodic and heights.shape == self.grid.shape
-        remark = f"cropped from {_times(self.grid.shape)} points"
+        remark = f"cropped from {times(self.grid.shape)} points"
         return self._changed(remark, grid=grid, heights=heights, is_periodic=is_periodic)
 
     def resampled(
@@ -249,7 +250,7 @@ class Topography:
             # In double precision, whatever that of the contact is to be.
             with jax.enable_x64(True):
                 heights = np.asarray(resample(jax.device_put(self.heights), grid.shape))
-        remark = f"resampled from {_times(self.grid.shape)} points ({method})"
+        remark = f"resampled from {times(self.grid.shape)} points ({method})"
         return self._changed(remark, grid=grid, heights=heights, spread=spread)
 
     def filtered(self, k_low: float | None = None, k_high: float | None = None) -> "Topography":
@@ -326,11 +327,7 @@ def _real(value: Any) -> float:
         return np.nan
 
 
-def _times(shape: tuple[int, ...]) -> str:
-    return " x ".join(map(str, shape))
-
-
 def _described(grid: Grid) -> str:
     lengths = known(grid.lengths)
-    sides = "" if is_traced(lengths) else " of " + " x ".join(f"{length:.6g}" for length in lengths)
-    return f"{_times(grid.shape)} points{sides}"
+    sides = "" if is_traced(lengths) else f" of {times(lengths, '.6g')}"
+    return f"{times(grid.shape)} points{sides}"

@@ -35,6 +35,11 @@ def unit_of(name: Any) -> str:
     return unit
 
 
+def unit_if_said(name: str | None) -> str | None:
+    """Return the usual symbol of a unit of length, None where a file says none."""
+    return unit_of(name) if name else None
+
+
 def converted(value: np.ndarray, unit: str, other: str) -> np.ndarray:
     """Return lengths in another unit, rounded once: units are whole powers of ten apart."""
     exponent = _EXPONENTS[unit] - _EXPONENTS[other]

@@ -177,7 +177,9 @@ def test_several_starts_are_tried_and_a_fit_at_a_jump_needs_a_second_one():
     one = failed.value.found
     fit = js.calibrate(guess, loads, curve, starts=3)
     assert fit.losses.shape == (3,) and fit.loss == fit.losses.min() < 0.01 * one.loss
-    assert fit.losses[0] == one.loss and "not_computed" not in fit.results.name
+    assert "not_computed" not in fit.results.name
+    # Two programs round apart.
+    np.testing.assert_allclose(fit.losses[0], one.loss, rtol=1e-12)
     values, errors = found(fit)
     assert (abs(values - TRUE) < 2 * errors).all()
     with pytest.raises(ValueError, match="starts is 0: give at least 1"):

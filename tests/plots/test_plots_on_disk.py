@@ -26,7 +26,7 @@ def close_figures():
 
 @pytest.fixture(scope="module")
 def loop(hertz):
-    return js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6])), fields=True)
+    return js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.1, 1.6])), fields=True)
 
 
 @pytest.fixture

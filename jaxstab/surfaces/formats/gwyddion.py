@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxstab.surfaces.formats.scan import Scan, UnknownContent, in_one_unit, on_a_side_or_two
-from jaxstab.surfaces.units import converted, unit_of
+from jaxstab.surfaces.formats.scan import Scan, UnknownContent, on_a_side_or_two
+from jaxstab.surfaces.units import converted, unit_if_said
 
 # What it says, in each language of its menus.
 _LABELS = {
@@ -41,12 +41,12 @@ class Header:
             if other is None or unit_of_sides is None:
                 raise ValueError("its width or height comes without a unit: write both with one.")
             height = float(converted(np.asarray(height), other, unit_of_sides))
-        heights, unit, remarks = in_one_unit(rows.T, self.unit, unit_of_sides)
-        sides = zip((width, height), heights.shape, strict=True)
+        sides = zip((width, height), rows.T.shape, strict=True)
         # A single row or column is a profile.
         lengths = tuple(length for length, n in sides if n > 1)
-        remark = "an image of Gwyddion, a row for each y"
-        return Scan(on_a_side_or_two(heights), lengths, unit, (remark, *remarks))
+        remarks = ("an image of Gwyddion, a row for each y",)
+        scan = Scan(on_a_side_or_two(rows.T), lengths, remarks=remarks)
+        return scan.in_units(self.unit, unit_of_sides)
 
 
 def header_of(text: str) -> Header | None:
@@ -70,11 +70,10 @@ def header_of(text: str) -> Header | None:
             f"its header says {' and '.join(said)}, but not both sides: write width and height, or "
             "leave these comments out."
         )
-    unit = said.get("unit", [""])[0]
     return Header(
         _length("width", said["width"][0]),
         _length("height", said["height"][0]),
-        unit_of(unit) if unit else None,
+        unit_if_said(said.get("unit", [""])[0]),
     )
 
 
@@ -83,8 +82,7 @@ def units_of_points(text: str) -> tuple[str | None, str | None]:
     said = _said(text)
     if "unit of sides" not in said:
         return None, None
-    unit, unit_of_sides = (said.get(name, [""])[0] for name in ("unit", "unit of sides"))
-    return unit_of(unit) if unit else None, unit_of(unit_of_sides) if unit_of_sides else None
+    return unit_if_said(said.get("unit", [""])[0]), unit_if_said(said["unit of sides"][0])
 
 
 def _said(text: str) -> dict[str, list[str]]:
@@ -97,6 +95,6 @@ def _said(text: str) -> dict[str, list[str]]:
 def _length(name: str, words: str) -> tuple[float, str | None]:
     try:
         number, unit = _LENGTH.fullmatch(words).groups()  # pyright: ignore[reportOptionalMemberAccess]
-        return float(number.replace(",", ".")), unit_of(unit) if unit else None
+        return float(number.replace(",", ".")), unit_if_said(unit)
     except (AttributeError, ValueError):
         raise ValueError(f"its {name} is {words!r}: write a number and a unit of length.") from None

@@ -1,6 +1,8 @@
 """Formats of instruments, through the package SurfaceTopography."""
 
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BytesIO, StringIO
 from typing import Any
 
@@ -10,10 +12,9 @@ from jaxstab.surfaces.formats.scan import (
     Scan,
     UnknownContent,
     chosen,
-    in_one_unit,
     on_a_side_or_two,
 )
-from jaxstab.surfaces.units import unit_of
+from jaxstab.surfaces.units import unit_if_said, unit_of
 
 # Readers of these accept files of many kinds, or those that ours have refused.
 _UNMARKED = {"asc", "xyz", "hgt", "nms", "npy", "npz", "h5", "nc"}
@@ -41,17 +42,10 @@ def read_instrument(source: str | BytesIO, content: bytes, channel: str | None) 
         ImportError: without the extra `surfaces`.
     """
     _require_package()
-    from SurfaceTopography.IO import open_topography
-
-    try:
-        with open_topography(source) as reader:
-            if reader.format() in _UNMARKED:
-                raise ValueError("no mark of a format in it")
-            return _scan(reader, channel)
-    except Refused:
-        raise
-    except Exception as error:
-        raise UnknownContent(_why(content, error)) from None
+    with _opened(source, content) as reader:
+        if reader.format() in _UNMARKED:
+            raise ValueError("no mark of a format in it")
+        return _scan(reader, channel)
 
 
 def read_instrument_text(text: str, channel: str | None) -> Scan:
@@ -65,22 +59,29 @@ def read_instrument_text(text: str, channel: str | None) -> Scan:
         ImportError: without the extra `surfaces`.
     """
     _require_package()
-    from SurfaceTopography.IO import open_topography
-
     _require_whole_lines(text)
-    try:
-        with open_topography(StringIO(text), format="asc") as reader:
-            if not all(_OF_A_MATRIX & set(_metadata(one)) for one in reader.channels):
-                raise ValueError("its header says neither points nor sides")
-            return _scan(reader, channel)
-    except Refused:
-        raise
-    except Exception as error:
-        raise UnknownContent(_why(b"", error)) from None
+    with _opened(StringIO(text), b"", format="asc") as reader:
+        if not all(_OF_A_MATRIX & set(_metadata(one)) for one in reader.channels):
+            raise ValueError("its header says neither points nor sides")
+        return _scan(reader, channel)
 
 
 def _require_package() -> None:
     require_packages("Files of instruments", "surfaces", "SurfaceTopography.IO")
+
+
+@contextmanager
+def _opened(source: Any, content: bytes, **options: Any) -> Iterator[Any]:
+    """Open a file by SurfaceTopography; whatever fails in a `with` block is unknown content."""
+    from SurfaceTopography.IO import open_topography
+
+    try:
+        with open_topography(source, **options) as reader:
+            yield reader
+    except Refused:
+        raise
+    except Exception as error:
+        raise UnknownContent(_why(content, error)) from None
 
 
 def _scan(reader: Any, channel: str | None) -> Scan:
@@ -104,10 +105,10 @@ def _scan(reader: Any, channel: str | None) -> Scan:
     lengths = tuple(map(float, topography.physical_sizes)) if says_lengths else None
     if lengths and len(lengths) != topography.dim:
         raise Refused("its header says one side of two: write width and height.")
-    unit = unit_of(topography.unit) if topography.unit else None
+    unit = unit_if_said(topography.unit)
     heights = on_a_side_or_two(topography.heights())
-    heights, unit, units = in_one_unit(heights, unit, unit or _unit_of_sides(one))
-    return Scan(heights, lengths, unit, (*remarks, *units), bool(topography.is_periodic))
+    scan = Scan(heights, lengths, None, remarks, bool(topography.is_periodic))
+    return scan.in_units(unit, unit or _unit_of_sides(one))
 
 
 def _unit_of_sides(channel: Any) -> str | None:

@@ -11,7 +11,6 @@ from jaxstab.surfaces.formats.scan import (
     UnknownContent,
     chosen,
     even_spacing,
-    in_one_unit,
     on_a_side_or_two,
 )
 from jaxstab.surfaces.units import unit_of
@@ -44,14 +43,13 @@ def read_netcdf(content: bytes, engine: Literal["scipy", "h5netcdf"], channel: s
     for axis, spacing in enumerate(spacings):
         heights = np.flip(heights, axis) if spacing and spacing < 0 else heights
     lengths = [_length(data, side, spacing) for side, spacing in zip(sides, spacings, strict=True)]
-    heights, unit, remarks = in_one_unit(heights, _unit(variable), _unit_of_sides(data, sides))
-    return Scan(
+    scan = Scan(
         heights,
         None if None in lengths else tuple(length for length in lengths if length),
-        unit,
-        (*choice, *remarks),
+        remarks=choice,
         is_periodic=all(s in data and data[s].attrs.get("periodic", 0) == 1 for s in sides),
     )
+    return scan.in_units(_unit(variable), _unit_of_sides(data, sides))
 
 
 def _loaded(content: bytes, engine: Literal["scipy", "h5netcdf"]) -> Any:

@@ -34,6 +34,21 @@ class Scan:
         """Return it with more remarks."""
         return replace(self, remarks=(*self.remarks, *remarks))
 
+    def in_units(self, unit: str | None, unit_of_sides: str | None) -> "Scan":
+        """Return it with heights in the unit of the sides, and a remark where the units differ.
+
+        Where one unit is not known it is taken for the other.
+        """
+        scan = replace(self, unit=unit_of_sides or unit)
+        if unit == unit_of_sides:
+            return scan
+        if unit is None:
+            return scan.remarked(f"unit of heights taken from the sides, {unit_of_sides}")
+        if unit_of_sides is None:
+            return scan.remarked(f"unit of lengths taken from the heights, {unit}")
+        scan = replace(scan, heights=converted(self.heights, unit, unit_of_sides))
+        return scan.remarked(f"heights converted from {unit} to {unit_of_sides}")
+
 
 class UnknownContent(ValueError):
     """Another reader may understand the file."""
@@ -88,20 +103,3 @@ def even_spacing(coordinates: np.ndarray) -> float | None:
     even = coordinates[0] + spacing * np.arange(coordinates.size)
     is_even = np.abs(coordinates - even).max() <= _UNEVEN * abs(spacing)
     return float(spacing) if spacing and is_even else None
-
-
-def in_one_unit(
-    heights: np.ndarray, unit: str | None, unit_of_sides: str | None
-) -> tuple[np.ndarray, str | None, tuple[str, ...]]:
-    """Return heights in the unit of the sides, that unit, and a remark where they differ.
-
-    Where one unit is not known it is taken for the other.
-    """
-    if unit == unit_of_sides:
-        return heights, unit, ()
-    if unit is None:
-        return heights, unit_of_sides, (f"unit of heights taken from the sides, {unit_of_sides}",)
-    if unit_of_sides is None:
-        return heights, unit, (f"unit of lengths taken from the heights, {unit}",)
-    remark = f"heights converted from {unit} to {unit_of_sides}"
-    return converted(heights, unit, unit_of_sides), unit_of_sides, (remark,)

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from jaxstab.surfaces.formats.scan import (
     Scan,
     UnknownContent,
     even_spacing,
-    in_one_unit,
     on_a_side_or_two,
 )
 from jaxstab.surfaces.formats.titles import Titles, titles_of
@@ -85,7 +83,7 @@ def _scan(table: np.ndarray, text: str) -> Scan:
         return header.scan(table)
     if table.shape[1] == 3:
         points = _of_points(*table.T)
-        return _in_units(points, *units_of_points(text)) if points else _of_three_columns(table)
+        return points.in_units(*units_of_points(text)) if points else _of_three_columns(table)
     if table.shape[1] == 2 and (scan := _of_profile(*table.T)):
         return scan
     if _has_coordinates(table):
@@ -106,12 +104,7 @@ def _of_columns(table: np.ndarray, titles: Titles) -> Scan:
     if scan is None:
         what = "points lie on no lattice" if titles.are_points else "x neither rises nor falls"
         raise ValueError(f"its {what}: interpolate them to an even spacing.")
-    return _in_units(scan, titles.unit, titles.unit_of_sides)
-
-
-def _in_units(scan: Scan, unit: str | None, unit_of_sides: str | None) -> Scan:
-    heights, unit, remarks = in_one_unit(scan.heights, unit, unit_of_sides)
-    return replace(scan, heights=heights, unit=unit).remarked(*remarks)
+    return scan.in_units(titles.unit, titles.unit_of_sides)
 
 
 def _has_coordinates(table: np.ndarray) -> bool:
