@@ -27,7 +27,7 @@ class Dimension(str):
 NUMBER, LENGTH, AREA = Dimension("1"), Dimension("length"), Dimension("length^2")
 # Those that a pressure is a factor of.
 PRESSURE, ENERGY, STIFFNESS = map(Dimension, ("pressure", "energy", "pressure/length"))
-_WITH_PRESSURE = PRESSURE, ENERGY, STIFFNESS
+WITH_PRESSURE = PRESSURE, ENERGY, STIFFNESS
 
 
 class _HasSurface(Protocol):
@@ -39,7 +39,7 @@ class Dimensioned(eqx.Module):
 
     def in_units_of(self, pressure: Scalar) -> Self:
         """Return the same with pressures in another unit; lengths stay."""
-        held = [name for name, kind in dimensions(type(self)).items() if kind in _WITH_PRESSURE]
+        held = [name for name, kind in dimensions(type(self)).items() if kind in WITH_PRESSURE]
         return self._changed(held, lambda x: x / pressure, lambda x: x.in_units_of(pressure))
 
     def on_surface(self, solid: _HasSurface) -> Self:

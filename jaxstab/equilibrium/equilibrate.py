@@ -25,6 +25,7 @@ from jaxstab.equilibrium.equilibrium import (
     Equilibrium,
     State,
     equilibrium_at,
+    in_units_of,
     single_equilibrium,
 )
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver
@@ -143,13 +144,11 @@ def with_derivatives(
 ) -> Equilibrium:
     """Return an equilibrium as a differentiable function of the contact and the load."""
     unit = contact.own_pressure
-    found = found.in_units_of(unit)
-    fields = {name: getattr(found, name) for name in DIFFERENTIABLE}
+    fields = in_units_of(unit, {name: getattr(found, name) for name in DIFFERENTIABLE})
     is_found = found.result == RESULTS.successful
     own = contact.in_units_of(unit), load.in_units_of(unit)
     fields = attach(changes_of_fields, throw, fields, is_found, own)
-    found = replace(found, **fields).in_units_of(1 / unit)
-    return replace(found, load=load, area=contact.area)
+    return replace(found, load=load, area=contact.area, **in_units_of(1 / unit, fields))
 
 
 def find(

@@ -12,7 +12,16 @@ from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable, require_single
 from jaxstab.core.types import Field, Mask, Scalar
-from jaxstab.core.units import AREA, ENERGY, LENGTH, NUMBER, PRESSURE, Dimensioned
+from jaxstab.core.units import (
+    AREA,
+    ENERGY,
+    LENGTH,
+    NUMBER,
+    PRESSURE,
+    WITH_PRESSURE,
+    Dimensioned,
+    dimensions,
+)
 from jaxstab.loads import Load
 from jaxstab.potentials import slope
 
@@ -69,6 +78,12 @@ class Equilibrium(Stackable, Dimensioned):
         [pressure length^2]; on a line it is a force per length across it [pressure length].
         """
         return self.mean_pressure * self.area
+
+
+def in_units_of(pressure: Scalar, fields: Fields) -> Fields:
+    """Return fields of an equilibrium with pressures in another unit; lengths stay."""
+    kinds = dimensions(Equilibrium)
+    return {n: x / pressure if kinds[n] in WITH_PRESSURE else x for n, x in fields.items()}
 
 
 def fields_of(contact: Contact, load: Load, gap: Field) -> tuple[Fields, Field]:
