@@ -2,23 +2,25 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxstab.core import display
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Scalar
+from jaxstab.core.units import NUMBER, Dimensioned
 
 Indicators = dict[str, Scalar]
 
 _HISTORY_LENGTH = 512
 
 
-class History(Stackable, eqx.Module):
+class History(Stackable, Dimensioned):
     """Indicators of a solver at a bounded number of its steps: all at first, then ever fewer.
 
     Attributes:
@@ -26,7 +28,7 @@ class History(Stackable, eqx.Module):
         names: of the indicators, in order.
     """
 
-    table: Float[Array, "records columns"]
+    table: Annotated[Float[Array, "records columns"], NUMBER]
     names: tuple[str, ...] = eqx.field(static=True)
 
     __repr__ = display.history
@@ -52,11 +54,13 @@ class History(Stackable, eqx.Module):
         """The indicators at these steps."""
         return {name: self.table[..., 1 + i] for i, name in enumerate(self.names)}
 
-    def scaled(self, **factors: Scalar) -> "History":
-        """Return the history with some of its indicators, if they are there, times a factor."""
-        dtype = self.table.dtype
-        columns = [jnp.asarray(factors.get(name, 1), dtype) for name in ("step", *self.names)]
-        return replace(self, table=self.table * jnp.stack(columns))
+    def in_units_of(self, pressure: Scalar) -> "History":
+        """Return the history with pressures in another unit; of indicators the energy has one."""
+        if "energy" not in self.names:
+            return self
+        is_energy = np.array([name == "energy" for name in ("step", *self.names)])
+        factors = jnp.where(is_energy, 1 / pressure, 1).astype(self.table.dtype)
+        return replace(self, table=self.table * factors)
 
     def record(self, count: Int[Array, ""], step: Int[Array, ""], new: Indicators) -> "History":
         """Return the history with the `count`-th measurement, taken at `step`, added.

@@ -1,9 +1,7 @@
 """An equilibrium, its fields, and what can be taken for one."""
 
-from dataclasses import replace
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
@@ -14,19 +12,26 @@ from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable, require_single
 from jaxstab.core.types import Field, Mask, Scalar
+from jaxstab.core.units import (
+    AREA,
+    ENERGY,
+    LENGTH,
+    NUMBER,
+    PRESSURE,
+    WITH_PRESSURE,
+    Dimensioned,
+    dimensions,
+)
 from jaxstab.loads import Load
 from jaxstab.potentials import slope
-from jaxstab.solids import Solid
 
 Fields = dict[str, Array]
 
-# The fields of an `Equilibrium` that can be differentiated, and those that hold pressures.
+# The fields of an `Equilibrium` that can be differentiated.
 DIFFERENTIABLE = ("displacement", "gap", "pressure", "reaction", "mean_pressure", "energy")
-_FIELDS = ("displacement", "gap", "pressure", "reaction", "in_contact")
-_PRESSURES = ("pressure", "reaction", "mean_pressure", "energy")
 
 
-class Equilibrium(Stackable, eqx.Module):
+class Equilibrium(Stackable, Dimensioned):
     """An equilibrium K u + p0 + f'(g) = mu, g >= 0, mu >= 0, mu g = 0 (Rey & Bleyer, 9 and 10).
 
     Attributes:
@@ -50,16 +55,16 @@ class Equilibrium(Stackable, eqx.Module):
     """
 
     load: Load
-    displacement: Field
-    gap: Field
-    pressure: Field
-    reaction: Field
+    displacement: Annotated[Field, LENGTH]
+    gap: Annotated[Field, LENGTH]
+    pressure: Annotated[Field, PRESSURE]
+    reaction: Annotated[Field, PRESSURE]
     in_contact: Mask
-    mean_pressure: Scalar
-    contact_area: Scalar
-    area: Scalar
-    energy: Scalar
-    residual: Scalar
+    mean_pressure: Annotated[Scalar, PRESSURE]
+    contact_area: Annotated[Scalar, NUMBER]
+    area: Annotated[Scalar, AREA]
+    energy: Annotated[Scalar, ENERGY]
+    residual: Annotated[Scalar, NUMBER]
     num_steps: Int[Array, ""]
     result: RESULTS
     history: History
@@ -74,25 +79,11 @@ class Equilibrium(Stackable, eqx.Module):
         """
         return self.mean_pressure * self.area
 
-    def on_surface(self, solid: Solid) -> "Equilibrium":
-        """Return the same state with the part of its fields that has a surface opposite to it."""
-        return replace(self, **{name: solid.surface(getattr(self, name)) for name in _FIELDS})
-
-    def in_units_of(self, pressure: Scalar) -> "Equilibrium":
-        """Return the same state with pressures in another unit; lengths stay."""
-        return replace(
-            self,
-            load=self.load.in_units_of(pressure),
-            history=self.history.scaled(energy=1 / pressure),
-            **in_units_of(pressure, {name: getattr(self, name) for name in _PRESSURES}),
-        )
-
 
 def in_units_of(pressure: Scalar, fields: Fields) -> Fields:
     """Return fields of an equilibrium with pressures in another unit; lengths stay."""
-    return {
-        name: field / pressure if name in _PRESSURES else field for name, field in fields.items()
-    }
+    kinds = dimensions(Equilibrium)
+    return {n: x / pressure if kinds[n] in WITH_PRESSURE else x for n, x in fields.items()}
 
 
 def fields_of(contact: Contact, load: Load, gap: Field) -> tuple[Fields, Field]:

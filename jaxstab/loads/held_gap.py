@@ -1,6 +1,6 @@
 """Loads that hold the mean of the gap."""
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from jaxstab.core.grid import centred, mean, mean_over, total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.core.units import LENGTH
 from jaxstab.loads.load import Control, Load, prescribed
 from jaxstab.solids import Solid
 
@@ -72,7 +73,7 @@ class MeanDisplacement(Load):
     quantity: ClassVar[str] = "mean displacement $u_0$"
     unit: ClassVar[str] = "length"
 
-    value: Float[Array, "..."] = eqx.field(converter=prescribed)
+    value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed)
 
     def control(self, solid: Solid, heights: Field) -> GapControl:
         """Hold the mean gap at mean(u) - mean(h)."""
@@ -86,7 +87,7 @@ class MeanGap(Load):
     quantity: ClassVar[str] = "mean gap $g_0$"
     unit: ClassVar[str] = "length"
 
-    value: Float[Array, "..."] = eqx.field(converter=prescribed)
+    value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed)
 
     def control(self, solid: Solid, heights: Field) -> GapControl:
         """Hold the mean gap at the value."""

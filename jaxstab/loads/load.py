@@ -13,6 +13,7 @@ from jaxstab.core.checks import cast, is_traced, known, parameter
 from jaxstab.core.display import inline
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
+from jaxstab.core.units import Dimensioned
 from jaxstab.potentials.profile import Profile
 from jaxstab.solids import Solid
 
@@ -94,7 +95,7 @@ class Control(eqx.Module):
         return jnp.array(False)
 
 
-class Load(Stackable, eqx.Module):
+class Load(Stackable, Dimensioned):
     """What holds the surfaces together: one value, or an array of values for a sweep.
 
     Attributes:
@@ -112,10 +113,6 @@ class Load(Stackable, eqx.Module):
     @abstractmethod
     def control(self, solid: Solid, heights: Field) -> Control:
         """Return what the load asks of the gap between this solid and this surface."""
-
-    def in_units_of(self, pressure: Scalar) -> "Load":
-        """Return the same load with pressures in another unit; lengths stay."""
-        return self
 
     def at(self, value: Array) -> "Load":
         """Return the same load at another value."""

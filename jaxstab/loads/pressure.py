@@ -1,7 +1,7 @@
 """Loads that press: with a pressure of their own, whatever the gap."""
 
 from abc import abstractmethod
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from jaxstab.core.grid import mean
 from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.core.units import PRESSURE
 from jaxstab.loads.load import Control, Load, prescribed
 from jaxstab.potentials.profile import Profile
 from jaxstab.solids import Solid
@@ -101,12 +102,8 @@ class MeanPressure(Load):
     quantity: ClassVar[str] = "mean pressure $p_0$"
     unit: ClassVar[str] = "pressure"
 
-    value: Float[Array, "..."] = eqx.field(converter=prescribed)
+    value: Annotated[Float[Array, "..."], PRESSURE] = eqx.field(converter=prescribed)
 
     def control(self, solid: Solid, heights: Field) -> PressureControl:
         """Hold the mean pressure at the value."""
         return PressureControl(solid.share * self.value.astype(heights.dtype))
-
-    def in_units_of(self, pressure: Scalar) -> "MeanPressure":
-        """Return the same load with pressures in another unit; lengths stay."""
-        return MeanPressure(self.value / pressure)

@@ -1,6 +1,6 @@
 """Loads that press like a spring: a machine in series, or the solid itself."""
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import equinox as eqx
 import jax
@@ -11,6 +11,7 @@ from jaxtyping import Array, ArrayLike, Float
 from jaxstab.core.checks import is_traced, known, parameter, require_positive
 from jaxstab.core.grid import Grid, mean, mean_over, total
 from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
+from jaxstab.core.units import LENGTH, STIFFNESS
 from jaxstab.core.warn import warn_once
 from jaxstab.loads.load import Load, prescribed
 from jaxstab.loads.pressure import PressingControl
@@ -122,8 +123,8 @@ class Spring(Load):
     quantity: ClassVar[str] = "position of the spring"
     unit: ClassVar[str] = "length"
 
-    value: Float[Array, "..."]
-    stiffness: Float[Array, "..."]
+    value: Annotated[Float[Array, "..."], LENGTH]
+    stiffness: Annotated[Float[Array, "..."], STIFFNESS]
 
     def __init__(self, position: ArrayLike, stiffness: ArrayLike):
         self.value, self.stiffness = _alike(prescribed(position), prescribed(stiffness))
@@ -161,10 +162,6 @@ class Spring(Load):
         held = stiffness / (1 + stiffness / jnp.where(far > 0, far, jnp.inf))
         return _spring(self.value, held, solid, heights)
 
-    def in_units_of(self, pressure: Scalar) -> "Spring":
-        """Return the same load with pressures in another unit; lengths stay."""
-        return eqx.tree_at(lambda load: load.stiffness, self, self.stiffness / pressure)
-
 
 class FarDisplacement(Load):
     """A prescribed displacement of the far side of a solid that has one [length].
@@ -176,7 +173,7 @@ class FarDisplacement(Load):
     quantity: ClassVar[str] = "displacement of the far side"
     unit: ClassVar[str] = "length"
 
-    value: Float[Array, "..."] = eqx.field(converter=prescribed)
+    value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed)
 
     def control(self, solid: Solid, heights: Field) -> SpringControl:
         """Press with what the solid itself is stiff."""

@@ -1,8 +1,7 @@
 """What a contact goes through: the states along a path, and the jumps between them."""
 
-from dataclasses import replace
+from typing import Annotated
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -11,13 +10,13 @@ from jaxstab.core.display import block, column
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Scalar
+from jaxstab.core.units import AREA, ENERGY, LENGTH, NUMBER, PRESSURE, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.kind import KINDS
-from jaxstab.solids import Solid
 
 
-class States(Stackable, eqx.Module):
+class States(Stackable, Dimensioned):
     """The recorded states of a path, in order.
 
     Attributes:
@@ -32,14 +31,14 @@ class States(Stackable, eqx.Module):
         gap: g, None unless asked for [length].
     """
 
-    mean_gap: Float[Array, "*states"]
-    mean_pressure: Float[Array, "*states"]
-    contact_area: Float[Array, "*states"]
-    area: Float[Array, "*states"]
-    energy: Float[Array, "*states"]
-    work: Float[Array, "*states"]
-    dissipation: Float[Array, "*states"]
-    gap: Float[Array, " *states_and_grid"] | None
+    mean_gap: Annotated[Float[Array, "*states"], LENGTH]
+    mean_pressure: Annotated[Float[Array, "*states"], PRESSURE]
+    contact_area: Annotated[Float[Array, "*states"], NUMBER]
+    area: Annotated[Float[Array, "*states"], AREA]
+    energy: Annotated[Float[Array, "*states"], ENERGY]
+    work: Annotated[Float[Array, "*states"], ENERGY]
+    dissipation: Annotated[Float[Array, "*states"], ENERGY]
+    gap: Annotated[Float[Array, " *states_and_grid"], LENGTH] | None
 
     __repr__ = block
 
@@ -51,22 +50,8 @@ class States(Stackable, eqx.Module):
         """
         return self.mean_pressure * self.area
 
-    def on_surface(self, solid: Solid) -> "States":
-        """Return the same states with the part of their gaps that has a surface opposite to it."""
-        return replace(self, gap=None if self.gap is None else solid.surface(self.gap))
 
-    def in_units_of(self, pressure: Scalar) -> "States":
-        """Return the same states with pressures in another unit; lengths stay."""
-        return replace(
-            self,
-            mean_pressure=self.mean_pressure / pressure,
-            energy=self.energy / pressure,
-            work=self.work / pressure,
-            dissipation=self.dissipation / pressure,
-        )
-
-
-class Jump(Stackable, eqx.Module):
+class Jump(Stackable, Dimensioned):
     """Where a branch ends, and where the contact goes from there.
 
     Attributes:
@@ -86,33 +71,14 @@ class Jump(Stackable, eqx.Module):
     kind: KINDS
     before: Equilibrium
     after: Equilibrium
-    mode: Float[Array, " *jumps_and_grid"]
-    dissipation: Float[Array, "*jumps"]
+    mode: Annotated[Float[Array, " *jumps_and_grid"], NUMBER]
+    dissipation: Annotated[Float[Array, "*jumps"], ENERGY]
     state: Int[Array, "*jumps"]
 
     __repr__ = block
 
-    def on_surface(self, solid: Solid) -> "Jump":
-        """Return the same jumps with the part of their fields that has a surface opposite to it."""
-        return replace(
-            self,
-            before=self.before.on_surface(solid),
-            after=self.after.on_surface(solid),
-            mode=solid.surface(self.mode),
-        )
 
-    def in_units_of(self, pressure: Scalar) -> "Jump":
-        """Return the same jumps with pressures in another unit; lengths stay."""
-        return replace(
-            self,
-            load=self.load.in_units_of(pressure),
-            before=self.before.in_units_of(pressure),
-            after=self.after.in_units_of(pressure),
-            dissipation=self.dissipation / pressure,
-        )
-
-
-class Path(eqx.Module):
+class Path(Dimensioned):
     """The equilibria that a contact goes through under a programme of loads.
 
     Attributes:
@@ -132,34 +98,14 @@ class Path(eqx.Module):
     load: Load
     equilibrium: States
     jumps: Jump
-    work: Scalar
-    dissipation: Scalar
+    work: Annotated[Scalar, ENERGY]
+    dissipation: Annotated[Scalar, ENERGY]
     result: RESULTS
-    unlocated: Scalar | None = None
-    unlocated_error: Scalar | None = None
+    unlocated: Annotated[Scalar, ENERGY] | None = None
+    unlocated_error: Annotated[Scalar, ENERGY] | None = None
 
     def __repr__(self) -> str:
         return _text(self)
-
-    def on_surface(self, solid: Solid) -> "Path":
-        """Return the same path with the part of its fields that has a surface opposite to it."""
-        return replace(
-            self,
-            equilibrium=self.equilibrium.on_surface(solid),
-            jumps=self.jumps.on_surface(solid),
-        )
-
-    def in_units_of(self, pressure: Scalar) -> "Path":
-        """Return the same path with pressures in another unit; lengths stay."""
-        names = "work", "dissipation", "unlocated", "unlocated_error"
-        energies = {name: getattr(self, name) for name in names}
-        return replace(
-            self,
-            load=self.load.in_units_of(pressure),
-            equilibrium=self.equilibrium.in_units_of(pressure),
-            jumps=self.jumps.in_units_of(pressure),
-            **{name: value / pressure for name, value in energies.items() if value is not None},
-        )
 
 
 def _text(path: "Path") -> str:

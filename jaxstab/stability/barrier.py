@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import Annotated
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -15,6 +15,7 @@ from jaxstab.core.no_derivative import Obstacle
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.core.units import ENERGY, LENGTH, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.derivatives import NOT_FOUND, pressure_noise
 from jaxstab.potentials import slope
@@ -31,7 +32,7 @@ _TIE = (
 )
 
 
-class Barrier(Stackable, eqx.Module):
+class Barrier(Stackable, Dimensioned):
     """What holds a state that its cone's mode would leave: E(t) = t mu.x + t^2 lambda / 2.
 
     Attributes:
@@ -39,8 +40,8 @@ class Barrier(Stackable, eqx.Module):
         amplitude: t = mu.x / |lambda|, in units of the mode of unit norm [length].
     """
 
-    height: Scalar
-    amplitude: Scalar
+    height: Annotated[Scalar, ENERGY]
+    amplitude: Annotated[Scalar, LENGTH]
 
     __repr__ = inline
 

@@ -1,6 +1,7 @@
 """A smallest eigenvalue on a cone: what a solver finds of it, and how it is measured."""
 
 from dataclasses import replace
+from typing import Annotated
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,7 +14,7 @@ from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Flag, Scalar
-from jaxstab.solids import Solid
+from jaxstab.core.units import NUMBER, STIFFNESS, Dimensioned
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.ritz import scaled_to_unit
 
@@ -42,7 +43,7 @@ class Minimum(eqx.Module):
     history: History
 
 
-class Eigenpair(Stackable, eqx.Module):
+class Eigenpair(Stackable, Dimensioned):
     """A smallest eigenvalue of A = K + D among admissible unit vectors, and its mode.
 
     Attributes:
@@ -63,31 +64,18 @@ class Eigenpair(Stackable, eqx.Module):
         history: the indicators of the solver as it went, "residual" and others.
     """
 
-    eigenvalue: Scalar
-    mode: Field
-    residual: Scalar
-    error: Scalar
+    eigenvalue: Annotated[Scalar, STIFFNESS]
+    mode: Annotated[Field, NUMBER]
+    residual: Annotated[Scalar, NUMBER]
+    error: Annotated[Scalar, STIFFNESS]
     proved: Flag
-    bound: Scalar
+    bound: Annotated[Scalar, STIFFNESS]
     num_steps: Int[Array, ""]
     num_applications: Int[Array, ""]
     result: RESULTS
     history: History
 
     __repr__ = block
-
-    def on_surface(self, solid: Solid) -> "Eigenpair":
-        """Return the same pair with the part of its mode that has a surface opposite to it."""
-        return replace(self, mode=solid.surface(self.mode))
-
-    def in_units_of(self, pressure: Scalar) -> "Eigenpair":
-        """Return the same pair with pressures in another unit; lengths stay."""
-        return replace(
-            self,
-            eigenvalue=self.eigenvalue / pressure,
-            error=self.error / pressure,
-            bound=self.bound / pressure,
-        )
 
     @property
     def sign(self) -> Int[Array, ""]:

@@ -1,15 +1,13 @@
 """What is known of a state's stability: three eigenvalues, and the verdict on them."""
 
-from dataclasses import replace
-
-import equinox as eqx
+from typing import Annotated
 
 from jaxstab.core.display import block
 from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Flag, Scalar
-from jaxstab.solids import Solid
+from jaxstab.core.units import NUMBER, Dimensioned
 from jaxstab.stability.barrier import Barrier
 from jaxstab.stability.eigenpair import Eigenpair
 
@@ -26,7 +24,7 @@ class VERDICTS(Enumeration):
     undecided = member("an eigenvalue is zero to within its error, or a solver did not converge")
 
 
-class Stability(Stackable, eqx.Module):
+class Stability(Stackable, Dimensioned):
     """What is known of the stability of an equilibrium.
 
     Always lower_bound <= cone <= critical.
@@ -53,32 +51,13 @@ class Stability(Stackable, eqx.Module):
     lower_bound: Eigenpair
     cone: Eigenpair
     critical: Eigenpair
-    complementarity: Scalar
+    complementarity: Annotated[Scalar, NUMBER]
     barrier: Barrier
     verdict: VERDICTS
     proved: Flag
     result: RESULTS
 
     __repr__ = block
-
-    def on_surface(self, solid: Solid) -> "Stability":
-        """Return the same with the part of its modes that has a surface opposite to it."""
-        return replace(
-            self,
-            lower_bound=self.lower_bound.on_surface(solid),
-            cone=self.cone.on_surface(solid),
-            critical=self.critical.on_surface(solid),
-        )
-
-    def in_units_of(self, pressure: Scalar) -> "Stability":
-        """Return the same stability with pressures in another unit; lengths stay."""
-        return replace(
-            self,
-            lower_bound=self.lower_bound.in_units_of(pressure),
-            cone=self.cone.in_units_of(pressure),
-            critical=self.critical.in_units_of(pressure),
-            barrier=replace(self.barrier, height=self.barrier.height / pressure),
-        )
 
     @property
     def is_local(self) -> Flag:

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -10,20 +9,19 @@ from jaxstab.contact import Contact
 from jaxstab.core.display import block
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
-from jaxstab.core.types import Scalar
+from jaxstab.core.units import Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import contact_area, fields_of
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.derivatives import differentiable, differentiable_fields
 from jaxstab.paths.branch_end.kind import KINDS
 from jaxstab.paths.branch_end.locate import Limit
-from jaxstab.solids import Solid
 from jaxstab.stability import Eigenpair
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.derivatives import differentiable as differentiable_pair
 
 
-class CriticalLoad(Stackable, eqx.Module):
+class CriticalLoad(Stackable, Dimensioned):
     """Where a branch of equilibria ends; by symmetry it can branch off there instead.
 
     Attributes:
@@ -49,24 +47,6 @@ class CriticalLoad(Stackable, eqx.Module):
     def load(self) -> Load:
         """The critical load."""
         return self.equilibrium.load
-
-    def on_surface(self, solid: Solid) -> "CriticalLoad":
-        """Return the same with the part of its fields that has a surface opposite to it."""
-        return replace(
-            self,
-            equilibrium=self.equilibrium.on_surface(solid),
-            critical=self.critical.on_surface(solid),
-            after=None if self.after is None else self.after.on_surface(solid),
-        )
-
-    def in_units_of(self, pressure: Scalar) -> "CriticalLoad":
-        """Return the same with pressures in another unit; lengths stay."""
-        return replace(
-            self,
-            equilibrium=self.equilibrium.in_units_of(pressure),
-            critical=self.critical.in_units_of(pressure),
-            after=None if self.after is None else self.after.in_units_of(pressure),
-        )
 
 
 def critical_load_at(limit: Limit, contact: Contact, shared: Load, throw: bool) -> CriticalLoad:

@@ -1,0 +1,96 @@
+"""What the fields of a result are measured in, said once, where each is declared.
+
+    mean_pressure: Annotated[Scalar, PRESSURE]
+
+Counts, flags, members of enumerations and other results need no dimension. A field lives on the
+grid if its type names the last axes so, as `Field` does.
+"""
+
+from collections.abc import Callable, Container
+from dataclasses import fields
+from functools import cache
+from types import NoneType
+from typing import Any, Protocol, Self, get_args
+
+import equinox as eqx
+from jaxtyping import Array, Bool, Int
+
+from jaxstab.core.enumeration import Enumeration
+from jaxstab.core.names import is_own
+from jaxstab.core.types import Scalar
+
+
+class Dimension(str):
+    """The name of a dimension."""
+
+
+NUMBER, LENGTH, AREA = Dimension("1"), Dimension("length"), Dimension("length^2")
+# Those that a pressure is a factor of.
+PRESSURE, ENERGY, STIFFNESS = map(Dimension, ("pressure", "energy", "pressure/length"))
+WITH_PRESSURE = PRESSURE, ENERGY, STIFFNESS
+
+
+class _HasSurface(Protocol):
+    def surface(self, field: Array) -> Array: ...
+
+
+class Dimensioned(eqx.Module):
+    """A module whose fields say what they are measured in."""
+
+    def in_units_of(self, pressure: Scalar) -> Self:
+        """Return the same with pressures in another unit; lengths stay."""
+        held = [name for name, kind in dimensions(type(self)).items() if kind in WITH_PRESSURE]
+        return self._changed(held, lambda x: x / pressure, lambda x: x.in_units_of(pressure))
+
+    def on_surface(self, solid: _HasSurface) -> Self:
+        """Return the same with the part of its fields that has a surface opposite to it."""
+        return self._changed(_on_grid(type(self)), solid.surface, lambda x: x.on_surface(solid))
+
+    def _changed(
+        self, names: Container[str], change: Callable[[Any], Any], inside: Callable[[Any], Any]
+    ) -> Self:
+        changed = object.__new__(type(self))
+        for name in [field.name for field in fields(self)]:
+            value = getattr(self, name)
+            if isinstance(value, Dimensioned):
+                value = inside(value)
+            elif name in names and value is not None:
+                value = change(value)
+            object.__setattr__(changed, name, value)
+        return changed
+
+
+@cache
+def dimensions(module: type[Dimensioned]) -> dict[str, Dimension]:
+    """Return the dimension of each field that has one.
+
+    Raises:
+        TypeError: for a field of a class of this package that lacks one.
+    """
+    found = {}
+    for field in fields(module):
+        parts = _parts(field.type)
+        is_exempt = field.metadata.get("static") or all(map(_needs_none, parts))
+        if declared := [part for part in parts if isinstance(part, Dimension)]:
+            found[field.name] = declared[0]
+        elif is_own(module.__module__) and not is_exempt:
+            raise TypeError(
+                f"{module.__name__}.{field.name} has no dimension: declare it as "
+                "Annotated[..., PRESSURE], or NUMBER if it has none."
+            )
+    return found
+
+
+@cache
+def _on_grid(module: type[Dimensioned]) -> set[str]:
+    parts = ((field.name, part) for field in fields(module) for part in _parts(field.type))
+    return {name for name, part in parts if getattr(part, "dim_str", "").endswith("grid")}
+
+
+def _parts(kind: Any) -> list[Any]:
+    return [part for one in get_args(kind) for part in _parts(one)] or [kind]
+
+
+def _needs_none(kind: Any) -> bool:
+    is_apart = isinstance(kind, type) and issubclass(kind, Dimensioned | Enumeration | NoneType)
+    return is_apart or getattr(kind, "dtype", None) in (Int, Bool)

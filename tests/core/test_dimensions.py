@@ -1,0 +1,58 @@
+"""Dimensions: every field of a result says what it is measured in."""
+
+from typing import Annotated
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array, Float, Int
+
+import jaxstab as js
+from jaxstab.core.types import Mask, Scalar
+from jaxstab.core.units import LENGTH, PRESSURE, Dimensioned, dimensions
+from jaxstab.files.labels import QUANTITIES
+
+
+class Result(Dimensioned):
+    pressure: Annotated[Scalar, PRESSURE]
+    profile: Annotated[Float[Array, " *states_and_grid"], LENGTH] | None = None
+    mask: Mask | None = None
+    count: Int[Array, ""] | None = None
+    inner: Dimensioned | None = None
+
+
+def classes(kind=Dimensioned):
+    return {kind}.union(*map(classes, kind.__subclasses__()))
+
+
+def test_every_field_of_a_result_has_the_dimension_that_files_say():
+    own = {kind for kind in classes() if kind.__module__.startswith("jaxstab.")}
+    assert {"Path", "Stability", "CriticalLoad", "Spring"} <= {kind.__name__ for kind in own}
+    for kind in own:
+        said = {"value": getattr(kind, "unit", "")} | dimensions(kind)
+        assert said["value"] == getattr(kind, "unit", "")
+        assert all(QUANTITIES.get(name, ("", unit))[1] == unit for name, unit in said.items())
+
+
+def test_a_field_without_a_dimension_is_an_error_but_in_a_class_of_the_user():
+    class Forgetful(Dimensioned):
+        pressure: Scalar
+
+    assert dimensions(Forgetful) == {}
+    Forgetful.__module__ = "jaxstab.somewhere"
+    dimensions.cache_clear()
+    with pytest.raises(TypeError, match=r"Forgetful.pressure has no dimension: declare it"):
+        Forgetful(jnp.array(8.0)).in_units_of(jnp.array(2.0))
+
+
+def test_pressures_change_their_unit_and_fields_are_cropped_also_within():
+    solid = js.FreeHalfSpace(js.Grid((2,), (1.0,)), 1.0).whole
+    inner = Result(jnp.array([3.0, 5.0]), jnp.arange(8.0).reshape(2, 4))
+    outer = Result(jnp.array(6.0), None, jnp.arange(4) > 0, jnp.array(7), inner)
+    found = jax.jit(lambda x: x.in_units_of(jnp.array(2.0)).on_surface(solid))(outer)
+    assert (found.pressure, found.count) == (3, 7)
+    np.testing.assert_array_equal(found.mask, [False, True])
+    np.testing.assert_array_equal(found.inner.pressure, [1.5, 2.5])
+    np.testing.assert_array_equal(found.inner.profile, [[0, 1], [4, 5]])
+    assert jax.grad(lambda x: Result(x).in_units_of(jnp.array(2.0)).pressure)(1.0) == 0.5
