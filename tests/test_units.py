@@ -38,7 +38,7 @@ def test_the_names_that_python_lists_are_the_public_ones():
     assert set(names) == {*js.__all__, "__version__"}
     assert {"plots", "potentials", "references", "surfaces", "cases", "files"} <= set(names)
     private = {module.name for module in iter_modules(js.__path__)} - set(js.__all__)
-    assert "balance" in private and not private & set(names)
+    assert "core" in private and not private & set(names)
     assert "import_module" not in names and all(hasattr(js, name) for name in names)
 
 
