@@ -1,3 +1,5 @@
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -327,6 +329,26 @@ def test_contacts_built_from_traced_nonsense_are_coded(hertz):
     )
     assert overcompressible(0.9) == js.RESULTS.invalid_contact
     assert result(1.0, hertz.heights.at[0, 0].set(jnp.nan)) == js.RESULTS.invalid_contact
+
+
+@pytest.mark.parametrize("pressure", [0.01, 0.12, 1.0])
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_a_pressure_over_a_nearly_flat_surface_is_carried_by_the_law(dtype, pressure):
+    """Far above the heights the law carries the load by itself, at one gap everywhere."""
+    attraction, length = 1.8e4, 900.0
+    grid = js.Grid(16, jnp.array(1.0, dtype))
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=0.2)
+    law = js.potentials.LennardJones(
+        *map(partial(jnp.array, dtype=dtype), (attraction * length, length))
+    )
+    contact = js.Contact(js.HalfSpace(grid, jnp.array(1.0, dtype)), heights.astype(dtype), law)
+    load = js.MeanPressure(jnp.array(pressure, dtype))
+    found = js.equilibrate(contact, load, throw=False)
+    if found.result == "successful":
+        carried = 4.5 * attraction * ((length / found.gap) ** 10 - (length / found.gap) ** 4)
+        assert abs(carried.mean() / pressure - 1) < 1e-2
+    else:
+        assert dtype == "float32"
 
 
 @pytest.mark.parametrize("dtype, most_off", [("float64", 1e-15), ("float32", 1e-6)])
