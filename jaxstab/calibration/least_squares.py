@@ -77,7 +77,7 @@ class State(eqx.Module):
     mean_pressure: Curve
     misfit: Curve
     jacobian: Float[Array, "loads parameters"]
-    # The largest change by the step that led here, or by one that was not taken.
+    # The largest change by the last step, if it was not taken; otherwise infinite.
     reach: Scalar
 
     @property

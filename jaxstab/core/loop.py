@@ -94,10 +94,10 @@ class IterativeSolver(eqx.Module):
         max_steps: the step limit.
         default_tolerance: the residual that each precision can reach; not needed where the
             tolerance is never None.
-        patience: the loop has stagnated when its last progress is older than this many steps and
-            than half of all steps. Progress is a lower residual, or a lower "energy" where the
+        patience: the loop has stagnated when it has made no progress for this many steps and as
+            many as it took to the last. Progress is a lower residual, or a lower "energy" where the
             solver measures one.
-        steps_per_check: steps between two looks at the residual.
+        steps_per_check: steps between two looks at the residual; limits are rounded up to them.
 
     Raises:
         ValueError: if tolerance or step limit is not positive.
@@ -158,7 +158,7 @@ class IterativeSolver(eqx.Module):
     def resumed(self, before: Iteration[State]) -> Loop[State]:
         """Return a loop that goes on from an iteration, from which progress counts anew.
 
-        Its steps and history count too.
+        Its steps and history count too. It is for solvers that measure the residual alone.
         """
         zero, residual = jnp.zeros_like(before.num_steps), before.residual
         first = {"residual": residual}

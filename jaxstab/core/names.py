@@ -10,42 +10,41 @@ from typing import Any
 _PACKAGE = __name__.partition(".")[0]
 # Where the classes that files hold are public.
 _NAMESPACES = (_PACKAGE, f"{_PACKAGE}.potentials")
-# The first module of what has moved since.
+# By module, or by "module:name", where what lies there lay first.
 _FIRST_MODULES = {
-    "branches.critical_load": "CriticalLoad",
-    "cases": "equilibrium pull_off verdict",
-    "citations": "cite",
-    "contact": "Contact",
-    "elasticity.free": "FreeHalfSpace",
-    "elasticity.half_space": "HalfSpace",
-    "elasticity.layers": "CoatedHalfSpace Layer",
-    "elasticity.solid": "Solid",
-    "elasticity.spectral": "Spectral SpectralSolid",
-    "equilibrium.polonsky_keer_rey": "PolonskyKeerRey",
-    "equilibrium.preconditioned": "PreconditionedConjugateGradient",
-    "equilibrium.saddle_newton": "SaddleNewton",
-    "equilibrium.solver": "EquilibriumSolver",
-    "equilibrium.state": "Equilibrium",
-    "grid": "Grid",
-    "loads.gap": "GapControl MeanDisplacement MeanGap",
-    "paths.bracketed": "critical_load",
-    "potentials.composed": "Scaled Varying Within everywhere varying_fields with_fields",
-    "resolution": "ResolutionWarning",
-    "results": "KINDS RESULTS SolverError VERDICTS",
-    "stability.davidson": "Davidson",
-    "stability.eigenpairs": "Eigenpair",
-    "stability.margins": "Barrier",
-    "stability.modes": "lowest_modes",
-    "stability.projected": "ProjectedLOBPCG",
-    "stability.proximal": "ProximalIteration",
-    "stability.release": "release",
-    "stability.solver": "ConeSolver SpaceSolver",
-    "sweeps": "Sweep SweepInterrupted sweep",
-}
-_FIRST_MODULE_OF = {
-    name: f"{_PACKAGE}.{module}"
-    for module, names in _FIRST_MODULES.items()
-    for name in names.split()
+    "citations.cite": "citations",
+    "contact.contact": "contact",
+    "contact.resolution": "resolution",
+    "core.grid": "grid",
+    "core.history": "history",
+    "core.results": "results",
+    "equilibrium.equilibrium": "equilibrium.state",
+    "equilibrium.solvers.base": "equilibrium.solver",
+    "equilibrium.solvers.conjugate_gradients": "equilibrium.preconditioned",
+    "equilibrium.solvers.polonsky_keer_rey": "equilibrium.polonsky_keer_rey",
+    "equilibrium.solvers.saddle_newton": "equilibrium.saddle_newton",
+    "loads.held_gap": "loads.gap",
+    "paths.branch_end.critical_load": "branches.critical_load",
+    "paths.critical_load": "paths.bracketed",
+    "paths.sweep": "sweeps",
+    "potentials.varying": "potentials.composed",
+    "solids.free_half_space": "elasticity.free",
+    "solids.half_space": "elasticity.half_space",
+    "solids.layers": "elasticity.layers",
+    "solids.solid": "elasticity.solid",
+    "solids.spectral": "elasticity.spectral",
+    "stability.barrier": "stability.margins",
+    "stability.eigenpair": "stability.eigenpairs",
+    "stability.lowest_modes": "stability.modes",
+    "stability.perturb": "stability.release",
+    "stability.solvers.base": "stability.solver",
+    "stability.solvers.cone_lobpcg": "stability.projected",
+    "stability.solvers.davidson": "stability.davidson",
+    "stability.solvers.proximal": "stability.proximal",
+    "studies.cases": "cases",
+    "paths.branch_end.kind:KINDS": "results",
+    "stability.verdict:VERDICTS": "results",
+    "stability.eigenpair:Minimum": "stability.solver",
 }
 
 
@@ -68,10 +67,13 @@ def public(name: str) -> Any:
 def first_module(value: Any) -> str:
     """Return the module by which stores know a class or a function."""
     module, name = getattr(value, "__module__", ""), getattr(value, "__qualname__", "")
-    return _FIRST_MODULE_OF.get(name, module) if is_own(module or "") else module
+    if not is_own(module or ""):
+        return module
+    room = module.removeprefix(f"{_PACKAGE}.")
+    first = _FIRST_MODULES.get(f"{room}:{name}", _FIRST_MODULES.get(room, room))
+    return f"{_PACKAGE}.{first}"
 
 
 def _public(name: str) -> list[tuple[str, Any]]:
-    """Return what has a public name, with the module where it has."""
     modules = [(space, sys.modules[space]) for space in _NAMESPACES]
     return [(space, vars(module).get(name)) for space, module in modules if name in module.__all__]

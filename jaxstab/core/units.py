@@ -38,7 +38,7 @@ class Dimensioned(eqx.Module):
     """A module whose fields say what they are measured in."""
 
     def in_units_of(self, pressure: Scalar) -> Self:
-        """Return the same with pressures in another unit; lengths stay."""
+        """Return the same with pressures in another unit, given in the old one; lengths stay."""
         held = [name for name, kind in dimensions(type(self)).items() if kind in WITH_PRESSURE]
         return self._changed(held, lambda x: x / pressure, lambda x: x.in_units_of(pressure))
 

@@ -66,7 +66,7 @@ def certified_bound(
 
     def attempt(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         number, best, cost = state
-        problem = bounding(hessian, cone, eigenvalue, starts, number)
+        problem = bounding_problem(hessian, cone, eigenvalue, starts, number)
         assert problem is not None
         found = solver.solve(problem.operator, problem.domain, problem.starts)
         value, more = bound_by(problem, found)
@@ -77,7 +77,7 @@ def certified_bound(
         return is_sought(number, best)
 
     start = jnp.array(0), jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)
-    if bounding(hessian, cone, eigenvalue, starts, start[0]) is None:
+    if bounding_problem(hessian, cone, eigenvalue, starts, start[0]) is None:
         return start[1:]
     _, best, cost = jax.lax.while_loop(goes_on, attempt, start)
     return best, cost
@@ -88,7 +88,7 @@ def is_sought(number: Int[Array, ""], best: Scalar) -> Flag:
     return (number < len(SHARES)) & (best <= 0)
 
 
-def bounding(
+def bounding_problem(
     hessian: Hessian,
     cone: AdmissibleCone,
     eigenvalue: Scalar,

@@ -203,3 +203,15 @@ def test_loads_of_pressure_can_be_swept():
         assert (codes == js.RESULTS.pulled_off).tolist() == [False, False, False, True]
         area = swept.equilibrium.contact_area
         assert area[0] > area[1] > area[2] > 0
+
+
+def test_moves_of_another_precision_are_taken_and_none_below_zero():
+    contact = rough_contact(16, js.potentials.Exponential(0.01, 0.1))
+    law = js.potentials.Exponential(np.float32(0.01), np.float32(0.1))
+    solid = js.HalfSpace(contact.grid, np.float32(1))
+    single = js.Contact(solid, contact.heights.astype(np.float32), law)
+    solver = js.PreconditionedConjugateGradient(max_move=np.float64(0.1))
+    assert js.equilibrate(single, js.MeanGap(0.08), solver).result == "successful"
+    for max_move in (0, -0.1):
+        with pytest.raises(ValueError, match="max_move"):
+            js.PreconditionedConjugateGradient(max_move=max_move)

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxstab as js
+from jaxstab.core.names import first_module
 from jaxstab.studies.fingerprint import differences, fingerprint
 
 MODULE = """
@@ -179,3 +180,16 @@ def test_lambdas_on_one_line_are_told_apart():
     assert all(differences(one, other) for one, other in combinations(prints, 2))
     inner = [function(1) for function in (lambda x: lambda y: 2 * y, lambda x: lambda y: 3 * y)]
     assert differences(*map(fingerprint, inner))
+
+
+def test_what_has_moved_is_known_by_where_it_lay_first():
+    assert first_module(js.HalfSpace) == "jaxstab.elasticity.half_space"
+    assert first_module(js.cases.pull_off) == "jaxstab.cases"
+    assert first_module(js.VERDICTS) == "jaxstab.results"
+    # Nothing else of the same name.
+    names = js.pull_off, js.references.jkr.pull_off, js.references.johnson.pull_off
+    assert [first_module(value).rpartition(".")[2] for value in names] == [
+        "pull_off",
+        "jkr",
+        "johnson",
+    ]

@@ -12,6 +12,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.residual import Balance
+from jaxstab.core.checks import require
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import optional_parameter
@@ -61,7 +62,11 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
             as on paths under tension, none was seen to leap over a minimum. By default as far as
             the energy falls.
         least_energy: stop, and report no result, once energy and potential of the load fall below
-            this value, summed over the points [pressure length]; by default never.
+            this value, summed over the points [pressure length, in the contact's own unit of
+            pressure]; by default never.
+
+    Raises:
+        ValueError: if `max_move` is not positive.
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
@@ -70,6 +75,10 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
     least_energy: Scalar | None = eqx.field(converter=optional_parameter, default=None)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
+
+    def __check_init__(self) -> None:
+        if self.max_move is not None:
+            require("max_move", self.max_move, self.max_move > 0, "it must be positive.")
 
     def prepared(self, problem: Problem, start: Field) -> "_Prepared":
         """Return the problem with its preconditioner, made for a start."""
@@ -222,7 +231,8 @@ def _shortening(contact: Contact, max_move: Scalar | None) -> Callable[..., Arra
     def shortened(length: Scalar, gap: Field, direction: Field) -> Scalar:
         moves = direction != 0
         rooms = (law_range + gap) / jnp.where(moves, jnp.abs(direction), 1)
-        return jnp.minimum(length, max_move * jnp.min(jnp.where(moves, rooms, jnp.inf)))
+        room = max_move.astype(length.dtype) * jnp.min(jnp.where(moves, rooms, jnp.inf))
+        return jnp.minimum(length, room)
 
     def unchanged(length: Scalar, *_: Field) -> Scalar:
         return length

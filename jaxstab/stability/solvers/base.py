@@ -56,7 +56,11 @@ class ConeSolver(IterativeSolver):
 
 
 class SpaceSolver(IterativeSolver):
-    """An algorithm for the smallest eigenvalues on a linear space, to be written alike."""
+    """An algorithm for the smallest eigenvalues on a linear space.
+
+    A subclass gives `init`, from a block of vectors to start from, `step` and `measure`; and
+    `minimum`, where its state is not the block.
+    """
 
     def minimum(self, problem: Any, found: Iteration[Any]) -> Minimum:
         """Return the block that was found, and at what cost: one application for each step."""

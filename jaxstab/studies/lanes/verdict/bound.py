@@ -11,7 +11,7 @@ from jaxtyping import Array, ArrayLike, Int
 from jaxstab.contact.hessian import Block
 from jaxstab.core.loop import Loop
 from jaxstab.core.types import Flag, Scalar
-from jaxstab.stability.certificate import SHARES, bound_by, bounding, is_sought
+from jaxstab.stability.certificate import SHARES, bound_by, bounding_problem, is_sought
 from jaxstab.stability.search import Search
 from jaxstab.stability.solvers.base import ModesProblem
 from jaxstab.studies.lanes.stage import Record, Stage
@@ -116,4 +116,4 @@ class BoundStage(Stage):
 
 def _problem(search: Search, state: _Bounding) -> ModesProblem | None:
     number = jnp.minimum(state.number, len(SHARES) - 1)
-    return bounding(search.hessian, search.cone, state.eigenvalue, state.modes, number)
+    return bounding_problem(search.hessian, search.cone, state.eigenvalue, state.modes, number)
