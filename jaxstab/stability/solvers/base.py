@@ -24,16 +24,20 @@ class Eigenproblem:
     domain: Any
 
 
-class ConeSolver(IterativeSolver):
+class Eigensolver(IterativeSolver):
+    """An algorithm for smallest eigenvalues, on a set of any kind."""
+
+    def minimum(self, problem: Any, found: Iteration[Any]) -> Minimum:
+        """Return what was found, and at what cost: one application for each step."""
+        return Minimum(found.state, found.num_steps, found.num_steps, found.result, found.history)
+
+
+class ConeSolver(Eigensolver):
     """An algorithm for the smallest eigenvalue on a cone.
 
     A subclass gives `init`, from a block of vectors to start from, `step` and `measure`; and
     `minimum`, where its state is not the vector.
     """
-
-    def minimum(self, problem: Eigenproblem, found: Iteration[Any]) -> Minimum:
-        """Return the vector that was found, and at what cost: one application for each step."""
-        return Minimum(found.state, found.num_steps, found.num_steps, found.result, found.history)
 
     def solve(
         self,
@@ -55,16 +59,12 @@ class ConeSolver(IterativeSolver):
         return self.minimum(problem, self.run(problem, starts))
 
 
-class SpaceSolver(IterativeSolver):
+class SpaceSolver(Eigensolver):
     """An algorithm for the smallest eigenvalues on a linear space.
 
     A subclass gives `init`, from a block of vectors to start from, `step` and `measure`; and
     `minimum`, where its state is not the block.
     """
-
-    def minimum(self, problem: Any, found: Iteration[Any]) -> Minimum:
-        """Return the block that was found, and at what cost: one application for each step."""
-        return Minimum(found.state, found.num_steps, found.num_steps, found.result, found.history)
 
     def solve(
         self, operator: SymmetricOperator, space: Subspace, starts: Block, count: int = 1
