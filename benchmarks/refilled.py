@@ -10,6 +10,7 @@ though it also waits within each of them.
 """
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxstab as js
-from jaxstab.studies.lanes.pull_off import PullOffStages
+from jaxstab.core.procedure import Procedure
+from jaxstab.studies.lanes.pull_off import Walking, unloaded
 from jaxstab.studies.lanes.scheduler import Lanes, Programs
 
 RESULTS = Path(__file__).parent / "results" / "refilled.md"
@@ -151,15 +153,37 @@ def verdicts(inputs: dict[str, np.ndarray], width: int) -> list[str]:
     ]
 
 
+class Counted(Walking):
+    """A walk, and the steps of all its searches."""
+
+    num_steps: Any = eqx.field(kw_only=True)
+
+    @property
+    def found(self):
+        return self.walk, self.num_steps
+
+    def turned(self):
+        num_steps = self.num_steps + self.loops.num_steps[0]
+        return replace(super().turned(), num_steps=num_steps)
+
+
+def counted(values: dict[str, Any]) -> Procedure[dict[str, Any]]:
+    """Return the procedure of a pull-off that counts its steps."""
+    procedure, found, num_steps = unloaded(build(**values)[0]), None, jnp.array(0)
+    while True:
+        try:
+            request = procedure.send(found)
+        except StopIteration as end:
+            return {"ended": end.value.result, "steps": num_steps}
+        if isinstance(request, Walking):
+            found, num_steps = yield Counted(request.course, request.walk, num_steps=num_steps)
+        else:
+            found = yield request
+
+
 def pull_offs(inputs: dict[str, np.ndarray], width: int) -> list[str]:
     """Return the lines on pull-offs."""
-    stages = PullOffStages(lambda **values: build(**values)[0])
-
-    def finish(record: Any) -> dict[str, Any]:
-        states = jax.tree.map(lambda leaf: leaf[0], record[2])
-        return {"ended": stages.found(record)[1].result, "steps": stages.walk.num_steps(states)}
-
-    outputs, tally = run(Programs(stages.all, finish), inputs, width)
+    outputs, tally = run(Programs(counted), inputs, width)
     steps, ended = column(outputs, "steps"), column(outputs, "ended")
     least, middle, most = np.percentile(steps, [0, 50, 100])
     return [

@@ -31,6 +31,9 @@ def advance_lanes(
 
     Those without steps to take cost nothing on the CPU, not even to be copied.
     """
+    if max_steps.size == 1:
+        lane = advance(jax.tree.map(lambda leaf: leaf[0], lanes), max_steps[0])
+        return jax.tree.map(lambda leaf: leaf[None], lane)
 
     def one_by_one(lanes: Lane, max_steps: Array) -> Lane:
         def advance_next(state: tuple[Lane, Array]) -> tuple[Lane, Array]:

@@ -23,7 +23,7 @@ _STALL_FACTOR = 0.99
 # What counts as progress: of the fall of the energy so far, and in units of the precision.
 _LEAST_FALL = 1e-9
 _ROUNDING = 10
-_NO_LIMIT = 2**31 - 1
+NO_LIMIT = 2**31 - 1
 
 
 def optional_parameter(value: ArrayLike | None) -> Scalar | None:
@@ -98,6 +98,7 @@ class IterativeSolver(eqx.Module):
             many as it took to the last. Progress is a lower residual, or a lower "energy" where the
             solver measures one.
         steps_per_check: steps between two looks at the residual; limits are rounded up to them.
+        pace: steps after which lanes that run together exchange those that have ended.
 
     Raises:
         ValueError: if tolerance or step limit is not positive.
@@ -109,6 +110,7 @@ class IterativeSolver(eqx.Module):
     default_tolerance: ClassVar[Mapping[str, float]]
     patience: ClassVar[int] = 300
     steps_per_check: ClassVar[int] = 1
+    pace: ClassVar[int] = 8
 
     def __check_init__(self) -> None:
         if self.tolerance is not None:
@@ -137,7 +139,7 @@ class IterativeSolver(eqx.Module):
             return self.tolerance
         return self.default_tolerance.get(dtype.name, max(self.default_tolerance.values()))
 
-    def run(self, problem: Any, start: Any, max_steps: ArrayLike = _NO_LIMIT) -> Iteration[Any]:
+    def run(self, problem: Any, start: Any, max_steps: ArrayLike = NO_LIMIT) -> Iteration[Any]:
         """Go from a start until the tolerance is reached, or say why it is not.
 
         Arguments:
@@ -167,10 +169,10 @@ class IterativeSolver(eqx.Module):
         )
 
     def advance(
-        self, problem: Any, loop: Loop[State], max_steps: ArrayLike = _NO_LIMIT
+        self, problem: Any, loop: Loop[State], max_steps: ArrayLike = NO_LIMIT
     ) -> Loop[State]:
         """Return a loop after at most `max_steps` steps more; pauses change nothing."""
-        limit = jnp.minimum(max_steps, _NO_LIMIT - loop.num_steps) + loop.num_steps
+        limit = jnp.minimum(max_steps, NO_LIMIT - loop.num_steps) + loop.num_steps
         step = partial(self.step, problem)
 
         def further(loop: Loop[State]) -> Loop[State]:

@@ -17,6 +17,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.grid import resample
 from jaxstab.core.implicit import attach
 from jaxstab.core.loop import Iteration, solver_or_default
+from jaxstab.core.procedure import Procedure, Solve, run
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.derivatives import changes_of_fields
@@ -28,7 +29,7 @@ from jaxstab.equilibrium.equilibrium import (
     in_units_of,
     single_equilibrium,
 )
-from jaxstab.equilibrium.solvers.base import EquilibriumSolver
+from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
 from jaxstab.equilibrium.window import warn_at_edges, whole_start
 from jaxstab.loads import Control, GapControl, Load, require_load, warn_if_soft
@@ -128,10 +129,23 @@ def _find_in_own_units(
 ) -> Equilibrium:
     unit = contact.own_pressure
     own = contact.in_units_of(unit, has_core), load.in_units_of(unit)
-    return in_users_units(by_lanes(find)(*own, solver, initial), unit, load)
+    return _in_users_units(by_lanes(find)(*own, solver, initial), unit, load)
 
 
-def in_users_units(found: Equilibrium, unit: Scalar, load: Load) -> Equilibrium:
+def whole_equilibrium(contact: Contact, load: Load) -> Procedure[Equilibrium]:
+    """Return the procedure that does what `equilibrate` does by default.
+
+    The equilibrium is that on the grid that it is solved on.
+    """
+    require_load(load)
+    whole, start = whole_start(contact, load, None)
+    unit = whole.own_pressure
+    own = whole.in_units_of(unit), load.in_units_of(unit)
+    found = yield from _search(*own, PreconditionedConjugateGradient(), start)
+    return _in_users_units(found, unit, load)
+
+
+def _in_users_units(found: Equilibrium, unit: Scalar, load: Load) -> Equilibrium:
     """Return an equilibrium found in a contact's own unit of pressure, under the load as given."""
     found = found.in_units_of(1 / unit)
     overflows = (found.result == RESULTS.successful) & ~jnp.isfinite(found.energy)
@@ -155,8 +169,15 @@ def find(
     contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
 ) -> Equilibrium:
     """Do what `find_equilibrium` does, on a contact and a load in units of their own."""
-    gap = started(contact, load, initial)
-    return concluded(contact, load, solver.solve(contact, contact.control(load), gap))
+    return run(_search(contact, load, solver, initial))
+
+
+def _search(
+    contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
+) -> Procedure[Equilibrium]:
+    problem = contact, load
+    iteration = yield Solve(solver, problem, started(*problem, initial), Problem.under)
+    return concluded(*problem, iteration)
 
 
 def started(contact: Contact, load: Load, initial: Field | None) -> Field:

@@ -18,6 +18,7 @@ from jaxstab.core.checks import is_traced, require_key
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, total
 from jaxstab.core.loop import solver_or_default
+from jaxstab.core.procedure import Kept, Procedure, run
 from jaxstab.core.progress import Report, can_be_shown, searches_bar, unseen
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Field, Mask, Scalar
@@ -162,8 +163,23 @@ def _assess_one(
     key: PRNGKeyArray,
     report: Report = unseen,
 ) -> Stability:
-    search, state = prepared(contact, equilibrium, key, verdict_only)
-    return stability_of(equilibrium, state, search.run(solver, report))
+    return run(assessment(contact, equilibrium, solver, key, verdict_only, report))
+
+
+def assessment(
+    contact: Contact,
+    equilibrium: Equilibrium,
+    solver: ConeSolver,
+    key: PRNGKeyArray,
+    verdict_only: bool = False,
+    report: Report = unseen,
+) -> Procedure[Stability]:
+    """Return the procedure that assesses an equilibrium, on the grid that it is solved on."""
+    problem, state = yield Kept(_problem(contact, equilibrium))
+    random = _random_starts(contact.grid, key, equilibrium.gap)
+    search = Search(random=random, verdict_only=verdict_only, **problem)
+    found = yield from search.eigenpairs(solver, report)
+    return _stability(equilibrium, state, found)
 
 
 class _State(eqx.Module):
@@ -202,15 +218,6 @@ class _State(eqx.Module):
             bound=jnp.where(is_found, pair.bound - change, -jnp.inf),
             result=RESULTS.where(is_found, pair.result, self.result),
         )
-
-
-def prepared(
-    contact: Contact, equilibrium: Equilibrium, key: PRNGKeyArray, verdict_only: bool
-) -> tuple[Search, _State]:
-    """Return the search at an equilibrium, and what is known of that."""
-    problem, state = _problem(contact, equilibrium)
-    random = _random_starts(contact.grid, key, equilibrium.gap)
-    return Search(random=random, verdict_only=verdict_only, **problem), state
 
 
 @jax.jit
@@ -255,7 +262,7 @@ def _problem(contact: Contact, equilibrium: Equilibrium) -> tuple[dict[str, Any]
 
 
 @jax.jit
-def stability_of(equilibrium: Equilibrium, state: _State, found: Found) -> Stability:
+def _stability(equilibrium: Equilibrium, state: _State, found: Found) -> Stability:
     """Return the verdict on what a search has found."""
     equilibrium = equilibrium.in_units_of(state.unit)
     found = found.ordered()

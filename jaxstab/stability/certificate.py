@@ -8,20 +8,22 @@ stiffer than A in the soft waves of C, at the price of kappa(0) times the square
 which for zero mean is that on the free points.
 """
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Block, Hessian, SymmetricOperator
 from jaxstab.core.grid import total
-from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
+from jaxstab.core.procedure import Procedure, Rounds
+from jaxstab.core.types import Field, FieldMap, Mask, Scalar
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.eigenpair import Minimum, measured
 from jaxstab.stability.solvers.base import ModesProblem
 from jaxstab.stability.solvers.davidson import Davidson
 
 # To what part of the cone's eigenvalue soft waves are stiffened, tried in turn.
-SHARES = (0.5, 0.25)
+_SHARES = (0.5, 0.25)
 
 
 class _Stiffened(SymmetricOperator):
@@ -45,16 +47,63 @@ class _Stiffened(SymmetricOperator):
         return self.hessian.preconditioner(mode, eigenvalue)
 
 
-def certified_bound(
-    solver: Davidson,
-    hessian: Hessian,
-    cone: AdmissibleCone,
-    eigenvalue: Scalar,
-    starts: Block,
-) -> tuple[Scalar, Int[Array, ""]]:
-    """Return a number that the smallest eigenvalue on a cone is not below, and what it cost.
+class Bounds(Rounds):
+    """Bounds that are sought one after another, until one is positive.
 
-    It is -inf if none is known. The cost is counted in applications, each a pair of transforms.
+    Attributes:
+        solver: for the linear space around the cone.
+        hessian, cone, eigenvalue, starts: as in `certified_bound`.
+        best, cost: what is known, and what it took.
+        number: that of the share.
+    """
+
+    solver: Davidson
+    hessian: Hessian
+    cone: AdmissibleCone
+    eigenvalue: Scalar
+    starts: Block
+    best: Scalar
+    cost: Int[Array, ""]
+    number: Int[Array, ""]
+
+    @property
+    def search(self) -> tuple[Davidson, ModesProblem]:
+        """The solver, and the problem with this share."""
+        share = jnp.asarray(_SHARES, self.eigenvalue.dtype)[self.number]
+        operator = _stiffened(self.hessian, self.cone, share * self.eigenvalue)
+        assert operator is not None
+        return self.solver, ModesProblem(operator, self.cone.hull, self.starts)
+
+    @property
+    def found(self) -> tuple[Scalar, Int[Array, ""]]:
+        """The best bound, and what all took."""
+        return self.best, self.cost
+
+    def begun(self) -> "Bounds":
+        """Return the search for the bound of this share before its first step."""
+        solver, problem = self.search
+        loop = solver.begin(problem, self.starts)
+        is_sought = (self.number < len(_SHARES)) & (self.best <= 0)
+        return replace(self, loops=jax.tree.map(lambda x: x[None], loop), is_on=is_sought[None])
+
+    def turned(self) -> "Bounds":
+        """Return the search for the bound of the next share."""
+        solver, problem = self.search
+        loop = jax.tree.map(lambda leaf: leaf[0], self.loops)
+        found = solver.minimum(problem, solver.outcome(loop))
+        best = jnp.maximum(self.best, problem.pair(found).bound)
+        # A and N are one application here, but two pairs of transforms.
+        cost = found.num_applications
+        cost += (cost + len(self.starts)) // 2
+        return replace(self, best=best, cost=self.cost + cost, number=self.number + 1).begun()
+
+
+def certified_bound(
+    solver: Davidson, hessian: Hessian, cone: AdmissibleCone, eigenvalue: Scalar, starts: Block
+) -> Procedure[tuple[Scalar, Int[Array, ""]]]:
+    """Return the procedure that finds a number that no eigenvalue on a cone is below.
+
+    It rests on the solver, which must not miss the lowest mode of a linear space.
 
     Arguments:
         solver: for the linear space around the cone.
@@ -62,55 +111,30 @@ def certified_bound(
         cone: the cone.
         eigenvalue: the smallest that was found on it.
         starts: vectors to start from.
+
+    Returns:
+        The number, -inf if none is known, and what it cost: in applications of A, each a pair of
+        transforms.
     """
-
-    def attempt(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        number, best, cost = state
-        problem = bounding_problem(hessian, cone, eigenvalue, starts, number)
-        assert problem is not None
-        found = solver.solve(problem.operator, problem.domain, problem.starts)
-        value, more = bound_by(problem, found)
-        return number + 1, jnp.maximum(best, value), cost + more
-
-    def goes_on(state: tuple[Array, Array, Array]) -> Flag:
-        number, best, _ = state
-        return is_sought(number, best)
-
-    start = jnp.array(0), jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)
-    if bounding_problem(hessian, cone, eigenvalue, starts, start[0]) is None:
-        return start[1:]
-    _, best, cost = jax.lax.while_loop(goes_on, attempt, start)
-    return best, cost
+    none, nothing = jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)
+    if _stiffened(hessian, cone, eigenvalue) is None:
+        return none, nothing
+    return (yield Bounds(solver, hessian, cone, eigenvalue, starts, none, nothing, nothing))
 
 
-def is_sought(number: Int[Array, ""], best: Scalar) -> Flag:
-    """Return whether the share of this number is to be tried, with the best bound so far."""
-    return (number < len(SHARES)) & (best <= 0)
-
-
-def bounding_problem(
-    hessian: Hessian,
-    cone: AdmissibleCone,
-    eigenvalue: Scalar,
-    starts: Block,
-    number: Int[Array, ""],
-) -> ModesProblem | None:
-    """Return the problem whose eigenvalue is a bound, by one of the shares, given by its number.
-
-    None where the solid knows of none.
-    """
-    hull = cone.hull
-    restricted = hessian.restricted(hull.is_moving)
-    contact = cone.one_sided & hull.is_moving
-    size = jnp.maximum(total(contact.astype(eigenvalue.dtype)), 1)
+def _stiffened(hessian: Hessian, cone: AdmissibleCone, aim: Scalar) -> _Stiffened | None:
+    """Return A - N, of which soft waves are as stiff as is aimed at; None if no N is known."""
+    restricted = hessian.restricted(cone.is_moving)
+    contact = cone.one_sided & cone.is_moving
+    size = jnp.maximum(total(contact.astype(aim.dtype)), 1)
     adhesion = total(jnp.where(contact, hessian.curvature, 0)) / size
-    level = jnp.asarray(SHARES, eigenvalue.dtype)[number] * eigenvalue - adhesion
+    level = aim - adhesion
     lacking = restricted.solid.lacking(level)
     if lacking is None:
         return None
     lack, on_point = lacking
     largest = restricted.bound + jnp.maximum(level, 0) + on_point * size
-    operator = _Stiffened(
+    return _Stiffened(
         bound=largest,
         scale=restricted.scale,
         hessian=restricted,
@@ -118,12 +142,3 @@ def bounding_problem(
         on_point=on_point,
         one_sided=contact,
     )
-    return ModesProblem(operator, hull, starts)
-
-
-def bound_by(problem: ModesProblem, found: Minimum) -> tuple[Scalar, Int[Array, ""]]:
-    """Return the bound that was found, and what it cost."""
-    pair = measured(problem.operator, problem.domain, found, found.vector[0])
-    # A and N are one application here, but two pairs of transforms.
-    cost = found.num_applications + (found.num_applications + len(problem.starts)) // 2
-    return pair.with_proof(True).bound, cost

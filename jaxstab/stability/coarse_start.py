@@ -12,12 +12,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.core.procedure import Procedure, run
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import Minimum, admissible_pair
 from jaxstab.stability.lowest_modes import BLOCK_SIZE
 from jaxstab.stability.lowest_pair import cone_starts, on_space
 from jaxstab.stability.ritz import scaled_to_unit
+from jaxstab.stability.solvers.base import Eigenproblem
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 from jaxstab.stability.solvers.davidson import Davidson
 
@@ -63,7 +65,7 @@ def modes_by_coarser(
     rough = Davidson(_rough(solver, random))
     if _has_coarser(hessian):
         starts, cost = modes_by_coarser(rough, hessian, cone.hull, starts)
-    found = on_space(rough, hessian, cone.hull, starts)
+    found = run(on_space(rough, hessian, cone.hull, starts))
     modes = jnp.stack([*map(_refined, found.modes[:-1]), random[-1]])
     return modes, _share_of(cost + found.pair.num_applications, space)
 
@@ -75,8 +77,8 @@ def minimum_by_coarser(
     known: Field,
     is_known: Flag,
     random: Block,
-) -> tuple[Minimum, Scalar]:
-    """Return the minimiser on a cone that the mode of the coarser problem leads to.
+) -> Procedure[tuple[Minimum, Scalar]]:
+    """Return the procedure that finds the minimiser that the coarser problem's mode leads to.
 
     Arguments:
         solver: for the cone.
@@ -95,7 +97,8 @@ def minimum_by_coarser(
         lambda: mode_by_coarser(solver, hessian, cone, random),
     )
     is_start = jnp.any(guess != 0)
-    found = solver.solve(hessian.restricted(cone.is_moving), cone, guess[None], is_start[None])
+    problem = Eigenproblem(hessian.restricted(cone.is_moving), cone)
+    found = yield from solver.search(problem, guess[None], is_start[None])
     minimum = replace(found, num_applications=found.num_applications + cost)
     return minimum, jnp.where(is_start, foreseen, jnp.nan)
 
@@ -120,7 +123,8 @@ def mode_by_coarser(
         start, _, cost = mode_by_coarser(rough, hessian, cone, random)
         starts, is_needed = start[None], jnp.array([True])
     else:
-        around = on_space(Davidson(rough.tolerance), hessian, cone.hull, random[:BLOCK_SIZE])
+        spaces = Davidson(rough.tolerance)
+        around = run(on_space(spaces, hessian, cone.hull, random[:BLOCK_SIZE]))
         starts, is_needed, _ = cone_starts(rough, cone, around, random)
         cost = around.pair.num_applications
     restricted = hessian.restricted(cone.is_moving)

@@ -15,6 +15,7 @@ from jaxstab.core.checks import integer, require_key
 from jaxstab.core.compile import program
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.no_derivative import refuse_derivatives
+from jaxstab.core.procedure import run
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Field
 from jaxstab.equilibrium import Equilibrium
@@ -22,8 +23,8 @@ from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.verify import recognised
 from jaxstab.equilibrium.window import whole_state
 from jaxstab.stability.cones import Subspace
-from jaxstab.stability.eigenpair import Eigenpair, measured
-from jaxstab.stability.solvers.base import SpaceSolver
+from jaxstab.stability.eigenpair import Eigenpair
+from jaxstab.stability.solvers.base import ModesProblem, SpaceSolver
 from jaxstab.stability.solvers.davidson import Davidson
 
 # The modes that a search for the lowest carries on.
@@ -115,17 +116,17 @@ def _lowest_modes(
     space = Subspace(is_moving, control.fixes_mean)
     hessian = contact.hessian(equilibrium.gap, control).restricted(space.is_moving)
     starts = noise(key, max(count + _GUARD, BLOCK_SIZE), equilibrium.gap)
-    found = solver.solve(hessian, space, starts, count)
+    problem = ModesProblem(hessian, space, starts, count)
+    found = run(solver.search(problem, starts))
     found = replace(found, num_applications=found.num_applications + count - 1)
     dimension = jnp.sum(is_moving) - control.fixes_mean
 
-    def measured_at(place: Int[Array, ""]) -> Eigenpair:
+    def pair_at(place: Int[Array, ""]) -> Eigenpair:
         result = RESULTS.where(place < dimension, found.result, RESULTS.too_many_modes)
         result = RESULTS.where(is_equilibrium, result, state)
-        mode = replace(found, result=result)
-        return measured(hessian, space, mode, found.vector[place]).with_proof(True)
+        return problem.pair(replace(found, result=result), place)
 
-    pairs = jax.vmap(measured_at)(jnp.arange(count))
+    pairs = jax.vmap(pair_at)(jnp.arange(count))
     return pairs.in_units_of(1 / unit).on_surface(contact.solid), jnp.maximum(dimension, 0)
 
 
@@ -133,9 +134,9 @@ def lowest_pair(
     solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Block
 ) -> tuple[Eigenpair, Block]:
     """Return the lowest pair on a linear space, and a block of modes to go on from."""
-    restricted = hessian.restricted(space.is_moving)
-    found = solver.solve(restricted, space, starts)
-    return measured(restricted, space, found, found.vector[0]), found.vector
+    problem = ModesProblem(hessian.restricted(space.is_moving), space, starts)
+    found = run(solver.search(problem, starts))
+    return problem.pair(found), found.vector
 
 
 def noise(key: PRNGKeyArray, count: int, like: Field) -> Block:

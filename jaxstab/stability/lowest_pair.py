@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.core.procedure import Procedure
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag
 from jaxstab.stability.cones import AdmissibleCone, Subspace
@@ -29,16 +30,14 @@ class Lowest(eqx.Module):
     modes: Block
 
 
-def on_space(solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Block) -> Lowest:
-    """Return the lowest pair on a linear space."""
+def on_space(
+    solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Block
+) -> Procedure[Lowest]:
+    """Return the procedure that finds the lowest pair on a linear space."""
     problem = ModesProblem(hessian.restricted(space.is_moving), space, starts)
-    return found_on_space(problem, solver.solve(problem.operator, space, starts))
-
-
-def found_on_space(problem: ModesProblem, found: Minimum) -> Lowest:
-    """Return the lowest pair on a linear space, as it was found."""
-    pair = measured(problem.operator, problem.domain, found, found.vector[0])
-    return Lowest(pair.with_proof(True), pair.sign, found.vector)
+    found = yield from solver.search(problem, starts)
+    pair = problem.pair(found)
+    return Lowest(pair, pair.sign, found.vector)
 
 
 def cone_starts(

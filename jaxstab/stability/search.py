@@ -6,16 +6,18 @@ critical cone is a linear space.
 """
 
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool
 
 from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import if_needed
+from jaxstab.core.procedure import Part, Procedure
 from jaxstab.core.progress import Report, unseen
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag, Mask, Scalar
@@ -38,7 +40,7 @@ from jaxstab.stability.lowest_pair import (
     on_cone,
     on_space,
 )
-from jaxstab.stability.solvers.base import ConeSolver
+from jaxstab.stability.solvers.base import ConeSolver, Eigenproblem
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 from jaxstab.stability.solvers.davidson import Davidson
 
@@ -68,56 +70,39 @@ class Search(eqx.Module):
     is_doubtful: Flag
     verdict_only: bool = eqx.field(static=True)
 
-    def run(self, solver: ConeSolver, report: Report = unseen) -> "Found":
-        """Return the eigenpairs, the solver being the cone's; not compiled is what need not run."""
+    def eigenpairs(self, solver: ConeSolver, report: Report = unseen) -> Procedure["Found"]:
+        """Return the procedure that finds the eigenpairs, the solver being the cone's."""
         spaces = Davidson(solver.tolerance_in(self.random.dtype))
         is_default = isinstance(solver, ProjectedLOBPCG)
         fast = solver if is_default else ProjectedLOBPCG(spaces.tolerance)
-        touches = _flag(self.touches)
+        touches, start = _flag(self.touches), self.random[:BLOCK_SIZE]
 
-        start = self.random[:BLOCK_SIZE]
-        around = _on_space(spaces, self.hessian, self.cone.hull, start)
+        problem = spaces, self.hessian, self.cone.hull, start
+        around = yield Part(_on_space, problem)
         report(around)
         is_proved = self.verdict_only & (_flag(around.sign) > 0)
-        hull = if_needed(
-            touches & ~is_proved,
-            lambda: _on_space(spaces, self.hessian, self.critical_cone.hull, start),
-            again(around),
-        )
-        critical = if_needed(
-            touches & ~is_proved & _flag(self.is_weak),
-            lambda: after(hull, self._on(self.critical_cone, fast, hull)),
-            hull,
-        )
+        is_open = touches & ~is_proved
+        problem = spaces, self.hessian, self.critical_cone.hull, start
+        hull = yield Part(_on_space, problem, is_open, again(around))
+        problem = fast, self.hessian, self.critical_cone, hull, self.random
+        is_needed = is_open & _flag(self.is_weak)
+        critical = yield from _on_cone(*problem, is_needed, again(hull))
+        critical = if_needed(is_needed, lambda: after(hull, critical), hull)
         report(critical)
         is_decided = is_proved | (self.verdict_only & (_flag(critical.sign) < 0))
-        if is_default:
-            cone = if_needed(
-                touches & ~is_decided,
-                lambda: self._on(self.cone, solver, around),
-                again(around),
-            )
-        else:
-            # One that the caller chose is one to look at.
-            cone = self._on(self.cone, solver, around)
-        is_open = (_flag(cone.sign) > 0) & (_flag(around.sign) <= 0) & ~_flag(cone.pair.proved)
-        cone = if_needed(
-            touches & ~is_decided & is_open & ~_flag(self.is_doubtful),
-            lambda: _certified(spaces, self.hessian, self.cone, cone, around),
-            cone,
-        )
+        # A solver that the caller chose is one to look at.
+        is_needed = touches & ~is_decided if is_default else True
+        problem = solver, self.hessian, self.cone, around, self.random
+        cone = yield from _on_cone(*problem, is_needed, again(around))
+        lacks_proof = (_flag(cone.sign) > 0) & (_flag(around.sign) <= 0)
+        lacks_proof &= ~_flag(cone.pair.proved) & ~_flag(self.is_doubtful)
+        is_needed = touches & ~is_decided & lacks_proof
+        problem = spaces, self.hessian, self.cone, cone, around
+        cone = yield Part(_certified, problem, is_needed, cone)
         report(cone)
-        return self.concluded(around, cone, critical, hull, is_proved, is_decided)
+        return self._concluded(around, cone, critical, hull, is_proved, is_decided)
 
-    def _on(self, cone: AdmissibleCone, solver: ConeSolver, hull: Lowest) -> Lowest:
-        """Search a cone, on a large grid from the mode of the coarser problem first."""
-        problem = solver, self.hessian, cone, hull, self.random
-        if not (is_large(self.hessian) and isinstance(solver, ProjectedLOBPCG)):
-            return _on_cone(*problem)
-        first, is_trusted = on_cone_by_coarser(*problem)
-        return if_needed(~_flag(is_trusted), lambda: _on_cone(*problem, first), first)
-
-    def concluded(
+    def _concluded(
         self,
         around: "Lowest",
         cone: "Lowest",
@@ -161,56 +146,73 @@ class Found(eqx.Module):
         return replace(self, lower_bound=lower_bound, cone=cone, critical=critical)
 
 
-@jax.jit
-def _on_space(solver: Davidson, hessian: Hessian, space: Subspace, random: Block) -> Lowest:
-    """Search a linear space."""
+def _on_space(
+    solver: Davidson, hessian: Hessian, space: Subspace, random: Block
+) -> Procedure[Lowest]:
+    """Return the procedure that searches a linear space."""
     starts, cost = space_starts(solver, hessian, space, random)
-    return costing(on_space(solver, hessian, space, starts), cost)
+    found = yield from on_space(solver, hessian, space, starts)
+    return costing(found, cost)
 
 
-@jax.jit
 def _on_cone(
     solver: ConeSolver,
     hessian: Hessian,
     cone: AdmissibleCone,
     hull: Lowest,
     random: Block,
+    is_needed: Any,
+    otherwise: Lowest,
+) -> Procedure[Lowest]:
+    """Return the procedure that searches a cone, if it is needed.
+
+    On a large grid it begins with the mode of the coarser problem.
+    """
+    problem = solver, hessian, cone, hull, random
+    if not (is_large(hessian) and isinstance(solver, ProjectedLOBPCG)):
+        return (yield Part(_from_all_starts, problem, is_needed, otherwise))
+    trusted = otherwise, np.True_
+    first, is_trusted = yield Part(_from_coarser_mode, problem, is_needed, trusted)
+    return (yield Part(_from_all_starts, (*problem, first), ~_flag(is_trusted), first))
+
+
+def _from_all_starts(
+    solver: ConeSolver,
+    hessian: Hessian,
+    cone: AdmissibleCone,
+    hull: Lowest,
+    random: Block,
     before: Lowest | None = None,
-) -> Lowest:
-    """Search a cone from all starts, what was found before among them, if anything."""
+) -> Procedure[Lowest]:
+    """Return the procedure that searches a cone, also from what was found before, if anything."""
     starts, is_needed, is_answer = cone_starts(solver, cone, hull, random, before)
-    found = solver.solve(hessian.restricted(cone.is_moving), cone, starts, is_needed)
+    problem = Eigenproblem(hessian.restricted(cone.is_moving), cone)
+    found = yield from solver.search(problem, starts, is_needed)
     lowest = on_cone(hessian, cone, hull, found, is_answer)
     return lowest if before is None else after(before, lowest)
 
 
-@jax.jit
-def on_cone_by_coarser(
+def _from_coarser_mode(
     solver: ProjectedLOBPCG, hessian: Hessian, cone: AdmissibleCone, hull: Lowest, random: Block
-) -> tuple[Lowest, Flag]:
-    """Search a cone from the mode of the coarser problem, and say whether to trust what is found.
+) -> Procedure[tuple[Lowest, Flag]]:
+    """Return the procedure that searches a cone from one mode, and says whether to trust it.
 
     Apart from the search from all starts, as that takes the memory of them all.
     """
     starts, _, is_answer = cone_starts(solver, cone, hull, random)
     is_known = is_answer | cone.is_trivial
-    found, foreseen = minimum_by_coarser(solver, hessian, cone, starts[0], is_known, random)
+    search = minimum_by_coarser(solver, hessian, cone, starts[0], is_known, random)
+    found, foreseen = yield from search
     lowest = on_cone(hessian, cone, hull, found, is_answer)
     return lowest, is_known | is_foreseen(lowest.pair.eigenvalue, foreseen)
 
 
-@jax.jit
 def _certified(
     solver: Davidson, hessian: Hessian, cone: AdmissibleCone, found: Lowest, hull: Lowest
-) -> Lowest:
-    """Return a pair on a cone with a bound that is proved."""
-    return with_bound(
-        found, *certified_bound(solver, hessian, cone, found.pair.eigenvalue, hull.modes)
-    )
-
-
-def with_bound(found: Lowest, bound: Scalar, cost: Int[Array, ""]) -> Lowest:
-    """Return a pair with a bound that is proved, at a cost."""
+) -> Procedure[Lowest]:
+    """Return the procedure that adds a bound that is proved to a pair on a cone."""
+    search = certified_bound(solver, hessian, cone, found.pair.eigenvalue, hull.modes)
+    bound, cost = yield from search
     return costing(replace(found, pair=found.pair.with_proof(False, bound)), cost)
 
 

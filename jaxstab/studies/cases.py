@@ -10,19 +10,25 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import jax
+
 from jaxstab import paths
 from jaxstab.contact import Contact
+from jaxstab.core.procedure import Kept, Procedure
 from jaxstab.equilibrium import Equilibrium, equilibrate
+from jaxstab.equilibrium.equilibrate import whole_equilibrium
+from jaxstab.loads import Load
 from jaxstab.paths.branch_end.critical_load import CriticalLoad
-from jaxstab.stability import Stability, assess_stability
-from jaxstab.studies.lanes.equilibrium import Build, EquilibriumStage
-from jaxstab.studies.lanes.pull_off import PullOffStages
+from jaxstab.stability import ProjectedLOBPCG, Stability, assess_stability
+from jaxstab.stability.assess import assessment
+from jaxstab.studies.lanes.pull_off import unloaded
 from jaxstab.studies.lanes.scheduler import Programs
-from jaxstab.studies.lanes.verdict import VerdictStages
 
 __all__ = ["equilibrium", "pull_off", "verdict"]
 
 Outputs = Mapping[str, Any]
+# Returns a contact and its load, given the inputs of a case by name.
+Build = Callable[..., tuple[Contact, Load]]
 
 
 @dataclass(frozen=True)
@@ -46,8 +52,12 @@ class Case:
         """Return what is kept of one case."""
 
     @abstractmethod
+    def procedure(self, values: Mapping[str, Any]) -> Procedure[Outputs]:
+        """Return the procedure that does the same, of which lanes can run many."""
+
     def programs(self) -> Programs:
-        """Return the programs that run many cases by steps."""
+        """Return the programs that run many cases in lanes."""
+        return Programs(lambda values: self.procedure(values))
 
 
 class EquilibriumCase(Case):
@@ -58,15 +68,11 @@ class EquilibriumCase(Case):
         contact, load = self.build(**values)
         return self.summary(contact, equilibrate(contact, load, throw=False))
 
-    def programs(self) -> Programs:
-        """Return the programs that run many cases by steps."""
-        stage = EquilibriumStage(self.build)
-
-        def finish(record: Any) -> Outputs:
-            contact, found = stage.found(record)
-            return self.summary(contact, found.on_surface(contact.whole.solid))
-
-        return Programs([stage], finish)
+    def procedure(self, values: Mapping[str, Any]) -> Procedure[Outputs]:
+        """Return the procedure that does the same, of which lanes can run many."""
+        contact, load = yield Kept(self.build(**values))
+        found = yield from whole_equilibrium(contact, load)
+        return self.summary(contact, found.on_surface(contact.whole.solid))
 
 
 class VerdictCase(Case):
@@ -78,10 +84,15 @@ class VerdictCase(Case):
         found = equilibrate(contact, load, throw=False)
         return self.summary(contact, found, assess_stability(contact, found, throw=False))
 
-    def programs(self) -> Programs:
-        """Return the programs that run many cases by steps."""
-        stages = VerdictStages(EquilibriumStage(self.build))
-        return Programs(stages.all, lambda record: self.summary(*stages.found(record)))
+    def procedure(self, values: Mapping[str, Any]) -> Procedure[Outputs]:
+        """Return the procedure that does the same, of which lanes can run many."""
+        contact, load = yield Kept(self.build(**values))
+        found = yield from whole_equilibrium(contact, load)
+        found = yield Kept(found)
+        search = assessment(contact.whole, found, ProjectedLOBPCG(), jax.random.key(0))
+        stability = yield from search
+        surface = contact.whole.solid
+        return self.summary(contact, found.on_surface(surface), stability.on_surface(surface))
 
 
 class PullOffCase(Case):
@@ -92,10 +103,11 @@ class PullOffCase(Case):
         contact = self.build(**values)
         return self.summary(contact, paths.pull_off(contact, throw=False))
 
-    def programs(self) -> Programs:
-        """Return the programs that run many cases by steps."""
-        stages = PullOffStages(self.build)
-        return Programs(stages.all, lambda record: self.summary(*stages.found(record)))
+    def procedure(self, values: Mapping[str, Any]) -> Procedure[Outputs]:
+        """Return the procedure that does the same, of which lanes can run many."""
+        contact = yield Kept(self.build(**values))
+        found = yield from unloaded(contact)
+        return self.summary(contact, found)
 
 
 def equilibrium(build: Build, summary: Callable[..., Outputs] | None = None) -> EquilibriumCase:

@@ -68,13 +68,13 @@ def test_all_starts_are_looked_at_only_where_the_coarser_mode_is_not_to_be_trust
     contact, _ = contact_with(4)
     equilibrium = js.equilibrate(contact, js.MeanDisplacement(displacement))
     search, compared = sys.modules["jaxstab.stability.search"], []
-    from_all_starts = search._on_cone
+    from_all_starts = search._from_all_starts
 
     def counted(*problem):
         compared.append(problem[-1])
         return from_all_starts(*problem)
 
-    monkeypatch.setattr(search, "_on_cone", counted)
+    monkeypatch.setattr(search, "_from_all_starts", counted)
     found = js.assess_stability(contact, equilibrium)
     assert len(compared) == (not is_trusted)
     if is_trusted:

@@ -1,5 +1,8 @@
 """Cases in lanes: each gives what it gives alone, and none waits for the slowest."""
 
+from dataclasses import replace
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -8,73 +11,92 @@ import pytest
 import xarray
 
 import jaxstab as js
+from jaxstab.core.loop import IterativeSolver
+from jaxstab.core.procedure import Part, Rounds, run
 from jaxstab.studies.cases import Case
 from jaxstab.studies.fingerprint import differences, fingerprint
 from jaxstab.studies.lanes.scheduler import Lanes, Programs
-from jaxstab.studies.lanes.stage import Stage
 from jaxstab.studies.store import Store
 
 # Steps of Collatz's sequence from a number to one, from the literature (OEIS A006577).
 NUM_STEPS = {1: 0, 2: 1, 3: 7, 6: 8, 7: 16, 9: 19, 16: 4, 27: 111, 54: 112, 97: 118}
 
 
-class Collatz(Stage):
+class Collatz(IterativeSolver):
+    """A sequence from a number to one."""
+
+    tolerance: float = 0.5
+    max_steps: int = eqx.field(converter=jnp.asarray, default=1000)
+
+    def step(self, problem, state):
+        return jnp.where(state % 2 == 0, state // 2, 3 * state + 1)
+
+    def measure(self, problem, state):
+        return {"residual": jnp.where(state > 1, 1.0, 0.0)}
+
+
+class Both(Rounds):
     """Two sequences side by side, from the number and from its double."""
 
-    def begin(self, record):
-        start = jnp.asarray(record[0]["number"])
-        return {"number": jnp.stack([start, 2 * start]), "count": jnp.zeros(2, int)}
+    number: jax.Array
 
-    def advance(self, record, state, max_steps):
-        end = state["count"] + max_steps
+    @property
+    def search(self):
+        return Collatz(), None
 
-        def step(state):
-            number = state["number"]
-            number = jnp.where(number % 2 == 0, number // 2, 3 * number + 1)
-            return state | {"number": number, "count": state["count"] + 1}
+    @property
+    def found(self):
+        return self.loops.num_steps
 
-        def goes_on(state):
-            return (state["number"] > 1) & (state["count"] < end)
-
-        return jax.lax.while_loop(goes_on, step, state)
-
-    def is_over(self, record, state):
-        return state["number"] <= 1
-
-    def num_steps(self, state):
-        return state["count"]
+    def begun(self):
+        loops = jax.vmap(partial(Collatz().begin, None))(jnp.stack([self.number, 2 * self.number]))
+        return replace(self, loops=loops, is_on=jnp.ones(2, bool))
 
 
-class Again(Collatz):
-    """The sequence from the number of steps that the first lane took, if that was odd, twice."""
+class Again(Rounds):
+    """The sequence from a number, a number of times."""
 
-    has_rounds = True
+    number: jax.Array
+    left: jax.Array
+    count: jax.Array
 
-    def begin(self, record):
-        count = record[1]["count"][:1]
-        start = jnp.where(count % 2 == 1, count, 1)
-        return {"number": start, "count": jnp.zeros(1, int), "round": jnp.ones(1, int)}
+    @property
+    def search(self):
+        return Collatz(), None
 
-    def turn(self, record, states):
-        start = jnp.where(states["round"] < 2, self.begin(record)["number"], 1)
-        return states | {"number": start, "round": states["round"] + 1}
+    @property
+    def found(self):
+        return self.count
+
+    def begun(self):
+        loop = Collatz().begin(None, self.number)
+        return replace(
+            self, loops=jax.tree.map(lambda leaf: leaf[None], loop), is_on=self.left[None] > 0
+        )
+
+    def turned(self):
+        count = self.count + self.loops.num_steps[0]
+        return replace(self, count=count, left=self.left - 1).begun()
 
 
-def finish(record):
-    return {"count": record[1]["count"], "again": record[2]["count"][0]}
+def again(number):
+    return (yield Again(number, jnp.array(2), jnp.array(0)))
+
+
+def collatz(values):
+    """From the number of steps that the first lane took, if that was odd, twice more."""
+    count = yield Both(jnp.asarray(values["number"]))
+    is_odd = count[0] % 2 == 1
+    more = yield Part(again, (jnp.where(is_odd, count[0], 1),), is_odd, jnp.array(0))
+    return {"count": count, "again": more}
 
 
 class CollatzCase(Case):
     def __call__(self, **values):
-        record = (values,)
-        for stage in (Collatz(), Again()):
-            advance = jax.vmap(stage.advance, (None, 0, None))
-            states = stage.turn(record, advance(record, stage.begin(record), 1000))
-            record = (*record, advance(record, states, 1000))
-        return self.summary(finish(record))
+        return self.summary(run(collatz(values)))
 
-    def programs(self):
-        return Programs([Collatz(), Again()], lambda record: self.summary(finish(record)))
+    def procedure(self, values):
+        return self.summary((yield from collatz(values)))
 
 
 def build(number):
@@ -94,14 +116,14 @@ def test_lanes_count_what_they_pay_and_what_is_of_use(width):
         taken = [left.pop() for _ in range(min(number, len(left)))]
         return taken, {"number": np.array(taken)}
 
-    lanes = Lanes(Programs([Collatz(), Again()], finish), width, take)
+    lanes = Lanes(Programs(collatz), width, take)
     found = list(lanes.run())
     assert sorted(number for number, _, _ in found) == sorted(list(NUM_STEPS) * 3)
-    again = {7: 16, 19: 20, 111: 69}
+    steps_again = {7: 16, 19: 20, 111: 69}
     for number, outputs, seconds in found:
         count = NUM_STEPS[number]
         assert outputs["count"].tolist() == [count, count + 1]
-        assert outputs["again"] == 2 * again.get(count, 0)
+        assert outputs["again"] == 2 * steps_again.get(count, 0)
         assert seconds > 0
     useful = sum(2 * outputs["count"][0] + 1 + outputs["again"] for _, outputs, _ in found)
     assert lanes.tally.useful == useful

@@ -11,7 +11,7 @@ from jaxstab.contact.residual import Balance
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, IterativeSolver
 from jaxstab.core.types import Field
-from jaxstab.loads import Control
+from jaxstab.loads import Control, Load
 
 
 class State(eqx.Module):
@@ -37,8 +37,14 @@ class Problem:
 
     @classmethod
     def of(cls, contact: Contact, control: Control) -> "Problem":
-        """Return the problem of a contact under a load."""
+        """Return the problem of a contact under what a load asks."""
         return cls(contact, control, contact.balance(control))
+
+    @classmethod
+    def under(cls, given: tuple[Contact, Load]) -> "Problem":
+        """Return the problem of a contact and a load."""
+        contact, load = given
+        return cls.of(contact, contact.control(load))
 
     def state(self, gap: Field) -> State:
         """Return the state of the admissible gap that is near to another."""

@@ -1,18 +1,18 @@
 """What solvers for smallest eigenvalues are to all the rest."""
 
-from dataclasses import dataclass
 from typing import Any
 
-from jaxtyping import Array, Bool
+import equinox as eqx
+from jaxtyping import Array, Bool, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core.loop import Iteration, IterativeSolver
+from jaxstab.core.procedure import Procedure, Solve, run
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpair import Minimum
+from jaxstab.stability.eigenpair import Eigenpair, Minimum, measured
 
 
-@dataclass(frozen=True)
-class Eigenproblem:
+class Eigenproblem(eqx.Module):
     """An operator and a set.
 
     Attributes:
@@ -24,12 +24,36 @@ class Eigenproblem:
     domain: Any
 
 
+class ModesProblem(Eigenproblem):
+    """An operator, a linear space, and what to begin with.
+
+    Attributes:
+        starts: a vector for every mode of the block.
+        count: how many modes decide.
+    """
+
+    starts: Block
+    count: int = eqx.field(static=True, default=1)
+
+    def pair(self, found: Minimum, place: int | Int[Array, ""] = 0) -> Eigenpair:
+        """Return one of the modes that were found, counted from the lowest up."""
+        pair = measured(self.operator, self.domain, found, found.vector[place])
+        return pair.with_proof(True)
+
+
 class Eigensolver(IterativeSolver):
     """An algorithm for smallest eigenvalues, on a set of any kind."""
 
     def minimum(self, problem: Any, found: Iteration[Any]) -> Minimum:
         """Return what was found, and at what cost: one application for each step."""
         return Minimum(found.state, found.num_steps, found.num_steps, found.result, found.history)
+
+    def search(
+        self, problem: Any, starts: Block, is_needed: Bool[Array, " starts"] | bool = True
+    ) -> Procedure[Minimum]:
+        """Return the procedure that finds a minimum, by the starts that are of use."""
+        found = yield Solve(self, problem, starts)
+        return self.minimum(problem, found)
 
 
 class ConeSolver(Eigensolver):
@@ -55,8 +79,7 @@ class ConeSolver(Eigensolver):
                 random ones.
             is_needed: which of them are of use.
         """
-        problem = Eigenproblem(operator, cone)
-        return self.minimum(problem, self.run(problem, starts))
+        return run(self.search(Eigenproblem(operator, cone), starts, is_needed))
 
 
 class SpaceSolver(Eigensolver):
@@ -81,18 +104,4 @@ class SpaceSolver(Eigensolver):
             As vectors the whole block, in the order of the eigenvalues; zero where the block is
             larger than the space.
         """
-        problem = ModesProblem(operator, space, starts, count)
-        return self.minimum(problem, self.run(problem, starts))
-
-
-@dataclass(frozen=True)
-class ModesProblem(Eigenproblem):
-    """An operator, a linear space, and what to begin with.
-
-    Attributes:
-        starts: a vector for every mode of the block.
-        count: how many modes decide.
-    """
-
-    starts: Block
-    count: int = 1
+        return run(self.search(ModesProblem(operator, space, starts, count), starts))

@@ -10,10 +10,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
-from jaxstab.core.batching import advance_lanes, map_lanes
+from jaxstab.core.batching import map_lanes
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.loop import Iteration, optional_parameter
+from jaxstab.core.procedure import Procedure
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.stability.cones import AdmissibleCone
@@ -24,7 +25,7 @@ from jaxstab.stability.ritz import (
     scaled_to_unit,
 )
 from jaxstab.stability.solvers.base import ConeSolver, Eigenproblem
-from jaxstab.stability.solvers.rounds import ROUNDS, places, winner
+from jaxstab.stability.solvers.competition import Competition
 
 # Lengths of a step, each a third of the last, before it is given up.
 _MAX_TRIES = 4
@@ -80,6 +81,8 @@ class ProjectedLOBPCG(ConeSolver):
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=5000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
+    # The first rounds, which have most starts, are multiples of it.
+    pace: ClassVar[int] = 4
 
     def step(self, problem: Eigenproblem, state: _State) -> _State:
         """Return one start after a step."""
@@ -105,35 +108,14 @@ class ProjectedLOBPCG(ConeSolver):
         """Return the projected residual of one start."""
         return {"residual": projected_residual(problem.operator, state.point.mode, state.descended)}
 
-    def solve(
-        self,
-        operator: SymmetricOperator,
-        cone: AdmissibleCone,
-        starts: Block,
-        is_needed: Bool[Array, " starts"] | bool = True,
-    ) -> Minimum:
-        """Return the best minimiser of the Rayleigh quotient that the starts lead to."""
-        problem = Eigenproblem(operator, cone)
-
-        def descend(before: Iteration[_State], max_steps: Array) -> Iteration[_State]:
-            return self.outcome(self.advance(problem, self.resumed(before), max_steps))
-
-        def compete(
-            carry: tuple[Iteration[_State], Bool[Array, " starts"]],
-            limits: tuple[Array, Array],
-        ) -> tuple[tuple[Iteration[_State], Bool[Array, " starts"]], None]:
-            before, goes_on = carry
-            round_length, num_kept = limits
-            max_steps = jnp.where(goes_on, round_length, 0)
-            found = advance_lanes(descend, before, max_steps)
-            return (found, places(found, goes_on, operator, cone) < num_kept), None
-
-        is_trivial = cone.is_trivial
-        first = map_lanes(partial(entry, cone), starts)
-        lengths, num_kept = map(jnp.array, zip(*ROUNDS, strict=True))
-        everyone = jnp.broadcast_to(is_needed & ~is_trivial, len(starts))
-        (found, wins), _ = jax.lax.scan(compete, (first, everyone), (lengths, num_kept))
-        return winner(found, wins, operator, cone)
+    def search(
+        self, problem: Eigenproblem, starts: Block, is_needed: Bool[Array, " starts"] | bool = True
+    ) -> Procedure[Minimum]:
+        """Return the procedure that finds the best minimiser that the starts lead to."""
+        cone = problem.domain
+        loops = jax.vmap(self.resumed)(map_lanes(partial(_entry, cone), starts))
+        everyone = jnp.broadcast_to(is_needed & ~cone.is_trivial, len(starts))
+        return (yield Competition(self, problem, everyone, loops=loops, is_on=everyone))
 
 
 def _inner_products(
@@ -162,7 +144,7 @@ def _compared(old: _Point, mode: Array, product: Array) -> tuple[_Point, Flag]:
     return point, (change <= 0) & (square > 0)
 
 
-def entry(cone: AdmissibleCone, start: Field) -> Iteration[_State]:
+def _entry(cone: AdmissibleCone, start: Field) -> Iteration[_State]:
     """Return a start before its first step."""
     nothing, zero = jnp.zeros_like(start), jnp.zeros((), start.dtype)
     # The first step begins at the projected start, as if that were where the last step led.

@@ -1,26 +1,30 @@
 """Many cases in a fixed number of lanes: what is done leaves, and what is new takes its place.
 
 Under `jax.vmap` a loop runs until its slowest lane is done, and all lanes are paid for. Here a case
-is a sequence of stages, loops that can pause: lanes of one stage, of whatever cases, advance by a
-bounded number of steps together, and between two such calls those that are done are exchanged.
+is a procedure, which stops where it waits for loops. Loops of one stop, of whatever cases, advance
+by a few steps together, and between two such calls those that are over are exchanged.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import Any
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array
 
-from jaxstab.studies.lanes.stage import Record, Stage
+from jaxstab.core.procedure import Procedure, Rounds, unfolded
 
 # Returns up to so many new cases, and their inputs along a leading axis; whether it may wait.
 Take = Callable[[int, bool], tuple[Sequence[Any], Any]]
 
 # Programs are compiled for so many lanes, each number over the next.
 _RATIO = 4
+# Cases under way, in units of the lanes: as many as there are stops of a verdict.
+_ROOMS = 6
 
 
 @dataclass
@@ -36,42 +40,99 @@ class Tally:
     useful: int = 0
 
 
-class Programs:
-    """The compiled programs of cases that are a sequence of stages.
+class Stop(eqx.Module):
+    """Where a procedure waits for its loops, or its end.
 
-    Arguments:
-        stages: the stages, in order.
-        finish: the outputs of a case, from its record at the end.
+    Attributes:
+        kept: the values kept since the last stop.
+        rounds: the loops; None at the end.
+        outputs: what the procedure returns at its end.
     """
 
-    def __init__(self, stages: Sequence[Stage], finish: Callable[[Record], Any]):
-        self.stages = stages
+    kept: list[Any]
+    rounds: Rounds | None = None
+    outputs: Any = None
+
+    @property
+    def answers(self) -> list[Any]:
+        """What the procedure was sent up to here, since the last stop."""
+        assert self.rounds is not None
+        return [*self.kept, self.rounds.found]
+
+    @property
+    def has_steps(self) -> tuple[Any, Any]:
+        """Which lanes have steps to take, and whether any takes part in the round."""
+        if self.rounds is None:
+            return jnp.zeros(1, bool), jnp.array(False)
+        has_steps = jax.vmap(self.rounds.has_steps)(self.rounds.loops, self.rounds.is_on)
+        return has_steps, jnp.any(self.rounds.is_on)
+
+
+def next_stop(procedure: Procedure[Any], stops: Sequence[Stop]) -> Stop:
+    """Return where a procedure waits next, taken anew through the stops that it had."""
+    answers = [answer for stop in stops for answer in stop.answers]
+    kept, found = [], None
+    while True:
+        try:
+            request = procedure.send(found)
+        except StopIteration as end:
+            return Stop(kept, outputs=end.value)
+        if answers:
+            found = answers.pop(0)
+        elif isinstance(request, Rounds):
+            return Stop(kept, request)
+        else:
+            found = request.value
+            kept.append(found)
+
+
+class Programs:
+    """The compiled programs of cases.
+
+    Arguments:
+        procedure: returns the procedure of a case, given its inputs.
+    """
+
+    def __init__(self, procedure: Callable[[Any], Procedure[Any]]):
+        self._procedure = procedure
         self.taken, self.put = jax.jit(_taken), jax.jit(_put, donate_argnums=0)
-        self.begin, self.turn = jax.jit(self._begin), jax.jit(self._turn)
-        self.advance = jax.jit(self._advance, donate_argnums=1)
-        self.finish = jax.jit(lambda rooms, where: jax.vmap(finish)(_taken(rooms, where)))
+        self.go_on, self.turn = jax.jit(self._go_on), jax.jit(_turned)
+        self.advance = jax.jit(_advanced, donate_argnums=0)
 
-    def _begin(self, rooms: Record, where: Array) -> tuple[Any, Array]:
-        """Return the states of the stage after those given, and whether lanes are over."""
-        stage, record = self.stages[len(rooms) - 1], _taken(rooms, where)
-        states = jax.vmap(stage.begin)(record)
-        return states, jax.vmap(jax.vmap(stage.is_over, (None, 0)))(record, states)
+    def _go_on(self, inputs: Any, stops: Sequence[Stop], where: Array) -> tuple[Stop, Any]:
+        """Return the next stops of cases, and which of their lanes have steps."""
 
-    def _turn(self, rooms: Record, states: Any, where: Array) -> tuple[Any, Array]:
-        """Return states of a stage in their next round, and whether lanes are over."""
-        stage, record = self.stages[len(rooms) - 1], _taken(rooms, where)
-        states = jax.vmap(stage.turn)(record, _taken(states, where))
-        return states, jax.vmap(jax.vmap(stage.is_over, (None, 0)))(record, states)
+        def one(inputs: Any, stops: Sequence[Stop]) -> tuple[Stop, Any]:
+            stop = next_stop(unfolded(self._procedure(inputs)), stops)
+            return stop, stop.has_steps
 
-    def _advance(
-        self, rooms: Record, states: Any, where: tuple[Array, Array], max_steps: ArrayLike
-    ) -> tuple[Any, Array, Array]:
-        """Return all states with some advanced, whether these are over, and their steps."""
-        stage, record = self.stages[len(rooms) - 1], _taken(rooms, where[0])
-        before = _taken(states, where)
-        after = jax.vmap(stage.advance, (0, 0, None))(record, before, max_steps)
-        steps = jax.vmap(stage.num_steps)(after) - jax.vmap(stage.num_steps)(before)
-        return _put(states, after, where), jax.vmap(stage.is_over)(record, after), steps
+        return jax.vmap(one)(*_taken((inputs, stops), where))
+
+
+def _turned(stop: Stop, where: Array) -> tuple[Stop, Any]:
+    """Return stops in their next round, and which of their lanes have steps."""
+
+    def one(stop: Stop) -> tuple[Stop, Any]:
+        assert stop.rounds is not None
+        stop = replace(stop, rounds=stop.rounds.turned())
+        return stop, stop.has_steps
+
+    return jax.vmap(one)(_taken(stop, where))
+
+
+def _advanced(stop: Stop, where: tuple[Array, Array]) -> tuple[Stop, Array, Array]:
+    """Return stops with some lanes advanced, whether these have steps left, and those taken."""
+    assert stop.rounds is not None
+    rounds, before = replace(stop.rounds, loops=None, is_on=None), stop.rounds.loops
+
+    def one(rounds: Rounds, loop: Any, is_on: Array) -> tuple[Any, Array]:
+        loop = rounds.advanced(loop, is_on)
+        return loop, rounds.has_steps(loop, is_on)
+
+    lanes = _taken((before, stop.rounds.is_on), where)
+    loops, has_steps = jax.vmap(one)(_taken(rounds, where[0]), *lanes)
+    stop = replace(stop, rounds=replace(stop.rounds, loops=_put(before, loops, where)))
+    return stop, has_steps, loops.num_steps - lanes[0].num_steps
 
 
 @dataclass
@@ -80,14 +141,16 @@ class _Case:
 
     Attributes:
         name: what it is known by.
-        stage: the number of the stage that it is in.
-        is_open: which of the lanes of that stage have steps to take.
+        num_stops: how many stops it has come to.
+        has_steps: which lanes of the last have steps to take.
+        is_on: whether any takes part in the round.
         seconds: its share of the time.
     """
 
     name: Any
-    stage: int = -1
-    is_open: np.ndarray = field(default_factory=lambda: np.zeros(1, bool))
+    num_stops: int = 0
+    has_steps: np.ndarray = field(default_factory=lambda: np.zeros(1, bool))
+    is_on: bool = False
     seconds: float = 0.0
 
 
@@ -106,11 +169,12 @@ class Lanes:
     def __init__(self, programs: Programs, width: int, take: Take):
         self._programs, self._take = programs, take
         self._widths = _widths(width)
-        # The inputs of all rooms, and their states in each stage.
-        self._arrays: list[Any] = [None] * (1 + len(programs.stages))
-        # So many that there are always lanes enough in one of the stages.
-        self._free = list(range(width * len(programs.stages)))[::-1]
+        # So many that there are always lanes enough at one of the stops.
+        self._free = list(range(_ROOMS * width))[::-1]
         self._num_rooms = len(self._free)
+        # The inputs of all rooms, and their stops.
+        self._inputs: Any = None
+        self._stops: list[Any] = []
         # By room; the longest under way come first.
         self._cases: dict[int, _Case] = {}
         self.tally = Tally()
@@ -140,87 +204,92 @@ class Lanes:
         where = [self._free.pop() for _ in names]
         self._cases |= {room: _Case(name) for room, name in zip(where, names, strict=True)}
         last = np.minimum(np.arange(self._padded(where).size), len(where) - 1)
-        self._store(0, jax.tree.map(lambda leaf: leaf[last], inputs), where)
+        self._inputs = self._stored(
+            self._inputs, jax.tree.map(lambda leaf: leaf[last], inputs), where
+        )
         return True
 
     def _settle(self) -> Iterator[tuple[Any, Any, float]]:
-        """Let cases whose lanes are over go on to the next stage, or leave."""
-        stages = self._programs.stages
-        for stage in range(-1, len(stages)):
-            if stage >= 0 and stages[stage].has_rounds:
-                for where in self._over(stage):
-                    self._open(stage, where, self._programs.turn, self._arrays[stage + 1])
-            for where in self._over(stage):
-                if stage + 1 < len(stages):
-                    self._open(stage + 1, where, self._programs.begin)
+        """Let cases without steps to take go on to the next round or stop, or leave."""
+        for number in range(len(self._stops) + 1):
+            while waiting := self._waiting(number, is_on=True):
+                for where in waiting:
+                    start, padded = perf_counter(), self._padded(where)
+                    stop, lanes = self._programs.turn(self._stops[number - 1], padded)
+                    self._open(number - 1, where, stop, lanes, start)
+            for where in self._waiting(number, is_on=False):
+                start, padded = perf_counter(), self._padded(where)
+                before = self._inputs, tuple(self._stops[:number])
+                stop, lanes = self._programs.go_on(*before, padded)
+                if stop.rounds is None:
+                    yield from self._leave(where, stop.outputs, start)
                 else:
-                    yield from self._leave(where)
+                    self._open(number, where, stop, lanes, start)
 
-    def _over(self, stage: int) -> list[list[int]]:
-        """Return the rooms of a stage without open lanes, as many together as there are lanes."""
-        cases, width = self._cases.items(), self._widths[0]
-        over = [room for room, case in cases if case.stage == stage and not case.is_open.any()]
-        return [over[i : i + width] for i in range(0, len(over), width)]
+    def _waiting(self, number: int, is_on: bool) -> list[list[int]]:
+        """Return the rooms at a stop without steps to take, as many together as there are lanes."""
+        rooms = [
+            room
+            for room, case in self._cases.items()
+            if case.num_stops == number and case.is_on == is_on and not case.has_steps.any()
+        ]
+        width = self._widths[0]
+        return [rooms[i : i + width] for i in range(0, len(rooms), width)]
 
-    def _open(self, stage: int, where: list[int], program: Any, *states: Any) -> None:
-        """Let lanes of a stage begin, by one of the programs that say so."""
-        start = perf_counter()
-        states, is_over = program(self._record(stage), *states, self._padded(where))
-        self._store(stage + 1, states, where)
-        is_over = np.asarray(is_over)
-        for room, over in zip(where, is_over[: len(where)], strict=True):
+    def _open(
+        self, number: int, where: list[int], stop: Stop, lanes: tuple[Array, Array], start: float
+    ) -> None:
+        """Let the lanes of a stop begin, or begin anew."""
+        if number == len(self._stops):
+            self._stops.append(None)
+        self._stops[number] = self._stored(self._stops[number], stop, where)
+        has_steps, is_on = map(np.array, lanes)
+        seconds = (perf_counter() - start) / len(where)
+        for i, room in enumerate(where):
             case = self._cases[room]
-            case.stage, case.is_open = stage, ~over
-            case.seconds += (perf_counter() - start) / len(where)
+            case.num_stops, case.has_steps, case.is_on = number + 1, has_steps[i], bool(is_on[i])
+            case.seconds += seconds
 
-    def _leave(self, where: list[int]) -> Iterator[tuple[Any, Any, float]]:
-        start = perf_counter()
-        outputs = self._programs.finish(tuple(self._arrays), self._padded(where))
+    def _leave(
+        self, where: list[int], outputs: Any, start: float
+    ) -> Iterator[tuple[Any, Any, float]]:
         outputs = jax.device_get(outputs)
         seconds = (perf_counter() - start) / len(where)
         for i, room in enumerate(where):
             case = self._cases.pop(room)
             self._free.append(room)
-            yield (
-                case.name,
-                jax.tree.map(lambda leaf, i=i: leaf[i], outputs),
-                case.seconds + seconds,
-            )
+            own = jax.tree.map(lambda leaf, i=i: leaf[i], outputs)
+            yield case.name, own, case.seconds + seconds
 
     def _advance(self) -> None:
-        """Advance lanes of the stage that has most of them open."""
+        """Advance lanes of the stop where most have steps to take."""
         lanes: dict[int, list[tuple[int, int]]] = {}
         for room, case in self._cases.items():
-            open_ = [(room, int(lane)) for lane in np.flatnonzero(case.is_open)]
-            lanes.setdefault(case.stage, []).extend(open_)
-        if not any(lanes.values()):
+            open_ = [(room, int(lane)) for lane in np.flatnonzero(case.has_steps)]
+            lanes.setdefault(case.num_stops - 1, []).extend(open_)
+        number = max(lanes, key=lambda number: len(lanes[number]))
+        if not lanes[number]:
             return
-        stage = max(lanes, key=lambda stage: len(lanes[stage]))
         start = perf_counter()
-        width = _best(self._widths, len(lanes[stage]))
-        chosen, pace = lanes[stage][:width], self._programs.stages[stage].pace
+        width = _best(self._widths, len(lanes[number]))
+        chosen = lanes[number][:width]
         places = np.array([*chosen, *[chosen[-1]] * (width - len(chosen))]).T
-        self._arrays[stage + 1], is_over, steps = self._programs.advance(
-            self._record(stage), self._arrays[stage + 1], tuple(places), pace
-        )
-        is_over, steps = jax.device_get((is_over, steps))
+        self._stops[number], *taken = self._programs.advance(self._stops[number], tuple(places))
+        has_steps, steps = jax.device_get(taken)
         self.tally.paid += width * int(steps.max())
         useful = int(steps[: len(chosen)].sum())
         self.tally.useful += useful
         seconds = (perf_counter() - start) / max(useful, 1)
-        for (room, lane), over, taken in zip(chosen, is_over, steps, strict=False):
+        for (room, lane), more, num_steps in zip(chosen, has_steps, steps, strict=False):
             case = self._cases[room]
-            case.is_open[lane] = not over
-            case.seconds += seconds * int(taken)
+            case.has_steps[lane] = more
+            case.seconds += seconds * int(num_steps)
 
-    def _record(self, stage: int) -> Record:
-        return tuple(self._arrays[: stage + 1])
-
-    def _store(self, number: int, values: Any, where: list[int]) -> None:
-        """Store values, padded with copies of the last, in rooms."""
-        if self._arrays[number] is None:
-            self._arrays[number] = self._programs.taken(values, np.zeros(self._num_rooms, int))
-        self._arrays[number] = self._programs.put(self._arrays[number], values, self._padded(where))
+    def _stored(self, arrays: Any, values: Any, where: list[int]) -> Any:
+        """Return the arrays of all rooms with values, padded with copies of the last, in some."""
+        if arrays is None:
+            arrays = self._programs.taken(values, np.zeros(self._num_rooms, int))
+        return self._programs.put(arrays, values, self._padded(where))
 
     def _padded(self, where: list[int]) -> np.ndarray:
         """Return rooms with copies of the last among them, as many as there is a program for."""
