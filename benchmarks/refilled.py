@@ -21,8 +21,9 @@ import numpy as np
 
 import jaxstab as js
 from jaxstab.core.procedure import Procedure
+from jaxstab.studies.lanes.programs import Programs
 from jaxstab.studies.lanes.pull_off import Walking, unloaded
-from jaxstab.studies.lanes.scheduler import Lanes, Programs
+from jaxstab.studies.lanes.scheduler import Lanes
 
 RESULTS = Path(__file__).parent / "results" / "refilled.md"
 LAWS = (js.potentials.Exponential, js.potentials.Gaussian, js.potentials.Rational)
@@ -83,7 +84,7 @@ def run(programs: Programs, inputs: dict[str, np.ndarray], width: int) -> tuple[
 
     lanes = Lanes(programs, width, take)
     outputs = {number: outputs for number, outputs, _ in lanes.run()}
-    return [outputs[number] for number in range(len(outputs))], lanes.tally
+    return [outputs[number] for number in range(len(outputs))], lanes
 
 
 def summary(contact: js.Contact, equilibrium: js.Equilibrium, stability: Any) -> dict[str, Any]:
@@ -115,11 +116,11 @@ def equilibria(inputs: dict[str, np.ndarray]) -> list[str]:
     """Return the lines on equilibria."""
     lines, steps, areas = [], np.zeros(0), np.zeros(0)
     for width in WIDTHS:
-        outputs, tally = run(js.cases.equilibrium(build).programs(), inputs, width)
+        outputs, lanes = run(js.cases.equilibrium(build).programs(), inputs, width)
         assert all(found["ended"] == "successful" for found in outputs)
         steps, areas = column(outputs, "num_steps"), column(outputs, "contact_area")
-        assert tally.useful == steps.sum()
-        cells = steps.sum() / paid_by(steps, width), tally.useful / tally.paid
+        assert lanes.useful == steps.sum()
+        cells = steps.sum() / paid_by(steps, width), lanes.useful / lanes.paid
         lines.append(f"| {width} | {cells[0]:.2f} | {cells[1]:.2f} |")
     low, middle, high = np.percentile(steps, [0, 50, 100])
     light, half, heavy = np.percentile(areas, [5, 50, 95])
@@ -137,7 +138,7 @@ def equilibria(inputs: dict[str, np.ndarray]) -> list[str]:
 
 def verdicts(inputs: dict[str, np.ndarray], width: int) -> list[str]:
     """Return the lines on verdicts."""
-    outputs, tally = run(js.cases.verdict(build, summary).programs(), inputs, width)
+    outputs, lanes = run(js.cases.verdict(build, summary).programs(), inputs, width)
     words = column(outputs, "verdict")
     counts = ", ".join(f"{(words == word).sum()} {word}" for word in js.VERDICTS.names)
     # On the cones at least what the winner took, from each start and on one of the cones.
@@ -149,7 +150,7 @@ def verdicts(inputs: dict[str, np.ndarray], width: int) -> list[str]:
         "",
         "| lanes | useful over paid, without refilling at most | with | steps paid |",
         "|---|---|---|---|",
-        f"| {width} | {useful / paid:.2f} | {tally.useful / tally.paid:.2f} | {tally.paid} |",
+        f"| {width} | {useful / paid:.2f} | {lanes.useful / lanes.paid:.2f} | {lanes.paid} |",
     ]
 
 
@@ -183,7 +184,7 @@ def counted(values: dict[str, Any]) -> Procedure[dict[str, Any]]:
 
 def pull_offs(inputs: dict[str, np.ndarray], width: int) -> list[str]:
     """Return the lines on pull-offs."""
-    outputs, tally = run(Programs(counted), inputs, width)
+    outputs, lanes = run(Programs(counted), inputs, width)
     steps, ended = column(outputs, "steps"), column(outputs, "ended")
     least, middle, most = np.percentile(steps, [0, 50, 100])
     return [
@@ -193,7 +194,7 @@ def pull_offs(inputs: dict[str, np.ndarray], width: int) -> list[str]:
         "| lanes | useful over paid, without refilling at most | with | steps paid |",
         "|---|---|---|---|",
         f"| {width} | {steps.sum() / paid_by(steps, width):.2f} "
-        f"| {tally.useful / tally.paid:.2f} | {tally.paid} |",
+        f"| {lanes.useful / lanes.paid:.2f} | {lanes.paid} |",
     ]
 
 

@@ -21,8 +21,8 @@ from jaxstab.loads import Load
 from jaxstab.paths.branch_end.critical_load import CriticalLoad
 from jaxstab.stability import ProjectedLOBPCG, Stability, assess_stability
 from jaxstab.stability.assess import assessment
+from jaxstab.studies.lanes.programs import Programs
 from jaxstab.studies.lanes.pull_off import unloaded
-from jaxstab.studies.lanes.scheduler import Programs
 
 __all__ = ["equilibrium", "pull_off", "verdict"]
 

@@ -14,7 +14,8 @@ import numpy as np
 from jaxstab.core.warn import warn
 from jaxstab.studies.axes import LISTED, Axis, Index, arguments_of, places, stacked_at, values_at
 from jaxstab.studies.cases import Case
-from jaxstab.studies.lanes.scheduler import Lanes, Programs
+from jaxstab.studies.lanes.programs import Programs
+from jaxstab.studies.lanes.scheduler import Lanes
 from jaxstab.studies.outputs import arrays_of
 from jaxstab.studies.queue import Queue
 from jaxstab.studies.store import Store

@@ -15,7 +15,8 @@ from jaxstab.core.loop import IterativeSolver
 from jaxstab.core.procedure import Part, Rounds, run
 from jaxstab.studies.cases import Case
 from jaxstab.studies.fingerprint import differences, fingerprint
-from jaxstab.studies.lanes.scheduler import Lanes, Programs
+from jaxstab.studies.lanes.programs import Programs
+from jaxstab.studies.lanes.scheduler import Lanes
 from jaxstab.studies.store import Store
 
 # Steps of Collatz's sequence from a number to one, from the literature (OEIS A006577).
@@ -126,9 +127,9 @@ def test_lanes_count_what_they_pay_and_what_is_of_use(width):
         assert outputs["again"] == 2 * steps_again.get(count, 0)
         assert seconds > 0
     useful = sum(2 * outputs["count"][0] + 1 + outputs["again"] for _, outputs, _ in found)
-    assert lanes.tally.useful == useful
+    assert lanes.useful == useful
     # In a single lane nothing waits.
-    assert lanes.tally.paid == useful if width == 1 else useful < lanes.tally.paid < useful / 0.8
+    assert lanes.paid == useful if width == 1 else useful < lanes.paid < useful / 0.8
 
 
 def numbers_in(dataset):

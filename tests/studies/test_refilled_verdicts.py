@@ -44,7 +44,7 @@ def assert_lanes_find_what_is_found_alone(case, cases, width):
 
     lanes = Lanes(case.programs(), width, take)
     found = {values: outputs for values, outputs, _ in lanes.run()}
-    assert 0 < lanes.tally.useful < lanes.tally.paid
+    assert 0 < lanes.useful < lanes.paid
     for values in cases:
         alone, here = case(**dict(zip(NAMES, values, strict=True))), found[values]
         for name in ("verdict", "proved", "assessed"):

@@ -6,17 +6,15 @@ by a few steps together, and between two such calls those that are over are exch
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxstab.core.procedure import Procedure, Rounds, unfolded
+from jaxstab.studies.lanes.programs import Programs, Stop
 
 # Returns up to so many new cases, and their inputs along a leading axis; whether it may wait.
 Take = Callable[[int, bool], tuple[Sequence[Any], Any]]
@@ -25,114 +23,6 @@ Take = Callable[[int, bool], tuple[Sequence[Any], Any]]
 _RATIO = 4
 # Cases under way, in units of the lanes: as many as there are stops of a verdict.
 _ROOMS = 6
-
-
-@dataclass
-class Tally:
-    """What was paid for steps of lanes, and what of it was of use.
-
-    Attributes:
-        paid: steps of all lanes that ran together, each for as long as the slowest.
-        useful: steps that lanes took.
-    """
-
-    paid: int = 0
-    useful: int = 0
-
-
-class Stop(eqx.Module):
-    """Where a procedure waits for its loops, or its end.
-
-    Attributes:
-        kept: the values kept since the last stop.
-        rounds: the loops; None at the end.
-        outputs: what the procedure returns at its end.
-    """
-
-    kept: list[Any]
-    rounds: Rounds | None = None
-    outputs: Any = None
-
-    @property
-    def answers(self) -> list[Any]:
-        """What the procedure was sent up to here, since the last stop."""
-        assert self.rounds is not None
-        return [*self.kept, self.rounds.found]
-
-    @property
-    def has_steps(self) -> tuple[Any, Any]:
-        """Which lanes have steps to take, and whether any takes part in the round."""
-        if self.rounds is None:
-            return jnp.zeros(1, bool), jnp.array(False)
-        has_steps = jax.vmap(self.rounds.has_steps)(self.rounds.loops, self.rounds.is_on)
-        return has_steps, jnp.any(self.rounds.is_on)
-
-
-def next_stop(procedure: Procedure[Any], stops: Sequence[Stop]) -> Stop:
-    """Return where a procedure waits next, taken anew through the stops that it had."""
-    answers = [answer for stop in stops for answer in stop.answers]
-    kept, found = [], None
-    while True:
-        try:
-            request = procedure.send(found)
-        except StopIteration as end:
-            return Stop(kept, outputs=end.value)
-        if answers:
-            found = answers.pop(0)
-        elif isinstance(request, Rounds):
-            return Stop(kept, request)
-        else:
-            found = request.value
-            kept.append(found)
-
-
-class Programs:
-    """The compiled programs of cases.
-
-    Arguments:
-        procedure: returns the procedure of a case, given its inputs.
-    """
-
-    def __init__(self, procedure: Callable[[Any], Procedure[Any]]):
-        self._procedure = procedure
-        self.taken, self.put = jax.jit(_taken), jax.jit(_put, donate_argnums=0)
-        self.go_on, self.turn = jax.jit(self._go_on), jax.jit(_turned)
-        self.advance = jax.jit(_advanced, donate_argnums=0)
-
-    def _go_on(self, inputs: Any, stops: Sequence[Stop], where: Array) -> tuple[Stop, Any]:
-        """Return the next stops of cases, and which of their lanes have steps."""
-
-        def one(inputs: Any, stops: Sequence[Stop]) -> tuple[Stop, Any]:
-            stop = next_stop(unfolded(self._procedure(inputs)), stops)
-            return stop, stop.has_steps
-
-        return jax.vmap(one)(*_taken((inputs, stops), where))
-
-
-def _turned(stop: Stop, where: Array) -> tuple[Stop, Any]:
-    """Return stops in their next round, and which of their lanes have steps."""
-
-    def one(stop: Stop) -> tuple[Stop, Any]:
-        assert stop.rounds is not None
-        stop = replace(stop, rounds=stop.rounds.turned())
-        return stop, stop.has_steps
-
-    return jax.vmap(one)(_taken(stop, where))
-
-
-def _advanced(stop: Stop, where: tuple[Array, Array]) -> tuple[Stop, Array, Array]:
-    """Return stops with some lanes advanced, whether these have steps left, and those taken."""
-    assert stop.rounds is not None
-    rounds, before = replace(stop.rounds, loops=None, is_on=None), stop.rounds.loops
-
-    def one(rounds: Rounds, loop: Any, is_on: Array) -> tuple[Any, Array]:
-        loop = rounds.advanced(loop, is_on)
-        return loop, rounds.has_steps(loop, is_on)
-
-    lanes = _taken((before, stop.rounds.is_on), where)
-    loops, has_steps = jax.vmap(one)(_taken(rounds, where[0]), *lanes)
-    stop = replace(stop, rounds=replace(stop.rounds, loops=_put(before, loops, where)))
-    return stop, has_steps, loops.num_steps - lanes[0].num_steps
 
 
 @dataclass
@@ -163,7 +53,8 @@ class Lanes:
         take: where cases come from.
 
     Attributes:
-        tally: what was paid so far.
+        paid: steps of all lanes that ran together, each for as long as the slowest.
+        useful: those of them that lanes took.
     """
 
     def __init__(self, programs: Programs, width: int, take: Take):
@@ -177,7 +68,7 @@ class Lanes:
         self._stops: list[Any] = []
         # By room; the longest under way come first.
         self._cases: dict[int, _Case] = {}
-        self.tally = Tally()
+        self.paid = self.useful = 0
 
     @property
     def in_hand(self) -> list[Any]:
@@ -276,9 +167,9 @@ class Lanes:
         places = np.array([*chosen, *[chosen[-1]] * (width - len(chosen))]).T
         self._stops[number], *taken = self._programs.advance(self._stops[number], tuple(places))
         has_steps, steps = jax.device_get(taken)
-        self.tally.paid += width * int(steps.max())
+        self.paid += width * int(steps.max())
         useful = int(steps[: len(chosen)].sum())
-        self.tally.useful += useful
+        self.useful += useful
         seconds = (perf_counter() - start) / max(useful, 1)
         for (room, lane), more, num_steps in zip(chosen, has_steps, steps, strict=False):
             case = self._cases[room]
@@ -295,14 +186,6 @@ class Lanes:
         """Return rooms with copies of the last among them, as many as there is a program for."""
         size = min(width for width in self._widths if width >= len(where))
         return np.array([*where, *[where[-1]] * (size - len(where))])
-
-
-def _taken(arrays: Any, where: Any) -> Any:
-    return jax.tree.map(lambda leaf: leaf[where], arrays)
-
-
-def _put(arrays: Any, values: Any, where: Any) -> Any:
-    return jax.tree.map(lambda leaf, new: leaf.at[where].set(new), arrays, values)
 
 
 def _widths(width: int) -> list[int]:
