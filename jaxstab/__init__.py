@@ -12,6 +12,7 @@ from jaxstab.calibration import Calibration, calibrate
 from jaxstab.citations import cite
 from jaxstab.contact import Contact
 from jaxstab.contact.resolution import ResolutionWarning
+from jaxstab.core.cache import keep_programs
 from jaxstab.core.grid import Grid
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS, SolverError
@@ -135,6 +136,9 @@ __all__ = [
     "sweep",
     "to_dataset",
 ]
+
+
+keep_programs()
 
 
 def __getattr__(name: str) -> Any:

@@ -3,13 +3,13 @@
 import os
 import sys
 import warnings
-from pathlib import Path
 
 import jax
 import matplotlib
 
 from jaxstab.cli import cite, info, plot, run, study
 from jaxstab.cli.parsing import BAD_INPUT, FAILED, INTERRUPTED, Ended, Parser
+from jaxstab.core.cache import keep_programs
 from jaxstab.core.results import SolverError
 
 COMMANDS = {"run": run, "study": study, "info": info, "plot": plot, "cite": cite}
@@ -18,7 +18,7 @@ COMMANDS = {"run": run, "study": study, "info": info, "plot": plot, "cite": cite
 def start() -> None:
     """Run the command line with a cache of compiled programs."""
     _restart_quietly()
-    _keep_programs()
+    keep_programs(by_default=True)
     main()
 
 
@@ -84,29 +84,6 @@ def _restart_quietly() -> None:
     if is_loud and os.name == "posix":
         os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"
         os.execv(sys.executable, sys.orig_argv)
-
-
-def _keep_programs() -> None:
-    """Let JAX keep all that it compiles in the user's cache folder, if none is set already."""
-    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
-        return
-    try:
-        folder = _cache_folder() / "jaxstab"
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError):
-        return
-    jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-
-
-def _cache_folder() -> Path:
-    """Return the folder of the user's caches."""
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
 
 
 if __name__ == "__main__":

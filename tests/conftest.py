@@ -74,7 +74,7 @@ def beside_an_accelerator():
     """Trace programs as where JAX finds one."""
     jax.clear_caches()
     try:
-        with mock.patch.object(batching, "_has_accelerator", lambda: True):
+        with mock.patch.object(batching, "has_accelerator", lambda: True):
             yield
     finally:
         # Or the next test gets this one's programs.

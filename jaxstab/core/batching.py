@@ -77,11 +77,12 @@ def _map(alone: Callable[[In], Out], together: Callable[[In], Out], lanes: In) -
 
 
 def _on_platform(one_by_one: Callable[..., Out], together: Callable[..., Out], *args: Any) -> Out:
-    if not _has_accelerator():
+    if not has_accelerator():
         # Most of the time to trace would go into what cannot run here.
         return one_by_one(*args)
     return jax.lax.platform_dependent(*args, cpu=one_by_one, default=together)
 
 
-def _has_accelerator() -> bool:
+def has_accelerator() -> bool:
+    """Return whether JAX finds anything but the CPU."""
     return set(backends()) != {"cpu"}

@@ -4,8 +4,9 @@ On the CPU a program maps its code into memory in hundreds of pieces, of which L
 65 530. A long notebook with many laws would run out of them, and fail for want of memory.
 """
 
+import os
 from collections.abc import Callable, Hashable
-from functools import partial
+from functools import cache, partial, wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,7 +14,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxstab.core.checks import is_traced
+from jaxstab.core.batching import has_accelerator
+from jaxstab.core.checks import is_traced, is_transformed
 
 Out = TypeVar("Out")
 
@@ -23,11 +25,49 @@ _programs: list[Any] = []
 _kinds: set[Hashable] = set()
 
 
-def program(function: Callable[..., Any], **options: Any) -> Any:
-    """Return `jax.jit(function, **options)`, of which `make_room` can drop what it compiled."""
-    compiled = jax.jit(function, **options)
-    _programs.append(compiled)
-    return compiled
+def program(
+    function: Callable[..., Any], *, runs_once: bool = False, **options: Any
+) -> Callable[..., Any]:
+    """Return `jax.jit(function, **options)`, compiled faster where it is called outside of a trace.
+
+    `make_room` can drop what it compiled.
+
+    Arguments:
+        function: the function.
+        runs_once: whether its code need not be fast, since it has no loop and is seldom run.
+    """
+    # Within another program there can be no options for this one.
+    inside = jax.jit(function, **options)
+    _programs.append(inside)
+
+    @cache
+    def outside() -> Any:
+        compiled = jax.jit(function, compiler_options=_compiler_options(runs_once), **options)
+        _programs.append(compiled)
+        return compiled
+
+    @wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        compiled = inside if is_transformed((args, kwargs)) else outside()
+        return compiled(*args, **kwargs)
+
+    call.lower = inside.lower  # pyright: ignore[reportAttributeAccessIssue]
+    return call
+
+
+def _compiler_options(runs_once: bool) -> dict[str, Any]:
+    """Return the options by which XLA compiles for the CPU in less time.
+
+    What does not run once is as fast as by default. Flags that the user has set stand.
+    """
+    if has_accelerator():
+        return {}
+    options: dict[str, Any] = {"xla_backend_optimization_level": 0 if runs_once else 1}
+    if jax.__version_info__ < (0, 11):
+        # Later ones can be told so for a whole process only.
+        options["xla_cpu_use_fusion_emitters"] = False
+    flags = os.environ.get("XLA_FLAGS", "")
+    return {name: value for name, value in options.items() if name not in flags}
 
 
 def if_needed(is_needed: Any, compute: Callable[[], Out], otherwise: Out) -> Out:

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
 from jaxstab.core.batching import advance_lanes
-from jaxstab.core.compile import if_needed
+from jaxstab.core.compile import if_needed, program
 from jaxstab.core.loop import NO_LIMIT, Iteration, IterativeSolver, Loop
 from jaxstab.core.types import Flag
 
@@ -190,6 +190,6 @@ def unfolded(procedure: Procedure[Out], is_needed: Any = True) -> Procedure[Out]
             found = yield request
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(program, static_argnums=0)
 def _run_part(procedure: Callable[..., Procedure[Out]], *arguments: Any) -> Out:
     return run(procedure(*arguments))

@@ -220,13 +220,13 @@ class _State(eqx.Module):
         )
 
 
-@jax.jit
+@program
 def _random_starts(grid: Grid, key: PRNGKeyArray, like: Field) -> Block:
     """Return vectors to start from, by a program that is the same for all laws and loads."""
     return grid.placed(noise(key, _NUM_RANDOM, like))
 
 
-@program
+@partial(program, runs_once=True)
 def _problem(contact: Contact, equilibrium: Equilibrium) -> tuple[dict[str, Any], _State]:
     """Return what a search at an equilibrium is of, and what is known of that."""
     unit = contact.own_pressure
@@ -261,7 +261,7 @@ def _problem(contact: Contact, equilibrium: Equilibrium) -> tuple[dict[str, Any]
     return problem, state
 
 
-@jax.jit
+@partial(program, runs_once=True)
 def _stability(equilibrium: Equilibrium, state: _State, found: Found) -> Stability:
     """Return the verdict on what a search has found."""
     equilibrium = equilibrium.in_units_of(state.unit)

@@ -6,17 +6,17 @@ critical cone is a linear space.
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
 from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.core.checks import is_traced
-from jaxstab.core.compile import if_needed
+from jaxstab.core.compile import if_needed, program
 from jaxstab.core.procedure import Part, Procedure
 from jaxstab.core.progress import Report, unseen
 from jaxstab.core.results import RESULTS
@@ -216,7 +216,7 @@ def _certified(
     return costing(replace(found, pair=found.pair.with_proof(False, bound)), cost)
 
 
-@jax.jit
+@partial(program, runs_once=True)
 def _critical_in_doubt(search: Search, critical: Lowest, hull: Lowest) -> Lowest:
     """Return a pair of the critical cone whose error covers what the points in doubt may do.
 
@@ -231,7 +231,7 @@ def _critical_in_doubt(search: Search, critical: Lowest, hull: Lowest) -> Lowest
     return _with_error(critical, jnp.maximum(rise, _rise(pair.eigenvalue, below)))
 
 
-@jax.jit
+@partial(program, runs_once=True)
 def _cone_in_doubt(search: Search, cone: Lowest) -> Lowest:
     """Return a pair of V0+ whose error covers what the points in doubt may do.
 

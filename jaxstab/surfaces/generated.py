@@ -16,6 +16,7 @@ from jaxstab.core.checks import (
     require_positive,
     scalar_parameter,
 )
+from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import Field, Scalar
 from jaxstab.surfaces.statistics import nyquist, rms_derivative
@@ -131,7 +132,7 @@ def _require_spectrum(
     require("k_high", k_high, k_high <= resolved * (1 + _ROUNDING), cure)
 
 
-@partial(jax.jit, static_argnames=("exponent", "order"))
+@partial(program, static_argnames=("exponent", "order"))
 def _filtered_noise(
     grid: Grid,
     key: PRNGKeyArray,

@@ -12,7 +12,7 @@ import pytest
 import xarray
 
 import jaxstab as js
-from jaxstab.__main__ import _keep_programs, main
+from jaxstab.__main__ import main
 from jaxstab.cli import problem
 from jaxstab.cli import run as run_command
 from jaxstab.cli.parsing import Parser
@@ -213,15 +213,6 @@ def test_where_every_load_fails_the_command_fails_and_still_writes(tmp_path, run
     assert result.stdout.count("infeasible_load") == 5
     data = xarray.load_dataset(tmp_path / "results" / "1" / "unloading.nc")
     assert data["contact_area"].isnull().all()
-
-
-def test_a_cache_folder_that_cannot_be_made_is_no_error(tmp_path, monkeypatch):
-    (tmp_path / "file").touch()
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
-    before = jax.config.values["jax_compilation_cache_dir"]
-    _keep_programs()
-    assert jax.config.values["jax_compilation_cache_dir"] == before
 
 
 @pytest.fixture
