@@ -58,7 +58,8 @@ def program(
 def _compiler_options(runs_once: bool) -> dict[str, Any]:
     """Return the options by which XLA compiles for the CPU in less time.
 
-    What does not run once is as fast as by default. Flags that the user has set stand.
+    What does not run once is as fast as by default; it may be rounded otherwise than inside of
+    `jax.jit` and `jax.vmap`. Flags that the user has set stand.
     """
     if has_accelerator():
         return {}
