@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxstab.references.checks import Array
+from jaxstab.references.arguments import Array
 
 
 def bisect(function: Callable[[Array], Array], negative: ArrayLike, positive: ArrayLike) -> Array:

@@ -1,9 +1,24 @@
-"""What the arguments of the closed forms must satisfy, told in a sentence that names the value."""
+"""The arguments of the closed forms: what they are, and what they must satisfy."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+
+SPHERE = {
+    "contact_radius": "a [length]",
+    "radius": "R of the paraboloid [length]",
+    "contact_modulus": "E* [pressure]",
+    "work_of_adhesion": "w [energy/area]",
+    "strength": "s, the tension [pressure]",
+    "stiffness": "k of the spring [force/length]",
+}
+POSITIVE = "if an argument is not positive and finite"
+
+
+def or_not_positive(reason: str) -> str:
+    """Return when an error is raised: for a reason, and for another argument."""
+    return f"if {reason}, or another argument not positive and finite"
 
 
 def require(name: str, value: ArrayLike, holds: ArrayLike, cure: str) -> None:
