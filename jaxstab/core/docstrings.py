@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from inspect import cleandoc, signature
+from textwrap import fill
 from typing import Any, TypeVar
 
 Documented = TypeVar("Documented", bound=Callable[..., Any])
@@ -20,7 +21,10 @@ def described(
 
     def describe(function: Documented) -> Documented:
         known = {**meanings, **others}
-        lines = [f"    {name}: {known[name]}." for name in signature(function).parameters]
+        entries = (f"{name}: {known[name]}." for name in signature(function).parameters)
+        lines = [
+            fill(entry, 96, initial_indent=" " * 4, subsequent_indent=" " * 8) for entry in entries
+        ]
         text = cleandoc(function.__doc__ or "")
         sections = "\n".join(["Arguments:", *lines, "", "Raises:", f"    ValueError: {raises}."])
         function.__doc__ = f"{text}\n\n{sections}"
