@@ -56,7 +56,10 @@ class Sweep(Stackable, eqx.Module):
     stability: Stability | None
 
     def __repr__(self) -> str:
-        return _text(self)
+        try:
+            return display.table(_columns(self))
+        except display.UNREADABLE:
+            return display.block(self)
 
 
 def sweep(
@@ -243,15 +246,8 @@ def _result(state: Sweep) -> RESULTS:
     return RESULTS.where(is_found, stability.result, equilibrium.result)
 
 
-def _text(sweep: "Sweep") -> str:
-    """Return a table with one line for each load."""
-    try:
-        return display.table(_columns(sweep))
-    except display.UNREADABLE:
-        return display.block(sweep)
-
-
-def _columns(sweep: "Sweep") -> dict[str, list[str]]:
+def _columns(sweep: Sweep) -> dict[str, list[str]]:
+    """Return the columns of a table with one line for each load."""
     equilibrium, stability = sweep.equilibrium, sweep.stability
     pairs = {} if stability is None else stability.pairs
     columns = {

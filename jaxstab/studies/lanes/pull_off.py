@@ -16,10 +16,13 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag
 from jaxstab.loads import MeanPressure
 from jaxstab.paths.branch_end.critical_load import CriticalLoad
-from jaxstab.paths.programme import Course
+from jaxstab.paths.programme import Programme as Course
 from jaxstab.paths.pull_off import ROOM, as_shown, dead_load, end_of, unloading
 from jaxstab.paths.record import Place, Strongest, place_of
-from jaxstab.paths.step import Aim, Walk, after, aimed
+from jaxstab.paths.step import Progress as Walk
+from jaxstab.paths.step import TrialStep as Aim
+from jaxstab.paths.step import apply_step as after
+from jaxstab.paths.step import next_step as aimed
 from jaxstab.paths.walk import begin_at
 from jaxstab.studies.lanes.equilibrium import EquilibriumStage
 from jaxstab.studies.lanes.stage import Record, Stage
