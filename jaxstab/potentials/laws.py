@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxstab.core.checks import known, parameter, require, require_positive
-from jaxstab.core.display import whole
+from jaxstab.core.display import in_full
 from jaxstab.core.docstrings import described
 from jaxstab.core.types import Scalar
 
@@ -24,7 +24,7 @@ class _RangedLaw(eqx.Module):
     surface_energy: Scalar
     length: Scalar
 
-    __repr__ = whole
+    __repr__ = in_full
 
     def __init__(self, surface_energy: ArrayLike, length: ArrayLike):
         self.surface_energy = parameter(surface_energy)

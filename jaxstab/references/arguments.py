@@ -22,22 +22,14 @@ def or_not_positive(reason: str) -> str:
 
 
 def require(name: str, value: ArrayLike, holds: ArrayLike, cure: str) -> None:
-    """Refuse `value`, named by its first entry for which `holds` is false.
-
-    Raises:
-        ValueError: if there is such an entry.
-    """
+    """Refuse `value`, named by its first entry for which `holds` is false."""
     value, holds = np.broadcast_arrays(value, holds)
     if not holds.all():
         raise ValueError(f"The {name.replace('_', ' ')} is {value[~holds][0]:g}: give {cure}.")
 
 
 def positive(**values: ArrayLike) -> tuple[Array, ...]:
-    """Return `values` as arrays of one shape, each positive and finite.
-
-    Raises:
-        ValueError: if one is not.
-    """
+    """Return `values` as arrays of one shape, each positive and finite."""
     arrays = {name: np.asarray(value, np.float64) for name, value in values.items()}
     for name, array in arrays.items():
         require(name, array, (array > 0) & np.isfinite(array), "a positive, finite number")
@@ -45,11 +37,7 @@ def positive(**values: ArrayLike) -> tuple[Array, ...]:
 
 
 def not_negative(name: str, value: ArrayLike) -> Array:
-    """Return `value` as an array without negative entries, which may be infinite.
-
-    Raises:
-        ValueError: if an entry is negative, or no number.
-    """
+    """Return `value` as an array without negative entries, which may be infinite."""
     array = np.asarray(value, np.float64)
     require(name, array, array >= 0, "zero or a positive number")
     return array
