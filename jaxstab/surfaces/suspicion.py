@@ -81,8 +81,7 @@ class Steps:
     """Steps between neighbours along a side.
 
     Attributes:
-        rms: that of all steps inside.
-        largest: the largest rms over one line across the side.
+        rms, largest: that of all steps inside, and of one line across the side.
         jump: the rms across the periodic edge.
         rounding: what a step of nothing may be.
     """
