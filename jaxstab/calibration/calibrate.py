@@ -151,9 +151,7 @@ def calibrate(
     # Histories end in NaN, and what was not found is NaN.
     with shown, jax.debug_nans(False):
         fit = _fit(contact, curve, solver, Pick.of(where, contact), starts, progress)
-    if not throw:
-        return fit
-    return throw_failure(fit.result, fit, lambda: _describe(fit))
+    return throw_failure(fit.result, fit, lambda: _describe(fit), throw)
 
 
 def _require_problem(contact: Contact, load: Load, order: Order) -> None:
