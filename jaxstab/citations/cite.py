@@ -17,6 +17,8 @@ _SOFTWARE = "jaxstab"
 _METHOD = "rey_bleyer_2018"
 # Fields of an entry that are ours alone.
 _OURS = ("behind", "role")
+# Addresses stay whole.
+_UNBROKEN: Any = {"break_long_words": False, "break_on_hyphens": False}
 
 
 class Source(NamedTuple):
@@ -158,11 +160,4 @@ def _name(item: Any) -> str:
 
 
 def _wrapped(text: str, margin: str) -> str:
-    return fill(
-        text,
-        88,
-        initial_indent=margin,
-        subsequent_indent=margin + "  ",
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+    return fill(text, 88, initial_indent=margin, subsequent_indent=margin + "  ", **_UNBROKEN)
