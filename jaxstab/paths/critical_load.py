@@ -94,9 +94,7 @@ def critical_load(
         limit = _find_lanes(*inputs) if is_traced(inputs) else _find(*inputs, report)
     found = critical_load_at(limit, own, loads[0], throw).in_units_of(1 / unit)
     found = found.on_surface(whole.solid)
-    if not throw:
-        return found
-    return throw_failure(found.result, found, lambda: _describe(bracket, found))
+    return throw_failure(found.result, found, lambda: _describe(bracket, found), throw)
 
 
 def _find(contact: Contact, bracket: Load, start: Field | None, report: Report = unseen) -> Limit:
@@ -106,24 +104,18 @@ def _find(contact: Contact, bracket: Load, start: Field | None, report: Report =
     """
 
     def end_of(number: ArrayLike) -> Limit:
-        way = if_needed(number == 1, lambda: bracket[::-1], bracket)
-        return _end_of_branch(contact, way, start, report)
+        way = contact, if_needed(number == 1, lambda: bracket[::-1], bracket), start
+        fold = _fold(*way)
+        report(fold)
+        end = if_needed(~fold.is_found, lambda: _jump(*way, fold), fold)
+        report(end)
+        return end
 
     return first_good(end_of, lambda limit: limit.is_found)
 
 
 # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
 _find_lanes = program(by_lanes(lambda *inputs: _find(*inputs)))
-
-
-def _end_of_branch(contact: Contact, way: Load, start: Field | None, report: Report) -> Limit:
-    """Return the fold that ends the branch from the first load, or else the jump."""
-    inputs = contact, way, start
-    fold = _fold(*inputs)
-    report(fold)
-    end = if_needed(~fold.is_found, lambda: _jump(*inputs, fold), fold)
-    report(end)
-    return end
 
 
 _fold = program(follow_to_fold)

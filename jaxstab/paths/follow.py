@@ -30,7 +30,7 @@ from jaxstab.paths.explain import Recording, path_of, path_with_room
 from jaxstab.paths.path import Path
 from jaxstab.paths.programme import DISTURBANCE, programme_of
 from jaxstab.paths.record import Room, Table
-from jaxstab.paths.travel import Setup, travel, travelled
+from jaxstab.paths.travel import WalkSetup, travel, travelled
 
 # States and jumps of a batch.
 _ROOM = 32, 2
@@ -132,18 +132,17 @@ def follow(
     with jax.debug_nans(False), bar as bar:
         find = _traced_path if is_traced(inputs) else _known_path
         num_states, num_jumps = sizes if is_traced(inputs) else _ROOM
-        setup = Setup(_programme, Room(num_states, fields), Room(num_jumps))
+        setup = WalkSetup(_programme, Room(num_states, fields), Room(num_jumps))
         path = find(setup, bar, *inputs)
     if is_traced((contact, load)):
         others = [part for part in (start, least, noise) if part is not None]
         path = with_derivatives(path, own, loads, others, throw)
     path = path.in_units_of(1 / unit).on_surface(whole.solid)
-    if not throw or (not is_traced(path.result) and path.result == RESULTS.interrupted):
-        return path
-    return throw_failure(path.result, path, lambda: _describe(path, load))
+    is_stopped = not is_traced(path.result) and bool(path.result == RESULTS.interrupted)
+    return throw_failure(path.result, path, lambda: _describe(path, load), throw and not is_stopped)
 
 
-def _traced_path(setup: Setup[Table], bar: Any, *inputs: Any) -> Path:
+def _traced_path(setup: WalkSetup[Table], bar: Any, *inputs: Any) -> Path:
     contact, load = inputs[:2]
     ended = travel(setup, bar, *inputs)
     is_short = ended.is_open(load)
@@ -151,7 +150,7 @@ def _traced_path(setup: Setup[Table], bar: Any, *inputs: Any) -> Path:
     return path_with_room(ended, contact, load)
 
 
-def _known_path(setup: Setup[Table], bar: Any, *inputs: Any) -> Path:
+def _known_path(setup: WalkSetup[Table], bar: Any, *inputs: Any) -> Path:
     """Return the path to the end, or until interrupted."""
     contact, load = inputs[:2]
     recording = Recording()

@@ -119,7 +119,6 @@ class Path(Dimensioned):
 
 
 def _energies(path: Path) -> list[str]:
-    """Return the lines on the work along a path and on what it has lost."""
     work, losses = np.asarray(path.equilibrium.work), np.asarray(path.jumps.dissipation)
     if np.isfinite(path.work):
         lines = [

@@ -27,7 +27,7 @@ from jaxstab.paths.branch_end.locate import Limit, limit_ahead
 from jaxstab.paths.programme import DISTURBANCE, Programme, programme_of
 from jaxstab.paths.record import Count, Strongest
 from jaxstab.paths.step import Progress
-from jaxstab.paths.travel import Setup, travel
+from jaxstab.paths.travel import WalkSetup, travel
 
 # Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4
@@ -97,13 +97,11 @@ def pull_off(
         loads = load.in_units_of(unit)
         end = _find(bar, *jax.lax.stop_gradient((own, loads, start)))
     found = as_shown(end, own, loads[0], throw).in_units_of(1 / unit).on_surface(whole.solid)
-    if not throw:
-        return found
-    return throw_failure(found.result, found, lambda: _describe(constant, load))
+    return throw_failure(found.result, found, lambda: _describe(constant, load), throw)
 
 
 def _find(bar: Any, *inputs: Any) -> tuple[Limit, Equilibrium]:
-    ended = travel(Setup(unloading, *ROOM), bar, *inputs)
+    ended = travel(WalkSetup(unloading, *ROOM), bar, *inputs)
     bar.set_description("locating")
     end = jax.block_until_ready(_end(*inputs[:2], ended))
     bar.update(0)

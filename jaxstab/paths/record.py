@@ -89,8 +89,7 @@ def _state_unless(is_apart: Flag, contact: Contact, one: Load, place: Place) -> 
 def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
     """Return an equilibrium as a place of a walk, at a value of the load that may be meant."""
     load, mean_gap = found.load.at(value), mean(found.gap)
-    supply = supply_of(contact, load, mean_gap, found.mean_pressure)
-    held = supply.potential
+    held, force = supply_of(contact, load, mean_gap, found.mean_pressure)
     return Place(
         value,
         found.gap,
@@ -100,7 +99,7 @@ def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
         found.energy,
         found.energy + (held if contact.control(load).stores_energy else 0),
         found.energy + held,
-        supply.force,
+        force,
     )
 
 

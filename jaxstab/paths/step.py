@@ -179,7 +179,6 @@ def _least_potential(programme: Programme, walk: Progress, change: Scalar) -> Sc
 def _outcome_of(
     programme: Programme, walk: Progress, aim: TrialStep, place: Place, result: RESULTS
 ) -> StepOutcome:
-    """Return what a step means."""
     here, last, value = walk.here.place, walk.last, aim.value
     is_found = result == RESULTS.successful
     change, before = value - here.value, here.value - last.value

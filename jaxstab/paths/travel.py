@@ -23,7 +23,7 @@ from jaxstab.paths.walk import begin, go_on
 _BATCH_SECONDS, _BATCH_STEPS = 0.5, 1024
 
 
-class Setup(NamedTuple, Generic[Jumps]):
+class WalkSetup(NamedTuple, Generic[Jumps]):
     """What is decided before anything is compiled.
 
     Attributes:
@@ -38,18 +38,16 @@ class Setup(NamedTuple, Generic[Jumps]):
 
 
 def travel(
-    setup: Setup[Jumps],
+    setup: WalkSetup[Jumps],
     bar: Any,
     *inputs: Any,
     keep: Callable[[Progress[Jumps]], Progress[Jumps]] = lambda walk: walk,
 ) -> Progress[Jumps]:
-    """Return a walk at its end, or where its room is full; outside of a trace in batches.
+    """Return a walk at its end; outside of a trace in batches, inside of one if it has room.
 
-    Arguments:
-        setup: what the walk follows and keeps.
-        bar: shows the part of the programme that is done, in per cent.
-        inputs: contact, load, where the first equilibrium starts, settings of the programme.
-        keep: takes out what is recorded after each batch, of about a second.
+    The inputs are contact, load, where the first equilibrium starts, and settings of the programme.
+    The bar shows the part of it that is done, in per cent. What is recorded can be taken out after
+    each batch, of about a second.
     """
     walk, load = keep(_begin(setup, *inputs)), inputs[1]
     if is_traced(inputs):
@@ -68,7 +66,7 @@ def travel(
 
 
 @partial(program, static_argnums=0)
-def _begin(setup: Setup[Jumps], *inputs: Any) -> Progress[Jumps]:
+def _begin(setup: WalkSetup[Jumps], *inputs: Any) -> Progress[Jumps]:
     def first(contact: Contact, load: Load, start: Field | None, *settings: Scalar) -> Progress:
         return begin(setup.programme_of(contact, load, *settings), start, setup.states, setup.jumps)
 
@@ -77,7 +75,7 @@ def _begin(setup: Setup[Jumps], *inputs: Any) -> Progress[Jumps]:
 
 @partial(program, static_argnums=0)
 def _go_on(
-    setup: Setup[Jumps], walk: Progress[Jumps], num_steps: int | None, *inputs: Any
+    setup: WalkSetup[Jumps], walk: Progress[Jumps], num_steps: int | None, *inputs: Any
 ) -> Progress[Jumps]:
     def further(
         walk: Progress,
