@@ -96,7 +96,6 @@ def _keep_programs() -> None:
 
 
 def _cache_folder() -> Path:
-    """Return the folder of the user's caches."""
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
     if sys.platform == "darwin":

@@ -169,7 +169,6 @@ def _require_problem(contact: Contact, load: Load, order: Order) -> None:
 
 
 def _measured(load: Load, mean_pressure: ArrayLike, weights: ArrayLike | None) -> Measured:
-    """Return the measured curve, checked, with equal weights by default."""
     measured = parameter(mean_pressure)
     if load.value.ndim != 1 or measured.shape != load.value.shape:
         raise ValueError(

@@ -93,5 +93,4 @@ def best_of(
 
 
 def _num_far(number: int) -> int:
-    """Return how many starts do not begin near the best fit."""
     return number // 2 + 1

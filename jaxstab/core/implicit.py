@@ -91,7 +91,6 @@ def _asked(inputs: Any, changes: Any) -> Scalar:
 
 
 def _each(function: Callable, moved: Tree, obstacles: Any) -> Tree:
-    """Apply a function to every change and its obstacles."""
     return jax.tree.map(
         lambda reasons, tree: jax.tree.map(lambda leaf: function(leaf, reasons), tree),
         obstacles,

@@ -177,7 +177,6 @@ def _field(
     axes: Axes | None,
     centred: bool = False,
 ) -> Axes:
-    """Draw a field as a map with a colour bar, or on a line as a profile."""
     axes, unit = axes_or_new(axes), unit or contact.unit
     values = np.asarray(field)
     if values.ndim == 1:

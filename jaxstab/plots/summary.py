@@ -75,7 +75,6 @@ def summary(
 def _numbers(
     unit: str | None, num_sides: int, state: Equilibrium, stability: Stability
 ) -> list[tuple[str, str]]:
-    """Return a state's numbers as lines of a name and a value."""
     load, pairs = state.load, stability.pairs
     eigenvalues = np.array([float(pair.eigenvalue) for pair in pairs.values()])
     largest = np.abs(eigenvalues[np.isfinite(eigenvalues)]).max(initial=0)

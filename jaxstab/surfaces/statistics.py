@@ -203,7 +203,6 @@ def _complete(heights: Any) -> Float[Array | np.ndarray, " *grid"]:
 
 
 def _gradient(grid: Grid, heights: Field) -> list[Field]:
-    """Return the derivatives of the Fourier series along each side."""
     modes = grid.transform(heights)
     sides = zip(grid.waves, grid.shape, grid.lengths, strict=True)
     # The wave of two points is a cosine on the points, whose slope there is zero.

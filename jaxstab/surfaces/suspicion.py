@@ -141,5 +141,4 @@ def rms(heights: np.ndarray) -> float:
 
 
 def _rounding(heights: np.ndarray) -> float:
-    """Return what may be rounding in differences of heights."""
     return 100 * float(np.finfo(heights.dtype).eps * np.nanmax(np.abs(heights)))

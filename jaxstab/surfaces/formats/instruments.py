@@ -104,7 +104,6 @@ def _unit_of_sides(channel: Any) -> str | None:
 
 
 def _metadata(channel: Any) -> dict[str, Any]:
-    """Return what a header of text says."""
     metadata = channel.info.get("raw_metadata", {})
     return metadata if isinstance(metadata, dict) else {}
 

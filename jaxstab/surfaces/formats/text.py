@@ -90,7 +90,6 @@ def _scan(table: np.ndarray, text: str) -> Scan:
 
 
 def _of_columns(table: np.ndarray, titles: Titles) -> Scan:
-    """Return the profile or the points of columns with titles."""
     columns = list(table.T)[int(titles.has_index) :]
     if titles.has_marks:
         marks = columns.pop()
@@ -160,7 +159,6 @@ def _table(rows: Rows) -> np.ndarray:
 
 
 def _split(rows: Rows) -> Iterator[tuple[int, list[str]]]:
-    """Yield the words of each row."""
     separator = next((mark for mark in ";,\t" if any(mark in row for _, row in rows)), None)
     # Blanks within a field tell that tabs only align.
     if separator == "\t" and any(re.search(r"\S +\S", row) for _, row in rows):
