@@ -7,6 +7,7 @@ import warnings
 import jax
 import matplotlib
 
+import jaxstab
 from jaxstab.cli import cite, info, plot, run, study
 from jaxstab.cli.parsing import BAD_INPUT, FAILED, INTERRUPTED, Ended, Parser
 from jaxstab.core.cache import keep_programs
@@ -51,7 +52,7 @@ def main(arguments: list[str] | None = None) -> None:
 def _parsers() -> tuple[Parser, dict[str, Parser]]:
     description = "Equilibrium and stability of adhesive rough contacts. Without a command: run."
     parser = Parser(prog="jaxstab", description=description)
-    version = f"%(prog)s {_version()}"
+    version = f"%(prog)s {jaxstab.__version__}"
     parser.add_argument("--version", action="version", version=version)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     parsers = {}
@@ -60,12 +61,6 @@ def _parsers() -> tuple[Parser, dict[str, Parser]]:
         parsers[name] = commands.add_parser(name, help=help, description=module.DESCRIPTION)
         module.add_options(parsers[name])
     return parser, parsers
-
-
-def _version() -> str:
-    import jaxstab
-
-    return jaxstab.__version__
 
 
 def _end(message: str, code: int) -> None:

@@ -151,9 +151,7 @@ def calibrate(
     # Histories end in NaN, and what was not found is NaN.
     with shown, jax.debug_nans(False):
         fit = _fit(contact, curve, solver, Pick.of(where, contact), starts, progress)
-    if not throw:
-        return fit
-    return throw_failure(fit.result, fit, lambda: _describe(fit))
+    return throw_failure(fit.result, fit, lambda: _describe(fit), throw)
 
 
 def _require_problem(contact: Contact, load: Load, order: Order) -> None:
@@ -171,7 +169,6 @@ def _require_problem(contact: Contact, load: Load, order: Order) -> None:
 
 
 def _measured(load: Load, mean_pressure: ArrayLike, weights: ArrayLike | None) -> Measured:
-    """Return the measured curve, checked, with equal weights by default."""
     measured = parameter(mean_pressure)
     if load.value.ndim != 1 or measured.shape != load.value.shape:
         raise ValueError(

@@ -68,7 +68,7 @@ class Scale(eqx.Module):
         return jnp.where(self.start > 0, self.to_values(free), self.unit)
 
 
-class State(eqx.Module):
+class FitState(eqx.Module):
     """Where a fit is."""
 
     free: Values
@@ -99,8 +99,8 @@ class State(eqx.Module):
         return 2 * self.loss / jnp.maximum(count, 1) * (scaled.T @ scaled)
 
 
-StateAt = Callable[[Values, Any], State]
-Move = Callable[[State], State]
+StateAt = Callable[[Values, Any], FitState]
+Move = Callable[[FitState], FitState]
 
 
 @dataclass(frozen=True)
@@ -124,16 +124,16 @@ class Fit:
     memory: Any = None
     move: Move = lambda state: state
 
-    def state_of(self, free: Any, memory: Any, evaluated: Slopes) -> State:
+    def state_of(self, free: Any, memory: Any, evaluated: Slopes) -> FitState:
         """Return where a fit is, whose curve is known."""
         root, (pressure, jacobian) = self.roots, evaluated
         # What has no weight need not even be finite.
         has_weight = root > 0
         misfit = jnp.where(has_weight, root * (pressure - self.mean_pressure), 0)
         rows = jnp.where(has_weight[:, None], root[:, None] * jacobian, 0)
-        return State(free, memory, pressure, misfit, rows, jnp.array(jnp.inf))
+        return FitState(free, memory, pressure, misfit, rows, jnp.array(jnp.inf))
 
-    def state_at(self, free: Any, memory: Any) -> State:
+    def state_at(self, free: Any, memory: Any) -> FitState:
         """Return where a fit is."""
         return self.state_of(free, memory, self.curve(free))
 
@@ -160,7 +160,7 @@ class LeastSquares(IterativeSolver):
         memory, move = method(problem.state_at, jnp.zeros_like(start))
         return replace(problem, memory=memory, move=move)
 
-    def init(self, problem: "Fit", start: Values) -> State:
+    def init(self, problem: "Fit", start: Values) -> FitState:
         """Return where a fit begins."""
         zero = jnp.zeros_like(start)
         return jax.lax.cond(
@@ -169,18 +169,18 @@ class LeastSquares(IterativeSolver):
             lambda: problem.state_of(zero, problem.memory, problem.first),
         )
 
-    def step(self, problem: "Fit", state: State) -> State:
+    def step(self, problem: "Fit", state: FitState) -> FitState:
         """Return where a step of the method leads."""
         problem.report(state.misfit)
         return problem.move(state)
 
-    def measure(self, problem: "Fit", state: State) -> Indicators:
+    def measure(self, problem: "Fit", state: FitState) -> Indicators:
         """Return the largest change by a step of Gauss and Newton's method."""
         # Of combinations that are not determined, nothing is asked.
         change = jnp.linalg.lstsq(state.jacobian, state.misfit)[0]
         return {"residual": jnp.max(jnp.abs(change))}
 
-    def _is_stalled(self, loop: Loop[State]) -> Flag:
+    def _is_stalled(self, loop: Loop[FitState]) -> Flag:
         return super()._is_stalled(loop) | (loop.state.reach < self._goal(loop))
 
 
@@ -191,7 +191,7 @@ def _marquardt(state_at: StateAt, free: Values) -> tuple[Any, Move]:
     one is shorter.
     """
 
-    def move(state: State) -> State:
+    def move(state: FitState) -> FitState:
         sizes = jnp.linalg.norm(state.jacobian, axis=0)
         rows = jnp.concatenate([state.jacobian, jnp.diag(jnp.sqrt(state.memory) * sizes)])
         aims = jnp.concatenate([state.misfit, jnp.zeros_like(sizes)])
@@ -224,7 +224,7 @@ def _optimised(
         state = state_at(*primals, None)
         return state.loss, jnp.sum(state.gradient * tangents[0])
 
-    def move(state: State) -> State:
+    def move(state: FitState) -> FitState:
         updates, memory = optimizer.update(
             state.gradient,
             state.memory,

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxstab.calibration.least_squares import State, Values
+from jaxstab.calibration.least_squares import FitState, Values
 from jaxstab.core.loop import Iteration
 from jaxstab.core.results import RESULTS
 
@@ -20,7 +20,7 @@ _FAR, _NEAR, _NEAREST = 0.7, 0.2, 0.02
 _AGREEMENT = 0.25
 
 
-class Tried(eqx.Module):
+class Attempts(eqx.Module):
     """The fits so far.
 
     Attributes:
@@ -32,7 +32,7 @@ class Tried(eqx.Module):
     """
 
     number: Int[Array, ""]
-    best: Iteration[State]
+    best: Iteration[FitState]
     losses: Float[Array, " starts"]
     results: RESULTS
     num_steps: Int[Array, ""]
@@ -51,14 +51,11 @@ class Tried(eqx.Module):
 
 
 def best_of(
-    fit: Callable[[Values], Iteration[State]], starts: int | None, at_first: Values
-) -> Tried:
+    fit: Callable[[Values], Iteration[FitState]], starts: int | None, at_first: Values
+) -> Attempts:
     """Fit from several starts: half of them around a given one, then around the best so far.
 
-    Arguments:
-        fit: the fit from a start.
-        starts: how many; None for as many as it takes until one converges, up to `MOST`.
-        at_first: the given one.
+    By default that is as many as it takes until one converges, up to `MOST`.
     """
     limit = MOST if starts is None else starts
     num_far = _num_far(limit)
@@ -68,18 +65,18 @@ def best_of(
     moves = reaches[:, None] * np.random.default_rng(0).uniform(-1, 1, (limit, at_first.size))
     moves = at_first + jnp.asarray(moves)
 
-    def is_needed(tried: Tried) -> Array:
+    def is_needed(tried: Attempts) -> Array:
         ended = tried.best.result
         has_failed = (ended == RESULTS.stagnated) | (ended == RESULTS.nonfinite)
         goes_on = True if starts is not None else (tried.number == 0) | has_failed
         return (tried.number < limit) & goes_on
 
-    def attempt(tried: Tried) -> Tried:
+    def attempt(tried: Attempts) -> Attempts:
         number = tried.number
         new = fit(moves[number] + jnp.where(number < num_far, 0, tried.best.state.free))
         loss = jnp.where(jnp.isfinite(new.state.loss), new.state.loss, jnp.inf)
         is_better = (number == 0) | (loss < jnp.min(tried.losses))
-        return Tried(
+        return Attempts(
             number + 1,
             jax.tree.map(lambda new, old: jnp.where(is_better, new, old), new, tried.best),
             tried.losses.at[number].set(loss),
@@ -91,10 +88,9 @@ def best_of(
     nothing: Any = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
     code = RESULTS.not_computed.code
     zero = jnp.zeros_like(nothing.num_steps)
-    none = Tried(zero, nothing, jnp.full(limit, jnp.inf), RESULTS(jnp.full(limit, code)), zero)
+    none = Attempts(zero, nothing, jnp.full(limit, jnp.inf), RESULTS(jnp.full(limit, code)), zero)
     return jax.lax.while_loop(is_needed, attempt, none)
 
 
 def _num_far(number: int) -> int:
-    """Return how many starts do not begin near the best fit."""
     return number // 2 + 1

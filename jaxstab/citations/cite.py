@@ -17,16 +17,12 @@ _SOFTWARE = "jaxstab"
 _METHOD = "rey_bleyer_2018"
 # Fields of an entry that are ours alone.
 _OURS = ("behind", "role")
+# Addresses stay whole.
+_UNBROKEN: Any = {"break_long_words": False, "break_on_hyphens": False}
 
 
 class Source(NamedTuple):
-    """An entry of the bibliography.
-
-    Attributes:
-        key: its key.
-        kind: "article", "book" or "misc".
-        fields: its fields by name.
-    """
+    """An entry of the bibliography: its key, its kind, as "article", and its fields by name."""
 
     key: str
     kind: str
@@ -40,7 +36,8 @@ class Source(NamedTuple):
     @property
     def text(self) -> str:
         """The source as one line of plain text."""
-        field = {name: _plain(text) for name, text in self.fields.items()}
+        plain = re.compile("[{}]")
+        field = {k: plain.sub("", x).replace("--", "-") for k, x in self.fields.items()}
         names = [" ".join(reversed(name.split(", "))) for name in field["author"].split(" and ")]
         line = f"{', '.join(names)}. {field['title']}"
         if "version" in field:
@@ -59,12 +56,7 @@ class Source(NamedTuple):
 
 
 class Citations:
-    """What to cite; `print` shows it as text.
-
-    Attributes:
-        reasons: the sources, each with the names of those of the objects asked for that it is
-            behind.
-    """
+    """What to cite, each with the names of what it is behind; `print` shows it as text."""
 
     def __init__(self, reasons: dict[str, list[str]]):
         self.reasons = reasons
@@ -168,15 +160,4 @@ def _name(item: Any) -> str:
 
 
 def _wrapped(text: str, margin: str) -> str:
-    return fill(
-        text,
-        88,
-        initial_indent=margin,
-        subsequent_indent=margin + "  ",
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-
-
-def _plain(text: str) -> str:
-    return re.sub(r"[{}]", "", text).replace("--", "-")
+    return fill(text, 88, initial_indent=margin, subsequent_indent=margin + "  ", **_UNBROKEN)

@@ -42,7 +42,6 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _described(attributes: dict[str, Any]) -> str:
-    """Return a line for each thing that a result says of itself."""
     versions = json.loads(attributes["versions"])
     texts = {
         name.replace("_", " "): text

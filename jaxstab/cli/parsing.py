@@ -45,18 +45,14 @@ class Parser(argparse.ArgumentParser):
 
 
 class Ended(Exception):
-    """A command ended before its end.
-
-    Attributes:
-        code: the exit code.
-    """
+    """A command ended before its end, with an exit code."""
 
     def __init__(self, message: str, code: int):
         super().__init__(message)
         self.code = code
 
 
-def whole(least: int, most: int | None = None) -> Callable[[str], int]:
+def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
     """Return a converter of text that lets whole numbers of a range pass."""
     limits = f"of at least {least}" if most is None else f"from {least} to {most}"
 

@@ -4,11 +4,12 @@ import argparse
 from itertools import chain, count
 from pathlib import Path
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxstab import plots
-from jaxstab.cli.parsing import Parser, whole
-from jaxstab.cli.result import add_result_options, figure_of, loaded
+from jaxstab.cli.parsing import Parser, whole_number
+from jaxstab.cli.result import add_result_options, loaded
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.files.dataset import Result
@@ -24,7 +25,9 @@ def add_options(parser: Parser) -> None:
     parser.add_argument("file", type=Path, metavar="RESULT.nc", help="a result")
     help = "the figure, .png, .pdf or .svg (default: beside the result)"
     parser.add_argument("--output", type=Path, metavar="FILE", help=help)
-    parser.add_argument("--state", type=whole(0), help="draw one state of a sweep, from 0 on")
+    parser.add_argument(
+        "--state", type=whole_number(0), help="draw one state of a sweep, from 0 on"
+    )
     help = "of the print, a column or a page (default double)"
     parser.add_argument("--width", choices=["single", "double"], default="double", help=help)
     add_result_options(parser)
@@ -49,19 +52,17 @@ def _free_name(path: Path) -> Path:
     return next(name for name in chain([path], numbered) if not name.exists())
 
 
-def _figure(contact: Contact, result: Result) -> Figure:
+def _figure(contact: Contact, result: Result) -> Figure | Axes:
     if isinstance(result, Followed):
-        axes = plots.path(result, unit=contact.unit)
-    elif isinstance(result, Stability):
-        axes = plots.mode(contact, result.cone)
-    elif isinstance(result, Equilibrium):
-        axes = plots.gap(contact, result)
-    elif result.stack_shape and result.stability is not None:
-        axes = plots.stability_curve(result, unit=contact.unit)
-    elif result.stack_shape:
+        return plots.path(result, unit=contact.unit)
+    if isinstance(result, Stability):
+        return plots.mode(contact, result.cone)
+    if isinstance(result, Equilibrium):
+        return plots.gap(contact, result)
+    if result.stack_shape and result.stability is None:
         raise ValueError("This sweep left stability out: choose one state of it, by --state.")
-    elif result.stability is None:
-        axes = plots.gap(contact, result.equilibrium)
-    else:
-        return plots.summary(contact, result)
-    return figure_of(axes)
+    if result.stack_shape:
+        return plots.stability_curve(result, unit=contact.unit)
+    if result.stability is None:
+        return plots.gap(contact, result.equilibrium)
+    return plots.summary(contact, result)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxstab import surfaces
-from jaxstab.cli.parsing import Parser, number, whole
+from jaxstab.cli.parsing import Parser, number, whole_number
 from jaxstab.contact import Contact
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid
@@ -57,8 +57,8 @@ _DEFAULTS = {**_GENERATED, **_MEASURED, **_MATERIAL}
 def add_options(parser: Parser) -> None:
     """Add the options of surface, solid, law and loads."""
     add = parser.add_argument_group("surface, made here (cut-offs in waves per side)").add_argument
-    add("--size", type=whole(2), help=f"points along a side{_default('size')}")
-    add("--seed", type=whole(0, 2**32 - 1), help=f"which surface{_default('seed')}")
+    add("--size", type=whole_number(2), help=f"points along a side{_default('size')}")
+    add("--seed", type=whole_number(0, 2**32 - 1), help=f"which surface{_default('seed')}")
     add("--hurst", type=number, help=f"Hurst exponent{_default('hurst')}")
     add("--k-low", type=number, help=f"lower cut-off{_default('k_low')}")
     add("--k-rolloff", type=number, help=f"roll-off{_default('k_rolloff')}")
@@ -67,7 +67,7 @@ def add_options(parser: Parser) -> None:
     add_file_options(parser, "surface, from a file", "--surface")
     add = parser.add_argument_group("its treatment").add_argument
     help = f"order of the trend that is removed{_default('detrend')}"
-    add("--detrend", type=whole(0, 2), help=help)
+    add("--detrend", type=whole_number(0, 2), help=help)
     help = "what makes its edges meet (default: as they are, with a warning)"
     add("--periodic", choices=["window", "mirror", "as_is"], help=help)
     add = parser.add_argument_group("solid and adhesion (all needed with --surface)").add_argument

@@ -1,12 +1,10 @@
-"""Results of files, the option of the commands that open them, and their figures."""
+"""Results of files, and the option of the commands that open them."""
 
 import argparse
 from importlib import import_module
 from typing import Any
 
 import jax
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from jaxstab.cli.parsing import Parser
 from jaxstab.contact import Contact
@@ -25,10 +23,3 @@ def loaded(options: argparse.Namespace) -> tuple[Contact, Any]:
     for name in vars(options)["import"]:
         import_module(name)
     return load(options.file)
-
-
-def figure_of(axes: Axes) -> Figure:
-    """Return the whole figure that axes are part of."""
-    figure = axes.get_figure(root=True)
-    assert isinstance(figure, Figure)
-    return figure

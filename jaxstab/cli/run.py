@@ -10,8 +10,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from jaxstab.cli import problem
-from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended, Parser, from_config, number, whole
-from jaxstab.cli.result import figure_of
+from jaxstab.cli.parsing import (
+    FAILED,
+    INTERRUPTED,
+    Ended,
+    Parser,
+    from_config,
+    number,
+    whole_number,
+)
 from jaxstab.contact import Contact
 from jaxstab.core.extras import NETCDF, are_installed
 from jaxstab.core.results import RESULTS
@@ -49,7 +56,7 @@ def add_options(parser: Parser) -> None:
     add("--smallest-jump", type=number, help=help)
     add = parser.add_argument_group("unloading, from the first load to the last").add_argument
     defaults = _STUDIES["unloading"]
-    add("--number", type=whole(1), help=f"number of loads (default {defaults['number']})")
+    add("--number", type=whole_number(1), help=f"number of loads (default {defaults['number']})")
     help = f"where each load starts (default {defaults['order']})"
     add("--order", choices=["continuation", "independent"], help=help)
     add = parser.add_argument_group("run").add_argument
@@ -103,7 +110,8 @@ def _loop(options: argparse.Namespace, contact: Contact, folder: Path) -> Ended 
         )
     print(path)
     if len(path.load.value) > 1:
-        figure_of(plot_path(path, unit=contact.unit)).savefig(folder / "loop.png", dpi=150)
+        plot_path(path, unit=contact.unit)
+        plt.savefig(folder / "loop.png", dpi=150)
     _save(folder / "loop.nc", contact, path)
     if path.result == RESULTS.interrupted:
         return Ended(f"interrupted, {len(path.load.value)} states are done.", INTERRUPTED)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import jaxstab
-from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended, Parser, whole
+from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended, Parser, whole_number
 from jaxstab.studies import StudyInterrupted
 
 DESCRIPTION = """\
@@ -28,7 +28,7 @@ def add_options(parser: Parser) -> None:
     help = "the store of the results; begun where it is not there"
     parser.add_argument("--path", type=Path, metavar="STUDY.zarr", required=True, help=help)
     help = "how many cases run at once, by jax.vmap (default %(default)s)"
-    parser.add_argument("--batch", type=whole(1), default=1, help=help)
+    parser.add_argument("--batch", type=whole_number(1), default=1, help=help)
     help = "run cases that failed before again"
     parser.add_argument("--retry", action="store_true", help=help)
 

@@ -17,7 +17,7 @@ from jaxtyping import Array, ArrayLike
 from jaxstab import potentials
 from jaxstab.contact.hessian import Hessian
 from jaxstab.contact.residual import Balance, balance_of, conforming_pressure
-from jaxstab.core.checks import cast, is_spread, is_traced, numbers, require_finite
+from jaxstab.core.checks import cast, is_spread, is_traced, numbers, require_finite, require_kind
 from jaxstab.core.compile import make_room, program
 from jaxstab.core.display import block
 from jaxstab.core.grid import Grid
@@ -241,11 +241,8 @@ class Contact(eqx.Module):
 
 def require_contact(contact: Any) -> None:
     """Raise `TypeError` for what is no contact."""
-    if not isinstance(contact, Contact):
-        raise TypeError(
-            f"{type(contact).__name__} is no contact: give that first, as made by "
-            "jaxstab.Contact(solid, heights, potential)."
-        )
+    cure = "give that first, as made by jaxstab.Contact(solid, heights, potential)."
+    require_kind(contact, Contact, f"no contact: {cure}")
 
 
 def _unit(topography: Topography | None, given: str | None) -> str | None:

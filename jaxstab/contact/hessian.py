@@ -32,12 +32,7 @@ class SymmetricOperator(eqx.Module):
 
     @abstractmethod
     def preconditioner(self, mode: Field, eigenvalue: Scalar) -> FieldMap:
-        """Return a positive operator that is roughly (A - lambda)^-1.
-
-        Arguments:
-            mode: a unit vector near which it should be good.
-            eigenvalue: the Rayleigh quotient of that vector.
-        """
+        """Return a positive operator that is roughly (A - lambda)^-1."""
 
 
 class Hessian(SymmetricOperator):

@@ -57,13 +57,7 @@ def balance_of(
     control: Control,
     escape: Scalar,
 ) -> Callable[[Field], Balance]:
-    """Return the map from a gap, nowhere negative, to how far it is from equilibrium.
-
-    Arguments:
-        solid, heights, potential: those of the contact.
-        control: what the load asks of the gap.
-        escape: the gap beyond which nothing holds the surfaces against the load [length].
-    """
+    """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
     held, stiffest = solid.held_by(0), solid.max_stiffness
     conforming = conforming_pressure(solid, heights)
     # What a hundredth of the elastic pressures hides moves no point by a part of the heights.

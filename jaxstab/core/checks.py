@@ -5,6 +5,7 @@ but what is spread over several devices, where it lies.
 """
 
 import operator
+from types import UnionType
 from typing import Any
 
 import jax
@@ -43,21 +44,13 @@ def array(value: Any, dtype: Any = None) -> Array:
 
 
 def parameter(value: Any, name: str = "A parameter") -> Float[Array, "..."]:
-    """Return `value` as a floating-point array, so that it can be vmapped and differentiated.
-
-    Raises:
-        TypeError: for what is not real numbers, and for a masked array.
-    """
+    """Return `value` as a floating-point array, so that it can be vmapped and differentiated."""
     number = numbers(value, name)
     return number if isinstance(number, jax.Array) else array(number)
 
 
 def numbers(value: Any, name: str) -> Float[Array | np.ndarray, "..."]:
-    """Return `value` as a floating-point array, of NumPy unless it is one of JAX.
-
-    Raises:
-        TypeError: for what is not real numbers, and for a masked array.
-    """
+    """Return `value` as a floating-point array, of NumPy unless it is one of JAX."""
     if isinstance(value, np.ma.MaskedArray):
         raise TypeError(
             f"{name} is masked, with {np.ma.count_masked(value)} values missing: fill it first, as "
@@ -80,12 +73,7 @@ def numbers(value: Any, name: str) -> Float[Array | np.ndarray, "..."]:
 
 
 def scalar_parameter(value: Any, name: str) -> Scalar:
-    """Return a parameter that must be a single number.
-
-    Raises:
-        ValueError: if it is an array of several.
-        TypeError: as `parameter` does.
-    """
+    """Return a parameter that must be a single number."""
     number = parameter(value, name)
     if number.shape != ():
         raise ValueError(f"{name} has shape {number.shape}: give one number, or use jax.vmap.")
@@ -110,11 +98,7 @@ def cast(tree: Any, dtype: Any) -> Any:
 
 
 def integer(name: str, value: Any) -> int:
-    """Return `value` as an integer.
-
-    Raises:
-        TypeError: if it is not one, also for a float that is whole.
-    """
+    """Return `value` as an integer."""
     try:
         return operator.index(value)
     except TypeError:
@@ -129,6 +113,12 @@ def require(name: str, value: Any, holds: Any, cure: str) -> None:
     if value.shape == holds.shape:
         value = value[~holds].flat[0]
     raise ValueError(f"{name} is {value}: {cure}")
+
+
+def require_kind(value: Any, kind: type | UnionType, sentence: str) -> None:
+    """Raise `TypeError` that says what a value of another class is not, and what to give."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{type(value).__name__} is {sentence}")
 
 
 def require_positive(name: str, value: Float[Array, "..."]) -> None:

@@ -44,7 +44,7 @@ def as_pytree(name: str, function: Any, argument: jax.ShapeDtypeStruct, cure: st
         return function
     captured = _captured(closed)
     return _Function(
-        list(map(jnp.asarray, captured.values())), _Formula(function, closed, argument)
+        list(map(jnp.asarray, captured.values())), _Formula(function, argument, closed)
     )
 
 
@@ -79,7 +79,11 @@ class _Formula:
     same.
     """
 
-    def __init__(self, function: Any, closed: ClosedJaxpr, argument: jax.ShapeDtypeStruct):
+    def __init__(
+        self, function: Any, argument: jax.ShapeDtypeStruct, closed: ClosedJaxpr | None = None
+    ):
+        if closed is None:
+            closed = jax.make_jaxpr(lambda x: function(x))(argument)
         captured = _captured(closed)
 
         def opened(arrays: Sequence[Array], argument: Array) -> list[Array]:
@@ -104,14 +108,10 @@ class _Formula:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The function is copied, or found by its name; what it computes cannot be pickled.
-        return _formula, (self.function, self.argument)
+        return _Formula, (self.function, self.argument)
 
     def __hash__(self) -> int:
         return hash(tuple(part for part in self.structure if isinstance(part, str)))
-
-
-def _formula(function: Any, argument: jax.ShapeDtypeStruct) -> _Formula:
-    return _Formula(function, jax.make_jaxpr(lambda x: function(x))(argument), argument)
 
 
 @dataclass(frozen=True)

@@ -81,11 +81,17 @@ def if_needed(is_needed: Any, compute: Callable[[], Out], otherwise: Out) -> Out
     return compute() if is_needed else otherwise
 
 
-def first_good(compute: Callable[[Array], Out], is_good: Callable[[Out], Array]) -> Out:
+def first_good(compute: Callable[[Any], Out], is_good: Callable[[Out], Array]) -> Out:
     """Return what is computed for 0 if it is good, or else for 1, or for 0 if neither is.
 
-    What both share is compiled once.
+    What both share is compiled once; outside of a trace nothing is for what is not needed.
     """
+    if not is_transformed(()):
+        first = compute(0)
+        if is_good(first):
+            return first
+        second = compute(1)
+        return second if is_good(second) else first
 
     def is_needed(state: tuple[Array, Out]) -> Array:
         number, found = state

@@ -29,7 +29,7 @@ def inline(self: Any) -> str:
     return _line(self, with_grids=False)
 
 
-def whole(self: Any) -> str:
+def in_full(self: Any) -> str:
     """Return a module on one line with all of its fields: a `__repr__`."""
     return _line(self, with_grids=True)
 
@@ -115,8 +115,7 @@ def text(value: Any) -> str:
     if isinstance(value, eqx.Module) and type(value).__repr__ in (eqx.Module.__repr__, block):
         return inline(value)
     if isinstance(value, tuple | list | dict):
-        words = jax.tree.map(lambda part: _Word(text(part)), value, is_leaf=_is_content)
-        return repr(words)
+        return repr(jax.tree.map(lambda part: _Word(text(part)), value, is_leaf=_is_content))
     return " ".join(repr(value).split())
 
 

@@ -27,8 +27,6 @@ def member(meaning: str) -> Any:
 
 
 class _Members(type):
-    """What an enumeration is itself: the collection of its members."""
-
     names: np.ndarray
     texts: np.ndarray
 

@@ -21,7 +21,7 @@ def transform(field: Field, sharding: NamedSharding | None) -> Complex[Array, " 
     """Return the half spectrum of a field, of which the devices hold rows if it is spread."""
     if sharding is None:
         return jnp.fft.rfftn(field)
-    axis = axis_of(sharding)
+    axis = sharding.spec[0]
 
     def transform_rows(rows: Array) -> Array:
         waves = jnp.fft.rfft(rows).T
@@ -37,7 +37,7 @@ def inverse_transform(
     """Return the field of a shape from its half spectrum."""
     if sharding is None:
         return jnp.fft.irfftn(modes, s=shape)
-    axis = axis_of(sharding)
+    axis = sharding.spec[0]
 
     def transform_columns(columns: Array) -> Array:
         waves = jax.lax.all_to_all(jnp.fft.ifft(columns), axis, 1, 0, tiled=True)
@@ -48,28 +48,17 @@ def inverse_transform(
 
 def num_waves(num_points: int, sharding: NamedSharding | None) -> int:
     """Return how many waves along the last side a half spectrum holds."""
-    count = 1 if sharding is None else sharding.mesh.shape[axis_of(sharding)]
+    count = 1 if sharding is None else sharding.mesh.shape[sharding.spec[0]]
     return -(-(num_points // 2 + 1) // count) * count
 
 
-def axis_of(sharding: NamedSharding) -> str:
-    """Return the axis of the mesh that the first side of a field lies along."""
-    return sharding.spec[0]
-
-
-def after(leading: int, sharding: NamedSharding) -> NamedSharding:
+def with_leading_axes(leading: int, sharding: NamedSharding) -> NamedSharding:
     """Return the sharding of a stack of fields, with a number of axes before theirs."""
     return NamedSharding(sharding.mesh, PartitionSpec(*(None,) * leading, *sharding.spec))
 
 
 def checked(sharding: Any, shape: tuple[int, ...]) -> NamedSharding:
-    """Return the sharding of fields of a shape, left to the compiler outside of transforms.
-
-    Raises:
-        TypeError: if it is no `NamedSharding` on a mesh of devices.
-        ValueError: for a line, a spec that is not one axis over the first side, and a number of
-            devices that does not divide the first side.
-    """
+    """Return the sharding of fields of a shape, left to the compiler outside of transforms."""
     if not isinstance(sharding, NamedSharding) or isinstance(sharding.mesh, AbstractMesh):
         raise TypeError(
             f"The sharding is {sharding!r}: give a jax.sharding.NamedSharding on a mesh of devices."

@@ -111,7 +111,7 @@ class Grid(eqx.Module):
         """Return a field or several, or a spectrum, where those of the grid lie."""
         if self.sharding is None:
             return array(field) if isinstance(field, np.ndarray) else field
-        sharding = fft.after(field.ndim - len(self.shape), self.sharding)
+        sharding = fft.with_leading_axes(field.ndim - len(self.shape), self.sharding)
         if isinstance(field, np.ndarray):
             # Each process fills its own devices, with no word to the others.
             return jax.make_array_from_callback(

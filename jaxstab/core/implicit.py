@@ -68,15 +68,9 @@ def _differentiate(rule: Rule, throw: bool, primals: tuple, tangents: tuple) -> 
 def _changes(
     rule: Rule, values: Tree, known: Any, inputs: Any, changes: Any, outside: Any
 ) -> tuple[Tree, Any, Scalar]:
-    """Return the changes of the values, their obstacles, and NaN if there is any outside or zero.
+    """Return the changes of the values, their obstacles, and NaN if there is one, or zero.
 
-    Arguments:
-        rule: the rule.
-        values: what it moves.
-        known: what else it needs.
-        inputs: what the values are functions of.
-        changes: those of the inputs.
-        outside: the same, where nothing has looked at them yet.
+    The changes of the inputs are asked about as they are outside, where nothing has looked at them.
     """
     moved, obstacles = rule(values, known, inputs, changes)
     asked = _asked(inputs, outside)
@@ -97,7 +91,6 @@ def _asked(inputs: Any, changes: Any) -> Scalar:
 
 
 def _each(function: Callable, moved: Tree, obstacles: Any) -> Tree:
-    """Apply a function to every change and its obstacles."""
     return jax.tree.map(
         lambda reasons, tree: jax.tree.map(lambda leaf: function(leaf, reasons), tree),
         obstacles,
@@ -160,9 +153,7 @@ class LinearSystem(eqx.Module):
     ) -> Field:
         """Return x, as a differentiable function of A and b in both modes; NaN if not solved.
 
-        Arguments:
-            right_side: b.
-            is_sound: maps x and b to whether x can be trusted.
+        `is_sound` maps x and b to whether x can be trusted.
         """
 
         def apply(field: Field) -> Field:
@@ -187,16 +178,16 @@ class LinearSystem(eqx.Module):
         b = self.project(right_side)
         tolerance = _TOLERANCE[b.dtype.name] ** 2 * total(b**2)
 
-        def goes_on(state: _State) -> Flag:
+        def goes_on(state: _Iterate) -> Flag:
             return (total(state.residual**2) > tolerance) & (state.num_steps < _MAX_STEPS)
 
-        def step(state: _State) -> _State:
+        def step(state: _Iterate) -> _Iterate:
             product = self.project(self.operator(state.direction))
             length = state.norm / total(state.direction * product)
             residual = state.residual - length * product
             steepest = self.project(self.precondition(residual))
             norm = total(residual * steepest)
-            return _State(
+            return _Iterate(
                 state.solution + length * state.direction,
                 residual,
                 steepest + norm / state.norm * state.direction,
@@ -205,13 +196,13 @@ class LinearSystem(eqx.Module):
             )
 
         steepest = self.project(self.precondition(b))
-        start = _State(jnp.zeros_like(b), b, steepest, total(b * steepest), jnp.array(0))
+        start = _Iterate(jnp.zeros_like(b), b, steepest, total(b * steepest), jnp.array(0))
         x = jax.lax.while_loop(goes_on, step, start).solution
         missed = total((self.project(self.operator(x)) - b) ** 2)
         return x, missed <= _LIMIT[b.dtype.name] ** 2 * total(b**2)
 
 
-class _State(eqx.Module):
+class _Iterate(eqx.Module):
     solution: Field
     residual: Field
     direction: Field

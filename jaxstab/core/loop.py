@@ -32,11 +32,7 @@ def optional_parameter(value: ArrayLike | None) -> Scalar | None:
 
 
 def solver_or_default(solver: Any, kind: type, default: type[Solver]) -> Solver:
-    """Return the solver that was given, or one of the default's class where there is none.
-
-    Raises:
-        TypeError: if it is not of a kind.
-    """
+    """Return the solver that was given, or one of the default's class where there is none."""
     if solver is None:
         return default()
     if isinstance(solver, kind):

@@ -62,11 +62,8 @@ def nan_where(is_refused: Flag, cause: Array, effect: Array) -> Array:
 def nan_or(change: Array, obstacles: Sequence[Obstacle], asked: Scalar) -> Float[Array, "..."]:
     """Return a tangent, in both modes of differentiation, or NaN where there is an obstacle.
 
-    Arguments:
-        change: the tangent.
-        obstacles: reasons why there is none.
-        asked: a linear function of all that moves, in general not zero: what is asked for, where
-            the tangent cannot be known.
+    Where the tangent cannot be known, `asked` tells whether one is asked for: a linear function of
+    all that moves, in general not zero.
     """
     is_refused = any_exists(obstacles)
     cause = jnp.where(is_refused, asked.astype(change.dtype), change)

@@ -89,12 +89,16 @@ class SolverError(RuntimeError):
         self.found = found
 
 
-def throw_failure(result: RESULTS, tree: Tree, describe: Callable[[], str]) -> Tree:
-    """Return `tree`, or raise if `result` is not successful.
+def throw_failure(
+    result: RESULTS, tree: Tree, describe: Callable[[], str], throw: bool = True
+) -> Tree:
+    """Return `tree`, or raise if `result` is not successful and failures are thrown.
 
     Outside of JAX transformations the error is a `SolverError` that begins with `describe()`
     and holds the tree; inside, one of Equinox's runtime errors, raised if any lane failed.
     """
+    if not throw:
+        return tree
     failed: Bool[Array, ...] = result != RESULTS.successful
     if is_traced(failed):
         return result.error_if(tree, failed)

@@ -62,11 +62,7 @@ class Dimensioned(eqx.Module):
 
 @cache
 def dimensions(module: type[Dimensioned]) -> dict[str, Dimension]:
-    """Return the dimension of each field that has one.
-
-    Raises:
-        TypeError: for a field of a class of this package that lacks one.
-    """
+    """Return the dimension of each field that has one; all those of this package must."""
     found = {}
     for field in fields(module):
         parts = _parts(field.type)

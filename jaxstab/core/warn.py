@@ -26,19 +26,11 @@ _said: dict[Hashable, list[object]] = {}
 _said_in_block: ContextVar[set[Hashable] | None] = ContextVar("_said_in_block", default=None)
 
 
-def warn(message: str, category: type[Warning] = UserWarning) -> None:
-    """Warn each time, of the innermost line that is neither this package's nor JAX's."""
-    _warn(message, category)
-
-
 def warn_once(message: str, category: type[Warning], *, per_line: bool = False) -> None:
     """Warn once of the same thing, unless Python's filters say "always".
 
-    Arguments:
-        message: the sentence.
-        category: the kind of warning.
-        per_line: whether other numbers in the sentence, at the same line of the caller's, are the
-            same thing too, as at each step of a fit.
+    With `per_line` other numbers in the message, at the same line of the caller's, are the same
+    thing too, as at each step of a fit.
     """
     frame = _caller()
     line = (category, frame.f_code.co_filename, frame.f_lineno)
@@ -50,7 +42,7 @@ def warn_once(message: str, category: type[Warning], *, per_line: bool = False) 
         return
     if block is not None:
         block |= topics
-    if _warn(message, category):
+    if warn(message, category):
         for topic in topics:
             _said[topic] = filters
 
@@ -65,8 +57,11 @@ def said_once() -> Iterator[None]:
         _said_in_block.reset(token)
 
 
-def _warn(message: str, category: type[Warning]) -> bool:
-    """Warn, and return whether the filters let the same warning be given once only."""
+def warn(message: str, category: type[Warning] = UserWarning) -> bool:
+    """Warn each time, of the innermost line that is neither this package's nor JAX's.
+
+    Return whether the filters let the same warning be given once only.
+    """
     frame, registry = _caller(), {}
     warnings.warn_explicit(
         message,

@@ -20,7 +20,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.verify import recognised
 from jaxstab.files.labels import ENERGY, LENGTH, QUANTITIES, dimension_on, with_unit
 from jaxstab.files.law import law_variables
-from jaxstab.files.records import Record, Recorder, Structure, indicators
+from jaxstab.files.records import NamedArray, Recorder, Structure, indicators
 from jaxstab.paths import Path
 from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
@@ -79,7 +79,8 @@ def to_dataset(
     }
     records = recorder.records
     if not fields:
-        records = {name: record for name, record in records.items() if _is_scalar(record)}
+        long = {"x", "y", "record"}
+        records = {name: x for name, x in records.items() if not long & set(x.dims)}
     dataset = xarray.Dataset(
         {name: _variable(name, record, contact, result) for name, record in records.items()},
         attrs=_attributes(contact, result, solver, structure if fields else None),
@@ -131,21 +132,13 @@ def _require_own(contact: Contact, result: Result) -> None:
             )
 
 
-def _is_scalar(record: Record) -> bool:
-    return not {"x", "y", "record"} & set(record.dims)
-
-
-def _variable(name: str, record: Record, contact: Contact, result: Result) -> Any:
-    attributes = {}
+def _variable(name: str, record: NamedArray, contact: Contact, result: Result) -> Any:
     long_name, unit = _label(record, contact, result)
-    if long_name:
-        attributes["long_name"] = long_name
-    if unit:
-        attributes["units"] = unit
-    return record.dims, record.values, attributes
+    attributes = {"long_name": long_name, "units": unit}
+    return record.dims, record.values, {key: text for key, text in attributes.items() if text}
 
 
-def _label(record: Record, contact: Contact, result: Result) -> tuple[str, str]:
+def _label(record: NamedArray, contact: Contact, result: Result) -> tuple[str, str]:
     *holders, field = (word for word in record.path if word not in ("table", "contact"))
     load = None if isinstance(result, Stability) else result.load
     if field == "value" and holders[-1:] == ["load"] and load is not None:
@@ -171,14 +164,13 @@ def _is_ones_own(contact: Contact, path: tuple[str, ...]) -> bool:
         return False
     holder: Any = contact
     for word in path[1:-1]:
-        holder = holder[word] if isinstance(holder, dict) else _entry(holder, word)
+        if isinstance(holder, tuple | list):
+            holder = holder[int(word)]
+        else:
+            holder = holder[word] if isinstance(holder, dict) else getattr(holder, word)
         if isinstance(holder, eqx.Module) and not type(holder).__module__.startswith("jaxstab."):
             return True
     return False
-
-
-def _entry(holder: Any, word: str) -> Any:
-    return holder[int(word)] if isinstance(holder, tuple | list) else getattr(holder, word)
 
 
 def _coordinates(contact: Contact, structure: Structure, dataset: Any) -> dict[str, Any]:

@@ -68,9 +68,7 @@ def dimension_on(num_sides: int, dimension: str) -> str:
 def with_unit(contact: Contact | str | None, label: str) -> str:
     """Return a dimension, or a label "name [dimension]", in the units of a contact.
 
-    Arguments:
-        contact: the contact, or its unit of length. In metres the others are those of the SI.
-        label: the dimension or label.
+    That is given, or its unit of length: in metres the others are those of the SI.
     """
     unit = contact.unit if isinstance(contact, Contact) else contact
     if unit is None:

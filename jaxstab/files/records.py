@@ -30,11 +30,7 @@ _TOTALS = {("work",), ("dissipation",)}
 
 
 class LostFunction(eqx.Module):
-    """A function, of a law or a solid, that a file holds no formula of.
-
-    Attributes:
-        name: of the function or class that it was.
-    """
+    """A function, of a law or a solid, of which a file holds the name but no formula."""
 
     name: str = eqx.field(static=True)
 
@@ -49,14 +45,8 @@ class LostFunction(eqx.Module):
 
 
 @dataclass(frozen=True)
-class Record:
-    """An array of a pytree.
-
-    Attributes:
-        values: the array; words where it holds members of an enumeration.
-        dims: the names of its axes.
-        path: the fields that lead to it.
-    """
+class NamedArray:
+    """An array of a pytree: values or words, the names of its axes, the fields that lead to it."""
 
     values: np.ndarray
     dims: tuple[str, ...]
@@ -68,7 +58,7 @@ class Recorder:
 
     def __init__(self, grid_shape: tuple[int, ...]):
         self.grid_shape = grid_shape
-        self.records: dict[str, Record] = {}
+        self.records: dict[str, NamedArray] = {}
 
     def structure(
         self,
@@ -77,13 +67,9 @@ class Recorder:
         axes: tuple[str, ...] = (),
         axes_of: Mapping[str, tuple[str, ...]] | None = None,
     ) -> Structure:
-        """Record the arrays of a pytree and return its structure.
+        """Record the arrays of a pytree, to which a path of fields leads, and return its structure.
 
-        Arguments:
-            value: the pytree.
-            path: the fields that lead to it.
-            axes: the names of the leading axes of all of its arrays.
-            axes_of: those of a field of its own, where they are others.
+        All of its arrays have these leading axes, but for fields of its own that have others.
         """
         if value is None or isinstance(value, jax.sharding.Sharding):
             # What is restored lies on one device.
@@ -119,7 +105,7 @@ class Recorder:
         words = [_SINGULAR.get(word, word) for word in path]
         words = ["total", *words] if path in _TOTALS else words
         name = "_".join([word for word in words if word not in _SILENT]) or path[-1]
-        record = Record(
+        record = NamedArray(
             values, (*axes, *self._own_dims(name, path, values.shape[len(axes) :])), path
         )
         if name in self.records and not _is_same(self.records[name], record):
@@ -140,11 +126,7 @@ class Recorder:
 
 
 def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> Any:
-    """Return the pytree of a structure and its arrays.
-
-    Raises:
-        ValueError: for a class that is not found, or whose fields are no longer those of the file.
-    """
+    """Return the pytree of a structure and its arrays."""
     if structure is None:
         return None
     match structure:
@@ -199,15 +181,13 @@ def _has_import_path(value: Any) -> bool:
 
 def lost_classes(structure: Structure) -> list[str]:
     """Return the classes of a structure that are not there."""
-    return [part["class"] for part in _parts(structure) if "class" in part and not _is_found(part)]
-
-
-def _is_found(structure: Structure) -> bool:
-    try:
-        _class(structure["class"])
-    except ValueError:
-        return False
-    return True
+    lost = []
+    for path in [part["class"] for part in _parts(structure) if "class" in part]:
+        try:
+            _class(path)
+        except ValueError:
+            lost.append(path)
+    return lost
 
 
 def _require(name: str, arrays: Mapping[str, np.ndarray]) -> None:
@@ -219,9 +199,6 @@ def _class(path: str) -> type:
     """Return a class of a module that the program has imported.
 
     A file can name anything, and to import it would run its code.
-
-    Raises:
-        ValueError: for a module that is not imported, a class that is not in it, and any other.
     """
     module, _, name = path.partition(":")
     if not is_own(module) and module not in sys.modules:
@@ -249,7 +226,7 @@ def _coded(words: np.ndarray, codes: Mapping[str, int]) -> np.ndarray:
     return np.array(numbers, np.int32).reshape(words.shape)
 
 
-def _is_same(one: Record, other: Record) -> bool:
+def _is_same(one: NamedArray, other: NamedArray) -> bool:
     # The load of a sweep is that of its equilibria.
     same_kind = one.dims == other.dims and one.values.dtype == other.values.dtype
     return "load" in one.path and same_kind and one.values.tobytes() == other.values.tobytes()

@@ -8,11 +8,10 @@ At a release the reaction of a contact point vanishes instead, and the energy fa
 """
 
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike
+from jaxtyping import ArrayLike
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
@@ -29,13 +28,12 @@ from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.branch_end.approach import SMALLEST_JUMP, follow_to_fold
 from jaxstab.paths.branch_end.critical_load import CriticalLoad, critical_load_at
 from jaxstab.paths.branch_end.locate import Limit, limit_ahead
-from jaxstab.paths.programme import course_of
-from jaxstab.paths.record import Count, Store
-from jaxstab.paths.walk import walk
+from jaxstab.paths.programme import programme_of
+from jaxstab.paths.record import Count, Room
+from jaxstab.paths.walk import begin, go_on
 
 # Two ways, to a fold and to a jump.
 _NUM_SEARCHES = 4
-_ROOM = Count.none, partial(Store.empty, size=1, fields=True)
 
 
 def critical_load(
@@ -96,53 +94,28 @@ def critical_load(
         limit = _find_lanes(*inputs) if is_traced(inputs) else _find(*inputs, report)
     found = critical_load_at(limit, own, loads[0], throw).in_units_of(1 / unit)
     found = found.on_surface(whole.solid)
-    if not throw:
-        return found
-    return throw_failure(found.result, found, lambda: _describe(bracket, found))
+    return throw_failure(found.result, found, lambda: _describe(bracket, found), throw)
 
 
-def _find(contact: Contact, bracket: Load, start: Field | None, report: Report) -> Limit:
+def _find(contact: Contact, bracket: Load, start: Field | None, report: Report = unseen) -> Limit:
     """Return the end of the branch from the first load, or else of that from the second.
 
     Where there is neither, it is the way that was asked for first that is told of.
     """
-    first = _end_of_branch(contact, bracket, start, report)
-    if first.is_found:
-        return first
-    second = _end_of_branch(contact, _turned(bracket), start, report)
-    return second if second.is_found else first
 
-
-# A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
-@program
-def _find_lanes(*inputs: Any) -> Limit:
-    return by_lanes(_find_in_trace)(*inputs)
-
-
-def _find_in_trace(contact: Contact, bracket: Load, start: Field | None) -> Limit:
-    """Return what `_find` does, both ways in one program."""
-
-    def end_of(number: Array) -> Limit:
-        way = jax.tree.map(partial(jnp.where, number == 0), bracket, _turned(bracket))
-        return _end_of_branch(contact, way, start)
+    def end_of(number: ArrayLike) -> Limit:
+        way = contact, if_needed(number == 1, lambda: bracket[::-1], bracket), start
+        fold = _fold(*way)
+        report(fold)
+        end = if_needed(~fold.is_found, lambda: _jump(*way, fold), fold)
+        report(end)
+        return end
 
     return first_good(end_of, lambda limit: limit.is_found)
 
 
-def _turned(bracket: Load) -> Load:
-    return jax.tree.map(lambda leaf: leaf[::-1], bracket)
-
-
-def _end_of_branch(
-    contact: Contact, way: Load, start: Field | None, report: Report = unseen
-) -> Limit:
-    """Return the fold that ends the branch from the first load, or else the jump."""
-    inputs = contact, way, start
-    fold = _fold(*inputs)
-    report(fold)
-    end = if_needed(~fold.is_found, lambda: _jump(*inputs, fold), fold)
-    report(end)
-    return end
+# A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
+_find_lanes = program(by_lanes(lambda *inputs: _find(*inputs)))
 
 
 _fold = program(follow_to_fold)
@@ -152,13 +125,12 @@ _fold = program(follow_to_fold)
 def _jump(contact: Contact, loads: Load, start: Field | None, fold: Limit) -> Limit:
     """Return the jump that ends the branch from the first load, or else the fold not found."""
     first = loads[0]
-    begin = contact.control(first).starting_gap(contact.heights) if start is None else start
     smallest_jump = SMALLEST_JUMP[contact.heights.dtype.name]
-    course = course_of(contact, loads, smallest_jump, disturbance=0.0)
-    way = walk(course, begin, *_ROOM)
-    jump = jax.tree.map(lambda leaf: leaf[0], way.jumps.rows)
+    programme = programme_of(contact, loads, smallest_jump, disturbance=0.0)
+    ended = go_on(programme, begin(programme, start, Count.none, Room(1)))
+    jump = jax.tree.map(lambda leaf: leaf[0], ended.jumps.rows)
     limit = limit_ahead(contact, first.at(jump.before.value), jump.before.gap, jump.ahead)
-    is_end = limit.is_found & (way.jumps.count == 1)
+    is_end = limit.is_found & (ended.jumps.count == 1)
     return jax.tree.map(partial(jnp.where, is_end), limit, fold)
 
 

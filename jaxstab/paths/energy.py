@@ -4,8 +4,6 @@ On a branch the potential E + W, W being that of the load, changes by what the l
 dE + dW = F dl.
 """
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 
@@ -17,15 +15,10 @@ from jaxstab.loads import Load
 _ROUNDING = 16
 
 
-class Supply(NamedTuple):
-    """What a load does to a state: W [energy], and F = d(E + W) / dl [energy over that of l]."""
-
-    potential: Scalar
-    force: Scalar
-
-
-def supply_of(contact: Contact, load: Load, mean_gap: Scalar, mean_pressure: Scalar) -> Supply:
-    """Return what a load does to an equilibrium."""
+def supply_of(
+    contact: Contact, load: Load, mean_gap: Scalar, mean_pressure: Scalar
+) -> tuple[Scalar, Scalar]:
+    """Return W [energy] at an equilibrium, and F = d(E + W) / dl [energy over that of l]."""
     area, control = contact.grid.area, contact.control(load)
 
     def potential(value: Scalar) -> Scalar:
@@ -35,7 +28,7 @@ def supply_of(contact: Contact, load: Load, mean_gap: Scalar, mean_pressure: Sca
     if control.fixes_mean:
         # What holds the gap does the work of its pressure.
         force = -area * mean_pressure
-    return Supply(held, force)
+    return held, force
 
 
 def own_energy(contact: Contact) -> Scalar:

@@ -6,37 +6,105 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+import numpy as np
+from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact
 from jaxstab.core.batching import by_lanes
+from jaxstab.core.checks import known
 from jaxstab.core.compile import program
 from jaxstab.core.stack import first_entries, stacked
+from jaxstab.core.types import Scalar
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.kind import KINDS, reason_of
 from jaxstab.paths.branch_end.release import first_releases
 from jaxstab.paths.path import Jump, Path, States
-from jaxstab.paths.record import Event, Store
-from jaxstab.paths.recording import Recording
-from jaxstab.paths.step import Walk
-from jaxstab.paths.unlocated import unlocated_loss
+from jaxstab.paths.record import Event, Table
+from jaxstab.paths.step import Progress
+
+# Of the states, so that one program serves paths of many lengths.
+_ROOM = 1024
+_Values = Float[Array, " states"]
 
 
-@partial(program, static_argnums=0)
-def path_with_room(fields: bool, ended: Walk[Store], contact: Contact, load: Load) -> Path:
-    """Return the path of a contact under a programme of loads, with the gap of each state or not.
+class Recording:
+    """All states and jumps of a walk, taken out of its tables from time to time.
+
+    Attributes:
+        walk: where it is, with room for more states and jumps.
+        num_states: of all that is recorded.
+        events: the jumps.
+    """
+
+    def __init__(self) -> None:
+        self.walk: Any = None
+        self._states: list[Any] = []
+        self.num_states = 0
+        self.events: list[Event] = []
+
+    def emptied(self, walk: Progress[Table]) -> Progress[Table]:
+        """Return a walk with empty tables, whose states and jumps are taken out."""
+        states, jumps = _entries(walk.states), _entries(walk.jumps)
+        events = [self._event(jumps, i) for i in range(int(walk.jumps.count))]
+        emptied = replace(walk, states=_empty(walk.states), jumps=_empty(walk.jumps))
+        self._states.append(states)
+        self.events += events
+        self.num_states += int(walk.states.count)
+        self.walk = emptied
+        return emptied
+
+    def _event(self, jumps: Any, i: int) -> Event:
+        event = jax.tree.map(lambda leaf: leaf[i], jumps)
+        return replace(event, state=event.state + self.num_states)
+
+    @property
+    def no_event(self) -> Event:
+        """An event of the right kind, where there is none."""
+        return jax.tree.map(lambda leaf: leaf[0], self.walk.jumps.rows)
+
+    @property
+    def ended(self) -> Progress[Any]:
+        """The walk with all of its states, without their fields, in room that it may not fill."""
+        size = _ROOM * max(-(-self.num_states // _ROOM), 1)
+
+        def padded(*parts: np.ndarray) -> np.ndarray:
+            # Fields, if there are any, are not needed.
+            rows = np.concatenate(parts) if parts[0].ndim == 1 else np.zeros((size, 0))
+            missing = np.full(size - len(rows), np.nan, rows.dtype)
+            return rows if rows.ndim > 1 else np.concatenate([rows, missing])
+
+        rows = jax.tree.map(padded, *self._states)
+        states = Table(rows, self.walk.states.count + self.num_states)
+        return replace(self.walk, states=states, jumps=None)
+
+    @property
+    def gaps(self) -> Array | None:
+        """The gap of each state, None where they are not kept."""
+        gaps = np.concatenate([states.place.gap for states in self._states])
+        return jax.device_put(gaps) if gaps.size else None
+
+
+def _entries(store: Any) -> Any:
+    return jax.tree.map(lambda leaf: known(leaf)[: int(store.count)], store.rows)
+
+
+def _empty(store: Any) -> Any:
+    return replace(store, count=store.count * 0)
+
+
+@program
+@by_lanes
+def path_with_room(ended: Progress[Table], contact: Contact, load: Load) -> Path:
+    """Return the path of a contact under a programme of loads.
 
     Only the first entries are of states, and of jumps, as many as the walk has recorded.
     """
 
-    def path(ended: Walk[Store], contact: Contact, load: Load) -> Path:
-        jumps = jax.lax.map(partial(_jump, contact, load[0]), ended.jumps.rows)
-        return Path(jumps=jumps, **_states(fields, ended, contact, load))
-
-    return by_lanes(path)(ended, contact, load)
+    jumps = jax.lax.map(partial(_jump, contact, load[0]), ended.jumps.rows)
+    return Path(jumps=jumps, **_states(ended, contact, load))
 
 
-def path_of(fields: bool, record: Recording, contact: Contact, load: Load) -> Path:
+def path_of(record: Recording, contact: Contact, load: Load) -> Path:
     """Return the path as `path_with_room` does, from what was recorded on the way.
 
     Jumps are looked at one by one: any number of them needs one program, and no more memory than
@@ -45,11 +113,10 @@ def path_of(fields: bool, record: Recording, contact: Contact, load: Load) -> Pa
     one = load[0]
     jumps = [_jump_alone(contact, one, event) for event in record.events]
     like = jumps[0] if jumps else jax.eval_shape(_jump_alone, contact, one, record.no_event)
-    parts = _states_alone(False, record.ended, contact, load)
+    parts = _states_alone(record.ended, contact, load)
     for name in ("load", "equilibrium"):
         parts[name] = first_entries(parts[name], record.num_states)
-    if fields:
-        parts["equilibrium"] = replace(parts["equilibrium"], gap=record.gaps)
+    parts["equilibrium"] = replace(parts["equilibrium"], gap=record.gaps)
     return Path(jumps=stacked(jumps, like), **parts)
 
 
@@ -74,9 +141,9 @@ def _jump(contact: Contact, one: Load, event: Event) -> Jump:
     )
 
 
-def _states(fields: bool, ended: Walk[Any], contact: Contact, load: Load) -> dict[str, Any]:
+def _states(ended: Progress[Any], contact: Contact, load: Load) -> dict[str, Any]:
     """Return all of a path but its jumps, by name."""
-    assert isinstance(ended.states, Store)
+    assert isinstance(ended.states, Table)
     states, one = ended.states.rows, load[0]
     place = states.place
 
@@ -86,7 +153,7 @@ def _states(fields: bool, ended: Walk[Any], contact: Contact, load: Load) -> dic
 
     dissipation = states.dissipation
     is_branch = (jnp.diff(dissipation) == 0) & jnp.isfinite(place.value[1:])
-    unlocated, error = unlocated_loss(place.value, place.potential, place.force, is_branch)
+    unlocated, error = _unlocated_loss(place.value, place.potential, place.force, is_branch)
     end = ended.here
     return {
         "load": loads(place.value),
@@ -98,7 +165,7 @@ def _states(fields: bool, ended: Walk[Any], contact: Contact, load: Load) -> dic
             place.energy,
             place.stored - place.stored[0] + dissipation,
             dissipation,
-            place.gap if fields else None,
+            place.gap if place.gap.size else None,
         ),
         "work": end.place.stored - place.stored[0] + end.dissipation,
         "dissipation": end.dissipation,
@@ -109,4 +176,29 @@ def _states(fields: bool, ended: Walk[Any], contact: Contact, load: Load) -> dic
 
 
 _jump_alone = program(_jump)
-_states_alone = program(_states, static_argnums=0)
+_states_alone = program(_states)
+
+
+def _unlocated_loss(
+    load: _Values, potential: _Values, force: _Values, is_branch: Bool[Array, " steps"]
+) -> tuple[Scalar, Scalar]:
+    """Return what steps along branches have lost, and the error of the quadrature of their work.
+
+    On each step F is the mean of the two parabolas through its ends and the state before, or the
+    one after. Half of the difference of their integrals is the error; where there is only one of
+    them, all that it takes from the trapezoid.
+    """
+    step = jnp.diff(load)
+    slope = jnp.diff(force) / jnp.where(step == 0, 1, step)
+    pair = step[1:] + step[:-1]
+    # Through three states, where these lie on one branch and in the order of their loads.
+    is_known = is_branch[1:] & is_branch[:-1] & (step[1:] * step[:-1] > 0)
+    turn = jnp.where(is_known, jnp.diff(slope) / jnp.where(pair == 0, 1, pair), 0)
+    before, after = jnp.pad(turn, (1, 0)), jnp.pad(turn, (0, 1))
+    number = jnp.pad(is_known, (1, 0)).astype(int) + jnp.pad(is_known, (0, 1))
+    cubes = step**3 / 6
+    work = step * (force[1:] + force[:-1]) / 2 - cubes * (before + after) / jnp.maximum(number, 1)
+    error = jnp.where(number == 2, (before - after) / 2, before + after)
+    error = jnp.where(number == 0, slope * step**2 / 2, cubes * error)
+    lost = jnp.sum(jnp.where(is_branch, work - jnp.diff(potential), 0))
+    return lost, jnp.sum(jnp.where(is_branch, jnp.abs(error), 0))

@@ -5,11 +5,10 @@ from functools import partial
 from typing import Any
 
 import jax
-from jaxtyping import Array, ArrayLike, Int
+from jaxtyping import ArrayLike
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.core.batching import by_lanes
 from jaxstab.core.checks import (
     integer,
     is_traced,
@@ -19,23 +18,19 @@ from jaxstab.core.checks import (
     require_finite,
     require_positive,
 )
-from jaxstab.core.compile import program
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
-from jaxstab.core.types import Field, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.derivatives import with_derivatives
-from jaxstab.paths.explain import path_of, path_with_room
+from jaxstab.paths.explain import Recording, path_of, path_with_room
 from jaxstab.paths.path import Path
-from jaxstab.paths.programme import DISTURBANCE, Course, course_of
-from jaxstab.paths.record import Store
-from jaxstab.paths.recording import Recording
-from jaxstab.paths.step import Walk
-from jaxstab.paths.walk import begin, go_on, in_batches, travelled
+from jaxstab.paths.programme import DISTURBANCE, programme_of
+from jaxstab.paths.record import Room, Table
+from jaxstab.paths.travel import WalkSetup, travel, travelled
 
 # States and jumps of a batch.
 _ROOM = 32, 2
@@ -43,6 +38,7 @@ _ROOM = 32, 2
 # lost before.
 _SMALLEST_JUMP = 2e-7
 _SMALLEST_SHARE = 3e-3
+_programme = partial(programme_of, finds_all=True)
 
 
 class PathInterrupted(UserWarning):
@@ -130,81 +126,43 @@ def follow(
     whole, start = whole_start(contact, load[0], start)
     own, unit = whole.in_own_units()
     loads = load.in_units_of(unit)
-    inputs = jax.lax.stop_gradient((own, loads, start, least, share, noise))
+    inputs = jax.lax.stop_gradient((own, loads, start, least, noise, share))
     # What was not found is NaN.
     bar = progress_bar(100, "%", shown=can_be_shown(progress, inputs))
     with jax.debug_nans(False), bar as bar:
-        if is_traced(inputs):
-            path = _traced_path(sizes, fields, *inputs)
-        else:
-            path = path_of(fields, _recorded(fields, inputs, bar), *inputs[:2])
+        find = _traced_path if is_traced(inputs) else _known_path
+        num_states, num_jumps = sizes if is_traced(inputs) else _ROOM
+        setup = WalkSetup(_programme, Room(num_states, fields), Room(num_jumps))
+        path = find(setup, bar, *inputs)
     if is_traced((contact, load)):
         others = [part for part in (start, least, noise) if part is not None]
         path = with_derivatives(path, own, loads, others, throw)
     path = path.in_units_of(1 / unit).on_surface(whole.solid)
-    if not throw or (not is_traced(path.result) and path.result == RESULTS.interrupted):
-        return path
-    return throw_failure(path.result, path, lambda: _describe(path, load))
+    is_stopped = not is_traced(path.result) and bool(path.result == RESULTS.interrupted)
+    return throw_failure(path.result, path, lambda: _describe(path, load), throw and not is_stopped)
 
 
-def _traced_path(sizes: tuple[int, int], fields: bool, *inputs: Any) -> Path:
-    ended = _go_on(_begin(sizes, fields, *inputs), None, *inputs)
+def _traced_path(setup: WalkSetup[Table], bar: Any, *inputs: Any) -> Path:
     contact, load = inputs[:2]
+    ended = travel(setup, bar, *inputs)
     is_short = ended.is_open(load)
     ended = replace(ended, result=RESULTS.where(is_short, RESULTS.store_full, ended.result))
-    return path_with_room(fields, ended, contact, load)
+    return path_with_room(ended, contact, load)
 
 
-@partial(program, static_argnums=(0, 1))
-def _begin(sizes: tuple[int, int], fields: bool, *inputs: Any) -> Walk[Store]:
-    def first(contact: Contact, load: Load, start: Field | None, *settings: Scalar) -> Walk[Store]:
-        if start is None:
-            start = contact.control(load[0]).starting_gap(contact.heights)
-        course, (num_states, num_jumps) = _course(contact, load, *settings), sizes
-        states = partial(Store.empty, size=num_states, fields=fields)
-        return begin(course, start, states, partial(Store.empty, size=num_jumps, fields=True))
-
-    return by_lanes(first)(*inputs)
-
-
-@program
-def _go_on(walk: Walk[Store], num_steps: int | None, *inputs: Any) -> Walk[Store]:
-    def further(
-        walk: Walk[Store],
-        num_steps: Int[Array, ""] | None,
-        contact: Contact,
-        load: Load,
-        _: Field | None,
-        *settings: Scalar,
-    ) -> Walk[Store]:
-        return go_on(_course(contact, load, *settings), walk, num_steps)
-
-    return by_lanes(further)(walk, num_steps, *inputs)
-
-
-def _course(
-    contact: Contact, load: Load, smallest_jump: Scalar, share: Scalar, disturbance: Scalar
-) -> Course:
-    return course_of(contact, load, smallest_jump, disturbance, share=share, finds_all=True)
-
-
-def _recorded(fields: bool, inputs: Any, bar: Any) -> Recording:
-    """Go to the end, or until interrupted."""
-    load = inputs[1]
-    recording = Recording(_begin(_ROOM, fields, *inputs))
-
-    def further(walk: Walk[Store], num_steps: int) -> Walk[Store]:
-        # While it waits, an interrupt stays pending.
-        recording.add(jax.block_until_ready(_go_on(walk, num_steps, *inputs)))
-        return recording.walk
-
+def _known_path(setup: WalkSetup[Table], bar: Any, *inputs: Any) -> Path:
+    """Return the path to the end, or until interrupted."""
+    contact, load = inputs[:2]
+    recording = Recording()
     try:
-        in_batches(recording.walk, further, load, bar)
+        travel(setup, bar, *inputs, keep=recording.emptied)
     except KeyboardInterrupt:
+        if recording.num_states == 0:
+            raise
         part = 100 * float(travelled(load, recording.walk))
         warn(f"The path was interrupted at {part:.0f} %.", PathInterrupted)
         recording.walk = replace(recording.walk, result=RESULTS.interrupted)
-    return recording
+    return path_of(recording, contact, load)
 
 
 def _describe(path: Path, load: Load) -> str:

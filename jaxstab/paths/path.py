@@ -105,26 +105,20 @@ class Path(Dimensioned):
     unlocated_error: Annotated[Scalar, ENERGY] | None = None
 
     def __repr__(self) -> str:
-        return _text(self)
+        try:
+            loads, name = np.asarray(self.load.value), type(self.load).__name__
+            lines = [
+                f"Path: {name} {display.number(loads[0])} to {display.number(loads[-1])} in "
+                f"{loads.size} states, {len(self.jumps)} jumps; {self.result.name}",
+                *_energies(self),
+            ]
+            table = [display.table(_jumps(name, self.jumps))] if len(self.jumps) else []
+            return "\n".join([*lines, *table])
+        except display.UNREADABLE:
+            return display.block(self)
 
 
-def _text(path: "Path") -> str:
-    """Return what a path is in lines, and a table with one line for each of its jumps."""
-    try:
-        loads, jumps = np.asarray(path.load.value), path.jumps
-        name = type(path.load).__name__
-        lines = [
-            f"Path: {name} {display.number(loads[0])} to {display.number(loads[-1])} in "
-            f"{loads.size} states, {len(jumps)} jumps; {path.result.name}",
-            *_energies(path),
-        ]
-        return "\n".join([*lines, display.table(_jumps(name, jumps))] if len(jumps) else lines)
-    except display.UNREADABLE:
-        return display.block(path)
-
-
-def _energies(path: "Path") -> list[str]:
-    """Return the lines on the work along a path and on what it has lost."""
+def _energies(path: Path) -> list[str]:
     work, losses = np.asarray(path.equilibrium.work), np.asarray(path.jumps.dissipation)
     if np.isfinite(path.work):
         lines = [

@@ -18,7 +18,7 @@ from jaxstab.equilibrium.solvers.base import Problem
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.approach import branch_solver
 from jaxstab.paths.energy import own_energy, smallest_loss
-from jaxstab.paths.record import Place, Record, place_of
+from jaxstab.paths.record import PathPoint, Place, place_of
 
 # By default, over the size of the problem's own heights and gaps.
 DISTURBANCE = 1e-6
@@ -29,7 +29,7 @@ _MAX_MOVE = 0.03
 _NUM_STEPS = 32
 
 
-class Course(eqx.Module):
+class Programme(eqx.Module):
     """What is the same all the way.
 
     Attributes:
@@ -51,7 +51,7 @@ class Course(eqx.Module):
     disturbance: Field
     finds_all: bool = eqx.field(static=True)
 
-    def smallest_loss(self, here: Record) -> Scalar:
+    def smallest_loss(self, here: PathPoint) -> Scalar:
         """Return the loss from which a jump from a state is located."""
         place = here.place
         # What surfaces that fell apart have lost is no number.
@@ -91,12 +91,8 @@ class Course(eqx.Module):
     ) -> tuple[Place, RESULTS]:
         """Return the equilibrium at a load that the solver finds from a start.
 
-        Arguments:
-            value: of the load.
-            part: of the programme.
-            start: the gap to start from.
-            least_potential: once the potential falls below it, the search ends without a result.
-            is_final: whether the way down may lead to another branch.
+        Once the potential falls below the least, the search ends without a result; one that is
+        final may lead down to another branch.
         """
         solver, problem = self.search(value, part, least_potential, is_final)
         return self.place(value, part, solver.run(problem, start))
@@ -127,31 +123,30 @@ class Course(eqx.Module):
         return jnp.max(self.contact.heights) - self.contact.heights
 
 
-def course_of(
+def programme_of(
     contact: Contact,
     load: Load,
     smallest_jump: ArrayLike,
     disturbance: ArrayLike,
-    resolution: ArrayLike = 1e-6,
     share: ArrayLike = 0.0,
+    resolution: ArrayLike = 1e-6,
     finds_all: bool = False,
-) -> Course:
-    """Return the course of a programme.
+) -> Programme:
+    """Return the programme of a contact, in units of its own, from turning point to turning point.
 
     Arguments:
-        contact: the contact problem, in units of its own.
-        load: the turning points of the programme.
+        contact, load: the contact, and these points.
         smallest_jump: the loss from which a jump is located, over the problem's own energy.
         disturbance: the size of a random field, over `_own_length`.
-        resolution: how near a jump is located, over the range of the loads.
         share: the loss from which a jump is located, over what was lost before.
+        resolution: how near a jump is located, over the range of the loads.
         finds_all: whether a jump is told by the force too.
     """
     turns, heights = load.value, contact.heights
     noise = jax.random.normal(jax.random.key(0), heights.shape, heights.dtype)
     # Loads that are nearer to each other are the same.
     finest = 4 * jnp.finfo(turns.dtype).eps * jnp.max(jnp.abs(turns))
-    return Course(
+    return Programme(
         contact,
         load,
         threshold=jnp.asarray(smallest_jump) * own_energy(contact),

@@ -1,7 +1,6 @@
 """The pull-off: the largest tension that a contact survives as it is unloaded."""
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -12,7 +11,7 @@ from jaxtyping import Array, ArrayLike
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.batching import by_lanes
-from jaxstab.core.checks import is_traced, scalar_parameter
+from jaxstab.core.checks import scalar_parameter
 from jaxstab.core.compile import program
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
@@ -25,10 +24,10 @@ from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, MeanPressure, Spring, warn_if_soft
 from jaxstab.paths.branch_end.critical_load import CriticalLoad, critical_load_at
 from jaxstab.paths.branch_end.locate import Limit, limit_ahead
-from jaxstab.paths.programme import DISTURBANCE, Course, course_of
+from jaxstab.paths.programme import DISTURBANCE, Programme, programme_of
 from jaxstab.paths.record import Count, Strongest
-from jaxstab.paths.step import Walk
-from jaxstab.paths.walk import begin, go_on, in_batches
+from jaxstab.paths.step import Progress
+from jaxstab.paths.travel import WalkSetup, travel
 
 # Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4
@@ -98,58 +97,32 @@ def pull_off(
         loads = load.in_units_of(unit)
         end = _find(bar, *jax.lax.stop_gradient((own, loads, start)))
     found = as_shown(end, own, loads[0], throw).in_units_of(1 / unit).on_surface(whole.solid)
-    if not throw:
-        return found
-    return throw_failure(found.result, found, lambda: _describe(constant, load))
+    return throw_failure(found.result, found, lambda: _describe(constant, load), throw)
 
 
 def _find(bar: Any, *inputs: Any) -> tuple[Limit, Equilibrium]:
-    problem = inputs[:2]
-    if is_traced(inputs):
-        return _find_lanes(*inputs)
-    ended = in_batches(_begin(*inputs), partial(_go_on, *problem), problem[1], bar)
+    ended = travel(WalkSetup(unloading, *ROOM), bar, *inputs)
     bar.set_description("locating")
-    end = jax.block_until_ready(_end(*problem, ended))
+    end = jax.block_until_ready(_end(*inputs[:2], ended))
     bar.update(0)
     return end
 
 
-# A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
 @program
-def _find_lanes(*inputs: Any) -> tuple[Limit, Equilibrium]:
-    def find(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
-        problem = contact, load
-        return _end(*problem, _go_on(*problem, _begin(*problem, start)))
-
-    return by_lanes(find)(*inputs)
-
-
-@program
-def _begin(contact: Contact, load: Load, start: Field) -> Walk[Strongest]:
-    return begin(unloading(contact, load), start, *ROOM)
-
-
-@program
-def _go_on(
-    contact: Contact, load: Load, walk: Walk[Strongest], num_steps: int | None = None
-) -> Walk[Strongest]:
-    return go_on(unloading(contact, load), walk, num_steps)
-
-
-@program
-def _end(contact: Contact, load: Load, ended: Walk[Strongest]) -> tuple[Limit, Equilibrium]:
+@by_lanes
+def _end(contact: Contact, load: Load, ended: Progress[Strongest]) -> tuple[Limit, Equilibrium]:
     return end_of(unloading(contact, load), ended)
 
 
-def unloading(contact: Contact, load: Load) -> Course:
-    """Return the course of a contact, in units of its own, that is unloaded from load to load."""
+def unloading(contact: Contact, load: Load) -> Programme:
+    """Return the programme of a contact, in its own units, unloaded from load to load."""
     resolution = _RESOLUTION[contact.heights.dtype.name]
-    return course_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, resolution)
+    return programme_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, resolution=resolution)
 
 
-def end_of(course: Course, ended: Walk[Strongest]) -> tuple[Limit, Equilibrium]:
+def end_of(programme: Programme, ended: Progress[Strongest]) -> tuple[Limit, Equilibrium]:
     """Return the pull-off of a contact that was unloaded, and the state that remains."""
-    contact, one = course.contact, course.load[0]
+    contact, one = programme.contact, programme.load[0]
     jump = ended.jumps.event
     before = jump.before
     limit = limit_ahead(contact, one.at(before.value), before.gap, jump.ahead)

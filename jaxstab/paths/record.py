@@ -1,6 +1,6 @@
 """The states and jumps that a walk records, in stores of a bounded size."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import equinox as eqx
@@ -44,7 +44,7 @@ class Place(eqx.Module):
     force: Scalar
 
 
-class Record(eqx.Module):
+class PathPoint(eqx.Module):
     """A state recorded, and the energy lost in the jumps up to there [energy]."""
 
     place: Place
@@ -89,8 +89,7 @@ def _state_unless(is_apart: Flag, contact: Contact, one: Load, place: Place) -> 
 def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
     """Return an equilibrium as a place of a walk, at a value of the load that may be meant."""
     load, mean_gap = found.load.at(value), mean(found.gap)
-    supply = supply_of(contact, load, mean_gap, found.mean_pressure)
-    held = supply.potential
+    held, force = supply_of(contact, load, mean_gap, found.mean_pressure)
     return Place(
         value,
         found.gap,
@@ -100,39 +99,22 @@ def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
         found.energy,
         found.energy + (held if contact.control(load).stores_energy else 0),
         found.energy + held,
-        supply.force,
+        force,
     )
 
 
-class Store(eqx.Module):
-    """Entries in order, in room for a number of them.
-
-    Attributes:
-        rows: the entries along a leading axis, empty where their fields are not kept.
-        count: how many there are.
-    """
+class Table(eqx.Module):
+    """Entries in order along a leading axis, in room for a number of them."""
 
     rows: Any
     count: Int[Array, ""]
-
-    @classmethod
-    def empty(cls, like: Any, *, size: int, fields: bool) -> "Store":
-        """Return room for a number of entries, with or without their fields."""
-
-        def rows(leaf: Array) -> Array:
-            is_field = leaf.ndim > 0
-            if is_field and not fields:
-                return jnp.zeros((size, 0), leaf.dtype)
-            return jnp.broadcast_to(_nothing(leaf), (size, *leaf.shape))
-
-        return cls(jax.tree.map(rows, like), jnp.array(0))
 
     @property
     def is_full(self) -> Flag:
         """Return whether there is no room left."""
         return self.count >= len(jax.tree.leaves(self.rows)[0])
 
-    def with_entry(self, entry: Any, is_kept: Flag) -> "Store":
+    def with_entry(self, entry: Any, is_kept: Flag) -> "Table":
         """Return the store with an entry, if it is kept."""
 
         def placed(rows: Array, leaf: Array) -> Array:
@@ -140,7 +122,26 @@ class Store(eqx.Module):
                 return rows
             return rows.at[jnp.where(is_kept, self.count, len(rows))].set(leaf, mode="drop")
 
-        return Store(jax.tree.map(placed, self.rows, entry), self.count + is_kept)
+        return Table(jax.tree.map(placed, self.rows, entry), self.count + is_kept)
+
+
+@dataclass(frozen=True)
+class Room:
+    """Room for a number of entries, with or without their fields."""
+
+    size: int
+    fields: bool = True
+
+    def __call__(self, like: Any) -> Table:
+        """Return an empty table of entries like one."""
+
+        def rows(leaf: Array) -> Array:
+            is_field = leaf.ndim > 0
+            if is_field and not self.fields:
+                return jnp.zeros((self.size, 0), leaf.dtype)
+            return jnp.broadcast_to(_nothing(leaf), (self.size, *leaf.shape))
+
+        return Table(jax.tree.map(rows, like), jnp.array(0))
 
 
 class Count(eqx.Module):
@@ -164,12 +165,7 @@ class Count(eqx.Module):
 
 
 class Strongest(eqx.Module):
-    """Of all jumps the first from the largest tension.
-
-    Attributes:
-        event: the jump, NaN where there is none.
-        tension: from which it was [pressure].
-    """
+    """Of all jumps the first from the largest tension [pressure], NaN where there is none."""
 
     event: Event
     tension: Scalar

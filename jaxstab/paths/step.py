@@ -21,8 +21,8 @@ from jaxstab.core.checks import known
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads import Load
-from jaxstab.paths.programme import Course
-from jaxstab.paths.record import Count, Event, Place, Record, Store, Strongest
+from jaxstab.paths.programme import Programme
+from jaxstab.paths.record import Count, Event, PathPoint, Place, Strongest, Table
 
 # By what factor further on a state is sought where the solver is lost beyond the end of a branch.
 _FURTHER = 8
@@ -35,7 +35,7 @@ _LEEWAY, _LEEWAY_IN_SEARCH = 20, 5
 _AIM = 0.7
 
 
-class Search(eqx.Module):
+class Bisection(eqx.Module):
     """What is known of a load ahead that a step has failed to reach.
 
     Attributes:
@@ -55,17 +55,17 @@ class Search(eqx.Module):
 
 
 # A store of jumps.
-Jumps = TypeVar("Jumps", Store, Strongest)
+Jumps = TypeVar("Jumps", Table, Strongest)
 
 
-class Walk(eqx.Module, Generic[Jumps]):
+class Progress(eqx.Module, Generic[Jumps]):
     """Where the path is, and all that it has recorded.
 
     Attributes:
         here: the last state accepted, with what was lost up to there.
         last: the state before.
         stride: the length of the next step.
-        search: for the end of the branch.
+        bisection: for the end of the branch.
         part: the number of the monotone part of the programme.
         is_apart: whether the load has pulled the surfaces apart.
         states: those recorded.
@@ -73,13 +73,13 @@ class Walk(eqx.Module, Generic[Jumps]):
         result: how it goes.
     """
 
-    here: Record
+    here: PathPoint
     last: Place
     stride: Scalar
-    search: Search
+    bisection: Bisection
     part: Int[Array, ""]
     is_apart: Flag
-    states: Store | Count
+    states: Table | Count
     jumps: Jumps
     result: RESULTS
 
@@ -95,7 +95,7 @@ class Walk(eqx.Module, Generic[Jumps]):
         return self.states.is_full | self.jumps.is_full
 
 
-class Aim(eqx.Module):
+class TrialStep(eqx.Module):
     """A step to be tried.
 
     Attributes:
@@ -114,13 +114,8 @@ class Aim(eqx.Module):
     is_end: Flag
     is_final: Flag
 
-    @property
-    def search(self) -> tuple[Field, Scalar, Flag]:
-        """What the search for the equilibrium there takes, beside the load."""
-        return self.start, self.least_potential, self.is_final
 
-
-class Trial(eqx.Module):
+class StepOutcome(eqx.Module):
     """A step that was tried, and what it means.
 
     Attributes:
@@ -145,60 +140,63 @@ class Trial(eqx.Module):
     is_lost: Flag
 
 
-def aimed(course: Course, walk: Walk) -> Aim:
+def next_step(programme: Programme, walk: Progress) -> TrialStep:
     """Return the next step to try."""
-    here, search = walk.here.place, walk.search
-    target = course.load.value[walk.part + 1]
+    here, bisection = walk.here.place, walk.bisection
+    target = programme.load.value[walk.part + 1]
     left = jnp.abs(target - here.value)
     # Where it failed by its length alone, what is left of the step is right.
-    tries_whole = (search.distance <= search.nearness) | (search.error <= 1)
-    within = jnp.where(tries_whole, search.distance, search.distance / 2)
-    length = jnp.minimum(jnp.where(search.is_on, within, walk.stride), left)
+    tries_whole = (bisection.distance <= bisection.nearness) | (bisection.error <= 1)
+    within = jnp.where(tries_whole, bisection.distance, bisection.distance / 2)
+    length = jnp.minimum(jnp.where(bisection.is_on, within, walk.stride), left)
     is_end = length >= left
     # The last step to a load that failed is a jump, if it fails again.
-    is_near = (length if course.finds_all else search.distance) <= search.nearness
-    is_final = search.is_on & is_near
+    is_near = (length if programme.finds_all else bisection.distance) <= bisection.nearness
+    is_final = bisection.is_on & is_near
     change = jnp.sign(target - here.value) * length
     value = jnp.where(is_end, target, here.value + change)
     rate = (here.gap - walk.last.gap) / _nonzero(here.value - walk.last.value)
     # From the end of a branch the way goes down from its last state.
-    stays = is_final if course.finds_all else search.is_on
+    stays = is_final if programme.finds_all else bisection.is_on
     gap = here.gap + jnp.where(stays, 0, change * rate)
-    gap = jnp.where(walk.is_apart, course.apart(), jnp.maximum(gap, 0))
-    is_foreseen = ~walk.is_apart & ~is_final & (here.value != walk.last.value) & course.finds_all
-    least = jnp.where(is_foreseen, _least_potential(course, walk, change), -jnp.inf)
-    return Aim(value, length, course.start(value, walk.part, gap), least, is_end, is_final)
+    gap = jnp.where(walk.is_apart, programme.apart(), jnp.maximum(gap, 0))
+    moves = here.value != walk.last.value
+    is_foreseen = ~walk.is_apart & ~is_final & moves & programme.finds_all
+    least = jnp.where(is_foreseen, _least_potential(programme, walk, change), -jnp.inf)
+    start = programme.start(value, walk.part, gap)
+    return TrialStep(value, length, start, least, is_end, is_final)
 
 
-def _least_potential(course: Course, walk: Walk, change: Scalar) -> Scalar:
+def _least_potential(programme: Programme, walk: Progress, change: Scalar) -> Scalar:
     """Return the potential below which a state ahead of the last lies on another branch."""
     here, last = walk.here.place, walk.last
     slope = (here.force - last.force) / _nonzero(here.value - last.value)
     foreseen = here.potential + change * (here.force + change * slope / 2)
-    leeway = jnp.where(walk.search.is_on, _LEEWAY_IN_SEARCH, _LEEWAY)
-    return foreseen - leeway * course.smallest_loss(walk.here)
+    leeway = jnp.where(walk.bisection.is_on, _LEEWAY_IN_SEARCH, _LEEWAY)
+    return foreseen - leeway * programme.smallest_loss(walk.here)
 
 
-def _judged(course: Course, walk: Walk, aim: Aim, place: Place, result: RESULTS) -> Trial:
-    """Return what a step means."""
+def _outcome_of(
+    programme: Programme, walk: Progress, aim: TrialStep, place: Place, result: RESULTS
+) -> StepOutcome:
     here, last, value = walk.here.place, walk.last, aim.value
     is_found = result == RESULTS.successful
     change, before = value - here.value, here.value - last.value
     slope = (place.force - here.force) / _nonzero(change)
     turn = (slope - (here.force - last.force) / _nonzero(before)) / _nonzero(change + before)
     # The error of the trapezoid, where F is a parabola through three states.
-    is_known = (change * before > 0) & course.finds_all
+    is_known = (change * before > 0) & programme.finds_all
     curved = jnp.where(is_known, turn * change**3 / 6, 0)
     loss = here.potential + change * (here.force + place.force) / 2 - curved - place.potential
-    least = course.smallest_loss(walk.here)
+    least = programme.smallest_loss(walk.here)
     error = jnp.maximum(jnp.abs(loss), jnp.abs(curved) / _MAX_CURVATURE) / least
     is_together = is_found & ~walk.is_apart
     is_smooth = is_together & ((error <= 1) | (aim.is_final & (loss <= least)))
     is_pulled = (result == RESULTS.pulled_off) & ~walk.is_apart
     is_jump = ~is_smooth & aim.is_final & (is_together | is_pulled)
-    presses = _brings_together(course.contact, course.at(value, walk.part))
+    presses = _brings_together(programme.contact, programme.at(value, walk.part))
     touches = walk.is_apart & is_found & presses
-    return Trial(
+    return StepOutcome(
         dissipation=here.potential + change * place.force - place.potential,
         error=jnp.where(is_together, error, jnp.inf),
         is_smooth=is_smooth,
@@ -210,28 +208,28 @@ def _judged(course: Course, walk: Walk, aim: Aim, place: Place, result: RESULTS)
     )
 
 
-def after(
-    course: Course, walk: Walk[Jumps], aim: Aim, place: Place, result: RESULTS
-) -> Walk[Jumps]:
+def apply_step(
+    programme: Programme, walk: Progress[Jumps], aim: TrialStep, place: Place, result: RESULTS
+) -> Progress[Jumps]:
     """Return the walk after a step, from the state that it led to and how the solver ended."""
-    trial = _judged(course, walk, aim, place, result)
+    trial = _outcome_of(programme, walk, aim, place, result)
     is_event = trial.is_jump | trial.is_touch
     accepts = trial.is_smooth | is_event | trial.is_apart
     is_apart = (walk.is_apart & ~trial.is_touch) | trial.is_pulled
     # Of surfaces that fall apart nothing is known, and of those that are, nothing is recorded.
     lost = jnp.where(trial.is_pulled | trial.is_touch, jnp.nan, trial.dissipation)
-    new = Record(place, walk.here.dissipation + jnp.where(is_event, lost, 0))
+    new = PathPoint(place, walk.here.dissipation + jnp.where(is_event, lost, 0))
     here = _choose(accepts, new, walk.here)
     last = _choose(accepts, walk.here.place, walk.last)
     event = Event(walk.here.place, here.place, lost, walk.states.count - 1, trial.is_touch)
     # The solver may find its way from further on, but not from anywhere.
-    has_failed = trial.is_lost & (aim.is_end | (aim.length > course.longest / _FURTHER))
-    search = _search(course, walk, aim, trial, accepts, is_event)
-    return Walk(
+    has_failed = trial.is_lost & (aim.is_end | (aim.length > programme.longest / _FURTHER))
+    bisection = _bisected(programme, walk, aim, trial, accepts, is_event)
+    return Progress(
         here=here,
         last=_choose(is_event, here.place, last),
-        stride=_stride(course, walk, aim, trial, is_event, is_apart, accepts & ~search.is_on),
-        search=search,
+        stride=_stride(programme, walk, aim, trial, is_event, is_apart, accepts & ~bisection.is_on),
+        bisection=bisection,
         part=walk.part + (accepts & aim.is_end),
         is_apart=is_apart,
         states=walk.states.with_entry(here, accepts & ~is_apart),
@@ -240,43 +238,48 @@ def after(
     )
 
 
-def _search(
-    course: Course, walk: Walk, aim: Aim, trial: Trial, accepts: Flag, is_event: Flag
-) -> Search:
+def _bisected(
+    programme: Programme,
+    walk: Progress,
+    aim: TrialStep,
+    trial: StepOutcome,
+    accepts: Flag,
+    is_event: Flag,
+) -> Bisection:
     """Return what is known of a load ahead after a step."""
-    search = walk.search
-    distance = jnp.where(accepts, search.distance - aim.length, aim.length)
+    bisection = walk.bisection
+    distance = jnp.where(accepts, bisection.distance - aim.length, aim.length)
     is_over = is_event | (distance <= 0) | (accepts & aim.is_end)
     # An error of quadrature falls with the cube of the length, what a jump loses does not.
-    error = jnp.where(accepts, search.error / 8, trial.error)
+    error = jnp.where(accepts, bisection.error / 8, trial.error)
     # Where the solver is lost right beyond the end, it may find its way from further on.
     distance = jnp.where(trial.is_lost, _FURTHER * distance, distance)
-    nearness = jnp.where(trial.is_lost, distance, search.nearness)
-    return Search(
+    nearness = jnp.where(trial.is_lost, distance, bisection.nearness)
+    return Bisection(
         jnp.where(is_over, jnp.inf, distance),
         error,
-        jnp.where(is_over, course.resolution, nearness),
+        jnp.where(is_over, programme.resolution, nearness),
     )
 
 
 def _stride(
-    course: Course,
-    walk: Walk,
-    aim: Aim,
-    trial: Trial,
+    programme: Programme,
+    walk: Progress,
+    aim: TrialStep,
+    trial: StepOutcome,
     is_event: Flag,
     is_apart: Flag,
     is_free: Flag,
 ) -> Scalar:
     """Return the length of the next step where none has failed, after a step."""
     growth = jnp.cbrt(_AIM / jnp.maximum(trial.error, jnp.finfo(trial.error.dtype).tiny))
-    stride = jnp.minimum(aim.length * jnp.clip(growth, 0.5, 2), course.longest)
+    stride = jnp.minimum(aim.length * jnp.clip(growth, 0.5, 2), programme.longest)
     # A load that was only too far away is passed by steps that grow again.
-    stride = jnp.where(walk.search.is_on, 2 * aim.length, stride)
+    stride = jnp.where(walk.bisection.is_on, 2 * aim.length, stride)
     # A step cut short by the end of a part, to no length even, says nothing against a long one.
     stride = jnp.where(aim.is_end, jnp.maximum(stride, walk.stride), stride)
-    stride = jnp.where(is_event, course.longest / 8, stride)
-    stride = jnp.where(is_apart, course.longest, stride)
+    stride = jnp.where(is_event, programme.longest / 8, stride)
+    stride = jnp.where(is_apart, programme.longest, stride)
     return jnp.where(is_free, stride, walk.stride)
 
 

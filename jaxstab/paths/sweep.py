@@ -13,13 +13,13 @@ from jaxtyping import ArrayLike, PRNGKeyArray
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core import display
-from jaxstab.core.checks import is_transformed, known
+from jaxstab.core.checks import is_transformed
 from jaxstab.core.compile import program
 from jaxstab.core.display import column
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
-from jaxstab.core.stack import Stackable, stacked
+from jaxstab.core.stack import Stackable, first_entries, stacked
 from jaxstab.core.types import Field, Flag
 from jaxstab.core.warn import said_once, warn
 from jaxstab.equilibrium import (
@@ -56,7 +56,10 @@ class Sweep(Stackable, eqx.Module):
     stability: Stability | None
 
     def __repr__(self) -> str:
-        return _text(self)
+        try:
+            return display.table(_columns(self))
+        except display.UNREADABLE:
+            return display.block(self)
 
 
 def sweep(
@@ -130,12 +133,11 @@ def sweep(
     with said_once(), jax.debug_nans(False), bar as bar:
         warn_if_coarse(contact)
         if order == "independent" and jax.default_backend() != "cpu":
-            states = _solve_padded(problem, load, start)
-            bar.update(len(states))
+            found = _solve_padded(problem, load, start)
+            bar.update(len(found))
         else:
-            states = _solve_one_by_one(problem, load, start, order, bar.update)
-        found = stacked(states, states[0])
-        return _without_failures(states, found) if throw else found
+            found = _solve_one_by_one(problem, load, start, order, bar.update)
+        return _without_failures(found) if throw else found
 
 
 class _Problem(eqx.Module):
@@ -162,7 +164,7 @@ class _Problem(eqx.Module):
 
 def _solve_one_by_one(
     problem: _Problem, load: Load, start: _Start, order: Order, report: Callable[[], object]
-) -> list[Sweep]:
+) -> Sweep:
     states = []
     try:
         for i in range(load.value.size):
@@ -179,17 +181,16 @@ def _solve_one_by_one(
             raise
         message = f"The sweep was interrupted: {len(states)} of {load.value.size} loads are done."
         warn(message, SweepInterrupted)
-    return states
+    return stacked(states, states[0])
 
 
-def _solve_padded(problem: _Problem, load: Load, start: _Start) -> list[Sweep]:
+def _solve_padded(problem: _Problem, load: Load, start: _Start) -> Sweep:
     """Solve all loads together, and copies of the last up to a number that has a program."""
     number = load.value.size
     # NumPy compiles nothing.
     copies = np.minimum(np.arange(_padded(number)), number - 1)
     padded = jax.tree.map(lambda leaf: np.asarray(leaf)[copies], load)
-    states = jax.tree.map(known, _solve_together(problem, padded, start))
-    return [jax.tree.map(lambda leaf, i=i: leaf[i], states) for i in range(number)]
+    return first_entries(_solve_together(problem, padded, start), number)
 
 
 def _padded(number: int) -> int:
@@ -219,9 +220,8 @@ def _solve_in_turn(problem: _Problem, load: Load, start: _Start, throw: bool) ->
     return jax.lax.scan(solve, (last, jnp.array(start is not None)), load)[1]
 
 
-def _without_failures(states: list[Sweep], found: Sweep) -> Sweep:
-    """Return what was found, or raise if any load failed."""
-    failed = [state for state in states if _result(state) != RESULTS.successful]
+def _without_failures(found: Sweep) -> Sweep:
+    failed = [state for state in found if _result(state) != RESULTS.successful]
     if not failed:
         return found
     load = failed[0].load
@@ -229,7 +229,7 @@ def _without_failures(states: list[Sweep], found: Sweep) -> Sweep:
         _result(failed[0]),
         found,
         lambda: (
-            f"{len(failed)} of {len(states)} loads failed, the first at "
+            f"{len(failed)} of {len(found)} loads failed, the first at "
             f"{type(load).__name__}({float(load.value):.6g})"
         ),
     )
@@ -243,15 +243,7 @@ def _result(state: Sweep) -> RESULTS:
     return RESULTS.where(is_found, stability.result, equilibrium.result)
 
 
-def _text(sweep: "Sweep") -> str:
-    """Return a table with one line for each load."""
-    try:
-        return display.table(_columns(sweep))
-    except display.UNREADABLE:
-        return display.block(sweep)
-
-
-def _columns(sweep: "Sweep") -> dict[str, list[str]]:
+def _columns(sweep: Sweep) -> dict[str, list[str]]:
     equilibrium, stability = sweep.equilibrium, sweep.stability
     pairs = {} if stability is None else stability.pairs
     columns = {

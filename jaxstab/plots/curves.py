@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
+from jaxstab.core.checks import require_kind
 from jaxstab.paths.sweep import Sweep
 from jaxstab.plots.fields import require_pair
 from jaxstab.plots.style import (
@@ -144,7 +145,8 @@ def spectrum(
         axes.loglog(*_rings(each), ".-", label=name)
     # Of the others labels would overlap.
     axes.xaxis.set_minor_locator(LogLocator(subs=(2, 5)))
-    power = 3 if all(_is_of_a_line(each) for each in spectra) else 4
+    # On a line a ring holds a wave and its mirror image.
+    power = 3 if all(np.asarray(each.num_waves).max() <= 2 for each in spectra) else 4
     density = f"power spectral density [length$^{power}$]"
     label_axes(axes, "wavenumber q [1/length]", density, unit)
     if labels is not None:
@@ -154,11 +156,8 @@ def spectrum(
 
 def _rings(spectrum: PowerSpectrum) -> tuple[np.ndarray, np.ndarray]:
     """Return wavenumber and density of the rings that can be drawn."""
-    if not isinstance(spectrum, PowerSpectrum):
-        raise TypeError(
-            f"{type(spectrum).__name__} is not a spectrum: give what "
-            "jaxstab.surfaces.power_spectrum returned."
-        )
+    cure = "give what jaxstab.surfaces.power_spectrum returned."
+    require_kind(spectrum, PowerSpectrum, f"not a spectrum: {cure}")
     density = np.asarray(spectrum.density)
     if density.ndim != 1:
         raise ValueError(f"This is a stack of {len(density)} spectra: give them as a list.")
@@ -168,11 +167,6 @@ def _rings(spectrum: PowerSpectrum) -> tuple[np.ndarray, np.ndarray]:
     if not drawn.any():
         raise ValueError("The spectrum is zero: a flat surface has none to draw.")
     return np.asarray(spectrum.wavenumber)[drawn], density[drawn]
-
-
-def _is_of_a_line(spectrum: PowerSpectrum) -> bool:
-    # There a ring holds a wave and its mirror image.
-    return np.asarray(spectrum.num_waves).max() <= 2
 
 
 def _laws(

@@ -8,6 +8,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.image import AxesImage
 
 from jaxstab.contact import Contact, require_contact
+from jaxstab.core.checks import require_kind
 from jaxstab.core.stack import require_single
 from jaxstab.core.types import Field, Mask
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
@@ -133,11 +134,8 @@ def mode_cut(
 
 def require_pair(pair: Eigenpair) -> None:
     """Raise `TypeError` for what is not an eigenpair, and `ValueError` for a stack of them."""
-    if not isinstance(pair, Eigenpair):
-        raise TypeError(
-            f"{type(pair).__name__} is not an eigenpair: give one of a stability, such as "
-            "stability.cone."
-        )
+    cure = "give one of a stability, such as stability.cone."
+    require_kind(pair, Eigenpair, f"not an eigenpair: {cure}")
     require_single(pair)
 
 
@@ -179,7 +177,6 @@ def _field(
     axes: Axes | None,
     centred: bool = False,
 ) -> Axes:
-    """Draw a field as a map with a colour bar, or on a line as a profile."""
     axes, unit = axes_or_new(axes), unit or contact.unit
     values = np.asarray(field)
     if values.ndim == 1:

@@ -7,6 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from jaxstab.core.checks import require_kind
 from jaxstab.files.labels import dimension_on, measured
 from jaxstab.paths import Path
 from jaxstab.plots.style import (
@@ -69,11 +70,8 @@ def path(
 
 def require_path(path: Path) -> None:
     """Raise `TypeError` for what is not a path, `ValueError` for several or one without a curve."""
-    if not isinstance(path, Path):
-        raise TypeError(
-            f"{type(path).__name__} is not a path: give what jaxstab.follow returned. A sweep is "
-            "drawn by jaxstab.plots.stability_curve."
-        )
+    cure = "give what jaxstab.follow returned. A sweep is drawn by jaxstab.plots.stability_curve."
+    require_kind(path, Path, f"not a path: {cure}")
     if path.load.value.ndim != 1:
         raise ValueError("These are several paths: draw one of them, chosen by jax.tree.map.")
     if path.load.value.size < 2:
@@ -133,7 +131,9 @@ def _scale(axis: Any, path: Path, quantity: Quantity, unit: str | None) -> None:
         tension, compression = -np.nanmin(pressures), np.nanmax(pressures)
         if _LEAST_TENSION * compression < tension < compression:
             axis.axes.set(**{f"{axis.axis_name}lim": (-1.2 * tension, tension)})
-    label_axis(axis, _label(path, quantity), unit)
+    is_load = quantity == "load"
+    label = load_label(path.load) if is_load else quantity_label(quantity, _sides(path))
+    label_axis(axis, label, unit)
 
 
 def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -> None:
@@ -156,10 +156,6 @@ def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -
 def _of_states(path: Path, quantity: Quantity) -> np.ndarray:
     values = path.load.value if quantity == "load" else getattr(path.equilibrium, quantity)
     return np.asarray(values)
-
-
-def _label(path: Path, quantity: Quantity) -> str:
-    return load_label(path.load) if quantity == "load" else quantity_label(quantity, _sides(path))
 
 
 def _sides(path: Path) -> int:

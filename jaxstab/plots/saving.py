@@ -18,6 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.text import Text
 
+from jaxstab.core.checks import require_kind
 from jaxstab.core.warn import warn
 
 Width = Literal["single", "double"] | float
@@ -56,8 +57,7 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
         ValueError: for a width that is none, and an ending that Matplotlib does not know.
         FileExistsError: if the file exists.
     """
-    if not isinstance(figure, Figure | Axes):
-        raise TypeError(f"{type(figure).__name__} is no figure: give a figure, or axes of one.")
+    require_kind(figure, Figure | Axes, "no figure: give a figure, or axes of one.")
     whole: Any = figure.figure.figure
     target = new_file(file, whole.canvas.get_supported_filetypes())
     printed, drawn = _millimetres(width, whole), whole.get_size_inches()[0] / _MM
@@ -73,13 +73,7 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
 
 
 def new_file(file: str | Path, endings: Collection[str]) -> Path:
-    """Return a path at which nothing exists yet, and whose ending is one of some.
-
-    Raises:
-        ValueError: for another ending.
-        FileExistsError: if it exists.
-        FileNotFoundError: if its folder does not.
-    """
+    """Return a path at which nothing exists yet, and whose ending is one of some."""
     path = Path(file)
     if path.suffix[1:].lower() not in endings:
         known = ", ".join(f".{ending}" for ending in sorted(endings))

@@ -61,8 +61,6 @@ def scaled_label(unit: Contact | str | None, label: str, largest: float) -> tupl
 
 
 class _Prefixed(Formatter):
-    """The text of ticks in a unit with a prefix."""
-
     def __init__(self, divisor: float):
         self.divisor = divisor
 

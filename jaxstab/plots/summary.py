@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxstab.contact import Contact
+from jaxstab.core.checks import require_kind
 from jaxstab.core.stack import require_single
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
@@ -55,11 +56,8 @@ def summary(
             "The stability of this state is missing: give it, as in summary(contact, equilibrium, "
             "jaxstab.assess_stability(contact, equilibrium))."
         )
-    if not isinstance(known, Stability):
-        raise TypeError(
-            f"{type(known).__name__} is not a stability: give what jaxstab.assess_stability "
-            "returned."
-        )
+    cure = "give what jaxstab.assess_stability returned."
+    require_kind(known, Stability, f"not a stability: {cure}")
     require_single(known)
     figure = plt.figure(figsize=(11, 5.2)) if figure is None else figure
     if figure.get_layout_engine() is None:
@@ -77,7 +75,6 @@ def summary(
 def _numbers(
     unit: str | None, num_sides: int, state: Equilibrium, stability: Stability
 ) -> list[tuple[str, str]]:
-    """Return a state's numbers as lines of a name and a value."""
     load, pairs = state.load, stability.pairs
     eigenvalues = np.array([float(pair.eigenvalue) for pair in pairs.values()])
     largest = np.abs(eigenvalues[np.isfinite(eigenvalues)]).max(initial=0)

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxstab.core.display import whole
+from jaxstab.core.display import in_full
 from jaxstab.core.types import Mask, Scalar
 
 Potential = Callable[[Scalar], Scalar]
@@ -34,7 +34,7 @@ class Varying(eqx.Module):
 
     law: Potential
 
-    __repr__ = whole
+    __repr__ = in_full
 
     def __check_init__(self) -> None:
         # Of a function it is not known which of its arrays vary: it would be their mean everywhere.
@@ -99,12 +99,10 @@ class Scaled(eqx.Module):
 
 def everywhere(potential: Potential) -> Potential:
     """Return a law as it is where there is a surface."""
-
-    def is_limited(node: Any) -> bool:
-        return isinstance(node, Within)
-
     return jax.tree.map(
-        lambda node: node.law if is_limited(node) else node, potential, is_leaf=is_limited
+        lambda node: node.law if isinstance(node, Within) else node,
+        potential,
+        is_leaf=lambda node: isinstance(node, Within),
     )
 
 

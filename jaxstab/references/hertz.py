@@ -5,7 +5,7 @@ K. L. Johnson, *Contact Mechanics* (1985), section 4.2.
 
 import numpy as np
 
-from jaxstab.references.checks import not_negative, positive
+from jaxstab.references.arguments import not_negative, positive
 
 
 def contact_radius(force: float, radius: float, contact_modulus: float) -> float:

@@ -17,7 +17,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxstab.references.checks import Array, not_negative, positive, require
+from jaxstab.core.docstrings import described
+from jaxstab.references.arguments import (
+    POSITIVE,
+    SPHERE,
+    Array,
+    not_negative,
+    or_not_positive,
+    positive,
+    require,
+)
 from jaxstab.references.roots import bisect
 
 _SQRT_6 = np.sqrt(6)
@@ -51,17 +60,9 @@ class Units(NamedTuple):
     contact_radius: Array
 
 
+@described(SPHERE, POSITIVE)
 def units(radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike) -> Units:
-    """Return F0, d0 and a0, with K = 4 E* / 3 (D. Maugis, J. Colloid Interface Sci. 150, 1992).
-
-    Arguments:
-        radius: R of the paraboloid [length].
-        contact_modulus: E* [pressure].
-        work_of_adhesion: w [energy/area].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
-    """
+    """Return F0, d0 and a0, with K = 4 E* / 3 (D. Maugis, J. Colloid Interface Sci. 150, 1992)."""
     radius, contact_modulus, work = positive(
         radius=radius, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion
     )
@@ -69,71 +70,39 @@ def units(radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: Array
     return Units(np.pi * work * radius, contact_radius**2 / radius, contact_radius)
 
 
+@described(SPHERE, POSITIVE)
 def force(
     contact_radius: ArrayLike,
     radius: ArrayLike,
     contact_modulus: ArrayLike,
     work_of_adhesion: ArrayLike,
 ) -> Array:
-    """Return F = 4 E* a^3 / (3 R) - sqrt(8 pi w E* a^3) (Johnson, Kendall & Roberts 1971).
+    """Return F = 4 E* a^3 / (3 R) - sqrt(8 pi w E* a^3) (Johnson, Kendall & Roberts 1971) [force].
 
     Hertz's force, less a flat punch's whose energy release rate is w.
-
-    Arguments:
-        contact_radius: a [length].
-        radius: R of the paraboloid [length].
-        contact_modulus: E* [pressure].
-        work_of_adhesion: w [energy/area].
-
-    Returns:
-        F [force].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
     """
     return curve(contact_radius, radius, contact_modulus, work_of_adhesion).force
 
 
+@described(SPHERE, POSITIVE)
 def displacement(
     contact_radius: ArrayLike,
     radius: ArrayLike,
     contact_modulus: ArrayLike,
     work_of_adhesion: ArrayLike,
 ) -> Array:
-    """Return d = a^2 / R - sqrt(2 pi w a / E*) (Maugis & Barquins 1978).
-
-    Arguments:
-        contact_radius: a [length].
-        radius: R of the paraboloid [length].
-        contact_modulus: E* [pressure].
-        work_of_adhesion: w [energy/area].
-
-    Returns:
-        d [length].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
-    """
+    """Return d = a^2 / R - sqrt(2 pi w a / E*) (Maugis & Barquins 1978) [length]."""
     return curve(contact_radius, radius, contact_modulus, work_of_adhesion).displacement
 
 
+@described(SPHERE, POSITIVE)
 def curve(
     contact_radius: ArrayLike,
     radius: ArrayLike,
     contact_modulus: ArrayLike,
     work_of_adhesion: ArrayLike,
 ) -> State:
-    """Return `force` and `displacement` together, of all equilibria, stable and unstable ones.
-
-    Arguments:
-        contact_radius: a [length].
-        radius: R of the paraboloid [length].
-        contact_modulus: E* [pressure].
-        work_of_adhesion: w [energy/area].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
-    """
+    """Return `force` and `displacement` together, of all equilibria, stable and unstable ones."""
     a, radius, contact_modulus, work = positive(
         contact_radius=contact_radius,
         radius=radius,
@@ -148,6 +117,7 @@ def curve(
     )
 
 
+@described(SPHERE, POSITIVE)
 def energy(
     contact_radius: ArrayLike,
     radius: ArrayLike,
@@ -156,19 +126,8 @@ def energy(
 ) -> Array:
     """Return U = F0 d0 (2 A^5 / 5 - (2 sqrt(6) / 3) A^(7/2) + A^2), A = a / a0.
 
-    The integral of F over d along `curve`: the elastic energy, less w for each area in contact.
-
-    Arguments:
-        contact_radius: a [length].
-        radius: R of the paraboloid [length].
-        contact_modulus: E* [pressure].
-        work_of_adhesion: w [energy/area].
-
-    Returns:
-        U, zero without contact [energy].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
+    The integral of F over d along `curve`: the elastic energy, less w for each area in
+    contact, zero without any [energy].
     """
     (a,) = positive(contact_radius=contact_radius)
     unit = units(radius, contact_modulus, work_of_adhesion)
@@ -177,6 +136,7 @@ def energy(
     return unit.force * unit.displacement * number
 
 
+@described(SPHERE, or_not_positive("k is negative"))
 def pull_off(
     radius: ArrayLike,
     contact_modulus: ArrayLike,
@@ -187,15 +147,6 @@ def pull_off(
 
     Under dead load, k = 0, F = -(3/2) pi w R (Johnson, Kendall & Roberts 1971); under held
     displacement, k infinite, F = -(5/6) pi w R; between them Maugis & Barquins (1978).
-
-    Arguments:
-        radius: R of the paraboloid [length].
-        contact_modulus: E* [pressure].
-        work_of_adhesion: w [energy/area].
-        stiffness: k of the spring [force/length].
-
-    Raises:
-        ValueError: if k is negative, or another argument not positive and finite.
     """
     # d(F + k d)/dA, where root = A^(3/2), without a positive factor.
     return _where_zero(
@@ -207,6 +158,11 @@ def pull_off(
     )
 
 
+@described(
+    SPHERE,
+    or_not_positive("k is negative"),
+    stiffness="k of the spring through which the sphere is pressed [force/length]",
+)
 def jump_in(
     radius: ArrayLike,
     contact_modulus: ArrayLike,
@@ -217,15 +173,6 @@ def jump_in(
 
     Without range, nothing acts before. Under held displacement F = -(4/3) pi w R and
     a^3 = 2 pi w R^2 / E*; under dead load F = 0 (Johnson, Kendall & Roberts 1971).
-
-    Arguments:
-        radius: R of the paraboloid [length].
-        contact_modulus: E* [pressure].
-        work_of_adhesion: w [energy/area].
-        stiffness: k of the spring through which the sphere is pressed [force/length].
-
-    Raises:
-        ValueError: if k is negative, or another argument not positive and finite.
     """
     # F + k d, where root = A^(3/2).
     return _where_zero(
@@ -237,6 +184,11 @@ def jump_in(
     )
 
 
+@described(
+    SPHERE,
+    or_not_positive("k is not positive"),
+    stiffness="k of the spring [force/length]; infinite under held displacement",
+)
 def loop_loss(
     radius: ArrayLike,
     contact_modulus: ArrayLike,
@@ -246,19 +198,7 @@ def loop_loss(
     """Return the energy lost from `jump_in` to `pull_off` and back, what both jumps let go.
 
     Under held displacement 7.0922 (w^5 R^4 / E*^2)^(1/3), the difference of `energy`; a spring of
-    stiffness k adds the difference of its F^2 / (2 k).
-
-    Arguments:
-        radius: R of the paraboloid [length].
-        contact_modulus: E* [pressure].
-        work_of_adhesion: w [energy/area].
-        stiffness: k of the spring [force/length]; infinite under held displacement.
-
-    Returns:
-        The loss [energy].
-
-    Raises:
-        ValueError: if k is not positive, or another argument not positive and finite.
+    stiffness k adds the difference of its F^2 / (2 k) [energy].
     """
     stiffness = np.asarray(stiffness)
     require("stiffness", stiffness, stiffness > 0, "a positive number")
@@ -269,14 +209,9 @@ def loop_loss(
 
 
 def spring_weights(stiffness: ArrayLike, unit: Units) -> tuple[Array, Array]:
-    """Return 1 / (1 + k) and k / (1 + k), for k in units of `Units`: what F and d weigh.
+    """Return 1 / (1 + k) and k / (1 + k), what F and d weigh, for k in units of `Units`.
 
-    Arguments:
-        stiffness: k of a spring, which may be infinite [force/length].
-        unit: the units of the sphere.
-
-    Raises:
-        ValueError: if k is negative.
+    That of a spring, which may be infinite, but is never negative.
     """
     stiffness = not_negative("stiffness", stiffness) * unit.displacement / unit.force
     return 1 / (1 + stiffness), 1 - 1 / (1 + stiffness)

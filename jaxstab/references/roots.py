@@ -5,20 +5,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxstab.references.checks import Array
+from jaxstab.references.arguments import Array
 
 
 def bisect(function: Callable[[Array], Array], negative: ArrayLike, positive: ArrayLike) -> Array:
     """Return the root of `function` between points where it is negative and where it is positive.
 
-    Arguments:
-        function: continuous, entry by entry, with one change of sign in between.
-        negative: where it is negative, above or below the root [any shape].
-        positive: where it is positive [a shape that broadcasts with it].
-
-    Returns:
-        The root, to the rounding of `function`. Where the sign never changes, the end to which
-        the only sign there is points.
+    That is continuous, entry by entry. Where the sign never changes, it is the end to which the
+    only sign there is points.
     """
     below, above = np.asarray(negative, np.float64), np.asarray(positive, np.float64)
     # A hundred halvings leave nothing of any interval but rounding.

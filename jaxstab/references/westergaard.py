@@ -5,7 +5,7 @@ h = A cos(2 pi x / L). K. L. Johnson, *Contact Mechanics* (1985), section 13.2.
 
 import numpy as np
 
-from jaxstab.references.checks import Array, positive, require
+from jaxstab.references.arguments import Array, positive, require
 
 
 def full_contact_pressure(amplitude: float, length: float, contact_modulus: float) -> float:

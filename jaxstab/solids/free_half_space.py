@@ -80,8 +80,7 @@ class FreeHalfSpace(Solid):
 
     def __init__(self, grid: Grid, youngs_modulus: ArrayLike, poisson_ratio: ArrayLike = 0.0):
         self.grid = grid
-        constants = elastic_constants(youngs_modulus, poisson_ratio)
-        self.youngs_modulus, self.poisson_ratio = constants
+        self.youngs_modulus, self.poisson_ratio = elastic_constants(youngs_modulus, poisson_ratio)
 
     @property
     def contact_modulus(self) -> Scalar:

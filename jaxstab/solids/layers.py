@@ -57,8 +57,7 @@ class Layer(SpectralSolid):
         thickness: ArrayLike,
     ):
         self.grid = grid
-        constants = elastic_constants(youngs_modulus, poisson_ratio)
-        self.youngs_modulus, self.poisson_ratio = constants
+        self.youngs_modulus, self.poisson_ratio = elastic_constants(youngs_modulus, poisson_ratio)
         self.thickness = _thickness(thickness)
 
     @property
@@ -163,13 +162,6 @@ def _coated(
         N = A (2B (sinh 2x - 2x) + 8x (m + 1 - 2 nu1)) t + c1 c2 m t^2
 
     that is Burmister's solution (1945) for a bonded layer. A rigid base is m = 0.
-
-    Arguments:
-        wavenumbers: q > 0.
-        layer: E and nu of the layer.
-        thickness: h.
-        shear_ratio: m, the shear modulus of the layer over that of the base.
-        base_ratio: nu2, Poisson's ratio of the base.
     """
     m, nu, g = shear_ratio, possible_ratio(layer[1]), shear_modulus(*layer)
     x = wavenumbers * _possible_thickness(thickness)

@@ -10,12 +10,7 @@ from jaxstab.core.types import Scalar
 def elastic_constants(
     youngs_modulus: ArrayLike, poisson_ratio: ArrayLike, where: str = ""
 ) -> tuple[Scalar, Scalar]:
-    """Return E and nu as arrays, checked; `where` ends their names in errors.
-
-    Raises:
-        ValueError: if E is not positive, or nu outside (-1, 0.5], or one is not a single number.
-        TypeError: if one of them is complex.
-    """
+    """Return E and nu as arrays, checked; `where` ends their names in errors."""
     modulus_name, ratio_name = f"Young's modulus{where}", f"Poisson's ratio{where}"
     modulus = scalar_parameter(youngs_modulus, modulus_name)
     ratio = scalar_parameter(poisson_ratio, ratio_name)

@@ -121,13 +121,6 @@ def apart_from_mean(
 
     If that is stiffer than the softest wave, the mean and the rest of the field are taken apart:
     otherwise any move of the rest would stretch the spring.
-
-    Arguments:
-        inverse: roughly the inverse of K on all points.
-        field: one that vanishes outside the mask.
-        mask: the points that move.
-        stiffness: that of the spring [pressure/length].
-        softest: that of the softest wave [pressure/length].
     """
     is_stiff = stiffness > softest
     level, share = mean_over(mask, field), mean(mask.astype(field.dtype))

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxstab.core.checks import require_kind
 from jaxstab.surfaces import suspicion
 from jaxstab.surfaces.statistics import PowerSpectrum
 
@@ -113,11 +114,8 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
 
 def _rings(spectrum: PowerSpectrum) -> list[np.ndarray]:
     """Return wavenumber, density and number of waves of all rings, checked."""
-    if not isinstance(spectrum, PowerSpectrum):
-        raise TypeError(
-            f"{type(spectrum).__name__} is no spectrum: give what jaxstab.surfaces.power_spectrum "
-            "returned."
-        )
+    cure = "give what jaxstab.surfaces.power_spectrum returned."
+    require_kind(spectrum, PowerSpectrum, f"no spectrum: {cure}")
     parts = spectrum.wavenumber, spectrum.density, spectrum.num_waves
     q, density, count = (np.asarray(part, float) for part in parts)
     if not all(np.isfinite(part).all() for part in (q, density, count)):

@@ -40,9 +40,6 @@ def filled(heights: Heights, spacing: Sequence[float], order: int) -> Heights:
 
     For the first order that is the discrete Laplace equation (harmonic), for the second, all of
     hxx, hxy and hyy, the biharmonic one; natural conditions hold at the edges of the map.
-
-    Raises:
-        ValueError: for the second order, if all points that are there lie on one line.
     """
     from scipy.sparse import csr_array, hstack
     from scipy.sparse.linalg import splu

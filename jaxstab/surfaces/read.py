@@ -122,7 +122,6 @@ def _readers(
 
 
 def _text(content: bytes) -> str | None:
-    """Return a content as text, None where it is none."""
     try:
         if content.startswith(_UTF_16):
             return content.decode("utf-16")

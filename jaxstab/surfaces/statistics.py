@@ -13,10 +13,21 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.core.checks import are_finite, is_traced, known, numbers, parameter, require
+from jaxstab.core.docstrings import described
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import Field, Scalar
 from jaxstab.surfaces.topography import Topography
 
+_OF_A_GRID = {
+    "grid": "the grid; its lengths must be known, since they decide the number of rings",
+    "heights": "the surface [length]",
+}
+_OF_A_SOLID = {
+    "solid": "the solid, of any kind",
+    "heights": "the surface on its grid [length]",
+    "work": "w, the work of adhesion between flat surfaces [energy/area]",
+}
+_NO_HEIGHTS = "for heights of another shape than the grid, or not finite"
 # Rounding must not decide which ring a point at its edge belongs to.
 _ROUNDING = 1e-3
 
@@ -66,17 +77,9 @@ class PowerSpectrum(eqx.Module):
     num_waves: Float[Array, " rings"]
 
 
+@described(_OF_A_GRID, _NO_HEIGHTS, "for a grid that is none")
 def power_spectrum(grid: Grid, heights: Field | Topography) -> PowerSpectrum:
-    """Return the radial power spectrum of a surface, up to the corner of its spectrum.
-
-    Arguments:
-        grid: the grid; its lengths must be known, since they decide the number of rings.
-        heights: the surface [length].
-
-    Raises:
-        TypeError: for a grid that is none.
-        ValueError: for heights of another shape than the grid, or not finite.
-    """
+    """Return the radial power spectrum of a surface, up to the corner of its spectrum."""
     heights = _heights_on(grid, heights)
     lengths = np.asarray(grid.lengths)
     fundamental = 2 * np.pi / lengths.max()
@@ -102,19 +105,12 @@ class Autocorrelation(eqx.Module):
     value: Float[Array, " rings"]
 
 
+@described(_OF_A_GRID, _NO_HEIGHTS, "for a grid that is none")
 def autocorrelation(grid: Grid, heights: Field | Topography) -> Autocorrelation:
     """Return the radial autocorrelation <h(x) h(x + r)> of heights about their mean.
 
     It is the Fourier transform of |h(q)|^2 (Wiener and Khinchin), averaged over rings as wide as
     the larger spacing.
-
-    Arguments:
-        grid: the grid; its lengths must be known, since they decide the number of rings.
-        heights: the surface [length].
-
-    Raises:
-        TypeError: for a grid that is none.
-        ValueError: for heights of another shape than the grid, or not finite.
     """
     heights = _heights_on(grid, heights)
     lengths = np.asarray(grid.lengths)
@@ -134,22 +130,14 @@ def autocorrelation(grid: Grid, heights: Field | Topography) -> Autocorrelation:
     return Autocorrelation(averaged(distance) / num_points, averaged(value) / num_points)
 
 
+@described(_OF_A_SOLID, _NO_HEIGHTS, "for a solid that is none")
 def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
     """Return the elastic energy of full contact per area of the cell.
 
     That is u.Ku / 2 with u = h, for a half space E*/4 sum |q| |h(q)|^2 (Persson & Tosatti, J. Chem.
     Phys. 115, 2001).
 
-    Arguments:
-        solid: the solid, of any kind.
-        heights: the surface on its grid [length].
-
-    Returns:
-        The energy per area, above that of the solid moved as a whole [energy/area].
-
-    Raises:
-        TypeError: for a solid that is none.
-        ValueError: for heights of another shape than its grid, or not finite.
+    It counts from that of the solid moved as a whole [energy/area].
     """
     heights = _heights_on(_grid_of(solid), heights)
     if solid.is_window:
@@ -160,26 +148,18 @@ def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
     return solid.held_by(0).energy(heights - jnp.mean(heights)) / solid.grid.area
 
 
+@described(
+    _OF_A_SOLID,
+    f"{_NO_HEIGHTS}, and for work that is negative or not finite",
+    "for a solid that is none",
+)
 def effective_work_of_adhesion(
     solid: Elastic, heights: Field | Topography, work: ArrayLike
 ) -> Scalar:
     """Return w A / A0 - U / A0, what closing the rough interface gains (Persson & Tosatti, 2001).
 
     A / A0 is the mean of sqrt(1 + |grad h|^2), with the gradient of the Fourier series. Below zero
-    the surfaces do not stay in full contact.
-
-    Arguments:
-        solid: the solid, of any kind.
-        heights: the surface on its grid [length].
-        work: w, the work of adhesion between flat surfaces [energy/area].
-
-    Returns:
-        The effective work of adhesion [energy/area].
-
-    Raises:
-        TypeError: for a solid that is none.
-        ValueError: for heights of another shape than its grid, or not finite, and for work that is
-            negative or not finite.
+    the surfaces do not stay in full contact [energy/area].
     """
     heights = _heights_on(_grid_of(solid), heights)
     given = known(parameter(work, "The work of adhesion"))
@@ -223,7 +203,6 @@ def _complete(heights: Any) -> Float[Array | np.ndarray, " *grid"]:
 
 
 def _gradient(grid: Grid, heights: Field) -> list[Field]:
-    """Return the derivatives of the Fourier series along each side."""
     modes = grid.transform(heights)
     sides = zip(grid.waves, grid.shape, grid.lengths, strict=True)
     # The wave of two points is a cosine on the points, whose slope there is zero.

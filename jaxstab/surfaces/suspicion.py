@@ -81,8 +81,7 @@ class Steps:
     """Steps between neighbours along a side.
 
     Attributes:
-        rms: that of all steps inside.
-        largest: the largest rms over one line across the side.
+        rms, largest: that of all steps inside, and of one line across the side.
         jump: the rms across the periodic edge.
         rounding: what a step of nothing may be.
     """
@@ -142,5 +141,4 @@ def rms(heights: np.ndarray) -> float:
 
 
 def _rounding(heights: np.ndarray) -> float:
-    """Return what may be rounding in differences of heights."""
     return 100 * float(np.finfo(heights.dtype).eps * np.nanmax(np.abs(heights)))

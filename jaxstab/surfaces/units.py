@@ -23,11 +23,7 @@ _SPELLINGS = {
 
 
 def unit_of(name: Any) -> str:
-    """Return the usual symbol of a unit of length.
-
-    Raises:
-        ValueError: for what is none of those known.
-    """
+    """Return the usual symbol of a unit of length."""
     word = str(name)
     unit = _SPELLINGS.get(word, _SPELLINGS.get(word.lower(), word))
     if not isinstance(name, str) or unit not in _EXPONENTS:

@@ -117,13 +117,7 @@ class _Approaching(eqx.Module):
 
 @dataclass(frozen=True)
 class _Way:
-    """The way from a state of a branch to a load beyond its end.
-
-    Attributes:
-        contact: the contact.
-        last: the load beyond.
-        width: how far that is.
-    """
+    """The way from a state of a branch to a load beyond its end, as wide as their loads differ."""
 
     contact: Contact
     last: Load
@@ -141,10 +135,10 @@ class _Way:
         def account(value: Scalar, gap: Field) -> tuple[Scalar, tuple[Scalar, Scalar]]:
             at, (fields, _) = load.at(value), fields_of(contact, load.at(value), gap)
             pressure, mean_gap = fields["mean_pressure"], mean(fields["gap"])
-            supply = supply_of(contact, at, mean_gap, pressure)
-            potential = fields["energy"] + supply.potential
+            held, force = supply_of(contact, at, mean_gap, pressure)
+            potential = fields["energy"] + held
             least = smallest_loss(contact, threshold, potential, mean_gap, pressure)
-            return supply.force, (potential, least)
+            return force, (potential, least)
 
         here, along = (load.value, gap), (jnp.ones_like(load.value), rate)
         force, force_rate, (potential, least) = jax.jvp(account, here, along, has_aux=True)

@@ -52,11 +52,7 @@ class CriticalLoad(Stackable, Dimensioned):
 def critical_load_at(limit: Limit, contact: Contact, shared: Load, throw: bool) -> CriticalLoad:
     """Return the limit of a branch as a differentiable function of the contact and its load.
 
-    Arguments:
-        limit: where it is, a constant.
-        contact: the contact problem.
-        shared: the load, of which all but the value is to be differentiated with respect to.
-        throw: whether a derivative that does not exist is an error, or NaN.
+    Of the shared load all but the value is to be differentiated with respect to.
     """
     limit = replace(limit, load=shared.at(limit.load.value))
     load, gap = differentiable(limit, contact, throw)

@@ -1,27 +1,21 @@
 """Newton's method for a fold: both of its conditions taken together."""
 
-from collections.abc import Mapping
-from typing import ClassVar
-
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import IterativeSolver
-from jaxstab.core.types import Scalar
-from jaxstab.paths.branch_end.linearise import Point, linearised, moved_along, newton_step, point_at
+from jaxstab.paths.branch_end.linearise import (
+    NewtonSolver,
+    Point,
+    linearised,
+    moved_along,
+    newton_step,
+    point_at,
+)
 
 
-class FoldNewton(IterativeSolver):
+class FoldNewton(NewtonSolver):
     """Newton's method for a balance of pressures and an eigenvalue of zero."""
-
-    tolerance: Scalar | None = None
-    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=30)
-
-    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
-    patience: ClassVar[int] = 8
 
     def step(self, problem: Contact, state: Point) -> Point:
         """Return the point after a step of Newton's method."""

@@ -27,14 +27,8 @@ class KINDS(Enumeration):
 def reason_of(contact: Contact, load: Load, gap: Field, releases: Field) -> tuple[KINDS, Field]:
     """Return why the branch of a state ends just beyond it, and the mode that leads away.
 
-    It is a release if points of contact lose their reaction there and the energy falls where they
-    move too; otherwise a fold.
-
-    Arguments:
-        contact: the contact problem.
-        load: that of the state.
-        gap: of the state.
-        releases: where its contact points let go, as `first_releases` says.
+    It is a release if points of contact lose their reaction there, as `first_releases` says, and
+    the energy falls where they move too; otherwise a fold.
     """
     control = contact.control(load)
     touches = gap == 0

@@ -3,17 +3,20 @@
 The step takes A + s x x^T in place of A, x being the mode: at a simple fold that is not singular.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import LinearSystem
+from jaxstab.core.loop import IterativeSolver
 from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.equilibrium.derivatives import third_derivative
 from jaxstab.equilibrium.equilibrium import fields_of
@@ -26,6 +29,16 @@ from jaxstab.stability.lowest_modes import lowest_pair
 _MODE_TOLERANCE = {"float64": 1e-9, "float32": 1e-5}
 # Below it a direction lies across the mode.
 _LEAST_COSINE = {"float64": 1e-6, "float32": 1e-3}
+
+
+class NewtonSolver(IterativeSolver):
+    """What Newton's methods for the two kinds of limits share."""
+
+    tolerance: Scalar | None = None
+    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=30)
+
+    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
+    patience: ClassVar[int] = 8
 
 
 class Point(eqx.Module):

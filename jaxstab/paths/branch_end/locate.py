@@ -90,8 +90,6 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
 
     The last state of a branch may lie past its end by no more than its residual tells: then the
     point that let go is the one that is least open.
-
-    The arguments are those of `locate`.
     """
 
     def limit_from(number: Array) -> Limit:
@@ -106,17 +104,10 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
 def locate(
     contact: Contact, load: Load, gap: Field, kind: KINDS, point: Mask, ahead: Scalar
 ) -> Limit:
-    """Return the limit of a branch from a state close to it.
+    """Return the limit of a branch, at a point if it is a release, from a state close to it.
 
-    Where points touch or let go between the two, it is that state itself, and said not to be exact.
-
-    Arguments:
-        contact: the contact problem.
-        load: that of the state.
-        gap: of the state.
-        kind: of the limit, a fold or a release.
-        point: the contact point that lets go, if it is a release.
-        ahead: how far ahead the load lies that has no state of this branch, with its sign.
+    So far ahead, with its sign, a load has no state of this branch. Where points touch or let go
+    between the two, the limit is that state itself, and said not to be exact.
     """
     ahead = horizon(load, gap, ahead)
     residual = contact.balance(contact.control(load))(gap).residual

@@ -5,25 +5,22 @@ the free points follow at no cost, x_p = 1 and A x = 0 on them, the condition is
 the net pressure K u + p0 + f'(g): of what is out of balance on the free points x.r is rid.
 """
 
-from collections.abc import Mapping
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.grid import mean, total
 from jaxstab.core.history import Indicators
 from jaxstab.core.implicit import LinearSystem
-from jaxstab.core.loop import IterativeSolver
 from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.derivatives import free_system
 from jaxstab.equilibrium.equilibrium import fields_of
 from jaxstab.loads import Load
-from jaxstab.paths.branch_end.linearise import free_space, moved_along, rates
+from jaxstab.paths.branch_end.linearise import NewtonSolver, free_space, moved_along, rates
 from jaxstab.stability.cones import Subspace
 
 
@@ -121,14 +118,8 @@ def first_of(distances: Field) -> Mask:
     return (jnp.arange(distances.size) == jnp.argmin(distances)).reshape(distances.shape)
 
 
-class ReleaseNewton(IterativeSolver):
+class ReleaseNewton(NewtonSolver):
     """Newton's method for a balance of pressures and a reaction of zero."""
-
-    tolerance: Scalar | None = None
-    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=30)
-
-    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
-    patience: ClassVar[int] = 8
 
     def step(self, problem: Contact, state: Held) -> Held:
         """Return the state after a step of Newton's method."""

@@ -12,10 +12,10 @@ from jaxstab.equilibrium.equilibrate import whole_equilibrium
 from jaxstab.equilibrium.solvers.base import Problem
 from jaxstab.loads import MeanPressure
 from jaxstab.paths.branch_end.critical_load import CriticalLoad
-from jaxstab.paths.programme import Course
+from jaxstab.paths.programme import Programme
 from jaxstab.paths.pull_off import ROOM, as_shown, dead_load, end_of, unloading
 from jaxstab.paths.record import Strongest
-from jaxstab.paths.step import Aim, Walk, after, aimed
+from jaxstab.paths.step import Progress, TrialStep, apply_step, next_step
 from jaxstab.paths.walk import begin_at
 
 
@@ -23,37 +23,37 @@ class Walking(Rounds):
     """The steps of a walk, each of which seeks an equilibrium.
 
     Attributes:
-        course: the programme.
+        programme: the programme.
         walk: where it is.
         aim: the next step.
     """
 
-    course: Course
-    walk: Walk[Strongest]
-    aim: Aim | None = None
+    programme: Programme
+    walk: Progress[Strongest]
+    aim: TrialStep | None = None
 
     @property
     def search(self) -> tuple[Any, Any]:
         """The solver of this step, and its problem, prepared."""
         aim = self.aim
         assert aim is not None
-        solver, problem = self.course.search(
+        solver, problem = self.programme.search(
             aim.value, self.walk.part, aim.least_potential, aim.is_final
         )
         return solver, solver.prepared(problem, aim.start)
 
     @property
-    def found(self) -> Walk[Strongest]:
+    def found(self) -> Progress[Strongest]:
         """The walk at its end."""
         return self.walk
 
     def begun(self) -> "Walking":
         """Return the next step before its search has begun."""
-        aiming = replace(self, aim=aimed(self.course, self.walk))
+        aiming = replace(self, aim=next_step(self.programme, self.walk))
         solver, problem = aiming.search
         assert aiming.aim is not None
         loop = solver.begin(problem, aiming.aim.start)
-        is_open = self.walk.is_open(self.course.load)
+        is_open = self.walk.is_open(self.programme.load)
         return replace(
             aiming, loops=jax.tree.map(lambda leaf: leaf[None], loop), is_on=is_open[None]
         )
@@ -63,8 +63,8 @@ class Walking(Rounds):
         aim = self.aim
         assert aim is not None
         loop = jax.tree.map(lambda leaf: leaf[0], self.loops)
-        state = self.course.place(aim.value, self.walk.part, self.search[0].outcome(loop))
-        return replace(self, walk=after(self.course, self.walk, aim, *state)).begun()
+        state = self.programme.place(aim.value, self.walk.part, self.search[0].outcome(loop))
+        return replace(self, walk=apply_step(self.programme, self.walk, aim, *state)).begun()
 
 
 def unloaded(contact: Contact) -> Procedure[CriticalLoad]:
@@ -72,12 +72,12 @@ def unloaded(contact: Contact) -> Procedure[CriticalLoad]:
     whole = contact.whole
     found = yield from whole_equilibrium(contact, MeanPressure(0.0))
     own, unit = whole.in_own_units()
-    course = unloading(own, dead_load(whole, found.mean_pressure).in_units_of(unit))
-    value, part = course.load.value[0], jnp.array(0)
-    start = course.start(value, part, jnp.maximum(found.gap, 0))
-    given = own, course.at(value, part)
-    first = yield Solve(course.solver, given, start, Problem.under)
-    walk = begin_at(course, course.place(value, part, first), *ROOM)
-    walk = yield Walking(course, walk)
-    found = as_shown(end_of(course, walk), own, course.load[0], throw=False)
+    programme = unloading(own, dead_load(whole, found.mean_pressure).in_units_of(unit))
+    value, part = programme.load.value[0], jnp.array(0)
+    start = programme.start(value, part, jnp.maximum(found.gap, 0))
+    given = own, programme.at(value, part)
+    first = yield Solve(programme.solver, given, start, Problem.under)
+    walk = begin_at(programme, programme.place(value, part, first), *ROOM)
+    walk = yield Walking(programme, walk)
+    found = as_shown(end_of(programme, walk), own, programme.load[0], throw=False)
     return found.in_units_of(1 / unit).on_surface(whole.solid)

@@ -50,13 +50,7 @@ class Header:
 
 
 def header_of(text: str) -> Header | None:
-    """Return the header of an image among the comments of a text, if there is one.
-
-    Raises:
-        UnknownContent: for one of several channels, and for one without both sides.
-        ValueError: for one that is damaged, or of several images of one name, and for units of no
-            length.
-    """
+    """Return the header of an image among the comments of a text, if there is one."""
     said = _said(text)
     if not {"width", "height", "unit"} & set(said) or "unit of sides" in said:
         return None

@@ -12,6 +12,7 @@ from jaxstab.surfaces.formats.scan import (
     Scan,
     UnknownContent,
     chosen,
+    is_number,
     on_a_side_or_two,
 )
 from jaxstab.surfaces.units import unit_if_said, unit_of
@@ -31,17 +32,7 @@ def read_instrument(source: str | BytesIO, content: bytes, channel: str | None) 
     """Return the heights in an instrument's file, as SurfaceTopography orients them.
 
     Of several channels that is the first of heights, unless one is asked for.
-
-    Arguments:
-        source: the path of the file, by which some readers tell formats, or what was packed in it.
-        content: what it holds.
-        channel: the name of one.
-
-    Raises:
-        ValueError: for a damaged file, or a format that SurfaceTopography does not know.
-        ImportError: without the extra `surfaces`.
     """
-    _require_package()
     with _opened(source, content) as reader:
         if reader.format() in _UNMARKED:
             raise ValueError("no mark of a format in it")
@@ -53,12 +44,7 @@ def read_instrument_text(text: str, channel: str | None) -> Scan:
 
     A line is a row along x. Its reader takes lines that it cannot read for parts of the header, and
     reads a matrix without one: both are refused here.
-
-    Raises:
-        ValueError: for damaged lines, and for a header that says nothing of a matrix.
-        ImportError: without the extra `surfaces`.
     """
-    _require_package()
     _require_whole_lines(text)
     with _opened(StringIO(text), b"", format="asc") as reader:
         if not all(_OF_A_MATRIX & set(_metadata(one)) for one in reader.channels):
@@ -66,13 +52,10 @@ def read_instrument_text(text: str, channel: str | None) -> Scan:
         return _scan(reader, channel)
 
 
-def _require_package() -> None:
-    require_packages("Files of instruments", "surfaces", "SurfaceTopography.IO")
-
-
 @contextmanager
 def _opened(source: Any, content: bytes, **options: Any) -> Iterator[Any]:
     """Open a file by SurfaceTopography; whatever fails in a `with` block is unknown content."""
+    require_packages("Files of instruments", "surfaces", "SurfaceTopography.IO")
     from SurfaceTopography.IO import open_topography
 
     try:
@@ -121,7 +104,6 @@ def _unit_of_sides(channel: Any) -> str | None:
 
 
 def _metadata(channel: Any) -> dict[str, Any]:
-    """Return what a header of text says."""
     metadata = channel.info.get("raw_metadata", {})
     return metadata if isinstance(metadata, dict) else {}
 
@@ -131,7 +113,7 @@ def _require_whole_lines(text: str) -> None:
     columns = 0
     for i, line in enumerate(text.splitlines(), 1):
         words = line.split()
-        are_numbers = [_is_number(word) for word in words]
+        are_numbers = [is_number(word) or word.lower() in _MISSING for word in words]
         if words and all(are_numbers):
             columns = columns or len(words)
         elif (
@@ -140,14 +122,6 @@ def _require_whole_lines(text: str) -> None:
             and (len(words) == columns or any(are_numbers[:1]))
         ):
             raise ValueError(f"line {i}: {words[are_numbers.index(False)]!r} is no number.")
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return word.lower() in _MISSING
-    return True
 
 
 def _why(content: bytes, error: Exception) -> str:

@@ -27,10 +27,6 @@ def read_netcdf(content: bytes, engine: Literal["scipy", "h5netcdf"], channel: s
     attribute `length`. Units are the attributes `units` or `unit`; heights come in that of the
     coordinates, and where one is not said it is taken from the other, with a remark. A variable
     `mask` marks missing points, an attribute `periodic` of the coordinates edges that meet.
-
-    Raises:
-        ValueError: for a damaged file, and for coordinates that are uneven or contradict `length`.
-        ImportError: without the extra `data`.
     """
     data = _loaded(content, engine)
     name, choice = _name(data, channel)

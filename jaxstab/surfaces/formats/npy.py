@@ -8,11 +8,7 @@ from jaxstab.surfaces.formats.scan import Scan, on_a_side_or_two
 
 
 def read_npy(content: bytes) -> Scan:
-    """Return the surface that `numpy.save(path, heights)` wrote.
-
-    Raises:
-        ValueError: for a damaged file, and for what is not an array of heights.
-    """
+    """Return the surface that `numpy.save(path, heights)` wrote."""
     try:
         values = np.load(BytesIO(content), allow_pickle=False)
     except (ValueError, EOFError) as error:

@@ -61,11 +61,7 @@ class Refused(ValueError):
 def chosen(
     names: Sequence[str], channel: str | None, default: str | None
 ) -> tuple[str, tuple[str, ...]]:
-    """Return the name of the channel to read, and a remark where there are several.
-
-    Raises:
-        Refused: for one that is not there, and where there is none and no default.
-    """
+    """Return the name of the channel to read, and a remark where there are several."""
     listed = ", ".join(map(repr, names))
     if channel is not None and channel not in names:
         raise Refused(f"it has no channel {channel!r} of heights: choose from {listed}.")
@@ -78,12 +74,17 @@ def chosen(
     return str(name), (f"channel {name!r} of {listed}{hint}",)
 
 
-def on_a_side_or_two(values: Any) -> np.ndarray:
-    """Return an array as heights of float64: a map, or of a single row or column a line.
+def is_number(word: str) -> bool:
+    """Return whether a word is a number."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
-    Raises:
-        ValueError: for other than real numbers and for other than one or two axes.
-    """
+
+def on_a_side_or_two(values: Any) -> np.ndarray:
+    """Return an array as heights of float64: a map, or of a single row or column a line."""
     if values.dtype.kind not in "fiub":
         raise ValueError(f"its array is of {values.dtype}: heights are real numbers.")
     heights = np.ma.filled(values.astype(float), np.nan)

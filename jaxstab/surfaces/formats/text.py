@@ -10,6 +10,7 @@ from jaxstab.surfaces.formats.scan import (
     Scan,
     UnknownContent,
     even_spacing,
+    is_number,
     on_a_side_or_two,
 )
 from jaxstab.surfaces.formats.titles import Titles, titles_of
@@ -42,12 +43,6 @@ def read_text(text: str) -> Scan:
     Commas are decimal ones where blanks, tabs or semicolons separate fields that all fit that.
     Three columns in more than 50 rows are points x, y, z, never a matrix. Titles with units may
     stand above columns x, z and x, y, z, and above x, z, valid, where 0 marks a missing point.
-
-    Raises:
-        UnknownContent: for other words above the numbers, and for the header of an instrument.
-        ValueError: if a word is no number, a number infinite, or a line of another length, if
-            commas may be decimal ones or not, for points on no lattice, and for coordinates in the
-            first row and column.
     """
     if said := _OF_AN_INSTRUMENT.search(text):
         raise UnknownContent(
@@ -55,7 +50,8 @@ def read_text(text: str) -> Scan:
             "line stands for each x."
         )
     rows = _uncommented(text)
-    num_titles = next((i for i, (_, row) in enumerate(rows) if _begins_with_number(row)), 0)
+    firsts = [re.split(r"[;,\s]+", row.strip(), maxsplit=1)[0] for _, row in rows]
+    num_titles = next((i for i, word in enumerate(firsts) if is_number(word or "nan")), 0)
     head, rows = rows[:num_titles], rows[num_titles:]
     has_decimal_commas = _has_decimal_commas(rows)
     if has_decimal_commas:
@@ -63,8 +59,7 @@ def read_text(text: str) -> Scan:
     remarks = ("decimal commas taken for points",) if has_decimal_commas else ()
     if not head:
         return _scan(_table(rows), text).remarked(*remarks)
-    line, first = head[0]
-    unknown = UnknownContent(_no_number(line, re.split(r"[;,\s]+", first.strip())[0]))
+    unknown = UnknownContent(_no_number(head[0][0], firsts[0]))
     try:
         table = _table(rows)
     except ValueError:
@@ -95,7 +90,6 @@ def _scan(table: np.ndarray, text: str) -> Scan:
 
 
 def _of_columns(table: np.ndarray, titles: Titles) -> Scan:
-    """Return the profile or the points of columns with titles."""
     columns = list(table.T)[int(titles.has_index) :]
     if titles.has_marks:
         marks = columns.pop()
@@ -134,11 +128,7 @@ def _uncommented(text: str) -> Rows:
 
 
 def _has_decimal_commas(rows: Rows) -> bool:
-    """Return whether commas are decimal ones, which takes another separator to tell.
-
-    Raises:
-        ValueError: if there is none, and two columns are as likely as one.
-    """
+    """Return whether commas are decimal ones, which takes another separator to tell."""
     if not any("," in row for _, row in rows):
         return False
     words = [[word for word in re.split(r"[;\s]+", row) if word] for _, row in rows]
@@ -169,7 +159,6 @@ def _table(rows: Rows) -> np.ndarray:
 
 
 def _split(rows: Rows) -> Iterator[tuple[int, list[str]]]:
-    """Yield the words of each row."""
     separator = next((mark for mark in ";,\t" if any(mark in row for _, row in rows)), None)
     # Blanks within a field tell that tabs only align.
     if separator == "\t" and any(re.search(r"\S +\S", row) for _, row in rows):
@@ -196,15 +185,6 @@ def _no_number(line: int, word: str) -> str:
         f"line {line}: {word!r} is no number. Write numbers as 1.5e-6, missing points as nan, and "
         "begin comments with #."
     )
-
-
-def _begins_with_number(row: str) -> bool:
-    word = re.split(r"[;,\s]+", row.strip(), maxsplit=1)[0]
-    try:
-        float(word or "nan")
-    except ValueError:
-        return False
-    return True
 
 
 def _of_points(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> Scan | None:
@@ -257,11 +237,7 @@ def _smallest_step(gaps: np.ndarray) -> float:
 
 
 def _of_profile(x: np.ndarray, z: np.ndarray) -> Scan | None:
-    """Return the profile of heights z at rising or falling x.
-
-    Raises:
-        ValueError: if x rises or falls unevenly.
-    """
+    """Return the profile of heights z at rising or falling x."""
     if x.size < 3 or np.isnan(x).any() or abs(np.sign(np.diff(x)).sum()) < x.size - 1:
         return None
     if x[0] > x[-1]:

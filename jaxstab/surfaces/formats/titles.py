@@ -15,14 +15,9 @@ _PROFILER = "Scan Parameters"
 
 @dataclass(frozen=True)
 class Titles:
-    """What the titles of columns x, z, of x, z, valid, or of x, y, z say.
+    """What the titles of columns x, z, of x, z, valid, or of x, y, z say, with or without an index.
 
-    Attributes:
-        has_index: whether a first column numbers the others.
-        are_points: whether they are x, y, z.
-        has_marks: whether a last column is zero where a point is missing.
-        unit: that of the heights, None where it is not said.
-        unit_of_sides: that of x and y.
+    A last column of marks is zero where a point is missing; a unit is None where it is not said.
     """
 
     has_index: bool
@@ -33,12 +28,7 @@ class Titles:
 
 
 def titles_of(head: list[str], num_columns: int) -> Titles | None:
-    """Return what the lines above columns say of them, if those are titles with units.
-
-    Raises:
-        ValueError: for a unit that is none of length, for x and y in different ones, and for values
-            that may be no heights.
-    """
+    """Return what the lines above columns say of them, if those are titles with units."""
     *rest, last = head
     units = _fields(last)
     if rest and all(_IN_BRACKETS.fullmatch(field) for field in units):

@@ -1,28 +1,35 @@
-"""What the arguments of the closed forms must satisfy, told in a sentence that names the value."""
+"""The arguments of the closed forms: what they are, and what they must satisfy."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+SPHERE = {
+    "contact_radius": "a [length]",
+    "radius": "R of the paraboloid [length]",
+    "contact_modulus": "E* [pressure]",
+    "work_of_adhesion": "w [energy/area]",
+    "strength": "s, the tension [pressure]",
+    "stiffness": "k of the spring [force/length]",
+}
+POSITIVE = "if an argument is not positive and finite"
+
+
+def or_not_positive(reason: str) -> str:
+    """Return when an error is raised: for a reason, and for another argument."""
+    return f"if {reason}, or another argument not positive and finite"
+
 
 def require(name: str, value: ArrayLike, holds: ArrayLike, cure: str) -> None:
-    """Refuse `value`, named by its first entry for which `holds` is false.
-
-    Raises:
-        ValueError: if there is such an entry.
-    """
+    """Refuse `value`, named by its first entry for which `holds` is false."""
     value, holds = np.broadcast_arrays(value, holds)
     if not holds.all():
         raise ValueError(f"The {name.replace('_', ' ')} is {value[~holds][0]:g}: give {cure}.")
 
 
 def positive(**values: ArrayLike) -> tuple[Array, ...]:
-    """Return `values` as arrays of one shape, each positive and finite.
-
-    Raises:
-        ValueError: if one is not.
-    """
+    """Return `values` as arrays of one shape, each positive and finite."""
     arrays = {name: np.asarray(value, np.float64) for name, value in values.items()}
     for name, array in arrays.items():
         require(name, array, (array > 0) & np.isfinite(array), "a positive, finite number")
@@ -30,11 +37,7 @@ def positive(**values: ArrayLike) -> tuple[Array, ...]:
 
 
 def not_negative(name: str, value: ArrayLike) -> Array:
-    """Return `value` as an array without negative entries, which may be infinite.
-
-    Raises:
-        ValueError: if an entry is negative, or no number.
-    """
+    """Return `value` as an array without negative entries, which may be infinite."""
     array = np.asarray(value, np.float64)
     require(name, array, array >= 0, "zero or a positive number")
     return array
