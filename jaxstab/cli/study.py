@@ -1,17 +1,24 @@
 """`jaxstab study`: the study that a file describes, begun or gone on with."""
 
 import argparse
+import multiprocessing
 import sys
 import traceback
 import warnings
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from functools import partial
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 import jaxstab
 from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended, Parser, whole
+from jaxstab.core.extras import require_packages
 from jaxstab.studies import StudyInterrupted
 
 DESCRIPTION = """\
@@ -20,6 +27,12 @@ Run the study that a file of Python describes, or go on with it: the file define
 
 # What the file is imported as: no name that another module may have.
 _MODULE = "__study__"
+# Where JAX keeps compiled programs.
+_SHARED = (
+    "jax_compilation_cache_dir",
+    "jax_persistent_cache_min_compile_time_secs",
+    "jax_persistent_cache_min_entry_size_bytes",
+)
 
 
 def add_options(parser: Parser) -> None:
@@ -29,23 +42,38 @@ def add_options(parser: Parser) -> None:
     parser.add_argument("--path", type=Path, metavar="STUDY.zarr", required=True, help=help)
     help = "how many cases run at once, by jax.vmap (default %(default)s)"
     parser.add_argument("--batch", type=whole(1), default=1, help=help)
+    engine = parser.add_mutually_exclusive_group()
+    help = "run cases in so many processes of this machine"
+    engine.add_argument("--workers", type=whole(1), metavar="N", help=help)
+    help = "run cases on the workers of a Dask scheduler, as in tcp://HOST:8786"
+    engine.add_argument("--scheduler", metavar="ADDRESS", help=help)
     help = "run cases that failed before again"
     parser.add_argument("--retry", action="store_true", help=help)
+    help = "go on with a store that was begun with another case, and record what has changed"
+    parser.add_argument("--accept-changes", action="store_true", help=help)
 
 
 def run(options: argparse.Namespace) -> None:
     """Run the study and say how its cases ended."""
     module = _imported(options.file)
-    # Said at the end instead.
-    with warnings.catch_warnings(action="ignore", category=StudyInterrupted):
-        dataset = jaxstab.study(
-            module.case,
-            module.axes,
-            options.path,
-            batch=options.batch,
-            retry=options.retry,
-            progress=True,
-        )
+    with (
+        _executor(options, module) as executor,
+        # Said at the end instead.
+        warnings.catch_warnings(action="ignore", category=StudyInterrupted),
+    ):
+        try:
+            dataset = jaxstab.study(
+                module.case,
+                module.axes,
+                options.path,
+                executor=executor,
+                batch=options.batch,
+                retry=options.retry,
+                accept_changes=options.accept_changes,
+                progress=True,
+            )
+        except RuntimeError as error:
+            raise Ended(str(error), FAILED) from error
     results = dataset["result"].values.ravel().tolist()
     print(_described(dataset, results))
     print(f"\nThe results are in {options.path.resolve()}")
@@ -54,6 +82,42 @@ def run(options: argparse.Namespace) -> None:
         raise Ended(f"interrupted, {done} of {len(results)} cases are done.", INTERRUPTED)
     if "successful" not in results:
         raise Ended("every case failed, as the error above says.", FAILED)
+
+
+@contextmanager
+def _executor(options: argparse.Namespace, module: Any) -> Iterator[Any]:
+    """Yield where cases are to run, as `jaxstab.study` takes it."""
+    if options.workers is None and options.scheduler is None:
+        yield None
+        return
+    require_packages("Studies in many processes", "studies", "cloudpickle", "distributed")
+    import cloudpickle
+    from distributed import Client
+
+    # No other process can import it by its name.
+    cloudpickle.register_pickle_by_value(module)
+    if options.workers is not None:
+        context = multiprocessing.get_context("spawn")
+        shared = {name: jax.config.values[name] for name in _SHARED}
+        try:
+            yield partial(ProcessPoolExecutor, options.workers, context, _configure, (shared,))
+        except KeyboardInterrupt:
+            # The second Ctrl-C does not wait for the cases in hand.
+            for process in multiprocessing.active_children():
+                process.kill()
+            raise
+        return
+    try:
+        client = Client(options.scheduler)
+    except (OSError, ValueError) as error:
+        raise ValueError(f"No Dask scheduler answers at {options.scheduler}: {error}") from error
+    with client:
+        yield client
+
+
+def _configure(values: dict[str, Any]) -> None:
+    for name, value in values.items():
+        jax.config.update(name, value)
 
 
 def _imported(path: Path) -> Any:

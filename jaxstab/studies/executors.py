@@ -1,0 +1,271 @@
+"""Cases in other processes, dealt out by an executor of any kind."""
+
+import multiprocessing
+import os
+import signal
+import threading
+import traceback
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from jaxstab.core.extras import require_packages
+from jaxstab.studies.axes import Index
+from jaxstab.studies.driver import Driver
+from jaxstab.studies.holder import Holder
+from jaxstab.studies.outputs import MARKS
+from jaxstab.studies.store import Found, Store
+from jaxstab.studies.worker import Worker
+
+# Of a case whose process dies; the last time no other case is in hand.
+_TRIES = 3
+# How often an executor may lose what it was given before any case began.
+_PATIENCE = 5
+# The tasks in hand at a time.
+_WINDOW = 1000
+# Lanes are empty at the end of each task: one has so many times as many cases.
+_FILLINGS = 8
+# What cases and disks do.
+_TOLD = (OSError, TypeError, ValueError)
+_IMPORTED_BY = os.getpid()
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is the same in all tasks of a study.
+
+    Attributes:
+        path: the store.
+        driver: the name of the process that holds it.
+        enable_x64: the precision.
+    """
+
+    path: Path
+    driver: str
+    enable_x64: bool
+
+    @property
+    def file(self) -> Path:
+        """Where the case lies."""
+        return self.path / MARKS[0] / "case"
+
+
+def run_on(executor: Any, driver: Driver, worker: Worker) -> None:
+    """Run the cases of a study on an executor, a Dask client, or executors that a function makes.
+
+    Raises:
+        RuntimeError: if an executor takes no more cases, or loses all of them.
+    """
+    require_packages("Executors", "studies", "cloudpickle")
+    import cloudpickle
+
+    store = driver.store
+    order = Order(store.path.resolve(), driver.holder.name, jax.config.values["jax_enable_x64"])
+    for mark in order.file.parent.glob("begun.*"):
+        mark.unlink()
+    order.file.write_bytes(cloudpickle.dumps((worker, store)))
+    if hasattr(executor, "get_executor"):
+        executor = executor.get_executor()
+    size = worker.batch * (_FILLINGS if worker.has_lanes else 1)
+    try:
+        _Dealer(driver, order, size).run(executor)
+    finally:
+        order.file.unlink(missing_ok=True)
+
+
+class _Dealer:
+    """Deals cases to executors, and again where they were lost.
+
+    Arguments:
+        driver: knows the cases that are left.
+        order: the part of a task that is the same in all.
+        size: how many cases are in a task.
+    """
+
+    def __init__(self, driver: Driver, order: Order, size: int):
+        self._driver, self._order, self._size = driver, order, size
+        self._alone: deque[Index] = deque()
+        self._begun: dict[Index, int] = {}
+        self._num_tasks, self._num_lost = 0, 0
+        self._error: Exception | None = None
+
+    def run(self, executor: Any) -> None:
+        """Deal until no case is left."""
+        is_made, is_over = callable(executor), False
+        while not is_over:
+            pool = executor() if is_made else executor
+            try:
+                self._deal_to(pool)
+                is_over = True
+            except BrokenExecutor as error:
+                if not is_made:
+                    raise RuntimeError(
+                        "A process of the executor died, after which it takes no more cases: "
+                        f"{self._driver.stored}. Run the same call with a new executor to "
+                        "continue, or give a function that makes one."
+                    ) from error
+            finally:
+                if is_made:
+                    pool.shutdown(wait=is_over)
+        if self._error is not None:
+            raise self._error
+
+    def _deal_to(self, pool: Any) -> None:
+        in_hand: dict[Future, list[Index]] = {}
+        try:
+            while True:
+                while len(in_hand) < _WINDOW and (places := self._driver.take(self._size)):
+                    self._submit(pool, places, in_hand)
+                if not in_hand and self._alone:
+                    self._submit(pool, [self._alone.popleft()], in_hand)
+                if not in_hand:
+                    return
+                # On Windows, Ctrl-C does not end a wait.
+                for future in wait(in_hand, timeout=1, return_when=FIRST_COMPLETED).done:
+                    self._hear(future, in_hand[future])
+                    del in_hand[future]
+        except BrokenExecutor as error:
+            self._deal_again([place for places in in_hand.values() for place in places], error)
+            raise
+        finally:
+            for future in in_hand:
+                future.cancel()
+
+    def _submit(self, pool: Any, places: list[Index], in_hand: dict[Future, list[Index]]) -> None:
+        self._num_tasks += 1
+        future: Any = Future()
+        try:
+            # By its number, Dask does not take a task for one that it has done.
+            future = pool.submit(run_cases, self._order, self._num_tasks, places)
+        finally:
+            in_hand[future] = places
+
+    def _hear(self, future: Future, places: list[Index]) -> None:
+        lost = CancelledError("it was cancelled") if future.cancelled() else future.exception()
+        if isinstance(lost, BrokenExecutor):
+            raise lost
+        heard, error = ([], None) if lost else future.result()
+        try:
+            for found in heard:
+                self._driver.hear(found)
+        except _TOLD as own:
+            error = own
+        if error is not None and self._error is None:
+            self._error = error
+            self._driver.stop()
+        known = {found.place for found in heard if isinstance(found, Found)}
+        if left := [place for place in places if place not in known]:
+            self._deal_again(left, lost)
+        else:
+            self._num_lost = 0
+
+    def _deal_again(self, places: list[Index], error: BaseException | None) -> None:
+        """Put cases back that an executor has lost; where it loses all, that is an error."""
+        store, is_new = self._driver.store, False
+        for place in places:
+            begun = store.num_begun(place)
+            is_new |= begun > self._begun.get(place, 0)
+            self._begun[place] = begun
+            if result := store.result(place):
+                self._driver.hear(Found(place, result=result))
+            elif begun < _TRIES - 1:
+                self._driver.put_back(place)
+            elif not self._driver.is_stopped:
+                self._alone.append(place)
+        self._num_lost = 0 if is_new else self._num_lost + 1
+        if self._num_lost > _PATIENCE and not self._driver.is_stopped:
+            raise RuntimeError(
+                f"The executor lost its tasks {self._num_lost} times before a case began "
+                f"({type(error).__name__}: {error}): its processes must be able to import jaxstab "
+                f"and what the case imports. {self._driver.stored}. Run the same call to continue."
+            ) from error
+
+
+def run_cases(
+    order: Order, number: int, places: Sequence[Index]
+) -> tuple[list[Found | str], Exception | None]:
+    """Run and store cases in a worker; return what became of them, and what ended it early."""
+    heard: list[Found | str] = []
+    try:
+        _require_spawned()
+        with jax.enable_x64(order.enable_x64):
+            _run(order, deque(places), heard)
+    except _TOLD as error:
+        # Alone: what caused it, and where, may not survive the way.
+        kind = next(kind for kind in _TOLD if isinstance(error, kind))
+        return heard, kind(*error.args)
+    except Exception:
+        return heard, RuntimeError(f"In a worker:\n{traceback.format_exc()}")
+    return heard, None
+
+
+def _run(order: Order, left: deque[Index], heard: list[Found | str]) -> None:
+    holder = Holder(order.path, order.driver)
+    if not holder.goes_on():
+        return
+    worker, store = _loaded(order)
+
+    def take(number: int) -> list[Index]:
+        taken = []
+        while left and len(taken) < number and holder.goes_on():
+            place = left.popleft()
+            result = store.result(place)
+            if result is None and store.begin(place) > _TRIES:
+                error = f"The process that ran it died, {_TRIES} times."
+                result = store.keep(Found(place, error=error))
+                store.end(place)
+            if result is None:
+                taken.append(place)
+            else:
+                heard.append(Found(place, result=result))
+        return taken
+
+    for found in worker.run(take):
+        if isinstance(found, Found):
+            # Another driver may have the store by now.
+            if not holder.lasts():
+                return
+            result = store.keep(found)
+            store.end(found.place)
+            found = Found(found.place, result=result)
+        heard.append(found)
+
+
+@lru_cache(maxsize=1)
+def _loaded(order: Order) -> tuple[Worker, Store]:
+    """Return what runs and stores the cases of a study; it keeps its compiled programs."""
+    import cloudpickle
+
+    _end_with_parent()
+    worker, store = cloudpickle.loads(order.file.read_bytes())
+    worker.require_versions()
+    return worker, store
+
+
+def _require_spawned() -> None:
+    if multiprocessing.parent_process() is not None and os.getpid() != _IMPORTED_BY:
+        raise ValueError(
+            "The executor forks its processes, which JAX does not survive: give it "
+            'mp_context=multiprocessing.get_context("spawn").'
+        )
+
+
+@cache
+def _end_with_parent() -> None:
+    """Let a process of a pool end with the one that made it, and leave Ctrl-C to that."""
+    parent = multiprocessing.parent_process()
+    if parent is None or threading.current_thread() is not threading.main_thread():
+        return
+
+    def end() -> None:
+        parent.join()
+        os._exit(1)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=end, daemon=True).start()
