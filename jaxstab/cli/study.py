@@ -1,19 +1,15 @@
 """`jaxstab study`: the study that a file describes, begun or gone on with."""
 
 import argparse
-import multiprocessing
 import sys
 import traceback
 import warnings
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from functools import partial
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 import jaxstab
@@ -27,12 +23,6 @@ Run the study that a file of Python describes, or go on with it: the file define
 
 # What the file is imported as: no name that another module may have.
 _MODULE = "__study__"
-# Where JAX keeps compiled programs.
-_SHARED = (
-    "jax_compilation_cache_dir",
-    "jax_persistent_cache_min_compile_time_secs",
-    "jax_persistent_cache_min_entry_size_bytes",
-)
 
 
 def add_options(parser: Parser) -> None:
@@ -96,16 +86,8 @@ def _executor(options: argparse.Namespace, module: Any) -> Iterator[Any]:
 
     # No other process can import it by its name.
     cloudpickle.register_pickle_by_value(module)
-    if options.workers is not None:
-        context = multiprocessing.get_context("spawn")
-        shared = {name: jax.config.values[name] for name in _SHARED}
-        try:
-            yield partial(ProcessPoolExecutor, options.workers, context, _configure, (shared,))
-        except KeyboardInterrupt:
-            # The second Ctrl-C does not wait for the cases in hand.
-            for process in multiprocessing.active_children():
-                process.kill()
-            raise
+    if options.scheduler is None:
+        yield options.workers
         return
     try:
         client = Client(options.scheduler)
@@ -113,11 +95,6 @@ def _executor(options: argparse.Namespace, module: Any) -> Iterator[Any]:
         raise ValueError(f"No Dask scheduler answers at {options.scheduler}: {error}") from error
     with client:
         yield client
-
-
-def _configure(values: dict[str, Any]) -> None:
-    for name, value in values.items():
-        jax.config.update(name, value)
 
 
 def _imported(path: Path) -> Any:

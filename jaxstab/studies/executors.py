@@ -6,8 +6,16 @@ import signal
 import threading
 import traceback
 from collections import deque
-from collections.abc import Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from collections.abc import Iterator, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
@@ -33,6 +41,12 @@ _WINDOW = 1000
 _FILLINGS = 8
 # What cases and disks do.
 _TOLD = (OSError, TypeError, ValueError)
+# Where JAX keeps compiled programs.
+_SETTINGS = (
+    "jax_compilation_cache_dir",
+    "jax_persistent_cache_min_compile_time_secs",
+    "jax_persistent_cache_min_entry_size_bytes",
+)
 _IMPORTED_BY = os.getpid()
 
 
@@ -57,7 +71,7 @@ class Order:
 
 
 def run_on(executor: Any, driver: Driver, worker: Worker) -> None:
-    """Run the cases of a study on an executor, a Dask client, or executors that a function makes.
+    """Run the cases of a study on an executor, a Dask client, or so many processes.
 
     Raises:
         RuntimeError: if an executor takes no more cases, or loses all of them.
@@ -96,23 +110,20 @@ class _Dealer:
         self._error: Exception | None = None
 
     def run(self, executor: Any) -> None:
-        """Deal until no case is left."""
-        is_made, is_over = callable(executor), False
+        """Deal until no case is left, to a new pool of processes once one of them has died."""
+        is_over = False
         while not is_over:
-            pool = executor() if is_made else executor
-            try:
-                self._deal_to(pool)
-                is_over = True
-            except BrokenExecutor as error:
-                if not is_made:
-                    raise RuntimeError(
-                        "A process of the executor died, after which it takes no more cases: "
-                        f"{self._driver.stored}. Run the same call with a new executor to "
-                        "continue, or give a function that makes one."
-                    ) from error
-            finally:
-                if is_made:
-                    pool.shutdown(wait=is_over)
+            with _pool(executor) if isinstance(executor, int) else nullcontext(executor) as pool:
+                try:
+                    self._deal_to(pool)
+                    is_over = True
+                except BrokenExecutor as error:
+                    if pool is executor:
+                        raise RuntimeError(
+                            "A process of the executor died, after which it takes no more cases: "
+                            f"{self._driver.stored}. Run the same call with a new executor to "
+                            "continue, or give the number of processes."
+                        ) from error
         if self._error is not None:
             raise self._error
 
@@ -183,8 +194,33 @@ class _Dealer:
             raise RuntimeError(
                 f"The executor lost its tasks {self._num_lost} times before a case began "
                 f"({type(error).__name__}: {error}): its processes must be able to import jaxstab "
-                f"and what the case imports. {self._driver.stored}. Run the same call to continue."
+                "and what the case imports, and a script must start its study under `if __name__ "
+                f'== "__main__":`. {self._driver.stored}. Run the same call to continue.'
             ) from error
+
+
+@contextmanager
+def _pool(number: int) -> Iterator[ProcessPoolExecutor]:
+    """Yield processes that end with this one; if the block raises, they end at once."""
+    others = set(multiprocessing.active_children())
+    settings = {name: jax.config.values[name] for name in _SETTINGS}
+    # JAX does not survive a fork.
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(number, context, _begin, (settings,))
+    try:
+        yield pool
+    except BaseException:
+        for process in set(multiprocessing.active_children()) - others:
+            process.kill()
+        raise
+    finally:
+        pool.shutdown()
+
+
+def _begin(settings: dict[str, Any]) -> None:
+    _end_with_parent()
+    for name, value in settings.items():
+        jax.config.update(name, value)
 
 
 def run_cases(

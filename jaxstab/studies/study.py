@@ -59,9 +59,9 @@ def study(
         axes: one-dimensional arrays by name, whose product is run; or a list of dicts, the
             combinations to be run, which lie on the dimension `case`.
         path: the folder of the store; made where it does not exist. All processes write to it.
-        executor: where cases run: an executor as those of `concurrent.futures`, whose processes
-            are not forked, or a Dask `Client`; or a function that makes an executor, which is made
-            anew when a process of it dies. None: in this process, a thread to a device.
+        executor: where cases run: in so many processes of this machine, or on an executor as
+            those of `concurrent.futures`, whose processes are not forked, or a Dask `Client`.
+            None: in this process, a thread to a device.
         batch: how many cases run at once, by `jax.vmap` of the compiled function; those of
             `jaxstab.cases` in as many lanes, of which none waits for the slowest. Of a batch that
             raises the cases are run one by one, with a warning.
