@@ -40,7 +40,7 @@ def timed_case(seed, energy):
 def logged_case(seed, energy):
     with open("log", "a") as log:
         log.write(f"c.{seed}.{round(9 * energy)}\n")
-    time.sleep(0.005)
+    time.sleep(0.04)
     if seed == 3:
         raise ValueError(f"no contact at {energy}")
     field = np.random.default_rng([seed, int(9 * energy)]).random((32, 32))

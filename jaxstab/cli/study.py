@@ -90,7 +90,7 @@ def _executor(options: argparse.Namespace, module: Any) -> Iterator[Any]:
         yield options.workers
         return
     try:
-        client = Client(options.scheduler)
+        client = Client(options.scheduler, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ValueError(f"No Dask scheduler answers at {options.scheduler}: {error}") from error
     with client:

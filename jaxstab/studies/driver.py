@@ -79,7 +79,7 @@ class Driver:
         """Let no more cases be begun."""
         self.is_stopped = True
         self._left.clear()
-        self.holder.stop()
+        self.holder.say()
 
     def run(self, worker: Worker) -> None:
         """Run the cases in this process, a thread to a device."""

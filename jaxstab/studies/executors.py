@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 import traceback
@@ -16,9 +17,7 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
 from functools import cache, lru_cache
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -27,14 +26,14 @@ from jaxstab.core.extras import require_packages
 from jaxstab.studies.axes import Index
 from jaxstab.studies.driver import Driver
 from jaxstab.studies.holder import Holder
-from jaxstab.studies.outputs import MARKS
+from jaxstab.studies.identity import versions
 from jaxstab.studies.store import Found, Store
 from jaxstab.studies.worker import Worker
 
 # Of a case whose process dies; the last time no other case is in hand.
 _TRIES = 3
-# How often an executor may lose what it was given before any case began.
-_PATIENCE = 5
+# How often an executor may lose what it was given before a task comes back.
+_PATIENCE = 10
 # The tasks in hand at a time.
 _WINDOW = 1000
 # Lanes are empty at the end of each task: one has so many times as many cases.
@@ -50,26 +49,6 @@ _SETTINGS = (
 _IMPORTED_BY = os.getpid()
 
 
-@dataclass(frozen=True)
-class Order:
-    """What is the same in all tasks of a study.
-
-    Attributes:
-        path: the store.
-        driver: the name of the process that holds it.
-        enable_x64: the precision.
-    """
-
-    path: Path
-    driver: str
-    enable_x64: bool
-
-    @property
-    def file(self) -> Path:
-        """Where the case lies."""
-        return self.path / MARKS[0] / "case"
-
-
 def run_on(executor: Any, driver: Driver, worker: Worker) -> None:
     """Run the cases of a study on an executor, a Dask client, or so many processes.
 
@@ -79,18 +58,19 @@ def run_on(executor: Any, driver: Driver, worker: Worker) -> None:
     require_packages("Executors", "studies", "cloudpickle")
     import cloudpickle
 
-    store = driver.store
-    order = Order(store.path.resolve(), driver.holder.name, jax.config.values["jax_enable_x64"])
-    for mark in order.file.parent.glob("begun.*"):
+    holder = driver.holder
+    for mark in holder.folder.glob("begun.*"):
         mark.unlink()
-    order.file.write_bytes(cloudpickle.dumps((worker, store)))
+    # Arrays are unpickled in the precision that is found first.
+    content = cloudpickle.dumps((worker, driver.store, versions()))
+    order = pickle.dumps((jax.config.values["jax_enable_x64"], content))
+    (holder.folder / "case").write_bytes(order)
     if hasattr(executor, "get_executor"):
         executor = executor.get_executor()
-    size = worker.batch * (_FILLINGS if worker.has_lanes else 1)
     try:
-        _Dealer(driver, order, size).run(executor)
+        _Dealer(driver, worker.batch * (_FILLINGS if worker.has_lanes else 1)).run(executor)
     finally:
-        order.file.unlink(missing_ok=True)
+        (holder.folder / "case").unlink(missing_ok=True)
 
 
 class _Dealer:
@@ -98,14 +78,12 @@ class _Dealer:
 
     Arguments:
         driver: knows the cases that are left.
-        order: the part of a task that is the same in all.
         size: how many cases are in a task.
     """
 
-    def __init__(self, driver: Driver, order: Order, size: int):
-        self._driver, self._order, self._size = driver, order, size
+    def __init__(self, driver: Driver, size: int):
+        self._driver, self._size = driver, size
         self._alone: deque[Index] = deque()
-        self._begun: dict[Index, int] = {}
         self._num_tasks, self._num_lost = 0, 0
         self._error: Exception | None = None
 
@@ -153,7 +131,7 @@ class _Dealer:
         future: Any = Future()
         try:
             # By its number, Dask does not take a task for one that it has done.
-            future = pool.submit(run_cases, self._order, self._num_tasks, places)
+            future = pool.submit(run_cases, self._driver.holder, self._num_tasks, places)
         finally:
             in_hand[future] = places
 
@@ -178,25 +156,22 @@ class _Dealer:
 
     def _deal_again(self, places: list[Index], error: BaseException | None) -> None:
         """Put cases back that an executor has lost; where it loses all, that is an error."""
-        store, is_new = self._driver.store, False
-        for place in places:
-            begun = store.num_begun(place)
-            is_new |= begun > self._begun.get(place, 0)
-            self._begun[place] = begun
-            if result := store.result(place):
-                self._driver.hear(Found(place, result=result))
-            elif begun < _TRIES - 1:
-                self._driver.put_back(place)
-            elif not self._driver.is_stopped:
-                self._alone.append(place)
-        self._num_lost = 0 if is_new else self._num_lost + 1
+        self._num_lost += 1
         if self._num_lost > _PATIENCE and not self._driver.is_stopped:
             raise RuntimeError(
-                f"The executor lost its tasks {self._num_lost} times before a case began "
+                f"The executor lost its tasks {self._num_lost} times one after another "
                 f"({type(error).__name__}: {error}): its processes must be able to import jaxstab "
                 "and what the case imports, and a script must start its study under `if __name__ "
                 f'== "__main__":`. {self._driver.stored}. Run the same call to continue.'
             ) from error
+        store = self._driver.store
+        for place in places:
+            if result := store.result(place):
+                self._driver.hear(Found(place, result=result))
+            elif store.num_begun(place) < _TRIES - 1:
+                self._driver.put_back(place)
+            elif not self._driver.is_stopped:
+                self._alone.appendleft(place)
 
 
 @contextmanager
@@ -224,14 +199,17 @@ def _begin(settings: dict[str, Any]) -> None:
 
 
 def run_cases(
-    order: Order, number: int, places: Sequence[Index]
+    holder: Holder, number: int, places: Sequence[Index]
 ) -> tuple[list[Found | str], Exception | None]:
     """Run and store cases in a worker; return what became of them, and what ended it early."""
     heard: list[Found | str] = []
     try:
         _require_spawned()
-        with jax.enable_x64(order.enable_x64):
-            _run(order, deque(places), heard)
+        if holder.goes_on():
+            x64, worker, store = _loaded(holder)
+            with jax.enable_x64(x64):
+                for found in _run(holder, worker, store, deque(places)):
+                    heard.append(found)
     except _TOLD as error:
         # Alone: what caused it, and where, may not survive the way.
         kind = next(kind for kind in _TOLD if isinstance(error, kind))
@@ -241,11 +219,9 @@ def run_cases(
     return heard, None
 
 
-def _run(order: Order, left: deque[Index], heard: list[Found | str]) -> None:
-    holder = Holder(order.path, order.driver)
-    if not holder.goes_on():
-        return
-    worker, store = _loaded(order)
+def _run(holder: Holder, worker: Worker, store: Store, left: deque[Index]) -> Iterator[Found | str]:
+    """Yield what became of cases, once it is stored."""
+    known: list[Found] = []
 
     def take(number: int) -> list[Index]:
         taken = []
@@ -259,29 +235,35 @@ def _run(order: Order, left: deque[Index], heard: list[Found | str]) -> None:
             if result is None:
                 taken.append(place)
             else:
-                heard.append(Found(place, result=result))
+                known.append(Found(place, result=result))
         return taken
 
     for found in worker.run(take):
+        # Another driver may have the store by now.
+        if not holder.lasts():
+            return
         if isinstance(found, Found):
-            # Another driver may have the store by now.
-            if not holder.lasts():
-                return
             result = store.keep(found)
             store.end(found.place)
             found = Found(found.place, result=result)
-        heard.append(found)
+        yield found
+    yield from known
 
 
 @lru_cache(maxsize=1)
-def _loaded(order: Order) -> tuple[Worker, Store]:
+def _loaded(holder: Holder) -> tuple[bool, Worker, Store]:
     """Return what runs and stores the cases of a study; it keeps its compiled programs."""
     import cloudpickle
 
     _end_with_parent()
-    worker, store = cloudpickle.loads(order.file.read_bytes())
-    worker.require_versions()
-    return worker, store
+    x64, content = pickle.loads((holder.folder / "case").read_bytes())
+    with jax.enable_x64(x64):
+        worker, store, theirs = cloudpickle.loads(content)
+    if theirs != versions():
+        raise ValueError(
+            f"A worker has the packages {versions()}, the study {theirs}: install the same."
+        )
+    return x64, worker, store
 
 
 def _require_spawned() -> None:

@@ -4,51 +4,44 @@ import os
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
 from jaxstab.studies.outputs import MARKS
 
-_STOPPING = "stopping"
 
-
+@dataclass(frozen=True)
 class Holder:
     """The process that drives a store, as its workers know it.
 
-    A file of the store has its name in its first line, and in further ones what it has come to.
-
-    Arguments:
-        path: the folder of the store.
-        name: the name, which no other process has.
+    Attributes:
+        folder: where the store has the files of its work.
+        name: the name of the process, which no other has.
     """
 
-    def __init__(self, path: Path, name: str):
-        self.path, self.name = path, name
-        self._file = _file(path)
-
-    def lasts(self) -> bool:
-        """Return whether cases that were begun are still its own."""
-        return self._states() in ([], [_STOPPING])
+    folder: Path
+    name: str
 
     def goes_on(self) -> bool:
         """Return whether it wants more cases to be begun."""
-        return self._states() == []
+        return self._said() == [self.name]
 
-    def stop(self) -> None:
-        """Let no more cases be begun."""
-        self._say(_STOPPING)
+    def lasts(self) -> bool:
+        """Return whether cases that were begun are still its own."""
+        return self._said() in ([self.name], [self.name, "stopping"])
 
-    def _say(self, state: str) -> None:
+    def say(self, state: str = "stopping") -> None:
+        """Say what it has come to; by default, that no more cases are to be begun."""
         # If the disk is full, workers find out by themselves.
-        with suppress(OSError), self._file.open("a") as file:
+        with suppress(OSError), (self.folder / "driver").open("a") as file:
             file.write(f"\n{state}")
 
-    def _states(self) -> list[str] | None:
+    def _said(self) -> list[str]:
         try:
-            name, *states = self._file.read_text().split("\n")
+            return (self.folder / "driver").read_text().split("\n")
         except OSError:
-            return None
-        return states if name == self.name else None
+            return []
 
 
 @contextmanager
@@ -61,14 +54,14 @@ def held(path: Path) -> Iterator[Holder]:
     """
     from filelock import FileLock, Timeout
 
-    file = _file(path)
+    folder = path.absolute() / MARKS[0]
     entries = {entry.name for entry in path.iterdir()} if path.is_dir() else set()
     is_free = not path.exists() or (path.is_dir() and entries <= {MARKS[0]})
-    # Those of jaxstab 0.1.0 have a file of claims.
-    if not is_free and not file.exists() and not file.with_name("claims").exists():
+    # Stores of jaxstab 0.1.0 have a file of claims.
+    if not (is_free or any((folder / name).exists() for name in ("driver", "claims"))):
         raise ValueError(f"{path} exists and is no study: give another path.")
-    file.parent.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(file.with_name("driver.lock"))
+    folder.mkdir(parents=True, exist_ok=True)
+    lock, file = FileLock(folder / "driver.lock"), folder / "driver"
     try:
         lock.acquire(timeout=0)
     except Timeout:
@@ -78,15 +71,12 @@ def held(path: Path) -> Iterator[Holder]:
             "to continue."
         ) from None
     try:
-        holder = Holder(path, f"process {os.getpid()} on {socket.gethostname()}, {uuid4().hex}")
-        file.write_text(holder.name)
+        name = f"process {os.getpid()} on {socket.gethostname()}, {uuid4().hex}"
+        file.write_text(name)
+        holder = Holder(folder, name)
         try:
             yield holder
         finally:
-            holder._say("ended")
+            holder.say("ended")
     finally:
         lock.release()
-
-
-def _file(path: Path) -> Path:
-    return path / MARKS[0] / "driver"

@@ -1,6 +1,7 @@
 """The public function: a study, from its axes to its data set."""
 
 import inspect
+import numbers
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -91,6 +92,8 @@ def study(
     batch = integer("batch", batch)
     if batch < 1:
         raise ValueError(f"batch is {batch}: give at least 1.")
+    if isinstance(executor, numbers.Number) and integer("executor", executor) < 1:
+        raise ValueError(f"executor is {executor}: give at least 1 process.")
     asked, path = read_axes(axes), Path(path)
     _require_arguments(case, asked)
     identity, source = identity_of(case), source_of(case)

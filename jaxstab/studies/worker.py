@@ -2,8 +2,8 @@
 
 import errno
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
 from typing import Any
@@ -13,7 +13,6 @@ import numpy as np
 
 from jaxstab.studies.axes import LISTED, Axis, Index, arguments_of, places, stacked_at, values_at
 from jaxstab.studies.cases import Case
-from jaxstab.studies.identity import versions
 from jaxstab.studies.lanes.scheduler import Lanes
 from jaxstab.studies.outputs import arrays_of, error_text
 from jaxstab.studies.store import Found
@@ -31,27 +30,16 @@ class Worker:
         case: the function.
         axes: what it is called with.
         batch: how many at once.
-        versions: those of the packages of the study.
     """
 
     case: Callable[..., Any]
     axes: Sequence[Axis]
     batch: int
-    versions: Mapping[str, str] = field(default_factory=versions)
 
     @property
     def has_lanes(self) -> bool:
         """Whether cases take each other's places."""
         return self.batch > 1 and isinstance(self.case, Case)
-
-    def require_versions(self) -> None:
-        """Raise `ValueError` in a process that has other packages than that of the study."""
-        for name, here in versions().items():
-            if here != self.versions[name]:
-                raise ValueError(
-                    f"A worker has {name} {here}, the study {self.versions[name]}: install the "
-                    "same versions."
-                )
 
     def run(self, take: Take) -> Iterator[Found | str]:
         """Yield each case as it ends, until none is left, and warnings."""

@@ -168,7 +168,7 @@ class Losing(Executor):
 
 
 def test_an_executor_that_runs_nothing_is_an_error(tmp_path):
-    message = r"lost its tasks 6 times.*ConnectionError: no worker.*0 of 30 cases are in"
+    message = r"lost its tasks 11 times.*ConnectionError: no worker.*0 of 30 cases are in"
     with pytest.raises(RuntimeError, match=message):
         js.study(case_in(tmp_path), AXES, tmp_path / "study.zarr", executor=Losing())
     assert not runs(tmp_path)
@@ -322,3 +322,10 @@ def test_the_command_line_runs_on_a_scheduler(client, tmp_path, monkeypatch, cap
     with pytest.raises(SystemExit):
         main([*command, "nowhere"])
     assert "No Dask scheduler answers at nowhere" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("number", "kind"), [(0, ValueError), (1.5, TypeError)])
+def test_a_number_of_processes_is_a_whole_one(number, kind, tmp_path):
+    with pytest.raises(kind, match=f"executor is {number}"):
+        js.study(case_in(tmp_path), AXES, tmp_path / "study.zarr", executor=number)
+    assert not list(tmp_path.iterdir())
