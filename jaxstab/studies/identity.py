@@ -60,12 +60,11 @@ def innermost(case: Any) -> Any:
 
 
 def source_of(case: Callable[..., Any]) -> str:
-    """Return the text of the function of a case.
+    """Return the text of the function of a case."""
+    return _text_of(inspect.unwrap(innermost(case)))
 
-    Raises:
-        ValueError: where it is not found, or is no longer what runs.
-    """
-    function = inspect.unwrap(innermost(case))
+
+def _text_of(function: FunctionType) -> str:
     code, name = function.__code__, function.__qualname__
     try:
         lines, _ = inspect.findsource(code)
@@ -146,11 +145,11 @@ class _Reader:
         return self._seen[id(inspect.unwrap(value))]
 
     def _function(self, function: FunctionType) -> None:
-        name = self._free(function.__qualname__.rpartition("<locals>.")[-1])
+        name = self._free(function.__code__.co_qualname.rpartition("<locals>.")[-1])
         self._seen[id(function)] = f"function {name}"
         # Until the rest is known, so that no other has the name.
         self.parts[name] = ""
-        text = source_of(function)
+        text = _text_of(function)
         defaults = [function.__defaults__, function.__kwdefaults__]
         self.parts[name] = _digest(text + self.described(f"{name}: default", defaults))
         cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)

@@ -91,6 +91,7 @@ CHANGES = [
     ("Law(0.5)", "Law(0.6)", "LAW"),
     ("helper.offset = 5", "helper.offset = 6", "helper.offset"),
     ("helper.itself = helper", "helper.itself = None", "helper.itself"),
+    ("return function(*values)", "return -function(*values)", "called, once"),
     ("limited.limit = 7", "limited.limit = 8", "limited.limit"),
     ("jitted.shift = 1", "jitted.shift = 2", ".*shift"),
     ("UNUSED = 1", "UNUSED = 2", ""),
