@@ -27,6 +27,7 @@ from jaxstab.studies.axes import Index
 from jaxstab.studies.driver import Driver
 from jaxstab.studies.holder import Holder
 from jaxstab.studies.identity import versions
+from jaxstab.studies.outputs import error_text
 from jaxstab.studies.store import Found, Store
 from jaxstab.studies.worker import Worker
 
@@ -61,8 +62,14 @@ def run_on(executor: Any, driver: Driver, worker: Worker) -> None:
     holder = driver.holder
     for mark in holder.folder.glob("begun.*"):
         mark.unlink()
+    try:
+        content = cloudpickle.dumps((worker, driver.store, versions()))
+    except Exception as error:
+        raise TypeError(
+            f"The case cannot be pickled for other processes ({error_text(error)}): make what it "
+            "refers to inside of the function."
+        ) from error
     # Arrays are unpickled in the precision that is found first.
-    content = cloudpickle.dumps((worker, driver.store, versions()))
     order = pickle.dumps((jax.config.values["jax_enable_x64"], content))
     (holder.folder / "case").write_bytes(order)
     if hasattr(executor, "get_executor"):

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections import Counter
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from functools import partial
 
 import numpy as np
 import pytest
@@ -193,6 +194,16 @@ def test_a_full_disk_of_a_worker_says_what_is_stored_and_the_same_call_goes_on(
 def test_what_no_store_can_hold_is_refused_by_the_first_case(pool, tmp_path):
     with pytest.raises(TypeError, match="The case returned int"):
         js.study(lambda seed: seed, {"seed": range(9)}, tmp_path / "study.zarr", executor=pool)
+
+
+def test_what_cannot_be_sent_to_another_process_is_refused(tmp_path):
+    acquire = partial(min, threading.Lock().acquire)
+
+    def case(seed):
+        return {"a": acquire(seed)}
+
+    with pytest.raises(TypeError, match=r"cannot be pickled for other processes.*lock"):
+        js.study(case, {"seed": [1]}, tmp_path / "study.zarr", executor=1)
 
 
 def test_a_second_driver_is_told_who_has_the_store(tmp_path):
