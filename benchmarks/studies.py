@@ -124,7 +124,8 @@ def kills(folder, number):
     files = [contents(place / "study.zarr") for place in (alone, killed)]
     are_same = "the same, bit for bit" if files[0] == files[1] else "NOT THE SAME"
     return [
-        f"{dict(kinds)} killed: {len(counts)} cases, {counts.total() - len(counts)} runs more",
+        f"{kinds.total()} kills ({kinds['worker']} of a worker, {kinds['driver']} of the driver, "
+        f"{kinds['both']} of both): {len(counts)} cases, {counts.total() - len(counts)} runs more",
         f"- of any one case at most {max(counts.values())}, of one that was done {again}",
         f"- the files of the two stores, without times: {are_same}",
     ]
