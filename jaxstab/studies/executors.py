@@ -34,7 +34,7 @@ from jaxstab.studies.worker import Worker
 # Of a case whose process dies; the last time no other case is in hand.
 _TRIES = 3
 # How often an executor may lose what it was given before a task comes back.
-_PATIENCE = 10
+_PATIENCE = 5
 # The tasks in hand at a time.
 _WINDOW = 1000
 # Lanes are empty at the end of each task: one has so many times as many cases.

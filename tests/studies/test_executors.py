@@ -169,7 +169,7 @@ class Losing(Executor):
 
 
 def test_an_executor_that_runs_nothing_is_an_error(tmp_path):
-    message = r"lost its tasks 11 times.*ConnectionError: no worker.*0 of 30 cases are in"
+    message = r"lost its tasks 6 times.*ConnectionError: no worker.*0 of 30 cases are in"
     with pytest.raises(RuntimeError, match=message):
         js.study(case_in(tmp_path), AXES, tmp_path / "study.zarr", executor=Losing())
     assert not runs(tmp_path)
