@@ -4,6 +4,8 @@ import argparse
 import sys
 import traceback
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ import numpy as np
 
 import jaxstab
 from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended, Parser, whole_number
+from jaxstab.core.extras import require_packages
 from jaxstab.studies import StudyInterrupted
 
 DESCRIPTION = """\
@@ -29,23 +32,38 @@ def add_options(parser: Parser) -> None:
     parser.add_argument("--path", type=Path, metavar="STUDY.zarr", required=True, help=help)
     help = "how many cases run at once, by jax.vmap (default %(default)s)"
     parser.add_argument("--batch", type=whole_number(1), default=1, help=help)
+    engine = parser.add_mutually_exclusive_group()
+    help = "run cases in so many processes of this machine"
+    engine.add_argument("--workers", type=whole_number(1), metavar="N", help=help)
+    help = "run cases on the workers of a Dask scheduler, as in tcp://HOST:8786"
+    engine.add_argument("--scheduler", metavar="ADDRESS", help=help)
     help = "run cases that failed before again"
     parser.add_argument("--retry", action="store_true", help=help)
+    help = "go on with a store that was begun with another case, and record what has changed"
+    parser.add_argument("--accept-changes", action="store_true", help=help)
 
 
 def run(options: argparse.Namespace) -> None:
     """Run the study and say how its cases ended."""
     module = _imported(options.file)
-    # Said at the end instead.
-    with warnings.catch_warnings(action="ignore", category=StudyInterrupted):
-        dataset = jaxstab.study(
-            module.case,
-            module.axes,
-            options.path,
-            batch=options.batch,
-            retry=options.retry,
-            progress=True,
-        )
+    with (
+        _executor(options, module) as executor,
+        # Said at the end instead.
+        warnings.catch_warnings(action="ignore", category=StudyInterrupted),
+    ):
+        try:
+            dataset = jaxstab.study(
+                module.case,
+                module.axes,
+                options.path,
+                executor=executor,
+                batch=options.batch,
+                retry=options.retry,
+                accept_changes=options.accept_changes,
+                progress=True,
+            )
+        except RuntimeError as error:
+            raise Ended(str(error), FAILED) from error
     results = dataset["result"].values.ravel().tolist()
     print(_described(dataset, results))
     print(f"\nThe results are in {options.path.resolve()}")
@@ -54,6 +72,29 @@ def run(options: argparse.Namespace) -> None:
         raise Ended(f"interrupted, {done} of {len(results)} cases are done.", INTERRUPTED)
     if "successful" not in results:
         raise Ended("every case failed, as the error above says.", FAILED)
+
+
+@contextmanager
+def _executor(options: argparse.Namespace, module: Any) -> Iterator[Any]:
+    """Yield where cases are to run, as `jaxstab.study` takes it."""
+    if options.workers is None and options.scheduler is None:
+        yield None
+        return
+    require_packages("Studies in many processes", "studies", "cloudpickle", "distributed")
+    import cloudpickle
+    from distributed import Client
+
+    # No other process can import it by its name.
+    cloudpickle.register_pickle_by_value(module)
+    if options.scheduler is None:
+        yield options.workers
+        return
+    try:
+        client = Client(options.scheduler, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ValueError(f"No Dask scheduler answers at {options.scheduler}: {error}") from error
+    with client:
+        yield client
 
 
 def _imported(path: Path) -> Any:

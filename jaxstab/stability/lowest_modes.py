@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int, PRNGKeyArray
 
 from jaxstab.contact import Contact
-from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.contact.hessian import Block
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import integer, require_key
 from jaxstab.core.compile import program
@@ -128,15 +128,6 @@ def _lowest_modes(
 
     pairs = jax.vmap(pair_at)(jnp.arange(count))
     return pairs.in_units_of(1 / unit).on_surface(contact.solid), jnp.maximum(dimension, 0)
-
-
-def lowest_pair(
-    solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Block
-) -> tuple[Eigenpair, Block]:
-    """Return the lowest pair on a linear space, and a block of modes to go on from."""
-    problem = ModesProblem(hessian.restricted(space.is_moving), space, starts)
-    found = run(solver.search(problem, starts))
-    return problem.pair(found), found.vector
 
 
 def noise(key: PRNGKeyArray, count: int, like: Field) -> Block:

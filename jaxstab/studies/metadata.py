@@ -17,42 +17,84 @@ from typing import Any
 import numpy as np
 
 from jaxstab.studies.axes import Axis, rows_of
-from jaxstab.studies.fingerprint import differences
+from jaxstab.studies.identity import versions
 from jaxstab.studies.outputs import MARKS, MISSING, Form
 
-_PACKAGES = ("jaxstab", "jax", "jaxlib", "equinox", "numpy", "zarr")
 _WORD = Form(np.dtype(str), ())
 MARK_FORMS = {"result": _WORD, "seconds": Form(np.dtype(float), ()), "error": _WORD}
 _ROOT = "zarr.json"
-# The least length of a chunk of coordinates.
+_IDENTITY, _CHANGES = "identity", "accepted_changes"
+# With a word for what is missing, which no case returns, xarray reads words as those of Python.
+_AS_WORDS = {"missing_value": "\N{SYMBOL FOR NULL}"}
+# The length of a chunk of coordinates.
 _COORDINATES = 1024
 
 
-def opened(path: Path) -> Any:
-    """Return the group of Zarr as its root knows it, None where that is not finished.
+def known(path: Path) -> Any:
+    """Return the group of Zarr as its root knows it, None where that is not finished."""
+    import zarr
+
+    if not _read_json(path / _ROOT).get("consolidated_metadata"):
+        return None
+    return zarr.open_group(path, mode="r+", use_consolidated=True)
+
+
+def begin(
+    path: Path,
+    axes: Sequence[Axis],
+    identity: Mapping[str, str],
+    source: str,
+    accept_changes: bool = False,
+) -> Any:
+    """Return the group of a store, new or extended, that has the values of axes.
+
+    Arguments:
+        path: the folder.
+        axes: the axes.
+        identity: what the case is known by.
+        source: the text of its function.
+        accept_changes: go on with another case, and record what has changed.
+
+    Raises:
+        ValueError: for a store that has other axes, was begun with another case, or is damaged.
+    """
+    group = _repaired(path)
+    if group is None:
+        return _extended(path, _created(path, axes, identity, source), axes)
+    _require_same_axes(path, group, axes)
+    began = json.loads(group.attrs.get(_IDENTITY, "{}"))
+    changed = [name for name in {**began, **identity} if began.get(name) != identity.get(name)]
+    if changed and not accept_changes:
+        reason = f"was begun with another case: {', '.join(changed)} changed"
+        if not began:
+            reason = "was begun by an earlier jaxstab, which knew cases by other digests"
+        raise ValueError(
+            f"{path} {reason}. Give another path, or the case that it was (the attribute `source` "
+            "of the store shows the function). If both compute the same, accept_changes=True goes "
+            "on, and records the change."
+        )
+    if changed:
+        _accept(path, group, identity, source, changed)
+    return _extended(path, group, axes)
+
+
+def _repaired(path: Path) -> Any:
+    """Return the group of a store, None where it is to be begun.
 
     What is left of changes that did not reach the root is taken back, and folders that are lost
     are made anew, empty.
-
-    Raises:
-        ValueError: where there are cases, but the root is lost.
     """
-    import zarr
-
     # Of a process that died as it wrote the root.
     for part in path.glob("*.partial"):
         part.unlink()
-    root = path / _ROOT
-    group: Any = None
-    if _read_json(root).get("consolidated_metadata"):
-        group = zarr.open_group(path, mode="r+", use_consolidated=True)
-    elif any(path.glob(f"{MARKS[0]}/c.*")):
-        raise ValueError(
-            f"{path} holds cases, but its file {_ROOT} is lost or damaged: put it back from a "
-            "copy, or give another path."
-        )
-    else:
-        root.unlink(missing_ok=True)
+    group = known(path)
+    if group is None:
+        if any(path.glob(f"{MARKS[0]}/c.*")):
+            raise ValueError(
+                f"{path} holds cases, but its file {_ROOT} is lost or damaged: put it back from a "
+                "copy, or give another path."
+            )
+        (path / _ROOT).unlink(missing_ok=True)
     for metadata in path.glob(f"*/{_ROOT}"):
         if group is None or metadata.parent.name not in group:
             metadata.unlink()
@@ -63,24 +105,16 @@ def opened(path: Path) -> Any:
     return group
 
 
-def create(path: Path, axes: Sequence[Axis], identity: Mapping[str, str], source: str) -> Any:
-    """Return the group of a new store, which has no cases.
-
-    Arguments:
-        path: the folder.
-        axes: the axes.
-        identity: the fingerprint of the function.
-        source: its text.
-    """
+def _created(path: Path, axes: Sequence[Axis], identity: Mapping[str, str], source: str) -> Any:
     import zarr
 
-    versions = {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()}
+    packages = {**versions(), "zarr": version("zarr"), "python": platform.python_version()}
     attributes = {
         "title": "Study of adhesive contacts, by jaxstab",
         "source": source,
-        "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": json.dumps(versions),
-        "fingerprint": json.dumps(identity),
+        "started": _now(),
+        "versions": json.dumps(packages),
+        _IDENTITY: json.dumps(identity),
         "coordinates": " ".join(_names(axes)),
     }
     group = zarr.create_group(path, attributes=attributes)
@@ -88,21 +122,22 @@ def create(path: Path, axes: Sequence[Axis], identity: Mapping[str, str], source
         for name, column in axis.columns.items():
             group.create_array(
                 name,
-                shape=column.shape,
-                chunks=(max(len(column), _COORDINATES),),
+                shape=(0,),
+                chunks=(_COORDINATES,),
                 dtype=str if column.dtype.kind == "U" else column.dtype,
                 dimension_names=(axis.name,),
+                attributes=_attributes(column.dtype),
             )
-            _written(path, name)[:] = column
-    shape = tuple(map(len, axes))
     for name, form in MARK_FORMS.items():
         missing = {"result": MISSING, "error": ""}.get(name, np.nan)
-        _create_array(group, axes, shape, name, form, missing)
-    return _finished(path)
+        _create_array(group, axes, tuple(0 for _ in axes), name, form, missing)
+    return group
 
 
-def extend(path: Path, group: Any, axes: Sequence[Axis]) -> Any:
+def _extended(path: Path, group: Any, axes: Sequence[Axis]) -> Any:
     """Return the group of a store with the values of the axes that it did not have yet."""
+    import zarr
+
     shape, is_longer = [], False
     for axis in axes:
         known = set(rows_of(_stored(path, group, axis)))
@@ -111,8 +146,9 @@ def extend(path: Path, group: Any, axes: Sequence[Axis]) -> Any:
         is_longer |= bool(new)
         for name, column in axis.columns.items() if new else ():
             group[name].resize((shape[-1],))
-            # The part that the root knows is not touched.
-            _written(path, name)[len(known) :] = column[new]
+            # All of it, also zeros, which Zarr leaves out; the part that the root knows stays.
+            with zarr.config.set({"array.write_empty_chunks": True}):
+                zarr.open_array(path / name, mode="r+")[len(known) :] = column[new]
     if not is_longer:
         return group
     for name, array in group.arrays():
@@ -143,8 +179,7 @@ def positions_of(path: Path, group: Any, axis: Axis) -> list[int]:
     return [where[row] for row in axis.rows()]
 
 
-def require_same(path: Path, group: Any, axes: Sequence[Axis], identity: Mapping[str, str]) -> None:
-    """Raise `ValueError` where a store has other axes or was begun with another function."""
+def _require_same_axes(path: Path, group: Any, axes: Sequence[Axis]) -> None:
     dimensions = [axis.name for axis in axes]
     names = group.attrs["coordinates"].split()
     if (list(group["result"].metadata.dimension_names), names) != (dimensions, _names(axes)):
@@ -152,13 +187,18 @@ def require_same(path: Path, group: Any, axes: Sequence[Axis], identity: Mapping
             f"{path} has the axes {_listed(group['result'].metadata.dimension_names, names)}, this "
             f"study {_listed(dimensions, _names(axes))}: give those, or another path."
         )
-    changed = differences(json.loads(group.attrs["fingerprint"]), identity)
-    if changed:
-        raise ValueError(
-            f"{path} was begun with another case: {', '.join(changed)} changed. Give another path, "
-            "or what it was: the attribute `source` of the store shows the function, but of values "
-            "that it refers to only whether they changed is known."
-        )
+
+
+def _accept(
+    path: Path, group: Any, identity: Mapping[str, str], source: str, changed: list[str]
+) -> None:
+    """Record that a store goes on with another case."""
+    change = {"when": _now(), "changed": changed, "source": source, "versions": versions()}
+    changes = [*json.loads(group.attrs.get(_CHANGES, "[]")), change]
+    for _, array in group.arrays():
+        array.attrs.update(_attributes(array.dtype))
+    group.attrs.update({_IDENTITY: json.dumps(identity), _CHANGES: json.dumps(changes)})
+    _finished(path)
 
 
 def _names(axes: Sequence[Axis]) -> list[str]:
@@ -179,6 +219,7 @@ def _create_array(
         dtype=str if form.dtype.kind == "U" else form.dtype.newbyteorder("<"),
         fill_value=missing,
         compressors=None,
+        attributes=_attributes(form.dtype),
         # No folder to a case.
         chunk_key_encoding={"name": "default", "separator": "."},
         dimension_names=(
@@ -203,14 +244,6 @@ def _stored(path: Path, group: Any, axis: Axis) -> dict[str, np.ndarray]:
     return {name: _whole(path, name, group[name]) for name in axis.columns}
 
 
-def _written(path: Path, name: str) -> Any:
-    """Return an axis to write to: all of it is kept, also zeros, which Zarr leaves out."""
-    import zarr
-
-    with zarr.config.set({"array.write_empty_chunks": True}):
-        return zarr.open_array(path / name, mode="r+")
-
-
 def _whole(path: Path, name: str, array: Any) -> np.ndarray:
     """Return the values along an axis; Zarr reads those that are lost as zeros."""
     try:
@@ -231,6 +264,14 @@ def _read_json(path: Path) -> dict[str, Any]:
         return json.loads(path.read_bytes())
     except (FileNotFoundError, ValueError):
         return {}
+
+
+def _attributes(dtype: np.dtype) -> dict[str, Any]:
+    return {} if dtype.kind in "biufc" else _AS_WORDS
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def _dtype(array: Any) -> np.dtype:

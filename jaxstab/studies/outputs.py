@@ -80,8 +80,10 @@ def form_of(array: np.ndarray) -> Form:
     return Form(np.dtype(str) if array.dtype.kind == "U" else array.dtype, array.shape)
 
 
-def require_forms(arrays: Mapping[str, np.ndarray], forms: Mapping[str, Form]) -> None:
+def require_forms(arrays: Mapping[str, np.ndarray] | Exception, forms: Mapping[str, Form]) -> None:
     """Raise `ValueError` where a case returned other outputs than those before it."""
+    if isinstance(arrays, Exception):
+        raise arrays
     if set(arrays) != set(forms):
         raise ValueError(
             f"The case returned {', '.join(sorted(arrays))}, cases before it "
@@ -121,7 +123,12 @@ def encoded(array: np.ndarray, form: Form) -> bytes:
 
 def decoded_word(chunk: bytes) -> str:
     """Return the word of a chunk that holds one."""
-    return chunk[8:].decode()
+    return chunk[8:].decode(errors="replace")
+
+
+def error_text(error: BaseException) -> str:
+    """Return the kind of an error and what it says."""
+    return f"{type(error).__name__}: {error}"
 
 
 def _array(name: str, value: Any) -> np.ndarray:

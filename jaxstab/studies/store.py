@@ -1,177 +1,190 @@
 """A store of cases: Zarr, with a chunk to a case, so that no two writers ever meet."""
 
+import json
 import os
-from collections.abc import Mapping, Sequence
-from itertools import product
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 
 from jaxstab.studies import metadata
 from jaxstab.studies.axes import Axis, Index
-from jaxstab.studies.locks import Claims
 from jaxstab.studies.outputs import (
     MARKS,
-    MISSING,
     Form,
     decoded_word,
     encoded,
+    error_text,
     form_of,
     require_forms,
 )
 
 
-def claims_file(path: Path) -> Path:
-    """Return the file of claims of a store, beside the marks of cases that are done.
+@dataclass(frozen=True)
+class Found:
+    """What a case has come to.
 
-    Raises:
-        ValueError: for a file or a folder that is something else.
+    Attributes:
+        place: where it lies on the axes.
+        seconds: how long it took.
+        arrays: what it returned, by name, or the error that says why no store can hold that.
+        error: why it raised.
+        result: how it ended, once it is stored.
     """
-    file = path / MARKS[0] / "claims"
-    entries = {entry.name for entry in path.iterdir()} if path.is_dir() else set()
-    is_free = not path.exists() or (path.is_dir() and entries <= {MARKS[0]})
-    if not is_free and not file.exists():
-        raise ValueError(f"{path} exists and is no study: give another path.")
-    file.parent.mkdir(parents=True, exist_ok=True)
-    return file
+
+    place: Index
+    seconds: float = 0.0
+    arrays: Any = None
+    error: str = ""
+    result: str | None = None
 
 
 class Store:
-    """The cases of a study on disk.
+    """The cases of a study on disk; each worker has a copy.
 
     Arguments:
-        path: the folder; made where it is not there.
-        axes: the axes asked for; those of the store are extended to hold them.
-        claims: the claims of this process.
-        identity: the fingerprint of the function.
-        source: the text of the function.
-
-    Raises:
-        ValueError: if the store is that of another function, or has other axes.
+        path: the folder.
+        axes: the axes asked for.
+        group: what the root of the store knows.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        axes: Sequence[Axis],
-        claims: Claims,
-        identity: Mapping[str, str],
-        source: str,
-    ):
-        self.path = path
-        self.axes = axes
-        self._claims = claims
-        with claims.whole():
-            group = metadata.opened(path)
-            if group is None:
-                group = metadata.create(path, axes, identity, source)
-            else:
-                metadata.require_same(path, group, axes, identity)
-                group = metadata.extend(path, group, axes)
-            self._positions = [metadata.positions_of(path, group, axis) for axis in axes]
-            self._forms = metadata.forms_of(group, axes)
+    def __init__(self, path: Path, axes: Sequence[Axis], group: Any):
+        self.path, self.axes = path, axes
+        self._positions = [metadata.positions_of(path, group, axis) for axis in axes]
+        self._forms = metadata.forms_of(group, axes)
+        self._has_arrays = bool(self._forms)
+        self.add_arrays()
 
-    @property
-    def has_forms(self) -> bool:
-        """Whether the outputs of a case are known."""
-        return bool(self._forms)
+    def add_arrays(self) -> None:
+        """Make an array of each output, once a case has settled what they are."""
+        if not self._has_arrays and self._are_settled():
+            metadata.add_outputs(self.path, metadata.known(self.path), self.axes, self._forms)
+            self._has_arrays = True
 
-    def index(self, place: Index) -> Index:
-        """Return where a place on the axes asked for lies in the store."""
-        return tuple(p[i] for p, i in zip(self._positions, place, strict=True))
-
-    def result(self, index: Index) -> str | None:
+    def result(self, place: Index) -> str | None:
         """Return the result of a case, or None where it is not done or a part of it is lost."""
-        result = self._word("result", index)
+        result = self._word("result", place)
         forms = {
             "successful": {**metadata.MARK_FORMS, **self._forms},
             "failed": metadata.MARK_FORMS,
-        }.get(result or "", {})
-        is_whole = all(self._is_whole(name, index, form) for name, form in forms.items())
+        }.get(result, {})
+        is_whole = all(self._is_whole(name, place, form) for name, form in forms.items())
         return result if forms and is_whole else None
 
-    def forget(self, index: Index) -> None:
+    def forget(self, place: Index) -> None:
         """Let a case count as not done."""
-        self._chunk("result", index, 0).unlink()
+        self._chunk("result", place, 0).unlink()
 
-    def require_forms(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Raise `ValueError` where outputs are not those of other cases; the first settle them."""
-        if not self._forms:
-            with self._claims.whole():
-                # Another process may have settled them since.
-                group = metadata.opened(self.path)
-                self._forms = metadata.forms_of(group, self.axes)
-                if not self._forms:
-                    forms = {name: form_of(array) for name, array in arrays.items()}
-                    metadata.add_outputs(self.path, group, self.axes, forms)
-                    self._forms = forms
-        require_forms(arrays, self._forms)
+    def keep(self, found: Found) -> str:
+        """Store a case and return its result, which is written last; by that it counts as done.
 
-    def write(
-        self,
-        index: Index,
-        result: str,
-        seconds: float,
-        error: str = "",
-        arrays: Mapping[str, np.ndarray] | None = None,
-    ) -> None:
-        """Store a case; its result, by which it counts as done, comes last."""
-        for name, array in (arrays or {}).items():
-            self._write(name, index, array, self._forms[name])
-        marks = {"error": error, "seconds": seconds, "result": result}
+        Raises:
+            TypeError, ValueError: if no store can hold what the first case returned.
+        """
+        arrays, error = found.arrays, found.error
+        if not error:
+            self._settle(arrays)
+            try:
+                require_forms(arrays, self._forms)
+            except (TypeError, ValueError) as misfit:
+                error = error_text(misfit)
+        for name, array in {} if error else arrays.items():
+            self._write(name, found.place, array, self._forms[name])
+        result = "failed" if error else "successful"
+        marks = {"error": error, "seconds": found.seconds, "result": result}
         for name, value in marks.items():
-            self._write(name, index, np.asarray(value), metadata.MARK_FORMS[name])
+            self._write(name, found.place, np.asarray(value), metadata.MARK_FORMS[name])
+        return result
+
+    def begin(self, place: Index) -> int:
+        """Mark that a process begins a case, and return how many have, this one included."""
+        with self._begun(place).open("ab") as file:
+            file.write(b".")
+            return file.tell()
+
+    def num_begun(self, place: Index) -> int:
+        """Return how many processes have begun a case without an end."""
+        begun = self._begun(place)
+        return begun.stat().st_size if begun.exists() else 0
+
+    def end(self, place: Index) -> None:
+        """Take back that a case was begun."""
+        self._begun(place).unlink(missing_ok=True)
 
     def dataset(self) -> Any:
         """Return what was asked for, in its order; numbers are read as they are looked at."""
         import xarray
 
         dataset = xarray.open_zarr(self.path, chunks=None, consolidated=True)
-        dataset = dataset.isel(
-            {axis.name: p for axis, p in zip(self.axes, self._positions, strict=True)}
-        )
-        # As Python's own words, which xarray can mask and join.
-        words = {
-            name: x.copy(data=self._words(str(name), x.shape))
-            if x.ndim == len(self.axes)
-            else x.astype(object)
-            for name, x in dataset.items()
-            if x.dtype.kind not in "biufc"
-        }
-        return dataset.assign(words)
+        places = {axis.name: p for axis, p in zip(self.axes, self._positions, strict=True)}
+        return dataset.isel(places)
 
-    def _words(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
-        """Return the words of all cases asked for; Zarr is slow with chunks this small."""
-        missing = "" if name == "error" else MISSING
-        words = [self._word(name, index) for index in product(*self._positions)]
-        words = [missing if word is None else word for word in words]
-        return np.array(words, object).reshape(shape)
-
-    def _word(self, name: str, index: Index) -> str | None:
+    def _settle(self, arrays: Any) -> None:
+        """Let what a case returned be that of all, unless another one was the first."""
+        if self._are_settled():
+            return
+        if isinstance(arrays, Exception):
+            raise arrays
+        forms = {name: form_of(array) for name, array in arrays.items()}
+        text = json.dumps({name: [form.dtype.str, form.shape] for name, form in forms.items()})
+        part = self._settled.with_name(f"{uuid4().hex}.partial")
+        part.write_text(text)
         try:
-            chunk = self._chunk(name, index, 0).read_bytes()
-        except FileNotFoundError:
-            return None
-        return decoded_word(chunk) if chunk else None
+            # Neither takes the place of a file that is there.
+            (os.rename if os.name == "nt" else os.link)(part, self._settled)
+        except FileExistsError:
+            pass
+        finally:
+            part.unlink(missing_ok=True)
+        self._are_settled()
 
-    def _is_whole(self, name: str, index: Index, form: Form) -> bool:
+    def _are_settled(self) -> bool:
+        if not self._forms and self._settled.exists():
+            forms = json.loads(self._settled.read_text())
+            self._forms = {
+                name: Form(np.dtype(kind), tuple(shape)) for name, (kind, shape) in forms.items()
+            }
+            for name in forms:
+                (self.path / name).mkdir(exist_ok=True)
+        return bool(self._forms)
+
+    @property
+    def _settled(self) -> Path:
+        return self.path / MARKS[0] / "outputs.json"
+
+    def _word(self, name: str, place: Index) -> str:
+        """Return a word, which Zarr itself takes a hundred times longer to read."""
+        try:
+            return decoded_word(self._chunk(name, place, 0).read_bytes())
+        except FileNotFoundError:
+            return ""
+
+    def _is_whole(self, name: str, place: Index, form: Form) -> bool:
         if 0 in form.shape:
             return True
         try:
-            size = self._chunk(name, index, len(form.shape)).stat().st_size
+            return self._chunk(name, place, len(form.shape)).stat().st_size >= form.least_bytes
         except FileNotFoundError:
             return False
-        return size >= form.least_bytes
 
-    def _write(self, name: str, index: Index, array: np.ndarray, form: Form) -> None:
+    def _write(self, name: str, place: Index, array: np.ndarray, form: Form) -> None:
+        """Write a chunk whole, as Zarr does, which takes ten times longer to write a small one."""
         if array.size == 0:
             return
-        path = self._chunk(name, index, len(form.shape))
+        path = self._chunk(name, place, len(form.shape))
         # Under one name, so that what a process leaves that dies is written over.
         part = path.with_name(f"{path.name}.part")
         part.write_bytes(encoded(array, form))
         os.replace(part, path)
 
-    def _chunk(self, name: str, index: Index, ndim: int) -> Path:
-        return self.path / name / ".".join(["c", *map(str, index), *("0" * ndim)])
+    def _chunk(self, name: str, place: Index, ndim: int) -> Path:
+        return self.path / name / ".".join(["c", *self._index(place), *("0" * ndim)])
+
+    def _begun(self, place: Index) -> Path:
+        return self.path / MARKS[0] / ".".join(["begun", *self._index(place)])
+
+    def _index(self, place: Index) -> list[str]:
+        return [str(p[i]) for p, i in zip(self._positions, place, strict=True)]

@@ -1,6 +1,7 @@
 """The public function: a study, from its axes to its data set."""
 
 import inspect
+import numbers
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,13 +14,15 @@ from jaxstab.core.checks import integer
 from jaxstab.core.extras import require_packages
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.warn import warn
+from jaxstab.studies import metadata
 from jaxstab.studies.axes import LISTED, Axis, arguments_of, places, read_axes
-from jaxstab.studies.fingerprint import fingerprint, innermost, source_of
-from jaxstab.studies.locks import claims_in
+from jaxstab.studies.driver import Driver
+from jaxstab.studies.executors import run_on
+from jaxstab.studies.holder import held
+from jaxstab.studies.identity import identity_of, innermost, source_of
 from jaxstab.studies.outputs import MARKS
-from jaxstab.studies.queue import Queue
-from jaxstab.studies.run import Runner
-from jaxstab.studies.store import Store, claims_file
+from jaxstab.studies.store import Store
+from jaxstab.studies.worker import Worker
 
 if TYPE_CHECKING:
     import xarray
@@ -34,18 +37,20 @@ def study(
     axes: Mapping[str, Any] | Sequence[Mapping[str, Any]],
     path: str | Path,
     *,
+    executor: Any = None,
     batch: int = 1,
     retry: bool = False,
+    accept_changes: bool = False,
     progress: bool = False,
 ) -> "xarray.Dataset":
     """Run a function for each case of a study, and keep what it returns in a Zarr store.
 
     What is done is never run again: after an end of any kind, the same call goes on from there. A
-    case of which a file is lost is not done.
-    Several processes can share one store, each started by this same call; the cases of one that
-    dies are taken over by the others, and each returns once all are done. On Windows, where the
-    system has no such locks, let one process at a time run a store. Values added to an axis extend
-    a store; values left out stay in it.
+    case of which a file is lost is not done. Values added to an axis extend a store; values left
+    out stay in it.
+
+    One call at a time drives a store. The processes of an executor share its cases; those of a
+    process that dies are dealt again, at most twice.
 
     Arguments:
         case: the function, called by names with numbers and words of Python or random keys. It
@@ -54,11 +59,16 @@ def study(
             floats as NaN. A case that raises is recorded as failed, with its message.
         axes: one-dimensional arrays by name, whose product is run; or a list of dicts, the
             combinations to be run, which lie on the dimension `case`.
-        path: the folder of the store; made where it does not exist.
+        path: the folder of the store; made where it does not exist. All processes write to it.
+        executor: where cases run: in so many processes of this machine, or on an executor as
+            those of `concurrent.futures`, whose processes are not forked, or a Dask `Client`.
+            None: in this process, a thread to a device.
         batch: how many cases run at once, by `jax.vmap` of the compiled function; those of
             `jaxstab.cases` in as many lanes, of which none waits for the slowest. Of a batch that
             raises the cases are run one by one, with a warning.
         retry: run cases that failed before again; by default they are done.
+        accept_changes: go on with a store that was begun with another case, and record in it what
+            has changed.
         progress: show a progress bar, with the number of failures.
 
     Returns:
@@ -68,71 +78,68 @@ def study(
         or "missing". `xarray.open_zarr(path)` reads the whole store.
 
     Raises:
-        ValueError: for a store that was begun with another case, found by its source and all that
-            it refers to in its own module, or that has other axes, or of which an axis is damaged;
-            for axes that are empty or not finite; for a function that has no source, or, in
-            batches, that JAX cannot trace; for a batch that does not fit into memory.
+        ValueError: for a store that was begun with another case, found by its source, all that it
+            refers to in its own module and the versions of packages, or that has other axes, or of
+            which an axis is damaged, or that another process drives; for axes that are empty or
+            not finite; for a function that has no source, or, in batches, that JAX cannot trace;
+            for a batch that does not fit into memory.
         TypeError: for a function that takes other arguments, or returns what is no dict of arrays.
         OSError: if the disk is full; what is done stays, and the same call goes on.
-        ImportError: without xarray and zarr.
+        RuntimeError: if the executor takes no more cases; what is done stays.
+        ImportError: without xarray, zarr and filelock.
     """
-    require_packages("Studies", "studies", "xarray", "zarr")
+    require_packages("Studies", "studies", "xarray", "zarr", "filelock")
     batch = integer("batch", batch)
     if batch < 1:
         raise ValueError(f"batch is {batch}: give at least 1.")
+    if isinstance(executor, numbers.Number) and integer("executor", executor) < 1:
+        raise ValueError(f"executor is {executor}: give at least 1 process.")
     asked, path = read_axes(axes), Path(path)
     _require_arguments(case, asked)
-    identity, source = fingerprint(case), source_of(case)
-    with claims_in(claims_file(path)) as claims:
-        store = Store(path, asked, claims, identity, source)
-        queue = Queue(store, claims, list(places(asked)), retry)
-        _run_all(case, asked, store, queue, batch, progress)
+    identity, source = identity_of(case), source_of(case)
+    with held(path) as holder:
+        group = metadata.begin(path, asked, identity, source, accept_changes)
+        store = Store(path.absolute(), asked, group)
+        driver = Driver(store, holder, list(places(asked)), retry)
+        _run_all(driver, Worker(case, asked, batch), executor, progress)
         return store.dataset()
 
 
-def _run_all(
-    case: Callable[..., Any],
-    axes: list[Axis],
-    store: Store,
-    queue: Queue,
-    batch: int,
-    progress: bool,
-) -> None:
-    total = queue.num_cases
-
-    def stored() -> str:
-        return f"{queue.num_done} of {total} cases are in {store.path}"
-
+def _run_all(driver: Driver, worker: Worker, executor: Any, progress: bool) -> None:
     with (
-        _stopped_by_interrupt(queue) as was_interrupted,
-        progress_bar(total, "case", shown=progress, done=queue.num_done) as bar,
+        _stopped_by_interrupt(driver) as was_interrupted,
+        progress_bar(driver.num_cases, "case", shown=progress, done=driver.num_done) as bar,
     ):
 
         def report() -> None:
-            bar.set_postfix(failed=queue.num_failed, refresh=False)
-            bar.update(queue.num_done - bar.n)
+            bar.set_postfix(failed=driver.num_failed, refresh=False)
+            bar.update(driver.num_done - bar.n)
 
+        driver.report = report
+        report()
         try:
-            Runner(case, axes, store, queue, batch, report).run()
+            if executor is None:
+                driver.run(worker)
+            else:
+                run_on(executor, driver, worker)
         except OSError as error:
             cure = "Once that is mended, the same call goes on."
-            message = f"{error.strerror or error}: {stored()}. {cure}"
+            message = f"{error.strerror or error}: {driver.stored}. {cure}"
             raise OSError(error.errno, message) from error
-        report()
-    if was_interrupted() and queue.num_done < total:
-        message = f"The study was interrupted: {stored()}. The same call goes on."
+    if was_interrupted() and driver.num_done < driver.num_cases:
+        message = f"The study was interrupted: {driver.stored}. The same call goes on."
         warn(message, StudyInterrupted)
 
 
 @contextmanager
-def _stopped_by_interrupt(queue: Queue) -> Iterator[Callable[[], bool]]:
+def _stopped_by_interrupt(driver: Driver) -> Iterator[Callable[[], bool]]:
     """Let Ctrl-C end the block after the cases in hand, a second one at once."""
     count = 0
 
     def stop(*_: object) -> None:
         nonlocal count
         count += 1
-        queue.stop()
+        driver.stop()
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
     is_main = threading.current_thread() is threading.main_thread()

@@ -14,7 +14,7 @@ import jaxstab as js
 from jaxstab.core.loop import IterativeSolver
 from jaxstab.core.procedure import Part, Rounds, run
 from jaxstab.studies.cases import Case
-from jaxstab.studies.fingerprint import differences, fingerprint
+from jaxstab.studies.identity import identity_of
 from jaxstab.studies.lanes.programs import Programs
 from jaxstab.studies.lanes.scheduler import Lanes
 from jaxstab.studies.store import Store
@@ -152,16 +152,16 @@ def test_a_study_in_lanes_is_that_of_single_cases_also_where_one_raises(tmp_path
 def test_a_study_in_lanes_goes_on_after_an_end_at_any_write(tmp_path, monkeypatch):
     case, axes = CollatzCase(build, dict), {"number": list(NUM_STEPS)}
     whole = numbers_in(js.study(case, axes, tmp_path / "whole.zarr", batch=4))
-    written, write = [], Store.write
+    written, keep = [], Store.keep
 
-    def dying(self, index, *rest):
-        if len(written) == 3 and index not in written:
+    def dying(self, found):
+        if len(written) == 3:
             raise KeyboardInterrupt
-        write(self, index, *rest)
-        written.append(index)
+        written.append(found.place)
+        return keep(self, found)
 
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
-        patched.setattr(Store, "write", dying)
+        patched.setattr(Store, "keep", dying)
         js.study(case, axes, tmp_path / "cut.zarr", batch=4)
     assert len(written) == 3
     done = js.study(case, axes, tmp_path / "cut.zarr", batch=4)
@@ -206,11 +206,11 @@ def test_a_ready_made_case_is_known_by_all_that_it_is_made_of():
         return {"steps": equilibrium.num_steps}
 
     case = js.cases.equilibrium(rough, fields)
-    assert not differences(fingerprint(case), fingerprint(js.cases.equilibrium(rough, fields)))
-    assert "GRID" in fingerprint(case) and "fields" in fingerprint(case)
-    assert differences(fingerprint(case), fingerprint(js.cases.equilibrium(rough, other)))
-    assert differences(fingerprint(case), fingerprint(js.cases.equilibrium(rough)))
-    assert differences(fingerprint(case), fingerprint(CollatzCase(rough, fields)))
+    assert identity_of(case) == identity_of(js.cases.equilibrium(rough, fields))
+    assert "GRID" in identity_of(case) and "fields" in identity_of(case)
+    assert identity_of(case) != identity_of(js.cases.equilibrium(rough, other))
+    assert identity_of(case) != identity_of(js.cases.equilibrium(rough))
+    assert identity_of(case) != identity_of(CollatzCase(rough, fields))
 
 
 def test_the_arguments_of_a_ready_made_case_are_those_of_what_builds_it(tmp_path):

@@ -110,3 +110,23 @@ def test_a_case_that_raises_or_returns_something_else_is_recorded_and_the_rest_g
     assert "float64" in errors["fraction"]
     np.testing.assert_array_equal(dataset["field"][1], [0, 1])
     assert (dataset["field"][0] == np.iinfo(np.int64).min).all()
+
+
+def test_words_can_be_masked_joined_and_loaded_however_a_store_is_read(tmp_path):
+    def case(seed, law):
+        if seed == 1:
+            raise ValueError("no contact")
+        return {"verdict": "stable", "words": ["a", law]}
+
+    path, axes = tmp_path / "study.zarr", {"seed": [0, 1, 2], "law": ["x", "yy"]}
+    study = js.study(case, axes, path)
+    for dataset in (study, xarray.open_zarr(path), xarray.open_zarr(path, chunks=None)):
+        assert dataset["error"].values[:, 0].tolist() == ["", "ValueError: no contact", ""]
+        done = dataset.where(dataset["result"] == "successful")
+        assert done["verdict"].fillna("-").values[:, 0].tolist() == ["stable", "-", "stable"]
+        assert dataset.load()["words"].sel(seed=2, law="yy").values.tolist() == ["a", "yy"]
+        assert dataset.reindex(seed=[2, 5])["verdict"].values[0].tolist() == ["stable", "stable"]
+        dropped = dataset.where(dataset["result"] == "successful", drop=True)
+        assert dropped.sizes["seed"] == 2
+        assert len(xarray.concat([dataset, dropped], "seed")["seed"]) == 5
+        assert (dataset["verdict"].sel(seed=1) == "missing").all()

@@ -16,7 +16,6 @@ from logged_study import runs, script_in
 
 import jaxstab as js
 from jaxstab.__main__ import main
-from jaxstab.studies.queue import start
 
 
 def test_a_batch_is_what_its_cases_are_alone(tmp_path):
@@ -114,12 +113,6 @@ def test_cases_are_dealt_to_all_devices_and_zarr_is_imported_late(tmp_path):
     command = [sys.executable, "script.py"]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.stdout == "[0, 1]\n", done.stderr
-
-
-def test_tasks_of_an_array_start_far_from_each_other():
-    places = sorted(start({"SLURM_ARRAY_TASK_ID": str(task)}) for task in range(1, 33))
-    assert min(np.diff(places)) > 0.3 / 32 and max(np.diff(places)) < 2 / 32
-    assert start({}) == 0
 
 
 def test_the_command_line_begins_goes_on_and_sums_up(tmp_path, capsys, monkeypatch):

@@ -6,10 +6,12 @@ import jax.numpy as jnp
 from jaxstab.contact import Contact
 from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.grid import mean
+from jaxstab.core.procedure import run
 from jaxstab.core.types import Field, Flag
 from jaxstab.loads import Load
 from jaxstab.stability.cones import Subspace
-from jaxstab.stability.lowest_modes import BLOCK_SIZE, lowest_pair, noise
+from jaxstab.stability.lowest_modes import BLOCK_SIZE, noise
+from jaxstab.stability.lowest_pair import on_space
 from jaxstab.stability.solvers.davidson import Davidson
 
 # How far beyond the end of a branch, in units of how near it is known, a point may let go at it.
@@ -39,7 +41,7 @@ def reason_of(contact: Contact, load: Load, gap: Field, releases: Field) -> tupl
     def seek(found: tuple[Flag, Flag, Field]) -> tuple[Flag, Flag, Field]:
         opens, *_ = found
         space = Subspace(~touches | (lets_go & opens), control.fixes_mean)
-        pair, _ = lowest_pair(Davidson(), hessian, space, starts)
+        pair = run(on_space(Davidson(), hessian, space, starts)).pair
         is_release = opens & (pair.eigenvalue < 0)
         return is_release, is_release | ~opens, pair.mode
 

@@ -17,13 +17,14 @@ from jaxstab.contact.hessian import Block
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import LinearSystem
 from jaxstab.core.loop import IterativeSolver
+from jaxstab.core.procedure import run
 from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.equilibrium.derivatives import third_derivative
 from jaxstab.equilibrium.equilibrium import fields_of
 from jaxstab.loads import Load
 from jaxstab.stability import Davidson, Eigenpair
 from jaxstab.stability.cones import Subspace
-from jaxstab.stability.lowest_modes import lowest_pair
+from jaxstab.stability.lowest_pair import on_space
 
 # The residual of a mode: derivatives of the eigenvalue are as good as it is.
 _MODE_TOLERANCE = {"float64": 1e-9, "float32": 1e-5}
@@ -64,8 +65,9 @@ def point_at(
     space = free_space(contact, load, gap)
     space = replace(space, is_moving=space.is_moving | opened)
     hessian = contact.hessian(gap, contact.control(load))
-    pair, modes = lowest_pair(Davidson(_MODE_TOLERANCE[gap.dtype.name]), hessian, space, modes)
-    return Point(load, gap, modes, pair)
+    solver = Davidson(_MODE_TOLERANCE[gap.dtype.name])
+    found = run(on_space(solver, hessian, space, modes))
+    return Point(load, gap, found.modes, found.pair)
 
 
 def free_space(contact: Contact, load: Load, gap: Field) -> Subspace:
