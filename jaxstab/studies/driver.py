@@ -64,7 +64,7 @@ class Driver:
         if not self.is_stopped:
             self._left.append(place)
 
-    def hear(self, found: Found | str) -> None:
+    def record(self, found: Found | str) -> None:
         """Store and count a case; of batches that raise, which are warnings, the first is said."""
         with self._guard:
             if not isinstance(found, str):
@@ -79,7 +79,7 @@ class Driver:
         """Let no more cases be begun."""
         self.is_stopped = True
         self._left.clear()
-        self.holder.say()
+        self.holder.announce()
 
     def run(self, worker: Worker) -> None:
         """Run the cases in this process, a thread to a device."""
@@ -99,7 +99,7 @@ class Driver:
         try:
             with jax.default_device(device):
                 for found in worker.run(self.take):
-                    self.hear(found)
+                    self.record(found)
         except BaseException:
             self.stop()
             raise

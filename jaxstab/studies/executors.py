@@ -124,7 +124,7 @@ class _Dealer:
                     return
                 # On Windows, Ctrl-C does not end a wait.
                 for future in wait(in_hand, timeout=1, return_when=FIRST_COMPLETED).done:
-                    self._hear(future, in_hand[future])
+                    self._receive(future, in_hand[future])
                     del in_hand[future]
         except BrokenExecutor as error:
             self._deal_again([place for places in in_hand.values() for place in places], error)
@@ -142,14 +142,14 @@ class _Dealer:
         finally:
             in_hand[future] = places
 
-    def _hear(self, future: Future, places: list[Index]) -> None:
+    def _receive(self, future: Future, places: list[Index]) -> None:
         lost = CancelledError("it was cancelled") if future.cancelled() else future.exception()
         if isinstance(lost, BrokenExecutor):
             raise lost
         heard, error = ([], None) if lost else future.result()
         try:
             for found in heard:
-                self._driver.hear(found)
+                self._driver.record(found)
         except _TOLD as own:
             error = own
         if error is not None and self._error is None:
@@ -174,7 +174,7 @@ class _Dealer:
         store = self._driver.store
         for place in places:
             if result := store.result(place):
-                self._driver.hear(Found(place, result=result))
+                self._driver.record(Found(place, result=result))
             elif store.num_begun(place) < _TRIES - 1:
                 self._driver.put_back(place)
             elif not self._driver.is_stopped:
@@ -212,7 +212,7 @@ def run_cases(
     heard: list[Found | str] = []
     try:
         _require_spawned()
-        if holder.goes_on():
+        if holder.is_running():
             x64, worker, store = _loaded(holder)
             with jax.enable_x64(x64):
                 for found in _run(holder, worker, store, deque(places)):
@@ -232,7 +232,7 @@ def _run(holder: Holder, worker: Worker, store: Store, left: deque[Index]) -> It
 
     def take(number: int) -> list[Index]:
         taken = []
-        while left and len(taken) < number and holder.goes_on():
+        while left and len(taken) < number and holder.is_running():
             place = left.popleft()
             result = store.result(place)
             if result is None and store.begin(place) > _TRIES:
@@ -247,7 +247,7 @@ def _run(holder: Holder, worker: Worker, store: Store, left: deque[Index]) -> It
 
     for found in worker.run(take):
         # Another driver may have the store by now.
-        if not holder.lasts():
+        if not holder.is_current():
             return
         if isinstance(found, Found):
             result = store.keep(found)

@@ -23,15 +23,15 @@ class Holder:
     folder: Path
     name: str
 
-    def goes_on(self) -> bool:
+    def is_running(self) -> bool:
         """Return whether it wants more cases to be begun."""
         return self._said() == [self.name]
 
-    def lasts(self) -> bool:
+    def is_current(self) -> bool:
         """Return whether cases that were begun are still its own."""
         return self._said() in ([self.name], [self.name, "stopping"])
 
-    def say(self, state: str = "stopping") -> None:
+    def announce(self, state: str = "stopping") -> None:
         """Say what it has come to; by default, that no more cases are to be begun."""
         # If the disk is full, workers find out by themselves.
         with suppress(OSError), (self.folder / "driver").open("a") as file:
@@ -77,6 +77,6 @@ def held(path: Path) -> Iterator[Holder]:
         try:
             yield holder
         finally:
-            holder.say("ended")
+            holder.announce("ended")
     finally:
         lock.release()
