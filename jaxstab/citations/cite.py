@@ -1,10 +1,10 @@
 """The sources behind a computation, as text and as BibTeX; `citations.bib` lists them."""
 
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from functools import cache
-from importlib import import_module
 from importlib.metadata import version
 from importlib.resources import files
 from inspect import isclass
@@ -101,7 +101,7 @@ def cite(*objects: Any) -> Citations:
                 "as jaxstab.equilibrate or jaxstab.references.jkr, and their results."
             )
         for source in _sources().values():
-            targets = [attrgetter(name)(import_module("jaxstab")) for name in source.behind]
+            targets = [attrgetter(name)(sys.modules[_SOFTWARE]) for name in source.behind]
             if any(_concerns(target, part) for target in targets for part in parts):
                 reasons.setdefault(source.key, []).append(_name(item))
     return Citations({key: list(dict.fromkeys(names)) for key, names in reasons.items()})
