@@ -92,8 +92,7 @@ def study(
     batch = integer("batch", batch)
     if batch < 1:
         raise ValueError(f"batch is {batch}: give at least 1.")
-    if isinstance(executor, numbers.Number) and integer("executor", executor) < 1:
-        raise ValueError(f"executor is {executor}: give at least 1 process.")
+    _require_executor(executor)
     asked, path = read_axes(axes), Path(path)
     _require_arguments(case, asked)
     identity, source = identity_of(case), source_of(case)
@@ -103,6 +102,16 @@ def study(
         driver = Driver(store, holder, list(places(asked)), retry)
         _run_all(driver, Worker(case, asked, batch), executor, progress)
         return store.dataset()
+
+
+def _require_executor(executor: Any) -> None:
+    if isinstance(executor, numbers.Number) and integer("executor", executor) < 1:
+        raise ValueError(f"executor is {executor}: give at least 1 process.")
+    if not (executor is None or isinstance(executor, int) or hasattr(executor, "submit")):
+        raise TypeError(
+            f"executor is of type {type(executor).__name__}: give a number of processes, an "
+            "executor as those of concurrent.futures, or a Dask Client."
+        )
 
 
 def _run_all(driver: Driver, worker: Worker, executor: Any, progress: bool) -> None:
