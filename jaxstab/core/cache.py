@@ -6,6 +6,7 @@ import platform
 import shutil
 import sys
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
 
 import jax
@@ -20,6 +21,13 @@ _MAX_SIZE = 10**9
 _MANY = 20
 
 
+# What JAX has to be told, here and in other processes that are to share the folder: the size too.
+SETTINGS = (
+    "jax_compilation_cache_dir",
+    "jax_compilation_cache_max_size",
+    "jax_persistent_cache_min_compile_time_secs",
+    "jax_persistent_cache_min_entry_size_bytes",
+)
 # Earlier ones report each program from a cache, at length, as made for another machine.
 _IS_QUIET = jax.__version_info__ >= (0, 12)
 
@@ -44,20 +52,20 @@ def keep_programs(by_default: bool = _IS_QUIET) -> None:
         return
     if not (has_room and os.access(folder, os.W_OK)):
         return
-    jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_compilation_cache_max_size", _MAX_SIZE)
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    num_kept = sum(1 for _ in folder.glob("*-cache"))
-    if num_kept >= _MANY:
-        jax.monitoring.register_event_listener(_Watch(folder, num_kept))
+    for name, value in zip(SETTINGS, (str(folder), _MAX_SIZE, 0, -1), strict=True):
+        jax.config.update(name, value)
+    with os.scandir(folder) as files:
+        # There may be tens of thousands.
+        kept = list(islice((file for file in files if file.name.endswith("-cache")), _MANY))
+    if len(kept) == _MANY:
+        jax.monitoring.register_event_listener(_Watch(folder))
 
 
 class _Watch:
     """Warns once if none of the programs that are kept can be used."""
 
-    def __init__(self, folder: Path, num_kept: int):
-        self._folder, self._num_kept = folder, num_kept
+    def __init__(self, folder: Path):
+        self._folder = folder
         self._num_hits = self._num_misses = 0
 
     def __call__(self, event: str, **_: str | int) -> None:
@@ -66,7 +74,7 @@ class _Watch:
         if self._num_misses == _MANY and self._num_hits == 0:
             self._num_misses += 1
             warn(
-                f"None of the {self._num_kept} compiled programs in {self._folder} can be used: "
+                f"None of the compiled programs kept in {self._folder} can be used: "
                 "JAX may reject them on this processor. Set the environment variable "
                 "JAXSTAB_CACHE=0 to keep none."
             )
@@ -74,11 +82,13 @@ class _Watch:
 
 def _machine() -> str:
     """Return a name for this jaxlib and this kind of processor."""
-    processor = platform.machine() + platform.processor()
-    info = Path("/proc/cpuinfo")
+    processor, info = platform.machine(), Path("/proc/cpuinfo")
     if info.exists():
-        lines = info.read_text().splitlines()
-        processor += "".join(sorted({line for line in lines if line.startswith(("flags", "Feat"))}))
+        # The first will do: to ask for those of all cores takes long where there are hundreds.
+        with info.open() as lines:
+            processor += next((line for line in lines if line.startswith(("flags", "Feat"))), "")
+    else:
+        processor += platform.processor()
     return f"{jaxlib.version.__version__}-{hashlib.sha256(processor.encode()).hexdigest()[:12]}"
 
 

@@ -22,6 +22,7 @@ from typing import Any
 
 import jax
 
+from jaxstab.core.cache import SETTINGS
 from jaxstab.core.extras import require_packages
 from jaxstab.studies.axes import Index
 from jaxstab.studies.driver import Driver
@@ -41,12 +42,6 @@ _WINDOW = 1000
 _FILLINGS = 8
 # What cases and disks do.
 _TOLD = (OSError, TypeError, ValueError)
-# Where JAX keeps compiled programs.
-_SETTINGS = (
-    "jax_compilation_cache_dir",
-    "jax_persistent_cache_min_compile_time_secs",
-    "jax_persistent_cache_min_entry_size_bytes",
-)
 _IMPORTED_BY = os.getpid()
 
 
@@ -185,7 +180,7 @@ class _Dealer:
 def _pool(number: int) -> Iterator[ProcessPoolExecutor]:
     """Yield processes that end with this one; if the block raises, they end at once."""
     others = set(multiprocessing.active_children())
-    settings = {name: jax.config.values[name] for name in _SETTINGS}
+    settings = {name: jax.config.values[name] for name in SETTINGS}
     # JAX does not survive a fork.
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(number, context, _begin, (settings,))

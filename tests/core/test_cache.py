@@ -89,7 +89,7 @@ def test_what_the_user_has_set_stands(unset):
 
 
 def test_a_warning_tells_once_that_no_program_can_be_used(unset):
-    rejected, useful = cache._Watch(unset, 99), cache._Watch(unset, 99)
+    rejected, useful = cache._Watch(unset), cache._Watch(unset)
     useful("/jax/compilation_cache/cache_hits")
     with pytest.warns(UserWarning, match="JAXSTAB_CACHE=0") as given:
         for _ in range(100):

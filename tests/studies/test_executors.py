@@ -11,6 +11,7 @@ from collections import Counter
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from functools import partial
 
+import jax
 import numpy as np
 import pytest
 import xarray
@@ -334,6 +335,21 @@ def test_the_command_line_runs_on_a_scheduler(client, tmp_path, monkeypatch, cap
     with pytest.raises(SystemExit):
         main([*command, "nowhere"])
     assert "No Dask scheduler answers at nowhere" in capsys.readouterr().err
+
+
+def test_processes_share_compiled_programs_under_the_same_limit(tmp_path):
+    def case(seed):
+        import jax
+
+        return {"size": jax.config.values["jax_compilation_cache_max_size"]}
+
+    before = jax.config.values["jax_compilation_cache_max_size"]
+    jax.config.update("jax_compilation_cache_max_size", 123_456_789)
+    try:
+        dataset = js.study(case, {"seed": [0]}, tmp_path / "study.zarr", executor=1)
+    finally:
+        jax.config.update("jax_compilation_cache_max_size", before)
+    assert dataset["size"] == 123_456_789
 
 
 @pytest.mark.parametrize(
