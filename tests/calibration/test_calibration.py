@@ -147,6 +147,7 @@ def found(fit):
     return np.array(numbers)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("leg", [RETRACTION, RETRACTION[::-1]], ids=["retraction", "approach"])
 def test_curves_with_jumps_are_fitted_in_the_order_of_the_measurement(leg):
     loads = js.MeanGap(leg)

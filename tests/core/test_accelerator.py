@@ -74,6 +74,7 @@ def test_a_program_in_single_precision_computes_nothing_in_double(program):
     assert "complex<f64>" not in program
 
 
+@pytest.mark.nightly
 def test_lanes_together_give_what_each_gives_alone(monkeypatch):
     heights = surfaces(jnp.float64)
     apart = jax.jit(jax.vmap(solve))(heights)

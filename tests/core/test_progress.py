@@ -52,6 +52,7 @@ WAITS = {
 }
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", WAITS)
 def test_what_takes_long_shows_that_it_goes_on_and_finds_the_same(name, capsys):
     silent = WAITS[name](throw=False)

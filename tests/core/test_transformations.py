@@ -71,6 +71,7 @@ def test_a_batch_of_contacts_can_be_made_and_then_solved(solid, heights, law):
     check_solution(lane(batch, 2), js.Contact(solid, heights, named_law(ENERGIES[2])))
 
 
+@pytest.mark.nightly
 def test_surfaces_loads_and_moduli_can_be_vmapped(solid, heights):
     surfaces = jnp.stack([heights, heights[::-1], heights.T * 0.8])
     by_surface = jax.vmap(lambda h: solve(js.Contact(solid, h, named_law(0.01))))(surfaces)

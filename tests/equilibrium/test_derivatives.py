@@ -304,6 +304,7 @@ def single_rates(contact):
     return [jax.jvp(lambda e, g=gap: single(e, g), (X[0],), (one,))[1] for gap in GAPS]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("order", ["independent", "continuation"])
 def test_a_sweep_has_the_derivatives_of_its_states(contact, single_rates, order):
     rates = jax.jacrev(lambda energy: states(contact, energy, GAPS, order=order))(X[0])

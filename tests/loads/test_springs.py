@@ -70,6 +70,7 @@ def test_a_stiff_spring_holds_the_displacement_and_a_soft_one_the_pressure(conta
         np.testing.assert_allclose(soft, outcome(js.MeanPressure(pressure)), atol=1e-8)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["value", "stiffness"])
 def test_derivatives_by_position_and_stiffness_agree_with_differences(contact, name):
     weights = jnp.asarray(np.random.default_rng(0).normal(size=(N, N)))
@@ -155,6 +156,7 @@ def dense_fold(heights, gamma, rho, stiffness, guess):
     return position
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("stiffness", [200.0, 20.0])
 def test_the_fold_of_hertz_moves_with_the_stiffness_as_in_dense_algebra(hertz, stiffness):
     def fold(stiffness, throw=False):

@@ -251,6 +251,7 @@ def test_a_fold_in_contact_is_found_from_a_state_in_contact():
     np.testing.assert_allclose(jax.grad(load)(tilt), differences, rtol=1e-5)
 
 
+@pytest.mark.nightly
 def test_lanes_give_what_they_give_alone_and_a_failed_one_harms_no_other(fold):
     ends = jnp.array([ENDS, ENDS, [jnp.nan, 1.0], [1.4, 1.35]])
     near = 1.001 * VALUES
@@ -307,6 +308,7 @@ def test_a_branch_that_a_contact_point_ends_is_found_with_its_derivative(hertz):
     np.testing.assert_allclose(rate, (ends[0] - ends[1]) / 2e-3, rtol=1e-6)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", [0, 3])
 def test_in_single_precision_a_branch_ends_where_it_does_in_double(seed, hertz):
     noise = 1e-3 * jax.random.normal(jax.random.key(seed), hertz.heights.shape)

@@ -41,6 +41,7 @@ def test_it_is_where_bisection_ends(case):
     assert pull.equilibrium.residual < 1e-8
 
 
+@pytest.mark.nightly
 def test_its_derivatives_are_those_of_differences_in_both_modes(case):
     _, contact, pull = case
     point = np.unravel_index(
@@ -86,6 +87,7 @@ LINE = [-1062, -968, -816, -622, -402, -168, 71, 305, 528, 728, 895, 1014, 1071,
 LINE += [535, 240, -79, -391, -668, -886, -1027, -1085]
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
 @pytest.mark.parametrize("name", LEAPT_OVER)
 def test_it_is_not_before_a_relaxation_comes_apart(name):
@@ -140,6 +142,7 @@ def test_lanes_give_what_they_give_alone():
     np.testing.assert_allclose(together, [value(energy) for energy in energies], rtol=1e-9)
 
 
+@pytest.mark.nightly
 def test_in_a_study_lanes_that_are_done_make_room_and_give_what_each_gives_alone(tmp_path):
     def build(seed, modulus):
         return rough_contact(32, LAWS["exponential"], modulus, seed, rms_height=0.05)
@@ -166,6 +169,7 @@ def test_in_a_study_lanes_that_are_done_make_room_and_give_what_each_gives_alone
         np.testing.assert_allclose(found.critical, alone["critical"], rtol=1e-5)
 
 
+@pytest.mark.nightly
 def test_a_soft_machine_lets_go_like_a_dead_load_and_a_stiff_one_without_a_jump():
     contact = surface(LAWS["exponential"])
     dead = js.pull_off(contact)

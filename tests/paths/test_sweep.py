@@ -73,6 +73,7 @@ if version("jaxlib").startswith("0.10."):
     XLA_FLAGS += " --xla_cpu_use_fusion_emitters=true"
 
 
+@pytest.mark.nightly
 def test_lanes_equal_single_solves_to_the_last_bit_as_users_run_them():
     environment = os.environ | {"XLA_FLAGS": XLA_FLAGS, "PYTHONPATH": str(SCRIPT.parent.parent)}
     ended = subprocess.run([sys.executable, SCRIPT], env=environment, stderr=subprocess.PIPE)

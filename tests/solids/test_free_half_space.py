@@ -142,6 +142,7 @@ def test_equilibrium_and_eigenvalues_agree_with_dense_algebra(grid, load):
     assert np.sign(found) == np.sign(exact) and abs(found) <= abs(exact)
 
 
+@pytest.mark.nightly
 def test_the_derivative_of_a_pull_off_agrees_with_differences():
     def pull_off(energy):
         contact = sphere_contact(16, js.potentials.Exponential(energy, 0.5), 4.0)

@@ -88,6 +88,7 @@ def test_under_pressure_control_on_a_line_the_cone_needs_no_search():
     assert stability.cone.num_applications < 60
 
 
+@pytest.mark.nightly
 def test_proofs_are_the_same_in_lanes_and_in_single_precision():
     problems = [nearly_closed(seed, load=js.MeanPressure) for seed in range(4)]
     alone = [js.assess_stability(*problem) for problem in problems]

@@ -60,6 +60,7 @@ def test_they_find_what_all_starts_do(make, most, request):
     assert costs[0] < most * costs[1]
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("displacement, is_trusted", [(0.5, True), (0.1, False)])
 def test_all_starts_are_looked_at_only_where_the_coarser_mode_is_not_to_be_trusted(

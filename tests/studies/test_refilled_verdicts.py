@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import jaxstab as js
 from jaxstab.stability import coarse_start
@@ -62,6 +63,7 @@ def test_verdicts_in_lanes_are_those_found_alone():
     assert verdicts == ["stable", "stable", "held_by_contact", "held_by_contact", "undecided"]
 
 
+@pytest.mark.nightly
 def test_on_a_large_grid_lanes_start_from_the_coarser_one_too(monkeypatch):
     jax.clear_caches()
     monkeypatch.setattr(coarse_start, "_LARGE", GRID.size)
