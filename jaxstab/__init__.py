@@ -34,7 +34,22 @@ from jaxstab.loads import (
     MeanPressure,
     Spring,
 )
-from jaxstab.paths import Jump, Path, PathInterrupted, States, critical_load, follow, pull_off
+from jaxstab.paths import (
+    ENDS,
+    TURNS,
+    Branch,
+    Jump,
+    Path,
+    PathInterrupted,
+    States,
+    Transition,
+    Turn,
+    continuation,
+    critical_load,
+    follow,
+    pull_off,
+    transition,
+)
 from jaxstab.paths.branch_end.critical_load import CriticalLoad
 from jaxstab.paths.branch_end.kind import KINDS
 from jaxstab.paths.sweep import Sweep, SweepInterrupted, sweep
@@ -70,10 +85,13 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
+    "ENDS",
     "KINDS",
     "RESULTS",
+    "TURNS",
     "VERDICTS",
     "Barrier",
+    "Branch",
     "Calibration",
     "CoatedHalfSpace",
     "ConeSolver",
@@ -114,11 +132,14 @@ __all__ = [
     "SurfaceWarning",
     "Sweep",
     "SweepInterrupted",
+    "Transition",
+    "Turn",
     "WindowWarning",
     "assess_stability",
     "calibrate",
     "cases",
     "cite",
+    "continuation",
     "critical_load",
     "equilibrate",
     "files",
@@ -135,6 +156,7 @@ __all__ = [
     "surfaces",
     "sweep",
     "to_dataset",
+    "transition",
 ]
 
 

@@ -69,6 +69,15 @@ class RESULTS(Enumeration):
         "shorter programme, or locate fewer jumps (`smallest_jump`)"
     )
     interrupted = member("it was interrupted; what was done until then is there")
+    same_state = member(
+        "both states relax to the same one at this load. Give two that are apart, such as the two "
+        "sides of a jump at a load right before it"
+    )
+    no_pass = member(
+        "no equilibrium with one negative eigenvalue was found near the highest state of the "
+        "string. Give more images (`num_images`), or states that are closer to each other: there "
+        "may be minima between them"
+    )
     not_computed = member(
         "another number had already proved the verdict. Assess without `verdict_only`"
     )

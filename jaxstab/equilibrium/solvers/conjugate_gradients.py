@@ -89,7 +89,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
             control,
             problem.balance,
             solid,
-            _preconditioner(contact, solid, start),
+            preconditioner_of(contact, solid, start),
             _shortening(contact, self.max_move),
         )
 
@@ -196,7 +196,9 @@ def _line_search(problem: _Prepared, state: _State, direction: Field, length: Ar
     )
 
 
-def _preconditioner(contact: Contact, solid: Solid, gap: Field) -> Callable[[Field, Field], Field]:
+def preconditioner_of(
+    contact: Contact, solid: Solid, gap: Field
+) -> Callable[[Field, Field], Field]:
     """Return the map from f'' and a force to 1 / (K + c) times the force.
 
     The constant c is the stiffness of the softest wave and of the adhesion. Points that sit on a

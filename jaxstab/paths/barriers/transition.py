@@ -1,0 +1,268 @@
+"""The pass between two equilibria at one load: how high it is, and where."""
+
+from dataclasses import replace
+from functools import partial
+from typing import Annotated, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
+from jaxstab.core.batching import by_lanes
+from jaxstab.core.checks import integer, parameter, require, require_positive
+from jaxstab.core.compile import program
+from jaxstab.core.display import block
+from jaxstab.core.grid import mean, total
+from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.stack import Stackable
+from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.core.units import ENERGY, LENGTH, NUMBER, Dimensioned
+from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient, SaddleNewton
+from jaxstab.equilibrium.equilibrate import find, initial_gap
+from jaxstab.equilibrium.equilibrium import State, state_at
+from jaxstab.equilibrium.solvers.base import Problem
+from jaxstab.equilibrium.window import whole_start
+from jaxstab.loads import Load, require_load
+from jaxstab.paths.barriers.string import Landscape, String, StringMethod
+from jaxstab.paths.branch.index import index_of, some_modes
+
+# Times that the string is drawn anew around its highest image.
+_MAX_ZOOMS = 5
+# Steps of a string that is drawn anew: with more its images slide down its sides.
+_FEW_STEPS = 8
+# How high a saddle may lie, over the barrier that the string shows.
+_HIGHEST = 2
+# How far the saddle is pushed to either side, over its mean gap and the largest entry of its mode.
+_PUSH = 1e-3
+
+
+class Barrier(NamedTuple):
+    """The energy of the pass above the state that is left, and above that which is reached."""
+
+    there: Scalar
+    back: Scalar
+
+
+class Transition(Stackable, Dimensioned):
+    """The pass between two equilibria at one load.
+
+    Attributes:
+        there: energy of the saddle above that of the start, at one load [energy].
+        back: the same above that of the end.
+        start: the equilibrium that is left.
+        end: that which is reached.
+        saddle: the equilibrium on the pass.
+        mode: the unit vector along which its energy falls to both sides.
+        minima: the two states that a small push to either side leads to, that which is nearer to
+            the start first. Where they are not start and end, there are minima between.
+        images: the gap along the string from start to end [length].
+        energies: of the images and of the load, above that of the start [energy].
+        result: how the search ended.
+    """
+
+    there: Annotated[Scalar, ENERGY]
+    back: Annotated[Scalar, ENERGY]
+    start: Equilibrium
+    end: Equilibrium
+    saddle: Equilibrium
+    mode: Annotated[Field, NUMBER]
+    minima: Equilibrium
+    images: Annotated[Float[Array, " images *grid"], LENGTH]
+    energies: Annotated[Float[Array, " images"], ENERGY]
+    result: RESULTS
+
+    __repr__ = block
+
+    @property
+    def barrier(self) -> Barrier:
+        """The energies of the saddle above start and end: there and back [energy]."""
+        return Barrier(self.there, self.back)
+
+    def rate(self, thermal_energy: ArrayLike, attempt_rate: ArrayLike) -> Scalar:
+        """Return how often thermal motion leads over the pass: nu exp(-barrier / kT) [1/time].
+
+        Arguments:
+            thermal_energy: kT [energy].
+            attempt_rate: nu, how often the state tries [1/time].
+
+        Raises:
+            ValueError: for numbers that are not positive.
+        """
+        energy, attempts = parameter(thermal_energy), parameter(attempt_rate)
+        require_positive("The thermal energy", energy)
+        require_positive("The attempt rate", attempts)
+        return attempts * jnp.exp(-self.there / energy)
+
+
+def transition(
+    contact: Contact,
+    load: Load,
+    start: ArrayLike | State,
+    end: ArrayLike | State,
+    *,
+    num_images: int = 16,
+    throw: bool = True,
+) -> Transition:
+    """Return the pass between two equilibria at one load, by a way of least energy.
+
+    A string of states between the two goes down in energy, on gaps that are nowhere negative. Its
+    highest state is drawn out, and Newton's method goes from there to the saddle: an equilibrium
+    with exactly one negative eigenvalue on the critical space, above both ends. There may be other
+    ways, and lower ones: this is the one that the straight line between the two leads to.
+
+    The barriers are differentiable functions of the contact and the load: at states of
+    equilibrium the energy follows them at a fixed gap.
+
+    Arguments:
+        contact: the contact problem.
+        load: a single value, at which both states are.
+        start: the equilibrium that is left, or a gap that relaxes to it.
+        end: that which is reached: another state of a branch, the other side of a jump.
+        num_images: the number of states on the string, with its ends.
+        throw: raise where no saddle is found; otherwise look at `result`.
+
+    Raises:
+        ValueError: for an array of loads, states on another grid, or fewer than three images.
+        SolverError: if `throw`, where the two relax to the same state, or no saddle is found.
+    """
+    require_contact(contact)
+    require_load(load)
+    if load.value.shape != ():
+        raise ValueError(
+            f"transition takes one load, but {type(load).__name__} holds an array of shape "
+            f"{load.value.shape}: use jax.vmap."
+        )
+    number = integer("num_images", num_images)
+    require("num_images", number, number >= 3, "a string has a state between its ends.")
+    warn_if_coarse(contact, FOR_JUMPS)
+    gaps = (initial_gap(contact, load, state) for state in (start, end))
+    (whole, first), (_, last) = (whole_start(contact, load, gap) for gap in gaps)
+    unit = whole.own_pressure
+    own, own_load = whole.in_units_of(unit), load.in_units_of(unit)
+    inputs = jax.lax.stop_gradient((own, own_load, first, last))
+    # What was not found is NaN.
+    with jax.debug_nans(False):
+        found = _search(number, *inputs)
+    there, back = _barriers(found, own, own_load)
+    found = replace(found, there=there, back=back).in_units_of(1 / unit).on_surface(whole.solid)
+    return throw_failure(found.result, found, lambda: _describe(found, load), throw)
+
+
+def _barriers(found: Transition, contact: Contact, load: Load) -> tuple[Scalar, Scalar]:
+    """Return the barriers as functions of contact and load, at the gaps that were found."""
+    landscape = Landscape.under((contact, load))
+
+    def energy(state: Equilibrium) -> Scalar:
+        return landscape.energy(landscape.control.restore(jax.lax.stop_gradient(state.gap)))
+
+    top = energy(found.saddle)
+    is_found = found.result == RESULTS.successful
+    there, back = top - energy(found.start), top - energy(found.end)
+    return jnp.where(is_found, there, jnp.nan), jnp.where(is_found, back, jnp.nan)
+
+
+class _Climb(eqx.Module):
+    """A string around the pass, how often it was drawn anew, and the saddle found from it."""
+
+    string: String
+    saddle: Field
+    mode: Field
+    count: Array
+    is_found: Flag
+
+
+@partial(program, static_argnums=0)
+def _search(number: int, contact: Contact, load: Load, first: Field, last: Field) -> Transition:
+    return by_lanes(partial(_find, number))(contact, load, first, last)
+
+
+def _find(number: int, contact: Contact, load: Load, first: Field, last: Field) -> Transition:
+    """Return what `transition` does, in the units of the contact."""
+    solver = PreconditionedConjugateGradient()
+    start, end = (find(contact, load, solver, gap) for gap in (first, last))
+    are_found = (start.result == RESULTS.successful) & (end.result == RESULTS.successful)
+    given = contact, load
+    landscape = Landscape.under(given)
+    string = StringMethod().run(landscape, landscape.straight(start.gap, end.gap, number)).state
+    nothing = jnp.zeros_like(start.gap)
+    climb = _Climb(string, string.summit, nothing, jnp.array(0), jnp.array(False))
+    climb = jax.lax.while_loop(
+        lambda climb: ~climb.is_found & (climb.count <= _MAX_ZOOMS) & are_found,
+        partial(_climbed, landscape, load, (start, end)),
+        climb,
+    )
+    is_one = total((start.gap - end.gap) ** 2) <= 1e-12 * total(start.gap**2)
+    result = RESULTS.where(climb.is_found, RESULTS.successful, RESULTS.no_pass)
+    result = RESULTS.where(is_one, RESULTS.same_state, result)
+    result = RESULTS.where(end.result == RESULTS.successful, result, end.result)
+    result = RESULTS.where(start.result == RESULTS.successful, result, start.result)
+    saddle = state_at(contact, load, jnp.where(climb.is_found, climb.saddle, jnp.nan))
+    none = jnp.full_like(mean(start.gap), jnp.nan)
+    return Transition(
+        none,
+        none,
+        start,
+        end,
+        replace(saddle, result=result),
+        climb.mode,
+        _sides(contact, load, climb, start.gap),
+        string.images,
+        string.energies - string.energies[0],
+        result,
+    )
+
+
+def _climbed(
+    landscape: Landscape, load: Load, ends: tuple[Equilibrium, Equilibrium], climb: _Climb
+) -> _Climb:
+    """Return the saddle near to the summit of a string, and the string drawn anew around it."""
+    contact, control = landscape.contact, landscape.control
+    string = climb.string
+    problem = Problem.of(contact, control)
+    summit = string.summit
+    iteration = SaddleNewton(max_steps=60).run(problem, control.admissible(summit))
+    gap = iteration.state.gap
+    lowest = jnp.maximum(*(landscape.energy(end.gap) for end in ends))
+    energy, seen = landscape.energy(gap), landscape.energy(summit)
+    # Newton's method may have gone on to a higher one.
+    is_close = (energy > lowest) & (energy - lowest <= _HIGHEST * (seen - lowest))
+    index, modes = jax.lax.cond(
+        (iteration.result == RESULTS.successful) & is_close,
+        lambda: index_of(contact, load, gap, some_modes(gap)),
+        lambda: (jnp.array(-1), some_modes(gap)),
+    )
+    return _Climb(_zoomed(landscape, string), gap, modes[0], climb.count + 1, index == 1)
+
+
+def _sides(contact: Contact, load: Load, climb: _Climb, start: Field) -> Equilibrium:
+    """Return what a push of the saddle to either side relaxes to, first what is near to a gap."""
+    solver, control = PreconditionedConjugateGradient(), contact.control(load)
+    largest = jnp.max(jnp.abs(climb.mode))
+    push = _PUSH * mean(climb.saddle) / jnp.where(largest > 0, largest, 1) * climb.mode
+
+    def side(sign: Array) -> Equilibrium:
+        pushed = control.admissible(climb.saddle + sign * push)
+        return find(contact, load, solver, jnp.where(climb.is_found, pushed, jnp.nan))
+
+    both = jax.lax.map(side, jnp.array([-1.0, 1.0], push.dtype))
+    distances = jnp.stack([total((gap - start) ** 2) for gap in both.gap])
+    order = jnp.where(distances[0] <= distances[1], jnp.array([0, 1]), jnp.array([1, 0]))
+    return jax.tree.map(lambda leaf: leaf[order], both)
+
+
+def _zoomed(landscape: Landscape, string: String) -> String:
+    """Return a string between the neighbours of the highest image, relaxed."""
+    i, number = string.highest, len(string.images)
+    low, middle, high = (string.images[i + k] for k in (-1, 0, 1))
+    shares = jnp.linspace(-1, 1, number, dtype=low.dtype).reshape((-1,) + (1,) * low.ndim)
+    images = jnp.where(
+        shares < 0, middle - shares * (low - middle), middle + shares * (high - middle)
+    )
+    return StringMethod(max_steps=_FEW_STEPS).run(landscape, landscape.string(images)).state
+
+
+def _describe(found: Transition, load: Load) -> str:
+    return f"No pass was found between the two states at {load!r}"

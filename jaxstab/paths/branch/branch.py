@@ -1,0 +1,94 @@
+"""A branch of equilibria, stable or not: what `continuation` returns."""
+
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Array, Int
+
+from jaxstab.core import display
+from jaxstab.core.display import block, column
+from jaxstab.core.enumeration import Enumeration, member
+from jaxstab.core.results import RESULTS
+from jaxstab.core.stack import Stackable
+from jaxstab.core.types import Field
+from jaxstab.core.units import LENGTH, Dimensioned
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.loads import Load
+from jaxstab.paths.branch.step import TURNS
+from jaxstab.paths.path import States
+
+
+class ENDS(Enumeration):
+    """Where a branch ends."""
+
+    load = member("at the second load")
+    back = member("at the first load, to which it has come back")
+    loop = member("where it began: it is a closed loop")
+    states = member("at the number of states that was asked for")
+    lost = member("where no next state was found")
+
+
+class Turn(Stackable, Dimensioned):
+    """Where the load turns back along a branch.
+
+    Attributes:
+        load: the load there.
+        kind: a member of `TURNS`: a fold, a release or a touch.
+        equilibrium: the state.
+        mode: the unit vector along which the branch goes on there.
+        state: the number of the state after it, among those of the branch.
+    """
+
+    load: Load
+    kind: TURNS
+    equilibrium: Equilibrium
+    mode: Annotated[Field, LENGTH]
+    state: Int[Array, ""]
+
+    __repr__ = block
+
+
+class Branch(Dimensioned):
+    """Equilibria along a branch, stable or not, and where its load turns.
+
+    Attributes:
+        load: the loads of the states, in the order of the branch.
+        equilibrium: the states. A branch is reversible: nothing is lost, and the work is the change
+            of energy.
+        index: the number of negative eigenvalues of A on the critical space of each: the moves of
+            its free points that the load allows. Zero where the state is a minimum.
+        turns: where the load turns back, in order.
+        end: a member of `ENDS`: where the branch ends.
+        result: how the search ended.
+    """
+
+    load: Load
+    equilibrium: States
+    index: Int[Array, " states"]
+    turns: Turn
+    end: ENDS
+    result: RESULTS
+
+    def __repr__(self) -> str:
+        try:
+            loads, name = np.asarray(self.load.value), type(self.load).__name__
+            number = int(np.sum(np.asarray(self.index) > 0))
+            lines = [
+                f"Branch: {name} {display.number(loads[0])} to {display.number(loads[-1])} in "
+                f"{loads.size} states, {number} of them unstable, {len(self.turns)} turns; "
+                f"ends {ENDS[self.end].split(': ', 1)[1]}; {self.result.name}"
+            ]
+            table = [display.table(_rows(name, self.turns))] if len(self.turns) else []
+            return "\n".join([*lines, *table])
+        except display.UNREADABLE:
+            return display.block(self)
+
+
+def _rows(name: str, turns: Turn) -> dict[str, list[str]]:
+    state = turns.equilibrium
+    return {
+        name: column(turns.load.value, "{:.8g}".format),
+        "kind": column(turns.kind.name, str),
+        "mean pressure": column(state.mean_pressure, "{:+.4e}".format),
+        "contact area": column(state.contact_area, lambda part: f"{100 * part:.2f} %"),
+    }

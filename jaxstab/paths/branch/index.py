@@ -1,0 +1,55 @@
+"""The number of ways down from an equilibrium: negative eigenvalues on its free points."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from jaxstab.contact import Contact
+from jaxstab.contact.hessian import Block
+from jaxstab.core.procedure import run
+from jaxstab.core.types import Field
+from jaxstab.loads import Load
+from jaxstab.stability.cones import Subspace
+from jaxstab.stability.lowest_modes import noise
+from jaxstab.stability.ritz import norms
+from jaxstab.stability.solvers.base import ModesProblem
+from jaxstab.stability.solvers.davidson import Davidson
+
+# Of eigenvalues, of which only the signs count.
+_TOLERANCE = 1e-3
+# The modes that are looked at first, and at most; one of them converges last, and does not count.
+_FEW, _MANY = 4, 20
+MOST = _MANY - 1
+
+
+def some_modes(gap: Field) -> Block:
+    """Return modes to begin with."""
+    return noise(jax.random.key(0), _FEW, gap)
+
+
+def index_of(
+    contact: Contact, load: Load, gap: Field, modes: Block
+) -> tuple[Int[Array, ""], Block]:
+    """Return the number of negative eigenvalues of A on the critical space, and the lowest modes.
+
+    The modes are sought from others, those of a state nearby; from more of them if all that count
+    are negative. More than `MOST` count as so many.
+    """
+    index, modes = _count(contact, load, gap, modes)
+
+    def look_on() -> Int[Array, ""]:
+        return _count(contact, load, gap, noise(jax.random.key(1), _MANY, gap))[0]
+
+    return jax.lax.cond(index < _FEW - 1, lambda: index, look_on), modes
+
+
+def _count(contact: Contact, load: Load, gap: Field, modes: Block) -> tuple[Int[Array, ""], Block]:
+    control = contact.control(load)
+    space = Subspace(gap > 0, control.fixes_mean)
+    hessian = contact.hessian(gap, control).restricted(space.is_moving)
+    problem = ModesProblem(hessian, space, modes, len(modes) - 1)
+    found = run(Davidson(_TOLERANCE).search(problem, modes)).vector
+    # The Ritz values, of vectors of unit norm; zero of those beyond the dimension of the space.
+    values = [jnp.sum(mode * hessian(mode)) for mode in found[:-1]]
+    is_negative = (jnp.stack(values) < 0) & (norms(found[:-1]) > 0)
+    return jnp.sum(is_negative), found

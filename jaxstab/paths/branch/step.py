@@ -1,0 +1,277 @@
+"""A step along the curve of equilibria: to the next state, to a corner, or to a turning point.
+
+Pseudo-arclength (Keller 1977): the next state lies on the plane across the tangent at a distance
+ahead. Steps go over corners where the curve hardly bends. Where it does, they are cut until one
+corner is left ahead, which is then taken exactly: the point that touches or lets go there, and the
+tangent of the piece behind it, along which that point moves on.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jaxstab.contact.hessian import Hessian
+from jaxstab.core.compile import first_good
+from jaxstab.core.enumeration import Enumeration, member
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Flag, Mask, Scalar
+from jaxstab.paths.branch.curve import Corner, Curve, CurveNewton, CurveProblem, Plane, Point
+
+# The least cosine between the tangents at both ends of a step, and that from which steps grow.
+_LEAST_COSINE, _STRAIGHT = 0.9, 0.98
+_GROWTH, _CUT = 1.5, 3
+# How far from where it is predicted a state may be, over the step: farther ones were seen to lie on
+# other parts of a branch.
+_FARTHEST = 0.3
+# Steps of Newton's method from which steps grow no more.
+_EASY = 4
+# What ties: points that touch or let go within this part of the way to the first of them.
+_TIE = 1e-6
+# The shortest step, over the longest.
+_SHORTEST = {"float64": 1e-9, "float32": 1e-5}
+_MAX_HALVINGS = 40
+# How closely a turning point is found, over the step that it lies in.
+_CLOSE = {"float64": 1e-9, "float32": 1e-4}
+
+
+class TURNS(Enumeration):
+    """Why the load turns back along a branch."""
+
+    none = member("it does not turn")
+    fold = member("an eigenvalue on the free points vanishes")
+    release = member("a contact point lets go")
+    touch = member("a free point touches")
+
+
+class Place(eqx.Module):
+    """A point of the curve, its free points, and the direction in which the branch goes on."""
+
+    at: Point
+    is_free: Mask
+    tangent: Point
+
+
+class Stride(eqx.Module):
+    """What a step has led to.
+
+    Attributes:
+        here: the last state.
+        length: of the step that is tried next [length].
+        turn: the turning point passed on the way to it, if there is one.
+        kind: of that.
+        is_new: whether it is a new state; otherwise the step was cut.
+        is_lost: whether steps have become too short.
+    """
+
+    here: Place
+    length: Scalar
+    turn: Point
+    kind: TURNS
+    is_new: Flag
+    is_lost: Flag
+
+
+class Way(eqx.Module):
+    """A curve, the values of the load that end a branch, and the longest step on it."""
+
+    curve: Curve
+    ends: Array
+    longest: Scalar
+
+    def corrected(self, start: Point, condition: Plane | Corner, is_free: Mask | None = None):
+        """Return what Newton's method finds from a start."""
+        problem = CurveProblem(self.curve, condition, is_free)
+        return CurveNewton().run(problem, start)
+
+    def direction(self, place: Place) -> Scalar:
+        """Return how the load goes on at a place, over the change of gap and pressure."""
+        return self.curve.load_gradient.times(place.tangent)
+
+
+def next_stride(way: Way, stride: Stride) -> Stride:
+    """Return the state after the next step, or the same with a shorter one to try."""
+    old, length = stride.here, stride.length
+    found, is_good, num_steps, cosine = _plain_step(way, old, length)
+
+    def accept() -> tuple[Place, Scalar, Flag]:
+        is_easy = (num_steps <= _EASY) & (cosine > _STRAIGHT)
+        longer = jnp.minimum(jnp.where(is_easy, _GROWTH * length, length), way.longest)
+        return found, longer, jnp.array(True)
+
+    def look_ahead() -> tuple[Place, Scalar, Flag]:
+        return _corner_step(way, old, length)
+
+    here, length, is_new = jax.lax.cond(is_good, accept, look_ahead)
+    shortest = _SHORTEST[length.dtype.name] * way.longest
+    new = replace(stride, here=here, length=length, is_new=is_new, is_lost=length < shortest)
+    return jax.lax.cond(is_new, lambda: _concluded(way, old, new), lambda: new)
+
+
+def _plain_step(way: Way, old: Place, length: Scalar) -> tuple[Place, Flag, Array, Scalar]:
+    """Return the place on the plane ahead, whether it is one, and how hard it was to find."""
+    curve = way.curve
+    predicted = old.at.plus(old.tangent, length)
+    iteration = way.corrected(predicted, ahead_of(curve, old, length))
+    at = iteration.state.at
+    is_found = iteration.result == RESULTS.successful
+    is_free = at.gap > 0
+    tangent = jax.lax.cond(
+        is_found,
+        lambda: curve.tangent(at, is_free, curve.gradient_of(old.tangent)),
+        lambda: old.tangent,
+    )
+    cosine = curve.cosine(tangent, old.tangent)
+    is_near = curve.length(at.minus(predicted)) < _FARTHEST * length
+    is_good = is_found & is_near & (cosine > _LEAST_COSINE)
+    return Place(at, is_free, tangent), is_good, iteration.num_steps, cosine
+
+
+def ahead_of(curve: Curve, place: Place, length: Scalar) -> Plane:
+    """Return the plane across the tangent of a place, at a distance from it."""
+    row = curve.gradient_of(place.tangent)
+    return Plane(row, row.times(place.at) + length, length)
+
+
+def _corner_step(way: Way, old: Place, length: Scalar) -> tuple[Place, Scalar, Flag]:
+    """Return the place at the corner ahead if it is the only one, or else a shorter step."""
+    curve, at, tangent = way.curve, old.at, old.tangent
+    net = curve.forces(at).net
+    curvature = curve.contact.curvature(at.gap)
+    rate = Hessian(curve.contact.solid, curvature)(tangent.gap) + tangent.pressure
+    opens = ~old.is_free & (rate < 0)
+    closes = old.is_free & (tangent.gap < 0)
+    ways = jnp.where(closes, at.gap / jnp.where(closes, -tangent.gap, 1), jnp.inf)
+    ways = jnp.where(opens, jnp.maximum(net, 0) / jnp.where(opens, -rate, 1), ways)
+    first = jnp.min(ways)
+    point = (jnp.arange(ways.size) == jnp.argmin(ways)).reshape(ways.shape)
+    tied = ways <= (1 + _TIE) * first + _SHORTEST[length.dtype.name] * way.longest
+    is_alone = (first <= length) & (jnp.sum(ways <= length) <= jnp.sum(tied))
+
+    def take(number: Array) -> tuple[Place, Flag]:
+        return _beyond_corner(way, old, first, point, jnp.where(number == 0, tied, point))
+
+    def shorten() -> tuple[Place, Flag]:
+        return old, jnp.array(False)
+
+    def turn() -> tuple[Place, Flag]:
+        return first_good(take, lambda taken: taken[1])
+
+    here, is_new = jax.lax.cond(is_alone, turn, shorten)
+    return jax.tree.map(partial(jnp.where, is_new), here, old), length / _CUT, is_new
+
+
+def _beyond_corner(
+    way: Way, old: Place, length: Scalar, point: Mask, flips: Mask
+) -> tuple[Place, Flag]:
+    """Return the corner ahead, with the direction behind it, and whether all points follow it."""
+    curve = way.curve
+    opens = jnp.any(point & ~old.is_free)
+    corner = Corner(point, opens)
+    start = old.at.plus(old.tangent, length)
+    iteration = way.corrected(start, corner, old.is_free)
+    forces, at = iteration.state.forces, iteration.state.at
+    at = replace(at, gap=jnp.where(flips, 0, at.gap))
+    is_free = jnp.where(opens, old.is_free | flips, old.is_free & ~flips)
+    # Behind it the point that let go has a gap that grows, that which touches a reaction.
+    behind = Corner(point, ~opens).gradient(curve, at, forces)
+    tangent = curve.tangent(at, is_free, behind)
+    moved = Hessian(curve.contact.solid, forces.curvature)(tangent.gap) + tangent.pressure
+    follows = jnp.where(opens, tangent.gap, moved) > 0
+    is_good = (iteration.result == RESULTS.successful) & jnp.all(jnp.where(flips, follows, True))
+    return Place(at, is_free, tangent), is_good
+
+
+def _concluded(way: Way, old: Place, stride: Stride) -> Stride:
+    """Return a stride with the turning point that it has passed."""
+    new = stride.here
+    turns = way.direction(old) * way.direction(new) < 0
+    is_corner = jnp.any(new.is_free != (new.at.gap > 0))
+
+    def none() -> tuple[Point, TURNS]:
+        return new.at, TURNS.none
+
+    def at_corner() -> tuple[Point, TURNS]:
+        opened = jnp.sum(new.is_free) > jnp.sum(old.is_free)
+        return new.at, TURNS.where(opened, TURNS.release, TURNS.touch)
+
+    turn, kind = jax.lax.cond(
+        turns,
+        lambda: jax.lax.cond(is_corner, at_corner, lambda: _turn_between(way, old, new)),
+        none,
+    )
+    return replace(stride, turn=turn, kind=kind)
+
+
+class _Bracket(eqx.Module):
+    """Two places between which the load turns, their distances ahead of the first and speeds."""
+
+    low: Place
+    high: Place
+    ends: Array
+    speeds: Array
+    count: Array
+
+
+def _turn_between(way: Way, old: Place, new: Place) -> tuple[Point, TURNS]:
+    """Return where the load turns between two places: by secants and halvings, in turn."""
+    curve = way.curve
+    row = curve.gradient_of(old.tangent)
+    whole = row.times(new.at.minus(old.at))
+
+    def place_at(length: Scalar, near: Place) -> Place:
+        share = length / whole
+        start = Point(
+            old.at.gap + share * (new.at.gap - old.at.gap),
+            old.at.pressure + share * (new.at.pressure - old.at.pressure),
+        )
+        at = way.corrected(start, ahead_of(curve, old, length)).state.at
+        is_free = at.gap > 0
+        return Place(at, is_free, curve.tangent(at, is_free, row))
+
+    def goes_on(bracket: _Bracket) -> Flag:
+        close = _CLOSE[whole.dtype.name]
+        is_wide = bracket.ends[1] - bracket.ends[0] > close * jnp.abs(whole)
+        is_steep = jnp.min(jnp.abs(bracket.speeds)) > close * jnp.max(jnp.abs(first.speeds))
+        return is_wide & is_steep & (bracket.count < _MAX_HALVINGS)
+
+    def narrow(bracket: _Bracket) -> _Bracket:
+        (low, high), (slow, fast) = bracket.ends, bracket.speeds
+        secant = low - slow * (high - low) / (fast - slow)
+        length = jnp.where(bracket.count % 3 == 2, (low + high) / 2, secant)
+        place = place_at(length, bracket.low)
+        speed = way.direction(place)
+        is_low = speed * slow > 0
+        lower = _Bracket(
+            place,
+            bracket.high,
+            jnp.stack([length, high]),
+            jnp.stack([speed, fast]),
+            bracket.count + 1,
+        )
+        upper = _Bracket(
+            bracket.low,
+            place,
+            jnp.stack([low, length]),
+            jnp.stack([slow, speed]),
+            bracket.count + 1,
+        )
+        return jax.tree.map(partial(jnp.where, is_low), lower, upper)
+
+    first = _Bracket(
+        old,
+        new,
+        jnp.stack([jnp.zeros_like(whole), whole]),
+        jnp.stack([way.direction(old), way.direction(new)]),
+        jnp.array(0),
+    )
+    last = jax.lax.while_loop(goes_on, narrow, first)
+    is_low = jnp.abs(last.speeds[0]) < jnp.abs(last.speeds[1])
+    at = jax.tree.map(partial(jnp.where, is_low), last.low.at, last.high.at)
+    before, after = jnp.sum(last.low.is_free), jnp.sum(last.high.is_free)
+    is_smooth = jnp.min(jnp.abs(last.speeds)) < 1e-3 * jnp.max(jnp.abs(first.speeds))
+    corner = TURNS.where(after > before, TURNS.release, TURNS.touch)
+    return at, TURNS.where(is_smooth, TURNS.fold, corner)

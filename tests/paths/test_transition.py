@@ -1,0 +1,154 @@
+"""Passes between two equilibria at one load."""
+
+import heapq
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import dense_hessian
+
+import jaxstab as js
+
+LINE = js.Grid((3,), (1.0,))
+PROFILE = np.array([0.0, -0.07, -0.2])
+STRENGTH, RANGE, MEAN_GAP = 0.08, 0.05, 0.1
+
+
+def energies(gaps):
+    """Return the energy of gaps on the line, from the symbol of K alone."""
+    q = 2 * np.pi * np.abs(np.fft.fftfreq(3, 1 / 3))
+    spectrum = np.fft.fft(gaps + PROFILE, axis=-1)
+    elastic = np.sum(q / 2 * np.abs(spectrum) ** 2, axis=-1) / 3 / 2
+    return (elastic - STRENGTH * np.sum(np.exp(-gaps / RANGE), axis=-1)) / 3
+
+
+def flooded(start, end, number=401):
+    """Return the least height from which water covers a way between two gaps of this mean."""
+    total = 3 * MEAN_GAP
+    ticks = np.linspace(0, total, number)
+    first, second = np.meshgrid(ticks, ticks, indexing="ij")
+    third = total - first - second
+    height = energies(np.stack([first, second, third], axis=-1))
+    height[third < -1e-12] = np.inf
+    place = [tuple(np.rint(gap[:2] / ticks[1]).astype(int)) for gap in (start, end)]
+    best, queue = np.full(height.shape, np.inf), [(height[place[0]], place[0])]
+    steps = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
+    while queue:
+        level, (i, j) = heapq.heappop(queue)
+        if (i, j) == place[1]:
+            return level
+        if best[i, j] <= level:
+            continue
+        best[i, j] = level
+        for k, m in ((i + di, j + dj) for di, dj in steps):
+            if 0 <= k < number and 0 <= m < number and best[k, m] == np.inf:
+                heapq.heappush(queue, (max(level, height[k, m]), (k, m)))
+    return np.inf
+
+
+def test_the_pass_is_the_lowest_that_flooding_finds():
+    solid = js.HalfSpace(LINE, youngs_modulus=1.0, poisson_ratio=0.0)
+    contact = js.Contact(solid, PROFILE, js.potentials.Exponential(STRENGTH, RANGE))
+    load = js.MeanGap(MEAN_GAP)
+    states = []
+    for corner in np.vstack([np.eye(3), 1 - np.eye(3)]):
+        state = js.equilibrate(contact, load, initial=0.01 * MEAN_GAP + 3 * MEAN_GAP * corner)
+        if all(np.max(np.abs(state.gap - other.gap)) > 1e-3 for other in states):
+            states.append(state)
+    assert len(states) >= 2
+    for one, other in itertools.pairwise(states):
+        found = js.transition(contact, load, one, other)
+        np.testing.assert_allclose(energies(np.asarray(one.gap)), one.energy, rtol=1e-12)
+        level = flooded(np.asarray(one.gap), np.asarray(other.gap))
+        np.testing.assert_allclose(found.barrier.there, level - one.energy, rtol=1e-3)
+
+
+HERTZ = js.Grid(24)
+HEIGHTS = js.surfaces.paraboloid(HERTZ, radius=2.0)
+
+
+def hertz(energy=10.0, dtype=jnp.float64):
+    solid = js.HalfSpace(HERTZ, youngs_modulus=1.0, poisson_ratio=0.0)
+    return js.Contact(solid, HEIGHTS.astype(dtype), js.potentials.Exponential(energy, 1.0))
+
+
+def both_sides(contact, value):
+    apart = js.equilibrate(contact, js.MeanDisplacement(value))
+    closed = js.equilibrate(contact, js.MeanDisplacement(0.8))
+    return apart, closed.gap
+
+
+@pytest.fixture(scope="module")
+def detachment():
+    contact = hertz()
+    apart, closed = both_sides(contact, 1.35)
+    return contact, js.transition(contact, js.MeanDisplacement(1.35), apart, closed)
+
+
+def test_the_saddle_has_one_way_down_to_either_end(detachment):
+    contact, found = detachment
+    saddle = found.saddle
+    assert saddle.residual < 1e-9
+    free = np.asarray(saddle.gap).ravel() > 0
+    hessian = dense_hessian(contact, saddle.gap)[np.ix_(free, free)]
+    plane = np.linalg.svd(np.ones((1, free.sum())))[2][1:]
+    values = np.linalg.eigvalsh(plane @ hessian @ plane.T)
+    assert np.sum(values < 0) == 1
+    mode = np.asarray(found.mode).ravel()[free]
+    np.testing.assert_allclose(mode @ hessian @ mode, values[0], rtol=1e-2)
+    for side, end in zip(found.minima, (found.start, found.end), strict=True):
+        np.testing.assert_allclose(side.gap, end.gap, atol=1e-6)
+    assert found.start.contact_area == 0 < found.end.contact_area
+    heights = saddle.energy - np.array([found.start.energy, found.end.energy])
+    np.testing.assert_allclose(found.barrier, heights, rtol=1e-9)
+
+
+def test_its_barriers_have_the_derivatives_of_differences(detachment):
+    _, at = detachment
+
+    def barriers(energy, value):
+        load = js.MeanDisplacement(value)
+        return jnp.stack(js.transition(hertz(energy), load, at.start, at.end).barrier)
+
+    rates = jax.jacrev(barriers, (0, 1))(10.0, 1.35)
+    for rate, step in zip(rates, np.eye(2), strict=True):
+        ends = [barriers(10.0 + s * 1e-4 * step[0], 1.35 + s * 1e-4 * step[1]) for s in (1, -1)]
+        np.testing.assert_allclose(rate, (ends[0] - ends[1]) / 2e-4, rtol=1e-5)
+
+
+def test_loads_can_be_vmapped_and_single_precision_agrees(detachment):
+    contact, at = detachment
+    values = jnp.array([1.34, 1.35])
+
+    def barrier(value):
+        load = js.MeanDisplacement(value)
+        return js.transition(contact, load, at.start, at.end, throw=False).barrier.there
+
+    together = jax.jit(jax.vmap(barrier))(values)
+    np.testing.assert_allclose(together[1], at.barrier.there, rtol=1e-8)
+    single = hertz(dtype=jnp.float32)
+    starts = at.start.gap.astype(jnp.float32), at.end.gap.astype(jnp.float32)
+    found = js.transition(single, js.MeanDisplacement(1.35), *starts)
+    assert found.barrier.there.dtype == jnp.float32
+    np.testing.assert_allclose(found.barrier.there, at.barrier.there, rtol=2e-2)
+
+
+def test_the_rate_is_that_of_arrhenius(detachment):
+    _, found = detachment
+    barrier = float(found.barrier.there)
+    np.testing.assert_allclose(found.rate(barrier / 2, 3.0), 3 * np.exp(-2), rtol=1e-12)
+    with pytest.raises(ValueError, match="thermal energy"):
+        found.rate(-1.0, 1.0)
+
+
+def test_two_states_that_are_one_and_bad_input_are_refused(detachment):
+    contact, found = detachment
+    load = js.MeanDisplacement(1.35)
+    with pytest.raises(js.SolverError, match="both states relax to the same one"):
+        js.transition(contact, load, found.start, found.start)
+    with pytest.raises(ValueError, match="takes one load"):
+        js.transition(contact, js.MeanDisplacement(jnp.ones(2)), found.start, found.end)
+    with pytest.raises(ValueError, match="num_images"):
+        js.transition(contact, load, found.start, found.end, num_images=2)
