@@ -25,7 +25,7 @@ exclude_patterns = ["_build", "_notebooks/cards.md"]
 # Notebooks show the outputs that they are stored with.
 nb_execution_mode = "off"
 nb_merge_streams = True
-myst_enable_extensions = ["colon_fence", "dollarmath", "fieldlist"]
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "fieldlist"]
 myst_heading_anchors = 3
 # Dashes only: apostrophes in formulae are derivatives.
 smartquotes_action = "D"
@@ -38,7 +38,7 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_title = f"jaxstab {release}"
 # Pages without a section of their own need no list of its pages.
-html_sidebars = {page: [] for page in ("index", "start", "performance", "changelog")}
+html_sidebars = {page: [] for page in ("index",)}
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
