@@ -1,9 +1,11 @@
 """Paths: what a contact goes through under a programme of loads, and where it ends."""
 
+from jaxstab.paths.barriers.easiest_exit import easiest_exit
 from jaxstab.paths.barriers.transition import Transition, transition
 from jaxstab.paths.branch.branch import ENDS, Branch, Turn
 from jaxstab.paths.branch.continuation import continuation
 from jaxstab.paths.branch.step import TURNS
+from jaxstab.paths.branch_end.barrier_law import BarrierLaw
 from jaxstab.paths.critical_load import critical_load
 from jaxstab.paths.follow import PathInterrupted, follow
 from jaxstab.paths.path import Jump, Path, States
@@ -12,6 +14,7 @@ from jaxstab.paths.pull_off import pull_off
 __all__ = [
     "ENDS",
     "TURNS",
+    "BarrierLaw",
     "Branch",
     "Jump",
     "Path",
@@ -21,6 +24,7 @@ __all__ = [
     "Turn",
     "continuation",
     "critical_load",
+    "easiest_exit",
     "follow",
     "pull_off",
     "transition",

@@ -14,10 +14,11 @@ from jaxstab.core.batching import by_lanes
 from jaxstab.core.checks import known
 from jaxstab.core.compile import program
 from jaxstab.core.stack import first_entries, stacked
-from jaxstab.core.types import Scalar
+from jaxstab.core.types import Field, Scalar
 from jaxstab.loads import Load
+from jaxstab.paths.branch_end.barrier_law import BarrierLaw, barrier_law, no_barrier_law
 from jaxstab.paths.branch_end.kind import KINDS, reason_of
-from jaxstab.paths.branch_end.release import first_releases
+from jaxstab.paths.branch_end.release import first_of, first_releases
 from jaxstab.paths.path import Jump, Path, States
 from jaxstab.paths.record import Event, Table
 from jaxstab.paths.step import Progress
@@ -123,13 +124,18 @@ def path_of(record: Recording, contact: Contact, load: Load) -> Path:
 def _jump(contact: Contact, one: Load, event: Event) -> Jump:
     here = event.before
     load = one.at(here.value)
-    kind, mode = jax.lax.cond(
-        jnp.isfinite(here.value) & ~event.is_touch,
-        lambda: reason_of(
-            contact, load, here.gap, first_releases(contact, load, here.gap, event.ahead)
-        ),
-        lambda: (KINDS.fold, jnp.full_like(here.gap, jnp.nan)),
-    )
+
+    def explained() -> tuple[KINDS, Field, BarrierLaw]:
+        releases = first_releases(contact, load, here.gap, event.ahead)
+        kind, mode = reason_of(contact, load, here.gap, releases)
+        law = barrier_law(contact, load, here.gap, kind, mode, first_of(releases))
+        return kind, mode, law
+
+    def unexplained() -> tuple[KINDS, Field, BarrierLaw]:
+        return KINDS.fold, jnp.full_like(here.gap, jnp.nan), no_barrier_law(here.gap, load)
+
+    is_end = jnp.isfinite(here.value) & ~event.is_touch
+    kind, mode, law = jax.lax.cond(is_end, explained, unexplained)
     return Jump(
         load=load,
         kind=KINDS.where(event.is_touch, KINDS.touch, kind),
@@ -138,6 +144,7 @@ def _jump(contact: Contact, one: Load, event: Event) -> Jump:
         mode=mode,
         dissipation=event.dissipation,
         state=event.state,
+        barrier_law=law,
     )
 
 

@@ -13,6 +13,7 @@ from jaxstab.core.types import Scalar
 from jaxstab.core.units import AREA, ENERGY, LENGTH, NUMBER, PRESSURE, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
+from jaxstab.paths.branch_end.barrier_law import BarrierLaw
 from jaxstab.paths.branch_end.kind import KINDS
 
 
@@ -65,6 +66,9 @@ class Jump(Stackable, Dimensioned):
         dissipation: the energy lost, the difference of two potentials at one load [energy]; NaN
             where surfaces are pulled off or come together.
         state: the number of the state before, among those recorded.
+        barrier_law: how the barrier that holds the state before grows with the distance from the
+            jump's load: to second order in the mode's amplitude at a release, to third at a fold;
+            None in files of version 0.1.0.
     """
 
     load: Load
@@ -74,6 +78,7 @@ class Jump(Stackable, Dimensioned):
     mode: Annotated[Float[Array, " *jumps_and_grid"], NUMBER]
     dissipation: Annotated[Float[Array, "*jumps"], ENERGY]
     state: Int[Array, "*jumps"]
+    barrier_law: BarrierLaw | None = None
 
     __repr__ = block
 

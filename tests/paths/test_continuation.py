@@ -157,6 +157,7 @@ def test_a_spheres_unstable_branch_is_that_of_maugis():
         np.testing.assert_allclose(branch.equilibrium.force[nearest], exact, rtol=2e-2)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("load", [js.MeanPressure, js.Spring])
 def test_under_any_load_and_in_single_precision_it_is_the_same_curve(load):
     contact = hertz(jnp.float32)

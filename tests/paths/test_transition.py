@@ -152,3 +152,81 @@ def test_two_states_that_are_one_and_bad_input_are_refused(detachment):
         js.transition(contact, js.MeanDisplacement(jnp.ones(2)), found.start, found.end)
     with pytest.raises(ValueError, match="num_images"):
         js.transition(contact, load, found.start, found.end, num_images=2)
+
+
+def test_the_easiest_exit_is_the_one_that_a_nearby_jump_takes_or_lower(detachment):
+    contact, at = detachment
+    found = js.easiest_exit(contact, at.start)
+    np.testing.assert_allclose(found.barrier.there, at.barrier.there, rtol=1e-6)
+    assert found.end.contact_area > 0
+    # In contact a ring of points lets go before all of them do.
+    assert 0 < js.easiest_exit(contact, at.end).barrier.there < at.barrier.back
+
+
+def rough_loop():
+    grid = js.Grid(64)
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=8, rms_height=0.05)
+    solid = js.HalfSpace(grid, youngs_modulus=1.0, poisson_ratio=0.0)
+    contact = js.Contact(solid, heights, js.potentials.Exponential(0.06, 0.06))
+    return contact, js.follow(contact, js.MeanGap(jnp.array([0.4, 0.01, 0.4])))
+
+
+def barriers_before(contact, jump, parts):
+    """Return the distances of loads before a jump's, and the barriers; None if it is not exact."""
+    value = jump.load.value
+    ahead = jnp.sign(jump.after.load.value - value)
+    bracket = value + jnp.array([-2e-3, 1e-3]) * ahead * value
+    end = js.critical_load(contact, js.MeanGap(bracket), initial=jump.before)
+    if end.equilibrium.residual > 1e-9 or abs(end.load.value / value - 1) > 1e-5:
+        return None
+    limit = end.load.value
+    distances = jnp.array(parts) * value
+    found = [
+        js.transition(contact, js.MeanGap(limit - ahead * s), jump.before, jump.after)
+        for s in distances
+    ]
+    return distances, np.array([way.barrier.there for way in found])
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", ["fold", "release"])
+def test_near_jumps_barriers_fall_with_the_powers_of_their_laws(kind):
+    contact, path = rough_loop()
+    parts = {"fold": [4e-5, 2e-5], "release": [2e-6, 1e-6]}[kind]
+    jumps = [jump for jump in path.jumps if jump.kind == kind and jump.dissipation > 5e-6]
+    found = [(jump, barriers_before(contact, jump, parts)) for jump in jumps]
+    exact = [(jump, barriers) for jump, barriers in found if barriers is not None]
+    assert len(exact) >= 3
+    for jump, (distances, barriers) in exact[:3]:
+        slope = np.log(barriers[0] / barriers[1]) / np.log(2)
+        assert abs(slope - jump.barrier_law.exponent) < 0.02
+        np.testing.assert_allclose(barriers, jump.barrier_law.barrier(distances), rtol=2e-2)
+
+
+def test_the_law_of_a_fold_foretells_the_barrier(detachment):
+    contact, at = detachment
+    path = js.follow(contact, js.MeanDisplacement(jnp.array([1.6, 1.25])))
+    law = path.jumps[0].barrier_law
+    fold = js.critical_load(contact, js.MeanDisplacement(jnp.array([1.6, 1.25]))).load.value
+    load = js.MeanDisplacement(fold + 1e-4)
+    found = js.transition(contact, load, path.jumps[0].before, at.end)
+    np.testing.assert_allclose(found.barrier.there, law.barrier(1e-4), rtol=2e-2)
+
+
+@pytest.mark.nightly
+def test_before_every_jump_of_a_rough_loop_there_is_a_pass_between_both_sides():
+    contact, path = rough_loop()
+    tried = 0
+    for jump in path.jumps:
+        value = jump.load.value
+        ahead = jnp.sign(jump.after.load.value - value)
+        load = js.MeanGap(value - 2e-3 * ahead * value)
+        found = js.transition(contact, load, jump.before, jump.after, throw=False)
+        if found.result == "same_state":
+            continue
+        tried += 1
+        assert found.result == "successful"
+        assert min(found.barrier) > 0
+        for side, end in zip(found.minima, (found.start, found.end), strict=True):
+            np.testing.assert_allclose(side.gap, end.gap, atol=1e-6)
+    assert tried >= 15

@@ -11,7 +11,7 @@ from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field
-from jaxstab.core.units import LENGTH, Dimensioned
+from jaxstab.core.units import NUMBER, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
 from jaxstab.paths.branch.step import TURNS
@@ -42,7 +42,7 @@ class Turn(Stackable, Dimensioned):
     load: Load
     kind: TURNS
     equilibrium: Equilibrium
-    mode: Annotated[Field, LENGTH]
+    mode: Annotated[Field, NUMBER]
     state: Int[Array, ""]
 
     __repr__ = block

@@ -57,7 +57,8 @@ def continuation(
     go or touches, through states that are not stable: those that `follow` jumps over. Equilibria
     are curves in the gap and the mean pressure, which pseudo-arclength follows (Keller 1977), by
     Newton's method with sets of free points that change. A branch ends where it comes to the second
-    load, or back to the first, where it closes in itself, or at a number of states.
+    load, or back to the first, where it closes in itself, or at a number of states. Two turns
+    within one step are passed over.
 
     Arguments:
         contact: the contact problem.

@@ -23,10 +23,10 @@ from jaxstab.loads import Load
 from jaxstab.potentials import derivatives
 
 # How well a step of Newton's method, and a tangent, are solved, and by how many vectors.
-_STEP_ACCURACY = 1e-3
-_TANGENT_ACCURACY = {"float64": 1e-8, "float32": 1e-4}
-_NUM_VECTORS = 60
-_MAX_RESTARTS = 5
+_STEP_ACCURACY = 1e-2
+_TANGENT_ACCURACY = {"float64": 1e-5, "float32": 1e-3}
+_NUM_VECTORS = 12
+_MAX_RESTARTS = 25
 # Over the rms elastic pressure of full contact.
 _LEAST_SCALE = 1e-2
 # What a step leaves at least of the gap over a core.

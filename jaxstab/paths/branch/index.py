@@ -15,8 +15,8 @@ from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import ModesProblem
 from jaxstab.stability.solvers.davidson import Davidson
 
-# Of eigenvalues, of which only the signs count.
-_TOLERANCE = 1e-3
+# Of eigenvalues, of which only the signs count; at a coarser one soft ways down were missed.
+_TOLERANCE = {"float64": 1e-5, "float32": 1e-4}
 # The modes that are looked at first, and at most; one of them converges last, and does not count.
 _FEW, _MANY = 4, 20
 MOST = _MANY - 1
@@ -48,7 +48,7 @@ def _count(contact: Contact, load: Load, gap: Field, modes: Block) -> tuple[Int[
     space = Subspace(gap > 0, control.fixes_mean)
     hessian = contact.hessian(gap, control).restricted(space.is_moving)
     problem = ModesProblem(hessian, space, modes, len(modes) - 1)
-    found = run(Davidson(_TOLERANCE).search(problem, modes)).vector
+    found = run(Davidson(_TOLERANCE[gap.dtype.name]).search(problem, modes)).vector
     # The Ritz values, of vectors of unit norm; zero of those beyond the dimension of the space.
     values = [jnp.sum(mode * hessian(mode)) for mode in found[:-1]]
     is_negative = (jnp.stack(values) < 0) & (norms(found[:-1]) > 0)

@@ -1,0 +1,99 @@
+"""The lowest pass out of a state that pushes along its modes find."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import PRNGKeyArray
+
+from jaxstab.contact import Contact
+from jaxstab.core.checks import integer, is_traced, require
+from jaxstab.core.results import RESULTS, SolverError
+from jaxstab.core.types import Field
+from jaxstab.equilibrium import Equilibrium, equilibrate
+from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.paths.barriers.transition import Transition, transition
+from jaxstab.stability import assess_stability, lowest_modes
+
+# How far a state is pushed, over its mean gap and the largest entry of the mode.
+_AMPLITUDES = 0.1, 0.3, 1.0, 3.0
+# Over the mean gap: from this largest difference on two states are not the same.
+_APART = 1e-3
+
+
+def easiest_exit(
+    contact: Contact,
+    equilibrium: State,
+    *,
+    num_modes: int = 4,
+    key: PRNGKeyArray | None = None,
+    throw: bool = True,
+) -> Transition:
+    """Return the lowest pass out of a stable state that was found, and what it leads to.
+
+    The state is pushed along its lowest modes, to both sides, and along that of the cone, farther
+    and farther until it relaxes to another state. To each of these there is a transition: the one
+    with the lowest barrier is returned. That it is the lowest of all is not proved. It runs
+    neither under `jax.jit` nor under `jax.vmap`.
+
+    Arguments:
+        contact: the contact problem.
+        equilibrium: one of its stable equilibria, or what holds it.
+        num_modes: how many of the lowest modes on all moves that the load allows are tried.
+        key: the random key of the searches for modes, `jax.random.key(0)` by default.
+        throw: raise where no push leads to another state; otherwise look at `result`.
+
+    Raises:
+        ValueError: as `assess_stability`, and for no mode.
+        TypeError: under JAX transformations.
+        SolverError: where modes are not found, and if `throw` where no pass is.
+    """
+    equilibrium = equilibrium_of(contact, equilibrium)
+    if is_traced((contact, equilibrium)):
+        raise TypeError("easiest_exit does not run under JAX transformations: call it outside.")
+    number = integer("num_modes", num_modes)
+    require("num_modes", number, number >= 1, "try one mode or more.")
+    modes = lowest_modes(contact, equilibrium, number, key=key, throw=False)
+    cone = assess_stability(contact, equilibrium, key=key, throw=False).cone
+    directions = [cone.mode, *(sign * mode for mode in modes.mode for sign in (1, -1))]
+    ends: list[Equilibrium] = []
+    for direction in directions:
+        end = _state_beyond(contact, equilibrium, direction)
+        if end is not None and all(_are_apart(end, other) for other in ends):
+            ends.append(end)
+    ways = [transition(contact, equilibrium.load, equilibrium, end, throw=False) for end in ends]
+    found = [way for way in ways if way.result == RESULTS.successful]
+    if found:
+        return min(found, key=lambda way: float(way.there))
+    way = (
+        ways[0]
+        if ways
+        else transition(contact, equilibrium.load, equilibrium, equilibrium, throw=False)
+    )
+    if not throw:
+        return way
+    raise SolverError(
+        f"None of {len(directions)} pushes led over a pass to another state; {len(ends)} other "
+        "states were found. Try more modes (`num_modes`), or give another state to `transition`.",
+        way,
+    )
+
+
+def _state_beyond(contact: Contact, state: Equilibrium, direction: Field) -> Equilibrium | None:
+    """Return the other state that the least push along a direction leads to, if there is one."""
+    largest = float(jnp.max(jnp.abs(direction)))
+    if not np.isfinite(largest) or largest == 0:
+        return None
+    for amplitude in _AMPLITUDES:
+        push = amplitude * jnp.mean(state.gap) / largest * direction
+        start = jnp.maximum(state.gap + push, 0)
+        if not jnp.any(start > 0):
+            return None
+        end = equilibrate(contact, state.load, initial=start, throw=False)
+        if end.result == RESULTS.successful and _are_apart(end, state):
+            return jax.block_until_ready(end)
+    return None
+
+
+def _are_apart(one: Equilibrium, other: Equilibrium) -> bool:
+    difference = jnp.max(jnp.abs(one.gap - other.gap))
+    return bool(difference > _APART * jnp.mean(other.gap))

@@ -1,0 +1,80 @@
+"""How the barrier that holds a state grows with the distance of its load from a jump.
+
+Near a fold the energy along the mode is that of a cubic, and the barrier grows with the power 3/2;
+near a release it is a reaction that a negative curvature overcomes, and the power is 2.
+"""
+
+from typing import Annotated
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxstab.contact import Contact
+from jaxstab.core.display import inline
+from jaxstab.core.grid import total
+from jaxstab.core.stack import Stackable
+from jaxstab.core.types import Field, Mask, Scalar
+from jaxstab.core.units import NUMBER, Dimension, Dimensioned
+from jaxstab.equilibrium.derivatives import third_derivative
+from jaxstab.loads import Load
+from jaxstab.paths.branch_end.kind import KINDS
+from jaxstab.paths.branch_end.linearise import free_space, rates
+from jaxstab.paths.branch_end.release import opening
+
+
+class BarrierLaw(Stackable, Dimensioned):
+    """The barrier at a small distance s of the load before a jump: C s^e.
+
+    Attributes:
+        exponent: e, 3/2 at a fold and 2 at a release; NaN at a touch.
+        coefficient: C [energy over the load to that power]; NaN likewise.
+        load_unit: what the load is measured in, "length" or "pressure".
+    """
+
+    exponent: Annotated[Scalar, NUMBER]
+    coefficient: Annotated[Scalar, Dimension("energy/load^exponent")]
+    load_unit: str = eqx.field(static=True)
+
+    __repr__ = inline
+
+    def barrier(self, distance: Scalar) -> Scalar:
+        """Return the barrier at a distance of the load, in the units of the load [energy]."""
+        return self.coefficient * jnp.abs(distance) ** self.exponent
+
+    def in_units_of(self, pressure: Scalar) -> "BarrierLaw":
+        """Return the same with pressures in another unit, given in the old one."""
+        power = 1 - self.exponent if self.load_unit == "pressure" else 1
+        return BarrierLaw(self.exponent, self.coefficient / pressure**power, self.load_unit)
+
+
+def barrier_law(
+    contact: Contact, load: Load, gap: Field, kind: KINDS, mode: Field, point: Mask
+) -> BarrierLaw:
+    """Return the law at the last state of a branch, given its mode, or the point that lets go.
+
+    With a = x.dr/dl and k = sum f'''(g) x^3 at a fold, C = 4 sqrt(2) / 3 |a|^(3/2) / |k|^(1/2). At
+    a release C = (x.dr/dl)^2 / (2 |x.Ax|), x being the move that opens the point.
+    """
+
+    def at_release() -> tuple[Scalar, Scalar]:
+        near = opening(contact, load, gap, point)
+        bend = total(near.move * contact.hessian(gap, contact.control(load))(near.move))
+        coefficient = near.slope**2 / jnp.where(bend < 0, -2 * bend, jnp.nan)
+        return jnp.full_like(coefficient, 2), coefficient
+
+    def at_fold() -> tuple[Scalar, Scalar]:
+        space = free_space(contact, load, gap)
+        force = total(mode * space.project(rates(contact, load, gap)[2]))
+        cubic = total(third_derivative(contact, gap) * mode**3)
+        share = jnp.abs(force) ** 1.5 / jnp.sqrt(jnp.abs(cubic))
+        return jnp.full_like(share, 1.5), 4 * 2**0.5 / 3 * share
+
+    exponent, coefficient = jax.lax.cond(kind == KINDS.release, at_release, at_fold)
+    return BarrierLaw(exponent, coefficient * contact.grid.cell_area, load.unit)
+
+
+def no_barrier_law(gap: Field, load: Load) -> BarrierLaw:
+    """Return the law where there is none."""
+    nothing = jnp.full((), jnp.nan, gap.dtype)
+    return BarrierLaw(nothing, nothing, load.unit)
