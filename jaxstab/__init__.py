@@ -34,6 +34,7 @@ from jaxstab.loads import (
     MeanPressure,
     Spring,
 )
+from jaxstab.observables import Patches, patches
 from jaxstab.paths import (
     ENDS,
     TURNS,
@@ -113,6 +114,7 @@ __all__ = [
     "MeanGap",
     "MeanPressure",
     "Minimum",
+    "Patches",
     "Path",
     "PathInterrupted",
     "PolonskyKeerRey",
@@ -146,6 +148,7 @@ __all__ = [
     "follow",
     "load",
     "lowest_modes",
+    "patches",
     "plots",
     "potentials",
     "pull_off",
