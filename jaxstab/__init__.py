@@ -34,7 +34,7 @@ from jaxstab.loads import (
     MeanPressure,
     Spring,
 )
-from jaxstab.observables import Patches, patches
+from jaxstab.observables import Conductance, Patches, conductance, patches
 from jaxstab.paths import (
     ENDS,
     TURNS,
@@ -95,6 +95,7 @@ __all__ = [
     "Branch",
     "Calibration",
     "CoatedHalfSpace",
+    "Conductance",
     "ConeSolver",
     "Contact",
     "CriticalLoad",
@@ -141,6 +142,7 @@ __all__ = [
     "calibrate",
     "cases",
     "cite",
+    "conductance",
     "continuation",
     "critical_load",
     "equilibrate",

@@ -1,5 +1,6 @@
 """What a contact does: its patches, what it conducts, what leaks through it."""
 
+from jaxstab.observables.conductance import Conductance, conductance
 from jaxstab.observables.patches import Patches, patches
 
-__all__ = ["Patches", "patches"]
+__all__ = ["Conductance", "Patches", "conductance", "patches"]
