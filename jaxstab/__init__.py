@@ -34,7 +34,14 @@ from jaxstab.loads import (
     MeanPressure,
     Spring,
 )
-from jaxstab.observables import Conductance, Patches, conductance, patches
+from jaxstab.observables import (
+    Conductance,
+    Leakage,
+    Patches,
+    conductance,
+    leakage,
+    patches,
+)
 from jaxstab.paths import (
     ENDS,
     TURNS,
@@ -110,6 +117,7 @@ __all__ = [
     "History",
     "Jump",
     "Layer",
+    "Leakage",
     "MachineWarning",
     "MeanDisplacement",
     "MeanGap",
@@ -148,6 +156,7 @@ __all__ = [
     "equilibrate",
     "files",
     "follow",
+    "leakage",
     "load",
     "lowest_modes",
     "patches",
