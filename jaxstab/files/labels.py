@@ -12,11 +12,13 @@ STIFFNESS, SURFACE_ENERGY = "pressure/length", "energy/area"
 # By the name of the field that holds it.
 QUANTITIES = {
     "amplitude": ("amplitude", LENGTH),
+    "angle": ("contact angle, in radians", NUMBER),
     "area": ("area of the cell", f"{LENGTH}^2"),
     "bound": ("what the smallest eigenvalue is proved not to be below", STIFFNESS),
     "complementarity": ("least reaction over the rms pressure", NUMBER),
     "contact_area": ("number of contact points over that of all", NUMBER),
     "dissipation": ("energy lost", ENERGY),
+    "dielectric": ("thickness of the dielectric over its relative permittivity", LENGTH),
     "displacement": ("displacement u", LENGTH),
     "eigenvalue": ("smallest eigenvalue", STIFFNESS),
     "energy": ("elastic and adhesive energy", ENERGY),
@@ -34,6 +36,7 @@ QUANTITIES = {
     "mode": ("mode of unit norm", NUMBER),
     "num_applications": ("applications of the Hessian", NUMBER),
     "num_steps": ("steps of the solver", NUMBER),
+    "permittivity": ("permittivity", f"{ENERGY}/(voltage^2 {LENGTH})"),
     "poisson_ratio": ("Poisson's ratio", NUMBER),
     "pressure": ("elastic pressure p, positive in compression", PRESSURE),
     "proved": ("whether it is proved", NUMBER),
@@ -44,15 +47,17 @@ QUANTITIES = {
     "state": ("number of the state before", NUMBER),
     "stiffness": ("stiffness", STIFFNESS),
     "surface_energy": ("work of adhesion", SURFACE_ENERGY),
+    "tension": ("surface tension of the liquid", SURFACE_ENERGY),
     "thickness": ("thickness of the layer", LENGTH),
     "verdict": ("verdict on the stability", NUMBER),
+    "voltage": ("voltage", "voltage"),
     "work": ("work done by what is prescribed", ENERGY),
     "youngs_modulus": ("Young's modulus", PRESSURE),
 }
 
 
 # In metres, and in no other unit, it is clear what a consistent set measures the rest in.
-_SI = {LENGTH: "m", "area": "m^2", PRESSURE: "Pa", ENERGY: "J"}
+_SI = {LENGTH: "m", "area": "m^2", PRESSURE: "Pa", ENERGY: "J", "voltage": "V"}
 _PREFIXES = dict(
     zip(range(-18, 13, 3), ["a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"], strict=True)
 )
