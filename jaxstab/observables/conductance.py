@@ -23,7 +23,7 @@ from jaxstab.core.units import NUMBER, SPRING_CONSTANT, Dimension, Dimensioned
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.solids import FreeHalfSpace, HalfSpace
 
-_CONDUCTANCE = Dimension("length/resistivity")
+CONDUCTANCE = Dimension("length/resistivity")
 
 
 class Conductance(Stackable, Dimensioned):
@@ -38,7 +38,7 @@ class Conductance(Stackable, Dimensioned):
         current: the part of the whole current that flows through each point; its sum is 1.
     """
 
-    conductance: Annotated[Scalar, _CONDUCTANCE]
+    conductance: Annotated[Scalar, CONDUCTANCE]
     incremental_stiffness: Annotated[Scalar, SPRING_CONSTANT]
     current: Annotated[Field, NUMBER]
 
@@ -75,6 +75,13 @@ def conductance(
         SolverError: if the linear system was not solved; inside of a transformation it is NaN.
     """
     equilibrium = equilibrium_of(contact, equilibrium)
+    return conductance_at(contact, equilibrium.in_contact, resistivities)
+
+
+def conductance_at(
+    contact: Contact, touches: Mask, resistivities: tuple[ArrayLike, ArrayLike]
+) -> Conductance:
+    """Return the conductance of a contact that touches on a mask."""
     solid, dtype = contact.solid, contact.heights.dtype
     require_kind(
         solid,
@@ -84,13 +91,13 @@ def conductance(
     )
     assert isinstance(solid, HalfSpace | FreeHalfSpace)
     resistivity = cast(_sum_of(resistivities), dtype)
-    pressure = _pressure(type(solid), contact.grid, equilibrium.in_contact)
+    pressure = _pressure(type(solid), contact.grid, touches)
     if not is_traced(pressure) and jnp.isnan(pressure).any():
         raise SolverError(
             "The conductance was not found: its linear system was not solved to the precision. "
             "Use float64."
         )
-    force, is_whole = total(pressure), jnp.all(equilibrium.in_contact) & ~solid.is_window
+    force, is_whole = total(pressure), jnp.all(touches) & ~solid.is_window
     # Of E* = 1.
     stiffness = jnp.where(is_whole, jnp.inf, force * contact.grid.cell_area.astype(dtype))
     current = jnp.where(is_whole, 1 / pressure.size, pressure / jnp.where(force > 0, force, 1))

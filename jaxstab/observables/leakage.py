@@ -9,7 +9,7 @@ from jaxstab.contact import Contact
 from jaxstab.core.checks import array, require_positive, scalar_parameter
 from jaxstab.core.display import block
 from jaxstab.core.stack import Stackable
-from jaxstab.core.types import Scalar
+from jaxstab.core.types import Field, Scalar
 from jaxstab.core.units import LENGTH, VISCOSITY, VOLUME, Dimensioned
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.observables.flow import Flow, Solver, conducting, flows
@@ -80,6 +80,13 @@ def leakage(
     """
     require_known((contact, equilibrium), "leakage")
     equilibrium = equilibrium_of(contact, equilibrium)
+    return leakage_at(contact, equilibrium.gap, viscosity, solver)
+
+
+def leakage_at(
+    contact: Contact, gap: Field, viscosity: ArrayLike, solver: Solver | None
+) -> Leakage:
+    """Return what leaks through a gap."""
     if contact.solid.is_window:
         raise ValueError(
             f"The solid is a {type(contact.solid).__name__}, a window that does not repeat: the "
@@ -89,11 +96,11 @@ def leakage(
         raise ValueError(f'solver is {solver!r}: choose "direct" or "multigrid".')
     resistance = scalar_parameter(viscosity, "The viscosity")
     require_positive("The viscosity", resistance)
-    gap, dtype = np.asarray(equilibrium.gap, float), equilibrium.gap.dtype
-    largest = gap.max()
+    values, dtype = np.asarray(gap, float), contact.heights.dtype
+    largest = values.max()
     # In units of the largest gap, whose cube can be beyond the range of numbers.
-    conductivity = (gap / largest) ** 3 / 12 if largest > 0 else gap
-    faces, leads = conducting(conductivity, gap > 0)
+    conductivity = (values / largest) ** 3 / 12 if largest > 0 else values
+    faces, leads = conducting(conductivity, values > 0)
     found = flows(faces, leads, np.asarray(contact.grid.spacing, float), solver)
     permeability = _permeability(found, leads) * largest**3
     return Leakage(

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxstab.contact import Contact
 from jaxstab.core.checks import array, is_traced
 from jaxstab.core.display import block
-from jaxstab.core.types import Scalar
+from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.core.units import AREA, FORCE, LENGTH, Dimensioned
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.observables.clusters import Neighbours, clusters_of
@@ -83,20 +83,29 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
         raise ValueError(f"neighbours is {neighbours!r}: choose 4, or 8 to join diagonals too.")
     require_known((contact, equilibrium), "patches")
     equilibrium = equilibrium_of(contact, equilibrium)
-    touches, is_window = np.asarray(equilibrium.in_contact), contact.solid.is_window
-    found = clusters_of(touches, neighbours, not is_window)
-    pressure = np.asarray(equilibrium.pressure, float)
-    sides = _sides(touches, np.asarray(contact.grid.spacing, float), is_window)
-    numbers = [np.ones(touches.shape), sides, pressure]
+    return patches_at(contact, equilibrium.in_contact, equilibrium.pressure, neighbours)
+
+
+def patches_at(
+    contact: Contact,
+    touches: Mask | np.ndarray,
+    pressure: Field | np.ndarray,
+    neighbours: Neighbours,
+) -> Patches:
+    """Return the patches where a contact touches, under an elastic pressure."""
+    mask, is_window = np.asarray(touches), contact.solid.is_window
+    found = clusters_of(mask, neighbours, not is_window)
+    sides = _sides(mask, np.asarray(contact.grid.spacing, float), is_window)
+    numbers = [np.ones(mask.shape), sides, np.asarray(pressure, float)]
     counts, perimeters, forces = (
         np.bincount(found.labels.ravel(), field.ravel(), found.number + 1)[1:] for field in numbers
     )
     order = np.argsort(-counts, kind="stable")
     ranks = np.zeros(found.number + 1, int)
     ranks[order + 1] = np.arange(1, found.number + 1)
-    dtype, cell = equilibrium.gap.dtype, float(contact.grid.cell_area)
+    dtype, cell = contact.heights.dtype, float(contact.grid.cell_area)
     counted = cell * counts.sum()
-    excess = _STAIRCASE * cell * _num_ends(touches, is_window) if touches.ndim == 2 else 0.0
+    excess = _STAIRCASE * cell * _num_ends(mask, is_window) if mask.ndim == 2 else 0.0
     return Patches(
         number=array(found.number, int),
         areas=array(cell * counts[order], dtype),
