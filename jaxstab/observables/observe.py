@@ -21,7 +21,7 @@ from jaxstab.observables.conductance import CONDUCTANCE, conductance_at
 from jaxstab.observables.flow import Solver
 from jaxstab.observables.leakage import leakage_at
 from jaxstab.observables.patches import patches_at, require_known
-from jaxstab.paths import Path, States
+from jaxstab.paths import Branch, Path, States
 from jaxstab.paths.sweep import Sweep
 
 Name = Literal["patches", "conductance", "leakage"]
@@ -103,7 +103,7 @@ class Observed(Stackable, Dimensioned):
 
 
 def observe(
-    states: Path | Sweep | Equilibrium,
+    states: Path | Branch | Sweep | Equilibrium,
     *names: Name,
     contact: Contact | None = None,
     resistivities: tuple[ArrayLike, ArrayLike] = (0.5, 0.5),
@@ -120,7 +120,8 @@ def observe(
     not found numbers are NaN, and there are no patches. `jaxstab.save` writes them with the states.
 
     Arguments:
-        states: what `follow`, with `fields=True`, or `sweep` returned; or a stack of equilibria.
+        states: what `follow` or `continuation`, with `fields=True`, or `sweep` returned; or a stack
+            of equilibria.
         names: "patches", "conductance", "leakage".
         contact: the contact of these states, which they do not hold.
         resistivities: as in `jaxstab.conductance`; by default they add up to one.
@@ -134,7 +135,7 @@ def observe(
             states of another grid, and as the observables.
         SolverError: as the observables.
     """
-    if not isinstance(states, Path | Sweep | Equilibrium):
+    if not isinstance(states, Path | Branch | Sweep | Equilibrium):
         raise TypeError(
             f"{type(states).__name__} has no states to observe: give what jaxstab.follow or "
             "jaxstab.sweep returned, then the names, and the contact as `contact=`."
@@ -170,7 +171,7 @@ def observe(
 def _gaps(contact: Contact, equilibrium: States | Equilibrium) -> np.ndarray:
     if equilibrium.gap is None:
         raise ValueError(
-            "The path kept no gaps, of which observables are computed: follow it again with "
+            "The path kept no gaps, and observables are computed from these: follow it again with "
             "fields=True, as in jaxstab.follow(contact, load, fields=True)."
         )
     gaps = np.asarray(equilibrium.gap)

@@ -69,6 +69,15 @@ def test_a_path_is_observed_along_its_states(contact, path):
     assert one.patches.area == found.patches.area[pressing]
 
 
+def test_a_branch_is_observed_too(contact):
+    load = js.MeanGap(jnp.array([0.1, 0.08]))
+    branch = js.continuation(contact, load, fields=True)
+    found = js.observe(branch, "patches", contact=contact)
+    np.testing.assert_allclose(
+        found.patches.area, branch.equilibrium.contact_area * contact.area, rtol=1e-12
+    )
+
+
 def test_on_a_window_points_of_the_window_count(contact):
     window = js.Contact(js.FreeHalfSpace(js.Grid(16), 1.0), contact.heights, contact.potential)
     load = js.FarDisplacement(jnp.array([0.1, -0.05]))
