@@ -13,6 +13,7 @@ from jaxstab.cli.result import add_result_options, loaded
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.files.dataset import Result
+from jaxstab.observables import Observed
 from jaxstab.paths import Path as Followed
 from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
@@ -59,6 +60,11 @@ def _figure(contact: Contact, result: Result) -> Figure | Axes:
         return plots.mode(contact, result.cone)
     if isinstance(result, Equilibrium):
         return plots.gap(contact, result)
+    if isinstance(result, Observed):
+        raise ValueError(
+            "Observables have no figure of their own: draw a column over the load, as "
+            "observed.patches.number over observed.load.value, after jaxstab.load."
+        )
     if result.stack_shape and result.stability is None:
         raise ValueError("This sweep left stability out: choose one state of it, by --state.")
     if result.stack_shape:

@@ -25,9 +25,13 @@ class Dimension(str):
 
 
 NUMBER, LENGTH, AREA = Dimension("1"), Dimension("length"), Dimension("length^2")
+VOLUME = Dimension("length^3")
 # Those that a pressure is a factor of.
 PRESSURE, ENERGY, STIFFNESS = map(Dimension, ("pressure", "energy", "pressure/length"))
-WITH_PRESSURE = PRESSURE, ENERGY, STIFFNESS
+FORCE, VISCOSITY = Dimension("pressure length^2"), Dimension("pressure time")
+# That of a solid under one contact, where it sinks by a length under a force.
+SPRING_CONSTANT = Dimension("pressure length")
+WITH_PRESSURE = PRESSURE, ENERGY, STIFFNESS, FORCE, VISCOSITY, SPRING_CONSTANT
 
 
 class _HasSurface(Protocol):

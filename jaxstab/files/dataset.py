@@ -21,6 +21,7 @@ from jaxstab.equilibrium.verify import recognised
 from jaxstab.files.labels import ENERGY, LENGTH, QUANTITIES, dimension_on, with_unit
 from jaxstab.files.law import law_variables
 from jaxstab.files.records import NamedArray, Recorder, Structure, indicators
+from jaxstab.observables import Observed
 from jaxstab.paths import Path
 from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
@@ -29,7 +30,7 @@ from jaxstab.stability import Stability
 if TYPE_CHECKING:
     import xarray
 
-Result = Equilibrium | Stability | Sweep | Path
+Result = Equilibrium | Stability | Sweep | Path | Observed
 
 # The form of the structure, to be raised when a reader of today could not read it.
 FORMAT = 1
@@ -50,7 +51,8 @@ def to_dataset(
 
     Arguments:
         contact: the contact problem.
-        result: what `equilibrate`, `assess_stability`, `sweep` or `follow` returned for it.
+        result: what `equilibrate`, `assess_stability`, `sweep`, `follow` or `observe` returned for
+            it.
         solver: the algorithm, where it was not the default, to be named in the attributes.
         fields: whether to keep the fields and histories, without which `jaxstab.load` cannot give
             the result back.
@@ -92,10 +94,10 @@ def to_dataset(
 
 def _axes(contact: Contact, result: Result) -> tuple[tuple[str, ...], Mapping[str, Any]]:
     """Return the names of a result's leading axes, and those of its fields that have others."""
-    if not isinstance(result, Equilibrium | Stability | Sweep | Path):
+    if not isinstance(result, Result):
         raise TypeError(
-            f"{type(result).__name__} is no result of equilibrate, assess_stability, sweep or "
-            "follow. Of what holds an equilibrium, give that: pull.equilibrium."
+            f"{type(result).__name__} is no result of equilibrate, assess_stability, sweep, "
+            "follow or observe. Of what holds an equilibrium, give that: pull.equilibrium."
         )
     if isinstance(result, Path):
         if np.ndim(result.work):
@@ -106,7 +108,7 @@ def _axes(contact: Contact, result: Result) -> tuple[tuple[str, ...], Mapping[st
         stacked = len(result.stack_shape)
         last = "load" if isinstance(result, Sweep) else "state"
         axes = (*(f"lane_{i}" for i in range(stacked - 1)), last)[:stacked]
-        state = result.equilibrium if isinstance(result, Sweep) else result
+        state: Any = result.equilibrium if isinstance(result, Sweep | Observed) else result
         field = state.cone.mode if isinstance(state, Stability) else state.gap
     if np.shape(field)[stacked:] != contact.grid.shape:
         raise ValueError(
@@ -118,7 +120,7 @@ def _axes(contact: Contact, result: Result) -> tuple[tuple[str, ...], Mapping[st
 
 def _require_own(contact: Contact, result: Result) -> None:
     """Raise `ValueError` where the first or the last state found is none of this contact."""
-    states = result.equilibrium if isinstance(result, Sweep) else result
+    states = result.equilibrium if isinstance(result, Sweep | Observed) else result
     if not isinstance(states, Equilibrium) or is_traced(states):
         return
     found = np.flatnonzero(np.ravel(states.result == RESULTS.successful))

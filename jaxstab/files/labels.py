@@ -12,11 +12,14 @@ STIFFNESS, SURFACE_ENERGY = "pressure/length", "energy/area"
 # By the name of the field that holds it.
 QUANTITIES = {
     "amplitude": ("amplitude", LENGTH),
+    "angle": ("contact angle, in radians", NUMBER),
     "area": ("area of the cell", f"{LENGTH}^2"),
     "bound": ("what the smallest eigenvalue is proved not to be below", STIFFNESS),
     "complementarity": ("least reaction over the rms pressure", NUMBER),
     "contact_area": ("number of contact points over that of all", NUMBER),
     "dissipation": ("energy lost", ENERGY),
+    "conductance": ("conductance C", f"{LENGTH}/resistivity"),
+    "dielectric": ("thickness of the dielectric over its relative permittivity", LENGTH),
     "displacement": ("displacement u", LENGTH),
     "eigenvalue": ("smallest eigenvalue", STIFFNESS),
     "energy": ("elastic and adhesive energy", ENERGY),
@@ -26,7 +29,9 @@ QUANTITIES = {
     "heights": ("height h of the rigid surface", LENGTH),
     "history": ("indicators of the solver as it went", NUMBER),
     "in_contact": ("whether the surfaces touch", NUMBER),
+    "incremental_stiffness": ("force over a small approach", f"{PRESSURE} {LENGTH}"),
     "kind": ("why the branch ends", NUMBER),
+    "largest": ("area of the largest patch", f"{LENGTH}^2"),
     "length": ("range", LENGTH),
     "lengths": ("side lengths of the cell", LENGTH),
     "mean_gap": ("mean gap", LENGTH),
@@ -34,6 +39,11 @@ QUANTITIES = {
     "mode": ("mode of unit norm", NUMBER),
     "num_applications": ("applications of the Hessian", NUMBER),
     "num_steps": ("steps of the solver", NUMBER),
+    "number": ("number", NUMBER),
+    "percolates": ("whether a patch goes on without end", NUMBER),
+    "perimeter": ("length of the interface", LENGTH),
+    "permeability": ("permeability k", f"{LENGTH}^3"),
+    "permittivity": ("permittivity", f"{ENERGY}/(voltage^2 {LENGTH})"),
     "poisson_ratio": ("Poisson's ratio", NUMBER),
     "pressure": ("elastic pressure p, positive in compression", PRESSURE),
     "proved": ("whether it is proved", NUMBER),
@@ -44,15 +54,19 @@ QUANTITIES = {
     "state": ("number of the state before", NUMBER),
     "stiffness": ("stiffness", STIFFNESS),
     "surface_energy": ("work of adhesion", SURFACE_ENERGY),
+    "tension": ("surface tension of the liquid", SURFACE_ENERGY),
     "thickness": ("thickness of the layer", LENGTH),
+    "true_area": ("area corrected for the grid", f"{LENGTH}^2"),
     "verdict": ("verdict on the stability", NUMBER),
+    "viscosity": ("viscosity", f"{PRESSURE} time"),
+    "voltage": ("voltage", "voltage"),
     "work": ("work done by what is prescribed", ENERGY),
     "youngs_modulus": ("Young's modulus", PRESSURE),
 }
 
 
 # In metres, and in no other unit, it is clear what a consistent set measures the rest in.
-_SI = {LENGTH: "m", "area": "m^2", PRESSURE: "Pa", ENERGY: "J"}
+_SI = {LENGTH: "m", "area": "m^2", PRESSURE: "Pa", ENERGY: "J", "voltage": "V"}
 _PREFIXES = dict(
     zip(range(-18, 13, 3), ["a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"], strict=True)
 )

@@ -6,6 +6,7 @@
 from jaxstab.plots.animation import animation
 from jaxstab.plots.curves import convergence, force, potential, spectrum, stability_curve
 from jaxstab.plots.fields import contact_map, gap, mode, mode_cut, pressure, surface
+from jaxstab.plots.observables import distribution, flow, patches
 from jaxstab.plots.paths import path
 from jaxstab.plots.saving import save
 from jaxstab.plots.summary import summary
@@ -14,10 +15,13 @@ __all__ = [
     "animation",
     "contact_map",
     "convergence",
+    "distribution",
+    "flow",
     "force",
     "gap",
     "mode",
     "mode_cut",
+    "patches",
     "path",
     "potential",
     "pressure",

@@ -13,13 +13,16 @@ from jaxstab.potentials.evaluation import (
     slope,
 )
 from jaxstab.potentials.laws import (
+    Capillary,
     Dugdale,
+    Electrostatic,
     Exponential,
     Gaussian,
     LennardJones,
     NoAdhesion,
     Rational,
 )
+from jaxstab.potentials.sums import Law, Sum
 from jaxstab.potentials.varying import Potential as Potential
 from jaxstab.potentials.varying import (
     Scaled,
@@ -31,13 +34,17 @@ from jaxstab.potentials.varying import (
 )
 
 __all__ = [
+    "Capillary",
     "Dugdale",
+    "Electrostatic",
     "Exponential",
     "Gaussian",
+    "Law",
     "LennardJones",
     "NoAdhesion",
     "Rational",
     "Scaled",
+    "Sum",
     "Varying",
     "Within",
     "as_module",

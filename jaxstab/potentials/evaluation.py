@@ -10,6 +10,7 @@ from jaxtyping import Array
 from jaxstab.core.checks import cast
 from jaxstab.core.closures import as_pytree
 from jaxstab.core.types import Field, Scalar
+from jaxstab.potentials.sums import Sum
 from jaxstab.potentials.varying import Potential, averaged_laws, by_points, varying_fields
 
 
@@ -23,6 +24,9 @@ def as_module(potential: Potential, dtype: Any) -> Potential:
     """
     if not callable(potential):
         raise ValueError(f"The potential is {potential!r}: give a function of the gap.")
+    if isinstance(potential, Sum):
+        # Each by itself, so that parameters beside those of a function keep their names.
+        return Sum(tuple(as_module(law, dtype) for law in potential.laws))
     if isinstance(potential, eqx.Module):
         potential = cast(potential, dtype)
     cure = (

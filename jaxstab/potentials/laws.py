@@ -1,6 +1,5 @@
 """Ready-made laws: modules that map one gap to an energy per area."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +9,7 @@ from jaxstab.core.checks import known, parameter, require, require_positive
 from jaxstab.core.display import in_full
 from jaxstab.core.docstrings import described
 from jaxstab.core.types import Scalar
+from jaxstab.potentials.sums import Law
 
 _ARGUMENTS = {
     "surface_energy": "w, the work of adhesion per area, gamma_1 + gamma_2 - gamma_12 of the two "
@@ -18,7 +18,7 @@ _ARGUMENTS = {
 }
 
 
-class _RangedLaw(eqx.Module):
+class _RangedLaw(Law):
     """A law with a work of adhesion [energy/area] and a range [length]."""
 
     surface_energy: Scalar
@@ -87,9 +87,13 @@ class Dugdale(_RangedLaw):
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
-        edge = 1 / self.smoothing
-        left = jax.nn.softplus(edge * (1 - self._reduced(gap)))
-        return -self.surface_energy * left / jax.nn.softplus(edge)
+        return -self.surface_energy * _left(self._reduced(gap), self.smoothing)
+
+
+def _left(reduced: Scalar, smoothing: Scalar) -> Scalar:
+    """Return what is left of the work of a constant attraction, from a gap over its range on."""
+    edge = 1 / smoothing
+    return jax.nn.softplus(edge * (1 - reduced)) / jax.nn.softplus(edge)
 
 
 @described(_ARGUMENTS, "if w or z0 is not positive", length="z0, the gap at the minimum [length]")
@@ -110,9 +114,99 @@ class LennardJones(_RangedLaw):
         return self.surface_energy / 2 * attraction * (attraction**2 - 3)
 
 
-class NoAdhesion(eqx.Module):
+class NoAdhesion(Law):
     """f(g) = 0: contact without adhesion."""
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return zero energy per area at any gap [length]."""
         return jnp.zeros_like(gap)
+
+
+class Electrostatic(Law):
+    """f(g) = -eps V^2 / (2 (g + d)): two electrodes at a fixed voltage, a dielectric between them.
+
+    The dielectric keeps the energy finite where the surfaces touch. Without one, d = 0, the law can
+    only be used in a sum with one that has a core, such as `LennardJones`.
+
+    Arguments:
+        voltage: V [voltage].
+        permittivity: eps, of what fills the gap [energy/(voltage^2 length)]; that of the vacuum is
+            8.854e-12 in SI units.
+        dielectric: d, the thickness of the dielectrics on both electrodes over their relative
+            permittivity [length].
+
+    Raises:
+        ValueError: if V is not finite, eps not positive, or d negative.
+    """
+
+    voltage: Scalar
+    permittivity: Scalar
+    dielectric: Scalar
+
+    __repr__ = in_full
+
+    def __init__(self, voltage: ArrayLike, permittivity: ArrayLike, dielectric: ArrayLike = 0.0):
+        self.voltage = parameter(voltage)
+        self.permittivity = parameter(permittivity)
+        self.dielectric = parameter(dielectric)
+        potential, thickness = known(self.voltage), known(self.dielectric)
+        require("The voltage", potential, abs(potential) < np.inf, "it must be finite.")
+        require_positive("The permittivity", self.permittivity)
+        finite = (thickness >= 0) & (thickness < np.inf)
+        require("The dielectric", thickness, finite, "it must be finite and not negative.")
+
+    def __call__(self, gap: Scalar) -> Scalar:
+        """Return the energy per area at a gap [length], that of the source of voltage included."""
+        return -self.permittivity / 2 * self.voltage**2 / (gap + self.dielectric)
+
+
+class Capillary(Law):
+    """f' = gamma / r up to a gap 2 r cos(theta), then none: menisci at a fixed humidity.
+
+    The tension of the liquid draws as Laplace says, by its pressure over gaps that its meniscus of
+    radius r can bridge; its work is f(0) = -2 gamma cos(theta). The edge is smoothed as that of
+    `Dugdale`.
+
+    Arguments:
+        tension: gamma, the surface tension of the liquid [energy/area].
+        angle: theta, its contact angle, in radians.
+        radius: r, of the meniscus (Kelvin's) [length].
+        smoothing: the length over which the attraction falls from 73 to 27 %, over the range.
+
+    Raises:
+        ValueError: if gamma is negative, theta not from 0 to below pi / 2, or r or the smoothing is
+            not positive.
+    """
+
+    tension: Scalar
+    angle: Scalar
+    radius: Scalar
+    smoothing: Scalar
+
+    __repr__ = in_full
+
+    def __init__(
+        self,
+        tension: ArrayLike,
+        angle: ArrayLike,
+        radius: ArrayLike,
+        smoothing: ArrayLike = 0.1,
+    ):
+        self.tension = parameter(tension)
+        self.angle = parameter(angle)
+        self.radius = parameter(radius)
+        self.smoothing = parameter(smoothing)
+        strength, slope = known(self.tension), known(self.angle)
+        finite = (strength >= 0) & (strength < np.inf)
+        require("The surface tension", strength, finite, "it must be finite and not negative.")
+        wets = (slope >= 0) & (slope < np.pi / 2)
+        cure = "give radians, from 0 to below pi / 2. A liquid of a larger angle does not attract."
+        require("The contact angle", slope, wets, cure)
+        require_positive("The radius of the meniscus", self.radius)
+        require_positive("The smoothing of the potential", self.smoothing)
+
+    def __call__(self, gap: Scalar) -> Scalar:
+        """Return the energy per area at a gap [length]."""
+        slope = jnp.cos(self.angle)
+        reduced = gap * (1 / (2 * self.radius * slope))
+        return -2 * self.tension * slope * _left(reduced, self.smoothing)

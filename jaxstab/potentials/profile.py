@@ -112,7 +112,7 @@ def require_smooth(profile: Profile) -> None:
     fields = {"": profile.values, " slope": profile.slopes, " curvature": profile.curvatures}
     cure = (
         "with its first two derivatives it must be finite there, or else rise without bound as the "
-        "gap closes."
+        "gap closes. An Electrostatic law needs a `dielectric`."
     )
     for name, field in fields.items():
         is_sound = np.isfinite(field[-1]) | profile.has_core

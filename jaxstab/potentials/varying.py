@@ -13,13 +13,14 @@ from jaxtyping import Array
 
 from jaxstab.core.display import in_full
 from jaxstab.core.types import Mask, Scalar
+from jaxstab.potentials.sums import Law
 
 Potential = Callable[[Scalar], Scalar]
 
 _averaged: ContextVar[list["Varying"] | None] = ContextVar("averaged", default=None)
 
 
-class Varying(eqx.Module):
+class Varying(Law):
     """A law that varies over the surface: f(g, x), where parameters of `law` are fields f(x).
 
     As a function of one gap for all points it is the mean over the surface.

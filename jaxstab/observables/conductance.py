@@ -1,0 +1,149 @@
+"""What flows through a contact: the electrical or thermal conductance of its constrictions.
+
+Potential and elastic displacement are both harmonic, so that one follows from the other (J. R.
+Barber, 2003): the conductance is a stiffness, that of a small move with the contact points held.
+"""
+
+from functools import partial
+from typing import Annotated
+
+import jax.numpy as jnp
+from jaxtyping import ArrayLike
+
+from jaxstab.contact import Contact
+from jaxstab.core.checks import cast, is_traced, require, require_kind, scalar_parameter
+from jaxstab.core.compile import program
+from jaxstab.core.display import block
+from jaxstab.core.grid import Grid, total
+from jaxstab.core.implicit import LinearSystem
+from jaxstab.core.results import SolverError
+from jaxstab.core.stack import Stackable
+from jaxstab.core.types import Field, Mask, Scalar
+from jaxstab.core.units import NUMBER, SPRING_CONSTANT, Dimension, Dimensioned
+from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.solids import FreeHalfSpace, HalfSpace
+
+CONDUCTANCE = Dimension("length/resistivity")
+
+
+class Conductance(Stackable, Dimensioned):
+    """What flows through a contact of two half spaces.
+
+    Attributes:
+        conductance: C, the current over the difference of potentials, or heat over temperatures
+            [length/resistivity]; on a line that per length across it. Zero without contact,
+            infinite in full contact, where nothing constricts the current.
+        incremental_stiffness: the force over a small approach with the contact points held
+            [pressure length]; on a line [pressure].
+        current: the part of the whole current that flows through each point; its sum is 1.
+    """
+
+    conductance: Annotated[Scalar, CONDUCTANCE]
+    incremental_stiffness: Annotated[Scalar, SPRING_CONSTANT]
+    current: Annotated[Field, NUMBER]
+
+    __repr__ = block
+
+
+def conductance(
+    contact: Contact, equilibrium: State, resistivities: tuple[ArrayLike, ArrayLike]
+) -> Conductance:
+    """Return the electrical or thermal conductance of a contact.
+
+    C = 2 K / (E* (rho1 + rho2)), K the incremental stiffness at a fixed contact (J. R. Barber,
+    *Bounds on the electrical resistance between contacting elastic rough bodies*, 2003):
+    the contact points sink by the same, nothing presses elsewhere. Adhesion takes no part in K. It
+    does not depend on E* but on the contact points alone, so that its derivatives by the load are
+    zero between changes of these.
+
+    The potential is that between points far on both sides. In a periodic cell it is less the one
+    that drives a uniform current, so that C is that of the constrictions, for one cell. On a line
+    with a free half space it is that at a distance L, the length of the window.
+
+    Works inside of `jax.jit` and `jax.vmap`, and with derivatives by resistivities and lengths.
+
+    Arguments:
+        contact: the contact problem, on a half space.
+        equilibrium: one of its states.
+        resistivities: rho1 and rho2 of the two bodies; of heat 1 over the conductivity. One may be
+            zero, as that of a perfect conductor.
+
+    Raises:
+        TypeError: for another solid, and for something that is not a state.
+        ValueError: for resistivities that are not two, negative, infinite or both zero, for a stack
+            of states and one of another grid.
+        SolverError: if the linear system was not solved; inside of a transformation it is NaN.
+    """
+    equilibrium = equilibrium_of(contact, equilibrium)
+    return conductance_at(contact, equilibrium.in_contact, resistivities)
+
+
+def conductance_at(
+    contact: Contact, touches: Mask, resistivities: tuple[ArrayLike, ArrayLike]
+) -> Conductance:
+    """Return the conductance of a contact that touches on a mask."""
+    solid, dtype = contact.solid, contact.heights.dtype
+    require_kind(
+        solid,
+        HalfSpace | FreeHalfSpace,
+        "a solid in which displacements do not spread as potentials do: conductances are those of "
+        "a HalfSpace or a FreeHalfSpace.",
+    )
+    assert isinstance(solid, HalfSpace | FreeHalfSpace)
+    resistivity = cast(_sum_of(resistivities), dtype)
+    pressure = _pressure(type(solid), contact.grid, touches)
+    if not is_traced(pressure) and jnp.isnan(pressure).any():
+        raise SolverError(
+            "The conductance was not found: its linear system was not solved to the precision. "
+            "Use float64."
+        )
+    force, is_whole = total(pressure), jnp.all(touches) & ~solid.is_window
+    # Of E* = 1.
+    stiffness = jnp.where(is_whole, jnp.inf, force * contact.grid.cell_area.astype(dtype))
+    current = jnp.where(is_whole, 1 / pressure.size, pressure / jnp.where(force > 0, force, 1))
+    return Conductance(
+        conductance=2 * stiffness / resistivity,
+        incremental_stiffness=solid.contact_modulus * stiffness,
+        current=current,
+    )
+
+
+def _sum_of(resistivities: tuple[ArrayLike, ArrayLike]) -> Scalar:
+    if not (isinstance(resistivities, tuple | list) and len(resistivities) == 2):
+        raise ValueError(f"The resistivities are {resistivities!r}: give two, (rho1, rho2).")
+    first, second = (scalar_parameter(x, "A resistivity") for x in resistivities)
+    for one in (first, second):
+        require("A resistivity", one, _is_possible(one), "it must be finite and not negative.")
+    both = first + second
+    require("The sum of the resistivities", both, _is_positive(both), "one must be positive.")
+    return both
+
+
+def _is_possible(value: Scalar) -> Scalar:
+    return (value >= 0) & (value < jnp.inf)
+
+
+def _is_positive(value: Scalar) -> Scalar:
+    return value > 0
+
+
+@partial(program, static_argnums=0)
+def _pressure(kind: type[HalfSpace | FreeHalfSpace], grid: Grid, touches: Mask) -> Field:
+    """Return the pressure under which the contact points sink by 1, for E* = 1 [1/length]."""
+    solid = cast(kind(grid, 1.0), grid.lengths.dtype)
+    # Full contact of a periodic cell takes no finite pressure.
+    touches = touches & (jnp.any(~touches) | solid.is_window)
+    field = touches.astype(grid.lengths.dtype)
+
+    def apart(field: Field) -> Field:
+        return jnp.where(touches, field, 0)
+
+    shift = solid.min_stiffness
+    whole = solid.whole
+
+    def stiffen(field: Field) -> Field:
+        if isinstance(solid, FreeHalfSpace):
+            return whole.surface(whole.apply(jnp.pad(field, [(0, n) for n in field.shape])))
+        return solid.apply(field) + shift * field
+
+    return LinearSystem(solid.displacement, stiffen, apart).differentiable_solution(field)

@@ -1,0 +1,118 @@
+"""What leaks through the gap of a contact: Reynolds' flow."""
+
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxstab.contact import Contact
+from jaxstab.core.checks import array, require_positive, scalar_parameter
+from jaxstab.core.display import block
+from jaxstab.core.stack import Stackable
+from jaxstab.core.types import Field, Scalar
+from jaxstab.core.units import LENGTH, VISCOSITY, VOLUME, Dimensioned
+from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.observables.flow import Flow, Solver, conducting, flows
+from jaxstab.observables.patches import require_known
+
+
+class Leakage(Stackable, Dimensioned):
+    """What leaks through the gap, under a pressure that falls in the mean along x, and along y.
+
+    Attributes:
+        permeability: k [length^3], a symmetric 2 x 2 tensor, on a line 1 x 1: the mean flux per
+            length is k / viscosity times the drop of pressure per length; g^3 / 12 between parallel
+            plates. The second index is the side along which the pressure falls.
+        viscosity: that given [pressure time].
+        drop: for each side along which the pressure falls, by how much it has fallen, over the mean
+            drop per length [length]; NaN where nothing flows through.
+        flux: for each such side and each side of the grid, the flux per length through the face to
+            the next point, times the viscosity, over the mean drop per length [length^3].
+    """
+
+    permeability: Annotated[Float[Array, "sides sides"], VOLUME]
+    viscosity: Annotated[Scalar, VISCOSITY]
+    drop: Annotated[Float[Array, " sides *grid"], LENGTH]
+    flux: Annotated[Float[Array, " sides sides *grid"], VOLUME]
+
+    __repr__ = block
+
+    def rate(self, drop_per_length: ArrayLike) -> Float[Array, " sides"]:
+        """Return the mean flux per length along each side [length^2/time].
+
+        Arguments:
+            drop_per_length: how the pressure falls in the mean along each side [pressure/length].
+        """
+        return self.permeability @ array(drop_per_length, self.permeability.dtype) / self.viscosity
+
+
+def leakage(
+    contact: Contact,
+    equilibrium: State,
+    viscosity: ArrayLike = 1.0,
+    *,
+    solver: Solver | None = None,
+) -> Leakage:
+    """Return what leaks through the gap of a contact.
+
+    Reynolds' equation div(g^3 grad p) = 0 under a mean gradient along each side, by finite volumes:
+    the face between two points conducts the harmonic mean of their g^3, points in contact block.
+    Where no way leads around the periodic cell the permeability is exactly zero. Valid for gaps of
+    small slope and a viscous fluid that does not move the surfaces.
+
+    Works on known numbers only: not inside of `jax.jit`, `jax.vmap` or `jax.grad`. It computes in
+    double precision, and its result has the contact's.
+
+    Arguments:
+        contact: the contact problem, of a periodic solid.
+        equilibrium: one of its states.
+        viscosity: that of the fluid [pressure time].
+        solver: "direct" factors the sparse matrix, by SciPy: for any contrast. "multigrid" needs
+            less memory and PyAMG (`pip install 'jaxstab[leakage]'`), and more steps the more gaps
+            differ. By default direct up to two million points that conduct.
+
+    Raises:
+        ValueError: on a window, which does not repeat, for a viscosity that is not positive, a
+            solver that does not exist, a stack of states and one of another grid.
+        TypeError: for something that is not a state, or inside of a JAX transformation.
+        SolverError: if fluxes do not balance, or the permeability is not known to 1e-7.
+        ImportError: for multigrid without PyAMG.
+    """
+    require_known((contact, equilibrium), "leakage")
+    equilibrium = equilibrium_of(contact, equilibrium)
+    return leakage_at(contact, equilibrium.gap, viscosity, solver)
+
+
+def leakage_at(
+    contact: Contact, gap: Field, viscosity: ArrayLike, solver: Solver | None
+) -> Leakage:
+    """Return what leaks through a gap."""
+    if contact.solid.is_window:
+        raise ValueError(
+            f"The solid is a {type(contact.solid).__name__}, a window that does not repeat: the "
+            "flow through it depends on what lies beyond its edges. Use a periodic solid."
+        )
+    if solver not in (None, "direct", "multigrid"):
+        raise ValueError(f'solver is {solver!r}: choose "direct" or "multigrid".')
+    resistance = scalar_parameter(viscosity, "The viscosity")
+    require_positive("The viscosity", resistance)
+    values, dtype = np.asarray(gap, float), contact.heights.dtype
+    largest = values.max()
+    # In units of the largest gap, whose cube can be beyond the range of numbers.
+    conductivity = (values / largest) ** 3 / 12 if largest > 0 else values
+    faces, leads = conducting(conductivity, values > 0)
+    found = flows(faces, leads, np.asarray(contact.grid.spacing, float), solver)
+    permeability = _permeability(found, leads) * largest**3
+    return Leakage(
+        permeability=array(permeability, dtype),
+        viscosity=array(resistance, dtype),
+        drop=array([flow.drop for flow in found], dtype),
+        flux=array(largest**3 * np.stack([flow.flux for flow in found]), dtype),
+    )
+
+
+def _permeability(found: list[Flow], leads: np.ndarray) -> Float[np.ndarray, "sides sides"]:
+    """Return the mean fluxes along each side, exactly zero where no way leads along it."""
+    means = [flow.flux.reshape(len(found), -1).mean(axis=1) for flow in found]
+    tensor = np.where(np.logical_and.outer(leads, leads), np.stack(means, axis=1), 0.0)
+    return (tensor + tensor.T) / 2

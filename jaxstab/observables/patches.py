@@ -1,0 +1,152 @@
+"""The patches of a contact, and the area that a grid counts too much."""
+
+from typing import Annotated
+
+import jax
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxstab.contact import Contact
+from jaxstab.core.checks import array, is_traced
+from jaxstab.core.display import block
+from jaxstab.core.types import Field, Mask, Scalar
+from jaxstab.core.units import AREA, FORCE, LENGTH, Dimensioned
+from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.observables.clusters import Neighbours, clusters_of
+
+# Of the counted interface times the spacing (Yastrebov, Anciaux & Molinari, 2017).
+_STAIRCASE = (np.pi - 1 + np.log(2)) / 24
+
+
+class Patches(Dimensioned):
+    """The patches of a contact, the largest first.
+
+    Attributes:
+        number: how many there are.
+        areas: of each, by its points [length^2]; on a line its length [length].
+        perimeters: of each, along the sides of its points [length]: of a disc 4 / pi times the
+            circumference. On a line the number of ends.
+        forces: the elastic pressure summed over each: reaction less attraction, positive in
+            compression [pressure length^2]; on a line [pressure length].
+        percolates: for each side, whether a patch goes on along it without end, around the periodic
+            cell; on a window, whether a patch reaches both edges.
+        area: that of all points in contact [length^2]; on a line a length.
+        true_area: the same less what the grid counts too much, (pi - 1 + ln 2) / 24 of the
+            perimeters times the spacing, and not below zero [length^2]. On a line the same.
+        labels: the patch of each point, from 1 on; 0 out of contact.
+    """
+
+    number: Int[Array, ""]
+    areas: Annotated[Float[Array, " patches"], AREA]
+    perimeters: Annotated[Float[Array, " patches"], LENGTH]
+    forces: Annotated[Float[Array, " patches"], FORCE]
+    percolates: Bool[Array, " sides"]
+    area: Annotated[Scalar, AREA]
+    true_area: Annotated[Scalar, AREA]
+    labels: Int[Array, " *grid"]
+
+    __repr__ = block
+
+    @property
+    def largest(self) -> Scalar:
+        """The area of the largest patch, zero without contact [length^2]."""
+        return array(np.max(np.asarray(self.areas), initial=0), self.area.dtype)
+
+    @property
+    def perimeter(self) -> Scalar:
+        """The length of the whole interface, along the sides of points [length]."""
+        return array(np.sum(np.asarray(self.perimeters)), self.area.dtype)
+
+
+def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4) -> Patches:
+    """Return the patches of a contact: points that touch and are connected.
+
+    They are joined over the edges of a periodic cell; on a window, as that of a `FreeHalfSpace`,
+    they are not, and points beyond its edges do not touch.
+
+    The number of patches is a matter of the state, so this works on known numbers only: not inside
+    of `jax.jit`, `jax.vmap` or `jax.grad`. Areas are constant between changes of the contact.
+
+    The correction of the area is that of V. A. Yastrebov, G. Anciaux and J. F. Molinari (2017): a
+    point counts with its whole cell, and a smooth interface cuts cells.
+
+    Arguments:
+        contact: the contact problem.
+        equilibrium: one of its states.
+        neighbours: 4 joins points along the sides of the grid, 8 also along diagonals.
+
+    Raises:
+        ValueError: for other numbers of neighbours, a stack of states, or one of another grid.
+        TypeError: for something that is not a state, or inside of a JAX transformation.
+    """
+    if neighbours not in (4, 8):
+        raise ValueError(f"neighbours is {neighbours!r}: choose 4, or 8 to join diagonals too.")
+    require_known((contact, equilibrium), "patches")
+    equilibrium = equilibrium_of(contact, equilibrium)
+    return patches_at(contact, equilibrium.in_contact, equilibrium.pressure, neighbours)
+
+
+def patches_at(
+    contact: Contact,
+    touches: Mask | np.ndarray,
+    pressure: Field | np.ndarray,
+    neighbours: Neighbours,
+) -> Patches:
+    """Return the patches where a contact touches, under an elastic pressure."""
+    mask, is_window = np.asarray(touches), contact.solid.is_window
+    found = clusters_of(mask, neighbours, not is_window)
+    sides = _sides(mask, np.asarray(contact.grid.spacing, float), is_window)
+    numbers = [np.ones(mask.shape), sides, np.asarray(pressure, float)]
+    counts, perimeters, forces = (
+        np.bincount(found.labels.ravel(), field.ravel(), found.number + 1)[1:] for field in numbers
+    )
+    order = np.argsort(-counts, kind="stable")
+    ranks = np.zeros(found.number + 1, int)
+    ranks[order + 1] = np.arange(1, found.number + 1)
+    dtype, cell = contact.heights.dtype, float(contact.grid.cell_area)
+    counted = cell * counts.sum()
+    excess = _STAIRCASE * cell * _num_ends(mask, is_window) if mask.ndim == 2 else 0.0
+    return Patches(
+        number=array(found.number, int),
+        areas=array(cell * counts[order], dtype),
+        perimeters=array(perimeters[order], dtype),
+        forces=array(cell * forces[order], dtype),
+        percolates=array(found.spans.any(axis=0)),
+        area=array(counted, dtype),
+        true_area=array(max(counted - excess, 0.0), dtype),
+        labels=jax.device_put(ranks[found.labels]),
+    )
+
+
+def require_known(inputs: object, name: str) -> None:
+    """Raise `TypeError` inside of a JAX transformation."""
+    if is_traced(inputs):
+        raise TypeError(
+            f"{name} works on known numbers, and JAX is tracing these: call it outside of jax.jit, "
+            "jax.vmap and jax.grad, for one state after another."
+        )
+
+
+def _ends(
+    touches: Bool[np.ndarray, " *grid"], is_window: bool
+) -> list[Float[np.ndarray, " *grid"]]:
+    """Return for each side of the grid at how many ends of a point the contact ends."""
+    around = np.pad(touches, 1, mode="constant" if is_window else "wrap")
+    inner = (slice(1, -1),) * touches.ndim
+    beside = [
+        [~np.roll(around, step, side)[inner] for step in (-1, 1)] for side in range(touches.ndim)
+    ]
+    return [touches * np.add(*map(np.asarray, pair), dtype=float) for pair in beside]
+
+
+def _num_ends(touches: Bool[np.ndarray, " *grid"], is_window: bool) -> float:
+    return float(sum(ends.sum() for ends in _ends(touches, is_window)))
+
+
+def _sides(
+    touches: Bool[np.ndarray, " *grid"], spacing: Float[np.ndarray, " sides"], is_window: bool
+) -> Float[np.ndarray, " *grid"]:
+    """Return the length of the interface along each point."""
+    lengths = spacing[::-1] if touches.ndim == 2 else np.ones(1)
+    ends = _ends(touches, is_window)
+    return sum((x * length for x, length in zip(ends, lengths, strict=True)), np.zeros(()))

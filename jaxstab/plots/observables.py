@@ -1,0 +1,223 @@
+"""What a contact does: patches, flow through the gap, distributions of pressures and gaps."""
+
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm
+
+from jaxstab import observables
+from jaxstab.contact import Contact, require_contact
+from jaxstab.core.checks import require_kind
+from jaxstab.core.stack import require_single
+from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.observables import Leakage
+from jaxstab.observables.clusters import Neighbours
+from jaxstab.plots.fields import add_colour_bar, draw_map, outline_contact
+from jaxstab.plots.style import PALETTE, add_legend, axes_or_new, label_axes, label_axis
+
+# How far below the largest flux the colours reach.
+_FAINTEST = 1e-4
+_SIDES = "xy"
+
+
+def patches(
+    contact: Contact,
+    equilibrium: State,
+    *,
+    neighbours: Neighbours = 4,
+    unit: str | None = None,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw the patches of a contact, each in a colour, the largest first in those of curves.
+
+    Arguments:
+        contact: the contact problem.
+        equilibrium: one of its states.
+        neighbours: as in `jaxstab.patches`.
+        unit: that of lengths, by default the contact's.
+        axes: where to draw.
+    """
+    found = observables.patches(contact, equilibrium, neighbours=neighbours)
+    axes, unit = axes_or_new(axes), unit or contact.unit
+    labels = np.asarray(found.labels)
+    x, *y = (np.asarray(side) for side in contact.grid.coordinates)
+    colours = PALETTE[:-1]
+    # From 1 on, over and over.
+    numbers = np.where(labels > 0, (labels - 1) % len(colours) + 1, 0)
+    if y:
+        norm = BoundaryNorm(np.arange(len(colours) + 2) - 0.5, len(colours) + 1)
+        draw_map(axes, contact, numbers, unit, cmap=ListedColormap(["white", *colours]), norm=norm)
+    else:
+        for i, colour in enumerate(colours, 1):
+            own = numbers == i
+            axes.fill_between(x, own, where=own, step="mid", color=colour)
+        label_axis(axes.xaxis, "x [length]", unit)
+        axes.set(yticks=[0, 1], yticklabels=["apart", "in contact"])
+    axes.set_title(_title(int(found.number), np.asarray(found.percolates)))
+    return axes
+
+
+def _title(number: int, percolates: np.ndarray) -> str:
+    along = [name for name, is_so in zip(_SIDES, percolates, strict=False) if is_so]
+    spanning = f", percolating along {' and '.join(along)}" if along else ""
+    return f"{number} patch{'es' * (number != 1)}{spanning}"
+
+
+def flow(
+    contact: Contact,
+    leakage: Leakage,
+    equilibrium: State | None = None,
+    *,
+    along: Literal["x", "y"] = "x",
+    unit: str | None = None,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw what flows through the gap: a map of the flux with its lines, or drops on a line.
+
+    Arguments:
+        contact: the contact problem.
+        leakage: what `jaxstab.leakage` returned for it.
+        equilibrium: fills the contact if given, or shades it on a line.
+        along: the side along which the pressure falls.
+        unit: that of lengths, by default the contact's.
+        axes: where to draw.
+
+    Raises:
+        TypeError: for what is no leakage.
+        ValueError: for a stack of them, one of another grid, and a side that does not exist.
+    """
+    require_contact(contact)
+    require_kind(leakage, Leakage, "no leakage: give what jaxstab.leakage returned.")
+    require_single(leakage)
+    shape = contact.grid.shape
+    if leakage.drop.shape[1:] != shape:
+        raise ValueError(
+            f"The leakage has fields of shape {leakage.drop.shape[1:]}, the contact's grid "
+            f"{shape}: use the contact that it came from."
+        )
+    if along not in _SIDES[: len(shape)]:
+        raise ValueError(f"along is {along!r}: choose of {', '.join(_SIDES[: len(shape)])}.")
+    axes, unit = axes_or_new(axes), unit or contact.unit
+    touches = None if equilibrium is None else equilibrium_of(contact, equilibrium).in_contact
+    side = _SIDES.index(along)
+    if len(shape) == 1:
+        axes.plot(np.asarray(contact.grid.coordinates[0]), np.asarray(leakage.drop[0]))
+        if touches is not None:
+            outline_contact(axes, contact, touches, "black")
+        label_axes(axes, "x [length]", "drop of pressure over its gradient [length]", unit)
+    else:
+        _draw_flux(axes, contact, _at_points(np.asarray(leakage.flux[side])), unit)
+        if touches is not None:
+            shown = np.ma.masked_equal(np.asarray(touches), False)
+            draw_map(axes, contact, shown, unit, cmap=ListedColormap(["0.35"]))
+    flows = np.asarray(leakage.flux[side]).any()
+    axes.set_title(f"pressure falls along {along}" if flows else f"nothing flows along {along}")
+    return axes
+
+
+def _at_points(flux: np.ndarray) -> np.ndarray:
+    """Return the flux at points, the mean of that through the two faces along each side."""
+    return np.stack([(x + np.roll(x, 1, side)) / 2 for side, x in enumerate(flux)])
+
+
+def _draw_flux(axes: Axes, contact: Contact, flux: np.ndarray, unit: str | None) -> None:
+    size = np.hypot(*flux)
+    most = size.max()
+    if not most:
+        draw_map(axes, contact, np.zeros(size.shape), unit, cmap=ListedColormap(["white"]))
+        return
+    norm = LogNorm(_FAINTEST * most, most)
+    shown = np.ma.masked_equal(size, 0)
+    image = draw_map(axes, contact, shown, unit, cmap="Blues", norm=norm)
+    add_colour_bar(axes, image, "flux x viscosity / gradient of pressure [length$^3$]", unit)
+    limits = axes.get_xlim(), axes.get_ylim()
+    x, y = (np.asarray(side) for side in contact.grid.coordinates)
+    # Where hardly anything flows, lines would go astray.
+    u, v = (np.where(size > _FAINTEST * most, part, np.nan).T for part in flux)
+    axes.streamplot(x[:, 0], y[0], u, v, color="black", linewidth=0.6, arrowsize=0.7, density=1.5)
+    axes.set(xlim=limits[0], ylim=limits[1])
+
+
+def distribution(
+    contact: Contact,
+    equilibrium: State,
+    quantity: Literal["pressure", "gap"] = "pressure",
+    *,
+    bins: int = 50,
+    theory: bool | None = None,
+    unit: str | None = None,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw the distribution of pressures or gaps over the points of a surface.
+
+    Densities are over all points: that of the pressures in contact has the contact area as its
+    integral, that of the gaps what is left of one. Points apart without attraction have no
+    pressure, and are left out. With attraction the densities of pressures are on a logarithmic
+    axis.
+
+    Arguments:
+        contact: the contact problem.
+        equilibrium: one of its states.
+        quantity: "pressure", the elastic one, or "gap".
+        bins: how many.
+        theory: whether to draw Persson's distribution of the pressure (2001), that of a randomly
+            rough surface without adhesion: P(p) = (N(p - p0) - N(p + p0)), N the normal
+            distribution with the variance that full contact takes. By default where nothing
+            attracts, in a periodic cell.
+        unit: that of lengths, by default the contact's.
+        axes: where to draw.
+
+    Raises:
+        ValueError: for another quantity, less than one bin, and a theory of gaps or of adhesion.
+    """
+    equilibrium = equilibrium_of(contact, equilibrium)
+    if quantity not in ("pressure", "gap"):
+        raise ValueError(f'quantity is {quantity!r}: choose "pressure" or "gap".')
+    if bins < 1:
+        raise ValueError(f"bins is {bins}: give one at least.")
+    attracts = float(contact.profile.max_attraction) > 0
+    is_known = quantity == "pressure" and not attracts and not contact.solid.is_window
+    if theory and not is_known:
+        raise ValueError(
+            "No theory is known here: Persson's is of pressures, without adhesion, in a periodic "
+            "cell. Leave out `theory`."
+        )
+    axes, unit = axes_or_new(axes), unit or contact.unit
+    touches = np.asarray(equilibrium.in_contact)
+    values = np.asarray(getattr(equilibrium, quantity), float)
+    parts = {"in contact": values[touches]} if quantity == "pressure" else {}
+    if attracts or quantity == "gap":
+        parts["apart"] = values[~touches]
+    parts = {name: part for name, part in parts.items() if part.size}
+    shown = np.concatenate([*parts.values(), np.zeros(1)])
+    edges = np.linspace(shown.min(), shown.max(), bins + 1)
+    for name, part in parts.items() if shown.any() else ():
+        counts = np.histogram(part, edges)[0]
+        axes.stairs(counts / (values.size * np.diff(edges)), edges, label=name, linewidth=1.2)
+    if is_known if theory is None else theory:
+        rms, mean = float(contact.conforming_pressure), float(equilibrium.mean_pressure)
+        pressures = np.linspace(0, max(shown.max(), rms), 200)
+        axes.plot(pressures, _persson(pressures, mean, rms), "k--", label="Persson, random surface")
+    names = {"pressure": "elastic pressure p", "gap": "gap g"}
+    dimension = {"pressure": "pressure", "gap": "length"}[quantity]
+    label_axes(axes, f"{names[quantity]} [{dimension}]", f"density [1/{dimension}]", unit)
+    if quantity == "pressure" and "apart" in parts:
+        # Most points are apart, at pressures that differ little.
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0)
+    axes.set_title(f"contact area {100 * float(equilibrium.contact_area):.1f} %")
+    add_legend(axes)
+    return axes
+
+
+def _persson(pressures: np.ndarray, mean: float, rms: float) -> np.ndarray:
+    """Return (N(p - p0) - N(p + p0)), N the normal distribution (Persson, 2001)."""
+    if not rms:
+        return np.zeros_like(pressures)
+
+    def normal(pressure: np.ndarray) -> np.ndarray:
+        return np.exp(-((pressure / rms) ** 2) / 2) / (np.sqrt(2 * np.pi) * rms)
+
+    return normal(pressures - mean) - normal(pressures + mean)

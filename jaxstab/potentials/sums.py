@@ -1,0 +1,47 @@
+"""Laws that can be added."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+
+from jaxstab.core.display import in_full
+from jaxstab.core.types import Scalar
+
+
+class Law(eqx.Module):
+    """A law that can be added to another, or to a bare function of the gap."""
+
+    def __add__(self, other: Any) -> "Sum":
+        return Sum((*_parts(self), *_parts(other))) if callable(other) else NotImplemented
+
+    def __radd__(self, other: Any) -> "Sum":
+        return Sum((*_parts(other), *_parts(self))) if callable(other) else NotImplemented
+
+
+class Sum(Law):
+    """The sum of laws, as `a + b` makes it.
+
+    Arguments:
+        laws: the laws, each a function of the gap; some may be `Varying`.
+
+    Raises:
+        ValueError: for no law, or one that is no function.
+    """
+
+    laws: tuple[Callable[[Scalar], Scalar], ...]
+
+    __repr__ = in_full
+
+    def __check_init__(self) -> None:
+        if not (self.laws and all(map(callable, self.laws))):
+            raise ValueError(f"The laws are {self.laws!r}: give functions of the gap.")
+
+    def __call__(self, gap: Scalar) -> Scalar:
+        """Return the energy per area at a gap [length]."""
+        first, *rest = (law(gap) for law in self.laws)
+        return sum(rest, first)
+
+
+def _parts(law: Any) -> tuple[Callable[[Scalar], Scalar], ...]:
+    return law.laws if isinstance(law, Sum) else (law,)

@@ -1,0 +1,197 @@
+"""Electrostatic and capillary laws, and sums of laws: formulae, files, fits, derivatives."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxstab as js
+from jaxstab.potentials import curvature, energy_density, slope
+
+GAPS = jnp.linspace(0.0, 3.0, 25).reshape(5, 5)
+ELECTRIC = js.potentials.Electrostatic(0.3, 0.8, dielectric=0.2)
+EXPONENTIAL = js.potentials.Exponential(0.02, 0.3)
+DERIVATIVES = (energy_density, slope, curvature)
+
+
+def contact_of(law, dtype=jnp.float64, n=8):
+    grid = js.Grid(n)
+    heights = jnp.asarray(js.surfaces.sinusoid(grid, 0.05), dtype)
+    return js.Contact(js.HalfSpace(grid, 1.0), heights, law)
+
+
+def assert_same_law(one, other, rtol=1e-12):
+    for derivative in DERIVATIVES:
+        np.testing.assert_allclose(derivative(one, GAPS), derivative(other, GAPS), rtol=rtol)
+
+
+def test_electrodes_attract_as_a_capacitor():
+    distance = np.asarray(GAPS) + 0.2
+    strength = 0.8 * 0.3**2 / 2
+    closed = (-strength / distance, strength / distance**2, -2 * strength / distance**3)
+    for derivative, values in zip(DERIVATIVES, closed, strict=True):
+        np.testing.assert_allclose(derivative(ELECTRIC, GAPS), values, rtol=1e-12)
+
+
+def test_menisci_draw_by_laplaces_pressure_over_their_range():
+    tension, angle, radius = 0.07, 0.4, 0.5
+    law = js.potentials.Capillary(tension, angle, radius, smoothing=0.01)
+    reach = 2 * radius * np.cos(angle)
+    inside, outside = jnp.linspace(0, 0.9 * reach, 7), jnp.linspace(1.1 * reach, 3, 7)
+    np.testing.assert_allclose(slope(law, inside), tension / radius, rtol=1e-4)
+    np.testing.assert_allclose(slope(law, outside), 0, atol=1e-4)
+    np.testing.assert_allclose(law(0.0), -2 * tension * np.cos(angle), rtol=1e-12)
+    work = 2 * tension * np.cos(angle)
+    smooth = js.potentials.Capillary(tension, angle, radius)
+    assert_same_law(smooth, js.potentials.Dugdale(work, reach), 1e-10)
+
+
+def test_plates_on_a_spring_pull_in_at_a_third_of_the_gap():
+    grid, (voltage, permittivity, stiffness, dielectric) = js.Grid(8), (0.3, 0.8, 0.5, 0.05)
+    law = js.potentials.Electrostatic(voltage, permittivity, dielectric)
+    contact = js.Contact(js.HalfSpace(grid, 10.0), jnp.zeros(grid.shape), law)
+    # V^2 = 8 k d^3 / (27 eps), d with the dielectric.
+    distance = (27 * permittivity * voltage**2 / (8 * stiffness)) ** (1 / 3)
+    positions = distance - dielectric + jnp.array([0.1, -0.05])
+    apart = jnp.full(grid.shape, distance)
+    found = js.critical_load(contact, js.Spring(positions, stiffness), initial=apart)
+    assert found.kind == "fold"
+    np.testing.assert_allclose(found.load.value + dielectric, distance, rtol=1e-9)
+    gap = found.equilibrium.gap + dielectric
+    np.testing.assert_allclose(gap, 2 / 3 * distance, rtol=1e-6)
+
+
+def test_a_sum_is_the_sum_however_it_is_written():
+    def mine(gap):
+        return -0.01 / (1 + gap) ** 2
+
+    for law in (
+        ELECTRIC + EXPONENTIAL + mine,
+        mine + (ELECTRIC + EXPONENTIAL),
+        js.potentials.Sum((EXPONENTIAL, mine, ELECTRIC)),
+    ):
+        assert len(law.laws) == 3
+        for derivative in DERIVATIVES:
+            parts = sum(derivative(part, GAPS) for part in (ELECTRIC, EXPONENTIAL, mine))
+            np.testing.assert_allclose(derivative(law, GAPS), parts, rtol=1e-12)
+    assert "Electrostatic(voltage=0.3" in repr(ELECTRIC + EXPONENTIAL)
+
+
+def test_a_sum_with_no_adhesion_gives_the_same_equilibrium():
+    load = js.MeanGap(0.1)
+    alone = js.equilibrate(contact_of(EXPONENTIAL), load)
+    both = js.equilibrate(contact_of(EXPONENTIAL + js.potentials.NoAdhesion()), load)
+    np.testing.assert_allclose(both.gap, alone.gap, atol=1e-9)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_a_sum_is_solved_with_in_si_units_as_in_others(dtype):
+    grid = js.Grid(16, 2e-6)
+    heights = jnp.asarray(js.surfaces.sinusoid(grid, 4e-8), dtype)
+    metal = js.potentials.Electrostatic(10.0, 8.854e-12, 2e-8)
+    menisci = js.potentials.Capillary(0.072, 0.3, 2e-9)
+    contact = js.Contact(js.HalfSpace(grid, 5e9), heights, metal + menisci)
+    state = js.equilibrate(contact, js.MeanDisplacement(2e-8))
+    micro = js.Grid(16, 2.0)
+    # In µm, MPa and V: energies per area in 1 J/m^2.
+    same = js.Contact(
+        js.HalfSpace(micro, 5e3),
+        heights * 1e6,
+        js.potentials.Electrostatic(10.0, 8.854e-6, 2e-2)
+        + js.potentials.Capillary(0.072, 0.3, 2e-3),
+    )
+    other = js.equilibrate(same, js.MeanDisplacement(2e-2))
+    rtol = {jnp.float32: 1e-3, jnp.float64: 1e-7}[dtype]
+    np.testing.assert_allclose(1e-6 * state.mean_pressure, other.mean_pressure, rtol=rtol)
+
+
+def test_parts_of_a_sum_may_vary_over_the_surface():
+    energies = 0.01 + 0.01 * jax.random.uniform(jax.random.key(0), (8, 8))
+    part = js.potentials.Varying(js.potentials.Exponential(energies, 0.3))
+    contact = contact_of(ELECTRIC + part)
+    state = js.equilibrate(contact, js.MeanGap(0.1))
+    expected = slope(ELECTRIC, state.gap) + energies / 0.3 * jnp.exp(-state.gap / 0.3)
+    np.testing.assert_allclose(slope(contact.potential, state.gap), expected, rtol=1e-12)
+    whole = js.potentials.Varying(ELECTRIC + js.potentials.Exponential(energies, 0.3))
+    np.testing.assert_allclose(
+        js.equilibrate(contact_of(whole), js.MeanGap(0.1)).gap, state.gap, atol=1e-9
+    )
+
+
+def test_sums_come_back_from_files(tmp_path):
+    energies = 0.01 + 0.01 * jax.random.uniform(jax.random.key(0), (8, 8))
+    part = js.potentials.Varying(js.potentials.Exponential(energies, 0.3))
+    contact = contact_of(ELECTRIC + part + js.potentials.Capillary(0.01, 0.2, 0.1))
+    state = js.equilibrate(contact, js.MeanGap(0.1))
+    again, _ = js.load(js.save(tmp_path / "sum.nc", contact, state))
+    assert jax.tree.structure(again) == jax.tree.structure(contact)
+    for one, other in zip(jax.tree.leaves(again), jax.tree.leaves(contact), strict=True):
+        np.testing.assert_array_equal(one, other)
+    dataset = js.to_dataset(contact, state)
+    (name,) = [name for name in dataset if str(name).endswith("voltage")]
+    assert dataset[name].attrs["units"] == "voltage"
+
+
+def test_of_a_function_in_a_sum_a_file_asks_for_the_law(tmp_path):
+    def mine(gap):
+        return -0.01 * jnp.exp(-gap)
+
+    contact = contact_of(EXPONENTIAL + mine)
+    state = js.equilibrate(contact, js.MeanGap(0.1))
+    with pytest.warns(UserWarning, match="no formula"):
+        path = js.save(tmp_path / "mine.nc", contact, state)
+    with pytest.raises(ValueError, match="the file holds values only"):
+        js.equilibrate(js.load(path)[0], js.MeanGap(0.1))
+    again, _ = js.load(path, potential=EXPONENTIAL + mine)
+    assert_same_law(again.potential, contact.potential)
+
+
+def test_a_part_of_a_sum_is_fitted_and_differentiated():
+    loads = js.MeanGap(jnp.linspace(0.1, 0.4, 5))
+    truth = contact_of(ELECTRIC + EXPONENTIAL)
+    measured = js.sweep(truth, loads, stability=False).equilibrium.mean_pressure
+    start = contact_of(js.potentials.Electrostatic(0.2, 0.8, 0.2) + EXPONENTIAL)
+    fit = js.calibrate(start, loads, measured, where=lambda c: c.potential.laws[0].voltage)
+    np.testing.assert_allclose(fit.contact.potential.laws[0].voltage, 0.3, rtol=1e-5)
+
+    def pressure(voltage):
+        # A bare function beside it closes over what is traced.
+        law = js.potentials.Electrostatic(voltage, 0.8, 0.2) + (lambda gap: -voltage / (1 + gap))
+        return js.equilibrate(contact_of(law), js.MeanGap(0.3)).mean_pressure
+
+    step = 1e-4
+    difference = (pressure(0.1 + step) - pressure(0.1 - step)) / (2 * step)
+    np.testing.assert_allclose(jax.grad(pressure)(0.1), difference, rtol=1e-5)
+
+
+def test_electrodes_without_a_dielectric_need_a_core():
+    bare = js.potentials.Electrostatic(0.01, 0.8)
+    with pytest.raises(ValueError, match=r"is -inf: .* needs a `dielectric`"):
+        contact_of(bare + EXPONENTIAL)
+    contact = contact_of(bare + js.potentials.LennardJones(0.02, 0.3))
+    assert contact.has_core
+    assert js.equilibrate(contact, js.MeanGap(0.4)).gap.min() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("law", "values", "sentence"),
+    [
+        ("Electrostatic", (np.inf, 1.0), r"voltage is inf: it must be finite"),
+        ("Electrostatic", (1.0, 0.0), r"permittivity is 0\.0: it must be positive"),
+        ("Electrostatic", (1.0, 1.0, -1.0), r"dielectric is -1\.0: it must be finite and not neg"),
+        ("Capillary", (-1.0, 0.0, 1.0), r"surface tension is -1\.0: it must be finite"),
+        ("Capillary", (1.0, 60.0, 1.0), r"contact angle is 60\.0: give radians"),
+        ("Capillary", (1.0, 0.0, 0.0), r"radius of the meniscus is 0\.0"),
+        ("Sum", ((),), r"The laws are \(\): give functions of the gap"),
+    ],
+)
+def test_parameters_that_make_no_sense_are_refused(law, values, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        getattr(js.potentials, law)(*values)
+
+
+def test_only_functions_can_be_added():
+    with pytest.raises(TypeError, match="unsupported operand"):
+        EXPONENTIAL + 1.0
+    with pytest.raises(TypeError, match="unsupported operand"):
+        1.0 + EXPONENTIAL
