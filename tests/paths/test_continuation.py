@@ -98,12 +98,20 @@ def test_what_it_passes_at_a_load_is_among_all_equilibria_there():
     assert np.max(branch.index) == 2
     value, loads = 0.05, np.asarray(branch.load.value)
     exact, solver = all_equilibria(value), js.SaddleNewton()
+    number = 0
     passed = np.flatnonzero((loads[1:] - value) * (loads[:-1] - value) < 0)
     assert len(passed) >= 3
     for i in passed:
         near = branch.equilibrium.gap[i + (abs(loads[i + 1] - value) < abs(loads[i] - value))]
         state = js.equilibrate(contact, js.MeanGap(value), solver, initial=near)
         assert min(np.max(np.abs(state.gap - gap)) for gap in exact) < 1e-6
+    # Equilibria that it does not pass lie on branches of their own, some of them closed.
+    for gap in exact:
+        state = js.equilibrate(contact, js.MeanGap(value), solver, initial=gap)
+        ends = js.MeanGap(jnp.array([value, 9.0]))
+        other = js.continuation(contact, ends, initial=state, max_states=200, throw=False)
+        number += other.end == "loop"
+    assert number > 3
 
 
 @pytest.mark.parametrize(("alpha", "number"), [(0.3, 512), (0.5, 2048)])

@@ -22,7 +22,6 @@ class ENDS(Enumeration):
     """Where a branch ends."""
 
     load = member("at the second load")
-    back = member("at the first load, to which it has come back")
     loop = member("where it began: it is a closed loop")
     states = member("at the number of states that was asked for")
     lost = member("where no next state was found")

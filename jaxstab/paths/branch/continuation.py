@@ -56,9 +56,8 @@ def continuation(
     It goes on around folds, where an eigenvalue vanishes, and around the corners where a point lets
     go or touches, through states that are not stable: those that `follow` jumps over. Equilibria
     are curves in the gap and the mean pressure, which pseudo-arclength follows (Keller 1977), by
-    Newton's method with sets of free points that change. A branch ends where it comes to the second
-    load, or back to the first, where it closes in itself, or at a number of states. Two turns
-    within one step are passed over.
+    Newton's method with sets of free points that change. A branch ends at the second load, where it
+    closes in itself, or at a number of states. Two turns within one step are passed over.
 
     Arguments:
         contact: the contact problem.
@@ -143,8 +142,8 @@ class Entry(eqx.Module):
 
 
 def _way(contact: Contact, loads: Load, longest: Scalar) -> Way:
-    ends = loads.value.astype(contact.heights.dtype)
-    return Way(Curve.of(contact, loads[0]), ends, longest)
+    last = loads.value[1].astype(contact.heights.dtype)
+    return Way(Curve.of(contact, loads[0]), last, longest)
 
 
 def _begin(is_state: bool, contact: Contact, loads: Load, start: Field | None) -> Walk:
@@ -180,33 +179,27 @@ def _next(way: Way, walk: Walk) -> Walk:
     old = walk.stride.here
     stride = next_stride(way, walk.stride)
     new = stride.here
-    value, least, most = way.curve.value(new.at), jnp.min(way.ends), jnp.max(way.ends)
-    is_out = stride.is_new & ((value <= least) | (value >= most))
-    stride = jax.lax.cond(is_out, lambda: _landed(way, old, stride), lambda: stride)
-    nearest = jnp.argmin(jnp.abs(way.ends - value))
-    end = ENDS.where(is_out, ENDS.where(nearest == 1, ENDS.load, ENDS.back), ENDS.states)
+    before, after = way.curve.value(old.at), way.curve.value(new.at)
+    is_there = stride.is_new & ((after - way.last) * (before - way.last) <= 0)
+    stride = jax.lax.cond(is_there, lambda: _landed(way, old, stride), lambda: stride)
+    end = ENDS.where(is_there, ENDS.load, ENDS.states)
     end = ENDS.where(stride.is_new & _closes(way.curve, walk, new.at), ENDS.loop, end)
     end = ENDS.where(stride.is_lost, ENDS.lost, end)
     return replace(walk, stride=stride, count=walk.count + stride.is_new, end=end)
 
 
 def _landed(way: Way, old: Place, stride: Stride) -> Stride:
-    """Return a step that has gone beyond the loads of the branch at the load itself."""
+    """Return a step that has gone beyond the last load at the load itself."""
     curve, new = way.curve, stride.here
     before, after = curve.value(old.at), curve.value(new.at)
-    end = way.ends[jnp.argmin(jnp.abs(way.ends - after))]
-    share = (end - before) / (after - before)
-    start = old.at.plus(new.at.minus(old.at), share)
-    plane = Plane(curve.load_gradient, end - curve.value(Point(0 * start.gap, 0 * end)), _span(way))
+    start = old.at.plus(new.at.minus(old.at), (way.last - before) / (after - before))
+    nothing = Point(jnp.zeros_like(start.gap), jnp.zeros_like(start.pressure))
+    plane = Plane(curve.load_gradient, way.last - curve.value(nothing), jnp.abs(after - before))
     iteration = way.corrected(start, plane)
     at = iteration.state.at
-    is_good = (iteration.result == RESULTS.successful) & (share > 0)
     landed = replace(stride, here=replace(new, at=at, is_free=at.gap > 0))
+    is_good = iteration.result == RESULTS.successful
     return jax.tree.map(partial(jnp.where, is_good), landed, stride)
-
-
-def _span(way: Way) -> Scalar:
-    return jnp.abs(way.ends[1] - way.ends[0])
 
 
 def _closes(curve: Curve, walk: Walk, at: Point) -> Flag:

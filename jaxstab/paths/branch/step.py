@@ -17,9 +17,18 @@ from jaxtyping import Array
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core.compile import first_good
 from jaxstab.core.enumeration import Enumeration, member
+from jaxstab.core.loop import Iteration
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag, Mask, Scalar
-from jaxstab.paths.branch.curve import Corner, Curve, CurveNewton, CurveProblem, Plane, Point
+from jaxstab.paths.branch.curve import (
+    Corner,
+    Curve,
+    CurveNewton,
+    CurveProblem,
+    Iterate,
+    Plane,
+    Point,
+)
 
 # The least cosine between the tangents at both ends of a step, and that from which steps grow.
 _LEAST_COSINE, _STRAIGHT = 0.9, 0.98
@@ -76,13 +85,15 @@ class Stride(eqx.Module):
 
 
 class Way(eqx.Module):
-    """A curve, the values of the load that end a branch, and the longest step on it."""
+    """A curve, the value of the load that ends a branch, and the longest step on it."""
 
     curve: Curve
-    ends: Array
+    last: Scalar
     longest: Scalar
 
-    def corrected(self, start: Point, condition: Plane | Corner, is_free: Mask | None = None):
+    def corrected(
+        self, start: Point, condition: Plane | Corner, is_free: Mask | None = None
+    ) -> Iteration[Iterate]:
         """Return what Newton's method finds from a start."""
         problem = CurveProblem(self.curve, condition, is_free)
         return CurveNewton().run(problem, start)
