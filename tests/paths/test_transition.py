@@ -191,7 +191,7 @@ def power_law_before(contact, jump, parts):
 
     law = jump.barrier_law
     start = [float(law.exponent), float(law.coefficient), 0.0]
-    exponent, coefficient, offset = fsolve(missed, start, xtol=1e-10)
+    exponent, _, offset = fsolve(missed, start, xtol=1e-10)
     whole = distances[0] + offset * distances[-1]
     return exponent, barriers[0] / whole ** float(law.exponent)
 
