@@ -205,3 +205,16 @@ def test_bad_loads_are_refused():
         js.continuation(contact, js.MeanDisplacement(jnp.array([1.6, 1.6])))
     with pytest.raises(ValueError, match="max_states"):
         js.continuation(contact, js.MeanDisplacement(jnp.array([1.6, 1.0])), max_states=1)
+
+
+def test_it_does_not_come_back_on_its_own_way_where_the_curve_turns_at_a_sharp_corner():
+    grid = js.Grid((24,), (1.0,))
+    heights = js.surfaces.self_affine(grid, jax.random.key(1), k_high=6, rms_height=0.05)
+    solid = js.HalfSpace(grid, youngs_modulus=1.0, poisson_ratio=0.0)
+    contact = js.Contact(solid, heights, js.potentials.Exponential(0.06, 0.05))
+    loads = js.MeanGap(jnp.array([0.6, 0.01]))
+    branch = js.continuation(contact, loads, max_states=150)
+    values = np.asarray(branch.turns.load.value)
+    assert len(np.unique(np.round(values, 6))) == len(values) >= 10
+    # At the touch where it turns, the curve goes back at less than 30 degrees to where it came.
+    assert np.any(np.isclose(values, 0.17619861, atol=1e-7))

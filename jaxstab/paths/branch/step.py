@@ -137,8 +137,17 @@ def _plain_step(way: Way, old: Place, length: Scalar) -> tuple[Place, Flag, Arra
     )
     cosine = curve.cosine(tangent, old.tangent)
     is_near = curve.length(at.minus(predicted)) < _FARTHEST * length
-    is_good = is_found & is_near & (cosine > _LEAST_COSINE)
+    # Else it is beyond a corner where the curve turns back, and the tangent leads back to that.
+    is_ahead = _follow(curve, at, tangent, is_free, is_free != old.is_free)
+    is_good = is_found & is_near & is_ahead & (cosine > _LEAST_COSINE)
     return Place(at, is_free, tangent), is_good, iteration.num_steps, cosine
+
+
+def _follow(curve: Curve, at: Point, tangent: Point, is_free: Mask, flips: Mask) -> Flag:
+    """Return whether points that let go open further along a tangent, or are pressed more."""
+    hessian = Hessian(curve.contact.solid, curve.contact.curvature(at.gap))
+    moved = hessian(tangent.gap) + tangent.pressure
+    return jnp.all(jnp.where(flips, jnp.where(is_free, tangent.gap, moved) > 0, True))
 
 
 def ahead_of(curve: Curve, place: Place, length: Scalar) -> Plane:
@@ -190,10 +199,8 @@ def _beyond_corner(
     # Behind it the point that let go has a gap that grows, that which touches a reaction.
     behind = Corner(point, ~opens).gradient(curve, at, forces)
     tangent = curve.tangent(at, is_free, behind)
-    moved = Hessian(curve.contact.solid, forces.curvature)(tangent.gap) + tangent.pressure
-    follows = jnp.where(opens, tangent.gap, moved) > 0
-    is_good = (iteration.result == RESULTS.successful) & jnp.all(jnp.where(flips, follows, True))
-    return Place(at, is_free, tangent), is_good
+    follows = _follow(curve, at, tangent, is_free, flips)
+    return Place(at, is_free, tangent), (iteration.result == RESULTS.successful) & follows
 
 
 def _concluded(way: Way, old: Place, stride: Stride) -> Stride:
