@@ -14,11 +14,12 @@ from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.files.dataset import Result
 from jaxstab.observables import Observed
+from jaxstab.paths import Branch, Transition
 from jaxstab.paths import Path as Followed
 from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
 
-DESCRIPTION = "Draw a result: a loop, a curve of stability, or all of one state."
+DESCRIPTION = "Draw a result: a loop, a branch, a pass, a curve of stability, or all of one state."
 
 
 def add_options(parser: Parser) -> None:
@@ -56,6 +57,10 @@ def _free_name(path: Path) -> Path:
 def _figure(contact: Contact, result: Result) -> Figure | Axes:
     if isinstance(result, Followed):
         return plots.path(result, unit=contact.unit)
+    if isinstance(result, Branch):
+        return plots.branch(result, unit=contact.unit)
+    if isinstance(result, Transition):
+        return plots.transition(contact, result)
     if isinstance(result, Stability):
         return plots.mode(contact, result.cone)
     if isinstance(result, Equilibrium):

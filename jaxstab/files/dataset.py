@@ -18,11 +18,12 @@ from jaxstab.core.extras import require_packages
 from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.verify import recognised
-from jaxstab.files.labels import ENERGY, LENGTH, QUANTITIES, dimension_on, with_unit
+from jaxstab.files.labels import ENERGY, LENGTH, dimension_on, quantity, with_unit
 from jaxstab.files.law import law_variables
 from jaxstab.files.records import NamedArray, Recorder, Structure, indicators
+from jaxstab.loads import Load
 from jaxstab.observables import Observed
-from jaxstab.paths import Path
+from jaxstab.paths import Branch, Path, States, Transition
 from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
 
@@ -30,14 +31,19 @@ from jaxstab.stability import Stability
 if TYPE_CHECKING:
     import xarray
 
-Result = Equilibrium | Stability | Sweep | Path | Observed
+Result = Equilibrium | Stability | Sweep | Path | Branch | Transition | Observed
 
 # The form of the structure, to be raised when a reader of today could not read it.
 FORMAT = 1
 _PACKAGES = ("jaxstab", "jax", "jaxlib", "equinox", "numpy")
 # The order of those that a coated half space holds of a material.
 _MODULI = ("youngs_modulus", "poisson_ratio")
-_PATH_AXES = {"load": ("state",), "equilibrium": ("state",), "jumps": ("jump",)}
+_STATES = {"load": ("state",), "equilibrium": ("state",)}
+_OWN_AXES: Mapping[type, Mapping[str, tuple[str, ...]]] = {
+    Path: {**_STATES, "jumps": ("jump",)},
+    Branch: {**_STATES, "index": ("state",), "turns": ("turn",)},
+    Transition: {"minima": ("minimum",), "images": ("image",), "energies": ("image",)},
+}
 
 
 def to_dataset(
@@ -45,14 +51,15 @@ def to_dataset(
 ) -> "xarray.Dataset":
     """Return a result as a data set with named dimensions, coordinates, units and long names.
 
-    Fields lie on the dimensions x and y; the states of a sweep on `load`, those of a path on
-    `state`, its jumps on `jump`. Beside the result it holds every parameter of contact, law and
-    solid, the law itself at many gaps, and the versions of the packages.
+    Fields lie on the dimensions x and y; the states of a sweep on `load`, those of a path or a
+    branch on `state`, jumps on `jump`, turns on `turn`, images of a transition on `image`, the
+    minima beside its saddle on `minimum`. Beside the result it holds every parameter of contact,
+    law and solid, the law itself at many gaps, and the versions of the packages.
 
     Arguments:
         contact: the contact problem.
-        result: what `equilibrate`, `assess_stability`, `sweep`, `follow` or `observe` returned for
-            it.
+        result: what `equilibrate`, `assess_stability`, `sweep`, `follow`, `continuation`,
+            `transition` or `observe` returned for it.
         solver: the algorithm, where it was not the default, to be named in the attributes.
         fields: whether to keep the fields and histories, without which `jaxstab.load` cannot give
             the result back.
@@ -63,7 +70,7 @@ def to_dataset(
     Raises:
         ImportError: without xarray.
         TypeError: for something that is not a result, or is traced.
-        ValueError: for a result on another grid, or several paths at once.
+        ValueError: for a result on another grid, or several paths or branches at once.
     """
     require_packages("Labelled data sets", "data", "xarray")
     import xarray
@@ -97,30 +104,52 @@ def _axes(contact: Contact, result: Result) -> tuple[tuple[str, ...], Mapping[st
     if not isinstance(result, Result):
         raise TypeError(
             f"{type(result).__name__} is no result of equilibrate, assess_stability, sweep, "
-            "follow or observe. Of what holds an equilibrium, give that: pull.equilibrium."
+            "follow, continuation, transition or observe. Of what holds an equilibrium, give "
+            "that: pull.equilibrium."
         )
-    if isinstance(result, Path):
-        if np.ndim(result.work):
-            raise ValueError("These are several paths: choose one of them by jax.tree.map.")
-        stacked, field = 1, result.jumps.mode
-        axes: tuple[str, ...] = ()
+    own = _OWN_AXES.get(type(result), {})
+    axes: tuple[str, ...] = ()
+    if isinstance(result, Path | Branch):
+        if result.result.code.ndim:
+            kind = "paths" if isinstance(result, Path) else "branches"
+            raise ValueError(f"These are several {kind}: choose one of them by jax.tree.map.")
+        stacked, field = 1, (result.jumps if isinstance(result, Path) else result.turns).mode
     else:
         stacked = len(result.stack_shape)
         last = "load" if isinstance(result, Sweep) else "state"
         axes = (*(f"lane_{i}" for i in range(stacked - 1)), last)[:stacked]
-        state: Any = result.equilibrium if isinstance(result, Sweep | Observed) else result
+        state: Any = _main_states(result)
+        own = {name: (*axes, *last) for name, last in own.items()}
         field = state.cone.mode if isinstance(state, Stability) else state.gap
     if np.shape(field)[stacked:] != contact.grid.shape:
         raise ValueError(
             f"The result has fields of shape {np.shape(field)[stacked:]}, the contact's grid is "
             f"{contact.grid.shape}: give the contact that it came from."
         )
-    return axes, _PATH_AXES if isinstance(result, Path) else {}
+    return axes, own
+
+
+def _main_states(
+    result: Equilibrium | Stability | Sweep | Transition | Observed,
+) -> Equilibrium | Stability | States:
+    """Return the states that stand for a result."""
+    if isinstance(result, Sweep | Observed):
+        return result.equilibrium
+    return result.start if isinstance(result, Transition) else result
+
+
+def _load_of(result: Result) -> Load | None:
+    """Return the load of a result, None of a stability, which has none."""
+    if isinstance(result, Stability):
+        return None
+    return result.start.load if isinstance(result, Transition) else result.load
 
 
 def _require_own(contact: Contact, result: Result) -> None:
     """Raise `ValueError` where the first or the last state found is none of this contact."""
-    states = result.equilibrium if isinstance(result, Sweep | Observed) else result
+    if isinstance(result, Path | Branch):
+        return
+    states = _main_states(result)
     if not isinstance(states, Equilibrium) or is_traced(states):
         return
     found = np.flatnonzero(np.ravel(states.result == RESULTS.successful))
@@ -142,7 +171,7 @@ def _variable(name: str, record: NamedArray, contact: Contact, result: Result) -
 
 def _label(record: NamedArray, contact: Contact, result: Result) -> tuple[str, str]:
     *holders, field = (word for word in record.path if word not in ("table", "contact"))
-    load = None if isinstance(result, Stability) else result.load
+    load = _load_of(result)
     if field == "value" and holders[-1:] == ["load"] and load is not None:
         long_name, unit = f"load: {type(load).__name__}", load.unit
     else:
@@ -151,7 +180,7 @@ def _label(record: NamedArray, contact: Contact, result: Result) -> tuple[str, s
         long_name, unit = field.replace("_", " "), ""
         # What a name stands for in a law of one's own is not known.
         if not _is_ones_own(contact, record.path):
-            long_name, unit = QUANTITIES.get(field, (long_name, unit))
+            long_name, unit = quantity(field, holders) or (long_name, unit)
     if field == "height":
         long_name, unit = "height", ENERGY
     unit = dimension_on(len(contact.grid.shape), unit)
@@ -199,8 +228,8 @@ def _attributes(
         "law": text(contact.potential),
         "versions": json.dumps(versions),
     }
-    if not isinstance(result, Stability):
-        attributes["load_kind"] = type(result.load).__name__
+    if (load := _load_of(result)) is not None:
+        attributes["load_kind"] = type(load).__name__
     if contact.unit:
         attributes["unit_of_length"] = contact.unit
     if solver is not None:

@@ -1,6 +1,7 @@
 """What each quantity is called, and what it is measured in."""
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,6 +15,7 @@ QUANTITIES = {
     "amplitude": ("amplitude", LENGTH),
     "angle": ("contact angle, in radians", NUMBER),
     "area": ("area of the cell", f"{LENGTH}^2"),
+    "back": ("energy of the saddle above the end", ENERGY),
     "bound": ("what the smallest eigenvalue is proved not to be below", STIFFNESS),
     "complementarity": ("least reaction over the rms pressure", NUMBER),
     "contact_area": ("number of contact points over that of all", NUMBER),
@@ -22,14 +24,18 @@ QUANTITIES = {
     "dielectric": ("thickness of the dielectric over its relative permittivity", LENGTH),
     "displacement": ("displacement u", LENGTH),
     "eigenvalue": ("smallest eigenvalue", STIFFNESS),
+    "end": ("why the branch goes no further", NUMBER),
+    "energies": ("energy of the images and the load, above that of the start", ENERGY),
     "energy": ("elastic and adhesive energy", ENERGY),
     "error": ("error of the eigenvalue", STIFFNESS),
     "factor": ("factor of the law", NUMBER),
     "gap": ("gap g", LENGTH),
     "heights": ("height h of the rigid surface", LENGTH),
     "history": ("indicators of the solver as it went", NUMBER),
+    "images": ("gap along the string", LENGTH),
     "in_contact": ("whether the surfaces touch", NUMBER),
     "incremental_stiffness": ("force over a small approach", f"{PRESSURE} {LENGTH}"),
+    "index": ("number of negative eigenvalues on the free points", NUMBER),
     "kind": ("why the branch ends", NUMBER),
     "largest": ("area of the largest patch", f"{LENGTH}^2"),
     "length": ("range", LENGTH),
@@ -55,6 +61,7 @@ QUANTITIES = {
     "stiffness": ("stiffness", STIFFNESS),
     "surface_energy": ("work of adhesion", SURFACE_ENERGY),
     "tension": ("surface tension of the liquid", SURFACE_ENERGY),
+    "there": ("energy of the saddle above the start", ENERGY),
     "thickness": ("thickness of the layer", LENGTH),
     "true_area": ("area corrected for the grid", f"{LENGTH}^2"),
     "verdict": ("verdict on the stability", NUMBER),
@@ -63,6 +70,18 @@ QUANTITIES = {
     "work": ("work done by what is prescribed", ENERGY),
     "youngs_modulus": ("Young's modulus", PRESSURE),
 }
+# By the names of the field and of that which holds it, where it is another thing there.
+_QUANTITIES_IN = {
+    ("turns", "kind"): ("why the load turns", NUMBER),
+    ("turns", "mode"): ("direction of the branch, of unit norm", NUMBER),
+    ("turns", "state"): ("number of the state after", NUMBER),
+}
+
+
+def quantity(field: str, holders: Sequence[str]) -> tuple[str, str] | None:
+    """Return what a field of a result is called and measured in; None where that is not known."""
+    known = QUANTITIES.get(field)
+    return _QUANTITIES_IN.get((holders[-1], field), known) if holders else known
 
 
 # In metres, and in no other unit, it is clear what a consistent set measures the rest in.

@@ -86,8 +86,8 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
         potential: the law, where the file has values of it only, or its class is not imported.
 
     Returns:
-        The contact, and the equilibrium, stability, sweep or path. Without its law the contact
-        serves for figures; a solver that asks for the law says what is missing.
+        The contact, and the equilibrium, stability, sweep, path, branch or transition. Without
+        its law the contact serves for figures; a solver that asks for the law says what is missing.
 
     Raises:
         ValueError: for a file of another kind, of a later version or without fields, or one in

@@ -24,7 +24,7 @@ from jaxstab.core.names import is_own, public, public_name
 Structure = Any
 # Parts of a path that a name is clear without.
 _SILENT = {"contact", "equilibrium", "stability", "value", "table", "code"}
-_SINGULAR = {"jumps": "jump"}
+_SINGULAR = {"jumps": "jump", "turns": "turn", "minima": "minimum"}
 # Of a whole path, beside those up to each of its states.
 _TOTALS = {("work",), ("dissipation",)}
 

@@ -1,6 +1,7 @@
 """Figures: each function draws into a Matplotlib `Axes`, its own or a given one, and returns it.
 
-`summary` draws a whole figure, `save` writes one for print, `animation` a film of a path.
+`summary` and `transition` draw a whole figure, `save` writes one for print, `animation` a film of
+a path.
 """
 
 from jaxstab.plots.animation import animation
@@ -10,9 +11,11 @@ from jaxstab.plots.observables import distribution, flow, patches
 from jaxstab.plots.paths import path
 from jaxstab.plots.saving import save
 from jaxstab.plots.summary import summary
+from jaxstab.plots.ways import branch, transition
 
 __all__ = [
     "animation",
+    "branch",
     "contact_map",
     "convergence",
     "distribution",
@@ -30,4 +33,5 @@ __all__ = [
     "stability_curve",
     "summary",
     "surface",
+    "transition",
 ]

@@ -83,12 +83,24 @@ def mode(
         ValueError: for a stack of modes, or one on another grid than the contact's.
     """
     _require_mode(contact, pair)
-    axes = _field(contact, pair.mode, _MODE, "RdBu_r", unit, axes, centred=True)
+    axes = draw_mode(contact, pair.mode, equilibrium, unit, axes)
+    value = measured(unit or contact, float(pair.eigenvalue), "pressure/length", digits=4)
+    axes.set_title(rf"$\lambda$ = {value}")
+    return axes
+
+
+def draw_mode(
+    contact: Contact,
+    mode: Field,
+    equilibrium: State | None,
+    unit: str | None,
+    axes: Axes | None,
+) -> Axes:
+    """Draw a mode of unit norm, and the outline of the contact where a state is given."""
+    axes = _field(contact, mode, _MODE, "RdBu_r", unit, axes, centred=True)
     if equilibrium is not None:
         touches = equilibrium_of(contact, equilibrium).in_contact
         outline_contact(axes, contact, touches, "black")
-    value = measured(unit or contact, float(pair.eigenvalue), "pressure/length", digits=4)
-    axes.set_title(rf"$\lambda$ = {value}")
     return axes
 
 

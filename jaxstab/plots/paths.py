@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from jaxstab.core.checks import require_kind
 from jaxstab.files.labels import dimension_on, measured
-from jaxstab.paths import Path
+from jaxstab.paths import Branch, Path
 from jaxstab.plots.style import (
     PALETTE,
     QUANTITIES,
@@ -22,6 +22,7 @@ from jaxstab.plots.style import (
 )
 
 Quantity = Literal["mean_gap", "mean_pressure", "contact_area", "energy", "load"]
+_Curve = Path | Branch
 
 # Over the largest compression: less is rounding, or nothing to look at.
 _LEAST_TENSION = 1e-3
@@ -56,10 +57,7 @@ def path(
         ValueError: for a quantity that cannot be drawn, and for several paths at once.
     """
     require_path(path)
-    for name, quantity in (("x", x), ("y", y)):
-        if quantity not in (*QUANTITIES, "load"):
-            choices = ", ".join([*QUANTITIES, "load"])
-            raise ValueError(f"{name} is {quantity!r}: choose one of {choices}.")
+    require_quantities(x, y)
     touches = np.any(np.asarray(path.equilibrium.contact_area) > 0)
     if axes is not None or y == "contact_area" or not touches:
         return _with_legend(path, unit, _draw(path, x, y, unit, axes_or_new(axes)))
@@ -80,9 +78,17 @@ def require_path(path: Path) -> None:
         )
 
 
+def require_quantities(x: str, y: str) -> None:
+    """Raise `ValueError` where one of them cannot be drawn."""
+    for name, quantity in (("x", x), ("y", y)):
+        if quantity not in (*QUANTITIES, "load"):
+            choices = ", ".join([*QUANTITIES, "load"])
+            raise ValueError(f"{name} is {quantity!r}: choose one of {choices}.")
+
+
 def _draw(path: Path, x: Quantity, y: Quantity, unit: str | None, axes: Axes) -> Axes:
     loads = np.asarray(path.load.value)
-    there, across = (_of_states(path, quantity) for quantity in (x, y))
+    there, across = (of_states(path, quantity) for quantity in (x, y))
     # A state belongs to the part of the programme that leads to it.
     forth = np.sign(np.diff(loads, prepend=2 * loads[0] - loads[1]))
     part = np.cumsum(np.diff(forth, prepend=forth[0]) != 0)
@@ -98,8 +104,8 @@ def _draw(path: Path, x: Quantity, y: Quantity, unit: str | None, axes: Axes) ->
         label = f"to {loads[part == i][-1] / divisor:.3g}" if j == branch[part == i][0] else None
         colour = PALETTE[i % len(PALETTE)]
         axes.plot(there[chosen], across[chosen], ".-", markersize=3, color=colour, label=label)
-    _scale(axes.xaxis, path, x, unit)
-    _scale(axes.yaxis, path, y, unit)
+    scale(axes.xaxis, path, x, unit)
+    scale(axes.yaxis, path, y, unit)
     _draw_jumps(path, there, across, axes)
     is_loop = loads[0] == loads[-1] and np.isfinite(path.dissipation)
     if is_loop and (x, y) == ("mean_gap", "mean_pressure"):
@@ -124,10 +130,10 @@ def _load_label(path: Path, unit: str | None) -> tuple[float, str]:
     return scaled_label(unit, load_label(path.load), np.abs(path.load.value).max())
 
 
-def _scale(axis: Any, path: Path, quantity: Quantity, unit: str | None) -> None:
+def scale(axis: Any, path: _Curve, quantity: Quantity, unit: str | None) -> None:
     """Label an axis, and cut off a compression that leaves no room to see the tension."""
     if quantity == "mean_pressure":
-        pressures = _of_states(path, quantity)
+        pressures = of_states(path, quantity)
         tension, compression = -np.nanmin(pressures), np.nanmax(pressures)
         if _LEAST_TENSION * compression < tension < compression:
             axis.axes.set(**{f"{axis.axis_name}lim": (-1.2 * tension, tension)})
@@ -153,10 +159,12 @@ def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -
         drawn.arrow_patch.set_clip_path(axes.patch)
 
 
-def _of_states(path: Path, quantity: Quantity) -> np.ndarray:
+def of_states(path: _Curve, quantity: Quantity) -> np.ndarray:
+    """Return a quantity of each state."""
     values = path.load.value if quantity == "load" else getattr(path.equilibrium, quantity)
     return np.asarray(values)
 
 
-def _sides(path: Path) -> int:
-    return path.jumps.mode.ndim - 1
+def _sides(path: _Curve) -> int:
+    ends = path.jumps if isinstance(path, Path) else path.turns
+    return ends.mode.ndim - 1

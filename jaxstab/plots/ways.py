@@ -1,0 +1,181 @@
+"""Branches of equilibria, stable or not, and the passes between two of them."""
+
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from jaxstab.contact import Contact, require_contact
+from jaxstab.core.checks import require_kind
+from jaxstab.core.grid import Grid
+from jaxstab.core.stack import require_single
+from jaxstab.files.labels import dimension_on, prefixed, with_unit
+from jaxstab.paths import Branch, Transition
+from jaxstab.plots.fields import draw_mode, gap, outline_contact
+from jaxstab.plots.paths import Quantity, of_states, require_quantities, scale
+from jaxstab.plots.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    VERMILION,
+    add_legend,
+    axes_or_new,
+    label_axes,
+)
+
+_STABLE: dict[str, Any] = {"color": BLUE, "label": "stable"}
+_UNSTABLE: dict[str, Any] = {"color": VERMILION, "linestyle": (0, (3, 1.5)), "label": "unstable"}
+# Shape alone tells the turns apart.
+_TURNS: dict[str, dict[str, Any]] = {
+    "fold": {"marker": "o", "facecolors": "white"},
+    "release": {"marker": "^", "facecolors": ORANGE},
+    "touch": {"marker": "v", "facecolors": GREEN},
+}
+_PANELS: list[Any] = [["string", "gap", "mode"]]
+
+
+def branch(
+    branch: Branch,
+    x: Quantity = "load",
+    y: Quantity = "mean_pressure",
+    *,
+    unit: str | None = None,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw a quantity along a branch: solid where it is stable, dashed where not, with its turns.
+
+    A compression above the largest tension is cut off, so that adhesion is seen.
+
+    Arguments:
+        branch: the branch.
+        x: what to draw over: the load, or a field of `States` that is one number for each.
+        y: what to draw, of the same kind; under a dead load the mean gap says more than its own
+            pressure.
+        unit: that of lengths, as in `contact.unit`.
+        axes: where to draw.
+
+    Raises:
+        TypeError: for something that is not a branch.
+        ValueError: for a quantity that cannot be drawn, and for several branches at once.
+    """
+    require_kind(branch, Branch, "not a branch: give what jaxstab.continuation returned.")
+    require_quantities(x, y)
+    if branch.load.value.ndim != 1:
+        raise ValueError("These are several branches: draw one of them, chosen by jax.tree.map.")
+    axes = axes_or_new(axes)
+    there, across = (_with_turns(branch, quantity) for quantity in (x, y))
+    # Between two states it is stable if both are; a turn lies on the verge of either.
+    index = np.insert(np.asarray(branch.index), _after(branch), 0)
+    is_unstable = np.maximum(index[1:], index[:-1]) > 0
+    ends = np.flatnonzero(np.diff(is_unstable)) + 1
+    drawn = set()
+    for piece in np.split(np.arange(is_unstable.size), ends):
+        style = _UNSTABLE if is_unstable[piece[0]] else _STABLE
+        label = {"label": None} if style["label"] in drawn else {}
+        places = [*piece, piece[-1] + 1]
+        axes.plot(there[places], across[places], **{**style, **label})
+        drawn.add(style["label"])
+    kinds = np.asarray(branch.turns.kind.name)
+    turns = [_of_turns(branch, quantity) for quantity in (x, y)]
+    for kind, marker in _TURNS.items():
+        chosen = kinds == kind
+        if chosen.any():
+            style = {"s": 30, "edgecolors": BLACK, "zorder": 3, **marker}
+            axes.scatter(*(values[chosen] for values in turns), label=kind, **style)
+    scale(axes.xaxis, branch, x, unit)
+    scale(axes.yaxis, branch, y, unit)
+    add_legend(axes)
+    return axes
+
+
+def _after(branch: Branch) -> np.ndarray:
+    """Return the number of the state after each turn."""
+    return np.asarray(branch.turns.state)
+
+
+def _of_turns(branch: Branch, quantity: Quantity) -> np.ndarray:
+    if quantity == "load":
+        return np.asarray(branch.turns.load.value)
+    states = branch.turns.equilibrium
+    if quantity == "mean_gap":
+        gaps = np.asarray(states.gap)
+        return gaps.mean(axis=tuple(range(1, gaps.ndim)))
+    return np.asarray(getattr(states, quantity))
+
+
+def _with_turns(branch: Branch, quantity: Quantity) -> np.ndarray:
+    """Return a quantity of states and turns, in the order of the branch."""
+    return np.insert(of_states(branch, quantity), _after(branch), _of_turns(branch, quantity))
+
+
+def transition(
+    contact: Contact,
+    transition: Transition,
+    *,
+    unit: str | None = None,
+    figure: Figure | None = None,
+) -> Figure:
+    """Draw a pass in one figure: the energy along the string, the saddle's gap, and its mode.
+
+    The contact at the saddle is outlined on gap and mode, or on a line shaded.
+
+    Arguments:
+        contact: the contact problem.
+        transition: what `jaxstab.transition` returned for it.
+        unit: that of lengths, by default the contact's.
+        figure: where to draw.
+
+    Returns:
+        The figure.
+
+    Raises:
+        TypeError: for something that is not a transition.
+        ValueError: for several transitions at once, or one on another grid.
+    """
+    require_contact(contact)
+    cure = "give what jaxstab.transition returned."
+    require_kind(transition, Transition, f"not a transition: {cure}")
+    require_single(transition)
+    figure = plt.figure(figsize=(11, 3.2)) if figure is None else figure
+    if figure.get_layout_engine() is None:
+        figure.set_layout_engine("constrained")
+    panels, unit = figure.subplot_mosaic(_PANELS, width_ratios=[1.3, 1, 1]), unit or contact.unit
+    saddle = transition.saddle
+    _draw_string(contact.grid, transition, unit, panels["string"])
+    gap(contact, saddle, unit=unit, axes=panels["gap"]).set_title("gap at the saddle")
+    outline_contact(panels["gap"], contact, saddle.in_contact, "white")
+    draw_mode(contact, transition.mode, saddle, unit, panels["mode"]).set_title("mode of descent")
+    return figure
+
+
+def _draw_string(grid: Grid, transition: Transition, unit: str | None, axes: Axes) -> None:
+    """Draw the energy along the string, with both ends and the saddle."""
+    energies = np.asarray(transition.energies)
+    places = np.linspace(0, 1, energies.size)
+    there, back = (float(energy) for energy in transition.barrier)
+    energy = dimension_on(len(grid.shape), "energy")
+    axes.plot(places, energies, ".-", color=BLUE, label="string")
+    axes.scatter([0, 1], [0, there - back], color=BLACK, zorder=3, label="start, end")
+    style = {"marker": "*", "s": 90, "color": VERMILION, "edgecolors": BLACK, "zorder": 4}
+    axes.scatter([_place_of_saddle(transition)], [there], label="saddle", **style)
+    label_axes(axes, "part of the string [1]", f"energy above the start [{energy}]", unit)
+    divisor, energy = prefixed(with_unit(unit, energy), max(there, back))
+    up, down = there / divisor, back / divisor
+    axes.set_title(f"barrier {up:.3g}, back {down:.3g} [{energy}]")
+    axes.legend()
+
+
+def _place_of_saddle(transition: Transition) -> float:
+    """Return where the string comes closest to the saddle, as a part of its length."""
+    images, saddle = np.asarray(transition.images), np.asarray(transition.saddle.gap)
+    number = len(images) - 1
+    steps = np.diff(images, axis=0).reshape(number, -1)
+    off = (saddle - images[:-1]).reshape(number, -1)
+    lengths = np.sum(steps**2, axis=1)
+    shares = np.clip(np.sum(off * steps, axis=1) / np.where(lengths > 0, lengths, 1), 0, 1)
+    distances = np.sum((off - shares[:, None] * steps) ** 2, axis=1)
+    closest = np.argmin(distances)
+    return (closest + shares[closest]) / number

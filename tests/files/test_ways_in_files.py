@@ -1,0 +1,123 @@
+"""Branches of unstable states and passes, in files: to the last bit, labelled, drawn."""
+
+import os
+
+import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import xarray
+from saved import assert_same_bits
+
+import jaxstab as js
+from jaxstab.__main__ import main
+
+GRID = js.Grid(24)
+LOAD = js.MeanDisplacement(1.35)
+
+
+@pytest.fixture(scope="module")
+def contact():
+    heights = js.surfaces.paraboloid(GRID, radius=2.0)
+    solid = js.HalfSpace(GRID, youngs_modulus=1.0, poisson_ratio=0.0)
+    return js.Contact(solid, heights, js.potentials.Exponential(10.0, 1.0))
+
+
+@pytest.fixture(scope="module")
+def branch(contact):
+    loads = js.MeanDisplacement(jnp.array([1.6, 1.0]))
+    return js.continuation(contact, loads, fields=True, max_states=22)
+
+
+@pytest.fixture(scope="module")
+def transition(contact):
+    apart = js.equilibrate(contact, LOAD)
+    closed = js.equilibrate(contact, js.MeanDisplacement(0.8))
+    return js.transition(contact, LOAD, apart, closed.gap, num_images=6)
+
+
+def test_a_branch_comes_back_to_the_last_bit(contact, branch, tmp_path):
+    assert len(branch.turns) == 1
+    path = js.save(tmp_path / "branch.nc", contact, branch)
+    assert_same_bits((contact, branch), js.load(path))
+    with xarray.open_dataset(path) as plain:
+        np.testing.assert_array_equal(plain["index"], branch.index)
+        assert plain.turn_kind.values.tolist() == ["fold"]
+        assert str(plain.end.values) == "states"
+        assert plain.gap.dims == ("state", "x", "y") and plain.turn_gap.dims[0] == "turn"
+
+
+def test_a_branch_without_turns_or_gaps_comes_back_too(contact, branch, tmp_path):
+    none = jax.tree.map(lambda leaf: leaf[:0], branch.turns)
+    short = js.Branch(
+        branch.load,
+        js.States(*(getattr(branch.equilibrium, name) for name in SCALARS), None),
+        branch.index,
+        none,
+        branch.end,
+        branch.result,
+    )
+    assert_same_bits((contact, short), js.load(js.save(tmp_path / "a.nc", contact, short)))
+
+
+SCALARS = ["mean_gap", "mean_pressure", "contact_area", "area", "energy", "work", "dissipation"]
+
+
+def test_a_transition_comes_back_to_the_last_bit(contact, transition, tmp_path):
+    path = js.save(tmp_path / "pass.nc", contact, transition)
+    assert_same_bits((contact, transition), js.load(path))
+    with xarray.open_dataset(path) as plain:
+        assert plain.images.dims == ("image", "x", "y") and plain.energies.dims == ("image",)
+        assert plain.minimum_gap.dims == ("minimum", "x", "y")
+        assert float(plain.there) == float(transition.barrier.there)
+        assert plain.attrs["load_kind"] == "MeanDisplacement"
+
+
+def test_several_transitions_are_one_file(contact, transition, tmp_path):
+    both = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), transition)
+    assert_same_bits((contact, both), js.load(js.save(tmp_path / "two.nc", contact, both)))
+    assert js.to_dataset(contact, both).images.dims == ("state", "image", "x", "y")
+
+
+def test_data_sets_of_both_say_what_everything_is(contact, branch, transition):
+    sets = js.to_dataset(contact, branch), js.to_dataset(contact, transition)
+    for dataset in sets:
+        for array in dataset.data_vars.values():
+            assert array.attrs["long_name"]
+            assert array.dtype.kind != "f" or array.attrs["units"]
+    one, other = sets
+    assert one.turn_kind.attrs["long_name"] == "turns, why the load turns"
+    assert one.turn_mode.attrs["units"] == "1"
+    assert other.saddle_gap.attrs == {"long_name": "saddle, gap g", "units": "length"}
+    assert other.energies.attrs["units"] == "energy"
+    assert other.start_load.attrs["long_name"] == "start, load: MeanDisplacement"
+    scalars = js.to_dataset(contact, branch, fields=False)
+    assert "turn_load" in scalars and not {"x", "y"} & set(scalars.dims)
+
+
+def test_what_is_of_another_contact_is_refused(contact, branch, transition):
+    soft = js.Contact(js.HalfSpace(GRID, 0.5, 0.0), contact.heights, contact.potential)
+    with pytest.raises(ValueError, match="no equilibrium of this contact"):
+        js.to_dataset(soft, transition)
+    other = js.Contact(js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), contact.potential)
+    for result in branch, transition:
+        with pytest.raises(ValueError, match=r"shape \(24, 24\), the contact's grid is \(8, 8\)"):
+            js.to_dataset(other, result)
+    twice = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), branch)
+    with pytest.raises(ValueError, match="several branches"):
+        js.to_dataset(contact, twice)
+
+
+def test_the_command_line_says_what_a_file_holds_and_draws_it(
+    contact, branch, transition, tmp_path, capsys
+):
+    for name, result in (("branch", branch), ("transition", transition)):
+        path = js.save(tmp_path / f"{name}.nc", contact, result)
+        main(["info", str(path)])
+        said = capsys.readouterr().out
+        assert said.startswith(f"{name.capitalize()} of an adhesive contact")
+        assert "MeanDisplacement" in said and str(result) in said
+        main(["plot", str(path)])
+        assert os.path.getsize(capsys.readouterr().out.strip()) > 10_000
+    plt.close("all")
