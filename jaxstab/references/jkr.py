@@ -30,6 +30,7 @@ from jaxstab.references.arguments import (
 from jaxstab.references.roots import bisect
 
 _SQRT_6 = np.sqrt(6)
+_DISPLACEMENT = "d, the approach, positive into contact [length]"
 
 
 class State(NamedTuple):
@@ -58,6 +59,18 @@ class Units(NamedTuple):
     force: Array
     displacement: Array
     contact_radius: Array
+
+
+class Barriers(NamedTuple):
+    """How high the pass between contact and none is, at a held displacement.
+
+    Attributes:
+        detach: the energy of the pass above that of the contact [energy].
+        jump_in: the same above that of the bodies apart, which is zero [energy].
+    """
+
+    detach: Array
+    jump_in: Array
 
 
 @described(SPHERE, POSITIVE)
@@ -134,6 +147,95 @@ def energy(
     ratio = a / unit.contact_radius
     number = 2 / 5 * ratio**5 - 2 * _SQRT_6 / 3 * ratio**3.5 + ratio**2
     return unit.force * unit.displacement * number
+
+
+@described(SPHERE, POSITIVE, displacement=_DISPLACEMENT)
+def held_energy(
+    contact_radius: ArrayLike,
+    displacement: ArrayLike,
+    radius: ArrayLike,
+    contact_modulus: ArrayLike,
+    work_of_adhesion: ArrayLike,
+) -> Array:
+    """Return U = E* (d^2 a - 2 d a^3 / (3 R) + a^5 / (5 R^2)) - pi w a^2 at a held displacement.
+
+    That of any contact radius, in equilibrium or not; where it is in equilibrium, it is `energy`.
+    From none to a contact it rises to the pass and falls [energy].
+    """
+    a, radius, contact_modulus, work = positive(
+        contact_radius=contact_radius,
+        radius=radius,
+        contact_modulus=contact_modulus,
+        work_of_adhesion=work_of_adhesion,
+    )
+    d = np.asarray(displacement)
+    elastic = d**2 * a - 2 * d * a**3 / (3 * radius) + a**5 / (5 * radius**2)
+    return contact_modulus * elastic - np.pi * work * a**2
+
+
+@described(SPHERE, POSITIVE, displacement=_DISPLACEMENT)
+def held(
+    displacement: ArrayLike,
+    radius: ArrayLike,
+    contact_modulus: ArrayLike,
+    work_of_adhesion: ArrayLike,
+) -> tuple[State, State]:
+    """Return the stable contact at a held displacement, and the unstable one, the pass.
+
+    They lie between pull-off and first touch, d = -0.90856 d0 and 0; elsewhere both are NaN.
+    """
+    sphere = radius, contact_modulus, work_of_adhesion
+    unit = units(*sphere)
+    number = np.asarray(displacement) / unit.displacement
+    # d in units of d0, where root = A^(1/2); it is least at A^(3/2) = 6^(1/2) / 6.
+    lowest, first = np.cbrt(_SQRT_6 / 6), np.cbrt(2 * _SQRT_6 / 3)
+
+    def short(root: Array) -> Array:
+        return root**4 - 2 * _SQRT_6 / 3 * root - number
+
+    large, small = bisect(short, lowest, first), bisect(short, lowest, 0)
+    is_between = (short(np.asarray(lowest)) <= 0) & (number <= 0)
+    states = []
+    for root in (large, small):
+        found = curve(np.where(is_between, root, 1) ** 2 * unit.contact_radius, *sphere)
+        states.append(State(*(np.where(is_between, value, np.nan) for value in found)))
+    return states[0], states[1]
+
+
+@described(SPHERE, POSITIVE, displacement=_DISPLACEMENT)
+def barriers(
+    displacement: ArrayLike,
+    radius: ArrayLike,
+    contact_modulus: ArrayLike,
+    work_of_adhesion: ArrayLike,
+) -> Barriers:
+    """Return the barriers to detach and to jump into contact at a held displacement.
+
+    Adhesion has no range, so that the bodies apart are always stable below first touch. NaN where
+    there is no pass, beyond pull-off and after first touch.
+    """
+    sphere = radius, contact_modulus, work_of_adhesion
+    unit = units(*sphere)
+    heights = []
+    for state in held(displacement, *sphere):
+        is_one = np.isfinite(state.contact_radius)
+        safe = np.where(is_one, state.contact_radius, unit.contact_radius)
+        heights.append(np.where(is_one, energy(safe, *sphere), np.nan))
+    contact, top = heights
+    return Barriers(top - contact, top)
+
+
+@described(SPHERE, POSITIVE)
+def maxwell(radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike) -> State:
+    """Return the contact whose energy is that of the bodies apart: d = -0.802116 d0.
+
+    There both barriers are the same.
+    """
+    sphere = radius, contact_modulus, work_of_adhesion
+    unit = units(*sphere)
+    # Energy over A^2, where root = A^(3/2): a quadratic, of which the larger root is stable.
+    root = (2 * _SQRT_6 / 3 - np.sqrt(8 / 3 - 8 / 5)) / (4 / 5)
+    return curve(np.cbrt(root**2) * unit.contact_radius, *sphere)
 
 
 @described(SPHERE, or_not_positive("k is negative"))

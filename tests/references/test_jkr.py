@@ -84,3 +84,61 @@ def test_jkr_without_adhesion_is_hertz():
     radius, contact_modulus, _ = SPHERE
     force = jkr.force(0.8, radius, contact_modulus, 1e-24)
     assert_allclose(hertz.contact_radius(force, radius, contact_modulus), 0.8, rtol=1e-11)
+
+
+@pytest.mark.parametrize(
+    "displacement, detach, jump_in",
+    [
+        (-0.9, 0.00156, 0.11479),
+        (-0.8, 0.06788, 0.06518),
+        (-0.6, 0.30015, 0.01905),
+        (-0.4, 0.58296, 0.00364),
+        (-0.2, 0.87518, 0.00023),
+    ],
+)
+def test_the_barriers_of_jkr_are_known_and_the_area_below_the_curve(displacement, detach, jump_in):
+    unit = UNITS.force * UNITS.displacement
+    found = jkr.barriers(displacement * UNITS.displacement, *SPHERE)
+    assert_allclose(np.array(found) / unit, [detach, jump_in], atol=5.1e-6)
+    stable, top = jkr.held(displacement * UNITS.displacement, *SPHERE)
+    assert_allclose([stable.displacement, top.displacement], displacement * UNITS.displacement)
+
+    def power(root):
+        """F dd/da along the curve, over the square root of a."""
+        a = root**2
+        slope = derivative(lambda a: jkr.displacement(a, *SPHERE), a)
+        return jkr.force(a, *SPHERE) * slope * 2 * root
+
+    ends = np.sqrt([stable.contact_radius, top.contact_radius])
+    assert_allclose(found.detach, quad(power, *ends)[0], rtol=1e-8)
+    assert_allclose(found.jump_in, quad(power, 0, ends[1])[0], rtol=1e-8)
+
+
+def test_a_held_displacement_has_a_pass_between_the_two_energies():
+    displacement = -0.6 * UNITS.displacement
+    radii = np.linspace(1e-3, 2, 200_001) * UNITS.contact_radius
+    energies = jkr.held_energy(radii, displacement, *SPHERE)
+    stable, top = jkr.held(displacement, *SPHERE)
+    highest = np.argmax(energies[radii < stable.contact_radius])
+    lowest = np.argmin(energies)
+    assert_allclose(
+        radii[[highest, lowest]], [top.contact_radius, stable.contact_radius], rtol=1e-4
+    )
+    found = jkr.barriers(displacement, *SPHERE)
+    assert_allclose(energies[highest], found.jump_in, rtol=1e-8)
+    assert_allclose(energies[highest] - energies[lowest], found.detach, rtol=1e-8)
+    assert_allclose(jkr.held_energy(0.7, -0.1, *SPHERE), PARABOLOID.energy(0.7, -0.1), rtol=1e-10)
+
+
+def test_at_maxwells_displacement_both_barriers_are_the_same():
+    state = jkr.maxwell(*SPHERE)
+    assert_allclose(state.displacement / UNITS.displacement, -0.802116, atol=5e-7)
+    assert_allclose(state.contact_radius / UNITS.contact_radius, 0.825663, atol=5e-7)
+    assert_allclose(*jkr.barriers(state.displacement, *SPHERE), rtol=1e-10)
+
+
+def test_beyond_pull_off_and_after_first_touch_there_is_no_pass():
+    ends = jkr.barriers(np.array([-0.92, -0.5, 0.1]) * UNITS.displacement, *SPHERE)
+    assert np.isfinite(ends.detach).tolist() == [False, True, False]
+    at_pull_off = jkr.barriers(jkr.pull_off(*SPHERE, np.inf).displacement * (1 - 1e-9), *SPHERE)
+    assert_allclose(at_pull_off.detach, 0, atol=1e-9)
