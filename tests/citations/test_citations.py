@@ -18,6 +18,8 @@ KNOWN = [
     (js.Davidson, ["Morgan", "Scott"], "1986"),
     (js.ProjectedLOBPCG, ["Knyazev"], "2001"),
     (js.HalfSpace, ["Westergaard"], "1939"),
+    (js.continuation, ["Keller"], "1977"),
+    (js.transition, ["E", "Ren", "Vanden-Eijnden"], "2007"),
     (js.potentials.Dugdale, ["Dugdale"], "1960"),
     (js.references.maugis, ["Maugis"], "1992"),
     (js.references.jkr, ["Johnson", "Kendall", "Roberts"], "1971"),
