@@ -42,7 +42,9 @@ class Source(NamedTuple):
         line = f"{', '.join(names)}. {field['title']}"
         if "version" in field:
             return f"{line}, version {field['version']}."
-        where = field.get("journal") or field["publisher"]
+        where = field.get("journal") or ", ".join(
+            field[name] for name in ("booktitle", "publisher") if name in field
+        )
         if "volume" in field:
             where = f"{where} {field['volume']}, {field['pages']}"
         line = f"{line}. {where} ({field['year']})."

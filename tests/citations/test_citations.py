@@ -83,9 +83,11 @@ def test_the_whole_bibliography_is_well_formed_and_complete():
     assert len(found) > 15
     for key, entry in found.items():
         kind = entry[1 : entry.index("{")]
-        expected = {"misc": ["version"], "book": ["publisher", "year"]}.get(
-            kind, ["journal", "year"]
-        )
+        expected = {
+            "misc": ["version"],
+            "book": ["publisher", "year"],
+            "incollection": ["booktitle", "publisher", "pages", "year"],
+        }.get(kind, ["journal", "year"])
         for field in ["author", "title", *expected]:
             assert re.search(rf"^  {field} = \{{.+\}},$", entry, re.MULTILINE), (key, field)
         assert "behind" not in entry
