@@ -72,6 +72,11 @@ QUANTITIES = {
 }
 # By the names of the field and of that which holds it, where it is another thing there.
 _QUANTITIES_IN = {
+    ("barrier_law", "exponent"): ("power of the distance with which the barrier grows", NUMBER),
+    ("barrier_law", "coefficient"): (
+        "barrier over that power of the distance",
+        f"{ENERGY}/load^exponent",
+    ),
     ("turns", "kind"): ("why the load turns", NUMBER),
     ("turns", "mode"): ("direction of the branch, of unit norm", NUMBER),
     ("turns", "state"): ("number of the state after", NUMBER),
