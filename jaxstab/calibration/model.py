@@ -42,7 +42,7 @@ class Pick:
             return cls(where, tuple(map(opaque.index, picked)), tree)
         except (TypeError, ValueError):
             raise TypeError(
-                "`where` makes something of the contact's parameters: it must only pick them."
+                "`where` computes with the contact's parameters: it must only pick them."
             ) from None
 
     def __call__(self, contact: Contact) -> Any:

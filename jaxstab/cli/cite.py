@@ -1,16 +1,16 @@
-"""`jaxstab cite`: the sources behind what was used."""
+"""`jaxstab cite`: the sources behind functions and modules."""
 
 import argparse
 
 import jaxstab
 from jaxstab.cli.parsing import Parser
 
-DESCRIPTION = "Say what to cite: the software and the papers behind what was used of it."
+DESCRIPTION = "Print the sources to cite: the software, and the papers behind its functions."
 
 
 def add_options(parser: Parser) -> None:
     """Add the options of the command."""
-    help = "what was used, as in equilibrate or references.jkr (default: the method itself)"
+    help = "a function or module, as equilibrate or references.jkr (default: the method itself)"
     parser.add_argument("names", nargs="*", metavar="NAME", help=help)
     parser.add_argument("--bibtex", action="store_true", help="as BibTeX")
 
@@ -25,6 +25,6 @@ def _named(name: str) -> object:
     found: object = jaxstab
     for part in name.split("."):
         if part.startswith("_") or not hasattr(found, part):
-            raise ValueError(f"There is no {name} in jaxstab.")
+            raise ValueError(f"There is no {name} in jaxstab: give a public name.")
         found = getattr(found, part)
     return found

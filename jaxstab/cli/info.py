@@ -1,4 +1,4 @@
-"""`jaxstab info`: what a file holds, a surface or a result."""
+"""`jaxstab info`: the content of a file, a surface or a result."""
 
 import argparse
 import json
@@ -10,7 +10,7 @@ from jaxstab.cli.problem import OF_A_FILE, add_file_options, surface_of
 from jaxstab.cli.result import add_result_options, loaded
 from jaxstab.files.netcdf import attributes_of
 
-DESCRIPTION = "Say what a file holds: a surface, with its statistics, or a result."
+DESCRIPTION = "Describe a file: a surface, with its statistics, or a result."
 
 
 def add_options(parser: Parser) -> None:
@@ -21,12 +21,12 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print what the file holds."""
+    """Print the content of the file."""
     attributes = attributes_of(options.file)
     if attributes is None:
         if vars(options)["import"]:
             raise ValueError(
-                f"{options.file} is a surface, which has no classes: leave --import out."
+                f"{options.file} is a surface and needs no classes: leave out --import."
             )
         print(surface_of(options.file, options))
         return

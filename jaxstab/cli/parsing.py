@@ -20,7 +20,7 @@ def option_of(name: str) -> str:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that says in one line what is wrong, and takes no abbreviations."""
+    """A parser that reports an error in one line and takes no abbreviations."""
 
     def __init__(self, **options: Any):
         super().__init__(
@@ -36,11 +36,11 @@ class Parser(argparse.ArgumentParser):
         return [name for name in names if name.startswith("--") and name != "--help"]
 
     def error(self, message: str) -> NoReturn:
-        """Exit with a line on what is wrong."""
+        """Exit with a line about the error."""
         self.exit(BAD_INPUT, f"{self.prog}: {' '.join(message.split())}\n")
 
     def refuse(self, name: str, reason: str) -> NoReturn:
-        """Exit with a line on what is wrong with an option."""
+        """Exit with a line about a wrong option."""
         self.error(f"argument {option_of(name)} {reason}.")
 
 
@@ -91,7 +91,7 @@ def from_config(parser: Parser, path: Path) -> list[str]:
     arguments: list[str] = []
     for name, value in _flat(content.items()):
         if name == "config":
-            parser.error(f"argument --config: {path} names another one: give options only.")
+            parser.error(f"argument --config: {path} names another file: give options only.")
         values = value if isinstance(value, list) else [value]
         if not all(type(part) in (int, float, str) for part in values) or not values:
             parser.error(f"argument --config: {path}: {name} is {value!r}: give a number or text.")

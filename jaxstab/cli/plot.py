@@ -19,7 +19,9 @@ from jaxstab.paths import Path as Followed
 from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
 
-DESCRIPTION = "Draw a result: a loop, a branch, a pass, a curve of stability, or all of one state."
+DESCRIPTION = (
+    "Draw a result: a loop, a branch, a pass, a stability curve, or the fields of one state."
+)
 
 
 def add_options(parser: Parser) -> None:
@@ -30,7 +32,7 @@ def add_options(parser: Parser) -> None:
     parser.add_argument(
         "--state", type=whole_number(0), help="draw one state of a sweep, from 0 on"
     )
-    help = "of the print, a column or a page (default double)"
+    help = "width in print, a column or a page (default double)"
     parser.add_argument("--width", choices=["single", "double"], default="double", help=help)
     add_result_options(parser)
 
@@ -41,7 +43,9 @@ def run(options: argparse.Namespace) -> None:
     if options.state is not None:
         if not isinstance(result, Sweep) or options.state >= len(result):
             number = len(result) if isinstance(result, Sweep) else 0
-            raise ValueError(f"--state is {options.state}: {options.file} has {number} of a sweep.")
+            raise ValueError(
+                f"--state is {options.state}: {options.file} has {number} states of a sweep."
+            )
         result = result[options.state]
     figure = _figure(contact, result)
     output = options.output or _free_name(options.file.with_suffix(".png"))
@@ -71,7 +75,7 @@ def _figure(contact: Contact, result: Result) -> Figure | Axes:
             "observed.patches.number over observed.load.value, after jaxstab.load."
         )
     if result.stack_shape and result.stability is None:
-        raise ValueError("This sweep left stability out: choose one state of it, by --state.")
+        raise ValueError("This sweep holds no stability: choose one of its states by --state.")
     if result.stack_shape:
         return plots.stability_curve(result, unit=contact.unit)
     if result.stability is None:

@@ -1,4 +1,4 @@
-"""The options that describe a contact and its loads, and what is made of them."""
+"""The options that describe a contact and its loads."""
 
 import argparse
 from pathlib import Path
@@ -56,19 +56,19 @@ _DEFAULTS = {**_GENERATED, **_MEASURED, **_MATERIAL}
 
 def add_options(parser: Parser) -> None:
     """Add the options of surface, solid, law and loads."""
-    add = parser.add_argument_group("surface, made here (cut-offs in waves per side)").add_argument
+    add = parser.add_argument_group("generated surface (cut-offs in waves per side)").add_argument
     add("--size", type=whole_number(2), help=f"points along a side{_default('size')}")
-    add("--seed", type=whole_number(0, 2**32 - 1), help=f"which surface{_default('seed')}")
+    add("--seed", type=whole_number(0, 2**32 - 1), help=f"seed of the surface{_default('seed')}")
     add("--hurst", type=number, help=f"Hurst exponent{_default('hurst')}")
     add("--k-low", type=number, help=f"lower cut-off{_default('k_low')}")
     add("--k-rolloff", type=number, help=f"roll-off{_default('k_rolloff')}")
     add("--k-high", type=number, help=f"upper cut-off{_default('k_high')}")
     add("--rms-height", type=number, help=f"rms height{_default('rms_height')}")
-    add_file_options(parser, "surface, from a file", "--surface")
-    add = parser.add_argument_group("its treatment").add_argument
+    add_file_options(parser, "measured surface", "--surface")
+    add = parser.add_argument_group("treatment of a measured surface").add_argument
     help = f"order of the trend that is removed{_default('detrend')}"
     add("--detrend", type=whole_number(0, 2), help=help)
-    help = "what makes its edges meet (default: as they are, with a warning)"
+    help = "how to make its edges meet (default: as they are, with a warning)"
     add("--periodic", choices=["window", "mirror", "as_is"], help=help)
     add = parser.add_argument_group("solid and adhesion (all needed with --surface)").add_argument
     add("--youngs-modulus", type=number, help=f"E{_default('youngs_modulus')}")
@@ -78,17 +78,18 @@ def add_options(parser: Parser) -> None:
     help = f"work of adhesion w, twice gamma of equal surfaces{_default('surface_energy')}"
     add("--surface-energy", type=number, help=help)
     add("--range", type=number, help=f"rho{_default('range')}")
-    add("--smoothing", type=number, help="of the edge of Dugdale's law, over rho (default 0.1)")
+    help = "edge width of Dugdale's law, over rho (default 0.1)"
+    add("--smoothing", type=number, help=help)
     add = parser.add_argument_group("loads").add_argument
-    add("--load", choices=_LOAD_KINDS, default="gap", help="which kind (default %(default)s)")
-    add("--stiffness", type=number, help="of the spring")
-    help = "first load (a gap: default 1e-4 rms heights; with a core, from the law's minimum on)"
+    add("--load", choices=_LOAD_KINDS, default="gap", help="kind of load (default %(default)s)")
+    add("--stiffness", type=number, help="stiffness of the spring")
+    help = "first load (default of a gap: 1e-4 rms heights, above the minimum of a law with a core)"
     add("--first", type=number, help=help)
-    add("--last", type=number, help="last load (a gap: default 20 rms heights more)")
+    add("--last", type=number, help="last load (default of a gap: 20 rms heights more)")
 
 
 def _default(name: str) -> str:
-    """Return what an option's help says of its default, which it has if it belongs here."""
+    """Return the default of an option in words, for its help."""
     return f" (default {_DEFAULTS[name]:g})"
 
 
@@ -97,9 +98,10 @@ def add_file_options(parser: Parser, title: str, *names: str) -> None:
     add = parser.add_argument_group(title).add_argument
     for name in names:
         add(name, type=Path, metavar="FILE", help="a scan: text, xyz, npy, NetCDF, x3p, gwy, ...")
-    add("--lengths", type=number, nargs="+", metavar="L", help="of its sides, if it says none")
-    add("--unit", help="of lengths and heights, if it says none")
-    add("--channel", help="which of several (default: the first of heights)")
+    help = "lengths of its sides, if the file has none"
+    add("--lengths", type=number, nargs="+", metavar="L", help=help)
+    add("--unit", help="unit of lengths and heights, if the file has none")
+    add("--channel", help="channel to read (default: the first with heights)")
 
 
 def surface_of(path: Path, options: argparse.Namespace) -> surfaces.Topography:
@@ -111,7 +113,7 @@ def settle(parser: Parser, options: argparse.Namespace) -> None:
     """Refuse options that do not belong together, and set the defaults of the others."""
     is_measured = options.surface is not None
     others, reason = (
-        (_GENERATED, "describes a surface made here, not one of a file")
+        (_GENERATED, "describes a generated surface: leave it out with --surface")
         if is_measured
         else (_MEASURED, "belongs to --surface")
     )
@@ -124,7 +126,7 @@ def settle(parser: Parser, options: argparse.Namespace) -> None:
         if is_given and not is_needed:
             parser.refuse(name, "belongs to a law, not to --potential none")
         if is_measured and is_needed and not is_given:
-            parser.refuse(name, "is needed with --surface, whose units are its")
+            parser.refuse(name, "is needed with --surface, in the units of the surface")
     if options.smoothing is not None and options.potential != "dugdale":
         parser.refuse("smoothing", "belongs to --potential dugdale")
     if (options.stiffness is not None) != (options.load == "spring"):
@@ -158,7 +160,7 @@ def topography_of(options: argparse.Namespace) -> surfaces.Topography:
     topography = surface_of(options.surface, options)
     if topography.num_missing:
         share = topography.num_missing / topography.heights.size
-        warn(f"{100 * share:.3g} % of the points are missing, and filled.")
+        warn(f"{100 * share:.3g} % of the points were missing and have been filled.")
         topography = topography.filled()
     topography = topography.detrended(options.detrend)
     return topography.periodic(options.periodic) if options.periodic else topography
@@ -187,7 +189,7 @@ def loads_of(options: argparse.Namespace, contact: Contact, shares: Any) -> Load
 
 
 def described(options: argparse.Namespace, contact: Contact) -> str:
-    """Say what the problem is, in lines."""
+    """Describe the problem, in lines."""
     shape = times(contact.grid.shape)
     what = f"Self-affine surface {options.seed}"
     if options.surface is not None:

@@ -13,7 +13,7 @@ from jaxstab.files import load
 
 def add_result_options(parser: Parser) -> None:
     """Add the option that imports modules."""
-    help = "import a module that defines classes of the result: files import none"
+    help = "import a module that defines classes of the result; loading a file imports none"
     parser.add_argument("--import", action="append", default=[], metavar="MODULE", help=help)
 
 

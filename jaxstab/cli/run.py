@@ -31,9 +31,9 @@ from jaxstab.plots import path as plot_path
 from jaxstab.plots import stability_curve
 
 DESCRIPTION = """\
-Press a rough surface on an adhesive elastic half space and draw it off again, through every jump on
-the way; or judge the stability of each of many states as it is unloaded (Rey & Bleyer, section
-4.2.3). Figure and data go into a new folder."""
+Load and unload a rough contact with an adhesive elastic half space, and locate every jump; or
+assess the stability of its equilibria as it is unloaded (Rey & Bleyer, section 4.2.3). The figure
+and the data go into a new folder."""
 # What belongs to one study, and its defaults.
 _STUDIES: dict[str, dict[str, Any]] = {
     "loop": {"smallest_jump": None},
@@ -45,24 +45,24 @@ def add_options(parser: Parser) -> None:
     """Add the options of the command."""
     parser.add_argument("--config", type=Path, metavar="FILE", help="a TOML file of these options")
     kinds = list(_STUDIES)
-    help = "what to do (default %(default)s)"
+    help = "kind of run (default %(default)s)"
     parser.add_argument("--study", choices=kinds, default=kinds[0], help=help)
     problem.add_options(parser)
     add = parser.add_argument_group("loop, from the last load to the first and back").add_argument
     help = (
-        "part of the problem's energy that a jump loses for it to be located (default 2e-7, or "
-        "0.3 %% of what was lost before)"
+        "locate jumps that lose at least this share of the problem's energy (default 2e-7, or "
+        "0.3 %% of the earlier losses if that is more)"
     )
     add("--smallest-jump", type=number, help=help)
     add = parser.add_argument_group("unloading, from the first load to the last").add_argument
     defaults = _STUDIES["unloading"]
     add("--number", type=whole_number(1), help=f"number of loads (default {defaults['number']})")
-    help = f"where each load starts (default {defaults['order']})"
+    help = f"start of the solver at each load (default {defaults['order']})"
     add("--order", choices=["continuation", "independent"], help=help)
     add = parser.add_argument_group("run").add_argument
-    help = "of all numbers (default %(default)s)"
+    help = "precision of all numbers (default %(default)s)"
     add("--precision", choices=["float64", "float32"], default="float64", help=help)
-    help = "folder; runs are numbered in it (default %(default)s)"
+    help = "folder of the numbered runs (default %(default)s)"
     add("--output", type=Path, default=Path("results"), help=help)
 
 
@@ -85,7 +85,7 @@ def run(options: argparse.Namespace) -> None:
     jax.config.update("jax_enable_x64", options.precision == "float64")
     contact = problem.contact_of(options)
     if not are_installed(*NETCDF):
-        warn("No data will be written: pip install 'jaxstab[data]'.")
+        warn("No data will be written, for lack of packages: pip install 'jaxstab[data]'.")
     folder = _new_folder(options.output)
     print(problem.described(options, contact))
     try:
@@ -116,7 +116,7 @@ def _loop(options: argparse.Namespace, contact: Contact, folder: Path) -> Ended 
     if path.result == RESULTS.interrupted:
         return Ended(f"interrupted, {len(path.load.value)} states are done.", INTERRUPTED)
     if path.result != RESULTS.successful:
-        return Ended(f"the path ended before its end: {RESULTS[path.result]}.", FAILED)
+        return Ended(f"the path stopped early: {RESULTS[path.result]}.", FAILED)
     return None
 
 

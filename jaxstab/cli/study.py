@@ -1,4 +1,4 @@
-"""`jaxstab study`: the study that a file describes, begun or gone on with."""
+"""`jaxstab study`: run or continue the study that a file describes."""
 
 import argparse
 import sys
@@ -18,8 +18,8 @@ from jaxstab.core.extras import require_packages
 from jaxstab.studies import StudyInterrupted
 
 DESCRIPTION = """\
-Run the study that a file of Python describes, or go on with it: the file defines the function
-`case` and its `axes`, as jaxstab.study takes them. What is done is never run again."""
+Run or continue the study that a Python file describes: the file defines the function `case` and its
+`axes`, as jaxstab.study takes them. Finished cases are never run again."""
 
 # What the file is imported as: no name that another module may have.
 _MODULE = "__study__"
@@ -28,18 +28,18 @@ _MODULE = "__study__"
 def add_options(parser: Parser) -> None:
     """Add the options of the command."""
     parser.add_argument("file", type=Path, metavar="STUDY.py", help="defines `case` and `axes`")
-    help = "the store of the results; begun where it is not there"
+    help = "the store of the results; made if it does not exist"
     parser.add_argument("--path", type=Path, metavar="STUDY.zarr", required=True, help=help)
-    help = "how many cases run at once, by jax.vmap (default %(default)s)"
+    help = "number of cases that run at once, by jax.vmap (default %(default)s)"
     parser.add_argument("--batch", type=whole_number(1), default=1, help=help)
     engine = parser.add_mutually_exclusive_group()
-    help = "run cases in so many processes of this machine"
+    help = "run cases in N processes of this machine"
     engine.add_argument("--workers", type=whole_number(1), metavar="N", help=help)
     help = "run cases on the workers of a Dask scheduler, as in tcp://HOST:8786"
     engine.add_argument("--scheduler", metavar="ADDRESS", help=help)
-    help = "run cases that failed before again"
+    help = "run failed cases again"
     parser.add_argument("--retry", action="store_true", help=help)
-    help = "go on with a store that was begun with another case, and record what has changed"
+    help = "continue a store that was begun with another case, and record the changes"
     parser.add_argument("--accept-changes", action="store_true", help=help)
 
 
@@ -101,7 +101,7 @@ def _imported(path: Path) -> Any:
     """Return the module that a file is."""
     spec = spec_from_file_location(_MODULE, path.resolve())
     if not path.is_file() or spec is None or spec.loader is None:
-        raise ValueError(f"{path} is no file of Python.")
+        raise ValueError(f"{path} is not a Python file.")
     module = module_from_spec(spec)
     # As a script, it can import what lies beside it.
     sys.path.insert(0, str(path.resolve().parent))
@@ -127,7 +127,7 @@ def _described(dataset: Any, results: list[str]) -> str:
         first = dataset[dict(zip(dataset["result"].dims, _place(dataset, results), strict=True))]
         where = ", ".join(f"{name}={first[name].item()}" for name in first.coords)
         lines.append(f"The first that failed, {where}: {first['error'].item()}")
-        lines.append("To run what failed again: --retry")
+        lines.append("To run failed cases again: --retry")
     return "\n".join(lines)
 
 

@@ -50,9 +50,9 @@ def _cure(contact: Contact, share: np.floating) -> str:
     while solid.max_stiffness * share < contact.solid.max_stiffness:
         refinement *= 2
         if refinement > _MAX_REFINEMENT:
-            return "No grid of a size to compute with would do."
+            return "No grid of a usable size would do: use a weaker or longer-ranged adhesion."
         # Waves that much shorter are those of as many points on a cell that much smaller.
         lengths = contact.grid.lengths / refinement
         solid = eqx.tree_at(lambda solid: solid.grid.lengths, solid, lengths)
     finer = times(refinement * n for n in contact.grid.shape)
-    return f"A grid of {finer} would do, and so would a weaker or longer-ranged adhesion."
+    return f"A grid of {finer} would do, or a weaker or longer-ranged adhesion."

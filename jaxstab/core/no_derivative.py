@@ -22,9 +22,9 @@ from jaxstab.core.types import Flag, Scalar
 Tree = TypeVar("Tree")
 
 _UNSOLVED = (
-    "its linear system was not solved: it is singular, as at a fold, or nearer to it than the "
-    "residual can tell. Give the solver a finer tolerance, or stay away from the fold. (A "
-    "derivative of the potential or the solid that is not finite does the same)"
+    "its linear system was not solved. It is singular, as at a fold, or singular to within the "
+    "residual: give the solver a finer tolerance, or stay away from the fold. Or a derivative of "
+    "the potential or the solid is not finite: check them"
 )
 
 
@@ -44,8 +44,8 @@ def refuse_derivatives(tree: Tree) -> Tree:
 @refuse_derivatives.defjvp
 def _refuse(primals: tuple[Tree], tangents: tuple[Tree]) -> tuple[Tree, Tree]:
     raise NotImplementedError(
-        "lowest_modes and calibrate cannot be differentiated: apply jax.lax.stop_gradient to what "
-        "goes in, or take the derivatives of equilibrate, assess_stability or critical_load."
+        "lowest_modes and calibrate cannot be differentiated: apply jax.lax.stop_gradient to the "
+        "arguments, or take the derivatives of equilibrate, assess_stability or critical_load."
     )
 
 

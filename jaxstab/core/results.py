@@ -12,66 +12,64 @@ Tree = TypeVar("Tree")
 
 
 class RESULTS(Enumeration):
-    """How a solve ended: a name, and what to make of it."""
+    """How a solve ended: a name, and a sentence on the cause and the cure."""
 
     successful = member("the tolerance was reached")
     max_steps_reached = member(
-        "the step limit came before the tolerance. Raise the solver's "
+        "the solver reached its step limit before its tolerance. Raise the solver's "
         "`max_steps`, loosen its `tolerance`, or start nearer to the solution"
     )
     stagnated = member(
-        "progress ended before the residual reached the tolerance. Either the "
-        "tolerance is finer than the precision can hold (loosen it, or use float64), or the solver "
-        "is caught between states (start elsewhere, for instance from a neighbouring load)"
+        "the residual stopped falling before it reached the tolerance. Either the tolerance is "
+        "finer than the precision allows: loosen it, or use float64. Or the solver alternates "
+        "between states: start elsewhere, for instance from a neighbouring load"
     )
     nonfinite = member(
         "a NaN or an infinity appeared. Check that the potential and its two "
-        "derivatives are finite for every gap >= 0 (one that is infinite at zero gap needs "
-        "PreconditionedConjugateGradient), and that no input is NaN"
+        "derivatives are finite for every gap >= 0, and that no input is NaN. A potential that is "
+        "infinite at zero gap needs PreconditionedConjugateGradient"
     )
     invalid_contact = member(
-        "the heights are not finite, or the solid has a stiffness that is not positive, or beyond "
+        "the heights are not finite, or a stiffness of the solid is not positive, or it is outside "
         "the range of the precision. Use a modulus > 0, a Poisson's ratio in (-1, 0.5], or other "
         "units"
     )
     infeasible_load = member(
-        "a mean gap must be positive and finite, as the surfaces cannot enter "
-        "each other, and a mean pressure finite; what holds a far side needs a finite stiffness, "
-        "where a half space has none and an incompressible layer an infinite one. Prescribe a mean "
-        "displacement above the mean height"
+        "this contact cannot carry the load. A mean gap must be positive and finite, and a mean "
+        "pressure finite. A load on the far side needs a solid of finite thickness that is not "
+        "incompressible. Prescribe a mean displacement above the mean height"
     )
     sunk = member(
-        "the solid is pressed in deeper than the surface reaches down, and comes round its edges. "
-        "Press less, or take a larger window"
+        "the solid is pressed below the surface's lowest point and bulges around its edges. Press "
+        "less, or take a larger window"
     )
     pulled_off = member(
-        "no equilibrium was found at this tensile load, which drew the surfaces apart "
-        "for good. Pull less, start from a state in contact, or prescribe the mean gap instead"
+        "no equilibrium was found at this tensile load: the surfaces separate. Pull less, start "
+        "from a state in contact, or prescribe the mean gap instead"
     )
     no_equilibrium = member(
         "there was no converged equilibrium to assess. Look at the result of the equilibrium"
     )
     other_contact = member(
-        "the state is not in equilibrium in this contact, whose pressures it leaves "
-        "out of balance. Use the contact and the load that it came from"
+        "the state is not an equilibrium of this contact: its pressures are out of balance. Use "
+        "the contact and the load that it came from"
     )
     no_fold = member(
-        "between the two loads neither the critical eigenvalue was seen to vanish, nor a contact "
-        "point to let go in a jump. Look at a path between them, by jaxstab.follow, and narrow the "
-        "bracket"
+        "between the two loads the critical eigenvalue does not vanish and no contact point lets "
+        "go in a jump. Follow a path between them by jaxstab.follow, and narrow the bracket"
     )
     no_jump = member(
-        "the surfaces came apart without a jump, since the machine is stiff enough to hold them on "
-        "all the way. Take the largest tension of a path, by jaxstab.follow, or a softer machine"
+        "the surfaces separate without a jump, since the machine is stiff. Take the largest "
+        "tension of a path by jaxstab.follow, or a softer machine"
     )
     store_full = member(
-        "the store is full before the end. Give it more room (`max_states`, `max_jumps`), follow a "
+        "the store is full before the end. Raise `max_states` or `max_jumps`, follow a "
         "shorter programme, or locate fewer jumps (`smallest_jump`)"
     )
-    interrupted = member("it was interrupted; what was done until then is there")
+    interrupted = member("it was interrupted; the states up to there are kept")
     same_state = member(
-        "both states relax to the same one at this load. Give two that are apart, such as the two "
-        "sides of a jump at a load right before it"
+        "both states relax to the same one at this load. Give two separate states, such as the two "
+        "sides of a jump at a load just before it"
     )
     no_pass = member(
         "no equilibrium with one negative eigenvalue was found near the highest state of the "
@@ -79,7 +77,7 @@ class RESULTS(Enumeration):
         "may be minima between them"
     )
     not_computed = member(
-        "another number had already proved the verdict. Assess without `verdict_only`"
+        "another number already proves the verdict. Assess without `verdict_only`"
     )
     too_many_modes = member(
         "there are fewer admissible directions than modes asked for. Ask for fewer (`count`)"
@@ -90,7 +88,7 @@ class SolverError(RuntimeError):
     """A solver did not reach its tolerance; the message says why and what to try.
 
     Attributes:
-        found: what was found all the same, as with `throw=False`; None of a derivative.
+        found: the result, as with `throw=False`; None for a derivative.
     """
 
     def __init__(self, message: str, found: Any = None):

@@ -18,7 +18,7 @@ from jaxstab.solids import Solid
 
 # What the residual may do to the smallest eigenvalue, over it.
 _MAX_ERROR = 1e-2
-NOT_FOUND = "there is no converged equilibrium (look at its result)"
+NOT_FOUND = "there is no converged equilibrium (look at its `result`)"
 _CHANGING = (
     "a point is about to touch or to let go: its gap, or its reaction, is zero to within the "
     "residual of the equilibrium. Differentiate at a slightly different load, in float64 or with a "

@@ -169,7 +169,7 @@ def single_equilibrium(state: Any) -> Equilibrium:
     equilibrium = getattr(state, "equilibrium", state)
     if not isinstance(equilibrium, Equilibrium):
         raise TypeError(
-            f"{type(state).__name__} is not a state: give what jaxstab.equilibrate returned, or an "
+            f"{type(state).__name__} is not a state: give a result of jaxstab.equilibrate, or an "
             "entry of a sweep."
         )
     require_single(equilibrium)

@@ -92,7 +92,7 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
     if share > _MOST_AT_EDGES:
         warn_once(
             f"at the edges of the window the pressure is {share:.2g} of its largest value: contact "
-            "or attraction goes on beyond. Take a larger window.",
+            "or adhesion reaches the edge of the window. Use a larger one.",
             WindowWarning,
             per_line=True,
         )

@@ -104,8 +104,8 @@ def _axes(contact: Contact, result: Result) -> tuple[tuple[str, ...], Mapping[st
     if not isinstance(result, Result):
         raise TypeError(
             f"{type(result).__name__} is no result of equilibrate, assess_stability, sweep, "
-            "follow, continuation, transition or observe. Of what holds an equilibrium, give "
-            "that: pull.equilibrium."
+            "follow, continuation, transition or observe. If it holds an equilibrium, give that, "
+            "as pull.equilibrium."
         )
     own = _OWN_AXES.get(type(result), {})
     axes: tuple[str, ...] = ()
@@ -158,8 +158,8 @@ def _require_own(contact: Contact, result: Result) -> None:
         state = jax.tree.map(itemgetter(place), states)
         if recognised(contact, state) != RESULTS.successful:
             raise ValueError(
-                "The result is no equilibrium of this contact, whose heights, law or solid are "
-                "others: give the contact that it came from."
+                "The result is no equilibrium of this contact, which has other heights, another "
+                "law or another solid: give the contact that it came from."
             )
 
 

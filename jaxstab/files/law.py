@@ -49,5 +49,5 @@ def require_same_law(contact: Contact, arrays: Mapping[str, np.ndarray], path: P
         raise ValueError(
             f"The law {text(contact.potential)} is not the one of {path}: at a gap of "
             f"{gaps[first]:.6g} it gives {energies[first]:.6g}, in the file "
-            f"{expected[first]:.6g}. Give that of the file as `potential=`."
+            f"{expected[first]:.6g}. Give the law of the file as `potential=`."
         )

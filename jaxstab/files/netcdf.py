@@ -104,7 +104,7 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
     is_double = any(a.dtype.kind in "fiu" and a.dtype.itemsize == 8 for a in arrays.values())
     if is_double and jax.dtypes.canonicalize_dtype(np.float64) != np.float64:
         raise ValueError(
-            f"{path} is in double precision, which JAX would cut to single: before all else, "
+            f"{path} is in double precision, which JAX would round to single: first of all, "
             'call jax.config.update("jax_enable_x64", True).'
         )
     problem = structure["contact"]
@@ -152,7 +152,7 @@ def _opened(path: Path) -> Iterator[Any]:
         with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
             yield dataset
     except (OSError, ValueError, KeyError) as error:
-        message = f"{path} is no NetCDF file that can be read, or not a whole one."
+        message = f"{path} is no NetCDF file that can be read, or it is truncated."
         raise ValueError(message) from error
 
 

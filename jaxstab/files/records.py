@@ -100,7 +100,7 @@ class Recorder:
 
     def _array(self, array: Any, path: tuple[str, ...], axes: tuple[str, ...]) -> Structure:
         if is_traced(array):
-            raise TypeError("What JAX is tracing has no numbers yet: save it outside of jit.")
+            raise TypeError("JAX is tracing the result, without numbers: save it outside of jit.")
         values = np.asarray(array)
         words = [_SINGULAR.get(word, word) for word in path]
         words = ["total", *words] if path in _TOTALS else words

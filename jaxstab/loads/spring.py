@@ -192,9 +192,9 @@ def warn_if_soft(load: Load, solid: Solid) -> None:
         return
     warn_once(
         f"the stiffness of the spring is {stiffness:.3g} [pressure/length], that of the solid's "
-        f"softest wave {softest:.3g}: moved by the size of the contact, it presses with "
-        "next to nothing. If the number is a force per length, write Spring.cantilever(position, "
-        f"{stiffness:.3g}, contact.grid), as for N/m, which divides it by the cell's area of "
+        f"softest wave {softest:.3g}: the machine is so soft that it hardly presses. "
+        "If the number is a force per length, write Spring.cantilever(position, "
+        f"{stiffness:.3g}, contact.grid): that divides it by the cell's area of "
         f"{known(solid.grid.area):.3g}. For a dead load give a MeanPressure.",
         MachineWarning,
         per_line=True,

@@ -38,9 +38,9 @@ def as_module(potential: Potential, dtype: Any) -> Potential:
         law = as_pytree("The potential", potential, argument, cure)
     if averaged and not varying_fields(law):
         raise ValueError(
-            "The potential calls a law that varies over the surface, and so would be its mean "
-            "everywhere: make all of it one of an equinox.Module whose parameters are arrays, and "
-            "give that to jaxstab.potentials.Varying."
+            "The potential calls a law that varies over the surface, which would be its mean "
+            "everywhere: make all of it one equinox.Module whose parameters are arrays, and give "
+            "that to jaxstab.potentials.Varying."
         )
     return law
 

@@ -134,8 +134,8 @@ def require_smooth(profile: Profile) -> None:
     jumps = not profile.curvatures.any() and np.abs(np.diff(profile.slopes)) > steps
     if np.any(jumps):
         raise ValueError(
-            "The potential is piecewise linear: its curvature, on which equilibrium and stability "
-            "rest, is zero at every gap while its slope jumps, from "
+            "The potential is piecewise linear: its curvature is zero at every gap, while its "
+            "slope jumps, from "
             f"{profile.slopes.min():.6g} to {profile.slopes.max():.6g}. Give a smooth fit of it, "
             "such as a spline of third order."
         )
@@ -146,7 +146,7 @@ def require_smooth(profile: Profile) -> None:
     if not profile.has_core and jump > _JUMP * max(abs(above), abs(at_zero)):
         raise ValueError(
             f"The potential's slope is {at_zero:.6g} at zero gap and {above:.6g} right above it, "
-            "so that points in contact would not feel what those beside them do. Gaps are never "
+            "so contact points would feel another attraction than their neighbours. Gaps are never "
             "negative: leave out jnp.maximum(gap, 0), jnp.clip, jax.nn.relu or jnp.where that "
             "change there, whose derivatives at zero are halved or none."
         )

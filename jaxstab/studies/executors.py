@@ -100,7 +100,7 @@ class _Dealer:
                 except BrokenExecutor as error:
                     if pool is executor:
                         raise RuntimeError(
-                            "A process of the executor died, after which it takes no more cases: "
+                            "A process of the executor died, so it takes no more cases: "
                             f"{self._driver.stored}. Run the same call with a new executor to "
                             "continue, or give the number of processes."
                         ) from error
@@ -231,7 +231,7 @@ def _run(holder: Holder, worker: Worker, store: Store, left: deque[Index]) -> It
             place = left.popleft()
             result = store.result(place)
             if result is None and store.begin(place) > _TRIES:
-                error = f"The process that ran it died, {_TRIES} times."
+                error = f"The process of this case died {_TRIES} times."
                 result = store.keep(Found(place, error=error))
                 store.end(place)
             if result is None:
@@ -271,7 +271,7 @@ def _loaded(holder: Holder) -> tuple[bool, Worker, Store]:
 def _require_spawned() -> None:
     if multiprocessing.parent_process() is not None and os.getpid() != _IMPORTED_BY:
         raise ValueError(
-            "The executor forks its processes, which JAX does not survive: give it "
+            "The executor forks its processes, and JAX fails in a forked process: give it "
             'mp_context=multiprocessing.get_context("spawn").'
         )
 

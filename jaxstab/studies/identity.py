@@ -70,7 +70,7 @@ def _text_of(function: FunctionType) -> str:
         lines, _ = inspect.findsource(code)
     except (OSError, TypeError):
         raise ValueError(
-            f"The source of `{name}` is not found, by which a store knows its study again: write "
+            f"The source of `{name}` is not found, and a store identifies its study by it: write "
             "it in a file or in a cell of a notebook."
         ) from None
     if not _is_current(code, "".join(lines)):
@@ -122,7 +122,7 @@ class _Reader:
         if callable(value) and hasattr(value, "__name__"):
             return f"{first_module(value)}.{value.__name__}"
         raise TypeError(
-            f"The case refers to `{name}`, of which a study cannot tell whether it has changed: "
+            f"The case refers to `{name}`, and a study cannot detect changes of it: "
             f"it is {type(value).__module__}.{type(value).__qualname__}. Refer to its numbers, as "
             "NumPy arrays for instance, or make it inside of the function."
         )
@@ -162,7 +162,7 @@ class _Reader:
             elif variable in _BY_TEXT:
                 warn(
                     f"`{name}` calls `{variable}`: of what it refers to by names in text a study "
-                    "cannot tell whether it has changed. Refer to it by name in the code."
+                    "cannot detect changes. Refer to it by name in the code."
                 )
 
     def _class(self, kind: type) -> str:

@@ -67,10 +67,10 @@ def begin(
     if changed and not accept_changes:
         reason = f"was begun with another case: {', '.join(changed)} changed"
         if not began:
-            reason = "was begun by an earlier jaxstab, which knew cases by other digests"
+            reason = "was begun by an earlier jaxstab, with another digest of cases"
         raise ValueError(
-            f"{path} {reason}. Give another path, or the case that it was (the attribute `source` "
-            "of the store shows the function). If both compute the same, accept_changes=True goes "
+            f"{path} {reason}. Give another path, or the earlier case (the attribute `source` "
+            "of the store shows its function). If both compute the same, accept_changes=True goes "
             "on, and records the change."
         )
     if changed:

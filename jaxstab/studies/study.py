@@ -132,11 +132,11 @@ def _run_all(driver: Driver, worker: Worker, executor: Any, progress: bool) -> N
             else:
                 run_on(executor, driver, worker)
         except OSError as error:
-            cure = "Once that is mended, the same call goes on."
+            cure = "Fix this, then run the same call to continue."
             message = f"{error.strerror or error}: {driver.stored}. {cure}"
             raise OSError(error.errno, message) from error
     if was_interrupted() and driver.num_done < driver.num_cases:
-        message = f"The study was interrupted: {driver.stored}. The same call goes on."
+        message = f"The study was interrupted: {driver.stored}. Run the same call to continue."
         warn(message, StudyInterrupted)
 
 
@@ -168,7 +168,7 @@ def _require_arguments(case: Callable[..., Any], axes: list[Axis]) -> None:
     names = arguments_of(axes)
     taken = [name for name in names if name in (*MARKS, LISTED)]
     if taken:
-        raise ValueError(f"An axis cannot be named {taken[0]}, as the study does: rename it.")
+        raise ValueError(f"An axis cannot be named {taken[0]}, a name of the study: rename it.")
     try:
         inspect.signature(case).bind(**dict.fromkeys(names))
     except TypeError as error:

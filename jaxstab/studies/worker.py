@@ -105,7 +105,7 @@ class Worker:
             ) from error
         yield (
             f"A batch raised an error, and its {len(places)} cases are run one by one to find "
-            f"out which failed; so are those of later batches that raise: {reason}"
+            f"out which failed, also in later batches that raise an error: {reason}"
         )
         yield from self._alone(places)
 

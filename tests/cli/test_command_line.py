@@ -235,7 +235,7 @@ def test_a_measured_surface_every_law_and_load_reach_the_problem(scan, tmp_path,
     options += ["--study", "unloading", "--number", "2", "--output", str(tmp_path / "out")]
     main(options)
     said = capsys.readouterr()
-    assert "0.521 % of the points are missing, and filled." in said.err
+    assert "0.521 % of the points were missing and have been filled." in said.err
     assert "scan.txt, 2 x 1.5 µm, 16 x 12 points" in said.out
     contact, sweep = js.load(tmp_path / "out" / "1" / "unloading.nc")
     lines = [f'surface = "{scan}"', "lengths = [2, 1.5]", 'unit = "um"', 'study = "unloading"']
@@ -333,7 +333,7 @@ def test_what_to_cite_is_said(capsys):
         (["--smallest-jump", "1e-3"], "--smallest-jump belongs to --study loop."),
         (["--study", "loop"], "--number belongs to --study unloading."),
         (["--lengths", "2"], "--lengths belongs to --surface."),
-        (["--surface", "scan.txt"], "--size describes a surface made here"),
+        (["--surface", "scan.txt"], "--size describes a generated surface"),
         (["--colour", "red"], "unrecognized arguments: --colour red"),
         (["--siz", "8"], "unrecognized arguments: --siz 8"),
         (["--size"], "--size: expected one argument"),
@@ -354,12 +354,12 @@ def test_options_that_make_no_sense_end_in_one_line(tmp_path, capsys, arguments,
         (["info", "empty.txt"], "empty.txt"),
         (["plot", "none.nc"], "There is no file none.nc."),
         (["plot", "empty.txt"], "empty.txt is no NetCDF file"),
-        (["cite", "gravity"], "There is no gravity in jaxstab."),
+        (["cite", "gravity"], "There is no gravity in jaxstab: give a public name."),
         (["run", "--surface", "empty.txt"], "--youngs-modulus is needed with --surface"),
         (["run", "--surface", "empty.txt", *MATERIAL], "empty.txt"),
         (["run", "--config", "empty.txt", "--output", "empty.txt"], "empty.txt"),
         (["run", "--config", "broken.toml"], "broken.toml is not TOML"),
-        (["run", "--config", "other.toml"], "other.toml names another one: give options only."),
+        (["run", "--config", "other.toml"], "other.toml names another file: give options only."),
         (
             ["--first", "1", "--last", "1", "--size", "16", "--k-high", "4"],
             "that of the one before",

@@ -184,7 +184,10 @@ def test_a_full_disk_of_a_worker_says_what_is_stored_and_the_same_call_goes_on(
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     case, path = case_in(tmp_path, full), tmp_path / "study.zarr"
-    message = r"No space left on device: \d+ of 30 cases are in .*study.zarr.*the same call goes on"
+    message = (
+        r"No space left on device: \d+ of 30 cases are in .*study.zarr.*"
+        "run the same call to continue"
+    )
     with pytest.raises(OSError, match=message):
         js.study(case, AXES, path, executor=pool)
     js.study(case, AXES, path, executor=pool)

@@ -148,7 +148,7 @@ def test_the_command_line_begins_goes_on_and_sums_up(tmp_path, capsys, monkeypat
             130,
             "interrupted, 1 of 2 cases are done",
         ),
-        (None, 2, "study.py is no file of Python"),
+        (None, 2, "study.py is not a Python file"),
     ],
 )
 @pytest.mark.usefixtures("interruptible")

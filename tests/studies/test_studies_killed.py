@@ -191,7 +191,8 @@ def test_a_full_disk_says_what_is_stored_and_the_same_call_goes_on(tmp_path, mon
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", write_if_there_is_room)
         message = (
-            r"No space left on device: 2 of 5 cases are in .*study.zarr.*the same call goes on"
+            r"No space left on device: 2 of 5 cases are in .*study.zarr.*"
+            "run the same call to continue"
         )
         with pytest.raises(OSError, match=message):
             js.study(case, {"seed": range(5)}, path)
