@@ -49,9 +49,10 @@ class Contact(eqx.Module):
         solid: the elastic solid.
         heights: h at the points of the solid's grid [length]; summits touch first. An array, or a
             `jaxstab.surfaces.Topography` on that grid, whose unit the contact then has.
-        potential: adhesive energy per area as a scalar function of the gap, twice differentiable
-            for every gap >= 0, or for every gap > 0 if it rises without bound towards zero: a
-            law of `jaxstab.potentials`, any `equinox.Module`, or a bare function.
+        potential: adhesive energy per area as a scalar function of the gap: a law of
+            `jaxstab.potentials`, any `equinox.Module`, or a bare function. It is twice
+            differentiable for every gap >= 0, or for every gap > 0 if it rises without bound
+            towards zero.
         unit: that of lengths, for heights without one: "m", "µm", "nm", ... Figures and data sets
             show it. In metres pressures are in pascals and energies in joules, and shown so.
 
@@ -60,11 +61,11 @@ class Contact(eqx.Module):
             or in another unit than the lengths. On a window neither tilt nor edges matter.
 
     Raises:
-        ValueError: for heights of another shape than the grid or not finite, for a topography
-            with missing points, on another grid or in another unit, for a unit that is none of
-            length, and for a potential
-            that is not scalar to scalar, or at zero gap not finite with its two derivatives and not
-            rising to it, or not finite at other gaps, or piecewise linear.
+        ValueError: for heights that are not finite or have another shape than the grid. For a
+            topography with missing points, on another grid or in another unit. For a unit that is
+            not one of length. For a potential that is not a scalar of a scalar, or that is
+            piecewise linear. For a potential that, or whose first two derivatives, are not finite
+            at some gap; at zero gap it may rise without bound.
         TypeError: for a solid that is not one, for heights that are masked, complex or of another
             precision than float32 and float64, and for a potential that JAX cannot trace.
     """
@@ -166,7 +167,7 @@ class Contact(eqx.Module):
     def own_pressure(self) -> Scalar:
         """The unit of pressure that suits the problem, a power of two: squares keep the range.
 
-        It is about what the stiffest wave takes to move by the height of the surface.
+        It is about the pressure that moves the stiffest wave by the height of the surface.
         """
         height = jnp.max(jnp.abs(self.heights - self.heights.ravel()[0]))
         height = jnp.where(height > 0, height, jnp.max(self.grid.spacing).astype(height.dtype))
@@ -177,7 +178,7 @@ class Contact(eqx.Module):
     def in_units_of(self, pressure: Scalar, has_core: bool | None = None) -> "Contact":
         """Return the same contact with pressures in another unit; lengths stay.
 
-        What is known of its core goes with it, and need not be compiled for.
+        The known data of its core come with it, without compiling.
         """
         solid = self.solid.scaled(1 / pressure)
         law = potentials.Scaled(self.potential, 1 / pressure, has_core)
@@ -217,13 +218,13 @@ class Contact(eqx.Module):
         return curvature(self.potential, gap)
 
     def control(self, load: Load) -> Control:
-        """Return what a load asks of the gap here."""
+        """Return the condition that a load sets on the gap here."""
         return load.control(self.solid, self.heights)
 
     def hessian(self, gap: Field, control: Control | None = None) -> Hessian:
         """Return the operator A = K + D (Rey & Bleyer, eq. 24) [pressure/length].
 
-        Under a control K includes what the load is stiff; by default that is nothing.
+        Under a control, K includes the stiffness of the load; by default that is zero.
         """
         stiffness = None if control is None else control.stiffness
         return Hessian(self.solid, self.curvature(gap), stiffness)
@@ -240,7 +241,7 @@ class Contact(eqx.Module):
 
 
 def require_contact(contact: Any) -> None:
-    """Raise `TypeError` for what is no contact."""
+    """Raise `TypeError` for anything but a contact."""
     cure = "give that first, as made by jaxstab.Contact(solid, heights, potential)."
     require_kind(contact, Contact, f"no contact: {cure}")
 

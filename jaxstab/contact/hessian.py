@@ -1,4 +1,4 @@
-"""The Hessian of a contact's energy at a gap: an operator, and what eigensolvers ask of it."""
+"""The Hessian of a contact's energy at a gap: an operator, with its bounds for eigensolvers."""
 
 from abc import abstractmethod
 
@@ -15,7 +15,7 @@ Block = Float[Array, "block *grid"]
 
 
 class SymmetricOperator(eqx.Module):
-    """A symmetric operator on fields, with what an eigensolver needs to know of it.
+    """A symmetric operator on fields, with the properties that an eigensolver needs.
 
     Attributes:
         bound: a number not below the norm of A.

@@ -23,15 +23,16 @@ _ROUNDING = {"float64": 5e8, "float32": 2.5e3}
 class Balance(eqx.Module):
     """How far a gap is from equilibrium (Rey & Bleyer, eqs. 9 and 10).
 
-    Equilibrium asks that the net pressure K u + p0 + f'(g) vanish where g > 0 and not be negative
-    where g = 0. The residual is the rms of what is missed over that of K u and, where g > 0, of
-    what of f' the load does not take by itself (under a held mean gap f' less its mean, otherwise
-    f' + p0), or over a hundredth of that of K h where this is larger (in single precision, which
-    cannot resolve less, a tenth). Where a core is stiffer than any wave, f' and what is missed
-    count by as much less. Over a nearly flat surface the scale is not less than what the stiffest
-    wave takes to move by a part of the gap, which rounding hides. Under a held pressure the
-    residual is not less than a hundredth of the mean of what is missed over that of p0 and f'; over
-    a nearly flat surface not less than the whole.
+    In equilibrium the net pressure K u + p0 + f'(g) is zero where g > 0 and not negative where g =
+    0. The imbalance is the part of the net pressure that violates this. The residual is the rms of
+    the imbalance over a scale. The scale is the rms of K u and, where g > 0, of the attraction that
+    the load does not balance by itself: f' less its mean under a held mean gap, otherwise f' + p0.
+    It is at least a hundredth of the rms of K h, in single precision a tenth, since that resolves
+    no less. Where a core is stiffer than any wave, f' and the imbalance are scaled down by the
+    ratio. Over a nearly flat surface the scale is at least the pressure that moves the stiffest
+    wave by the part of the gap that rounding hides. Under a held pressure the residual is at least
+    a hundredth of the mean imbalance over the mean of p0 and f'; over a nearly flat surface it is
+    at least the whole.
 
     Attributes:
         net: K u + p0 + f'(g) [pressure].

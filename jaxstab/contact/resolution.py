@@ -24,8 +24,8 @@ _PINNING = 0.2
 def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
     """Warn, once a problem and a line of the caller's, if contact edges are pinned to the grid.
 
-    That is where `contact.resolution` is below what is needed. Nothing is said inside of `jax.jit`
-    and `jax.vmap`, where values are not known yet.
+    It warns where `contact.resolution` is below the number needed. It does not warn inside of
+    `jax.jit` and `jax.vmap`, where values are not known yet.
     """
     stiffest, sharpest = known(contact.solid.max_stiffness), known(contact.profile.max_curvature)
     if is_traced((stiffest, sharpest)) or stiffest >= needed * sharpest:
@@ -45,7 +45,7 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
 
 
 def _cure(contact: Contact, share: np.floating) -> str:
-    """Return which grid is as much stiffer as this share of what is needed asks for."""
+    """Return a grid that is stiff enough, from the present share of the stiffness needed."""
     solid, refinement = contact.solid, 1
     while solid.max_stiffness * share < contact.solid.max_stiffness:
         refinement *= 2

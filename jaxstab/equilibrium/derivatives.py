@@ -89,7 +89,7 @@ def changing_points(net: Field, gap: Field, solid: Solid) -> Mask:
 
 
 def pressure_noise(net: Field, gap: Field) -> Scalar:
-    """Return the least pressure that can be told from the residual, and from rounding."""
+    """Return the least pressure above the residual and rounding."""
     eps = jnp.finfo(gap.dtype).eps
     squares = 1e2 * missed_pressure(net, gap) ** 2 + (1e3 * eps * net) ** 2
     return jnp.sqrt(total(squares) / gap.size)

@@ -50,24 +50,24 @@ def equilibrate(
     """Return an equilibrium of the contact under a load (Rey & Bleyer, eq. 14).
 
     With strong adhesion there can be several; which one is found depends on where the solver
-    starts. Where surface and start share a symmetry, so does what is found, which can then be a
-    saddle towards states without it: start from a gap that lacks the symmetry to leave it.
+    starts. If surface and start share a symmetry, the result has it too. It can then be a saddle
+    towards states without the symmetry: start from a gap that lacks it to avoid this.
 
     Fields, mean pressure and energy are differentiable functions of the contact and the load, in
-    both modes and to any order; contact area, residual and history count as constants, and where
-    the solver starts does not matter. Where a point is about to touch or to let go, and at a fold,
-    they have no derivative.
+    both modes and to any order. Contact area, residual and history count as constants, and so does
+    the start of the solver. Where a point is about to touch or to let go, and at a fold, they have
+    no derivative.
 
     Arguments:
         contact: the contact problem.
-        load: what is prescribed, a single value.
+        load: the prescribed quantity, with a single value.
         solver: the algorithm, `PreconditionedConjugateGradient()` by default.
         initial: a gap [length], an equilibrium or what holds one to start from, brought under the
             load; by default the undeformed solid, cut where it meets the surface.
-        throw: raise where the solver fails, or a derivative is asked for that does not exist (in
-            forward mode outside of jit, of any field); otherwise look at `result`, and such a
-            derivative is NaN. Under vmap the failure of
-            one lane raises for all, so choose False there.
+        throw: raise an error if the solver fails, or if a derivative is requested that does not
+            exist (in forward mode outside of jit, of any field). With False look at `result`
+            instead; such a derivative is then NaN. Under vmap the failure of one lane raises for
+            all, so choose False there.
 
     Returns:
         The equilibrium, in the precision of the contact's heights; NaN throughout for a load or a
@@ -234,14 +234,14 @@ def _lift_off_core(contact: Contact, control: Control, gap: Field) -> Field:
 
 
 def initial_gap(contact: Contact, load: Load, initial: ArrayLike | State | None) -> Field | None:
-    """Return what was given as `initial` as a gap on the contact's grid, checked.
+    """Return `initial` as a gap on the contact's grid, checked.
 
     Here each solver has contact and load together first: it warns of a load far too soft.
 
     Raises:
-        ValueError: if its shape is not the grid's, or it is not finite, or nowhere positive where
-            the load holds the mean gap; for a stack of states, or one that has another number of
-            sides.
+        ValueError: if its shape is not the grid's, or it is not finite. If it is nowhere positive
+            while the load holds the mean gap. For a stack of states, or a state with another number
+            of sides.
         TypeError: for an array that is complex or masked, or a result that is not a state.
     """
     warn_if_soft(load, contact.solid)

@@ -1,4 +1,4 @@
-"""An equilibrium, its fields, and what can be taken for one."""
+"""An equilibrium, its fields, and the reading of results as equilibria."""
 
 from typing import Annotated, Any, Protocol
 
@@ -49,8 +49,8 @@ class Equilibrium(Stackable, Dimensioned):
         residual: the relative optimality residual.
         num_steps: steps that the solver took.
         result: a member of `RESULTS`: how the solver ended.
-        history: the indicator "residual" as the solver went, and where the solver measures it
-            "energy", u.Ku / 2 + sum f(g) (Rey & Bleyer, eq. 15) and the work of the load, which is
+        history: the indicator "residual" at the solver's steps and, if the solver measures it,
+            "energy". That is u.Ku / 2 + sum f(g) (Rey & Bleyer, eq. 15) and the work of the load:
             the energy of the surface over the area of one cell [energy/area].
     """
 

@@ -60,7 +60,7 @@ def whole_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Eq
 def whole_start(contact: Contact, load: Load, gap: Start) -> tuple[Contact, Start]:
     """Return a contact on the grid that it is solved on, and a gap there to start from.
 
-    Outside of the window its displacement is what leaves no pressure there.
+    Outside of the window its displacement leaves no pressure.
 
     Arguments:
         contact: the contact.

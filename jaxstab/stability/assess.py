@@ -67,18 +67,18 @@ def assess_stability(
 ) -> Stability:
     """Return the stability of an equilibrium against admissible perturbations (Rey & Bleyer, 22).
 
-    On a linear space the eigenvalue is the smallest; the critical cone is one where all contact
-    presses. On the cone it is the smallest that several starts lead to, or proved to be the
-    smallest where the mode of the lower bound is admissible. From 512 x 512 points on it is the
-    one that the mode on every other point leads to, where its eigenvalue is within 1 % of that.
-    Where all but a few points touch, starts can miss the smallest, and call "stable" what is held
-    by contact.
+    On a linear space the eigenvalue is the smallest. The critical cone is such a space where all
+    contact presses. On the cone it is the smallest found from several starts. It is proved to be
+    the smallest if the mode of the lower bound is admissible. From 512 x 512 points on, the search
+    starts from the mode on every other point, and keeps its eigenvalue if that is within 1 % of the
+    coarser one. If all but a few points touch, the starts can miss the smallest; then a state may
+    be called "stable" that is only held by contact.
 
     Eigenvalues, modes, barrier and complementarity are differentiable functions of the contact and
-    the equilibrium: d lambda = x.(dA) x, A depending on the gap too. No derivative
-    has a multiple eigenvalue, a least reaction that several points share, and the barrier of a
-    state that is not held. Of several modes on different faces of the cone that are equally low,
-    the derivative is that of the one found.
+    the equilibrium: d lambda = x.(dA) x, A depending on the gap too. There is no derivative of a
+    multiple eigenvalue, of a least reaction that several points share, or of the barrier of a state
+    that is not held. If several modes on different faces of the cone are equally low, the
+    derivative is that of the mode found.
 
     Arguments:
         contact: the contact problem.
@@ -89,10 +89,10 @@ def assess_stability(
         verdict_only: stop when a number proves the verdict; those not computed are NaN, with the
             result "not_computed".
         progress: show a progress bar.
-        throw: raise where a solver fails, or a derivative is asked for that does not exist (in
-            forward mode outside of jit, of any of the numbers); otherwise look at `result`,
-            and such a derivative is NaN. Under vmap the failure of one lane raises for all, so
-            choose False there.
+        throw: raise an error if a solver fails, or if a derivative is requested that does not exist
+            (in forward mode outside of jit, of any of the numbers). With False look at `result`
+            instead; such a derivative is then NaN. Under vmap the failure of one lane raises for
+            all, so choose False there.
 
     Returns:
         Three eigenvalues with their modes, and the verdict that they prove.
@@ -183,7 +183,7 @@ def assessment(
 
 
 class _State(eqx.Module):
-    """What is known of a state before its stability is.
+    """The data of a state that its stability is computed from.
 
     Attributes:
         result: whether it is an equilibrium of this contact.
@@ -228,7 +228,7 @@ def _random_starts(grid: Grid, key: PRNGKeyArray, like: Field) -> Block:
 
 @partial(program, runs_once=True)
 def _problem(contact: Contact, equilibrium: Equilibrium) -> tuple[dict[str, Any], _State]:
-    """Return what a search at an equilibrium is of, and what is known of that."""
+    """Return the search at an equilibrium, and the data of that state."""
     unit = contact.own_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     gap, in_contact = equilibrium.gap, equilibrium.in_contact
@@ -263,7 +263,7 @@ def _problem(contact: Contact, equilibrium: Equilibrium) -> tuple[dict[str, Any]
 
 @partial(program, runs_once=True)
 def _stability(equilibrium: Equilibrium, state: _State, found: Found) -> Stability:
-    """Return the verdict on what a search has found."""
+    """Return the verdict on the eigenpairs of a search."""
     equilibrium = equilibrium.in_units_of(state.unit)
     found = found.ordered()
     softest = jnp.abs(found.hull.eigenvalue)

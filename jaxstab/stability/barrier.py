@@ -33,7 +33,7 @@ _TIE = (
 
 
 class Barrier(Stackable, Dimensioned):
-    """What holds a state that its cone's mode would leave: E(t) = t mu.x + t^2 lambda / 2.
+    """The barrier along the cone's mode, of the energy E(t) = t mu.x + t^2 lambda / 2.
 
     Attributes:
         height: (mu.x)^2 / (2 |lambda|) over the surface, where E is largest [energy].

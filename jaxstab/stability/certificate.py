@@ -1,11 +1,11 @@
 """A proof that the smallest eigenvalue on a cone is positive where that on its hull is not.
 
-For perturbations x that are not negative on the contact C, and any matrix N on C whose entries are
-not negative, x.Ax >= x.(A - N)x: the smallest eigenvalue of A - N on the linear space around the
-cone is a bound from below. With kappa the kernel in space of an operator that is not negative,
-N = kappa(0) - kappa(r) is such a matrix. The operator is what K lacks of a stiffness: A - N is
-stiffer than A in the soft waves of C, at the price of kappa(0) times the square of the sum on C,
-which for zero mean is that on the free points.
+Let the perturbations x be >= 0 on the contact C, and N a matrix on C whose entries are >= 0. Then
+x.Ax >= x.(A - N)x, and the smallest eigenvalue of A - N on the linear space around the cone is a
+lower bound. With kappa the kernel in space of an operator that is not negative,
+N = kappa(0) - kappa(r) is such a matrix. The operator is the difference between a stiffness and K,
+where K is softer. So A - N is stiffer than A in the soft waves of C, at the price of kappa(0) times
+the square of the sum on C. For zero mean that is the sum on the free points.
 """
 
 from dataclasses import replace
@@ -53,7 +53,7 @@ class Bounds(Rounds):
     Attributes:
         solver: for the linear space around the cone.
         hessian, cone, eigenvalue, starts: as in `certified_bound`.
-        best, cost: what is known, and what it took.
+        best, cost: the best bound so far, and its cost.
         number: that of the share.
     """
 
@@ -76,7 +76,7 @@ class Bounds(Rounds):
 
     @property
     def found(self) -> tuple[Scalar, Int[Array, ""]]:
-        """The best bound, and what all took."""
+        """The best bound, and the cost of all."""
         return self.best, self.cost
 
     def begun(self) -> "Bounds":
@@ -113,7 +113,7 @@ def certified_bound(
         starts: vectors to start from.
 
     Returns:
-        The number, -inf if none is known, and what it cost: in applications of A, each a pair of
+        The number, -inf if none is known, and its cost in applications of A, each a pair of
         transforms.
     """
     none, nothing = jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)

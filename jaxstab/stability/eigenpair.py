@@ -1,4 +1,4 @@
-"""A smallest eigenvalue on a cone: what a solver finds of it, and how it is measured."""
+"""A smallest eigenvalue on a cone: the solver's result, and its residual."""
 
 from dataclasses import replace
 from typing import Annotated
@@ -25,7 +25,7 @@ _ROUNDING = 32
 
 
 class Minimum(eqx.Module):
-    """What a solver found: a vector near a minimiser of the Rayleigh quotient, and at what cost.
+    """The result of a solver: a vector near a minimiser of the Rayleigh quotient, and its cost.
 
     Attributes:
         vector: the vector, which need not be admissible to the last digit; of a solver on a
@@ -56,7 +56,8 @@ class Eigenpair(Stackable, Dimensioned):
             the face of the cone that x lies on [pressure/length].
         proved: whether it is proved to be the smallest, to within its error: on a linear space,
             and on a cone that holds the lowest mode of the space around it.
-        bound: what the smallest is proved not to be below [pressure/length]; -inf if nothing is.
+        bound: a proved lower bound of the smallest eigenvalue [pressure/length]; -inf if none is
+            proved.
         num_steps: steps that the solver took, from all its starts.
         num_applications: applications of A and of the preconditioner, at a pair of Fourier
             transforms each.
@@ -86,11 +87,11 @@ class Eigenpair(Stackable, Dimensioned):
     def with_proof(
         self, is_proved: Bool[ArrayLike, ""], bound: Float[ArrayLike, ""] = -jnp.inf
     ) -> "Eigenpair":
-        """Return the pair with what is proved of it.
+        """Return the pair with its proved bound.
 
         Arguments:
             is_proved: whether it is the smallest, if the solver found it.
-            bound: what it is not below, known otherwise.
+            bound: a lower bound, from elsewhere.
         """
         proved = (self.result == RESULTS.successful) & is_proved
         least = jnp.where(self.eigenvalue == jnp.inf, jnp.inf, self.eigenvalue - self.error)
@@ -168,7 +169,7 @@ def descended(
 
 
 def projected_residual(operator: SymmetricOperator, mode: Field, moved: Field) -> Scalar:
-    """Return |x - P(x - (A x - lambda x) / b)| b / s from x and what it is moved to."""
+    """Return |x - P(x - (A x - lambda x) / b)| b / s from x and the vector that it is moved to."""
     return jnp.sqrt(total((mode - moved) ** 2)) * (operator.bound / operator.scale)
 
 

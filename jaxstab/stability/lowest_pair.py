@@ -49,9 +49,9 @@ def cone_starts(
 ) -> tuple[Block, Bool[Array, " starts"], Flag]:
     """Return vectors to start from on a cone, which are needed, and whether one is the answer.
 
-    They are the two lowest modes of its hull with both signs, and noise, on few points also each
-    contact point that lifts; or the lowest mode alone,
-    where that is found and in the cone, and so the answer. With what was found before, all compete.
+    They are the two lowest modes of its hull with both signs, and noise. On few points each contact
+    point that lifts is one too. If the lowest mode converged and lies in the cone, it is the answer
+    and the only start. All compete with earlier results.
     """
     modes = hull.modes
     starts = jnp.concatenate([modes[:2], -modes[:2], random])
@@ -88,7 +88,7 @@ def on_cone(
 
 
 def again(lowest: Lowest) -> Lowest:
-    """Return what is known already, at no cost."""
+    """Return a known pair, at no cost."""
     # Put, since JAX would compile a zero.
     none = jax.device_put(np.zeros((), int))
     return replace(lowest, pair=replace(lowest.pair, num_steps=none, num_applications=none))

@@ -1,8 +1,8 @@
 """The three smallest eigenvalues of an equilibrium: on all perturbations and on both cones.
 
-Each cone is searched from the lowest modes of the linear space around it, its hull. What is known
-already is not searched for: without contact all three are one, and where all contact presses the
-critical cone is a linear space.
+Each cone is searched from the lowest modes of the linear space around it, its hull. Known results
+are not searched for again. Without contact all three eigenvalues are one; where all contact
+presses, the critical cone is a linear space.
 """
 
 from dataclasses import replace
@@ -111,7 +111,7 @@ class Search(eqx.Module):
         is_proved: Bool[Array | np.ndarray, ""],
         is_decided: Bool[Array | np.ndarray, ""],
     ) -> "Found":
-        """Return what was found, with errors that cover the points in doubt."""
+        """Return the results, with errors that cover the points in doubt."""
         critical = if_needed(
             _flag(self.is_doubtful), lambda: _critical_in_doubt(self, critical, hull), critical
         )
@@ -120,7 +120,7 @@ class Search(eqx.Module):
 
 
 class Found(eqx.Module):
-    """What a search found.
+    """The results of a search.
 
     Attributes:
         lower_bound: the smallest eigenpair of all perturbations.
@@ -184,7 +184,7 @@ def _from_all_starts(
     random: Block,
     before: Lowest | None = None,
 ) -> Procedure[Lowest]:
-    """Return the procedure that searches a cone, also from what was found before, if anything."""
+    """Return the procedure that searches a cone, also from earlier vectors if there are any."""
     starts, is_needed, is_answer = cone_starts(solver, cone, hull, random, before)
     problem = Eigenproblem(hessian.restricted(cone.is_moving), cone)
     found = yield from solver.search(problem, starts, is_needed)
@@ -218,7 +218,7 @@ def _certified(
 
 @partial(program, runs_once=True)
 def _critical_in_doubt(search: Search, critical: Lowest, hull: Lowest) -> Lowest:
-    """Return a pair of the critical cone whose error covers what the points in doubt may do.
+    """Return a pair of the critical cone whose error covers the points in doubt.
 
     It lies between the eigenvalue where they all move freely and the quotient of its mode where
     they all stay.
@@ -233,7 +233,7 @@ def _critical_in_doubt(search: Search, critical: Lowest, hull: Lowest) -> Lowest
 
 @partial(program, runs_once=True)
 def _cone_in_doubt(search: Search, cone: Lowest) -> Lowest:
-    """Return a pair of V0+ whose error covers what the points in doubt may do.
+    """Return a pair of V0+ whose error covers the points in doubt.
 
     Those that nearly touch may be one-sided too, which raises the quotient of the mode; and
     those that hardly press may be free, where the mode leaves a residual.

@@ -1,4 +1,4 @@
-"""What is known of a state's stability: three eigenvalues, and the verdict on them."""
+"""The stability of a state: three eigenvalues, and their verdict."""
 
 from typing import Annotated
 

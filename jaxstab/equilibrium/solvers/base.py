@@ -1,4 +1,4 @@
-"""What a solver for equilibria is to all the rest."""
+"""The interface of equilibrium solvers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class Problem:
 
     Attributes:
         contact: the contact, in units of its own.
-        control: what the load asks of the gap.
+        control: the condition that the load sets on the gap.
         balance: maps a gap to how far it is from equilibrium.
     """
 
@@ -37,7 +37,7 @@ class Problem:
 
     @classmethod
     def of(cls, contact: Contact, control: Control) -> "Problem":
-        """Return the problem of a contact under what a load asks."""
+        """Return the problem of a contact under the condition of a load."""
         return cls(contact, control, contact.balance(control))
 
     @classmethod
@@ -53,7 +53,7 @@ class Problem:
 
 
 class EquilibriumSolver(IterativeSolver):
-    """An algorithm for equilibria: a subclass says what a `step` is, from a state to the next.
+    """An algorithm for equilibria: a subclass defines a `step` from a state to the next.
 
     Its states have a `gap` that meets the load and is nowhere negative, and its `balance`, whose
     residual is to fall to the tolerance. It may be given as `solver` wherever an equilibrium is
@@ -73,7 +73,7 @@ class EquilibriumSolver(IterativeSolver):
 
         Arguments:
             contact: the contact problem, in units of its own.
-            control: what the load asks of the gap.
+            control: the condition that the load sets on the gap.
             gap: where to start.
         """
         return self.run(Problem.of(contact, control), gap)

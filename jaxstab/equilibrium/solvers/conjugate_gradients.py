@@ -49,10 +49,10 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
     """Projected conjugate gradients on the gap, preconditioned in Fourier space.
 
     A step moves the points out of contact, and those in contact that are pulled off it. Its
-    direction is that of Polak and Ribiere, never less than zero, with the preconditioner
-    1 / (K + c) masked to those points; its length minimises the energy along the direction to
-    second order, and is cut until the energy falls once the gap is cut at zero and brought back
-    under the load. Where the curvature is negative, lengths grow for as long as they succeed.
+    direction is that of Polak and Ribiere, never less than zero, with the preconditioner 1 / (K +
+    c) masked to those points. Its length minimises the energy along the direction to second order.
+    It is cut until the energy falls, with the gap cut at zero and brought back under the load.
+    Where the curvature is negative, lengths grow for as long as they succeed.
 
     Arguments:
         tolerance: relative optimality residual to reach; by default 1e-9 in float64 and 1e-4 in
@@ -143,7 +143,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
 
 @dataclass(frozen=True)
 class _Prepared(Problem):
-    """A problem with what is the same at every step.
+    """A problem with the data that all steps share.
 
     Attributes:
         solid: held as the load holds it.
@@ -162,7 +162,7 @@ class _Prepared(Problem):
 
 
 def _line_search(problem: _Prepared, state: _State, direction: Field, length: Array) -> _Trial:
-    """Return what a step leads to, cut until the energy falls."""
+    """Return the state after a step that is cut until the energy falls."""
     control, energy = problem.control, problem.energy(state.gap, state.balance)
     # The work of a load that is nearly nothing, as at a spring that has relaxed, is no more certain
     # than the mean gap.

@@ -30,12 +30,12 @@ class _Trial(eqx.Module):
 
 
 class SaddleNewton(EquilibriumSolver):
-    """Newton's method on the balance of pressures, which does not ask whether energy falls.
+    """Newton's method on the balance of pressures, whether the energy falls or not.
 
     It finds the equilibrium near its start, be it a minimum or a saddle: the far side of a fold,
-    for one. A step moves the points out of contact, and those in contact that are pulled off it,
-    by the solution of (K + D) d = -(K u + p0 + f') among them (GMRES with the preconditioner
-    1 / (K + c)). It is cut at zero gap, and halved while it raises the residual.
+    for one. A step moves the points out of contact, and those in contact that are pulled off it. It
+    solves (K + D) d = -(K u + p0 + f') among them by GMRES with the preconditioner 1 / (K + c). It
+    is cut at zero gap, and halved while it raises the residual.
 
     Arguments:
         tolerance: relative optimality residual to reach; by default 1e-9 in float64 and 1e-4 in

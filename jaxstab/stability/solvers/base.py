@@ -1,4 +1,4 @@
-"""What solvers for smallest eigenvalues are to all the rest."""
+"""The interface of solvers for smallest eigenvalues."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ class Eigenproblem(eqx.Module):
 
 
 class ModesProblem(Eigenproblem):
-    """An operator, a linear space, and what to begin with.
+    """An operator, a linear space, and the vectors to start from.
 
     Attributes:
         starts: a vector for every mode of the block.
@@ -45,7 +45,7 @@ class Eigensolver(IterativeSolver):
     """An algorithm for smallest eigenvalues, on a set of any kind."""
 
     def minimum(self, problem: Any, found: Iteration[Any]) -> Minimum:
-        """Return what was found, and at what cost: one application for each step."""
+        """Return the result and its cost: one application for each step."""
         return Minimum(found.state, found.num_steps, found.num_steps, found.result, found.history)
 
     def search(

@@ -62,18 +62,18 @@ class _Trial(eqx.Module):
 class ProjectedLOBPCG(ConeSolver):
     """Locally optimal conjugate gradients on the faces of a cone, from several starts.
 
-    A step goes to the lowest Ritz vector of x, its last move, and its residual, preconditioned on
-    the face where x and the nearest vector of the cone to y = x - (A x - lambda x) / b lie, b the
-    bound on |A|. It is projected back onto the cone, and taken if that lowers the Rayleigh
-    quotient, or part of the way. Where it does not, the next step begins at y on the cone, which
-    never raises the quotient. Starts compete in rounds: one that is nearly the same as a lower
-    one, or above the lowest by more than its residual, is taken to be beaten; after two rounds
-    three may go on. The best is a local minimiser.
+    A step goes to the lowest Ritz vector of x, its last move, and its residual. The residual is
+    preconditioned on the face of x and of the vector of the cone nearest to y = x - (A x - lambda
+    x) / b, with b the bound on |A|. It is projected back onto the cone, and taken if that lowers
+    the Rayleigh quotient, or part of the way. Where it does not, the next step begins at y on the
+    cone, which never raises the quotient. Starts compete in rounds: one that is nearly the same as
+    a lower one, or above the lowest by more than its residual, is taken to be beaten; after two
+    rounds three may go on. The best is a local minimiser.
 
     Arguments:
         tolerance: the projected residual |x - P(x - (A x - lambda x) / b)| b / s of a unit vector
-            to reach, P the projection onto the cone, b the bound on |A| and s its size on the
-            lower modes; by default 1e-7 in float64 and 1e-5 in float32.
+            to reach. P is the projection onto the cone, b the bound on |A| and s its size on the
+            lower modes. By default 1e-7 in float64 and 1e-5 in float32.
         max_steps: the step limit of each start, 5000 by default.
     """
 

@@ -62,8 +62,8 @@ class _Span(eqx.Module):
     ) -> "_Span":
         """Return the space with another vector, made orthogonal to the rest if it may be noise.
 
-        That reads them all twice. Of a residual that is more enough is new, and the inner products
-        tell how much.
+        That reads them all twice. A larger residual holds enough that is new; inner products
+        measure it.
         """
         vector = jax.lax.cond(is_noise, lambda: self._apart_from(vector), lambda: vector)
         vector = space.project(vector)
@@ -99,8 +99,8 @@ _Widening = tuple[_Span, Array, Array, Array]
 class _State(eqx.Module):
     """A space, its lowest Ritz pairs, and whether it has no vectors yet.
 
-    The first step takes the starts: what adds vectors is traced once, since it is most of what
-    there is to compile.
+    The first step takes the starts: so the code that adds vectors, most of the program, is traced
+    once.
     """
 
     span: _Span
@@ -113,9 +113,9 @@ class Davidson(SpaceSolver):
     """Davidson's method with a locally optimal restart, on a linear space.
 
     Arguments:
-        tolerance: the residual |P(A x - lambda x)| / s of a unit vector to reach, P the projection
-            onto the space and s the size of A on its lower modes; by default 1e-7 in float64 and
-            1e-5 in float32.
+        tolerance: the residual |P(A x - lambda x)| / s of a unit vector to reach. P is the
+            projection onto the space and s the size of A on its lower modes. By default 1e-7 in
+            float64 and 1e-5 in float32.
         max_steps: the step limit, 5000 by default; the first takes the starts, each other one three
             residuals.
     """
@@ -174,7 +174,7 @@ class Davidson(SpaceSolver):
         return {"residual": jnp.max(state.residuals)}
 
     def minimum(self, problem: ModesProblem, found: Iteration[_State]) -> Minimum:
-        """Return the block of modes, and what it cost."""
+        """Return the block of modes and its cost."""
         size, history = len(problem.starts), found.history
         num_residuals = _NUM_RESIDUALS * jnp.maximum(found.num_steps - 1, 0)
         return Minimum(

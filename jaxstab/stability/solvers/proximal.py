@@ -3,11 +3,10 @@
 It departs from the text in six places. The eigenvalue is the Rayleigh quotient, not z, which
 multiplies the constraint of zero mean. The start is a random admissible vector, since e has no
 component in the admissible space. The loop ends on the projected residual, since neither epsilon
-nor eta measures optimality. As the problem is not convex, the answer is a local minimiser. And
-because the iteration can cycle where few points are free, y and z come from one projection onto
-both constraints together, z by one Newton step of it, where (36) and (37) project onto each
-apart; and beta grows from the bound on |A| to twice that in full contact. Without contact both
-are as in the text.
+nor eta measures optimality. As the problem is not convex, the answer is a local minimiser. The
+iteration can cycle where few points are free. So y and z come from one projection onto both
+constraints together, z by one Newton step of it; (36) and (37) project onto each apart. And beta
+grows from the bound on |A| to twice that in full contact. Without contact both are as in the text.
 """
 
 from collections.abc import Mapping
@@ -38,8 +37,8 @@ class ProximalIteration(ConeSolver):
 
     Arguments:
         tolerance: the projected residual |x - P(x - (A x - lambda x) / b)| b / s of a unit vector
-            to reach, P the projection onto the cone, b the bound on |A| and s its size on the
-            lower modes; by default 1e-7 in float64 and 1e-5 in float32.
+            to reach. P is the projection onto the cone, b the bound on |A| and s its size on the
+            lower modes. By default 1e-7 in float64 and 1e-5 in float32.
         max_steps: the step limit, 200 000 by default.
     """
 
