@@ -126,7 +126,7 @@ def calibrate(
             the change over that which would change the curve by its own size.
         max_steps: the step limit.
         progress: show a progress bar.
-        throw: raise where the fit does not converge; otherwise look at `result`.
+        throw: raise an error if the fit does not converge; otherwise look at `result`.
 
     Returns:
         The fit. Standard errors are those of least squares: the misfit's variance times the

@@ -46,7 +46,7 @@ class Measured(eqx.Module):
 
 
 class Scale(eqx.Module):
-    """The map to parameters from what is optimised, zero at the start: logarithms, or multiples."""
+    """The map from fit variables to parameters, zero at the start: logarithms, or multiples."""
 
     start: Values
     unit: Values
@@ -64,7 +64,7 @@ class Scale(eqx.Module):
         return jnp.where(is_positive, grown, self.start + self.unit * free)
 
     def slopes(self, free: Values) -> Values:
-        """Return how the parameters change with what is optimised."""
+        """Return the derivatives of the parameters by the variables of the fit."""
         return jnp.where(self.start > 0, self.to_values(free), self.unit)
 
 
@@ -91,7 +91,7 @@ class FitState(eqx.Module):
         return self.misfit @ self.jacobian
 
     def covariance(self, measured: Measured) -> Float[Array, "parameters parameters"]:
-        """Return that of what is optimised, |r|^2 / (n - p) (J^T J)^-1, n the loads of weight."""
+        """Return that of the variables, |r|^2 / (n - p) (J^T J)^-1, n the loads of weight."""
         _, sizes, axes = jnp.linalg.svd(self.jacobian, full_matrices=False)
         smallest = jnp.finfo(sizes.dtype).eps * jnp.max(sizes)
         scaled = axes / jnp.maximum(sizes, smallest)[:, None]

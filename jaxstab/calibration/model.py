@@ -34,7 +34,7 @@ class Pick:
 
     @classmethod
     def of(cls, where: Where, contact: Contact) -> "Pick":
-        """Return what a function picks from a contact."""
+        """Return the parameters that a function picks from a contact."""
         leaves, structure = jax.tree.flatten(contact)
         opaque = [object() for _ in leaves]
         try:

@@ -58,8 +58,8 @@ def to_dataset(
 
     Arguments:
         contact: the contact problem.
-        result: what `equilibrate`, `assess_stability`, `sweep`, `follow`, `continuation`,
-            `transition` or `observe` returned for it.
+        result: a result of `equilibrate`, `assess_stability`, `sweep`, `follow`, `continuation`,
+            `transition` or `observe` for it.
         solver: the algorithm, where it was not the default, to be named in the attributes.
         fields: whether to keep the fields and histories, without which `jaxstab.load` cannot give
             the result back.

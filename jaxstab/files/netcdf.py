@@ -87,12 +87,12 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
 
     Returns:
         The contact, and the equilibrium, stability, sweep, path, branch or transition. Without
-        its law the contact serves for figures; a solver that asks for the law says what is missing.
+        its law the contact serves for figures; a solver that needs the law raises an error.
 
     Raises:
-        ValueError: for a file of another kind, of a later version or without fields, or one in
-            double precision where JAX is set to single; for a law that has other values than that
-            of the file, and for a class of another version than it, or not imported.
+        ValueError: for a file of another kind, of a later version or without fields. For a file in
+            double precision while JAX is set to single. For a law with other values than that of
+            the file. For a class that is not imported, or of another version than the file.
         FileNotFoundError: if there is no such file.
         ImportError: without xarray, h5netcdf and h5py.
     """
@@ -118,7 +118,7 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
 
 
 def attributes_of(path: str | Path) -> dict[str, Any] | None:
-    """Return what a file that `save` wrote says of itself; of any other file nothing."""
+    """Return the attributes of a file that `save` wrote, None for any other file."""
     path = Path(path)
     if not path.is_file():
         return None
@@ -142,7 +142,7 @@ def _encoding(dataset: Any) -> dict[str, Any]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """Open a NetCDF file; `ValueError` if it, or what is read of it, is damaged."""
+    """Open a NetCDF file; `ValueError` if it is damaged where it is read."""
     require_packages("NetCDF files", "data", *NETCDF)
     import xarray
 

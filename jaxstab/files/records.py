@@ -1,8 +1,8 @@
 """Pytrees as named arrays and a structure in JSON, and back.
 
-Classes of jaxstab are kept by their public name, others by their import path, so that one's own
-laws, solids and loads come back too, in a program that has imported their module: a file imports
-nothing. Bare functions have no path: of these only the name is kept.
+Classes of jaxstab are kept by their public name, others by their import path. So one's own laws,
+solids and loads come back too, in a program that has imported their module; a file imports nothing.
+Bare functions have no path: of these only the name is kept.
 """
 
 import sys
@@ -238,7 +238,7 @@ def functions_of(structure: Structure) -> list[str]:
 
 
 def indicators(structure: Structure) -> dict[str, list[str]]:
-    """Return what the columns of each history hold, by the name of its array."""
+    """Return the quantities in the columns of each history, by the name of its array."""
     histories = [
         part["fields"]
         for part in _parts(structure)

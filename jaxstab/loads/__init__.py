@@ -1,4 +1,4 @@
-"""Loads: what they all are, and one file per kind.
+"""Loads: their interface, and one file per kind.
 
 A load acts on the mean of the gap: it holds it, or presses with a mean pressure p0 that may depend
 on it.

@@ -42,7 +42,7 @@ class GapControl(Control):
         return self.restore(jnp.maximum(gap, 0))
 
     def missed(self, gap: Field) -> Scalar:
-        """Return how far the mean gap is off, over what it should be."""
+        """Return the error of the mean gap, over its prescribed value."""
         unit = jnp.where(self.mean_gap == 0, 1, self.mean_gap)
         return jnp.abs((mean(gap) - self.mean_gap) / unit)
 

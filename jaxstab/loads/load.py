@@ -1,4 +1,4 @@
-"""What a load is to all the rest, and what it asks of the gap: a `Control`, which solvers see."""
+"""The interface of loads, and the condition on the gap that solvers see: a `Control`."""
 
 from abc import abstractmethod
 from typing import ClassVar
@@ -19,7 +19,7 @@ from jaxstab.solids import Solid
 
 
 class Control(eqx.Module):
-    """What a load asks of the gap of one surface.
+    """The condition that a load sets on the gap of one surface.
 
     Attributes:
         fixes_mean: whether perturbations under the load have zero mean.
@@ -56,7 +56,7 @@ class Control(eqx.Module):
 
     @abstractmethod
     def missed(self, gap: Field) -> Scalar:
-        """Return by what part of itself a gap misses the load."""
+        """Return the relative error of a gap under the load."""
 
     @abstractmethod
     def energy(self, mean_gap: Array) -> Array:
@@ -96,11 +96,11 @@ class Control(eqx.Module):
 
 
 class Load(Stackable, Dimensioned):
-    """What holds the surfaces together: one value, or an array of values for a sweep.
+    """A load on the surfaces: one value, or an array of values for a sweep.
 
     Attributes:
-        quantity: what the value is, as figures call it; by default the name of the class.
-        unit: what it is measured in, "length" or "pressure".
+        quantity: the name of the value in figures; by default the name of the class.
+        unit: its dimension, "length" or "pressure".
     """
 
     quantity: ClassVar[str] = ""
@@ -112,7 +112,7 @@ class Load(Stackable, Dimensioned):
 
     @abstractmethod
     def control(self, solid: Solid, heights: Field) -> Control:
-        """Return what the load asks of the gap between this solid and this surface."""
+        """Return the condition of the load on the gap between this solid and this surface."""
 
     def at(self, value: Array) -> "Load":
         """Return the same load at another value."""

@@ -45,7 +45,7 @@ class PressingControl(Control):
         return jnp.where(gap > 0, attraction + self.pressure(gap), 0)
 
     def mean_imbalance(self, missed: Field, attraction: Field, gap: Field) -> Scalar:
-        """Return what is missed over p0 and the attraction, in the mean."""
+        """Return the mean imbalance over p0 and the attraction."""
         # A relaxed spring is balanced to a part of its length.
         stiffness = 0 if self.stiffness is None else self.stiffness
         balancing = jnp.abs(self.pressure(gap)) + mean(jnp.abs(attraction))

@@ -103,9 +103,9 @@ class Spring(Load):
     position) with 1 / k_e = 1 / k + 1 / k_s.
 
     Its limits are `MeanDisplacement` at a large stiffness, `FarDisplacement` where the solid has a
-    far side, and `MeanPressure` at a small one and a position of -p0 / k. Of one more than a
-    million times stiffer than the waves, say that limit: the search of the cone stagnates, and says
-    so.
+    far side, and `MeanPressure` at a small one and a position of -p0 / k. For a spring more than a
+    million times stiffer than the waves use that limit: with the spring the search of the cone
+    stagnates.
 
     This k is per area of the cell: `Spring.cantilever` takes one in force per length, as N/m.
 
@@ -134,7 +134,7 @@ class Spring(Load):
     def cantilever(cls, position: ArrayLike, constant: ArrayLike, grid: Grid) -> "Spring":
         """Return the spring of a cantilever, whose constant is a force per length: k = c / area.
 
-        One of 1 N/m over a cell of 1 µm by 1 µm is stiff by 1e12 Pa/m.
+        One of 1 N/m over a cell of 1 µm by 1 µm has a stiffness of 1e12 Pa/m.
 
         Arguments:
             position: where its far end is held [length].
@@ -155,7 +155,7 @@ class Spring(Load):
         return self.value
 
     def control(self, solid: Solid, heights: Field) -> SpringControl:
-        """Press with what the spring and the solid's far side, in series, are stiff."""
+        """Press with the stiffness of the spring and the solid's far side in series."""
         stiffness = solid.share * self.stiffness.astype(heights.dtype)
         far = solid.uniform_stiffness
         # A half space gives way at its far side like the spring itself; others add to it.
@@ -176,14 +176,14 @@ class FarDisplacement(Load):
     value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed)
 
     def control(self, solid: Solid, heights: Field) -> SpringControl:
-        """Press with what the solid itself is stiff."""
+        """Press with the stiffness of the solid itself."""
         return _spring(self.value, solid.uniform_stiffness, solid, heights)
 
 
 def warn_if_soft(load: Load, solid: Solid) -> None:
     """Warn, once for each, of a spring that is softer than any cantilever against a solid.
 
-    Nothing is said inside of `jax.jit` and `jax.vmap`, where values are not known yet.
+    It does not warn inside of `jax.jit` and `jax.vmap`, where values are not known yet.
     """
     if not isinstance(load, Spring) or is_traced((load.stiffness, solid)):
         return

@@ -1,4 +1,4 @@
-"""Paths: what a contact goes through under a programme of loads, and where it ends."""
+"""Paths: the states of a contact under a programme of loads, and the ends of its branches."""
 
 from jaxstab.paths.barriers.easiest_exit import easiest_exit
 from jaxstab.paths.barriers.transition import Transition, transition

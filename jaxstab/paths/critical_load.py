@@ -58,18 +58,18 @@ def critical_load(
             second is followed towards the first.
         initial: where equilibria at both loads start, as in `equilibrate`.
         progress: show a progress bar.
-        throw: raise where no end is found, or a derivative is asked for that does not exist;
-            otherwise look at `result`, and such a derivative is NaN.
+        throw: raise an error if no end is found, or if a derivative is requested that does not
+            exist. With False look at `result` instead; such a derivative is then NaN.
 
     Returns:
         The end of the branch. Its load, equilibrium and mode can be differentiated with respect to
-        the contact: dl = -(x.dr) / (x.dr/dl), r being the net pressure, and x the mode at a fold,
-        at a release the move that opens the point and that the free points follow. Where the
-        branch does not end but branches off, by symmetry, or two events coincide, there is none.
+        the contact: dl = -(x.dr) / (x.dr/dl), with r the net pressure. At a fold x is the mode; at
+        a release it is the move that opens the point, with the free points following. There is no
+        derivative where the branch branches off by symmetry, or where two events coincide.
 
     Raises:
-        ValueError: for other than two loads, machines that differ, or an initial gap that
-            `equilibrate` refuses.
+        ValueError: unless there are two loads; for machines that differ, or an initial gap that is
+            invalid in `equilibrate`.
         SolverError: if `throw`, where the first load has no stable equilibrium, or its branch does
             not end in the bracket.
     """
@@ -100,7 +100,7 @@ def critical_load(
 def _find(contact: Contact, bracket: Load, start: Field | None, report: Report = unseen) -> Limit:
     """Return the end of the branch from the first load, or else of that from the second.
 
-    Where there is neither, it is the way that was asked for first that is told of.
+    If there is neither, the message is about the first.
     """
 
     def end_of(number: ArrayLike) -> Limit:

@@ -1,6 +1,6 @@
-"""What a contact loses on a step of the load: nothing on a branch, energy in a jump.
+"""The energy that a contact loses on a step of the load: none on a branch, some in a jump.
 
-On a branch the potential E + W, W being that of the load, changes by what the load does:
+On a branch the potential E + W, with W that of the load, changes by the work of the load:
 dE + dW = F dl.
 """
 
@@ -43,7 +43,7 @@ def own_energy(contact: Contact) -> Scalar:
 def smallest_loss(
     contact: Contact, threshold: Scalar, potential: Scalar, mean_gap: Scalar, mean_pressure: Scalar
 ) -> Scalar:
-    """Return the loss from which a jump counts, and can be told from rounding.
+    """Return the loss from which a jump counts, above rounding.
 
     That of the gap counts too: under a high pressure it does work.
     """

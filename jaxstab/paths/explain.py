@@ -106,7 +106,7 @@ def path_with_room(ended: Progress[Table], contact: Contact, load: Load) -> Path
 
 
 def path_of(record: Recording, contact: Contact, load: Load) -> Path:
-    """Return the path as `path_with_room` does, from what was recorded on the way.
+    """Return the path as `path_with_room` does, from the records on the way.
 
     Jumps are looked at one by one: any number of them needs one program, and no more memory than
     they take.

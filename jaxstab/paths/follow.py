@@ -61,12 +61,12 @@ def follow(
     """Return the equilibria that a contact goes through as its load goes from value to value.
 
     A step is predicted by the two states before, and corrected by conjugate gradients. Where a
-    branch ends, these go down in energy from its last state, to the equilibrium at a load that is
-    further by a part of 1e-6 of the range of loads. An overdamped relaxation,
-    g' = -(K u + p0 + f'), went to the same contact points in all of 120 jumps of rough surfaces
-    (benchmarks/results/jumps.md). Between jumps a branch is reversible. So the path loses the sum
-    of what its jumps lose, each a difference of potentials at one load. `unlocated` tells what
-    smaller jumps may have lost. Surfaces that a tension has pulled apart stay so until there is a
+    branch ends, they lower the energy from its last state, at a load that is 1e-6 of the range of
+    loads further on, to the equilibrium there. An overdamped relaxation, g' = -(K u + p0 + f'),
+    reached the same contact points in all of 120 jumps of rough surfaces
+    (benchmarks/results/jumps.md). Between jumps a branch is reversible. So the loss of the path is
+    the sum over its jumps, each a difference of potentials at one load. `unlocated` estimates the
+    loss in smaller jumps. Surfaces that a tension has pulled apart stay so until there is a
     pressure.
 
     Ctrl-C ends a path after the steps in hand, about a second, and returns the states so far.
@@ -75,30 +75,30 @@ def follow(
         contact: the contact problem.
         load: the turning points of the programme, in order: two or more.
         initial: where the first equilibrium starts, as in `equilibrate`.
-        smallest_jump: the loss from which a jump is located, over the problem's own energy: that
-            of the elastic deformation in full contact and of the deepest adhesion. By default
-            2e-7, or 0.3 % of what the path has lost before, whichever is more: jumps of 1 % of a
-            loop's loss are located.
-        disturbance: the size of a random field, the same at every step, that is added to where
-            each equilibrium starts, over the rms height; over the range of the law or the spacing
-            of the grid, whichever is less, where the surface is flatter than that. It leaves
-            branches that only a symmetry holds. Zero for none.
+        smallest_jump: the loss from which a jump is located, over the problem's own energy: that of
+            the elastic deformation in full contact and of the deepest adhesion. By default 2e-7, or
+            0.3 % of the earlier losses of the path if that is more: jumps of 1 % of a loop's loss
+            are located.
+        disturbance: the size of a random field over the rms height; zero for none. The field is the
+            same at every step, and is added to the start of each equilibrium. On a surface flatter
+            than the range of the law and the spacing of the grid, the size is over the lesser of
+            these. So the path leaves branches that only a symmetry holds.
         fields: whether to keep the gap of every recorded state.
         progress: show a progress bar.
         max_states: how many states there is room for under JAX transformations. Elsewhere a path
             has as many as it needs.
         max_jumps: how many jumps, likewise; eleven fields of memory for each.
-        throw: raise where the path does not reach its end; otherwise look at `result`.
+        throw: raise an error if the path does not reach its end; otherwise look at `result`.
 
     Returns:
         The path. Under JAX transformations arrays have `max_states` and `max_jumps` entries, NaN
         where there is none; otherwise as many as there are. The loads of its jumps can be
-        differentiated with respect to the contact, as `critical_load` can; nothing else can, and
-        says so.
+        differentiated with respect to the contact, as `critical_load` can. A derivative of anything
+        else raises an error.
 
     Raises:
-        ValueError: for a load that does not hold two finite values or more in one dimension, each
-            another than the one before, or machines that differ; for room that is too small.
+        ValueError: for a load without two finite values or more in one dimension, or with a value
+            that repeats the one before. For machines that differ, and for too little room.
         SolverError: if `throw`, where an equilibrium is not found, or there is no room left.
     """
     require_contact(contact)

@@ -1,4 +1,4 @@
-"""What a contact goes through: the states along a path, and the jumps between them."""
+"""The states of a contact along a path, and the jumps between them."""
 
 from typing import Annotated
 
@@ -26,10 +26,10 @@ class States(Stackable, Dimensioned):
         contact_area: the number of contact points over that of all points.
         area: that of the cell [length^2]; on a line its length [length].
         energy: elastic and adhesive energy of the surface [energy].
-        work: done up to here, on surface and spring, by what is prescribed: the change of their
-            energy and what the jumps have lost [energy].
+        work: done up to here on surface and spring by the load: the change of their energy and the
+            loss in the jumps [energy].
         dissipation: energy lost in the jumps up to here [energy].
-        gap: g, None unless asked for [length].
+        gap: g, None without `fields` [length].
     """
 
     mean_gap: Annotated[Float[Array, "*states"], LENGTH]
@@ -66,9 +66,9 @@ class Jump(Stackable, Dimensioned):
         dissipation: the energy lost, the difference of two potentials at one load [energy]; NaN
             where surfaces are pulled off or come together.
         state: the number of the state before, among those recorded.
-        barrier_law: how the barrier that holds the state before grows with the distance from the
-            jump's load: to second order in the mode's amplitude at a release, to third at a fold;
-            None in files of version 0.1.0.
+        barrier_law: the growth of the barrier that holds the state before with the distance from
+            the jump's load. It is of second order in the mode's amplitude at a release, of third at
+            a fold; None in files of version 0.1.0.
     """
 
     load: Load
@@ -90,10 +90,10 @@ class Path(Dimensioned):
         load: the loads of the recorded states.
         equilibrium: these states.
         jumps: the jumps between them, in order.
-        work: of the whole path, done on surface and spring by what is prescribed: the change of
-            their energy and what the jumps have lost [energy]. NaN where a dead load has pulled the
-            surfaces apart, which it does without end; `equilibrium.work` is known up to there.
-        dissipation: the sum of what the jumps lose [energy]; NaN as the work is.
+        work: of the whole path, done on surface and spring by the load: the change of their energy
+            and the loss in the jumps [energy]. NaN where a dead load has pulled the surfaces apart,
+            which it does without end; `equilibrium.work` is known up to there.
+        dissipation: the loss in all jumps [energy]; NaN as the work is.
         result: how the path ended.
         unlocated: what steps between jumps may have lost beside these, the work on them by
             quadrature less the change of energy [energy]; None in files of version 0.1.0.

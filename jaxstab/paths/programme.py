@@ -1,4 +1,4 @@
-"""The programme that a path follows: what is the same all the way."""
+"""The programme of a path: the data that stay the same all the way."""
 
 from dataclasses import replace
 from typing import Any
@@ -30,7 +30,7 @@ _NUM_STEPS = 32
 
 
 class Programme(eqx.Module):
-    """What is the same all the way.
+    """The data that stay the same all the way.
 
     Attributes:
         contact: the contact problem, in units of its own.
@@ -114,7 +114,7 @@ class Programme(eqx.Module):
     def place(
         self, value: Scalar, part: Int[Array, ""], found: Iteration[Any]
     ) -> tuple[Place, RESULTS]:
-        """Return what the solver has come to at a load."""
+        """Return the state of the solver at a load."""
         state = concluded(self.contact, self.at(value, part), found)
         return place_of(self.contact, state, value), state.result
 

@@ -47,13 +47,13 @@ def pull_off(
     progress: bool = False,
     throw: bool = True,
 ) -> CriticalLoad:
-    """Return the largest tension that a contact survives as it is unloaded, and what ends it.
+    """Return the largest tension that a contact survives as it is unloaded, and its end.
 
     The contact is followed as by `jaxstab.follow`: unlike a fold in a bracket, this is the last
     jump, whatever jumps come before. Under a dead load it leaves no state. A machine of a finite
     stiffness can catch the contact again: of its jumps the one from the largest tension counts. If
-    it is so stiff that tension passes a maximum without a jump, that was larger. Jumps that lose
-    about 1e-4 of the problem's own energy may be passed over (`follow`).
+    it is so stiff that tension passes a maximum without a jump, that maximum was larger. Jumps that
+    lose about 1e-4 of the problem's own energy may be passed over (`follow`).
 
     Arguments:
         contact: the contact problem.
@@ -61,18 +61,18 @@ def pull_off(
             pressure, or a gap, at none; by default the equilibrium at zero mean pressure.
         spring: the stiffness of a machine in series [pressure/length]; by default a dead load.
         progress: show a progress bar.
-        throw: raise where there is no pull-off, or a derivative is asked for that does not exist;
-            otherwise look at `result`, and such a derivative is NaN.
+        throw: raise an error if there is no pull-off, or if a derivative is requested that does not
+            exist. With False look at `result` instead; such a derivative is then NaN.
 
     Returns:
-        The last state before the pull-off, its load a `MeanPressure` or a `Spring`, located
-        exactly; `kind` says whether it ends in a fold or a release, and `after` is the state that
-        remains, NaN where there is none. It can be differentiated like that of `critical_load`,
-        with respect to contact and spring.
+        The last state before the pull-off, located exactly; its load is a `MeanPressure` or a
+        `Spring`. `kind` is a fold or a release, and `after` is the state that remains, NaN if there
+        is none. It can be differentiated like that of `critical_load`, with respect to contact and
+        spring.
 
     Raises:
-        ValueError: for a stiffness that is not one positive number, or a start that `equilibrate`
-            refuses.
+        ValueError: for a stiffness that is not one positive number, or a start that is invalid in
+            `equilibrate`.
         SolverError: if `throw`, where there is no state to unload from, or it comes apart without
             a jump.
     """
@@ -134,7 +134,7 @@ def end_of(programme: Programme, ended: Progress[Strongest]) -> tuple[Limit, Equ
 def as_shown(
     end: tuple[Limit, Equilibrium], contact: Contact, shared: Load, throw: bool
 ) -> CriticalLoad:
-    """Return a pull-off, and what remains, as a differentiable function of contact and load."""
+    """Return a pull-off and the state after it as differentiable functions of contact and load."""
     limit, after = end
     return replace(critical_load_at(limit, contact, shared, throw), after=after)
 

@@ -19,7 +19,7 @@ from jaxstab.paths.energy import supply_of
 
 
 class Place(eqx.Module):
-    """A state on the way: its load and gap, and what follows from these.
+    """A state on the way: its load and gap, and the quantities that follow from them.
 
     Attributes:
         value: of the load.
@@ -28,7 +28,7 @@ class Place(eqx.Module):
         mean_pressure: p0 [pressure].
         contact_area: the number of contact points over that of all points.
         energy: E, of the surface [energy].
-        stored: E and what the machine stores [energy].
+        stored: E and the energy of the machine [energy].
         potential: E + W [energy].
         force: F, how the potential follows the load on a branch [energy over that of the load].
     """
@@ -52,7 +52,7 @@ class PathPoint(eqx.Module):
 
 
 class Event(eqx.Module):
-    """A jump: from where to where, what it loses, the number of its state, whether a touch."""
+    """A jump: its two states, its loss, the number of its state, whether it is a touch."""
 
     before: Place
     after: Place

@@ -1,10 +1,10 @@
-"""A step along a programme of loads: where it aims, what it means, and where the walk is after it.
+"""A step along a programme of loads: its target, its meaning, and the state after it.
 
 A step is one of the load, from a prediction by the two states before. On a branch the potential
-E + W, W being that of the load, changes by what the load does: dE + dW = F dl. A step whose
+E + W, with W that of the load, changes by the work of the load: dE + dW = F dl. A step whose
 potential falls by more has left the branch. So has one over which F does not go on as before: the
 two errors of a jump, in the energy and in the force, cannot both vanish by chance. Steps shrink
-until both are next to nothing, or are as short as jumps are located. What a jump loses is then the
+until both are next to nothing, or are as short as jumps are located. So the loss of a jump is the
 difference of the potentials of two states at one load.
 """
 
@@ -36,7 +36,7 @@ _AIM = 0.7
 
 
 class Bisection(eqx.Module):
-    """What is known of a load ahead that a step has failed to reach.
+    """The knowledge of a load ahead that a step has failed to reach.
 
     Attributes:
         distance: how far ahead the nearest such load lies; infinite if there is none.
@@ -62,7 +62,7 @@ class Progress(eqx.Module, Generic[Jumps]):
     """Where the path is, and all that it has recorded.
 
     Attributes:
-        here: the last state accepted, with what was lost up to there.
+        here: the last state accepted, with the loss up to there.
         last: the state before.
         stride: the length of the next step.
         bisection: for the end of the branch.
@@ -116,12 +116,12 @@ class TrialStep(eqx.Module):
 
 
 class StepOutcome(eqx.Module):
-    """A step that was tried, and what it means.
+    """A step that was tried, and its meaning.
 
     Attributes:
-        dissipation: what the jump on it has lost, the difference of two potentials at the load that
-            it begins at [energy].
-        error: of loss and force, over what is allowed on a branch; infinite if it has no end.
+        dissipation: the loss of its jump, the difference of two potentials at the load of its start
+            [energy].
+        error: of loss and force, over the tolerance on a branch; infinite if it has no end.
         is_smooth: whether it stayed on the branch.
         is_jump: whether it left the branch, at its end.
         is_pulled: whether the surfaces fell apart in that jump.
@@ -246,7 +246,7 @@ def _bisected(
     accepts: Flag,
     is_event: Flag,
 ) -> Bisection:
-    """Return what is known of a load ahead after a step."""
+    """Return the knowledge of a load ahead after a step."""
     bisection = walk.bisection
     distance = jnp.where(accepts, bisection.distance - aim.length, aim.length)
     is_over = is_event | (distance <= 0) | (accepts & aim.is_end)

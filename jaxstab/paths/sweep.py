@@ -77,8 +77,8 @@ def sweep(
 ) -> Sweep:
     """Return the equilibrium and its stability at each of many loads.
 
-    Each is what `equilibrate` and `assess_stability` return for it, by the same compiled programs.
-    Only inside of `jax.jit`, `jax.vmap` and `jax.grad`, and for independent loads on an
+    `equilibrate` and `assess_stability` return the same for each load, by the same compiled
+    programs. Only inside of `jax.jit`, `jax.vmap` and `jax.grad`, and for independent loads on an
     accelerator, all loads are one program, which can neither be interrupted nor show progress.
 
     Ctrl-C ends a sweep after the load that is being solved, and returns the loads done so far.
@@ -102,7 +102,7 @@ def sweep(
 
     Raises:
         ValueError: for a single load or none, an order that does not exist, or an initial gap that
-            `equilibrate` refuses.
+            is invalid in `equilibrate`.
         TypeError: for something that is not a load, or not a solver of its kind.
         SolverError: if `throw` and a load failed.
         KeyboardInterrupt: if interrupted before the first load was done.
@@ -141,7 +141,7 @@ def sweep(
 
 
 class _Problem(eqx.Module):
-    """What all loads of a sweep share."""
+    """The data that all loads of a sweep share."""
 
     contact: Contact
     equilibrium_solver: EquilibriumSolver

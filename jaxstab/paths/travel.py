@@ -24,7 +24,7 @@ _BATCH_SECONDS, _BATCH_STEPS = 0.5, 1024
 
 
 class WalkSetup(NamedTuple, Generic[Jumps]):
-    """What is decided before anything is compiled.
+    """The choices made before compiling.
 
     Attributes:
         programme_of: makes the programme of a contact, its loads, and settings.
@@ -46,8 +46,8 @@ def travel(
     """Return a walk at its end; outside of a trace in batches, inside of one if it has room.
 
     The inputs are contact, load, where the first equilibrium starts, and settings of the programme.
-    The bar shows the part of it that is done, in per cent. What is recorded can be taken out after
-    each batch, of about a second.
+    The bar shows the part of it that is done, in per cent. The records can be taken out after each
+    batch, of about a second.
     """
     walk, load = keep(_begin(setup, *inputs)), inputs[1]
     if is_traced(inputs):

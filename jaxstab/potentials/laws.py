@@ -91,7 +91,7 @@ class Dugdale(_RangedLaw):
 
 
 def _left(reduced: Scalar, smoothing: Scalar) -> Scalar:
-    """Return what is left of the work of a constant attraction, from a gap over its range on."""
+    """Return the remaining work of a constant attraction, from a gap over its range on."""
     edge = 1 / smoothing
     return jax.nn.softplus(edge * (1 - reduced)) / jax.nn.softplus(edge)
 
@@ -130,8 +130,8 @@ class Electrostatic(Law):
 
     Arguments:
         voltage: V [voltage].
-        permittivity: eps, of what fills the gap [energy/(voltage^2 length)]; that of the vacuum is
-            8.854e-12 in SI units.
+        permittivity: eps, of the medium in the gap [energy/(voltage^2 length)]; 8.854e-12 in SI
+            units for the vacuum.
         dielectric: d, the thickness of the dielectrics on both electrodes over their relative
             permittivity [length].
 
@@ -163,9 +163,8 @@ class Electrostatic(Law):
 class Capillary(Law):
     """f' = gamma / r up to a gap 2 r cos(theta), then none: menisci at a fixed humidity.
 
-    The tension of the liquid draws as Laplace says, by its pressure over gaps that its meniscus of
-    radius r can bridge; its work is f(0) = -2 gamma cos(theta). The edge is smoothed as that of
-    `Dugdale`.
+    The attraction is the Laplace pressure of the liquid, over gaps that its meniscus of radius r
+    can bridge. Its work is f(0) = -2 gamma cos(theta). The edge is smoothed as that of `Dugdale`.
 
     Arguments:
         tension: gamma, the surface tension of the liquid [energy/area].

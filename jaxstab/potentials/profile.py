@@ -1,4 +1,4 @@
-"""A law looked at once over all gaps: what it does where, and whether it can be solved with."""
+"""The values of a law over all gaps, and a check that it can be solved with."""
 
 import equinox as eqx
 import jax
@@ -101,9 +101,9 @@ def innermost_gap(profile: Profile) -> float:
 def require_smooth(profile: Profile) -> None:
     """Raise `ValueError` if a law, where it is known, cannot be solved with.
 
-    That is one that is not finite, or one of its first two derivatives, at a gap up to the size of
-    the grid, the inside of a core excepted; one whose slope jumps at zero gap, where contact points
-    are; and one that is piecewise linear.
+    That is a law that is not finite at a gap up to the size of the grid, or one of its first two
+    derivatives; the inside of a core is excepted. It is also a law whose slope jumps at zero gap,
+    where contact points are, or one that is piecewise linear.
     """
     if is_traced(profile):
         return

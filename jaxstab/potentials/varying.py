@@ -118,7 +118,7 @@ def with_fields(potential: Potential, fields: Sequence[Array]) -> Potential:
 
 
 def by_points(potential: Potential) -> tuple[list[Array], Callable[[Sequence[Array]], Potential]]:
-    """Return the fields of a law, and what makes a law of others in their place."""
+    """Return the fields of a law, and the function that makes a law of other fields."""
 
     def varies(node: Any) -> Any:
         if isinstance(node, Within):

@@ -1,4 +1,4 @@
-"""Elastic solids: what they all are, and one file per kind."""
+"""Elastic solids: their interface, and one file per kind."""
 
 from jaxstab.solids.free_half_space import FreeHalfSpace, Padded, mirrored, padded, where_window
 from jaxstab.solids.half_space import HalfSpace

@@ -1,7 +1,7 @@
 """The elastic half space under a single contact, which is not repeated.
 
 Pressures on a window act on it by real-space coefficients, wrapped on a grid of twice the points a
-side: there K is their inverse, and where no surface is, equilibrium itself makes the pressure zero.
+side. There K is their inverse. Outside of the surface the pressure is zero by equilibrium.
 """
 
 from typing import ClassVar, NoReturn
@@ -58,9 +58,9 @@ class FreeHalfSpace(Solid):
     that of ln(r / L).
 
     Computations run on twice the points a side (`Contact.whole`, which also has the energy and the
-    Hessian of a gap); the window is all that results show. Eigenvalues
-    are those of all displacements, also outside of the window, and modes have unit norm there. The
-    energy of equilibria leaves out that of a uniform pressure on twice the window.
+    Hessian of a gap); results show the window only. Eigenvalues are those of all displacements,
+    also outside of the window, and modes have unit norm there. The energy of equilibria leaves out
+    that of a uniform pressure on twice the window.
 
     Arguments:
         grid: the window. It is not periodic.

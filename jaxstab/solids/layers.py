@@ -1,8 +1,8 @@
 """Elastic layers: bonded to a rigid base, or to an elastic half space as its coating.
 
-Both follow from one formula, 1/K = (1 - nu) / (G q) times a ratio of sums of terms that are none
-of them negative, so that no digits are lost from thin to thick; it is written by exp(-2x), x = q h,
-so that nothing overflows.
+Both follow from one formula, 1/K = (1 - nu) / (G q) times a ratio of sums. All terms of the sums
+are positive or zero, so that no digits are lost from thin to thick. They are written by exp(-2x),
+x = q h, so that nothing overflows.
 """
 
 import math

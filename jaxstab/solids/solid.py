@@ -1,8 +1,8 @@
-"""What an elastic solid is to all the rest: an operator K from displacement to pressure.
+"""The interface of elastic solids: an operator K from displacement to pressure.
 
 A displacement that is the same everywhere takes no pressure where the far side moves along, as that
-of a half space does (Rey & Bleyer, eq. 12). What holds the far side is a matter of the load: it
-says how stiff it is (`Solid.held_by`).
+of a half space does (Rey & Bleyer, eq. 12). The load holds the far side and determines its
+stiffness (`Solid.held_by`).
 """
 
 from abc import abstractmethod
@@ -50,7 +50,7 @@ class Solid(eqx.Module):
 
     @property
     def share(self) -> float:
-        """What part of the grid has a surface opposite to it."""
+        """The part of the grid with a surface opposite to it."""
         return 1.0
 
     def surface(self, field: Array) -> Array:
@@ -93,7 +93,7 @@ class Solid(eqx.Module):
         return None
 
     def lacking(self, level: Scalar) -> tuple[FieldMap, Scalar] | None:
-        """Return what K lacks of a stiffness, as an operator, and that on a point itself.
+        """Return the operator that K lacks to reach a stiffness, and its diagonal entry.
 
         For each wave that is max(0, level - K), where the solid is one that has waves, as a
         `SpectralSolid`; of others it is not known.
@@ -153,7 +153,7 @@ class Altered(Solid):
         return self.uniform
 
     def apply(self, displacement: Field) -> Field:
-        """Return what the other solid does, but for the mean, which has a stiffness of its own."""
+        """Return K of the other solid times a field; the mean has a stiffness of its own."""
         rigid = mean(displacement)
         return self.factor * self.solid.apply(displacement - rigid) + self.uniform * rigid
 

@@ -3,9 +3,9 @@
 Let the perturbations x be >= 0 on the contact C, and N a matrix on C whose entries are >= 0. Then
 x.Ax >= x.(A - N)x, and the smallest eigenvalue of A - N on the linear space around the cone is a
 lower bound. With kappa the kernel in space of an operator that is not negative,
-N = kappa(0) - kappa(r) is such a matrix. The operator is the difference between a stiffness and K,
-where K is softer. So A - N is stiffer than A in the soft waves of C, at the price of kappa(0) times
-the square of the sum on C. For zero mean that is the sum on the free points.
+N = kappa(0) - kappa(r) is such a matrix. The operator is max(0, s - K) for a stiffness s. So A - N
+is stiffer than A in the soft waves of C, at the price of kappa(0) times the square of the sum on C.
+For zero mean that is the sum on the free points.
 """
 
 from dataclasses import replace

@@ -13,7 +13,7 @@ from jaxstab.stability.eigenpair import Eigenpair
 
 
 class VERDICTS(Enumeration):
-    """What is known of the stability of an equilibrium."""
+    """The verdict on the stability of an equilibrium."""
 
     stable = member("every small admissible perturbation raises the energy to second order")
     held_by_contact = member(
@@ -25,7 +25,7 @@ class VERDICTS(Enumeration):
 
 
 class Stability(Stackable, Dimensioned):
-    """What is known of the stability of an equilibrium.
+    """The stability of an equilibrium.
 
     Always lower_bound <= cone <= critical.
 

@@ -1,7 +1,7 @@
-"""Cases of studies that are ready made, of which no batch waits for the slowest.
+"""Ready-made cases of studies, whose batches do not wait for the slowest case.
 
 Each is a function of one case, as any other that `jaxstab.study` takes. In batches, which are for
-accelerators, it advances by steps: what is done leaves, and the next case takes its place.
+accelerators, it advances by steps: a finished case frees its slot for the next.
 """
 
 import inspect
@@ -33,11 +33,11 @@ Build = Callable[..., tuple[Contact, Load]]
 
 @dataclass(frozen=True)
 class Case:
-    """A case that is ready made.
+    """A ready-made case.
 
     Attributes:
         build: returns the problem, called by names with the values of the axes.
-        summary: returns what is kept of what was found.
+        summary: returns the outputs to keep of the results.
     """
 
     build: Callable[..., Any]
@@ -49,7 +49,7 @@ class Case:
 
     @abstractmethod
     def __call__(self, **values: Any) -> Outputs:
-        """Return what is kept of one case."""
+        """Return the outputs of one case."""
 
     @abstractmethod
     def procedure(self, values: Mapping[str, Any]) -> Procedure[Outputs]:
@@ -64,7 +64,7 @@ class EquilibriumCase(Case):
     """The equilibrium of a contact that a function builds: see `equilibrium`."""
 
     def __call__(self, **values: Any) -> Outputs:
-        """Return what is kept of one equilibrium."""
+        """Return the outputs of one equilibrium."""
         contact, load = self.build(**values)
         return self.summary(contact, equilibrate(contact, load, throw=False))
 
@@ -79,7 +79,7 @@ class VerdictCase(Case):
     """The stability of the equilibrium of a contact: see `verdict`."""
 
     def __call__(self, **values: Any) -> Outputs:
-        """Return what is kept of one verdict."""
+        """Return the outputs of one verdict."""
         contact, load = self.build(**values)
         found = equilibrate(contact, load, throw=False)
         return self.summary(contact, found, assess_stability(contact, found, throw=False))
@@ -99,7 +99,7 @@ class PullOffCase(Case):
     """The pull-off of a contact that a function builds: see `pull_off`."""
 
     def __call__(self, **values: Any) -> Outputs:
-        """Return what is kept of one pull-off."""
+        """Return the outputs of one pull-off."""
         contact = self.build(**values)
         return self.summary(contact, paths.pull_off(contact, throw=False))
 
@@ -116,9 +116,9 @@ def equilibrium(build: Build, summary: Callable[..., Outputs] | None = None) -> 
     Arguments:
         build: returns a contact and its load, called by names with the values of the axes. In
             batches it must be one that JAX can trace, as a case of any other kind.
-        summary: returns what is kept, a dict of arrays, of the contact and its `Equilibrium`; by
-            default mean pressure, contact area, energy, residual, the number of steps, and how the
-            solver `ended`.
+        summary: returns the outputs to keep, a dict of arrays, from the contact and its
+            `Equilibrium`. By default mean pressure, contact area, energy, residual, the number of
+            steps, and how the solver `ended`.
 
     Returns:
         A function of the same arguments as `build`, to be given to `jaxstab.study`.
@@ -131,8 +131,8 @@ def verdict(build: Build, summary: Callable[..., Outputs] | None = None) -> Verd
 
     Arguments:
         build: as in `equilibrium`.
-        summary: returns what is kept, a dict of arrays, of the contact, its `Equilibrium` and its
-            `Stability`; by default what `equilibrium` keeps, the three eigenvalues with their
+        summary: returns the outputs to keep, a dict of arrays, from the contact, its `Equilibrium`
+            and its `Stability`. By default those of `equilibrium`, the three eigenvalues with their
             errors, complementarity and barrier, the verdict, whether it is `proved`, and how the
             assessment ended, `assessed`.
 
@@ -152,10 +152,10 @@ def pull_off(
     Arguments:
         build: returns a contact, called by names with the values of the axes. In batches it must
             be one that JAX can trace, as a case of any other kind.
-        summary: returns what is kept, a dict of arrays, of the contact and its `CriticalLoad`; by
-            default mean pressure, contact area and energy of the last state, the `kind` of its
-            end, the eigenvalue `critical` there (`CriticalLoad.critical`), and how the search
-            `ended`.
+        summary: returns the outputs to keep, a dict of arrays, from the contact and its
+            `CriticalLoad`. By default mean pressure, contact area and energy of the last state, the
+            `kind` of its end, the eigenvalue `critical` there (`CriticalLoad.critical`), and how
+            the search `ended`.
 
     Returns:
         A function of the same arguments as `build`, to be given to `jaxstab.study`.

@@ -21,7 +21,7 @@ class Driver:
     Arguments:
         store: where they go.
         holder: this process, as workers know it.
-        places: all cases asked for.
+        places: all cases of the call.
         retry: whether those that failed before are left, too.
 
     Attributes:

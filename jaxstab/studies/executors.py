@@ -203,7 +203,7 @@ def _begin(settings: dict[str, Any]) -> None:
 def run_cases(
     holder: Holder, number: int, places: Sequence[Index]
 ) -> tuple[list[Found | str], Exception | None]:
-    """Run and store cases in a worker; return what became of them, and what ended it early."""
+    """Run and store cases in a worker; return their results, and the error that ended it early."""
     heard: list[Found | str] = []
     try:
         _require_spawned()

@@ -32,7 +32,7 @@ class Holder:
         return self._said() in ([self.name], [self.name, "stopping"])
 
     def announce(self, state: str = "stopping") -> None:
-        """Say what it has come to; by default, that no more cases are to be begun."""
+        """Record its state; by default, that no more cases are to be begun."""
         # If the disk is full, workers find out by themselves.
         with suppress(OSError), (self.folder / "driver").open("a") as file:
             file.write(f"\n{state}")

@@ -1,4 +1,4 @@
-"""What a case computes, known again by the text of its functions and the values that they use."""
+"""The identity of a case, from the text of its functions and the values that they use."""
 
 import dis
 import inspect
@@ -37,7 +37,7 @@ def identity_of(case: Callable[..., Any]) -> dict[str, str]:
     too. It warns of functions that take names from text, which cannot be followed.
 
     Raises:
-        TypeError: for a value whose content cannot be told.
+        TypeError: for a value whose content cannot be read.
         ValueError: where the source of a function is not found, or is no longer what runs.
     """
     reader = _Reader(getattr(inspect.unwrap(innermost(case)), "__globals__", {}))
@@ -103,7 +103,7 @@ class _Reader:
             self.parts[self._free(name)] = _digest(described)
 
     def described(self, name: str, value: Any) -> str:
-        """Return all that a value is; `name` is what to call it by in an error."""
+        """Return a description of a value; `name` is its name in errors."""
         if isinstance(value, _PLAIN | Enum):
             return f"{type(value).__name__} {value!r}"
         if isinstance(value, np.ndarray | np.generic | jax.Array):
@@ -131,7 +131,7 @@ class _Reader:
         return isinstance(value, FunctionType) and value.__globals__ is self.names
 
     def _wrapped(self, name: str, value: Any) -> str:
-        """Describe a function and all that it is wrapped in, with what was set on them."""
+        """Describe a function and all its wrappers, with the attributes set on them."""
         while id(value) not in self._seen:
             self._seen[id(value)] = f"wrapper {name}"
             if self._is_own(value):
@@ -192,7 +192,7 @@ class _Reader:
 
 
 def _parts_of(value: Any) -> list[Any] | None:
-    """Return what a value is made of, None where nothing is known of it."""
+    """Return the parts of a value, None if they are unknown."""
     if isinstance(value, Mapping):
         return [part for pair in value.items() for part in pair]
     if isinstance(value, tuple | list | set | frozenset):

@@ -1,8 +1,8 @@
 """The metadata of a store: which axes it has, and which arrays with a chunk to a case.
 
-What counts is the metadata in the one file at its root, which is replaced as a whole: what was
-begun before it and not finished, since the process died, is as if it had never been. Whoever calls
-these functions keeps others out.
+Only the metadata in the one file at its root counts, and that file is replaced as a whole. So
+changes that a dying process left unfinished have no effect. Callers of these functions hold the
+store alone.
 """
 
 import json
@@ -51,9 +51,9 @@ def begin(
     Arguments:
         path: the folder.
         axes: the axes.
-        identity: what the case is known by.
+        identity: the identity of the case.
         source: the text of its function.
-        accept_changes: go on with another case, and record what has changed.
+        accept_changes: continue with another case, and record the changes.
 
     Raises:
         ValueError: for a store that has other axes, was begun with another case, or is damaged.
@@ -81,8 +81,7 @@ def begin(
 def _repaired(path: Path) -> Any:
     """Return the group of a store, None where it is to be begun.
 
-    What is left of changes that did not reach the root is taken back, and folders that are lost
-    are made anew, empty.
+    Changes that did not reach the root are undone, and lost folders are made anew, empty.
     """
     # Of a process that died as it wrote the root.
     for part in path.glob("*.partial"):
@@ -192,7 +191,7 @@ def _require_same_axes(path: Path, group: Any, axes: Sequence[Axis]) -> None:
 def _accept(
     path: Path, group: Any, identity: Mapping[str, str], source: str, changed: list[str]
 ) -> None:
-    """Record that a store goes on with another case."""
+    """Record that a store continues with another case."""
     change = {"when": _now(), "changed": changed, "source": source, "versions": versions()}
     changes = [*json.loads(group.attrs.get(_CHANGES, "[]")), change]
     for _, array in group.arrays():
@@ -230,7 +229,7 @@ def _create_array(
 
 
 def _stored(path: Path, group: Any, axis: Axis) -> dict[str, np.ndarray]:
-    """Return what a store has of an axis.
+    """Return the values of an axis in a store.
 
     Raises:
         ValueError: for values of another kind, or where a part of the axis is lost.
@@ -259,7 +258,7 @@ def _whole(path: Path, name: str, array: Any) -> np.ndarray:
 
 
 def _read_json(path: Path) -> dict[str, Any]:
-    """Return what a file of metadata says, nothing where it is lost or damaged."""
+    """Return the content of a metadata file, None if it is lost or damaged."""
     try:
         return json.loads(path.read_bytes())
     except (FileNotFoundError, ValueError):
@@ -279,7 +278,7 @@ def _dtype(array: Any) -> np.dtype:
 
 
 def _finished(path: Path) -> Any:
-    """Return a group once its root knows what was changed."""
+    """Return a group after its root records the changes."""
     import zarr
 
     with warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""What a case returns, as arrays that a store can hold."""
+"""The outputs of a case, as arrays that a store can hold."""
 
 import math
 import struct
@@ -41,7 +41,7 @@ class Form:
 
     @property
     def missing(self) -> Any:
-        """What stands where there is no value: NaN, the least integer, False, or a word."""
+        """The value of missing entries: NaN, the least integer, False, or a word."""
         kind = self.dtype.kind
         if kind in "iu":
             limits = np.iinfo(self.dtype)
@@ -50,14 +50,14 @@ class Form:
 
 
 def arrays_of(outputs: Any, taken: Collection[str]) -> dict[str, np.ndarray]:
-    """Return what a case returned as arrays, members of enumerations as words.
+    """Return the outputs of a case as arrays, members of enumerations as words.
 
     Arguments:
-        outputs: what the case returned.
+        outputs: the outputs of the case.
         taken: the names of the axes.
 
     Raises:
-        TypeError: if it is no dict, or holds what is no array.
+        TypeError: if it is not a dict, or holds something else than arrays.
         ValueError: for names that are taken, or are none.
     """
     if not isinstance(outputs, Mapping) or not outputs:
@@ -127,7 +127,7 @@ def decoded_word(chunk: bytes) -> str:
 
 
 def error_text(error: BaseException) -> str:
-    """Return the kind of an error and what it says."""
+    """Return the kind of an error and its message."""
     return f"{type(error).__name__}: {error}"
 
 
@@ -148,7 +148,7 @@ def _array(name: str, value: Any) -> np.ndarray:
 
 
 def _without_mask(name: str, value: Any) -> np.ndarray:
-    """Return an array in which NaN stands for what is masked."""
+    """Return an array with NaN at masked entries."""
     array = np.ma.asarray(value)
     if not np.ma.is_masked(array):
         return array.data

@@ -25,13 +25,13 @@ from jaxstab.studies.outputs import (
 
 @dataclass(frozen=True)
 class Found:
-    """What a case has come to.
+    """The result of a case.
 
     Attributes:
         place: where it lies on the axes.
         seconds: how long it took.
-        arrays: what it returned, by name, or the error that says why no store can hold that.
-        error: why it raised.
+        arrays: its outputs by name, or an error if no store can hold them.
+        error: the error that it raised.
         result: how it ended, once it is stored.
     """
 
@@ -47,8 +47,8 @@ class Store:
 
     Arguments:
         path: the folder.
-        axes: the axes asked for.
-        group: what the root of the store knows.
+        axes: the axes of the call.
+        group: the metadata at the root of the store.
     """
 
     def __init__(self, path: Path, axes: Sequence[Axis], group: Any):
@@ -59,7 +59,7 @@ class Store:
         self.add_arrays()
 
     def add_arrays(self) -> None:
-        """Make an array of each output, once a case has settled what they are."""
+        """Make an array of each output, once a case has determined them."""
         if not self._has_arrays and self._are_settled():
             metadata.add_outputs(self.path, metadata.known(self.path), self.axes, self._forms)
             self._has_arrays = True
@@ -82,7 +82,7 @@ class Store:
         """Store a case and return its result, which is written last; by that it counts as done.
 
         Raises:
-            TypeError, ValueError: if no store can hold what the first case returned.
+            TypeError, ValueError: if no store can hold the outputs of the first case.
         """
         arrays, error = found.arrays, found.error
         if not error:
@@ -115,7 +115,7 @@ class Store:
         self._begun(place).unlink(missing_ok=True)
 
     def dataset(self) -> Any:
-        """Return what was asked for, in its order; numbers are read as they are looked at."""
+        """Return the cases of the axes, in their order; numbers are read on access."""
         import xarray
 
         dataset = xarray.open_zarr(self.path, chunks=None, consolidated=True)
@@ -123,7 +123,7 @@ class Store:
         return dataset.isel(places)
 
     def _settle(self, arrays: Any) -> None:
-        """Let what a case returned be that of all, unless another one was the first."""
+        """Make the outputs of a case those of all, unless another case was the first."""
         if self._are_settled():
             return
         if isinstance(arrays, Exception):

@@ -43,10 +43,10 @@ def study(
     accept_changes: bool = False,
     progress: bool = False,
 ) -> "xarray.Dataset":
-    """Run a function for each case of a study, and keep what it returns in a Zarr store.
+    """Run a function for each case of a study, and keep its results in a Zarr store.
 
-    What is done is never run again: after an end of any kind, the same call goes on from there. A
-    case of which a file is lost is not done. Values added to an axis extend a store; values left
+    Finished cases are never run again: after an end of any kind, the same call continues from
+    there. A case with a lost file is run again. Values added to an axis extend a store; values left
     out stay in it.
 
     One call at a time drives a store. The processes of an executor share its cases; those of a
@@ -64,28 +64,28 @@ def study(
             those of `concurrent.futures`, whose processes are not forked, or a Dask `Client`.
             None: in this process, a thread to a device.
         batch: how many cases run at once, by `jax.vmap` of the compiled function; those of
-            `jaxstab.cases` in as many lanes, of which none waits for the slowest. Of a batch that
-            raises the cases are run one by one, with a warning.
-        retry: run cases that failed before again; by default they are done.
-        accept_changes: go on with a store that was begun with another case, and record in it what
-            has changed.
+            `jaxstab.cases` in as many lanes, none of which waits for the slowest. If a batch raises
+            an error, its cases are run one by one, with a warning.
+        retry: run failed cases again; by default they count as finished.
+        accept_changes: continue a store that was begun with another case, and record the changes in
+            it.
         progress: show a progress bar, with the number of failures.
 
     Returns:
-        What was asked for, in its order; numbers are read as they are looked at. Each case has a
-        `result` ("successful", "failed" or "missing"), its `seconds`, of a batch the average, and
+        A data set of the cases in the order of the axes; numbers are read on access. Each case has
+        a `result` ("successful", "failed" or "missing"), its `seconds`, of a batch the average, and
         the text of its `error`. Where a case has no value, there is NaN, the least integer, False
         or "missing". `xarray.open_zarr(path)` reads the whole store.
 
     Raises:
-        ValueError: for a store that was begun with another case, found by its source, all that it
-            refers to in its own module and the versions of packages, or that has other axes, or of
-            which an axis is damaged, or that another process drives; for axes that are empty or
-            not finite; for a function that has no source, or, in batches, that JAX cannot trace;
-            for a batch that does not fit into memory.
-        TypeError: for a function that takes other arguments, or returns what is no dict of arrays.
-        OSError: if the disk is full; what is done stays, and the same call goes on.
-        RuntimeError: if the executor takes no more cases; what is done stays.
+        ValueError: for a store that was begun with another case: the source of the function, all
+            that it refers to in its own module, or the versions of packages differ. For a store
+            with other axes or a damaged axis, or one that another process drives. For axes that are
+            empty or not finite. For a function without source, or, in batches, one that JAX cannot
+            trace. For a batch that does not fit into memory.
+        TypeError: for a function that takes other arguments, or does not return a dict of arrays.
+        OSError: if the disk is full; finished cases are kept, and the same call continues.
+        RuntimeError: if the executor takes no more cases; finished cases are kept.
         ImportError: without xarray, zarr and filelock.
     """
     require_packages("Studies", "studies", "xarray", "zarr", "filelock")

@@ -28,7 +28,7 @@ class Worker:
 
     Attributes:
         case: the function.
-        axes: what it is called with.
+        axes: the values that it is called with.
         batch: how many at once.
     """
 

@@ -1,7 +1,7 @@
 """The way along a stable branch to its fold.
 
 The branch is followed towards the fold by the square of the eigenvalue, which falls linearly with
-the load. What a step loses tells whether it stayed on the branch. Newton's method goes the last
+the load. The loss of a step shows whether it stayed on the branch. Newton's method goes the last
 part of it.
 """
 
@@ -105,9 +105,9 @@ class _Approaching(eqx.Module):
     fraction: Scalar
 
     def loss_to(self, new: "_Approaching") -> Scalar:
-        """Return what the step to another point loses, nothing on the same smooth branch.
+        """Return the loss of the step to another point, zero on the same smooth branch.
 
-        What the load supplies is known to the fifth order of the step.
+        The work of the load is known to the fifth order of the step.
         """
         stride = new.point.load.value - self.point.load.value
         supplied = stride * (self.force + new.force) / 2

@@ -1,7 +1,7 @@
 """How the barrier that holds a state grows with the distance of its load from a jump.
 
-Near a fold the energy along the mode is that of a cubic, and the barrier grows with the power 3/2;
-near a release it is a reaction that a negative curvature overcomes, and the power is 2.
+Near a fold the energy along the mode is a cubic, and the barrier grows with the power 3/2. Near a
+release a negative curvature overcomes a reaction, and the power is 2.
 """
 
 from typing import Annotated
@@ -29,7 +29,7 @@ class BarrierLaw(Stackable, Dimensioned):
     Attributes:
         exponent: e, 3/2 at a fold and 2 at a release; NaN at a touch.
         coefficient: C [energy over the load to that power]; NaN likewise.
-        load_unit: what the load is measured in, "length" or "pressure".
+        load_unit: the quantity of the load, "length" or "pressure".
     """
 
     exponent: Annotated[Scalar, NUMBER]

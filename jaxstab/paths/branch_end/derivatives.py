@@ -41,7 +41,7 @@ Changes = tuple[Scalar, Field]
 
 
 def differentiable(limit: Limit, contact: Contact, throw: bool) -> tuple[Load, Field]:
-    """Return load and gap of a limit as functions of the contact and what else the load has."""
+    """Return load and gap of a limit as functions of contact and load parameters."""
     load = limit.load
     inputs = contact, load.at(jax.lax.stop_gradient(load.value))
     value, gap = attach(_changes_of_limit, throw, (load.value, limit.gap), limit, inputs)
@@ -58,7 +58,7 @@ def differentiable_value(
 ) -> Scalar:
     """Return the load of a state close to a limit as a function of the contact, as that one's is.
 
-    It is located only where a derivative is asked for.
+    It is located only if a derivative is requested.
     """
     known = gap, kind, ahead
     inputs = contact, load.at(jax.lax.stop_gradient(load.value))

@@ -33,7 +33,7 @@ _LEAST_COSINE = {"float64": 1e-6, "float32": 1e-3}
 
 
 class NewtonSolver(IterativeSolver):
-    """What Newton's methods for the two kinds of limits share."""
+    """The part that Newton's methods for both kinds of limits share."""
 
     tolerance: Scalar | None = None
     max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=30)
@@ -105,8 +105,8 @@ class Linearisation(NamedTuple):
 
     Attributes:
         pair: the lowest eigenvalue on the free points, and its mode x.
-        stiffening: s, what A is stiffened by along the mode: as much as the softest wave is stiff.
-        imbalance: the net pressure of the free points, up to what the load takes.
+        stiffening: s, added to A along the mode: the stiffness of the softest wave.
+        imbalance: the net pressure of the free points, less the part that the load balances.
         gap_rate: how the gap follows the load where the free points do not move by themselves.
         imbalance_rate: how the imbalance of the free points does.
         eigenvalue_slope: the gradient of the eigenvalue with respect to the gap.
@@ -190,8 +190,8 @@ def newton_step(
 ) -> tuple[Scalar, Field]:
     """Return the changes of load and gap that cancel an imbalance and an eigenvalue.
 
-    With B = A + s x x^T the gap moves by B^-1 (s (x.d) x - r - l dr/dl), where d is that move, and
-    the two numbers x.d and l follow from their definition and from the eigenvalue.
+    With B = A + s x x^T the gap moves by d = B^-1 (s (x.d) x - r - l dr/dl). The two numbers x.d
+    and l follow from their definition and from the eigenvalue.
     """
     imbalance, eigenvalue = conditions
     pair, stiffening = linear.pair, linear.stiffening

@@ -43,7 +43,7 @@ class Limit(eqx.Module):
         kind: a fold or a release.
         point: the contact point that lets go; none at a fold.
         critical: the lowest eigenpair on the points that are free or let go; its error is at least
-            as large where that is not what the kind asks for.
+            as large if the eigenvalue contradicts the kind.
         residual: of the balance of pressures and the condition of the kind.
         num_steps: steps that it took to find it.
         history: of the residual.
@@ -69,7 +69,7 @@ class Limit(eqx.Module):
 
 
 def limit_of(kind: KINDS, point: Mask, newton: Iteration[Point]) -> Limit:
-    """Return a limit from what Newton's method ended at."""
+    """Return a limit from the end of Newton's method."""
     state = newton.state
     return Limit(
         load=state.load,

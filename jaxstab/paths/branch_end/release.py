@@ -1,8 +1,8 @@
-"""Releases: where the reaction of a contact point vanishes, and the branch ends for want of it.
+"""Releases: the branch ends where the reaction of a contact point vanishes.
 
-Up to there the contact points stay where they are. With x the move that opens the point and that
-the free points follow at no cost, x_p = 1 and A x = 0 on them, the condition is x.r = 0, r being
-the net pressure K u + p0 + f'(g): of what is out of balance on the free points x.r is rid.
+Up to there the contact points stay where they are. Let x be the move that opens the point, x_p = 1,
+with the free points following at no cost, A x = 0 on them. The condition is x.r = 0, with r the net
+pressure K u + p0 + f'(g). x.r does not depend on the imbalance of the free points.
 """
 
 from typing import NamedTuple

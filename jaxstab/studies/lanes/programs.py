@@ -1,7 +1,7 @@
 """The compiled programs of cases in lanes.
 
-A case is a procedure, which stops where it waits for loops. To go on from a stop it is traced anew,
-and what it was sent up to there is sent again.
+A case is a procedure, which stops where it waits for loops. To continue from a stop it is traced
+anew, and is sent the same values again up to there.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ class Stop(eqx.Module):
     Attributes:
         kept: the values kept since the last stop.
         rounds: the loops; None at the end.
-        outputs: what the procedure returns at its end.
+        outputs: the outputs of the procedure at its end.
     """
 
     kept: list[Any]
@@ -31,7 +31,7 @@ class Stop(eqx.Module):
 
     @property
     def answers(self) -> list[Any]:
-        """What the procedure was sent up to here, since the last stop."""
+        """The values sent to the procedure up to here, since the last stop."""
         assert self.rounds is not None
         return [*self.kept, self.rounds.found]
 

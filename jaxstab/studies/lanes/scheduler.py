@@ -1,8 +1,8 @@
-"""Many cases in a fixed number of lanes: what is done leaves, and what is new takes its place.
+"""Many cases in a fixed number of lanes: a finished case frees its lane for the next.
 
 Under `jax.vmap` a loop runs until its slowest lane is done, and all lanes are paid for. Here a case
-is a procedure, which stops where it waits for loops. Loops of one stop, of whatever cases, advance
-by a few steps together, and between two such calls those that are over are exchanged.
+is a procedure, which stops where it waits for loops. Loops of one stop, of any cases, advance by a
+few steps together. Between two such calls finished loops are replaced.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -30,7 +30,7 @@ class _Case:
     """A case that is under way.
 
     Attributes:
-        name: what it is known by.
+        name: its name.
         num_stops: how many stops it has come to.
         has_steps: which lanes of the last have steps to take.
         is_on: whether any takes part in the round.
