@@ -30,7 +30,7 @@ class Source(NamedTuple):
 
     @property
     def behind(self) -> list[str]:
-        """The public names of what it is behind."""
+        """The public names that it is behind."""
         return re.findall(r"[\w.]+", self.fields.get("behind", ""))
 
     @property
@@ -58,7 +58,7 @@ class Source(NamedTuple):
 
 
 class Citations:
-    """What to cite, each with the names of what it is behind; `print` shows it as text."""
+    """The sources to cite, each with the names that it is behind; `print` shows them as text."""
 
     def __init__(self, reasons: dict[str, list[str]]):
         self.reasons = reasons
@@ -82,9 +82,9 @@ def cite(*objects: Any) -> Citations:
     """Return the sources behind functions, classes, modules or results of jaxstab, and jaxstab.
 
     Arguments:
-        objects: what was used: functions (`js.equilibrate`), classes (`js.potentials.Dugdale`),
-            modules (`js.references.jkr`), or what they returned, which stands for its class and
-            those of its parts. Without any, the software and the paper whose method it implements.
+        objects: functions (`js.equilibrate`), classes (`js.potentials.Dugdale`), modules
+            (`js.references.jkr`), or their results. A result stands for its class and those of its
+            parts. Without any, the software and the paper whose method it implements.
 
     Returns:
         The citations: `print` them, or write `.bibtex` to a file.

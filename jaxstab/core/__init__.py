@@ -1,1 +1,1 @@
-"""What knows nothing of mechanics: grids, loops, derivatives, programs, results."""
+"""Parts without mechanics: grids, loops, derivatives, programs, results."""

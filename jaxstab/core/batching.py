@@ -15,11 +15,11 @@ Lane = TypeVar("Lane")
 
 
 def map_lanes(function: Callable[[In], Out], lanes: In) -> Out:
-    """Return what a function gives on each lane, along the leading axis of all arrays.
+    """Return the results of a function on each lane, along the leading axis of all arrays.
 
-    On the CPU, which gains nothing from wide arrays, they run one after another: none waits for
-    the slowest, and each gives what it gives alone, to the last bit. Elsewhere all run together;
-    also a program that is made for elsewhere, unless JAX finds nothing but the CPU.
+    The CPU gains nothing from wide arrays, so there they run one after another. None waits for the
+    slowest, and each gives the same as alone, to the last bit. Elsewhere all run together; also a
+    program that is made for elsewhere, unless JAX finds nothing but the CPU.
     """
     return _map(function, function, lanes)
 

@@ -1,7 +1,7 @@
-"""What input must satisfy, wherever its value is known: eagerly always, under a JAX trace never.
+"""Checks of input, wherever its value is known: eagerly always, under a JAX trace never.
 
-What is known is looked at with NumPy, since every operation of JAX on it is a program to compile;
-but what is spread over several devices, where it lies.
+Known values are checked with NumPy, to avoid compiling. Those spread over several devices are
+checked where they lie.
 """
 
 import operator
@@ -23,7 +23,7 @@ def is_traced(value: Any) -> bool:
 
 
 def is_transformed(inputs: Any) -> bool:
-    """Whether JAX transforms what is computed from `inputs`; under `jax.jit` even of constants."""
+    """Whether JAX transforms computations with `inputs`; under `jax.jit` always."""
     return is_traced((inputs, jax.device_put(np.zeros(()))))
 
 
@@ -39,7 +39,7 @@ def known(value: ArrayLike) -> Any:
 
 
 def array(value: Any, dtype: Any = None) -> Array:
-    """Return a copy of what is known as an array of JAX, without compiling anything."""
+    """Return a copy of a known value as an array of JAX, without compiling anything."""
     return jax.device_put(np.array(value, dtype))
 
 
@@ -83,7 +83,7 @@ def scalar_parameter(value: Any, name: str) -> Scalar:
 def cast(tree: Any, dtype: Any) -> Any:
     """Return `tree` with its floating-point leaves in `dtype`.
 
-    They have it as their own, for JAX compiles apart for what has no precision of its own.
+    They have it as their own, for JAX compiles again for values without a precision of their own.
     """
 
     def cast_leaf(leaf: Any) -> Any:
@@ -116,7 +116,7 @@ def require(name: str, value: Any, holds: Any, cure: str) -> None:
 
 
 def require_kind(value: Any, kind: type | UnionType, sentence: str) -> None:
-    """Raise `TypeError` that says what a value of another class is not, and what to give."""
+    """Raise `TypeError` for a value of another class, with the class to give."""
     if not isinstance(value, kind):
         raise TypeError(f"{type(value).__name__} is {sentence}")
 

@@ -1,4 +1,4 @@
-"""Python functions as pytrees, so that what holds one can cross any JAX transformation."""
+"""Python functions as pytrees, so that their holders can cross any JAX transformation."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ def as_pytree(name: str, function: Any, argument: jax.ShapeDtypeStruct, cure: st
     """Return a `function` of one array as a pytree of arrays: itself, if it is a module of them.
 
     Raises:
-        TypeError: if it asks for the value of its argument.
+        TypeError: if it needs the value of its argument.
         ValueError: naming the `cure`, if it does not return one real array, of the argument's shape
             or scalar.
     """

@@ -30,7 +30,7 @@ def program(
 ) -> Callable[..., Any]:
     """Return `jax.jit(function, **options)`, compiled faster where it is called outside of a trace.
 
-    `make_room` can drop what it compiled.
+    `make_room` can drop its compiled programs.
 
     Arguments:
         function: the function.
@@ -110,7 +110,7 @@ def first_good(compute: Callable[[Any], Out], is_good: Callable[[Out], Array]) -
 
 
 def make_room(kind: Hashable) -> None:
-    """Drop what was compiled, if this is a new kind of problem and room is short."""
+    """Drop compiled programs, if this is a new kind of problem and room is short."""
     if kind in _kinds:
         return
     if num_pieces() > _SHARE * _max_pieces():

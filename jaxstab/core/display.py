@@ -1,6 +1,6 @@
-"""What `print` and a notebook show of contacts and results: numbers in a few aligned lines.
+"""Contacts and results in `print` and a notebook: numbers in a few aligned lines.
 
-Fields are shown by shape and range, and what JAX is tracing by shape alone.
+Fields are shown by shape and range, and traced values by shape alone.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -107,7 +107,7 @@ def _named(module: Any, with_grids: bool) -> Iterator[tuple[str, Any]]:
 
 
 def text(value: Any) -> str:
-    """Return what is shown of a field: of an array its range, of a number itself."""
+    """Return the text for a field: the range of an array, or a number itself."""
     if _is_array(value):
         return described(value)
     if isinstance(value, int | float | complex):

@@ -25,7 +25,7 @@ _LEAST_IN_A_PASS = 5
 
 
 def require_grid(grid: Any) -> None:
-    """Raise `TypeError` for what is no grid."""
+    """Raise `TypeError` for anything but a grid."""
     if not isinstance(grid, Grid):
         raise TypeError(
             f"The grid is a {type(grid).__name__}: give the grid first, as in "
@@ -44,9 +44,9 @@ class Grid(eqx.Module):
             keep it.
 
     Raises:
-        ValueError: for other than one or two sides, fewer than 2 points along a side, or
-            lengths that are not positive; for another spec, a line on several devices, and a first
-            side that they do not divide.
+        ValueError: unless there are one or two sides, 2 points or more along each, and positive
+            lengths. For another spec of the sharding, a line on several devices, and a first side
+            that they do not divide.
         TypeError: for a number of points that is not an integer, or another kind of sharding.
     """
 

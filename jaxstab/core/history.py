@@ -1,4 +1,4 @@
-"""What a solver was at on its way: its indicators, at a bounded number of its steps."""
+"""The history of a solver: its indicators, at a bounded number of its steps."""
 
 from collections.abc import Iterable
 from dataclasses import replace

@@ -1,10 +1,10 @@
-"""Derivatives of what solvers find, by the implicit function theorem.
+"""Derivatives of solutions, by the implicit function theorem.
 
 The points in contact stay there under a small change of anything, and the free ones stay free:
 on them (K + D) dg = -d(K u + p0 + f') at a fixed gap. The same operator, less an eigenvalue, moves
 a mode. Its inverse is applied by preconditioned conjugate gradients and checked.
 
-Solvers run without derivatives; `attach` adds them to what was found.
+Solvers run without derivatives; `attach` adds them to the solution.
 """
 
 import math
@@ -38,12 +38,12 @@ def attach(rule: Rule, throw: bool, values: Tree, known: Any, inputs: Any) -> Tr
     """Return values that a solver found, as differentiable functions of its inputs.
 
     Arguments:
-        rule: their changes; of numbers that are finite also where nothing was found, since what is
-            infinite harms other lanes.
+        rule: their changes. Its numbers are finite also without a solution, since an infinite one
+            affects other lanes.
         throw: whether a derivative that does not exist is an error, or NaN.
-        values: what was found, floating-point arrays.
+        values: the solution, floating-point arrays.
         known: what else the rule needs, constants.
-        inputs: what the values are functions of.
+        inputs: the values are functions of these.
     """
     return values
 

@@ -45,7 +45,7 @@ def solver_or_default(solver: Any, kind: type, default: type[Solver]) -> Solver:
 
 
 class Iteration(eqx.Module, Generic[State]):
-    """What a loop has come to."""
+    """The state of a loop."""
 
     state: State
     residual: Scalar
@@ -81,9 +81,9 @@ class Loop(eqx.Module, Generic[State]):
 class IterativeSolver(eqx.Module):
     """An algorithm that repeats a step until its residual falls to a tolerance.
 
-    A subclass says where it begins (`init`), what a step is (`step`) and how far it is from an
-    answer (`measure`); the loop is here. The loop also ends at the step limit, at a residual that
-    is not finite, and when it has stagnated.
+    A subclass defines the start (`init`), a step (`step`) and the distance from the answer
+    (`measure`); the loop is here. The loop also ends at the step limit, at a residual that is not
+    finite, and when it has stagnated.
 
     Attributes:
         tolerance: the residual to reach; None stands for `default_tolerance`.
@@ -207,7 +207,7 @@ class IterativeSolver(eqx.Module):
         return ~(unfinished & has_steps & ~self._is_stalled(loop))
 
     def outcome(self, loop: Loop[State]) -> Iteration[State]:
-        """Return what a loop has come to, at its end or at a pause."""
+        """Return the state of a loop, at its end or at a pause."""
         stalled = self._is_stalled(loop)
         result = RESULTS.where(stalled, RESULTS.stagnated, RESULTS.max_steps_reached)
         result = RESULTS.where(loop.residual <= self._goal(loop), RESULTS.successful, result)

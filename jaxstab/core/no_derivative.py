@@ -1,7 +1,7 @@
-"""Derivatives that do not exist: NaN, or an error, where they are asked for and nowhere else.
+"""Derivatives that do not exist: a NaN or an error, only when the derivative is requested.
 
-A derivative is asked for where a tangent, or in reverse mode a cotangent, is not zero: a failed
-lane of a batch of which nothing is asked harms no other.
+A derivative is requested where a tangent, or in reverse mode a cotangent, is not zero. So a failed
+batch entry does not affect the others.
 """
 
 from collections.abc import Callable, Sequence
@@ -93,7 +93,7 @@ def entering(change: Array) -> Array:
 def leaving(change: Array, obstacles: Sequence[Obstacle]) -> Array:
     """Return a change on its way from a rule, or raise `SolverError` where it is refused.
 
-    In reverse mode, where it is asked for. Under `jax.jit` the error is one of Equinox's.
+    In reverse mode, where it is requested. Under `jax.jit` the error is one of Equinox's.
     """
     exist = [obstacle.exists for obstacle in obstacles]
     return _guard.bind(change, *exist, sentences=_sentences(obstacles), is_leaving=True)

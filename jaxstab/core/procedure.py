@@ -1,8 +1,8 @@
 """Procedures: computations that hand over their loops, so that others can pause and mix these.
 
-A procedure is a generator. It yields `Rounds`, loops of a solver, and is sent what they found. It
-yields a `Part` for a procedure of its own, which may not be needed, and `Kept` for what is not to
-be computed twice. `run` takes one from beginning to end. Lanes run many side by side.
+A procedure is a generator. It yields `Rounds`, loops of a solver, and is sent their results. It
+yields a `Part` for a procedure of its own, which may not be needed, and `Kept` for values that are
+not to be computed twice. `run` takes one from beginning to end. Lanes run many side by side.
 """
 
 from abc import abstractmethod
@@ -44,7 +44,7 @@ class Rounds(eqx.Module):
     @property
     @abstractmethod
     def found(self) -> Any:
-        """What the rounds have found, at the end."""
+        """The results of the rounds, at the end."""
 
     def begun(self) -> "Rounds":
         """Return the first round, its loops before their first step."""
@@ -70,7 +70,7 @@ class Rounds(eqx.Module):
         return is_on & (loop.num_steps < self.length) & ~self.search[0].is_over(loop)
 
     def run(self) -> Any:
-        """Return what the rounds find."""
+        """Return the results of the rounds."""
 
         def round_after(rounds: Rounds) -> Rounds:
             solver, problem = rounds.search
@@ -87,7 +87,7 @@ class Solve(Rounds):
 
     Attributes:
         solver: the solver.
-        given: what the problem is made of.
+        given: the data of the problem.
         start: where to start.
         make: makes the problem.
     """
@@ -104,7 +104,7 @@ class Solve(Rounds):
 
     @property
     def found(self) -> Iteration[Any]:
-        """What the loop has come to."""
+        """The state of the loop."""
         return self.solver.outcome(jax.tree.map(lambda leaf: leaf[0], self.loops))
 
     def begun(self) -> "Solve":
@@ -115,7 +115,7 @@ class Solve(Rounds):
         return replace(self, loops=loops, is_on=jnp.ones(1, bool))
 
     def run(self) -> Iteration[Any]:
-        """Return what the loop comes to."""
+        """Return the final state of the loop."""
         return self.solver.run(self.make(self.given), self.start)
 
 
@@ -146,7 +146,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Kept:
-    """A value that is not computed again for what comes after it."""
+    """A value that is not computed again for later parts."""
 
     value: Any
 

@@ -45,7 +45,7 @@ def progress_bar(total: int, unit: str, *, shown: bool = True, done: int = 0) ->
 
 
 def can_be_shown(progress: bool, inputs: Any) -> bool:
-    """Return whether to show a bar that is asked for; under JAX transformations warn instead."""
+    """Return whether to show a requested bar; under JAX transformations warn instead."""
     is_shown = progress and not is_transformed(inputs)
     if progress and not is_shown:
         warn("Inside of JAX transformations no progress is shown.")

@@ -85,7 +85,7 @@ class RESULTS(Enumeration):
 
 
 class SolverError(RuntimeError):
-    """A solver did not reach its tolerance; the message says why and what to try.
+    """A solver did not reach its tolerance; the message gives the cause and the cure.
 
     Attributes:
         found: the result, as with `throw=False`; None for a derivative.

@@ -1,4 +1,4 @@
-"""What the fields of a result are measured in, said once, where each is declared.
+"""The units of the fields of a result, each stated once, at its declaration.
 
     mean_pressure: Annotated[Scalar, PRESSURE]
 
@@ -39,7 +39,7 @@ class _HasSurface(Protocol):
 
 
 class Dimensioned(eqx.Module):
-    """A module whose fields say what they are measured in."""
+    """A module whose fields declare their dimensions."""
 
     def in_units_of(self, pressure: Scalar) -> Self:
         """Return the same with pressures in another unit, given in the old one; lengths stay."""

@@ -36,11 +36,11 @@ class Programme(eqx.Module):
         contact: the contact problem, in units of its own.
         load: the turning points of the programme.
         threshold: the loss from which a jump is located [energy].
-        share: the same, over what was lost before.
+        share: the same, over the earlier losses.
         resolution: how near it is located [that of the load].
         disturbance: a field that is added to where each equilibrium starts [length].
-        finds_all: whether a jump is told by the force too; otherwise by its loss alone, as is
-            enough where the end of one branch is sought.
+        finds_all: whether a jump is detected by the force too. Otherwise it is detected by its loss
+            alone; that is enough for the end of one branch.
     """
 
     contact: Contact
@@ -138,9 +138,9 @@ def programme_of(
         contact, load: the contact, and these points.
         smallest_jump: the loss from which a jump is located, over the problem's own energy.
         disturbance: the size of a random field, over `_own_length`.
-        share: the loss from which a jump is located, over what was lost before.
+        share: the loss from which a jump is located, over the earlier losses.
         resolution: how near a jump is located, over the range of the loads.
-        finds_all: whether a jump is told by the force too.
+        finds_all: whether a jump is detected by the force too.
     """
     turns, heights = load.value, contact.heights
     noise = jax.random.normal(jax.random.key(0), heights.shape, heights.dtype)

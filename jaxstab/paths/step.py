@@ -40,7 +40,7 @@ class Bisection(eqx.Module):
 
     Attributes:
         distance: how far ahead the nearest such load lies; infinite if there is none.
-        error: that of a step there, over what is allowed, as far as it is known.
+        error: that of a step there, over the tolerance, as far as it is known.
         nearness: how near the end of the branch is to be located.
     """
 

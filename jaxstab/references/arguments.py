@@ -1,4 +1,4 @@
-"""The arguments of the closed forms: what they are, and what they must satisfy."""
+"""The arguments of the closed forms: their meaning and their conditions."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

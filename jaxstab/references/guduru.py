@@ -1,9 +1,9 @@
 """Guduru (2007): an elastic sphere with concentric waves and adhesion of no range.
 
 A rigid surface r^2 / (2 R) + A (1 - cos(2 pi r / L)) on an elastic half space of contact modulus
-E*, in contact everywhere up to the radius a; outside nothing acts, and opening the contact costs w
-per area. Contact is everywhere, if not at once then after enough pressing; at once where the
-profile rises everywhere, 4 pi^2 A R / L^2 < 4.603. That it is so is assumed, not checked.
+E*, in contact everywhere up to the radius a. Outside nothing acts. Opening the contact costs w per
+area. Contact is everywhere, if not at once then after enough pressing; at once where the profile
+rises everywhere, 4 pi^2 A R / L^2 < 4.603. That it is so is assumed, not checked.
 
 Signs: forces are positive in compression; displacements count the approach of the bodies from
 where the undeformed ones would touch in the middle, positive into contact. Numbers may be arrays,
@@ -32,7 +32,7 @@ def curve(
     amplitude: ArrayLike,
     length: ArrayLike,
 ) -> jkr.State:
-    """Return the state of JKR's sphere, and what the waves add to it.
+    """Return the state of JKR's sphere, and the contribution of the waves.
 
     F = F_JKR + (2 pi^2 E* A a^2 / L) (H0(q) - H1(q) / q) and d = d_JKR + (pi^2 A a / L) H0(q),
     where q = 2 pi a / L and H0, H1 are Struve's functions (Guduru 2007).

@@ -1,8 +1,8 @@
 """Maugis (1992): an elastic sphere with adhesion as Dugdale has it, between JKR's and DMT's limits.
 
 A rigid paraboloid r^2 / (2 R) on an elastic half space of contact modulus E*, in contact up to the
-radius a; from there to the outer radius c, where the gap is w / s, a constant tension s acts.
-The branch of equilibria goes on without contact, a = 0, until c = 0 at d = -w / s.
+radius a. From there to the outer radius c, where the gap is w / s, a constant tension s acts. The
+branch of equilibria goes on without contact, a = 0, until c = 0 at d = -w / s.
 
 Signs: forces are positive in compression; displacements count the approach of the bodies from
 where the undeformed ones would touch in a point, positive into contact. Numbers may be arrays, of

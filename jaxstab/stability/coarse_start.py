@@ -85,7 +85,7 @@ def minimum_by_coarser(
         hessian: A.
         cone: the cone.
         known: a vector to start from instead.
-        is_known: whether to, and ask no coarser problem.
+        is_known: whether to, without a coarser problem.
         random: vectors from which the coarser problem starts.
 
     Returns:

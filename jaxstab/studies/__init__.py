@@ -1,4 +1,4 @@
-"""Many contacts in one store, of which nothing done is ever lost or run again."""
+"""Many contacts in one store; finished cases are never lost or run again."""
 
 from jaxstab.studies import cases
 from jaxstab.studies.study import StudyInterrupted, study

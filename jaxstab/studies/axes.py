@@ -18,7 +18,7 @@ _KINDS = "biufU"
 
 @dataclass(frozen=True)
 class Axis:
-    """A dimension, and what varies along it.
+    """A dimension, and the arguments that vary along it.
 
     Attributes:
         name: the name of the dimension.
@@ -34,7 +34,7 @@ class Axis:
         return len(next(iter(self.columns.values())))
 
     def rows(self) -> list[tuple[Any, ...]]:
-        """Return what tells the places along the axis from each other."""
+        """Return the values that identify the places along the axis."""
         return rows_of(self.columns)
 
 
@@ -47,7 +47,7 @@ def read_axes(axes: Mapping[str, Any] | Sequence[Mapping[str, Any]]) -> list[Axi
     """Return the axes of a product of arrays, or the one of listed combinations.
 
     Raises:
-        ValueError: for what is empty, repeated, not finite or not one-dimensional.
+        ValueError: for values that are empty, repeated, not finite or not one-dimensional.
         TypeError: for values that are neither numbers, words nor random keys.
     """
     if isinstance(axes, Mapping):

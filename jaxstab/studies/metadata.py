@@ -258,7 +258,7 @@ def _whole(path: Path, name: str, array: Any) -> np.ndarray:
 
 
 def _read_json(path: Path) -> dict[str, Any]:
-    """Return the content of a metadata file, None if it is lost or damaged."""
+    """Return the content of a metadata file, empty if it is lost or damaged."""
     try:
         return json.loads(path.read_bytes())
     except (FileNotFoundError, ValueError):

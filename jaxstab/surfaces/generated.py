@@ -73,9 +73,9 @@ def self_affine(
     """Return a Gaussian self-affine surface by Fourier filtering (Rey & Bleyer, eq. 43).
 
     White noise is filtered by the square root of the power spectrum Phi(k) = C for
-    k_low <= k <= k_rolloff, C (k / k_rolloff)^-s up to k_high, and 0 elsewhere, with k the number
-    of waves per longest side of the cell; C is set by the one of `rms_height` and `rms_slope`
-    that is given, which this very surface has exactly. The noise belongs to the waves, not to the
+    k_low <= k <= k_rolloff, C (k / k_rolloff)^-s up to k_high, and 0 elsewhere. k is the number of
+    waves per longest side of the cell. C follows from the given one of `rms_height` and
+    `rms_slope`, which this surface has exactly. The noise belongs to the waves, not to the
     points: one key gives one surface in each precision, on every grid that resolves it.
 
     Arguments:

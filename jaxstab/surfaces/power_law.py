@@ -56,7 +56,7 @@ class PowerLaw:
 def power_law(spectrum: PowerSpectrum) -> PowerLaw:
     """Fit C up to q_r and C (q / q_r)^-(d + 2 H) from there to a cut-off to a spectrum.
 
-    What lies beyond the cut-off may be anything, such as the leakage of a window. Roll-off and
+    Beyond the cut-off the spectrum may be anything, such as the leakage of a window. Roll-off and
     cut-off are those rings between which most rings agree with the law, by least squares of the
     logarithm. H and C then follow by maximum likelihood from the rings between them: on a Gaussian
     surface each wave is exponentially distributed about the spectrum (Whittle, 1953). Noise of the
@@ -66,7 +66,7 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
         spectrum: what `power_spectrum` returns; one ring holds at most two waves on a line.
 
     Raises:
-        TypeError: for what is no spectrum.
+        TypeError: for anything but a spectrum.
         ValueError: if the spectrum is not finite, or has fewer than five rings with waves.
 
     Warns:

@@ -1,4 +1,4 @@
-"""What is done to measured heights, in NumPy: NaN is a missing point, the first index runs along x.
+"""Processing of measured heights, in NumPy: NaN is a missing point, the first index along x.
 
 SciPy is imported late, since it takes long.
 """

@@ -1,4 +1,4 @@
-"""Surfaces from files, whose format is told by their content."""
+"""Surfaces from files, whose content determines the format."""
 
 import gzip
 import zlib
@@ -35,19 +35,20 @@ def read(
     unit: str | None = None,
     channel: str | None = None,
 ) -> Topography:
-    """Return the surface in a file, which its content tells how to read, not its name.
+    """Return the surface in a file, whose content, not its name, determines the format.
 
     The first index of heights runs along x. A text matrix has a line for each x, as
     `numpy.savetxt(path, heights)` writes it, and so has an array in a `.npy` file; a single row or
     column is a profile. Three columns of text that lie on a lattice are points x, y, z in any
-    order, and refused where more than 50 rows lie on none; two with an evenly rising or falling
-    first one are a profile x, z. Titles above such columns may say units, as `x (µm), z (nm)`.
+    order. More than 50 rows on no lattice raise an error. Two columns with an evenly rising or
+    falling first one are a profile x, z. Titles above such columns may say units, as `x (µm), z
+    (nm)`.
     Text that Gwyddion exports is an image, by its header: a line is a row along x, the first at
     y = 0, as in its own files. Decimal commas are read where fields are separated otherwise. Of
     NetCDF the dimensions x and y count, in either order. Any other file, as .x3p and .gwy, and
     text below the header of an instrument, is read through SurfaceTopography, which leaves rows in
     the order of the file, a line of text along x. A side is as long as its number of points times
-    their spacing. What gzip has packed is unpacked first.
+    their spacing. Files packed by gzip are unpacked first.
 
     Missing points (nan, an empty field between separators, a masked point) stay NaN.
 

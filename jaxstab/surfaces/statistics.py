@@ -66,9 +66,9 @@ class PowerSpectrum(eqx.Module):
 
     Attributes:
         wavenumber: the middle q of each ring, a multiple of 2 pi over the longest side [1/length].
-        density: mean of |h(q)|^2 over the waves of the ring, with h(q) the Fourier transform over
-            the cell divided by the root of its area, so that the mean square height is the sum
-            over all waves of density / area [length^4 on a surface, length^3 on a line].
+        density: mean of |h(q)|^2 over the waves of the ring [length^4 on a surface, length^3 on a
+            line]. h(q) is the Fourier transform over the cell divided by the root of its area. So
+            the mean square height is the sum over all waves of density / area.
         num_waves: how many waves the ring holds; density is zero where there are none.
     """
 

@@ -1,4 +1,4 @@
-"""What looks wrong with a surface, before anything is computed with it."""
+"""Checks of a surface, before anything is computed with it."""
 
 import math
 from dataclasses import dataclass
@@ -25,16 +25,16 @@ class SurfaceWarning(UserWarning):
 
 
 def warn(sentences: list[str]) -> None:
-    """Warn of what looks wrong, once for each sentence."""
+    """Warn of suspicious heights, once for each sentence."""
     for sentence in sentences:
         warn_once(sentence, SurfaceWarning)
 
 
 def looks_wrong(heights: np.ndarray) -> list[str]:
-    """Return what is wrong with heights on a periodic grid, a sentence for each: tilt and edges.
+    """Return the faults of heights on a periodic grid, a sentence for each: tilt and edges.
 
-    A tilt above the roughness is one whose edges do not meet; of what is left of it the edges are
-    looked at again.
+    The edges of a surface with a tilt above the roughness do not meet. They are checked again
+    without the tilt.
     """
     if min(heights.shape) < _FEWEST:
         return []

@@ -21,15 +21,15 @@ _ROUNDING = 1e-5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Topography:
-    """A measured surface. Its methods return new ones, and `print` shows what was done to it.
+    """A measured surface. Its methods return new ones, and `print` shows its processing.
 
     Arguments:
         grid: the grid; a side is as long as its points times their spacing, since the surface is
             to be periodic.
-        heights: h at its points [length], the first index along x; NaN where points are missing,
-            and so is what is masked. Kept as float64 of NumPy.
+        heights: h at its points [length], the first index along x; NaN where points are missing, or
+            masked in the input. Kept as float64 of NumPy.
         unit: that of heights and lengths, from pm to km, or None.
-        remarks: what was done to it, in words.
+        remarks: its processing, in words.
         is_periodic: whether opposite edges are known to meet.
         spread: what looked wrong with its edges when a Fourier series, which rings there, spread it
             over the surface.
@@ -37,7 +37,7 @@ class Topography:
     Raises:
         ValueError: for heights of another shape than the grid, infinite, or missing altogether,
             and for a unit that is none of length.
-        TypeError: for what is not a grid, and for heights that are not real numbers.
+        TypeError: for anything but a grid, and for heights that are not real numbers.
     """
 
     grid: Grid
@@ -82,9 +82,9 @@ class Topography:
 
     @property
     def suspicions(self) -> list[str]:
-        """What looks wrong, a sentence each: scales, tilt, and edges unless known to meet.
+        """Warnings, a sentence each: scales, tilt, and edges unless known to meet.
 
-        Of tilt and edges nothing is said with fewer than 32 points along a side, too few to tell.
+        Tilt and edges are checked from 32 points along a side on; fewer are too few.
         """
         return [*self.wrong_scale, *self.spread, *self._wrong_edges]
 
@@ -119,7 +119,7 @@ class Topography:
             )
 
     def on(self, grid: Grid) -> np.ndarray:
-        """Return the heights for what is computed on a grid, which must be this one.
+        """Return the heights for computations on a grid, which must be this one.
 
         Raises:
             ValueError: if points are missing, or the grid has another shape or other lengths.
@@ -137,7 +137,7 @@ class Topography:
         return self.heights
 
     def filled(self, method: Literal["harmonic", "biharmonic"] = "harmonic") -> "Topography":
-        """Return the surface with missing points filled by what the others suggest.
+        """Return the surface with missing points filled from the others.
 
         Arguments:
             method: "harmonic", like a membrane through the points around (the least squared
@@ -191,7 +191,7 @@ class Topography:
             y: y0 and y1 [length]; all of that side by default.
 
         Raises:
-            ValueError: for what is not two numbers, if fewer than two points are left along a
+            ValueError: unless two numbers are given, if fewer than two points are left along a
                 side, and for y on a line.
         """
         intervals = [x] if y is None else [x, y]
@@ -227,9 +227,9 @@ class Topography:
 
         Arguments:
             shape: number of points along each side; one integer counts for all sides.
-            method: "spectral", by the Fourier series, exact for what both numbers of points
-                resolve if opposite edges meet; or "area", by the mean over tiles, for any surface,
-                where a missing point counts for nothing.
+            method: "spectral", by the Fourier series: exact for the waves that both grids resolve,
+                if opposite edges meet. Or "area", by the mean over tiles, for any surface; missing
+                points are left out of the mean.
 
         Raises:
             ValueError: for another method, and where the Fourier series misses points.
@@ -282,9 +282,9 @@ class Topography:
         """Return a surface whose opposite edges meet.
 
         Arguments:
-            how: "window": heights about their mean times a window that falls to zero as a cosine
-                over the outer tenth of each side; "mirror": the surface and its mirror images,
-                twice as long along each side; "as_is": the same heights, said to meet.
+            how: "window" multiplies heights about their mean by a window that falls to zero as a
+                cosine over the outer tenth of each side. "mirror" adds the mirror images, twice as
+                long along each side. "as_is" keeps the heights and declares that they meet.
 
         Raises:
             ValueError: for another way, and for a window where points are missing.

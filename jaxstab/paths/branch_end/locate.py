@@ -88,8 +88,8 @@ def limit_of(kind: KINDS, point: Mask, newton: Iteration[Point]) -> Limit:
 def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limit:
     """Return the limit of a branch from a state close to it, of whichever kind it is.
 
-    The last state of a branch may lie past its end by no more than its residual tells: then the
-    point that let go is the one that is least open.
+    The last state of a branch may lie past its end, by no more than its residual. Then the point
+    that let go is the one that is least open.
     """
 
     def limit_from(number: Array) -> Limit:

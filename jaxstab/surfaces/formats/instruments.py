@@ -31,7 +31,7 @@ _MISSING = {"bad", "nan", "inf", "infinite"}
 def read_instrument(source: str | BytesIO, content: bytes, channel: str | None) -> Scan:
     """Return the heights in an instrument's file, as SurfaceTopography orients them.
 
-    Of several channels that is the first of heights, unless one is asked for.
+    Of several channels that is the first of heights, unless one is requested.
     """
     with _opened(source, content) as reader:
         if reader.format() in _UNMARKED:
@@ -43,7 +43,7 @@ def read_instrument_text(text: str, channel: str | None) -> Scan:
     """Return the heights of a matrix of text below a header that SurfaceTopography understands.
 
     A line is a row along x. Its reader takes lines that it cannot read for parts of the header, and
-    reads a matrix without one: both are refused here.
+    reads a matrix without one. Both raise an error here.
     """
     _require_whole_lines(text)
     with _opened(StringIO(text), b"", format="asc") as reader:

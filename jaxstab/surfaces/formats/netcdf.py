@@ -22,11 +22,11 @@ _SINGLE = 1e-6
 def read_netcdf(content: bytes, engine: Literal["scipy", "h5netcdf"], channel: str | None) -> Scan:
     """Return the heights of a data set over the dimensions x and y, in either order, or x alone.
 
-    That is the variable that is asked for, `heights`, or the only one over these. Side lengths are
-    the number of points times the spacing of the coordinates, in double precision, or their
-    attribute `length`. Units are the attributes `units` or `unit`; heights come in that of the
-    coordinates, and where one is not said it is taken from the other, with a remark. A variable
-    `mask` marks missing points, an attribute `periodic` of the coordinates edges that meet.
+    That is the requested variable, `heights`, or the only one over these. Side lengths are the
+    number of points times the spacing of the coordinates, in double precision, or their attribute
+    `length`. Units are the attributes `units` or `unit`; heights come in that of the coordinates,
+    and where one is not said it is taken from the other, with a remark. A variable `mask` marks
+    missing points, an attribute `periodic` of the coordinates edges that meet.
     """
     data = _loaded(content, engine)
     name, choice = _name(data, channel)

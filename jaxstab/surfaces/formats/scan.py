@@ -1,4 +1,4 @@
-"""What a file says of a surface."""
+"""The content of a surface file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,13 +14,13 @@ _UNEVEN = 1e-2
 
 @dataclass(frozen=True)
 class Scan:
-    """What a file says of a surface; None stands for what it does not say.
+    """The content of a surface file; None for data that it lacks.
 
     Attributes:
         heights: on a map or a line, the first index along x; NaN where missing.
         lengths: side lengths, in the unit of the heights.
         unit: that of lengths and heights.
-        remarks: what the reader chose.
+        remarks: the choices of the reader.
         is_periodic: whether the file says so.
     """
 

@@ -15,7 +15,7 @@ _PROFILER = "Scan Parameters"
 
 @dataclass(frozen=True)
 class Titles:
-    """What the titles of columns x, z, of x, z, valid, or of x, y, z say, with or without an index.
+    """The titles of columns x, z, of x, z, valid, or of x, y, z, with or without an index.
 
     A last column of marks is zero where a point is missing; a unit is None where it is not said.
     """
@@ -28,7 +28,7 @@ class Titles:
 
 
 def titles_of(head: list[str], num_columns: int) -> Titles | None:
-    """Return what the lines above columns say of them, if those are titles with units."""
+    """Return the content of the lines above columns, if those are titles with units."""
     *rest, last = head
     units = _fields(last)
     if rest and all(_IN_BRACKETS.fullmatch(field) for field in units):
