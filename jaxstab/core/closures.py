@@ -34,7 +34,7 @@ def as_pytree(name: str, function: Any, argument: jax.ShapeDtypeStruct, cure: st
         closed, value = jax.make_jaxpr(lambda x: function(x), return_shape=True)(argument)
     except _NEEDS_A_VALUE:
         raise TypeError(
-            f"{name} asks for the value of its argument, which is not known while JAX traces it: "
+            f"{name} needs the value of its argument, which is not known while JAX traces it: "
             "write it with jax.numpy in place of NumPy and math, and jnp.where in place of `if`."
         ) from None
     has_shape = getattr(value, "shape", None) in ((), argument.shape)

@@ -75,7 +75,7 @@ def _text_of(function: FunctionType) -> str:
         ) from None
     if not _is_current(code, "".join(lines)):
         raise ValueError(
-            f"`{name}` is no longer what stands in {code.co_filename}: import it anew, or restart "
+            f"`{name}` differs from its source in {code.co_filename}: import it anew, or restart "
             "Python."
         )
     if code.co_name == "<lambda>":
@@ -161,8 +161,8 @@ class _Reader:
                 self.add(variable, self.names[variable])
             elif variable in _BY_TEXT:
                 warn(
-                    f"`{name}` calls `{variable}`: of what it refers to by names in text a study "
-                    "cannot detect changes. Refer to it by name in the code."
+                    f"`{name}` calls `{variable}`: a study cannot detect changes of objects that a "
+                    "text names. Refer to them by name in the code."
                 )
 
     def _class(self, kind: type) -> str:

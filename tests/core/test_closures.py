@@ -155,7 +155,7 @@ def test_a_module_may_have_fields_that_are_no_arrays():
     ],
 )
 def test_a_function_that_asks_for_the_value_is_told_how_to_be_written(function):
-    with pytest.raises(TypeError, match=r"f asks for the value.*jax.numpy.*jnp.where"):
+    with pytest.raises(TypeError, match=r"f needs the value.*jax.numpy.*jnp.where"):
         pytree(function)
 
 

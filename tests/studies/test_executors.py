@@ -135,7 +135,7 @@ def test_a_case_that_ends_its_process_three_times_has_failed(kind, request, tmp_
     dataset = js.study(case, AXES, path, executor=executor).load()
     failed = dataset.sel(seed=2, energy=0.5)
     assert failed.result == "failed"
-    assert failed.error == "The process that ran it died, 3 times."
+    assert failed.error == "The process of this case died 3 times."
     assert runs(tmp_path)["2 0.5"] == 3 and int((dataset.result == "successful").sum()) == 24
 
 

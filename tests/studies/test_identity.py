@@ -213,7 +213,7 @@ def test_what_cannot_be_known_again_is_refused_with_the_cure(tmp_path):
     text = "def case(seed):\n    return {'a': seed}\n"
     module = module_of(tmp_path / "edited.py", text)
     (tmp_path / "edited.py").write_text(text.replace("seed}", "seed + 1}"))
-    with pytest.raises(ValueError, match=r"`case` is no longer what stands in .*edited.py"):
+    with pytest.raises(ValueError, match=r"`case` differs from its source in .*edited.py"):
         js.study(module.case, {"seed": [1]}, tmp_path / "study.zarr")
     assert not (tmp_path / "study.zarr").exists()
 
@@ -221,7 +221,9 @@ def test_what_cannot_be_known_again_is_refused_with_the_cure(tmp_path):
 def test_names_in_text_are_warned_of(tmp_path):
     text = "SCALE = 2\n\ndef case(seed):\n    return {'a': eval('SCALE * seed')}\n"
     module = module_of(tmp_path / "evaluating.py", text)
-    with pytest.warns(UserWarning, match="`case` calls `eval`: of what it refers to") as said:
+    with pytest.warns(
+        UserWarning, match="`case` calls `eval`: a study cannot detect changes"
+    ) as said:
         js.study(module.case, {"seed": [1]}, tmp_path / "study.zarr")
     assert [warning.filename for warning in said] == [__file__]
 
