@@ -50,7 +50,7 @@ def _cure(contact: Contact, share: np.floating) -> str:
     while solid.max_stiffness * share < contact.solid.max_stiffness:
         refinement *= 2
         if refinement > _MAX_REFINEMENT:
-            return "No grid of a usable size would do: use a weaker or longer-ranged adhesion."
+            return "No grid of a size to compute with would do: use a weaker adhesion."
         # Waves that much shorter are those of as many points on a cell that much smaller.
         lengths = contact.grid.lengths / refinement
         solid = eqx.tree_at(lambda solid: solid.grid.lengths, solid, lengths)
