@@ -44,8 +44,9 @@ def refuse_derivatives(tree: Tree) -> Tree:
 @refuse_derivatives.defjvp
 def _refuse(primals: tuple[Tree], tangents: tuple[Tree]) -> tuple[Tree, Tree]:
     raise NotImplementedError(
-        "lowest_modes and calibrate cannot be differentiated: apply jax.lax.stop_gradient to the "
-        "arguments, or take the derivatives of equilibrate, assess_stability or critical_load."
+        "lowest_modes, calibrate and continuation cannot be differentiated: apply "
+        "jax.lax.stop_gradient to the arguments, or take the derivatives of equilibrate, "
+        "assess_stability or critical_load."
     )
 
 

@@ -181,7 +181,8 @@ def _corner_step(way: Way, old: Place, length: Scalar) -> tuple[Place, Scalar, F
         return first_good(take, lambda taken: taken[1])
 
     here, is_new = jax.lax.cond(is_alone, turn, shorten)
-    return jax.tree.map(partial(jnp.where, is_new), here, old), length / _CUT, is_new
+    shorter = jnp.where(is_new, length, length / _CUT)
+    return jax.tree.map(partial(jnp.where, is_new), here, old), shorter, is_new
 
 
 def _beyond_corner(
