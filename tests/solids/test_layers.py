@@ -203,7 +203,7 @@ def test_the_base_of_a_layer_can_be_held():
 
 def test_an_incompressible_layer_gives_a_spring_nothing_and_holds_no_base():
     contact = contact_on("incompressible")
-    with pytest.raises(js.SolverError, match=r"incompressible layer.*mean displacement"):
+    with pytest.raises(js.SolverError, match=r"not incompressible.*mean displacement"):
         js.equilibrate(contact, js.FarDisplacement(0.0))
     spring = js.equilibrate(contact, js.Spring(0.0, 2.0))
     np.testing.assert_allclose(spring.mean_pressure, 2.0 * spring.displacement.mean(), rtol=1e-8)
