@@ -325,7 +325,7 @@ def test_a_state_of_another_contact_is_refused(hertz):
     state = js.equilibrate(hertz, js.MeanDisplacement(1.31))
     law = js.potentials.Exponential(10.01, 1.0)
     other = js.Contact(hertz.solid, hertz.heights, law)
-    message = "other_contact: the state is not in equilibrium in this contact"
+    message = "other_contact: the state is not an equilibrium of this contact"
     for use in (
         lambda: js.assess_stability(other, state),
         lambda: js.release(other, state, jnp.ones((32, 32))),
