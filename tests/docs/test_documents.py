@@ -11,7 +11,12 @@ import SurfaceTopography
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PAGES = sorted(path for path in DOCS.rglob("*.md") if "```python" in path.read_text())
+SLOW = ("barriers", "fits", "force_curve", "units")
+PAGES = [
+    pytest.param(path, marks=[pytest.mark.nightly] * (path.stem in SLOW), id=path.stem)
+    for path in sorted(DOCS.rglob("*.md"))
+    if "```python" in path.read_text()
+]
 # A block of Python, and the block of text after it, if there is one, which is what it prints.
 BLOCK = re.compile(r"^```python\n(.*?)^```\n(?:\n^```text\n(.*?)^```)?", re.DOTALL | re.MULTILINE)
 NUMBER = re.compile(r"-{3,}|[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?")
@@ -29,7 +34,7 @@ def test_the_readmes_examples_run_and_reach_a_verdict(capsys, tmp_path, monkeypa
     plt.close("all")
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", PAGES)
 def test_a_pages_blocks_run_in_order_and_print_what_it_shows(path, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     namespace = {}
