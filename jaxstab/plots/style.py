@@ -5,6 +5,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter, ScalarFormatter
 
 from jaxstab.contact import Contact
@@ -43,6 +44,14 @@ def quantity_label(quantity: str, num_sides: int) -> str:
 def load_label(load: Load) -> str:
     """Return what the value of a load is; of one of the user's own, the name of its class."""
     return f"{load.quantity} [{load.unit}]" if load.quantity else type(load).__name__
+
+
+def figure_or_new(figure: Figure | None, size: tuple[float, float]) -> Figure:
+    """Return a figure for several panels, or a new one of a size [inches]."""
+    figure = plt.figure(figsize=size) if figure is None else figure
+    if figure.get_layout_engine() is None:
+        figure.set_layout_engine("constrained")
+    return figure
 
 
 def axes_or_new(axes: Axes | None) -> Axes:

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -15,7 +14,7 @@ from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.files.labels import dimension_on, measured, prefixed, with_unit
 from jaxstab.loads import MeanPressure
 from jaxstab.plots.fields import gap, mode, outline_contact, pressure, surface
-from jaxstab.plots.style import load_label
+from jaxstab.plots.style import figure_or_new, load_label
 from jaxstab.stability import Eigenpair, Stability
 
 _PANELS: list[Any] = [["surface", "gap", "numbers"], ["pressure", "mode", "numbers"]]
@@ -59,9 +58,7 @@ def summary(
     cure = "give what jaxstab.assess_stability returned."
     require_kind(known, Stability, f"not a stability: {cure}")
     require_single(known)
-    figure = plt.figure(figsize=(11, 5.2)) if figure is None else figure
-    if figure.get_layout_engine() is None:
-        figure.set_layout_engine("constrained")
+    figure = figure_or_new(figure, (11, 5.2))
     panels, unit = figure.subplot_mosaic(_PANELS, width_ratios=[1, 1, 1.4]), unit or contact.unit
     surface(contact, unit=unit, axes=panels["surface"])
     gap(contact, state, unit=unit, axes=panels["gap"])

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -23,6 +22,7 @@ from jaxstab.plots.style import (
     VERMILION,
     add_legend,
     axes_or_new,
+    figure_or_new,
     label_axes,
 )
 
@@ -139,9 +139,7 @@ def transition(
     cure = "give what jaxstab.transition returned."
     require_kind(transition, Transition, f"not a transition: {cure}")
     require_single(transition)
-    figure = plt.figure(figsize=(11, 3.2)) if figure is None else figure
-    if figure.get_layout_engine() is None:
-        figure.set_layout_engine("constrained")
+    figure = figure_or_new(figure, (11, 3.2))
     panels, unit = figure.subplot_mosaic(_PANELS, width_ratios=[1.3, 1, 1]), unit or contact.unit
     saddle = transition.saddle
     _draw_string(contact.grid, transition, unit, panels["string"])
