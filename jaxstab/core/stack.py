@@ -69,6 +69,11 @@ def stacked(entries: Sequence[Entry], like: Entry) -> Entry:
     return jax.tree.map(stack, like, *entries)
 
 
+def nothing_like(leaf: Array) -> Array:
+    """Return NaN in place of floating-point numbers, zero in place of others."""
+    return jnp.full_like(leaf, jnp.nan if leaf.dtype.kind == "f" else 0)
+
+
 def first_entries(tree: Entry, number: int) -> Entry:
     """Return the first entries of a stack whose values are known."""
     return jax.tree.map(lambda leaf: jax.device_put(known(leaf)[:number]), tree)

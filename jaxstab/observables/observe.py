@@ -4,14 +4,13 @@ from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core import display
 from jaxstab.core.checks import is_traced
-from jaxstab.core.stack import Stackable, stacked
+from jaxstab.core.stack import Stackable, nothing_like, stacked
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import AREA, LENGTH, SPRING_CONSTANT, VISCOSITY, VOLUME, Dimensioned
 from jaxstab.equilibrium import Equilibrium
@@ -192,12 +191,8 @@ def _column(observable: Callable[[Any], Any], gaps: np.ndarray) -> Any:
         is_found = np.isfinite(gap).all()
         # The numbers of a state not found have the shapes that those of any gap have.
         row = observable(gap if is_found else np.ones_like(gap))
-        rows.append(row if is_found else jax.tree.map(_nothing, row))
+        rows.append(row if is_found else jax.tree.map(nothing_like, row))
     return stacked(rows, rows[0])
-
-
-def _nothing(leaf: Array) -> Array:
-    return jnp.full_like(leaf, jnp.nan if jnp.issubdtype(leaf.dtype, jnp.floating) else 0)
 
 
 def _patch_numbers(contact: Contact, gap: Any, neighbours: Neighbours) -> PatchNumbers:

@@ -11,6 +11,7 @@ from jaxtyping import Array, Int
 from jaxstab.contact import Contact
 from jaxstab.core.grid import mean
 from jaxstab.core.results import RESULTS
+from jaxstab.core.stack import nothing_like
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
@@ -139,7 +140,7 @@ class Room:
             is_field = leaf.ndim > 0
             if is_field and not self.fields:
                 return jnp.zeros((self.size, 0), leaf.dtype)
-            return jnp.broadcast_to(_nothing(leaf), (self.size, *leaf.shape))
+            return jnp.broadcast_to(nothing_like(leaf), (self.size, *leaf.shape))
 
         return Table(jax.tree.map(rows, like), jnp.array(0))
 
@@ -173,7 +174,7 @@ class Strongest(eqx.Module):
     @classmethod
     def none(cls, like: Event) -> "Strongest":
         """Return that there is none as yet."""
-        return cls(jax.tree.map(_nothing, like), jnp.full_like(like.dissipation, -jnp.inf))
+        return cls(jax.tree.map(nothing_like, like), jnp.full_like(like.dissipation, -jnp.inf))
 
     @property
     def is_found(self) -> Flag:
@@ -191,7 +192,3 @@ class Strongest(eqx.Module):
         is_stronger = is_kept & ~event.is_touch & (tension > self.tension)
         new = Strongest(event, tension)
         return jax.tree.map(lambda one, other: jnp.where(is_stronger, one, other), new, self)
-
-
-def _nothing(leaf: Array) -> Array:
-    return jnp.full_like(leaf, jnp.nan if leaf.dtype.kind == "f" else 0)
