@@ -32,7 +32,7 @@ from jaxstab.equilibrium.equilibrium import (
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
 from jaxstab.equilibrium.window import warn_at_edges, whole_start
-from jaxstab.loads import Control, GapControl, Load, require_load, warn_if_soft
+from jaxstab.loads import Control, GapControl, Load, require_load, require_loads, warn_if_soft
 from jaxstab.solids import Solid
 
 # In units of the precision: what part of itself a mean gap may be off.
@@ -80,12 +80,8 @@ def equilibrate(
         SolverError: if `throw`, for a load that no gap satisfies or a solve that did not converge.
     """
     require_contact(contact)
-    require_load(load)
-    if load.value.shape != ():
-        raise ValueError(
-            f"equilibrate takes one load, but {type(load).__name__} holds an array of shape "
-            f"{load.value.shape}: use jaxstab.sweep, or jax.vmap."
-        )
+    cure = "use jaxstab.sweep, or jax.vmap."
+    require_loads(load, (), "equilibrate takes one load", cure)
     warn_if_coarse(contact)
     solver = solver_or_default(solver, EquilibriumSolver, PreconditionedConjugateGradient)
     whole, start = whole_start(contact, load, initial_gap(contact, load, initial))

@@ -5,7 +5,7 @@ on it.
 """
 
 from jaxstab.loads.held_gap import GapControl, MeanDisplacement, MeanGap
-from jaxstab.loads.load import Control, Load, require_load, require_same_machine
+from jaxstab.loads.load import Control, Load, require_load, require_loads, require_same_machine
 from jaxstab.loads.pressure import MeanPressure, PressingControl, PressureControl
 from jaxstab.loads.spring import (
     FarDisplacement,
@@ -29,6 +29,7 @@ __all__ = [
     "Spring",
     "SpringControl",
     "require_load",
+    "require_loads",
     "require_same_machine",
     "warn_if_soft",
 ]

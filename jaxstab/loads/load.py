@@ -129,6 +129,15 @@ def require_load(load: Load) -> None:
         )
 
 
+def require_loads(load: Load, shape: tuple[int, ...], takes: str, cure: str) -> None:
+    """Raise `TypeError` for something that is no load, `ValueError` for other than so many."""
+    require_load(load)
+    if load.value.shape != shape:
+        raise ValueError(
+            f"{takes}, but {type(load).__name__} holds an array of shape {load.value.shape}: {cure}"
+        )
+
+
 def require_same_machine(load: Load) -> None:
     """Raise `ValueError` if the entries of a load, where known, differ in more than their value."""
     for leaf in jax.tree.leaves(eqx.tree_at(lambda load: load.value, load, None)):

@@ -24,7 +24,7 @@ from jaxstab.core.types import Field
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.window import whole_start
-from jaxstab.loads import Load, require_load, require_same_machine
+from jaxstab.loads import Load, require_loads, require_same_machine
 from jaxstab.paths.branch_end.approach import SMALLEST_JUMP, follow_to_fold
 from jaxstab.paths.branch_end.critical_load import CriticalLoad, critical_load_at
 from jaxstab.paths.branch_end.locate import Limit, limit_ahead
@@ -74,12 +74,8 @@ def critical_load(
             not end in the bracket.
     """
     require_contact(contact)
-    require_load(bracket)
-    if bracket.value.shape != (2,):
-        raise ValueError(
-            f"critical_load takes two loads, but {type(bracket).__name__} holds an array of shape "
-            f"{bracket.value.shape}: give one on the stable branch and one beyond its end."
-        )
+    cure = "give one on the stable branch and one beyond its end."
+    require_loads(bracket, (2,), "critical_load takes two loads", cure)
     require_same_machine(bracket)
     warn_if_coarse(contact, FOR_JUMPS)
     start = initial_gap(contact, bracket, initial)
