@@ -13,7 +13,8 @@ from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.verify import recognised
 
-_SMALL = 1e-3
+# By default: the part of the mean gap that a push moves the point that moves most.
+SMALL = 1e-3
 
 
 def release(
@@ -60,7 +61,7 @@ def release(
     cure = "release a converged one."
     is_finite = jnp.all(jnp.isfinite(equilibrium.gap))
     require("The residual of the equilibrium", equilibrium.residual, is_finite, cure)
-    t = _small_amplitude(equilibrium, x) if amplitude is None else parameter(amplitude)
+    t = amplitude_of(equilibrium.gap, x) if amplitude is None else parameter(amplitude)
     require("The amplitude", t, jnp.isfinite(t), "it must be finite.")
     start = jnp.maximum(equilibrium.gap + t * x, 0)
     state = recognised(contact, equilibrium)
@@ -71,6 +72,7 @@ def release(
     return replace(released, result=result)
 
 
-def _small_amplitude(equilibrium: Equilibrium, mode: Field) -> Scalar:
+def amplitude_of(gap: Field, mode: Field, share: float = SMALL) -> Scalar:
+    """Return the amplitude at which a mode moves no point by more than a part of the mean gap."""
     largest = jnp.max(jnp.abs(mode))
-    return _SMALL * jnp.mean(equilibrium.gap) / jnp.where(largest == 0, 1, largest)
+    return share * jnp.mean(gap) / jnp.where(largest == 0, 1, largest)

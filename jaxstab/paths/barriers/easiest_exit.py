@@ -2,7 +2,6 @@
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact import Contact
@@ -13,9 +12,10 @@ from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.paths.barriers.transition import Transition, transition
 from jaxstab.stability import assess_stability, lowest_modes
+from jaxstab.stability.perturb import amplitude_of
 
-# How far a state is pushed, over its mean gap and the largest entry of the mode.
-_AMPLITUDES = 0.1, 0.3, 1.0, 3.0
+# How far a state is pushed, one after another: parts of its mean gap.
+_SHARES = 0.1, 0.3, 1.0, 3.0
 # Over the mean gap: from this largest difference on two states are not the same.
 _APART = 1e-3
 
@@ -80,12 +80,10 @@ def easiest_exit(
 
 def _state_beyond(contact: Contact, state: Equilibrium, direction: Field) -> Equilibrium | None:
     """Return the other state that the least push along a direction leads to, if there is one."""
-    largest = float(jnp.max(jnp.abs(direction)))
-    if not np.isfinite(largest) or largest == 0:
+    if not jnp.any(direction) or not jnp.all(jnp.isfinite(direction)):
         return None
-    for amplitude in _AMPLITUDES:
-        push = amplitude * jnp.mean(state.gap) / largest * direction
-        start = jnp.maximum(state.gap + push, 0)
+    for share in _SHARES:
+        start = jnp.maximum(state.gap + amplitude_of(state.gap, direction, share) * direction, 0)
         if not jnp.any(start > 0):
             return None
         end = equilibrate(contact, state.load, initial=start, throw=False)

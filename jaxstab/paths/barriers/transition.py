@@ -25,9 +25,10 @@ from jaxstab.equilibrium.equilibrate import find, initial_gap
 from jaxstab.equilibrium.equilibrium import State, state_at
 from jaxstab.equilibrium.solvers.base import Problem
 from jaxstab.equilibrium.window import whole_start
-from jaxstab.loads import Load, require_load
+from jaxstab.loads import Load, require_loads
 from jaxstab.paths.barriers.string import Landscape, String, StringMethod
 from jaxstab.paths.branch.index import index_of, some_modes
+from jaxstab.stability.perturb import amplitude_of
 
 # Times that the string is drawn anew around its highest image.
 _MAX_ZOOMS = 5
@@ -35,8 +36,6 @@ _MAX_ZOOMS = 5
 _FEW_STEPS = 8
 # How high a saddle may lie, over the barrier that the string shows.
 _HIGHEST = 2
-# How far the saddle is pushed to either side, over its mean gap and the largest entry of its mode.
-_PUSH = 1e-3
 
 
 class Barrier(NamedTuple):
@@ -129,12 +128,7 @@ def transition(
         SolverError: if `throw`, where the two relax to the same state, or no saddle is found.
     """
     require_contact(contact)
-    require_load(load)
-    if load.value.shape != ():
-        raise ValueError(
-            f"transition takes one load, but {type(load).__name__} holds an array of shape "
-            f"{load.value.shape}: use jax.vmap."
-        )
+    require_loads(load, (), "transition takes one load", "use jax.vmap.")
     number = integer("num_images", num_images)
     require("num_images", number, number >= 3, "a string has a state between its ends.")
     warn_if_coarse(contact, FOR_JUMPS)
@@ -234,14 +228,15 @@ def _climbed(
         lambda: index_of(contact, load, gap, some_modes(gap)),
         lambda: (jnp.array(-1), some_modes(gap)),
     )
-    return _Climb(_zoomed(landscape, string), gap, modes[0], climb.count + 1, index == 1)
+    is_found = index == 1
+    further = jax.lax.cond(is_found, lambda: string, lambda: _zoomed(landscape, string))
+    return _Climb(further, gap, modes[0], climb.count + 1, is_found)
 
 
 def _sides(contact: Contact, load: Load, climb: _Climb, start: Field) -> Equilibrium:
     """Return what a push of the saddle to either side relaxes to, first what is near to a gap."""
     solver, control = PreconditionedConjugateGradient(), contact.control(load)
-    largest = jnp.max(jnp.abs(climb.mode))
-    push = _PUSH * mean(climb.saddle) / jnp.where(largest > 0, largest, 1) * climb.mode
+    push = amplitude_of(climb.saddle, climb.mode) * climb.mode
 
     def side(sign: Array) -> Equilibrium:
         pushed = control.admissible(climb.saddle + sign * push)

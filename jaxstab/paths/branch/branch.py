@@ -55,7 +55,8 @@ class Branch(Dimensioned):
         equilibrium: the states. A branch is reversible: nothing is lost, and the work is the change
             of energy.
         index: the number of negative eigenvalues of A on the critical space of each: the moves of
-            its free points that the load allows. Zero where the state is a minimum.
+            its free points that the load allows. Zero where the state is a minimum; 19 stands for
+            as many or more.
         turns: where the load turns back, in order.
         end: a member of `ENDS`: where the branch ends.
         result: how the search ended.

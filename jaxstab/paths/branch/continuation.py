@@ -21,11 +21,11 @@ from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import stacked
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.core.warn import warn
-from jaxstab.equilibrium import PreconditionedConjugateGradient, SaddleNewton
+from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient, SaddleNewton
 from jaxstab.equilibrium.equilibrate import find, initial_gap
 from jaxstab.equilibrium.equilibrium import State, state_at
 from jaxstab.equilibrium.window import whole_start
-from jaxstab.loads import Load, require_load, require_same_machine
+from jaxstab.loads import Load, require_loads, require_same_machine
 from jaxstab.paths.branch.branch import ENDS, Branch, Turn
 from jaxstab.paths.branch.curve import Curve, Plane, Point
 from jaxstab.paths.branch.index import index_of, some_modes
@@ -70,8 +70,9 @@ def continuation(
 
     Returns:
         The branch. Under JAX transformations it has `max_states` states and room for 16 turns, NaN
-        where there is none. It cannot be differentiated, and says so; its turns are ends of
-        stable branches whose loads `critical_load` differentiates.
+        where there is none; once these are full, it ends as "store_full". It cannot be
+        differentiated, and says so; its turns are ends of stable branches whose loads
+        `critical_load` differentiates.
 
     Raises:
         ValueError: for other than two finite loads that differ, or machines that do.
@@ -79,12 +80,8 @@ def continuation(
             lost.
     """
     require_contact(contact)
-    require_load(load)
-    if load.value.shape != (2,):
-        raise ValueError(
-            f"continuation takes two loads, but {type(load).__name__} holds an array of shape "
-            f"{load.value.shape}: give that at which the branch begins and that where it ends."
-        )
+    cure = "give that at which the branch begins and that where it ends."
+    require_loads(load, (2,), "continuation takes two loads", cure)
     require_finite("The load", load.value)
     ends = known(load.value)
     require("The load", ends[1:], ends[1:] != ends[:-1], "give two loads that differ.")
@@ -92,7 +89,7 @@ def continuation(
     number = integer("max_states", max_states)
     require("max_states", number, number >= 2, "a branch has two states at least.")
     warn_if_coarse(contact, FOR_JUMPS)
-    is_state = hasattr(getattr(initial, "equilibrium", initial), "gap")
+    is_state = isinstance(getattr(initial, "equilibrium", initial), Equilibrium)
     start = initial_gap(contact, load[0], initial)
     whole, start = whole_start(contact, load[0], start)
     own, unit = whole.in_own_units()
@@ -169,9 +166,8 @@ def _begin(is_state: bool, contact: Contact, loads: Load, start: Field | None) -
 
 def _pressure(contact: Contact, load: Load, gap: Field) -> Scalar:
     """Return p0 of an equilibrium, of the grid that it is solved on."""
-    control = contact.control(load)
-    net = control.net_pressure(contact.gradient(gap), gap)
-    return jnp.mean(net - contact.gradient(gap))
+    gradient = contact.gradient(gap)
+    return jnp.mean(contact.control(load).net_pressure(gradient, gap) - gradient)
 
 
 def _next(way: Way, walk: Walk) -> Walk:
@@ -193,8 +189,7 @@ def _landed(way: Way, old: Place, stride: Stride) -> Stride:
     curve, new = way.curve, stride.here
     before, after = curve.value(old.at), curve.value(new.at)
     start = old.at.plus(new.at.minus(old.at), (way.last - before) / (after - before))
-    nothing = Point(jnp.zeros_like(start.gap), jnp.zeros_like(start.pressure))
-    plane = Plane(curve.load_gradient, way.last - curve.value(nothing), jnp.abs(after - before))
+    plane = Plane(curve.load_gradient, way.last - curve.load_offset, jnp.abs(after - before))
     iteration = way.corrected(start, plane)
     at = iteration.state.at
     landed = replace(stride, here=replace(new, at=at, is_free=at.gap > 0))
@@ -222,18 +217,19 @@ def _entry(way: Way, walk: Walk) -> tuple[Walk, Entry, Turn]:
 
 def _recorded(way: Way, at: Point) -> Recorded:
     value = way.curve.value(at)
-    return place_of(
-        way.curve.contact, state_at(way.curve.contact, way.curve.load.at(value), at.gap), value
-    )
+    return place_of(way.curve.contact, _state(way, at), value)
+
+
+def _state(way: Way, at: Point) -> Equilibrium:
+    return state_at(way.curve.contact, way.curve.load.at(way.curve.value(at)), at.gap)
 
 
 def _turn(way: Way, walk: Walk) -> Turn:
     stride = walk.stride
-    load = way.curve.load.at(way.curve.value(stride.turn))
-    equilibrium = state_at(way.curve.contact, load, stride.turn.gap)
+    equilibrium = _state(way, stride.turn)
     change = stride.here.tangent.gap
     mode = change / jnp.sqrt(jnp.sum(change**2))
-    return Turn(load, stride.kind, equilibrium, mode, walk.count - 1)
+    return Turn(equilibrium.load, stride.kind, equilibrium, mode, walk.count - 1)
 
 
 _begun = partial(program, static_argnums=0)(_begin)
@@ -304,6 +300,8 @@ def _traced(
             return state[0].is_on & ~state[1].is_full & ~state[2].is_full
 
         walk, states, turns = jax.lax.while_loop(goes_on, further, (walk, states, turns))
+        is_cut = walk.is_on & turns.is_full & ~states.is_full
+        walk = replace(walk, result=RESULTS.where(is_cut, RESULTS.store_full, walk.result))
         return _branch(contact, loads, walk, states.rows, turns.rows)
 
     return by_lanes(search)(contact, loads, start)
@@ -328,4 +326,4 @@ def _branch(contact: Contact, loads: Load, walk: Walk, entries: Entry, turns: Tu
 
 def _describe(branch: Branch, load: Load) -> str:
     count, last = len(branch.load.value), float(branch.load.value[-1])
-    return f"The branch is lost at {type(load).__name__}({last:.6g}) after {count} states"
+    return f"The branch ended at {type(load).__name__}({last:.6g}) after {count} states"

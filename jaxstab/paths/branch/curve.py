@@ -15,6 +15,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
+from jaxstab.contact.residual import missed_pressure
 from jaxstab.core.grid import mean, total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import IterativeSolver
@@ -80,16 +81,21 @@ class Curve(eqx.Module):
         contact: the contact, in units of its own.
         load: the load, at any value.
         least_scale: the pressure below which what is out of balance counts for less.
+        load_offset: the value of the load at no gap and no pressure.
+        load_gradient: the gradient of its value, which is the same anywhere.
     """
 
     contact: Contact
     load: Load
     least_scale: Scalar
+    load_offset: Scalar
+    load_gradient: Point
 
     @classmethod
     def of(cls, contact: Contact, load: Load) -> "Curve":
         """Return the curve of a contact under a load."""
-        return cls(contact, load, _LEAST_SCALE * contact.conforming_pressure)
+        least = _LEAST_SCALE * contact.conforming_pressure
+        return cls(contact, load, least, *_value_of(contact, load))
 
     @property
     def stiffness(self) -> Scalar:
@@ -116,31 +122,7 @@ class Curve(eqx.Module):
 
     def value(self, at: Point) -> Scalar:
         """Return the value of the load at a point."""
-        offset, rate = self._load
-        return offset + rate.times(at)
-
-    @property
-    def load_gradient(self) -> Point:
-        """The gradient of the value of the load."""
-        return self._load[1]
-
-    @property
-    def _load(self) -> tuple[Scalar, Point]:
-        """The value of the load at no gap and no pressure, and its gradient, the same anywhere."""
-        gap = jnp.ones_like(self.contact.heights)
-        nothing = jnp.zeros((), gap.dtype)
-        fixes_mean = self.contact.control(self.load).fixes_mean
-
-        def missed(value: Scalar, level: Scalar) -> Scalar:
-            control = self.contact.control(self.load.at(value))
-            if fixes_mean:
-                return level - mean(control.restore(gap))
-            return mean(control.net_pressure(0 * gap, level * gap))
-
-        by_value, by_mean = jax.grad(missed, (0, 1))(nothing, nothing)
-        by_pressure = 0 * by_value if fixes_mean else -jnp.ones_like(by_value)
-        row = Point(-by_mean / by_value * gap / gap.size, -by_pressure / by_value)
-        return -missed(nothing, nothing) / by_value, row
+        return self.load_offset + self.load_gradient.times(at)
 
     def forces(self, at: Point) -> Forces:
         """Return the pressures at a point, and how far they are from balance."""
@@ -148,11 +130,15 @@ class Curve(eqx.Module):
         elastic = contact.solid.held_by(0).apply(contact.displacement(gap))
         _, attraction, curvature = derivatives(contact.potential, gap)
         net = elastic + attraction + at.pressure
-        missed = jnp.where(gap > 0, net, jnp.minimum(net, 0))
+        missed = missed_pressure(net, gap)
         resisting = jnp.where(gap > 0, attraction + at.pressure, 0)
         scale = jnp.sqrt(total(elastic**2 + resisting**2) / gap.size)
         scale = jnp.maximum(scale, self.least_scale)
         return Forces(net, curvature, jnp.sqrt(total(missed**2) / gap.size) / scale)
+
+    def net_rate(self, curvature: Field, change: Point) -> Field:
+        """Return how the net pressure follows a change where f'' is this, A dg + dp0."""
+        return Hessian(self.contact.solid, curvature)(change.gap) + change.pressure
 
     def tangent(self, at: Point, is_free: Mask, ahead: Point) -> Point:
         """Return the direction of the curve at a point, along which a linear function grows."""
@@ -214,6 +200,24 @@ class Curve(eqx.Module):
             solve_method="incremental",
         )
         return Point(inside(solution.gap), solution.pressure)
+
+
+def _value_of(contact: Contact, load: Load) -> tuple[Scalar, Point]:
+    """Return the value of a load at no gap and no pressure, and its gradient, the same anywhere."""
+    gap = jnp.ones_like(contact.heights)
+    nothing = jnp.zeros((), gap.dtype)
+    fixes_mean = contact.control(load).fixes_mean
+
+    def missed(value: Scalar, level: Scalar) -> Scalar:
+        control = contact.control(load.at(value))
+        if fixes_mean:
+            return level - mean(control.restore(gap))
+        return mean(control.net_pressure(0 * gap, level * gap))
+
+    by_value, by_mean = jax.grad(missed, (0, 1))(nothing, nothing)
+    by_pressure = 0 * by_value if fixes_mean else -jnp.ones_like(by_value)
+    row = Point(-by_mean / by_value * gap / gap.size, -by_pressure / by_value)
+    return -missed(nothing, nothing) / by_value, row
 
 
 class Plane(eqx.Module):

@@ -14,12 +14,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxstab.contact.hessian import Hessian
 from jaxstab.core.compile import first_good
 from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.loop import Iteration
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Flag, Mask, Scalar
+from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.paths.branch.curve import (
     Corner,
     Curve,
@@ -138,16 +137,16 @@ def _plain_step(way: Way, old: Place, length: Scalar) -> tuple[Place, Flag, Arra
     cosine = curve.cosine(tangent, old.tangent)
     is_near = curve.length(at.minus(predicted)) < _FARTHEST * length
     # Else it is beyond a corner where the curve turns back, and the tangent leads back to that.
-    is_ahead = _follow(curve, at, tangent, is_free, is_free != old.is_free)
+    curvature = iteration.state.forces.curvature
+    is_ahead = _follow(curve, curvature, tangent, is_free, is_free != old.is_free)
     is_good = is_found & is_near & is_ahead & (cosine > _LEAST_COSINE)
     return Place(at, is_free, tangent), is_good, iteration.num_steps, cosine
 
 
-def _follow(curve: Curve, at: Point, tangent: Point, is_free: Mask, flips: Mask) -> Flag:
+def _follow(curve: Curve, curvature: Field, tangent: Point, is_free: Mask, flips: Mask) -> Flag:
     """Return whether points that let go open further along a tangent, or are pressed more."""
-    hessian = Hessian(curve.contact.solid, curve.contact.curvature(at.gap))
-    moved = hessian(tangent.gap) + tangent.pressure
-    return jnp.all(jnp.where(flips, jnp.where(is_free, tangent.gap, moved) > 0, True))
+    moved = jnp.where(is_free, tangent.gap, curve.net_rate(curvature, tangent))
+    return jnp.all(jnp.where(flips, moved > 0, True))
 
 
 def ahead_of(curve: Curve, place: Place, length: Scalar) -> Plane:
@@ -159,13 +158,12 @@ def ahead_of(curve: Curve, place: Place, length: Scalar) -> Plane:
 def _corner_step(way: Way, old: Place, length: Scalar) -> tuple[Place, Scalar, Flag]:
     """Return the place at the corner ahead if it is the only one, or else a shorter step."""
     curve, at, tangent = way.curve, old.at, old.tangent
-    net = curve.forces(at).net
-    curvature = curve.contact.curvature(at.gap)
-    rate = Hessian(curve.contact.solid, curvature)(tangent.gap) + tangent.pressure
+    forces = curve.forces(at)
+    rate = curve.net_rate(forces.curvature, tangent)
     opens = ~old.is_free & (rate < 0)
     closes = old.is_free & (tangent.gap < 0)
     ways = jnp.where(closes, at.gap / jnp.where(closes, -tangent.gap, 1), jnp.inf)
-    ways = jnp.where(opens, jnp.maximum(net, 0) / jnp.where(opens, -rate, 1), ways)
+    ways = jnp.where(opens, jnp.maximum(forces.net, 0) / jnp.where(opens, -rate, 1), ways)
     first = jnp.min(ways)
     point = (jnp.arange(ways.size) == jnp.argmin(ways)).reshape(ways.shape)
     tied = ways <= (1 + _TIE) * first + _SHORTEST[length.dtype.name] * way.longest
@@ -200,7 +198,7 @@ def _beyond_corner(
     # Behind it the point that let go has a gap that grows, that which touches a reaction.
     behind = Corner(point, ~opens).gradient(curve, at, forces)
     tangent = curve.tangent(at, is_free, behind)
-    follows = _follow(curve, at, tangent, is_free, flips)
+    follows = _follow(curve, forces.curvature, tangent, is_free, flips)
     return Place(at, is_free, tangent), (iteration.result == RESULTS.successful) & follows
 
 
@@ -241,7 +239,7 @@ def _turn_between(way: Way, old: Place, new: Place) -> tuple[Point, TURNS]:
     row = curve.gradient_of(old.tangent)
     whole = row.times(new.at.minus(old.at))
 
-    def place_at(length: Scalar, near: Place) -> Place:
+    def place_at(length: Scalar) -> Place:
         share = length / whole
         start = Point(
             old.at.gap + share * (new.at.gap - old.at.gap),
@@ -261,24 +259,15 @@ def _turn_between(way: Way, old: Place, new: Place) -> tuple[Point, TURNS]:
         (low, high), (slow, fast) = bracket.ends, bracket.speeds
         secant = low - slow * (high - low) / (fast - slow)
         length = jnp.where(bracket.count % 3 == 2, (low + high) / 2, secant)
-        place = place_at(length, bracket.low)
+        place = place_at(length)
         speed = way.direction(place)
         is_low = speed * slow > 0
-        lower = _Bracket(
-            place,
-            bracket.high,
-            jnp.stack([length, high]),
-            jnp.stack([speed, fast]),
-            bracket.count + 1,
-        )
-        upper = _Bracket(
-            bracket.low,
-            place,
-            jnp.stack([low, length]),
-            jnp.stack([slow, speed]),
-            bracket.count + 1,
-        )
-        return jax.tree.map(partial(jnp.where, is_low), lower, upper)
+        ends, speeds = jnp.stack([length, high]), jnp.stack([speed, fast])
+        lower = replace(bracket, low=place, ends=ends, speeds=speeds)
+        ends, speeds = jnp.stack([low, length]), jnp.stack([slow, speed])
+        upper = replace(bracket, high=place, ends=ends, speeds=speeds)
+        narrower = jax.tree.map(partial(jnp.where, is_low), lower, upper)
+        return replace(narrower, count=bracket.count + 1)
 
     first = _Bracket(
         old,
