@@ -222,6 +222,14 @@ def test_the_law_of_a_fold_foretells_the_barrier(detachment):
     np.testing.assert_allclose(found.barrier.there, law.barrier(1e-4), rtol=2e-2)
 
 
+def test_where_the_load_does_not_drive_the_mode_there_is_no_law():
+    # Ahead the contact loses its symmetry, which all loads have.
+    path = js.follow(hertz(), js.MeanDisplacement(jnp.array([1.1, 1.0])))
+    assert path.jumps[0].kind == "fold"
+    assert np.isnan(path.jumps[0].barrier_law.exponent)
+    assert np.isnan(path.jumps[0].barrier_law.coefficient)
+
+
 @pytest.mark.nightly
 def test_before_every_jump_of_a_rough_loop_there_is_a_pass_between_both_sides():
     contact, path = rough_loop()

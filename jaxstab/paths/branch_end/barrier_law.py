@@ -27,7 +27,8 @@ class BarrierLaw(Stackable, Dimensioned):
     """The barrier at a small distance s of the load before a jump: C s^e.
 
     Attributes:
-        exponent: e, 3/2 at a fold and 2 at a release; NaN at a touch.
+        exponent: e, 3/2 at a fold and 2 at a release; NaN at a touch, and at a bifurcation: there
+            the load does not drive the mode, which breaks a symmetry.
         coefficient: C [energy over the load to that power]; NaN likewise.
         load_unit: the quantity of the load, "length" or "pressure".
     """
@@ -65,10 +66,12 @@ def barrier_law(
 
     def at_fold() -> tuple[Scalar, Scalar]:
         space = free_space(contact, load, gap)
-        force = total(mode * space.project(rates(contact, load, gap)[2]))
+        forces = mode * space.project(rates(contact, load, gap)[2])
         cubic = total(third_derivative(contact, gap) * mode**3)
-        share = jnp.abs(force) ** 1.5 / jnp.sqrt(jnp.abs(cubic))
-        return jnp.full_like(share, 1.5), 4 * 2**0.5 / 3 * share
+        coefficient = 4 * 2**0.5 / 3 * jnp.abs(total(forces)) ** 1.5 / jnp.sqrt(jnp.abs(cubic))
+        rounding = jnp.finfo(gap.dtype).eps ** 0.25 * total(jnp.abs(forces))
+        power = jnp.where(jnp.abs(total(forces)) > rounding, 1.5, jnp.nan)
+        return power, power / 1.5 * coefficient
 
     exponent, coefficient = jax.lax.cond(kind == KINDS.release, at_release, at_fold)
     return BarrierLaw(exponent, coefficient * contact.grid.cell_area, load.unit)
