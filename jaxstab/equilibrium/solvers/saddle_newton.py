@@ -84,11 +84,14 @@ def _newton_step(problem: Problem, state: State) -> Field:
     def project(field: Field) -> Field:
         return control.project(field, is_moving)
 
+    # Preconditioned here, since `M` would mix the scales of residuals with and without it.
+    def precondition(field: Field) -> Field:
+        return project(inverse(project(field)))
+
     # What does not move is left to the identity.
     step, _ = gmres(
-        lambda field: project(hessian(project(field))) + field - project(field),
-        -project(net),
-        M=lambda field: project(inverse(project(field))),
+        lambda field: precondition(hessian(project(field))) + field - project(field),
+        -precondition(net),
         tol=_ACCURACY,
         restart=_NUM_VECTORS,
         maxiter=_MAX_RESTARTS,

@@ -190,10 +190,10 @@ class Curve(eqx.Module):
             pressure = (right.pressure - total(row.gap * moved)) / remainder
             return Point(moved - pressure * response, pressure)
 
+        # Preconditioned here, since `M` would mix the scales of residuals with and without it.
         solution, _ = gmres(
-            bordered,
-            Point(inside(right.gap), right.pressure),
-            M=precondition,
+            lambda change: precondition(bordered(change)),
+            precondition(right),
             tol=accuracy,
             restart=_NUM_VECTORS,
             maxiter=_MAX_RESTARTS,

@@ -1,8 +1,10 @@
 """The number of ways down from an equilibrium: negative eigenvalues on its free points."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
@@ -15,11 +17,27 @@ from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import ModesProblem
 from jaxstab.stability.solvers.davidson import Davidson
 
-# Of eigenvalues, of which only the signs count; at a coarser one soft ways down were missed.
-_TOLERANCE = {"float64": 1e-5, "float32": 1e-4}
+# A residual below which a positive Ritz value is one of an eigenvalue that is positive: over that
+# value, or where this is larger, over the scale of A.
+_CERTAIN, _LEAST = 0.1, {"float64": 1e-5, "float32": 1e-4}
 # The modes that are looked at first, and at most; one of them converges last, and does not count.
 _FEW, _MANY = 4, 20
 MOST = _MANY - 1
+
+
+class _Signs(Davidson):
+    """Davidson's method until the signs of the lowest eigenvalues are known.
+
+    There are at least as many negative eigenvalues as there are negative Ritz values. So the lowest
+    that is positive decides.
+    """
+
+    def doubts(self, problem: ModesProblem, state: Any) -> Float[Array, " count"]:
+        """Return the residual of the lowest positive Ritz value, over that which is certain."""
+        values = state.eigenvalues[: problem.count] / problem.operator.scale
+        certain = jnp.maximum(_CERTAIN * values, _LEAST[values.dtype.name])
+        is_lowest = jnp.cumsum(values >= 0) == 1
+        return jnp.where(is_lowest, state.residuals / certain, 0)
 
 
 def some_modes(gap: Field) -> Block:
@@ -46,9 +64,13 @@ def index_of(
 def _count(contact: Contact, load: Load, gap: Field, modes: Block) -> tuple[Int[Array, ""], Block]:
     control = contact.control(load)
     space = Subspace(gap > 0, control.fixes_mean)
+    # What has no part in those that are known: the last, and any of a larger space, are new.
+    is_new = (jnp.arange(len(modes)) == len(modes) - 1) | (norms(modes) == 0)
+    fresh = noise(jax.random.key(2), len(modes), gap)
+    modes = jnp.where(is_new.reshape(-1, *[1] * gap.ndim), fresh, modes)
     hessian = contact.hessian(gap, control).restricted(space.is_moving)
     problem = ModesProblem(hessian, space, modes, len(modes) - 1)
-    found = run(Davidson(_TOLERANCE[gap.dtype.name]).search(problem, modes)).vector
+    found = run(_Signs(tolerance=1.0).search(problem, modes)).vector
     # The Ritz values, of vectors of unit norm; zero of those beyond the dimension of the space.
     values = [jnp.sum(mode * hessian(mode)) for mode in found[:-1]]
     is_negative = (jnp.stack(values) < 0) & (norms(found[:-1]) > 0)

@@ -131,13 +131,13 @@ class Davidson(SpaceSolver):
         """Return a space that has no vectors yet."""
         span = _Span.empty(len(start) + 1 + _NUM_RESIDUALS, start[0])
         # No residual is known yet: one above any tolerance, from which every fall is progress.
-        none = jnp.full(problem.count, jnp.finfo(start.dtype).max, start.dtype)
+        none = jnp.full(problem.count, jnp.finfo(start.dtype).max ** 0.5, start.dtype)
         return _State(span, jnp.zeros(len(start), start.dtype), none, jnp.array(True))
 
     def step(self, problem: ModesProblem, state: _State) -> _State:
         """Return the lowest Ritz vectors of a space widened by preconditioned residuals."""
         operator, starts, size = problem.operator, problem.starts, len(problem.starts)
-        target = jnp.argmax(state.residuals > self.tolerance_in(starts.dtype))
+        target = jnp.argmax(self.doubts(problem, state) > self.tolerance_in(starts.dtype))
         mode, eigenvalue = state.span.basis[target], state.eigenvalues[target]
         rounding = jnp.finfo(mode.dtype).eps * operator.bound / operator.scale
         is_noise = state.residuals[target] < _NOISE * rounding
@@ -171,7 +171,11 @@ class Davidson(SpaceSolver):
 
     def measure(self, problem: ModesProblem, state: _State) -> Indicators:
         """Return the largest residual of the modes that decide."""
-        return {"residual": jnp.max(state.residuals)}
+        return {"residual": jnp.max(self.doubts(problem, state))}
+
+    def doubts(self, problem: ModesProblem, state: _State) -> Float[Array, " count"]:
+        """Return how far each mode is from what is sought; the first above the tolerance leads."""
+        return state.residuals
 
     def minimum(self, problem: ModesProblem, found: Iteration[_State]) -> Minimum:
         """Return the block of modes and its cost."""
