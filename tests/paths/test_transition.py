@@ -10,6 +10,7 @@ import pytest
 from conftest import dense_hessian
 
 import jaxstab as js
+from jaxstab.references import maugis
 
 LINE = js.Grid((3,), (1.0,))
 PROFILE = np.array([0.0, -0.07, -0.2])
@@ -161,6 +162,66 @@ def test_the_easiest_exit_is_the_one_that_a_nearby_jump_takes_or_lower(detachmen
     assert found.end.contact_area > 0
     # In contact some points can let go before all of them do.
     assert 0 < js.easiest_exit(contact, at.end).barrier.there < 1.001 * at.barrier.back
+
+
+def sphere_on_a_half_space(parameter, window, smoothing):
+    """Return a contact in units of JKR, of displacement 0.01, and the arguments of its theory."""
+    radius = 100.0
+    work = 4 / (3 * np.pi * radius**2)
+    strength = parameter / 2 * (np.pi * work * (4 / 3) ** 2 / radius) ** (1 / 3)
+    grid = js.Grid(128, window)
+    solid = js.FreeHalfSpace(grid, youngs_modulus=1.0, poisson_ratio=0.0)
+    law = js.potentials.Dugdale(work, work / strength, smoothing)
+    contact = js.Contact(solid, js.surfaces.paraboloid(grid, radius), law)
+    return contact, (radius, 1.0, work, strength)
+
+
+def maugis_curve(sphere):
+    """Return displacement, force and the energy along Maugis' curve from where it leaves zero."""
+    touch = maugis.first_touch(*sphere)
+    parts = [
+        maugis.without_contact(np.linspace(1e-4, 1, 4000) * touch.outer_radius, *sphere),
+        maugis.curve(np.linspace(1e-4, 1.3, 8000), *sphere),
+    ]
+    displacement, force = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("displacement", "force")
+    )
+    steps = (force[1:] + force[:-1]) / 2 * np.diff(displacement)
+    return displacement, force, np.append(0, np.cumsum(steps))
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("parameter", "window", "smoothing", "displacement"),
+    [(1.0, 6.0, 0.02, -0.88), (2.0, 4.0, 0.05, -0.6), (2.0, 4.0, 0.05, -0.8)],
+)
+def test_a_spheres_barriers_are_integrals_of_maugis_curve(
+    parameter, window, smoothing, displacement
+):
+    contact, sphere = sphere_on_a_half_space(parameter, window, smoothing)
+    load, closed = js.FarDisplacement(-0.01 * displacement), js.FarDisplacement(0.0)
+    apart = js.equilibrate(contact, js.FarDisplacement(0.014))
+    ends = [
+        js.equilibrate(contact, load, initial=state)
+        for state in (apart, js.equilibrate(contact, closed))
+    ]
+    found = js.transition(contact, load, *ends)
+    displacements, forces, energies = maugis_curve(sphere)
+    # Unstable first, then stable; apart the energy is zero.
+    (saddle, held), (force, _) = (
+        [np.interp(0, *sides) for sides in passed(displacements - 0.01 * displacement, of)]
+        for of in (energies, forces)
+    )
+    np.testing.assert_allclose(found.barrier.there, saddle, rtol=3e-2)
+    np.testing.assert_allclose(found.barrier.back, saddle - held, rtol=3e-2)
+    np.testing.assert_allclose(found.saddle.force, force, rtol=2e-2)
+
+
+def passed(values, others):
+    """Return for each change of sign both sides of it, the lower first, with the other values."""
+    for i in np.flatnonzero(values[1:] * values[:-1] < 0):
+        order = np.argsort(values[i : i + 2])
+        yield values[i : i + 2][order], others[i : i + 2][order]
 
 
 def rough_loop():

@@ -9,7 +9,8 @@ from jaxtyping import Array, Float, Int
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
 from jaxstab.core.procedure import run
-from jaxstab.core.types import Field
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag
 from jaxstab.loads import Load
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.lowest_modes import noise
@@ -51,17 +52,20 @@ def index_of(
     """Return the number of negative eigenvalues of A on the critical space, and the lowest modes.
 
     The modes are sought from others, those of a state nearby; from more of them if all that count
-    are negative. More than `MOST` count as so many.
+    are negative, or not known. More than `MOST` count as so many.
     """
-    index, modes = _count(contact, load, gap, modes)
+    index, is_known, modes = _count(contact, load, gap, modes)
 
     def look_on() -> Int[Array, ""]:
         return _count(contact, load, gap, noise(jax.random.key(1), _MANY, gap))[0]
 
-    return jax.lax.cond(index < _FEW - 1, lambda: index, look_on), modes
+    return jax.lax.cond(is_known & (index < _FEW - 1), lambda: index, look_on), modes
 
 
-def _count(contact: Contact, load: Load, gap: Field, modes: Block) -> tuple[Int[Array, ""], Block]:
+def _count(
+    contact: Contact, load: Load, gap: Field, modes: Block
+) -> tuple[Int[Array, ""], Flag, Block]:
+    """Return how many of the lowest eigenvalues are negative, whether that is known, and modes."""
     control = contact.control(load)
     space = Subspace(gap > 0, control.fixes_mean)
     # What has no part in those that are known: the last, and any of a larger space, are new.
@@ -70,8 +74,9 @@ def _count(contact: Contact, load: Load, gap: Field, modes: Block) -> tuple[Int[
     modes = jnp.where(is_new.reshape(-1, *[1] * gap.ndim), fresh, modes)
     hessian = contact.hessian(gap, control).restricted(space.is_moving)
     problem = ModesProblem(hessian, space, modes, len(modes) - 1)
-    found = run(_Signs(tolerance=1.0).search(problem, modes)).vector
+    minimum = run(_Signs(tolerance=1.0).search(problem, modes))
+    found = minimum.vector
     # The Ritz values, of vectors of unit norm; zero of those beyond the dimension of the space.
     values = [jnp.sum(mode * hessian(mode)) for mode in found[:-1]]
     is_negative = (jnp.stack(values) < 0) & (norms(found[:-1]) > 0)
-    return jnp.sum(is_negative), found
+    return jnp.sum(is_negative), minimum.result == RESULTS.successful, found

@@ -41,9 +41,10 @@ _EASY = 4
 _TIE = 1e-6
 # The shortest step, over the longest.
 _SHORTEST = {"float64": 1e-9, "float32": 1e-5}
-_MAX_HALVINGS = 40
-# How closely a turning point is found, over the step that it lies in.
+_MAX_SECANTS = 40
+# How closely a fold is found, over the step that it lies in, and by what tangents.
 _CLOSE = {"float64": 1e-9, "float32": 1e-4}
+_FINE = {"float64": 1e-6, "float32": 1e-3}
 
 
 class TURNS(Enumeration):
@@ -139,8 +140,12 @@ def _plain_step(way: Way, old: Place, length: Scalar) -> tuple[Place, Flag, Arra
     # Else it is beyond a corner where the curve turns back, and the tangent leads back to that.
     curvature = iteration.state.forces.curvature
     is_ahead = _follow(curve, curvature, tangent, is_free, is_free != old.is_free)
-    is_good = is_found & is_near & is_ahead & (cosine > _LEAST_COSINE)
-    return Place(at, is_free, tangent), is_good, iteration.num_steps, cosine
+    found = Place(at, is_free, tangent)
+    # A turn in a step over corners may be one of them: it is cut until that is taken exactly.
+    turns = way.direction(old) * way.direction(found) < 0
+    is_clear = ~turns | jnp.all(is_free == old.is_free)
+    is_good = is_found & is_near & is_ahead & is_clear & (cosine > _LEAST_COSINE)
+    return found, is_good, iteration.num_steps, cosine
 
 
 def _follow(curve: Curve, curvature: Field, tangent: Point, is_free: Mask, flips: Mask) -> Flag:
@@ -206,7 +211,7 @@ def _concluded(way: Way, old: Place, stride: Stride) -> Stride:
     """Return a stride with the turning point that it has passed."""
     new = stride.here
     turns = way.direction(old) * way.direction(new) < 0
-    is_corner = jnp.any(new.is_free != (new.at.gap > 0))
+    is_corner = jnp.any(new.is_free != old.is_free)
 
     def none() -> tuple[Point, TURNS]:
         return new.at, TURNS.none
@@ -215,71 +220,60 @@ def _concluded(way: Way, old: Place, stride: Stride) -> Stride:
         opened = jnp.sum(new.is_free) > jnp.sum(old.is_free)
         return new.at, TURNS.where(opened, TURNS.release, TURNS.touch)
 
+    def at_fold() -> tuple[Point, TURNS]:
+        return _fold_between(way, old, new), TURNS.fold
+
     turn, kind = jax.lax.cond(
         turns,
-        lambda: jax.lax.cond(is_corner, at_corner, lambda: _turn_between(way, old, new)),
+        lambda: jax.lax.cond(is_corner, at_corner, at_fold),
         none,
     )
     return replace(stride, turn=turn, kind=kind)
 
 
 class _Bracket(eqx.Module):
-    """Two places between which the load turns, their distances ahead of the first and speeds."""
+    """Two distances ahead of a place between which the load turns, and its speeds there.
 
-    low: Place
-    high: Place
+    Attributes:
+        at: the last point that was looked at.
+        is_low: whether it took the place of the nearer end.
+    """
+
     ends: Array
     speeds: Array
+    at: Point
+    is_low: Flag
     count: Array
 
 
-def _turn_between(way: Way, old: Place, new: Place) -> tuple[Point, TURNS]:
-    """Return where the load turns between two places: by secants and halvings, in turn."""
+def _fold_between(way: Way, old: Place, new: Place) -> Point:
+    """Return where the load turns between two places of equal free points (Illinois method)."""
     curve = way.curve
     row = curve.gradient_of(old.tangent)
     whole = row.times(new.at.minus(old.at))
-
-    def place_at(length: Scalar) -> Place:
-        share = length / whole
-        start = Point(
-            old.at.gap + share * (new.at.gap - old.at.gap),
-            old.at.pressure + share * (new.at.pressure - old.at.pressure),
-        )
-        at = way.corrected(start, ahead_of(curve, old, length)).state.at
-        is_free = at.gap > 0
-        return Place(at, is_free, curve.tangent(at, is_free, row))
+    close, fine = _CLOSE[whole.dtype.name], _FINE[whole.dtype.name]
 
     def goes_on(bracket: _Bracket) -> Flag:
-        close = _CLOSE[whole.dtype.name]
         is_wide = bracket.ends[1] - bracket.ends[0] > close * jnp.abs(whole)
         is_steep = jnp.min(jnp.abs(bracket.speeds)) > close * jnp.max(jnp.abs(first.speeds))
-        return is_wide & is_steep & (bracket.count < _MAX_HALVINGS)
+        return is_wide & is_steep & (bracket.count < _MAX_SECANTS)
 
     def narrow(bracket: _Bracket) -> _Bracket:
         (low, high), (slow, fast) = bracket.ends, bracket.speeds
-        secant = low - slow * (high - low) / (fast - slow)
-        length = jnp.where(bracket.count % 3 == 2, (low + high) / 2, secant)
-        place = place_at(length)
-        speed = way.direction(place)
-        is_low = speed * slow > 0
-        ends, speeds = jnp.stack([length, high]), jnp.stack([speed, fast])
-        lower = replace(bracket, low=place, ends=ends, speeds=speeds)
-        ends, speeds = jnp.stack([low, length]), jnp.stack([slow, speed])
-        upper = replace(bracket, high=place, ends=ends, speeds=speeds)
-        narrower = jax.tree.map(partial(jnp.where, is_low), lower, upper)
-        return replace(narrower, count=bracket.count + 1)
+        length = low - slow * (high - low) / (fast - slow)
+        start = old.at.plus(new.at.minus(old.at), length / whole)
+        at = way.corrected(start, ahead_of(curve, old, length), old.is_free).state.at
+        speed = curve.load_gradient.times(curve.tangent(at, old.is_free, row, fine))
+        is_low = speed * first.speeds[0] > 0
+        # An end that stays a second time counts for half.
+        stays = jnp.where((bracket.count > 0) & (is_low == bracket.is_low), 0.5, 1)
+        ends = jnp.where(is_low, jnp.stack([length, high]), jnp.stack([low, length]))
+        speeds = jnp.where(
+            is_low, jnp.stack([speed, stays * fast]), jnp.stack([stays * slow, speed])
+        )
+        return _Bracket(ends, speeds, at, is_low, bracket.count + 1)
 
-    first = _Bracket(
-        old,
-        new,
-        jnp.stack([jnp.zeros_like(whole), whole]),
-        jnp.stack([way.direction(old), way.direction(new)]),
-        jnp.array(0),
-    )
-    last = jax.lax.while_loop(goes_on, narrow, first)
-    is_low = jnp.abs(last.speeds[0]) < jnp.abs(last.speeds[1])
-    at = jax.tree.map(partial(jnp.where, is_low), last.low.at, last.high.at)
-    before, after = jnp.sum(last.low.is_free), jnp.sum(last.high.is_free)
-    is_smooth = jnp.min(jnp.abs(last.speeds)) < 1e-3 * jnp.max(jnp.abs(first.speeds))
-    corner = TURNS.where(after > before, TURNS.release, TURNS.touch)
-    return at, TURNS.where(is_smooth, TURNS.fold, corner)
+    ends = jnp.stack([jnp.zeros_like(whole), whole])
+    speeds = jnp.stack([way.direction(old), way.direction(new)])
+    first = _Bracket(ends, speeds, old.at, jnp.array(True), jnp.array(0))
+    return jax.lax.while_loop(goes_on, narrow, first).at
