@@ -46,8 +46,8 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
     Arguments:
         figure: the figure, or axes of it.
         file: where to; it must not exist yet. Its ending says the format: .pdf, .svg, .png, ...
-        width: "single" for a column of 90 mm, "double" for a page of 190 mm, or a number [mm]; by
-            default a column, or a page for a figure that is wider than one.
+        width: "single" for a column of 90 mm, "double" for a page of 190 mm, or a number [mm]. By
+            default a column, or a page for a figure that is wider than a column.
 
     Returns:
         The path of the file.
