@@ -63,8 +63,8 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
     printed, drawn = _millimetres(width, whole), whole.get_size_inches()[0] / _MM
     if printed < _MOST_CROWDED * drawn:
         warn(
-            f"A figure of {drawn:.0f} mm is hardly to be read at {printed:.0f} mm, where letters "
-            'keep their size: choose width="double".'
+            f"A figure of {drawn:.0f} mm is hard to read at {printed:.0f} mm, since letters keep "
+            'their size: choose width="double".'
         )
     with plt.rc_context(_AS_TEXT), _as_printed(whole, printed * _MM):
         picture = BytesIO()

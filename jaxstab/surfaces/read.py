@@ -85,7 +85,7 @@ def _scan(path: Path, channel: str | None) -> Scan:
         try:
             content = gzip.decompress(content)
         except (OSError, EOFError, zlib.error) as error:
-            raise ValueError(f"what gzip packed is truncated or damaged ({error}).") from None
+            raise ValueError(f"its gzip data are truncated or damaged ({error}).") from None
         source = BytesIO(content)
     if not content:
         raise ValueError("the file is empty.")
