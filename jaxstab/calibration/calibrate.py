@@ -45,7 +45,8 @@ class Calibration(eqx.Module):
     Attributes:
         contact: the contact with the parameters found.
         parameters: these parameters, as `where` picks them.
-        standard_errors: theirs, in the same structure, from the Jacobian and the misfit.
+        standard_errors: theirs, in the same structure, from the Jacobian and the misfit. NaN where
+            the misfit does not rise around the fit as these say.
         covariance: that of the parameters, in the order of the leaves of `parameters`.
         mean_pressure: the fitted curve [pressure].
         loss: half the weighted sum of squared misfits, over that of the measured pressures.
@@ -107,8 +108,8 @@ def calibrate(
 
     Arguments:
         contact: the contact with the parameters to start from.
-        load: a mean displacement or gap with one value for each measurement, in the order in which
-            they were measured; one without an equilibrium fails the fit, unless its weight is zero.
+        load: a mean displacement or gap with one value for each measurement, in their order. A load
+            without an equilibrium fails the fit, unless its weight is zero.
         mean_pressure: m, the measured mean pressures, positive in compression [pressure].
         weights: w, one over the variance of each measurement up to a common factor; all equal by
             default.
@@ -130,12 +131,13 @@ def calibrate(
 
     Returns:
         The fit. Standard errors are those of least squares: the misfit's variance times the
-        inverse of J^T W J, J being the Jacobian of the curve.
+        inverse of J^T W J, J being the Jacobian of the curve. The misfit is then looked at three
+        and five of them away. If it rises by far less than they say, the fit lies in one of many
+        small minima: it has stagnated, and its standard errors are NaN.
 
     Raises:
-        ValueError: for measurements that do not match the loads or are not finite, not more of
-            them than parameters, weights that are negative, an order that does not exist, or
-            `starts` below 1.
+        ValueError: for measurements that do not match the loads, are not finite, or are not more
+            than the parameters. For negative weights, an unknown order, and `starts` below 1.
         TypeError: for a load that prescribes the pressure, or a contact in single precision.
         SolverError: if `throw` and the fit did not converge.
     """
@@ -218,13 +220,18 @@ def _fit(
         pressures, jacobian = model.curve(values, measured.load, solver.order)
         return pressures, jacobian * scale.slopes(free)
 
+    def pressures_at(free: Values) -> Curve:
+        return model.pressures(scale.to_values(free), measured.load, solver.order)
+
     report = advance if progress else lambda after: None
-    fit = Fit(curve, measured.mean_pressure, measured.roots, first, report)
+    fit = Fit(curve, pressures_at, measured.mean_pressure, measured.roots, first, report)
     tried = best_of(partial(solver.run, fit), starts, zero)
     state = tried.best.state
     found = scale.to_values(state.free)
     slopes = scale.slopes(state.free)
-    spread = slopes[:, None] * state.covariance(measured) * slopes
+    # Derivatives at a small minimum say nothing about the width of the valley that it lies in.
+    is_unsure = (tried.result == RESULTS.successful) & fit.is_flat(state)
+    spread = slopes[:, None] * jnp.where(is_unsure, jnp.nan, fit.covariance(state)) * slopes
     return Calibration(
         contact=model.contact_at(found),
         parameters=unravel(found),
@@ -234,7 +241,7 @@ def _fit(
         loss=state.loss,
         residual=tried.best.residual,
         num_steps=tried.num_steps,
-        result=tried.result,
+        result=RESULTS.where(is_unsure, RESULTS.stagnated, tried.result),
         losses=tried.losses,
         results=tried.results,
         history=tried.best.history,
@@ -249,6 +256,13 @@ def _describe(fit: Calibration) -> str:
             f"The fit stopped at parameters {values}: {int(missing.sum())} of {missing.size} loads "
             f"have no equilibrium or no derivative there, the first of them number "
             f"{int(jnp.argmax(missing))} (give them no weight, or start elsewhere)"
+        )
+    if jnp.isnan(fit.covariance).any():
+        return (
+            f"The fit ended at parameters {values}, in one of many small minima of the misfit: it "
+            "has no standard errors. The curve does not determine all of them: fit fewer "
+            "parameters with `where`, hold the others at several values and compare the `loss`, "
+            "or take a finer grid"
         )
     tried = int(jnp.sum(fit.results != RESULTS.not_computed))
     return (

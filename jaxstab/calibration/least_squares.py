@@ -29,6 +29,11 @@ Slopes = tuple[Curve, Float[Array, "loads parameters"]]
 # that does not.
 _DAMPING = 1e-2
 _FALL, _GROWTH = 0.1, 5.0
+# The misfit is looked at so many standard errors away, and no farther than this in variables of the
+# fit. It must rise by these parts of what the derivatives say, unless the error is smaller than
+# that. A jump beside a good fit lowers it by a constant, which counts for more nearer to it.
+_CHECKED_AT, _FARTHEST = (3.0, 5.0), 0.5
+_LEAST_RISE, _SMALLEST = (0.25, 0.4), 1e-3
 
 
 class Measured(eqx.Module):
@@ -90,13 +95,10 @@ class FitState(eqx.Module):
         """That of the loss."""
         return self.misfit @ self.jacobian
 
-    def covariance(self, measured: Measured) -> Float[Array, "parameters parameters"]:
-        """Return that of the variables, |r|^2 / (n - p) (J^T J)^-1, n the loads of weight."""
+    def principal(self) -> tuple[Values, Float[Array, "parameters parameters"]]:
+        """Return the slope of the curve along each principal axis of the variables, and these."""
         _, sizes, axes = jnp.linalg.svd(self.jacobian, full_matrices=False)
-        smallest = jnp.finfo(sizes.dtype).eps * jnp.max(sizes)
-        scaled = axes / jnp.maximum(sizes, smallest)[:, None]
-        count = jnp.sum(measured.roots > 0) - len(sizes)
-        return 2 * self.loss / jnp.maximum(count, 1) * (scaled.T @ scaled)
+        return jnp.maximum(sizes, jnp.finfo(sizes.dtype).eps * jnp.max(sizes)), axes
 
 
 StateAt = Callable[[Values, Any], FitState]
@@ -109,6 +111,7 @@ class Fit:
 
     Attributes:
         curve: the curve and its Jacobian.
+        pressures: the curve alone.
         mean_pressure: the measurements.
         roots: of their weights.
         first: the curve at zero, which need not be evaluated again.
@@ -117,6 +120,7 @@ class Fit:
     """
 
     curve: Callable[[Values], Slopes]
+    pressures: Callable[[Values], Curve]
     mean_pressure: Curve
     roots: Curve
     first: Slopes
@@ -126,12 +130,44 @@ class Fit:
 
     def state_of(self, free: Any, memory: Any, evaluated: Slopes) -> FitState:
         """Return where a fit is, whose curve is known."""
-        root, (pressure, jacobian) = self.roots, evaluated
-        # What has no weight need not even be finite.
-        has_weight = root > 0
-        misfit = jnp.where(has_weight, root * (pressure - self.mean_pressure), 0)
-        rows = jnp.where(has_weight[:, None], root[:, None] * jacobian, 0)
-        return FitState(free, memory, pressure, misfit, rows, jnp.array(jnp.inf))
+        pressure, jacobian = evaluated
+        rows = jnp.where(self.roots[:, None] > 0, self.roots[:, None] * jacobian, 0)
+        return FitState(free, memory, pressure, self.misfit(pressure), rows, jnp.array(jnp.inf))
+
+    def misfit(self, pressure: Curve) -> Curve:
+        """Return the weighted misfit of a curve; without weight it need not even be finite."""
+        return jnp.where(self.roots > 0, self.roots * (pressure - self.mean_pressure), 0)
+
+    def variance(self, state: FitState) -> Scalar:
+        """Return that of a measurement, |r|^2 / (n - p), n the loads of weight."""
+        count = jnp.sum(self.roots > 0) - len(state.free)
+        return 2 * state.loss / jnp.maximum(count, 1)
+
+    def is_flat(self, state: FitState) -> Flag:
+        """Return whether the misfit rises far less around a point than its derivatives say.
+
+        Contact points that come and go one by one make a curve with kinks. Its misfit has many
+        small minima, each narrower than the noise allows. Errors below a limit are not looked at.
+        """
+        variance, (sizes, axes) = self.variance(state), state.principal()
+        errors = jnp.sqrt(variance) / sizes
+        distances = jnp.asarray(_CHECKED_AT)[:, None]
+        reach = jnp.minimum(distances * errors, _FARTHEST)
+        moves = reach[:, :, None] * axes
+        ends = state.free + jnp.stack([moves, -moves])
+        pressures = jax.lax.map(self.pressures, ends.reshape(-1, len(state.free)))
+        misfits = jax.vmap(self.misfit)(pressures).reshape(*ends.shape[:3], -1)
+        rise = jnp.sum(misfits**2, axis=-1) / 2 - state.loss
+        # Without an equilibrium there is no misfit: that is no low one.
+        least = jnp.asarray(_LEAST_RISE)[:, None]
+        is_low = rise < least * (reach * sizes) ** 2 / 2
+        return jnp.any(is_low & (errors > _SMALLEST))
+
+    def covariance(self, state: FitState) -> Float[Array, "parameters parameters"]:
+        """Return that of the variables, the variance of a measurement times (J^T J)^-1."""
+        sizes, axes = state.principal()
+        scaled = axes / sizes[:, None]
+        return self.variance(state) * (scaled.T @ scaled)
 
     def state_at(self, free: Any, memory: Any) -> FitState:
         """Return where a fit is."""
@@ -142,7 +178,7 @@ class LeastSquares(IterativeSolver):
     """Levenberg and Marquardt's method, until that of Gauss and Newton would change little.
 
     Or the steps of an optimiser of Optax, if one is given. Where the curve jumps as parameters
-    change, the least misfit may lie at the jump: it has been reached where no step larger than the
+    change, the least misfit may lie at the jump. It is reached where no step larger than the
     tolerance lowers it.
     """
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
-from jaxstab.calibration.least_squares import Order, Slopes, Values
+from jaxstab.calibration.least_squares import Curve, Order, Slopes, Values
 from jaxstab.contact import Contact
 from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium import PreconditionedConjugateGradient
@@ -71,13 +71,18 @@ class Model:
 
     def curve(self, values: Values, loads: Load, order: Order) -> Slopes:
         """Return the mean pressures at loads and their Jacobian, NaN without an equilibrium."""
-        at_load = jax.value_and_grad(self._pressure, has_aux=True)
+        return self._along(jax.value_and_grad(self._pressure, has_aux=True), values, loads, order)
 
-        def independent(load: Load) -> Slopes:
+    def pressures(self, values: Values, loads: Load, order: Order) -> Curve:
+        """Return the mean pressures alone, in a fraction of the time."""
+        return self._along(lambda *inputs: (self._pressure(*inputs), None), values, loads, order)[0]
+
+    def _along(self, at_load: Callable, values: Values, loads: Load, order: Order) -> Any:
+        def independent(load: Load) -> Any:
             (pressure, _), row = at_load(values, load, None)
             return pressure, row
 
-        def follow(start: Array, load: Load) -> tuple[Array, Slopes]:
+        def follow(start: Array, load: Load) -> tuple[Array, Any]:
             (pressure, gap), row = at_load(values, load, start)
             return jnp.where(jnp.isnan(pressure), start, gap), (pressure, row)
 

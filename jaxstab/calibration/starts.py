@@ -41,8 +41,8 @@ class Attempts(eqx.Module):
     def result(self) -> RESULTS:
         """How the best fit ended.
 
-        Where a curve jumps, the least misfit may be at a jump, where no method converges smoothly:
-        it has been found where two starts agree on it, neither of which began at the other's end.
+        Where a curve jumps, the least misfit may be at a jump, where no method converges smoothly.
+        It is found if two starts agree on it, and neither began at the other's end.
         """
         far = self.losses[: _num_far(len(self.losses))]
         agreeing = jnp.sum(far <= (1 + _AGREEMENT) * jnp.min(self.losses))

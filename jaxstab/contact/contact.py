@@ -66,8 +66,8 @@ class Contact(eqx.Module):
             not one of length. For a potential that is not a scalar of a scalar, or that is
             piecewise linear. For a potential that, or whose first two derivatives, are not finite
             at some gap; at zero gap it may rise without bound.
-        TypeError: for a solid that is not one, for heights that are masked, complex or of another
-            precision than float32 and float64, and for a potential that JAX cannot trace.
+        TypeError: for a solid that is not one, and for a potential that JAX cannot trace. For
+            heights that are masked, complex, or neither float32 nor float64.
     """
 
     solid: Solid

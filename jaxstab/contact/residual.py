@@ -26,12 +26,12 @@ class Balance(eqx.Module):
     In equilibrium the net pressure K u + p0 + f'(g) is zero where g > 0 and not negative where g =
     0. The imbalance is the part of the net pressure that violates this. The residual is the rms of
     the imbalance over a scale. The scale is the rms of K u and, where g > 0, of the attraction that
-    the load does not balance by itself: f' less its mean under a held mean gap, otherwise f' + p0.
-    It is at least a hundredth of the rms of K h, in single precision a tenth, since that resolves
-    no less. Where a core is stiffer than any wave, f' and the imbalance are scaled down by the
-    ratio. Over a nearly flat surface the scale is at least the pressure that moves the stiffest
+    the load does not balance by itself. Under a held mean gap that is f' less its mean, otherwise
+    f' + p0. It is at least a hundredth of the rms of K h, in single precision a tenth, since that
+    resolves no less. Where a core is stiffer than any wave, f' and the imbalance are scaled down by
+    the ratio. Over a nearly flat surface the scale is at least the pressure that moves the stiffest
     wave by the part of the gap that rounding hides. Under a held pressure the residual is at least
-    a hundredth of the mean imbalance over the mean of p0 and f'; over a nearly flat surface it is
+    a hundredth of the mean imbalance over the mean of p0 and f'. Over a nearly flat surface it is
     at least the whole.
 
     Attributes:

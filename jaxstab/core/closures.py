@@ -73,8 +73,8 @@ class _Function(eqx.Module):
 class _Formula:
     """What a function computes, equal to another where both compute the same.
 
-    Compared by its structure, a function written anew, as in a loop over a closed-over array, is
-    not compiled anew; and one that reads a global that has changed is. Custom derivative rules,
+    It is compared by its structure. A function written anew, as in a loop over a closed-over array,
+    is not compiled anew. One that reads a global that has changed is. Custom derivative rules,
     which tell nothing of what they do, are compared as objects, unless the function itself is the
     same.
     """

@@ -1,9 +1,9 @@
 """Fourier transforms of real fields, on one device or spread over several by rows.
 
-Spread, each device transforms rows of the field, gets columns of the spectrum from the others by
-one `all_to_all`, and transforms these: nothing is ever whole in one place. The half spectrum keeps
-its axes swapped, so that it is spread along its first axis as fields are. Extra rows, which stand
-for no wave, make it fill all devices.
+On several devices, each transforms rows of the field. It gets columns of the spectrum from the
+others by one `all_to_all`, and transforms these. No device holds a whole field. The half spectrum
+keeps its axes swapped, so that it is spread along its first axis as fields are. Extra rows, which
+stand for no wave, make it fill all devices.
 """
 
 from collections.abc import Callable

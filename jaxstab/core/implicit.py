@@ -1,8 +1,8 @@
 """Derivatives of solutions, by the implicit function theorem.
 
-The points in contact stay there under a small change of anything, and the free ones stay free:
-on them (K + D) dg = -d(K u + p0 + f') at a fixed gap. The same operator, less an eigenvalue, moves
-a mode. Its inverse is applied by preconditioned conjugate gradients and checked.
+Under a small change the points in contact stay there, and the free ones stay free. On the free
+points (K + D) dg = -d(K u + p0 + f') at a fixed gap. The same operator, less an eigenvalue, moves a
+mode. Its inverse is applied by preconditioned conjugate gradients and checked.
 
 Solvers run without derivatives; `attach` adds them to the solution.
 """

@@ -101,8 +101,8 @@ def throw_failure(
 ) -> Tree:
     """Return `tree`, or raise if `result` is not successful and failures are thrown.
 
-    Outside of JAX transformations the error is a `SolverError` that begins with `describe()`
-    and holds the tree; inside, one of Equinox's runtime errors, raised if any lane failed.
+    Outside of JAX transformations the error is a `SolverError` that begins with `describe()` and
+    holds the tree. Inside, it is a runtime error of Equinox, raised if any lane failed.
     """
     if not throw:
         return tree

@@ -63,7 +63,7 @@ def equilibrate(
         load: the prescribed quantity, with a single value.
         solver: the algorithm, `PreconditionedConjugateGradient()` by default.
         initial: a gap [length], an equilibrium or what holds one to start from, brought under the
-            load; by default the undeformed solid, cut where it meets the surface.
+            load. By default the undeformed solid, cut where it meets the surface.
         throw: raise an error if the solver fails, or if a derivative is requested that does not
             exist (in forward mode outside of jit, of any field). With False look at `result`
             instead; such a derivative is then NaN. Under vmap the failure of one lane raises for

@@ -51,8 +51,8 @@ def to_dataset(
 ) -> "xarray.Dataset":
     """Return a result as a data set with named dimensions, coordinates, units and long names.
 
-    Fields lie on the dimensions x and y; the states of a sweep on `load`, those of a path or a
-    branch on `state`, jumps on `jump`, turns on `turn`, images of a transition on `image`, the
+    Fields lie on the dimensions x and y. The states of a sweep lie on `load`, those of a path or a
+    branch on `state`, jumps on `jump`, turns on `turn`. Images of a transition lie on `image`, the
     minima beside its saddle on `minimum`. Beside the result it holds every parameter of contact,
     law and solid, the law itself at many gaps, and the versions of the packages.
 

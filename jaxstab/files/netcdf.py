@@ -152,7 +152,7 @@ def _opened(path: Path) -> Iterator[Any]:
         with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
             yield dataset
     except (OSError, ValueError, KeyError) as error:
-        message = f"{path} is no NetCDF file that can be read, or it is truncated."
+        message = f"{path} is no readable NetCDF file, or it is truncated."
         raise ValueError(message) from error
 
 
@@ -161,7 +161,7 @@ def _structure(path: Path, attributes: dict[str, Any]) -> Structure:
         raise ValueError(f"{path} was not written by jaxstab.save.")
     if "structure" not in attributes:
         raise ValueError(
-            f"{path} was written with fields=False, which a result cannot be made of: open it with "
+            f"{path} was written with fields=False, so it cannot become a result: open it with "
             "xarray.open_dataset."
         )
     try:

@@ -102,10 +102,10 @@ class Spring(Load):
     stiffness k_s, as layers and windows have, it is mean(u) - p0 / k_s: there p0 = k_e (mean(u) -
     position) with 1 / k_e = 1 / k + 1 / k_s.
 
-    Its limits are `MeanDisplacement` at a large stiffness, `FarDisplacement` where the solid has a
-    far side, and `MeanPressure` at a small one and a position of -p0 / k. For a spring more than a
-    million times stiffer than the waves use that limit: with the spring the search of the cone
-    stagnates.
+    At a large stiffness its limit is `MeanDisplacement`, or `FarDisplacement` where the solid has a
+    far side. At a small one it is `MeanPressure`, with a position of -p0 / k. For a spring more
+    than a million times stiffer than the waves use that limit: with the spring the search of the
+    cone stagnates.
 
     This k is per area of the cell: `Spring.cantilever` takes one in force per length, as N/m.
 

@@ -46,10 +46,10 @@ def critical_load(
 ) -> CriticalLoad:
     """Return the load at which a branch of stable equilibria ends, on the way between two loads.
 
-    A fold is looked for first, by its eigenvalue, and if none is found the branch is followed to
-    its jump, by a release or a fold. The end of a branch need not be a pull-off: beyond it the
-    contact may go on in another state, as rough surfaces do many times. `jaxstab.pull_off` gives
-    that, `jaxstab.follow` all of them.
+    A fold is looked for first, by its eigenvalue. If none is found, the branch is followed to its
+    jump, by a release or a fold. The end of a branch need not be a pull-off. Beyond it the contact
+    may go on in another state, as rough surfaces often do. `jaxstab.pull_off` gives that,
+    `jaxstab.follow` all of them.
 
     Arguments:
         contact: the contact problem.

@@ -61,13 +61,12 @@ def follow(
     """Return the equilibria that a contact goes through as its load goes from value to value.
 
     A step is predicted by the two states before, and corrected by conjugate gradients. Where a
-    branch ends, they lower the energy from its last state, at a load that is 1e-6 of the range of
-    loads further on, to the equilibrium there. An overdamped relaxation, g' = -(K u + p0 + f'),
-    reached the same contact points in all of 120 jumps of rough surfaces
-    (benchmarks/results/jumps.md). Between jumps a branch is reversible. So the loss of the path is
-    the sum over its jumps, each a difference of potentials at one load. `unlocated` estimates the
-    loss in smaller jumps. Surfaces that a tension has pulled apart stay so until there is a
-    pressure.
+    branch ends, the load goes on by 1e-6 of its range. Conjugate gradients then lower the energy
+    from the last state to an equilibrium. An overdamped relaxation, g' = -(K u + p0 + f'), reached
+    the same contact points in all of 120 jumps of rough surfaces (benchmarks/results/jumps.md).
+    Between jumps a branch is reversible. So the loss of the path is the sum over its jumps, each a
+    difference of potentials at one load. `unlocated` estimates the loss in smaller jumps. Surfaces
+    that a tension has pulled apart stay so until there is a pressure.
 
     Ctrl-C ends a path after the steps in hand, about a second, and returns the states so far.
 

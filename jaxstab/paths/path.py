@@ -95,8 +95,8 @@ class Path(Dimensioned):
             which it does without end; `equilibrium.work` is known up to there.
         dissipation: the loss in all jumps [energy]; NaN as the work is.
         result: how the path ended.
-        unlocated: what steps between jumps may have lost beside these, the work on them by
-            quadrature less the change of energy [energy]; None in files of version 0.1.0.
+        unlocated: the loss that steps between jumps may hide: the work by quadrature less the
+            change of energy [energy]. None in files of version 0.1.0.
         unlocated_error: the error of that quadrature; less than this is nothing [energy].
     """
 

@@ -58,7 +58,7 @@ def pull_off(
     Arguments:
         contact: the contact problem.
         initial: a state in contact to unload from, on this grid or another, at its own mean
-            pressure, or a gap, at none; by default the equilibrium at zero mean pressure.
+            pressure; or a gap, at zero pressure. By default the equilibrium at zero mean pressure.
         spring: the stiffness of a machine in series [pressure/length]; by default a dead load.
         progress: show a progress bar.
         throw: raise an error if there is no pull-off, or if a derivative is requested that does not

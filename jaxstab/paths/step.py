@@ -2,10 +2,10 @@
 
 A step is one of the load, from a prediction by the two states before. On a branch the potential
 E + W, with W that of the load, changes by the work of the load: dE + dW = F dl. A step whose
-potential falls by more has left the branch. So has one over which F does not go on as before: the
-two errors of a jump, in the energy and in the force, cannot both vanish by chance. Steps shrink
-until both are next to nothing, or are as short as jumps are located. So the loss of a jump is the
-difference of the potentials of two states at one load.
+potential falls by more has left the branch. So has one over which F does not go on as before. The
+errors of a jump in energy and force cannot both vanish by chance. Steps shrink until both are next
+to nothing, or are as short as jumps are located. So the loss of a jump is the difference of the
+potentials of two states at one load.
 """
 
 from functools import partial

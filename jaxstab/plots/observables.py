@@ -161,10 +161,10 @@ def distribution(
         equilibrium: one of its states.
         quantity: "pressure", the elastic one, or "gap".
         bins: how many.
-        theory: whether to draw Persson's distribution of the pressure (2001), that of a randomly
-            rough surface without adhesion: P(p) = (N(p - p0) - N(p + p0)), N the normal
-            distribution with the variance that full contact takes. By default where nothing
-            attracts, in a periodic cell.
+        theory: whether to draw Persson's distribution of the pressure (2001). For a randomly rough
+            surface without adhesion it is P(p) = (N(p - p0) - N(p + p0)), N the normal distribution
+            with the variance that full contact takes. By default where nothing attracts, in a
+            periodic cell.
         unit: that of lengths, by default the contact's.
         axes: where to draw.
 

@@ -46,8 +46,8 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
     Arguments:
         figure: the figure, or axes of it.
         file: where to; it must not exist yet. Its ending says the format: .pdf, .svg, .png, ...
-        width: "single" for a column of 90 mm, "double" for a page of 190 mm, or a number [mm]; by
-            default a column, or a page for a figure that is wider than one.
+        width: "single" for a column of 90 mm, "double" for a page of 190 mm, or a number [mm]. By
+            default a column, or a page for a figure that is wider than a column.
 
     Returns:
         The path of the file.
@@ -63,8 +63,8 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
     printed, drawn = _millimetres(width, whole), whole.get_size_inches()[0] / _MM
     if printed < _MOST_CROWDED * drawn:
         warn(
-            f"A figure of {drawn:.0f} mm is hardly to be read at {printed:.0f} mm, where letters "
-            'keep their size: choose width="double".'
+            f"A figure of {drawn:.0f} mm is hard to read at {printed:.0f} mm, since letters keep "
+            'their size: choose width="double".'
         )
     with plt.rc_context(_AS_TEXT), _as_printed(whole, printed * _MM):
         picture = BytesIO()

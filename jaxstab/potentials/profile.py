@@ -101,9 +101,9 @@ def innermost_gap(profile: Profile) -> float:
 def require_smooth(profile: Profile) -> None:
     """Raise `ValueError` if a law, where it is known, cannot be solved with.
 
-    That is a law that is not finite at a gap up to the size of the grid, or one of its first two
-    derivatives; the inside of a core is excepted. It is also a law whose slope jumps at zero gap,
-    where contact points are, or one that is piecewise linear.
+    The law and its first two derivatives must be finite at gaps up to the size of the grid. The
+    inside of a core is excepted. A law whose slope jumps at zero gap, where contact points are, is
+    not smooth. Neither is one that is piecewise linear.
     """
     if is_traced(profile):
         return

@@ -42,7 +42,8 @@ class Varying(Law):
         if not all(hasattr(leaf, "shape") for leaf in jax.tree.leaves(self.law)):
             raise TypeError(
                 "The law that varies holds more than arrays: give one of jaxstab.potentials, or an "
-                "equinox.Module whose parameters are arrays. Of a function none can vary."
+                "equinox.Module whose parameters are arrays. A function has no "
+                "parameters that can vary."
             )
 
     def __call__(self, gap: Scalar) -> Scalar:

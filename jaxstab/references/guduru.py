@@ -2,8 +2,8 @@
 
 A rigid surface r^2 / (2 R) + A (1 - cos(2 pi r / L)) on an elastic half space of contact modulus
 E*, in contact everywhere up to the radius a. Outside nothing acts. Opening the contact costs w per
-area. Contact is everywhere, if not at once then after enough pressing; at once where the profile
-rises everywhere, 4 pi^2 A R / L^2 < 4.603. That it is so is assumed, not checked.
+area. The contact is whole after enough pressing. It is whole at once where the profile rises
+everywhere, 4 pi^2 A R / L^2 < 4.603. That it is so is assumed, not checked.
 
 Signs: forces are positive in compression; displacements count the approach of the bodies from
 where the undeformed ones would touch in the middle, positive into contact. Numbers may be arrays,

@@ -1,7 +1,7 @@
 """Johnson, Kendall and Roberts (1971): an elastic sphere with adhesion of no range.
 
-A rigid paraboloid r^2 / (2 R) on an elastic half space of contact modulus E*; outside the contact,
-of radius a, nothing acts, and opening the contact costs w per area.
+A rigid paraboloid r^2 / (2 R) on an elastic half space of contact modulus E*. Nothing acts outside
+the contact, which has the radius a. Opening it costs w per area.
 
 Signs: forces are positive in compression; displacements count the approach of the bodies from
 where the undeformed ones would touch in a point, positive into contact. Numbers may be arrays, of

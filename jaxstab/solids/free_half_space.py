@@ -116,7 +116,7 @@ class FreeHalfSpace(Solid):
         """Raise: the displacement that is the same everywhere takes a pressure that is not."""
         raise TypeError(
             "Energies, gradients, Hessians and balances of a contact on a FreeHalfSpace are those "
-            "of twice its points a side: ask `contact.whole` for them."
+            "of twice its points a side: use `contact.whole`."
         )
 
     @program

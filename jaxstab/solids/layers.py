@@ -29,9 +29,9 @@ class Layer(SpectralSolid):
     K = (E* q / 2) ((3 - 4 nu) cosh 2x + 2x^2 + 5 - 12 nu + 8 nu^2) / ((3 - 4 nu) sinh 2x - 2x) with
     x = q h (Johnson, Contact Mechanics, 1985, sec. 5.8). At q = 0, where the base stays,
     K = E (1 - nu) / ((1 + nu) (1 - 2 nu) h): `FarDisplacement` holds the base, and a `Spring` pulls
-    at it. An incompressible layer, nu = 0.5, keeps its volume: there its mean displacement is that
-    of its base, which `MeanDisplacement` holds, and the derivative by nu under a `Spring` leaves
-    out how the volume begins to give.
+    at it. An incompressible layer, nu = 0.5, keeps its volume. Its mean displacement is then that
+    of its base, which `MeanDisplacement` holds. The derivative by nu under a `Spring` leaves out
+    how the volume begins to give.
 
     Arguments:
         grid: the grid of its surface.

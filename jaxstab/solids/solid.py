@@ -119,8 +119,8 @@ def apart_from_mean(
 ) -> Field:
     """Return roughly the inverse of K on the points of a mask, which a spring holds, times a field.
 
-    If that is stiffer than the softest wave, the mean and the rest of the field are taken apart:
-    otherwise any move of the rest would stretch the spring.
+    If that is stiffer than the softest wave, the mean and the rest of the field are taken apart.
+    Otherwise any move of the rest would stretch the spring.
     """
     is_stiff = stiffness > softest
     level, share = mean_over(mask, field), mean(mask.astype(field.dtype))

@@ -70,13 +70,13 @@ def assess_stability(
     On a linear space the eigenvalue is the smallest. The critical cone is such a space where all
     contact presses. On the cone it is the smallest found from several starts. It is proved to be
     the smallest if the mode of the lower bound is admissible. From 512 x 512 points on, the search
-    starts from the mode on every other point, and keeps its eigenvalue if that is within 1 % of the
+    starts from the mode on every other point. It keeps its eigenvalue if that is within 1 % of the
     coarser one. If all but a few points touch, the starts can miss the smallest; then a state may
     be called "stable" that is only held by contact.
 
     Eigenvalues, modes, barrier and complementarity are differentiable functions of the contact and
-    the equilibrium: d lambda = x.(dA) x, A depending on the gap too. There is no derivative of a
-    multiple eigenvalue, of a least reaction that several points share, or of the barrier of a state
+    the equilibrium: d lambda = x.(dA) x, A depending on the gap too. A multiple eigenvalue has no
+    derivative. Neither has a least reaction that several points share, nor the barrier of a state
     that is not held. If several modes on different faces of the cone are equally low, the
     derivative is that of the mode found.
 

@@ -1,6 +1,6 @@
 """Starts on a large grid: the modes of the same problem on every other point.
 
-Modes of rough contacts are smooth on a fine grid but for the edges of contact, and a search among
+On a fine grid, modes of rough contacts are smooth except at the edges of contact. A search among
 many local minimisers costs least where there are few points. There a point touches where at least
 half of the points around it do, and adheres as the mean of those that are like it.
 """

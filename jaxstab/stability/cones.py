@@ -80,8 +80,8 @@ class AdmissibleCone(eqx.Module):
 
         It is x - s, cut at zero where one-sided, with the shift s that makes its mean zero: the
         root of a convex, decreasing, piecewise linear function. The first step of Newton's method,
-        from no shift, leads to the left of it; the others climb to it without passing it, and have
-        reached it when no more points are cut. Where the mean is free, s is zero.
+        from no shift, leads to the left of it. The others climb to it without passing it, and reach
+        it when no more points are cut. Where the mean is free, s is zero.
         """
         if not self.fixes_mean:
             return self._cut(field)

@@ -54,8 +54,8 @@ class Eigenpair(Stackable, Dimensioned):
             on |A| and s its size on the lower modes, which is b where f'' is nowhere positive.
         error: s times the residual, and rounding: how far lambda is from an eigenvalue of A on
             the face of the cone that x lies on [pressure/length].
-        proved: whether it is proved to be the smallest, to within its error: on a linear space,
-            and on a cone that holds the lowest mode of the space around it.
+        proved: whether it is proved to be the smallest, to within its error. That can be so on a
+            linear space, and on a cone that holds the lowest mode of the space around it.
         bound: a proved lower bound of the smallest eigenvalue [pressure/length]; -inf if none is
             proved.
         num_steps: steps that the solver took, from all its starts.
@@ -122,8 +122,8 @@ def measured(
 def lowered(pair: Eigenpair, other: Eigenpair) -> Eigenpair:
     """Return a pair that is not above one on a smaller cone.
 
-    If the other is lower by more than the pair's own error, the solver had missed the smallest:
-    the pair becomes that of the other's mode, and is said to have stagnated.
+    If the other is lower by more than the pair's own error, the solver missed the smallest. The
+    pair becomes that of the other's mode, and counts as stagnated.
     """
     is_missed = other.eigenvalue < pair.eigenvalue - pair.error
     failed = is_missed & (pair.result == RESULTS.successful)

@@ -61,8 +61,8 @@ def lowest_modes(
         +inf, with the result "too_many_modes".
 
     Raises:
-        ValueError: if the equilibrium has another grid or precision than the contact, the count is
-            not positive or larger than the dimension of V0, or the space is not one of the two.
+        ValueError: if the equilibrium has another grid or precision than the contact, or the space
+            is unknown. If the count is not positive, or larger than the dimension of V0.
         TypeError: if the count is not an integer, the solver not one for linear spaces, or the
             key not a random one.
         SolverError: if `throw`, for an equilibrium or modes that did not converge, or a count

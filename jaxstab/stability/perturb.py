@@ -29,8 +29,8 @@ def release(
     """Return the equilibrium that a state relaxes to after a push along a mode.
 
     The gap becomes g + t x, cut at zero, and is brought under the load; from there the energy
-    falls until it can fall no more. Small pushes bring a `stable` state and one `held_by_contact`
-    back to where they were; pushed along its critical mode, an `unstable` one ends at a lower
+    falls until it can fall no more. After a small push, a `stable` state and one `held_by_contact`
+    return to where they were. An `unstable` one, pushed along its critical mode, ends at a lower
     energy.
 
     Arguments:

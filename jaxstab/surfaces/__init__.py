@@ -1,8 +1,8 @@
 """Rough surfaces, generated and measured, and their statistics.
 
-A surface is an array of heights on a grid [length]; summits point towards the elastic solid. One
-that was measured is a `Topography`, which `read` makes of a file: it knows its grid and its unit,
-and is made fit for a contact by its methods.
+A surface is an array of heights on a grid [length]; summits point towards the elastic solid. A
+measured surface is a `Topography`, which `read` makes of a file. It knows its grid and its unit.
+Its methods make it fit for a contact.
 """
 
 from jaxstab.surfaces.generated import self_affine, sinusoid

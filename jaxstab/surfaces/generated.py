@@ -92,9 +92,9 @@ def self_affine(
         Heights [length], of zero mean.
 
     Raises:
-        ValueError: unless exactly one of `rms_height` and `rms_slope` is given, if cut-offs are
-            not ordered, or too fine for the grid, or no wave lies between them, and for arrays in
-            place of numbers.
+        ValueError: unless exactly one of `rms_height` and `rms_slope` is given. If cut-offs are not
+            ordered or too fine for the grid, or no wave lies between them. For arrays in place of
+            numbers.
         TypeError: for a key that is not one.
     """
     require_grid(grid)

@@ -38,8 +38,8 @@ def trend(heights: Heights, order: int) -> Heights:
 def filled(heights: Heights, spacing: Sequence[float], order: int) -> Heights:
     """Return heights with missing points such that squared derivatives of an order sum to least.
 
-    For the first order that is the discrete Laplace equation (harmonic), for the second, all of
-    hxx, hxy and hyy, the biharmonic one; natural conditions hold at the edges of the map.
+    For the first order that is the discrete Laplace equation (harmonic). For the second, with hxx,
+    hxy and hyy, it is the biharmonic one. Natural conditions hold at the edges of the map.
     """
     from scipy.sparse import csr_array, hstack
     from scipy.sparse.linalg import splu

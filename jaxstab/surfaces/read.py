@@ -38,17 +38,16 @@ def read(
     """Return the surface in a file, whose content, not its name, determines the format.
 
     The first index of heights runs along x. A text matrix has a line for each x, as
-    `numpy.savetxt(path, heights)` writes it, and so has an array in a `.npy` file; a single row or
+    `numpy.savetxt(path, heights)` writes it. So has an array in a `.npy` file. A single row or
     column is a profile. Three columns of text that lie on a lattice are points x, y, z in any
     order. More than 50 rows on no lattice raise an error. Two columns with an evenly rising or
     falling first one are a profile x, z. Titles above such columns may say units, as `x (µm), z
-    (nm)`.
-    Text that Gwyddion exports is an image, by its header: a line is a row along x, the first at
-    y = 0, as in its own files. Decimal commas are read where fields are separated otherwise. Of
-    NetCDF the dimensions x and y count, in either order. Any other file, as .x3p and .gwy, and
-    text below the header of an instrument, is read through SurfaceTopography, which leaves rows in
-    the order of the file, a line of text along x. A side is as long as its number of points times
-    their spacing. Files packed by gzip are unpacked first.
+    (nm)`. Text that Gwyddion exports is an image, by its header: a line is a row along x, the first
+    at y = 0, as in its own files. Decimal commas are read where fields are separated otherwise. Of
+    NetCDF the dimensions x and y count, in either order. Any other file, as .x3p and .gwy, is read
+    through SurfaceTopography; so is text below the header of an instrument. Rows stay in the order
+    of the file, a line of text along x. A side is as long as its number of points times their
+    spacing. Files packed by gzip are unpacked first.
 
     Missing points (nan, an empty field between separators, a masked point) stay NaN.
 
@@ -62,8 +61,8 @@ def read(
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if the file holds no surface, or is damaged, if it has no such channel, and if
-            `lengths` are needed, or contradict it, or `unit` does.
+        ValueError: if the file holds no surface, is damaged, or has no such channel. If `lengths`
+            are needed, or if `lengths` or `unit` contradict the file.
         ImportError: if the format needs a package that is not installed.
     """
     path = Path(path)
@@ -86,7 +85,7 @@ def _scan(path: Path, channel: str | None) -> Scan:
         try:
             content = gzip.decompress(content)
         except (OSError, EOFError, zlib.error) as error:
-            raise ValueError(f"what gzip packed is truncated or damaged ({error}).") from None
+            raise ValueError(f"its gzip data are truncated or damaged ({error}).") from None
         source = BytesIO(content)
     if not content:
         raise ValueError("the file is empty.")

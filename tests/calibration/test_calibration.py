@@ -187,6 +187,68 @@ def test_several_starts_are_tried_and_a_fit_at_a_jump_needs_a_second_one():
         js.calibrate(guess, loads, curve, starts=0)
 
 
+def curve_of_tip(n):
+    """A contact of a tip as a function of its law, its loads, and its curve at a known law."""
+    grid = js.Grid(n, (60.0, 60.0))
+    solid, tip = js.FreeHalfSpace(grid, 0.1), js.surfaces.paraboloid(grid, 20.0)
+    loads = js.FarDisplacement(-np.linspace(2.0, -2.5, 16))
+
+    def contact(energy, length):
+        return js.Contact(solid, tip, js.potentials.Exponential(energy, length))
+
+    states = js.sweep(contact(0.05, 1.5), loads, order="continuation", stability=False)
+    return contact, loads, np.asarray(states.equilibrium.mean_pressure)
+
+
+def noisy(curve, seed):
+    """A curve with a noise of 1 % of the pull-off."""
+    return curve + 0.01 * abs(curve).max() * np.random.default_rng(seed).normal(size=curve.size)
+
+
+@pytest.mark.nightly
+def test_a_tip_in_a_small_minimum_of_the_misfit_has_no_standard_errors():
+    contact, loads, curve = curve_of_tip(64)
+
+    def pick(contact):
+        return contact.potential.surface_energy, contact.potential.length
+
+    def fit(seed, throw=False):
+        guess, measured = contact(0.06, 1.2), noisy(curve, seed)
+        return js.calibrate(
+            guess, loads, measured, where=pick, starts=1, tolerance=1e-3, throw=throw
+        )
+
+    # Derivatives there gave ranges of 0.91 to 1.00 with errors of 0.02 to 0.04.
+    for seed in (0, 1, 4):
+        found = fit(seed)
+        assert found.result == js.RESULTS.stagnated
+        assert np.isnan(found.standard_errors).all() and np.isnan(found.covariance).all()
+        assert abs(found.parameters[1] - 1.5) > 0.4
+    with pytest.raises(js.SolverError, match=r"many small minima.*no standard errors.*fit fewer"):
+        fit(4, throw=True)
+
+
+@pytest.mark.nightly
+def test_the_scatter_of_a_tips_work_of_adhesion_is_its_standard_error():
+    contact, loads, curve = curve_of_tip(32)
+
+    def fit(seed):
+        return js.calibrate(
+            contact(0.06, 1.5),
+            loads,
+            noisy(curve, seed),
+            where=lambda contact: contact.potential.surface_energy,
+            tolerance=1e-3,
+        )
+
+    fits = [fit(seed) for seed in range(12)]
+    values = np.array([fit.parameters for fit in fits])
+    errors = np.array([fit.standard_errors for fit in fits])
+    assert 0.5 < values.std(ddof=1) / np.median(errors) < 1.7
+    # Student's t with 15 degrees of freedom leaves 5 % beyond.
+    assert np.mean(abs(values - 0.05) < 2.131 * errors) > 0.8
+
+
 def test_failure_is_told(start, exact):
     with pytest.raises(js.SolverError, match=r"The fit did not converge in 1 steps.*max_steps"):
         js.calibrate(start, LOAD, exact, max_steps=1)

@@ -77,7 +77,7 @@ def test_steps_of_a_fit_through_a_soft_machine_warn_once_of_the_callers_line():
 
 def test_a_figure_that_is_too_small_is_told_of_at_the_line_that_saves_it(tmp_path):
     figure, _ = plt.subplots(figsize=(20, 5))
-    with pytest.warns(UserWarning, match="hardly to be read") as said:
+    with pytest.warns(UserWarning, match="hard to read") as said:
         line = [js.plots.save(figure, tmp_path / "wide.png", width="single"), here()][1]
     assert [(warning.filename, warning.lineno) for warning in said] == [(__file__, line)]
     plt.close(figure)

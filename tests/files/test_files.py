@@ -171,13 +171,13 @@ def test_what_cannot_be_read_is_refused_in_a_sentence(case, tmp_path):
     (tmp_path / "cut.nc").write_bytes(path.read_bytes()[:5000])
     (tmp_path / "text.nc").write_text("gap 1 2 3")
     for name in ("cut", "text"):
-        with pytest.raises(ValueError, match=f"{name}.nc is no NetCDF file that can be read"):
+        with pytest.raises(ValueError, match=f"{name}.nc is no readable NetCDF file"):
             js.load(tmp_path / f"{name}.nc")
     xarray.Dataset({"gap": ("x", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
     with pytest.raises(ValueError, match=r"other.nc was not written by jaxstab.save"):
         js.load(tmp_path / "other.nc")
     scalars = js.save(tmp_path / "scalars.nc", contact, sweep, fields=False)
-    with pytest.raises(ValueError, match=r"fields=False, which a result cannot be made of"):
+    with pytest.raises(ValueError, match=r"fields=False, so it cannot become a result"):
         js.load(scalars)
     with jax.enable_x64(False), pytest.raises(ValueError, match="is in double precision"):
         js.load(path)

@@ -176,7 +176,7 @@ def test_what_cannot_be_filmed_is_told(hertz, loop, tmp_path):
 def test_by_default_a_wide_figure_fills_a_page_and_in_a_column_it_is_told_to_be_crowded(tmp_path):
     figure, _ = plt.subplots(1, 2, figsize=(10, 4))
     page = plots.save(figure, tmp_path / "page.png")
-    with pytest.warns(UserWarning, match="figure of 254 mm is hardly to be read at 90 mm"):
+    with pytest.warns(UserWarning, match="figure of 254 mm is hard to read at 90 mm"):
         column = plots.save(figure, tmp_path / "column.png", width="single")
     widths = [plt.imread(file).shape[1] / 300 * 25.4 for file in (page, column)]
     np.testing.assert_allclose(widths, [190, 90], atol=0.2)

@@ -264,7 +264,7 @@ def test_a_law_that_varies_over_other_points_is_refused():
 
 def test_a_function_cannot_vary_and_says_so():
     field = jnp.full((8, 8), 0.03)
-    with pytest.raises(TypeError, match="Of a function none can vary"):
+    with pytest.raises(TypeError, match="A function has no parameters that can vary"):
         js.potentials.Varying(lambda gap: -field * jnp.exp(-gap))
 
 

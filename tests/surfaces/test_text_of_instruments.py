@@ -159,7 +159,7 @@ def test_files_that_gzip_packed_are_read(tmp_path, write):
     np.testing.assert_array_equal(packed.lengths, plain.lengths)
     assert (packed.unit, packed.remarks) == (plain.unit, plain.remarks)
     (tmp_path / "a.gz").write_bytes(content[: len(content) // 2])
-    with pytest.raises(ValueError, match=r"a\.gz: what gzip packed is truncated"):
+    with pytest.raises(ValueError, match=r"a\.gz: its gzip data are truncated"):
         js.surfaces.read(tmp_path / "a.gz", lengths)
 
 

@@ -58,12 +58,12 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
         tolerance: relative optimality residual to reach; by default 1e-9 in float64 and 1e-4 in
             float32.
         max_steps: the step limit, 20 000 by default.
-        max_move: how far a step may move a point, over its gap and the range of the law: with 0.1,
-            as on paths under tension, none was seen to leap over a minimum. By default as far as
+        max_move: how far a step may move a point, over its gap and the range of the law. With 0.1,
+            as on paths under tension, no step was seen to leap over a minimum. By default as far as
             the energy falls.
         least_energy: stop, and report no result, once energy and potential of the load fall below
-            this value, summed over the points [pressure length, in the contact's own unit of
-            pressure]; by default never.
+            this value. It is summed over the points [pressure length, in the contact's own unit of
+            pressure]. By default never.
 
     Raises:
         ValueError: if `max_move` is not positive.

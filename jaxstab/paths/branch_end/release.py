@@ -77,8 +77,8 @@ def opening(contact: Contact, load: Load, gap: Field, point: Mask) -> Opening:
 def horizon(load: Load, gap: Field, ahead: Scalar) -> Scalar:
     """Return how far ahead the end of a branch may lie, with its sign.
 
-    It is known no better than the states of the branch themselves are: to a part of their mean gap,
-    wherever lengths are counted from, or of the pressure.
+    It is known no better than the states of the branch are: to a part of their mean gap or of the
+    pressure. The origin of lengths does not matter.
     """
     tolerance = PreconditionedConjugateGradient().tolerance_in(gap.dtype)
     size = mean(gap) if load.unit == "length" else jnp.abs(load.value)

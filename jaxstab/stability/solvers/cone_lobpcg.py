@@ -66,9 +66,9 @@ class ProjectedLOBPCG(ConeSolver):
     preconditioned on the face of x and of the vector of the cone nearest to y = x - (A x - lambda
     x) / b, with b the bound on |A|. The Ritz vector is projected back onto the cone, and taken, or
     a part of the way to it, if that lowers the Rayleigh quotient. Where it does not, the next step
-    begins at y on the cone, which never raises the quotient. Starts compete in rounds: one that is
-    nearly the same as a lower one, or above the lowest by more than its residual, is taken to be
-    beaten; after two rounds three may go on. The best is a local minimiser.
+    begins at y on the cone, which never raises the quotient. Starts compete in rounds. A start is
+    out if it is nearly the same as a lower one, or above the lowest by more than its residual.
+    After two rounds three may go on. The best is a local minimiser.
 
     Arguments:
         tolerance: the projected residual |x - P(x - (A x - lambda x) / b)| b / s of a unit vector

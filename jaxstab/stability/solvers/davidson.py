@@ -33,7 +33,7 @@ from jaxstab.stability.solvers.base import ModesProblem, SpaceSolver
 
 # Residuals by which a step widens its space.
 _NUM_RESIDUALS = 3
-# Residuals below which, in units of what rounding leaves of A x, point nowhere in particular.
+# Below this multiple of the rounding of A x a residual has no reliable direction.
 _NOISE = 100
 
 

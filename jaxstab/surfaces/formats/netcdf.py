@@ -24,8 +24,8 @@ def read_netcdf(content: bytes, engine: Literal["scipy", "h5netcdf"], channel: s
 
     That is the requested variable, `heights`, or the only one over these. Side lengths are the
     number of points times the spacing of the coordinates, in double precision, or their attribute
-    `length`. Units are the attributes `units` or `unit`; heights come in that of the coordinates,
-    and where one is not said it is taken from the other, with a remark. A variable `mask` marks
+    `length`. Units are the attributes `units` or `unit`. Heights are converted to the unit of the
+    coordinates. A missing unit is taken from the other, with a remark. A variable `mask` marks
     missing points, an attribute `periodic` of the coordinates edges that meet.
     """
     data = _loaded(content, engine)
