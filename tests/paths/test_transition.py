@@ -183,9 +183,8 @@ def maugis_curve(sphere):
         maugis.without_contact(np.linspace(1e-4, 1, 4000) * touch.outer_radius, *sphere),
         maugis.curve(np.linspace(1e-4, 1.3, 8000), *sphere),
     ]
-    displacement, force = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("displacement", "force")
-    )
+    displacement = np.concatenate([part.displacement for part in parts])
+    force = np.concatenate([part.force for part in parts])
     steps = (force[1:] + force[:-1]) / 2 * np.diff(displacement)
     return displacement, force, np.append(0, np.cumsum(steps))
 
