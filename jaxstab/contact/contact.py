@@ -34,7 +34,7 @@ from jaxstab.potentials import (
 )
 from jaxstab.potentials.profile import Profile, profile_of, require_smooth
 from jaxstab.solids import Solid, mirrored, padded, where_window
-from jaxstab.surfaces import Topography, suspicion, units
+from jaxstab.surfaces import Topography, faults, units
 
 # How far below a surface that ends the solid may sink beyond it, over the surface's depth.
 _DEPTH = 2
@@ -103,7 +103,7 @@ class Contact(eqx.Module):
         if dtype not in (jnp.float32, jnp.float64):
             raise TypeError(f"heights are {dtype}: give them in float32 or float64.")
         require_finite("heights", self.heights)
-        suspicion.warn(_suspicions(solid, given, topography))
+        faults.warn(_suspicions(solid, given, topography))
         self.solid = cast(solid, dtype)
         self.unit = _unit(topography, unit)
         law = as_module(potential, dtype)
@@ -267,7 +267,7 @@ def _suspicions(
     if topography:
         return topography.suspicions
     is_unseen = solid.is_window or is_traced(heights) or is_spread(heights)
-    return [] if is_unseen else suspicion.looks_wrong(np.asarray(heights))
+    return [] if is_unseen else faults.looks_wrong(np.asarray(heights))
 
 
 @program

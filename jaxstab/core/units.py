@@ -16,7 +16,7 @@ import equinox as eqx
 from jaxtyping import Array, Bool, Int
 
 from jaxstab.core.enumeration import Enumeration
-from jaxstab.core.names import is_own
+from jaxstab.core.public_names import is_own
 from jaxstab.core.types import Scalar
 
 

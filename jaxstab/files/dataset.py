@@ -19,8 +19,8 @@ from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.verify import recognised
 from jaxstab.files.labels import ENERGY, LENGTH, dimension_on, quantity, with_unit
-from jaxstab.files.law import law_variables
 from jaxstab.files.records import NamedArray, Recorder, Structure, indicators
+from jaxstab.files.tabulated_law import law_variables
 from jaxstab.loads import Load
 from jaxstab.observables import Observed
 from jaxstab.paths import Branch, Path, States, Transition

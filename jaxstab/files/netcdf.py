@@ -15,8 +15,8 @@ from jaxstab.contact import Contact
 from jaxstab.core.extras import NETCDF, require_packages
 from jaxstab.core.warn import warn
 from jaxstab.files.dataset import FORMAT, Result, to_dataset
-from jaxstab.files.law import require_same_law
 from jaxstab.files.records import LostFunction, Structure, functions_of, lost_classes, restored
+from jaxstab.files.tabulated_law import require_same_law
 from jaxstab.potentials import Potential, as_module
 
 # How a NetCDF file begins.

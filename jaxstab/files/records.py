@@ -18,7 +18,7 @@ from jaxstab.core.checks import is_traced
 from jaxstab.core.closures import is_bare
 from jaxstab.core.enumeration import Enumeration
 from jaxstab.core.history import History
-from jaxstab.core.names import is_own, public, public_name
+from jaxstab.core.public_names import is_own, public, public_name
 
 # JSON, as Python has it.
 Structure = Any

@@ -19,9 +19,9 @@ from jaxstab.loads import Load
 from jaxstab.paths.branch_end.barrier_law import BarrierLaw, barrier_law, no_barrier_law
 from jaxstab.paths.branch_end.kind import KINDS, reason_of
 from jaxstab.paths.branch_end.release import first_of, first_releases
+from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.path import Jump, Path, States
 from jaxstab.paths.record import Event, Table
-from jaxstab.paths.step import Progress
 
 # Of the states, so that one program serves paths of many lengths.
 _ROOM = 1024

@@ -24,9 +24,9 @@ from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, MeanPressure, Spring, warn_if_soft
 from jaxstab.paths.branch_end.critical_load import CriticalLoad, critical_load_at
 from jaxstab.paths.branch_end.locate import Limit, limit_ahead
+from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.programme import DISTURBANCE, Programme, programme_of
 from jaxstab.paths.record import Count, Strongest
-from jaxstab.paths.step import Progress
 from jaxstab.paths.travel import WalkSetup, travel
 
 # Only the jump from the largest tension matters.

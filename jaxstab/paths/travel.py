@@ -15,9 +15,9 @@ from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
 from jaxstab.core.types import Field, Scalar
 from jaxstab.loads import Load
+from jaxstab.paths.jump_detection import Jumps, Progress
 from jaxstab.paths.programme import Programme
 from jaxstab.paths.record import Count, Event, PathPoint, Table
-from jaxstab.paths.step import Jumps, Progress
 from jaxstab.paths.walk import begin, go_on
 
 _BATCH_SECONDS, _BATCH_STEPS = 0.5, 1024

@@ -8,9 +8,9 @@ from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag
+from jaxstab.paths.jump_detection import Bisection, Jumps, Progress, apply_step, next_step
 from jaxstab.paths.programme import Programme
 from jaxstab.paths.record import Count, Event, PathPoint, Place, Table
-from jaxstab.paths.step import Bisection, Jumps, Progress, apply_step, next_step
 
 States = Table | Count
 

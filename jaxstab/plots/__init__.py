@@ -5,13 +5,13 @@ a path.
 """
 
 from jaxstab.plots.animation import animation
+from jaxstab.plots.branches import branch, transition
 from jaxstab.plots.curves import convergence, force, potential, spectrum, stability_curve
 from jaxstab.plots.fields import contact_map, gap, mode, mode_cut, pressure, surface
 from jaxstab.plots.observables import distribution, flow, patches
 from jaxstab.plots.paths import path
 from jaxstab.plots.saving import save
 from jaxstab.plots.summary import summary
-from jaxstab.plots.ways import branch, transition
 
 __all__ = [
     "animation",

@@ -10,7 +10,7 @@ import jax
 
 from jaxstab.core.warn import warn
 from jaxstab.studies.axes import Index
-from jaxstab.studies.holder import Holder
+from jaxstab.studies.lock import Holder
 from jaxstab.studies.store import Found, Store
 from jaxstab.studies.worker import Worker
 

@@ -26,8 +26,8 @@ from jaxstab.core.cache import SETTINGS
 from jaxstab.core.extras import require_packages
 from jaxstab.studies.axes import Index
 from jaxstab.studies.driver import Driver
-from jaxstab.studies.holder import Holder
 from jaxstab.studies.identity import versions
+from jaxstab.studies.lock import Holder
 from jaxstab.studies.outputs import error_text
 from jaxstab.studies.store import Found, Store
 from jaxstab.studies.worker import Worker

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxstab.core.closures import is_bare
-from jaxstab.core.names import first_module
+from jaxstab.core.public_names import first_module
 from jaxstab.core.warn import warn
 from jaxstab.studies.cases import Case
 

@@ -18,8 +18,8 @@ from jaxstab.studies import metadata
 from jaxstab.studies.axes import LISTED, Axis, arguments_of, places, read_axes
 from jaxstab.studies.driver import Driver
 from jaxstab.studies.executors import run_on
-from jaxstab.studies.holder import held
 from jaxstab.studies.identity import identity_of, innermost, source_of
+from jaxstab.studies.lock import held
 from jaxstab.studies.outputs import MARKS
 from jaxstab.studies.store import Store
 from jaxstab.studies.worker import Worker

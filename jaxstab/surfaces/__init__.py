@@ -5,6 +5,7 @@ measured surface is a `Topography`, which `read` makes of a file. It knows its g
 Its methods make it fit for a contact.
 """
 
+from jaxstab.surfaces.faults import SurfaceWarning
 from jaxstab.surfaces.generated import self_affine, sinusoid
 from jaxstab.surfaces.power_law import PowerLaw, power_law
 from jaxstab.surfaces.read import read
@@ -20,7 +21,6 @@ from jaxstab.surfaces.statistics import (
     rms_height,
     rms_slope,
 )
-from jaxstab.surfaces.suspicion import SurfaceWarning
 from jaxstab.surfaces.topography import Topography
 
 __all__ = [

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxstab.core.checks import require_kind
-from jaxstab.surfaces import suspicion
+from jaxstab.surfaces import faults
 from jaxstab.surfaces.statistics import PowerSpectrum
 
 # Rings below this share of the largest density hold rounding and no waves.
@@ -101,7 +101,7 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
     )
     is_outside = max(-hurst, hurst - 1) > max(3 * hurst_error, _OUTSIDE)
     if is_outside or law.cutoff < _LEAST_SPAN * law.rolloff or not line.is_straight:
-        suspicion.warn(
+        faults.warn(
             [
                 "the spectrum has no self-affine band: its best power law, for wavenumbers from "
                 f"{law.rolloff:.3g} to {law.cutoff:.3g}, has a Hurst exponent of {hurst:.3g} +- "

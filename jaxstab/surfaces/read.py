@@ -13,7 +13,7 @@ from jaxtyping import ArrayLike
 
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid
-from jaxstab.surfaces import suspicion
+from jaxstab.surfaces import faults
 from jaxstab.surfaces.formats.instruments import read_instrument, read_instrument_text
 from jaxstab.surfaces.formats.netcdf import read_netcdf
 from jaxstab.surfaces.formats.npy import read_npy
@@ -72,7 +72,7 @@ def read(
         topography = _made(_scan(path, channel), lengths, unit)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    suspicion.warn(topography.wrong_scale)
+    faults.warn(topography.wrong_scale)
     return topography
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxstab.core.checks import is_traced, known
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid, require_grid, resample
-from jaxstab.surfaces import processing, suspicion, units
+from jaxstab.surfaces import faults, processing, units
 
 _TAPER = 0.1
 _TRENDS = ("its mean", "its best plane", "its best quadric")
@@ -90,20 +90,20 @@ class Topography:
 
     @property
     def _wrong_edges(self) -> list[str]:
-        return [] if self.is_periodic else suspicion.looks_wrong(self.heights)
+        return [] if self.is_periodic else faults.looks_wrong(self.heights)
 
     @property
     def wrong_scale(self) -> list[str]:
         """A sentence if heights and lengths are in scales that cannot belong together."""
-        return suspicion.has_wrong_scale(self.heights, self.lengths)
+        return faults.has_wrong_scale(self.heights, self.lengths)
 
     def __repr__(self) -> str:
         missing, unit = self.num_missing, f" {self.unit}" if self.unit else " (unit unknown)"
         rows = [
             ("points", times(self.grid.shape)),
             ("lengths", times(self.lengths, ".6g") + unit),
-            ("rms height", f"{suspicion.rms(self.heights):.4g}{unit}"),
-            ("rms slope", f"{suspicion.rms_slope(self.heights, self.lengths):.4g}"),
+            ("rms height", f"{faults.rms(self.heights):.4g}{unit}"),
+            ("rms slope", f"{faults.rms_slope(self.heights, self.lengths):.4g}"),
             ("missing", f"{missing} points ({100 * missing / self.grid.size:.3g} %)"),
             *(("done", remark) for remark in self.remarks),
             *(("looks wrong", sentence) for sentence in self.suspicions),

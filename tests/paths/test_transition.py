@@ -192,7 +192,7 @@ def maugis_curve(sphere):
 @pytest.mark.nightly
 @pytest.mark.parametrize(
     ("parameter", "window", "smoothing", "displacement"),
-    [(1.0, 6.0, 0.02, -0.88), (2.0, 4.0, 0.05, -0.6), (2.0, 4.0, 0.05, -0.8)],
+    [(1.0, 6.0, 0.02, -0.88), (2.0, 4.0, 0.1, -0.8), (2.0, 4.0, 0.1, -0.88)],
 )
 def test_a_spheres_barriers_are_integrals_of_maugis_curve(
     parameter, window, smoothing, displacement

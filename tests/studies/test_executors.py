@@ -20,7 +20,7 @@ from test_lanes import NUM_STEPS, CollatzCase, build
 
 import jaxstab as js
 from jaxstab.__main__ import main
-from jaxstab.studies.holder import held
+from jaxstab.studies.lock import held
 
 AXES = {"seed": range(6), "energy": np.arange(5) / 4}
 SPAWNED = multiprocessing.get_context("spawn")

@@ -15,7 +15,7 @@ import pytest
 import xarray
 
 import jaxstab as js
-from jaxstab.core.names import first_module
+from jaxstab.core.public_names import first_module
 from jaxstab.studies import identity
 from jaxstab.studies.identity import identity_of
 

@@ -28,7 +28,7 @@ from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_loads, require_same_machine
 from jaxstab.paths.branch.branch import ENDS, Branch, Turn
 from jaxstab.paths.branch.curve import Curve, Plane, Point
-from jaxstab.paths.branch.index import index_of, some_modes
+from jaxstab.paths.branch.morse_index import index_of, some_modes
 from jaxstab.paths.branch.step import TURNS, Place, Stride, Way, next_stride
 from jaxstab.paths.follow import PathInterrupted
 from jaxstab.paths.path import States

@@ -12,10 +12,10 @@ from jaxstab.equilibrium.equilibrate import whole_equilibrium
 from jaxstab.equilibrium.solvers.base import Problem
 from jaxstab.loads import MeanPressure
 from jaxstab.paths.branch_end.critical_load import CriticalLoad
+from jaxstab.paths.jump_detection import Progress, TrialStep, apply_step, next_step
 from jaxstab.paths.programme import Programme
 from jaxstab.paths.pull_off import ROOM, as_shown, dead_load, end_of, unloading
 from jaxstab.paths.record import Strongest
-from jaxstab.paths.step import Progress, TrialStep, apply_step, next_step
 from jaxstab.paths.walk import begin_at
 
 
