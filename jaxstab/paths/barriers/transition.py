@@ -225,7 +225,7 @@ def _climbed(
     is_close = (energy > lowest) & (energy - lowest <= _HIGHEST * (seen - lowest))
     index, modes = jax.lax.cond(
         (iteration.result == RESULTS.successful) & is_close,
-        lambda: index_of(contact, load, gap, some_modes(gap)),
+        lambda: index_of(contact, load, gap, some_modes(gap), precise=True),
         lambda: (jnp.array(-1), some_modes(gap)),
     )
     is_found = index == 1

@@ -25,7 +25,7 @@ from jaxstab.potentials import derivatives
 
 # How well a step of Newton's method, and a tangent, are solved, and by how many vectors.
 _STEP_ACCURACY = 1e-2
-_TANGENT_ACCURACY = 1e-3
+_TANGENT_ACCURACY = {"float64": 1e-5, "float32": 1e-3}
 _NUM_VECTORS = 12
 _MAX_RESTARTS = 25
 # Over the rms elastic pressure of full contact.
@@ -140,10 +140,9 @@ class Curve(eqx.Module):
         """Return how the net pressure follows a change where f'' is this, A dg + dp0."""
         return Hessian(self.contact.solid, curvature)(change.gap) + change.pressure
 
-    def tangent(
-        self, at: Point, is_free: Mask, ahead: Point, accuracy: float = _TANGENT_ACCURACY
-    ) -> Point:
+    def tangent(self, at: Point, is_free: Mask, ahead: Point) -> Point:
         """Return the direction of the curve at a point, along which a linear function grows."""
+        accuracy = _TANGENT_ACCURACY[at.gap.dtype.name]
         one = jnp.ones_like(at.pressure)
         curvature = self.contact.curvature(at.gap)
         none = Point(jnp.zeros_like(at.gap), one)

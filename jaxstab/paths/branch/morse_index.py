@@ -18,9 +18,11 @@ from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import ModesProblem
 from jaxstab.stability.solvers.davidson import Davidson
 
+# Of eigenvalues, where the modes are used.
+_TOLERANCE = {"float64": 1e-5, "float32": 1e-4}
 # A residual below which a positive Ritz value is one of an eigenvalue that is positive: over that
 # value, or where this is larger, over the scale of A.
-_CERTAIN, _LEAST = 0.1, {"float64": 1e-5, "float32": 1e-4}
+_CERTAIN = 0.1
 # The modes that are looked at first, and at most; one of them converges last, and does not count.
 _FEW, _MANY = 4, 20
 MOST = _MANY - 1
@@ -36,7 +38,7 @@ class _Signs(Davidson):
     def doubts(self, problem: ModesProblem, state: Any) -> Float[Array, " count"]:
         """Return the residual of the lowest positive Ritz value, over that which is certain."""
         values = state.eigenvalues[: problem.count] / problem.operator.scale
-        certain = jnp.maximum(_CERTAIN * values, _LEAST[values.dtype.name])
+        certain = jnp.maximum(_CERTAIN * values, _TOLERANCE[values.dtype.name])
         is_lowest = jnp.cumsum(values >= 0) == 1
         return jnp.where(is_lowest, state.residuals / certain, 0)
 
@@ -47,23 +49,26 @@ def some_modes(gap: Field) -> Block:
 
 
 def index_of(
-    contact: Contact, load: Load, gap: Field, modes: Block
+    contact: Contact, load: Load, gap: Field, modes: Block, *, precise: bool = False
 ) -> tuple[Int[Array, ""], Block]:
-    """Return the number of negative eigenvalues of A on the critical space, and the lowest modes.
+    """Return the number of negative eigenvalues of A on the critical space, and its lowest modes.
+
+    Modes are eigenvectors where they are to be precise. Otherwise they do for the count.
 
     The modes are sought from others, those of a state nearby; from more of them if all that count
     are negative, or not known. More than `MOST` count as so many.
     """
-    index, is_known, modes = _count(contact, load, gap, modes)
+    solver = Davidson(_TOLERANCE[gap.dtype.name]) if precise else _Signs(tolerance=1.0)
+    index, is_known, modes = _count(contact, load, gap, modes, solver)
 
     def look_on() -> Int[Array, ""]:
-        return _count(contact, load, gap, noise(jax.random.key(1), _MANY, gap))[0]
+        return _count(contact, load, gap, noise(jax.random.key(1), _MANY, gap), solver)[0]
 
     return jax.lax.cond(is_known & (index < _FEW - 1), lambda: index, look_on), modes
 
 
 def _count(
-    contact: Contact, load: Load, gap: Field, modes: Block
+    contact: Contact, load: Load, gap: Field, modes: Block, solver: Davidson
 ) -> tuple[Int[Array, ""], Flag, Block]:
     """Return how many of the lowest eigenvalues are negative, whether that is known, and modes."""
     control = contact.control(load)
@@ -74,7 +79,7 @@ def _count(
     modes = jnp.where(is_new.reshape(-1, *[1] * gap.ndim), fresh, modes)
     hessian = contact.hessian(gap, control).restricted(space.is_moving)
     problem = ModesProblem(hessian, space, modes, len(modes) - 1)
-    minimum = run(_Signs(tolerance=1.0).search(problem, modes))
+    minimum = run(solver.search(problem, modes))
     found = minimum.vector
     # The Ritz values, of vectors of unit norm; zero of those beyond the dimension of the space.
     values = [jnp.sum(mode * hessian(mode)) for mode in found[:-1]]
