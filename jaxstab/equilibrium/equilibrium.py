@@ -79,6 +79,12 @@ class Equilibrium(Stackable, Dimensioned):
         """
         return self.mean_pressure * self.area
 
+    @property
+    def mean_gap(self) -> Scalar:
+        """The mean of the gap over the cell [length]."""
+        sides = tuple(range(self.contact_area.ndim, self.gap.ndim))
+        return jnp.mean(self.gap, axis=sides)
+
 
 def in_units_of(pressure: Scalar, fields: Fields) -> Fields:
     """Return fields of an equilibrium with pressures in another unit; lengths stay."""
