@@ -176,7 +176,8 @@ def single_equilibrium(state: Any) -> Equilibrium:
     if not isinstance(equilibrium, Equilibrium):
         raise TypeError(
             f"{type(state).__name__} is not a state: give a result of jaxstab.equilibrate, or an "
-            "entry of a sweep."
+            "entry of a sweep. Of a path followed with fields=True, start from the gap: "
+            "equilibrate(contact, path.load[i], initial=path.equilibrium.gap[i])."
         )
     require_single(equilibrium)
     return equilibrium
