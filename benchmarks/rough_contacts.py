@@ -180,7 +180,8 @@ def _draw_challenge(folder, contact, state):
     figure, panels = plt.subplots(1, 2, figsize=(7.5, 3.2), layout="constrained")
     for axes, quantity in zip(panels, ("pressure", "gap"), strict=True):
         js.plots.distribution(contact, state, quantity, unit="m", axes=axes)
-        axes.legend(loc="upper right")
+        axes.set_ylim(top=1.3 * axes.get_ylim()[1])
+        axes.legend(loc="upper right", fontsize="small")
     save(figure, folder, "challenge")
 
 
