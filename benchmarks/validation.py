@@ -1,7 +1,8 @@
 """Published numbers and closed forms beside ours: one table.
 
 Each row computes a number by the public interface and compares it with one that a source gives.
-`--quick` leaves out what takes more than a few seconds.
+`--quick` leaves out all that takes more than a few seconds, `--large` adds grids of 2048² and 4096²
+points.
 """
 
 import argparse
@@ -9,39 +10,21 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from closed_forms import state_at, wave
+from rough_contacts import ROUGH
+from rows import HEAD, Row
 
 import jaxstab as js
-from jaxstab.references import hertz, jkr, johnson, maugis, westergaard
+from jaxstab.references import guduru, hertz, jkr, johnson, maugis, westergaard
 
 jax.config.update("jax_enable_x64", True)
 warnings.simplefilter("ignore", UserWarning)
 
 NONE = js.potentials.NoAdhesion()
-
-
-class Row(NamedTuple):
-    """A setting, the source of its number or two bounds, and that beside ours."""
-
-    setting: str
-    source: str
-    published: float | tuple[float, float]
-    ours: float
-
-    def __str__(self) -> str:
-        if isinstance(self.published, tuple):
-            least, most = self.published
-            side = "between" if least <= self.ours <= most else "outside"
-            numbers = f"{least:.4g} to {most:.4g} | {self.ours:.6g} | {side}"
-            return f"| {self.setting} | {self.source} | {numbers} |"
-        difference = 100 * (self.ours / self.published - 1)
-        numbers = f"{self.published:.6g} | {self.ours:.6g} | {difference:+.2g} %"
-        return f"| {self.setting} | {self.source} | {numbers} |"
 
 
 def paraboloid(size, force=0.018, radius=2.0):
@@ -151,6 +134,33 @@ def pull_offs(is_quick: bool) -> Iterator[Row]:
     yield Row("sphere, lambda = 1: pull-off over pi w R, 256²", "Maugis 1992", exact, force)
 
 
+def wavy_spheres(is_quick: bool) -> Iterator[Row]:
+    """A sphere with concentric waves, in contact up to a radius, pulled off under a dead load."""
+    work, sharpness, wavelengths, width = 1e-4, 2.0, 0.7, 6.0
+    unit = jkr.units(1.0, 1.0, work)
+    length = wavelengths * float(unit.contact_radius)
+    amplitude = np.sqrt(2 * work * length) / (np.pi * sharpness)
+    problem = 1.0, 1.0, work, amplitude, length
+    radii = np.linspace(0.02, 2.4, 4000) * unit.contact_radius
+    exact = float(guduru.curve(radii, *problem).force.min() / unit.force)
+    begin = 1.9 * float(unit.contact_radius)
+    pressed = float(guduru.curve(begin, *problem).force)
+    for size in () if is_quick else (128, 256):
+        grid = js.Grid(size, width * float(unit.contact_radius))
+        x, y = grid.coordinates
+        r = jnp.hypot(x - grid.lengths[0] / 2, y - grid.lengths[1] / 2)
+        heights = -(r**2) / 2 - amplitude * (1 - jnp.cos(2 * jnp.pi * r / length))
+        # The shortest range that the grid resolves.
+        law = js.potentials.Exponential(work, np.sqrt(8 * work * grid.spacing[0] / np.pi))
+        contact = js.Contact(js.FreeHalfSpace(grid, 1.0), heights, law)
+        start = jnp.where(r < begin, 0, jnp.maximum(-heights - begin**2 / 2, 0) / 2 + 1e-6)
+        load = js.MeanPressure(pressed / jnp.prod(grid.lengths))
+        state = js.equilibrate(contact, load, initial=start)
+        force = js.pull_off(contact, initial=state).load.value * jnp.prod(grid.lengths)
+        setting = f"wavy sphere, alpha = {sharpness:g}: pull-off over pi w R, {size}²"
+        yield Row(setting, "Guduru 2007", exact, float(force / unit.force))
+
+
 def rough(is_quick: bool) -> Iterator[Row]:
     """Area over load in the linear regime: between Persson's and Bush's, at three resolutions."""
     for size in (128, 256) if is_quick else (128, 256, 512):
@@ -211,26 +221,35 @@ SECTIONS: list[Callable[[bool], Iterator[Row]]] = [
     plates,
     layers,
     pull_offs,
+    wavy_spheres,
     rough,
     percolation,
 ]
 
 
+def rows(is_quick: bool, is_large: bool, figures: Path | None) -> Iterator[Row]:
+    for section in SECTIONS:
+        yield from section(is_quick)
+    for section in () if is_quick else ROUGH:
+        yield from section(is_large, figures)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="leave out the larger cases")
+    parser.add_argument("--large", action="store_true", help="add the largest cases")
     parser.add_argument("--output", type=Path)
+    parser.add_argument("--figures", type=Path, help="a folder for the figures")
     options = parser.parse_args()
-    rows = ["| setting | source | published | ours | difference |", "|---|---|---|---|---|"]
-    print("\n".join(rows), flush=True)
+    lines = list(HEAD)
+    print("\n".join(lines), flush=True)
     start = time.perf_counter()
-    for section in SECTIONS:
-        for row in section(options.quick):
-            rows.append(str(row))
-            print(row, flush=True)
+    for row in rows(options.quick, options.large, options.figures):
+        lines.append(str(row))
+        print(row, flush=True)
     print(f"{time.perf_counter() - start:.0f} s")
     if options.output:
-        options.output.write_text("\n".join(rows) + "\n")
+        options.output.write_text("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

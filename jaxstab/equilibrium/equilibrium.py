@@ -79,6 +79,12 @@ class Equilibrium(Stackable, Dimensioned):
         """
         return self.mean_pressure * self.area
 
+    @property
+    def mean_gap(self) -> Scalar:
+        """The mean of the gap over the cell [length]."""
+        sides = tuple(range(self.contact_area.ndim, self.gap.ndim))
+        return jnp.mean(self.gap, axis=sides)
+
 
 def in_units_of(pressure: Scalar, fields: Fields) -> Fields:
     """Return fields of an equilibrium with pressures in another unit; lengths stay."""
@@ -170,7 +176,8 @@ def single_equilibrium(state: Any) -> Equilibrium:
     if not isinstance(equilibrium, Equilibrium):
         raise TypeError(
             f"{type(state).__name__} is not a state: give a result of jaxstab.equilibrate, or an "
-            "entry of a sweep."
+            "entry of a sweep. Of a path followed with fields=True, start from the gap: "
+            "equilibrate(contact, path.load[i], initial=path.equilibrium.gap[i])."
         )
     require_single(equilibrium)
     return equilibrium

@@ -99,11 +99,7 @@ def _after(branch: Branch) -> np.ndarray:
 def _of_turns(branch: Branch, quantity: Quantity) -> np.ndarray:
     if quantity == "load":
         return np.asarray(branch.turns.load.value)
-    states = branch.turns.equilibrium
-    if quantity == "mean_gap":
-        gaps = np.asarray(states.gap)
-        return gaps.mean(axis=tuple(range(1, gaps.ndim)))
-    return np.asarray(getattr(states, quantity))
+    return np.asarray(getattr(branch.turns.equilibrium, quantity))
 
 
 def _with_turns(branch: Branch, quantity: Quantity) -> np.ndarray:

@@ -28,6 +28,13 @@ def test_hertz_without_contact(hertz):
     np.testing.assert_allclose(equilibrium.gap.min(), 0.9201, atol=5e-5)
 
 
+def test_the_mean_gap_is_the_one_held_of_one_state_and_of_many(hertz):
+    loads = js.MeanGap(jnp.array([1.0, 2.0]))
+    np.testing.assert_allclose(js.equilibrate(hertz, loads[0]).mean_gap, 1.0)
+    many = jax.vmap(lambda load: js.equilibrate(hertz, load))(loads)
+    np.testing.assert_allclose(many.mean_gap, loads.value)
+
+
 @pytest.mark.parametrize("shape", [(24,), (8, 6)])
 def test_the_equilibrium_is_the_minimum_that_scipy_finds(shape):
     grid = js.Grid(shape)

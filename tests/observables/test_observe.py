@@ -69,6 +69,16 @@ def test_a_path_is_observed_along_its_states(contact, path):
     assert one.patches.area == found.patches.area[pressing]
 
 
+def test_a_state_of_a_path_is_had_again_from_its_gap(contact, path):
+    i = 1
+    with pytest.raises(TypeError, match=r"States is not a state.*initial=path"):
+        js.leakage(contact, path.equilibrium[i])
+    again = js.equilibrate(contact, path.load[i], initial=path.equilibrium.gap[i])
+    np.testing.assert_allclose(again.gap, path.equilibrium.gap[i], atol=1e-9)
+    np.testing.assert_allclose(again.mean_gap, path.equilibrium.mean_gap[i], rtol=1e-12)
+    assert (js.leakage(contact, again).permeability > 0).any()
+
+
 def test_a_branch_is_observed_too(contact):
     load = js.MeanGap(jnp.array([0.1, 0.08]))
     branch = js.continuation(contact, load, fields=True)
