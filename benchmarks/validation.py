@@ -134,6 +134,70 @@ def pull_offs(is_quick: bool) -> Iterator[Row]:
     yield Row("sphere, lambda = 1: pull-off over pi w R, 256²", "Maugis 1992", exact, force)
 
 
+def barriers(is_quick: bool) -> Iterator[Row]:
+    """Barriers, beside integrals of force and pressure along the curves of theories."""
+    if is_quick:
+        return
+    grid, height, alpha = js.Grid((512,)), 0.02, 0.3
+    problem = height, 1.0, 1.0, (alpha * np.pi * height) ** 2 / 2
+    heights = height * jnp.cos(2 * jnp.pi * grid.coordinates[0])
+    law = js.potentials.Dugdale(problem[3], 0.1 * height)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, law)
+    curve = johnson.curve(np.linspace(0.02, 0.9995, 20_000), *problem)
+    pressure, gap = curve.mean_pressure, curve.mean_gap
+    # Halfway between the least pressure and the greatest, where the curve turns unstable.
+    last = np.argmax(pressure)
+    least = np.argmin(pressure[:last])
+    held = (pressure[least] + pressure[last]) / 2
+    between = slice(
+        least + np.argmax(pressure[least:] > held), last + np.argmax(pressure[last:] < held)
+    )
+    exact = -np.trapezoid(pressure[between] - held, gap[between])
+    before = js.equilibrate(contact, js.MeanGap(1.3 * float(gap[last])))
+    load = js.MeanPressure(held)
+    start = js.equilibrate(contact, load, initial=before)
+    found = js.transition(contact, load, start, jnp.zeros_like(heights), num_images=32)
+    yield Row(
+        "adhesive wave, alpha = 0.3: barrier to full contact",
+        "Johnson 1995",
+        exact,
+        float(found.barrier.there),
+    )
+    yield from sphere_barriers()
+
+
+def sphere_barriers() -> Iterator[Row]:
+    work, parameter = 1e-4, 2.0
+    unit = jkr.units(1.0, 1.0, work)
+    strength = parameter / float(maugis.transition_parameter(1.0, 1.0, work, 1.0))
+    grid = js.Grid(128, 4 * float(unit.contact_radius))
+    law = js.potentials.Dugdale(work, work / strength, 0.1)
+    contact = js.Contact(js.FreeHalfSpace(grid, 1.0), js.surfaces.paraboloid(grid, 1.0), law)
+    sphere = 1.0, 1.0, work, strength
+    touch = float(maugis.first_touch(*sphere).outer_radius)
+    radius = float(unit.contact_radius)
+    parts = [
+        maugis.without_contact(np.linspace(1e-4, 1, 4000) * touch, *sphere),
+        maugis.curve(np.linspace(1e-4, 1.3, 8000) * radius, *sphere),
+    ]
+    displacement = np.concatenate([part.displacement for part in parts])
+    force = np.concatenate([part.force for part in parts])
+    energy = np.append(0, np.cumsum((force[1:] + force[:-1]) / 2 * np.diff(displacement)))
+    held = -0.85 * float(unit.displacement)
+    unstable, stable = np.flatnonzero(np.diff(np.sign(displacement - held)))
+    ends = (js.equilibrate(contact, js.FarDisplacement(far)) for far in (-1.7 * held, 0.0))
+    load = js.FarDisplacement(-held)
+    apart, closed = (js.equilibrate(contact, load, initial=end) for end in ends)
+    found = js.transition(contact, load, apart, closed)
+    scale = float(unit.force * unit.displacement)
+    setting = "sphere, lambda = 2, held at -0.85 of JKR's displacement"
+    for name, exact, ours in (
+        ("barrier to contact", energy[unstable], found.barrier.there),
+        ("barrier to detachment", energy[unstable] - energy[stable], found.barrier.back),
+    ):
+        yield Row(f"{setting}: {name}", "Maugis 1992", exact / scale, float(ours) / scale)
+
+
 def wavy_spheres(is_quick: bool) -> Iterator[Row]:
     """A sphere with concentric waves, in contact up to a radius, pulled off under a dead load."""
     work, sharpness, wavelengths, width = 1e-4, 2.0, 0.7, 6.0
@@ -221,6 +285,7 @@ SECTIONS: list[Callable[[bool], Iterator[Row]]] = [
     plates,
     layers,
     pull_offs,
+    barriers,
     wavy_spheres,
     rough,
     percolation,
