@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
+from jaxstab.core.gmres import gmres
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import optional_parameter
@@ -17,9 +18,8 @@ from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem, State
 
 # Halvings of a step before it is taken as it is.
 _MAX_CUTS = 8
-# How well the linear system of a step is solved, and by how many vectors at most.
+# How well the linear system of a step is solved, and by how many restarts at most.
 _ACCURACY = 1e-3
-_NUM_VECTORS = 40
 _MAX_RESTARTS = 10
 
 
@@ -71,9 +71,6 @@ class SaddleNewton(EquilibriumSolver):
 
 
 def _newton_step(problem: Problem, state: State) -> Field:
-    # Late, since it takes a while to import.
-    from jax.scipy.sparse.linalg import gmres
-
     control, solid = problem.control, problem.contact.solid
     net, curvature = state.balance.net, state.balance.curvature
     is_moving = control.moving(state.gap, net)
@@ -84,16 +81,14 @@ def _newton_step(problem: Problem, state: State) -> Field:
     def project(field: Field) -> Field:
         return control.project(field, is_moving)
 
-    # Preconditioned here, since `M` would mix the scales of residuals with and without it.
     def precondition(field: Field) -> Field:
         return project(inverse(project(field)))
 
     # What does not move is left to the identity.
-    step, _ = gmres(
+    step = gmres(
         lambda field: precondition(hessian(project(field))) + field - project(field),
         -precondition(net),
-        tol=_ACCURACY,
-        restart=_NUM_VECTORS,
-        maxiter=_MAX_RESTARTS,
+        _ACCURACY,
+        _MAX_RESTARTS,
     )
     return project(step)

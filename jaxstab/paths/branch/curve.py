@@ -16,6 +16,7 @@ from jaxtyping import Array, Int
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
 from jaxstab.contact.residual import missed_pressure
+from jaxstab.core.gmres import gmres
 from jaxstab.core.grid import mean, total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import IterativeSolver
@@ -23,11 +24,10 @@ from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.loads import Load
 from jaxstab.potentials import derivatives
 
-# How well a step of Newton's method, and a tangent, are solved, and by how many vectors.
+# How well a step of Newton's method, and a tangent, are solved, and by how many restarts at most.
 _STEP_ACCURACY = 1e-2
-_TANGENT_ACCURACY = {"float64": 1e-5, "float32": 1e-3}
-_NUM_VECTORS = 12
-_MAX_RESTARTS = 25
+_TANGENT_ACCURACY = {"float64": 1e-5, "float32": 1e-4}
+_MAX_RESTARTS = 10
 # Over the rms elastic pressure of full contact.
 _LEAST_SCALE = 1e-2
 # What a step leaves at least of the gap over a core.
@@ -140,9 +140,11 @@ class Curve(eqx.Module):
         """Return how the net pressure follows a change where f'' is this, A dg + dp0."""
         return Hessian(self.contact.solid, curvature)(change.gap) + change.pressure
 
-    def tangent(self, at: Point, is_free: Mask, ahead: Point) -> Point:
+    def tangent(
+        self, at: Point, is_free: Mask, ahead: Point, accuracy: float | None = None
+    ) -> Point:
         """Return the direction of the curve at a point, along which a linear function grows."""
-        accuracy = _TANGENT_ACCURACY[at.gap.dtype.name]
+        accuracy = accuracy or _TANGENT_ACCURACY[at.gap.dtype.name]
         one = jnp.ones_like(at.pressure)
         curvature = self.contact.curvature(at.gap)
         none = Point(jnp.zeros_like(at.gap), one)
@@ -164,9 +166,6 @@ class Curve(eqx.Module):
             right: r and s.
             accuracy: of the solution, as a part of the right-hand side.
         """
-        # Late, since it takes a while to import.
-        from jax.scipy.sparse.linalg import gmres
-
         hessian = Hessian(self.contact.solid, curvature, None, is_free)
         inverse = hessian.inverse(self.stiffness + total(jnp.abs(hessian.curvature)) / row.gap.size)
 
@@ -175,11 +174,15 @@ class Curve(eqx.Module):
 
         row = Point(inside(row.gap), row.pressure)
         uniform = inside(jnp.ones_like(row.gap))
-        response = inside(inverse(uniform))
-        # Never a small difference: the mean may soften, and respond with the other sign.
-        answer = total(row.gap * response)
-        remainder = row.pressure + jnp.where(row.pressure * answer > 0, answer, -answer)
-        remainder = jnp.where(remainder == 0, 1, remainder)
+        count = jnp.maximum(total(uniform), 1)
+        # The mean has a stiffness of its own, often negative, that K + c does not know.
+        stiffness = total(uniform * hessian(uniform)) / count
+        along, other = total(row.gap), row.pressure * stiffness
+        # Never a small difference, which would blow up what is left of the right-hand side.
+        size = jnp.abs(along) + jnp.abs(other)
+        along = along - other
+        along = jnp.where(jnp.abs(along) < size / 2, jnp.where(along < 0, -size, size), along)
+        along = jnp.where(size == 0, 1, along)
 
         def bordered(change: Point) -> Point:
             moved = inside(change.gap)
@@ -188,18 +191,18 @@ class Curve(eqx.Module):
             return Point(pressure + change.gap - moved, row.times(Point(moved, change.pressure)))
 
         def precondition(right: Point) -> Point:
-            moved = inside(inverse(inside(right.gap)))
-            pressure = (right.pressure - total(row.gap * moved)) / remainder
-            return Point(moved - pressure * response, pressure)
+            level = total(inside(right.gap)) / count
+            rest = inside(inverse(inside(right.gap - level)))
+            rest = rest - total(rest) / count * uniform
+            missed = right.pressure - total(row.gap * rest) - row.pressure * level
+            mean = missed / along
+            return Point(rest + mean * uniform, level - stiffness * mean)
 
-        # Preconditioned here, since `M` would mix the scales of residuals with and without it.
-        solution, _ = gmres(
+        solution = gmres(
             lambda change: precondition(bordered(change)),
             precondition(right),
-            tol=accuracy,
-            restart=_NUM_VECTORS,
-            maxiter=_MAX_RESTARTS,
-            solve_method="incremental",
+            accuracy,
+            _MAX_RESTARTS,
         )
         return Point(inside(solution.gap), solution.pressure)
 

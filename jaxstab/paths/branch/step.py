@@ -42,8 +42,9 @@ _TIE = 1e-6
 # The shortest step, over the longest.
 _SHORTEST = {"float64": 1e-9, "float32": 1e-5}
 _MAX_SECANTS = 40
-# How closely a fold is found, over the step that it lies in.
+# How closely a fold is found, over the step that it lies in, and by what tangents.
 _CLOSE = {"float64": 1e-9, "float32": 1e-4}
+_FINE = {"float64": 1e-7, "float32": 1e-4}
 
 
 class TURNS(Enumeration):
@@ -250,7 +251,7 @@ def _fold_between(way: Way, old: Place, new: Place) -> Point:
     curve = way.curve
     row = curve.gradient_of(old.tangent)
     whole = row.times(new.at.minus(old.at))
-    close = _CLOSE[whole.dtype.name]
+    close, fine = _CLOSE[whole.dtype.name], _FINE[whole.dtype.name]
 
     def goes_on(bracket: _Bracket) -> Flag:
         is_wide = bracket.ends[1] - bracket.ends[0] > close * jnp.abs(whole)
@@ -262,7 +263,7 @@ def _fold_between(way: Way, old: Place, new: Place) -> Point:
         length = low - slow * (high - low) / (fast - slow)
         start = old.at.plus(new.at.minus(old.at), length / whole)
         at = way.corrected(start, ahead_of(curve, old, length), old.is_free).state.at
-        speed = curve.load_gradient.times(curve.tangent(at, old.is_free, row))
+        speed = curve.load_gradient.times(curve.tangent(at, old.is_free, row, fine))
         is_low = speed * first.speeds[0] > 0
         # An end that stays a second time counts for half.
         stays = jnp.where((bracket.count > 0) & (is_low == bracket.is_low), 0.5, 1)

@@ -1,0 +1,155 @@
+"""Solutions of linear equations whose operator is neither symmetric nor positive: GMRES.
+
+That of Y. Saad and M. H. Schultz, SIAM J. Sci. Stat. Comput. 7, 856 (1986). The one in JAX takes
+each new vector apart from its whole buffer, twice, which costs more than the operator.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jaxstab.core.types import Scalar
+
+Vector = TypeVar("Vector")
+
+_NUM_VECTORS = 30
+
+
+class _Space(eqx.Module):
+    """Orthonormal vectors, and A times each in terms of them, rotated into a triangle.
+
+    Attributes:
+        vectors: one more than have been multiplied.
+        triangle: column by column, the identity where unused.
+        right: the right-hand side, rotated alike; its entry `count` is the residual.
+        cosines: of the rotations.
+        sines: of the rotations.
+        count: how many vectors have been multiplied.
+    """
+
+    vectors: Any
+    triangle: Float[Array, "room room"]
+    right: Float[Array, " room+1"]
+    cosines: Float[Array, " room"]
+    sines: Float[Array, " room"]
+    count: Int[Array, ""]
+
+
+def gmres(
+    operator: Callable[[Vector], Vector], right: Vector, accuracy: float, max_restarts: int
+) -> Vector:
+    """Return x with A x = b, as well as it is found.
+
+    Arguments:
+        operator: A, a linear function of fields in any tree.
+        right: b.
+        accuracy: |b - A x| over |b|.
+        max_restarts: how often to start anew after 30 vectors.
+    """
+    wanted = accuracy * _norm(right)
+
+    def goes_on(state: tuple[Vector, Vector, Array]) -> Array:
+        _, left, count = state
+        return (_norm(left) > wanted) & (count < max_restarts)
+
+    def cycle(state: tuple[Vector, Vector, Array]) -> tuple[Vector, Vector, Array]:
+        solution, left, count = state
+        change = _cycle(operator, left, wanted)
+        product = operator(change)
+        return _sum(solution, 1.0, change), _sum(left, -1.0, product), count + 1
+
+    start = jax.tree.map(jnp.zeros_like, right), right, jnp.array(0)
+    return jax.lax.while_loop(goes_on, cycle, start)[0]
+
+
+def _cycle(operator: Callable[[Vector], Vector], left: Vector, wanted: Scalar) -> Vector:
+    """Return the vector of a growing space that leaves least of a residual."""
+    norm = _norm(left)
+
+    def buffer(leaf: Array) -> Array:
+        room = jnp.zeros((_NUM_VECTORS + 1, *leaf.shape), leaf.dtype)
+        return room.at[0].set(leaf / jnp.where(norm > 0, norm, 1))
+
+    none = jnp.zeros(_NUM_VECTORS, norm.dtype)
+    space = _Space(
+        jax.tree.map(buffer, left),
+        jnp.eye(_NUM_VECTORS, dtype=norm.dtype),
+        jnp.zeros(_NUM_VECTORS + 1, norm.dtype).at[0].set(norm),
+        none,
+        none,
+        jnp.array(0),
+    )
+
+    def goes_on(space: _Space) -> Array:
+        return (jnp.abs(space.right[space.count]) > wanted) & (space.count < _NUM_VECTORS)
+
+    space = jax.lax.while_loop(goes_on, partial(_widened, operator), space)
+    is_used = jnp.arange(_NUM_VECTORS) < space.count
+    right = jnp.where(is_used, space.right[:-1], 0)
+    parts = jax.scipy.linalg.solve_triangular(space.triangle, right)
+
+    def combine(index: Array, found: Vector) -> Vector:
+        return _sum(found, parts[index], _at(space.vectors, index))
+
+    nothing = jax.tree.map(jnp.zeros_like, left)
+    return jax.lax.fori_loop(0, space.count, combine, nothing)
+
+
+def _widened(operator: Callable[[Any], Any], space: _Space) -> _Space:
+    """Return a space with A times its last vector, made orthogonal to the others."""
+    last = space.count
+
+    def part(index: Array, state: tuple[Vector, Array]) -> tuple[Vector, Array]:
+        vector, column = state
+        other = _at(space.vectors, index)
+        overlap = _product(other, vector)
+        return _sum(vector, -overlap, other), column.at[index].set(overlap)
+
+    def rotate(index: Array, column: Array) -> Array:
+        first, second = column[index], column[index + 1]
+        cosine, sine = space.cosines[index], space.sines[index]
+        column = column.at[index].set(cosine * first + sine * second)
+        return column.at[index + 1].set(cosine * second - sine * first)
+
+    start = operator(_at(space.vectors, last)), jnp.zeros_like(space.right)
+    vector, column = jax.lax.fori_loop(0, last + 1, part, start)
+    column = jax.lax.fori_loop(0, last, rotate, column)
+    norm = _norm(vector)
+    pivot = jnp.hypot(column[last], norm)
+    pivot = jnp.where(pivot > 0, pivot, 1)
+    cosine, sine = column[last] / pivot, norm / pivot
+    unit = jnp.where(norm > 0, norm, 1)
+    vectors = jax.tree.map(
+        lambda room, leaf: room.at[last + 1].set(leaf / unit), space.vectors, vector
+    )
+    value = space.right[last]
+    column = column.at[last].set(pivot)[:-1] * (jnp.arange(_NUM_VECTORS) <= last)
+    return _Space(
+        vectors,
+        space.triangle.at[:, last].set(column),
+        space.right.at[last].set(cosine * value).at[last + 1].set(-sine * value),
+        space.cosines.at[last].set(cosine),
+        space.sines.at[last].set(sine),
+        last + 1,
+    )
+
+
+def _at(vectors: Any, index: Int[Array, ""]) -> Any:
+    return jax.tree.map(lambda leaf: leaf[index], vectors)
+
+
+def _sum(one: Vector, factor: Scalar | float, other: Vector) -> Vector:
+    return jax.tree.map(lambda a, b: a + factor * b, one, other)
+
+
+def _product(one: Vector, other: Vector) -> Scalar:
+    return jax.tree.reduce(jnp.add, jax.tree.map(jnp.vdot, one, other))
+
+
+def _norm(vector: Any) -> Scalar:
+    return jnp.sqrt(_product(vector, vector))
