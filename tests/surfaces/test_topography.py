@@ -335,8 +335,8 @@ def test_clean_surfaces_are_not_suspected():
     ]  # fmt: skip
     for heights in surfaces:
         for surface in (np.asarray(heights), np.asarray(heights, np.float32) + np.float32(10)):
-            assert js.surfaces.suspicion.looks_wrong(surface) == []
-            assert js.surfaces.suspicion.looks_wrong(surface[:, 0]) == []
+            assert js.surfaces.faults.looks_wrong(surface) == []
+            assert js.surfaces.faults.looks_wrong(surface[:, 0]) == []
 
 
 def test_statistics_printed_leave_missing_points_out():

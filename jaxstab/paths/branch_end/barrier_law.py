@@ -70,7 +70,8 @@ def barrier_law(
         cubic = total(third_derivative(contact, gap) * mode**3)
         coefficient = 4 * 2**0.5 / 3 * jnp.abs(total(forces)) ** 1.5 / jnp.sqrt(jnp.abs(cubic))
         rounding = jnp.finfo(gap.dtype).eps ** 0.25 * total(jnp.abs(forces))
-        power = jnp.where(jnp.abs(total(forces)) > rounding, 1.5, jnp.nan)
+        is_driven = jnp.abs(total(forces)) > rounding
+        power = jnp.where(is_driven, jnp.full_like(coefficient, 1.5), jnp.nan)
         return power, power / 1.5 * coefficient
 
     exponent, coefficient = jax.lax.cond(kind == KINDS.release, at_release, at_fold)
