@@ -123,15 +123,23 @@ def pull_offs(is_quick: bool) -> Iterator[Row]:
         yield Row(setting, "Johnson 1995", float(off.mean_pressure), ours)
     if is_quick:
         return
-    work, parameter = 1e-4, 1.0
+    contact, sphere, unit = dugdale_sphere(js.HalfSpace, 256, 12, 1.0, 0.05)
+    force = float(js.pull_off(contact).load.value * contact.area / unit.force)
+    exact = float(maugis.pull_off(*sphere).force / unit.force)
+    yield Row("sphere, lambda = 1: pull-off over pi w R, 256²", "Maugis 1992", exact, force)
+
+
+def dugdale_sphere(
+    solid: type, size: int, width: float, parameter: float, smoothing: float
+) -> tuple[js.Contact, tuple[float, ...], jkr.Units]:
+    """Return a sphere on a cell so many JKR radii wide, and the terms and units of its theory."""
+    work = 1e-4
     unit = jkr.units(1.0, 1.0, work)
     strength = parameter / float(maugis.transition_parameter(1.0, 1.0, work, 1.0))
-    grid = js.Grid(256, 12 * float(unit.contact_radius))
-    law = js.potentials.Dugdale(work, work / strength, 0.05)
-    contact = js.Contact(js.HalfSpace(grid, 1.0), js.surfaces.paraboloid(grid, 1.0), law)
-    force = float(js.pull_off(contact).load.value * jnp.prod(grid.lengths) / unit.force)
-    exact = float(maugis.pull_off(1.0, 1.0, work, strength).force / unit.force)
-    yield Row("sphere, lambda = 1: pull-off over pi w R, 256²", "Maugis 1992", exact, force)
+    grid = js.Grid(size, width * float(unit.contact_radius))
+    law = js.potentials.Dugdale(work, work / strength, smoothing)
+    contact = js.Contact(solid(grid, 1.0), js.surfaces.paraboloid(grid, 1.0), law)
+    return contact, (1.0, 1.0, work, strength), unit
 
 
 def barriers(is_quick: bool) -> Iterator[Row]:
@@ -167,13 +175,7 @@ def barriers(is_quick: bool) -> Iterator[Row]:
 
 
 def sphere_barriers() -> Iterator[Row]:
-    work, parameter = 1e-4, 2.0
-    unit = jkr.units(1.0, 1.0, work)
-    strength = parameter / float(maugis.transition_parameter(1.0, 1.0, work, 1.0))
-    grid = js.Grid(128, 4 * float(unit.contact_radius))
-    law = js.potentials.Dugdale(work, work / strength, 0.1)
-    contact = js.Contact(js.FreeHalfSpace(grid, 1.0), js.surfaces.paraboloid(grid, 1.0), law)
-    sphere = 1.0, 1.0, work, strength
+    contact, sphere, unit = dugdale_sphere(js.FreeHalfSpace, 128, 4, 2.0, 0.1)
     touch = float(maugis.first_touch(*sphere).outer_radius)
     radius = float(unit.contact_radius)
     parts = [

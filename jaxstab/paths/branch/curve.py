@@ -17,7 +17,7 @@ from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
 from jaxstab.contact.residual import missed_pressure
 from jaxstab.core.gmres import gmres
-from jaxstab.core.grid import mean, total
+from jaxstab.core.grid import mean, mean_over, total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import IterativeSolver
 from jaxstab.core.types import Field, Mask, Scalar
@@ -157,7 +157,8 @@ class Curve(eqx.Module):
     ) -> Point:
         """Return the change with A dg + dp0 = r on the free points and a gradient's product s.
 
-        Solved by GMRES with the inverse of K + c, bordered alike, where A need not be positive.
+        Solved by GMRES, since A need not be positive. The preconditioner is the inverse of K + c on
+        changes without a mean. The mean and the pressure are solved for together, by themselves.
 
         Arguments:
             curvature: f''(g).
@@ -174,9 +175,8 @@ class Curve(eqx.Module):
 
         row = Point(inside(row.gap), row.pressure)
         uniform = inside(jnp.ones_like(row.gap))
-        count = jnp.maximum(total(uniform), 1)
         # The mean has a stiffness of its own, often negative, that K + c does not know.
-        stiffness = total(uniform * hessian(uniform)) / count
+        stiffness = mean_over(is_free, hessian(uniform))
         along, other = total(row.gap), row.pressure * stiffness
         # Never a small difference, which would blow up what is left of the right-hand side.
         size = jnp.abs(along) + jnp.abs(other)
@@ -191,12 +191,12 @@ class Curve(eqx.Module):
             return Point(pressure + change.gap - moved, row.times(Point(moved, change.pressure)))
 
         def precondition(right: Point) -> Point:
-            level = total(inside(right.gap)) / count
+            level = mean_over(is_free, right.gap)
             rest = inside(inverse(inside(right.gap - level)))
-            rest = rest - total(rest) / count * uniform
+            rest = rest - mean_over(is_free, rest) * uniform
             missed = right.pressure - total(row.gap * rest) - row.pressure * level
-            mean = missed / along
-            return Point(rest + mean * uniform, level - stiffness * mean)
+            shift = missed / along
+            return Point(rest + shift * uniform, level - stiffness * shift)
 
         solution = gmres(
             lambda change: precondition(bordered(change)),
