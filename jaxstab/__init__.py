@@ -24,6 +24,14 @@ from jaxstab.equilibrium import (
     SaddleNewton,
     equilibrate,
 )
+from jaxstab.equilibrium.observables import (
+    Conductance,
+    Leakage,
+    Patches,
+    conductance,
+    leakage,
+    patches,
+)
 from jaxstab.equilibrium.window import WindowWarning
 from jaxstab.files import load, save, to_dataset
 from jaxstab.loads import (
@@ -34,25 +42,16 @@ from jaxstab.loads import (
     MeanPressure,
     Spring,
 )
-from jaxstab.observables import (
-    Conductance,
-    ConductanceNumbers,
-    Leakage,
-    LeakageNumbers,
-    Observed,
-    Patches,
-    PatchNumbers,
-    conductance,
-    leakage,
-    observe,
-    patches,
-)
 from jaxstab.paths import (
     ENDS,
     TURNS,
     BarrierLaw,
     Branch,
+    ConductanceNumbers,
     Jump,
+    LeakageNumbers,
+    Observed,
+    PatchNumbers,
     Path,
     PathInterrupted,
     States,
@@ -62,6 +61,7 @@ from jaxstab.paths import (
     critical_load,
     easiest_exit,
     follow,
+    observe,
     pull_off,
     transition,
 )

@@ -32,7 +32,7 @@ from sphinx.domains.python import PyObject
 from sphinx.util.docutils import SphinxDirective, SphinxRole
 
 # A union, not a class, which the page of equilibria explains.
-_STATE = f"{PACKAGE}.equilibrium.state.State"
+_STATE = f"{PACKAGE}.equilibrium.equilibrium.State"
 _SECTIONS = {"Arguments": "param", "Attributes": "ivar", "Members": "ivar", "Raises": "raises"}
 
 

@@ -13,9 +13,9 @@ from jaxstab.cli.result import add_result_options, loaded
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.files.dataset import Result
-from jaxstab.observables import Observed
 from jaxstab.paths import Branch, Transition
 from jaxstab.paths import Path as Followed
+from jaxstab.paths.observe import Observed
 from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
 

@@ -22,8 +22,8 @@ from jaxstab.files.labels import ENERGY, LENGTH, dimension_on, quantity, with_un
 from jaxstab.files.records import NamedArray, Recorder, Structure, indicators
 from jaxstab.files.tabulated_law import law_variables
 from jaxstab.loads import Load
-from jaxstab.observables import Observed
 from jaxstab.paths import Branch, Path, States, Transition
+from jaxstab.paths.observe import Observed
 from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
 

@@ -8,6 +8,13 @@ from jaxstab.paths.branch.step import TURNS
 from jaxstab.paths.branch_end.barrier_law import BarrierLaw
 from jaxstab.paths.critical_load import critical_load
 from jaxstab.paths.follow import PathInterrupted, follow
+from jaxstab.paths.observe import (
+    ConductanceNumbers,
+    LeakageNumbers,
+    Observed,
+    PatchNumbers,
+    observe,
+)
 from jaxstab.paths.path import Jump, Path, States
 from jaxstab.paths.pull_off import pull_off
 
@@ -16,7 +23,11 @@ __all__ = [
     "TURNS",
     "BarrierLaw",
     "Branch",
+    "ConductanceNumbers",
     "Jump",
+    "LeakageNumbers",
+    "Observed",
+    "PatchNumbers",
     "Path",
     "PathInterrupted",
     "States",
@@ -26,6 +37,7 @@ __all__ = [
     "critical_load",
     "easiest_exit",
     "follow",
+    "observe",
     "pull_off",
     "transition",
 ]

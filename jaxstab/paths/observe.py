@@ -14,13 +14,14 @@ from jaxstab.core.stack import Stackable, nothing_like, stacked
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import AREA, LENGTH, SPRING_CONSTANT, VISCOSITY, VOLUME, Dimensioned
 from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.observables.clusters import Neighbours
+from jaxstab.equilibrium.observables.conductance import CONDUCTANCE, conductance_at
+from jaxstab.equilibrium.observables.flow import Solver
+from jaxstab.equilibrium.observables.leakage import leakage_at
+from jaxstab.equilibrium.observables.patches import patches_at, require_known
 from jaxstab.loads import Load
-from jaxstab.observables.clusters import Neighbours
-from jaxstab.observables.conductance import CONDUCTANCE, conductance_at
-from jaxstab.observables.flow import Solver
-from jaxstab.observables.leakage import leakage_at
-from jaxstab.observables.patches import patches_at, require_known
-from jaxstab.paths import Branch, Path, States
+from jaxstab.paths.branch.branch import Branch
+from jaxstab.paths.path import Path, States
 from jaxstab.paths.sweep import Sweep
 
 Name = Literal["patches", "conductance", "leakage"]

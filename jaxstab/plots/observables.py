@@ -6,13 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm
 
-from jaxstab import observables
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core.checks import require_kind
 from jaxstab.core.stack import require_single
+from jaxstab.equilibrium import observables
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
-from jaxstab.observables import Leakage
-from jaxstab.observables.clusters import Neighbours
+from jaxstab.equilibrium.observables import Leakage
+from jaxstab.equilibrium.observables.clusters import Neighbours
 from jaxstab.plots.fields import add_colour_bar, draw_map, outline_contact
 from jaxstab.plots.style import PALETTE, add_legend, axes_or_new, label_axes, label_axis
 

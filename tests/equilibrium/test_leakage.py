@@ -7,7 +7,7 @@ import pytest
 from conftest import state_of
 
 import jaxstab as js
-from jaxstab.observables import flow
+from jaxstab.equilibrium.observables import flow
 
 SOLVERS = ["direct", "multigrid"]
 

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 
 from jaxstab.core.extras import are_installed, require_packages
 from jaxstab.core.results import SolverError
-from jaxstab.observables.clusters import clusters_of
+from jaxstab.equilibrium.observables.clusters import clusters_of
 
 Solver = Literal["direct", "multigrid"]
 _Field = Float[np.ndarray, " *grid"]

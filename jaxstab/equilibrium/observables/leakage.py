@@ -12,8 +12,8 @@ from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Scalar
 from jaxstab.core.units import LENGTH, VISCOSITY, VOLUME, Dimensioned
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
-from jaxstab.observables.flow import Flow, Solver, conducting, flows
-from jaxstab.observables.patches import require_known
+from jaxstab.equilibrium.observables.flow import Flow, Solver, conducting, flows
+from jaxstab.equilibrium.observables.patches import require_known
 
 
 class Leakage(Stackable, Dimensioned):

@@ -12,7 +12,7 @@ from jaxstab.core.display import block
 from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.core.units import AREA, FORCE, LENGTH, Dimensioned
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
-from jaxstab.observables.clusters import Neighbours, clusters_of
+from jaxstab.equilibrium.observables.clusters import Neighbours, clusters_of
 
 # Of the counted interface times the spacing (Yastrebov, Anciaux & Molinari, 2017).
 _STAIRCASE = (np.pi - 1 + np.log(2)) / 24
