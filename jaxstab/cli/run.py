@@ -20,7 +20,7 @@ from jaxstab.cli.parsing import (
     whole_number,
 )
 from jaxstab.contact import Contact
-from jaxstab.core.extras import NETCDF, are_installed
+from jaxstab.core.optional_packages import NETCDF, are_installed
 from jaxstab.core.results import RESULTS
 from jaxstab.core.warn import warn
 from jaxstab.files import save

@@ -14,7 +14,7 @@ import numpy as np
 
 import jaxstab
 from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended, Parser, whole_number
-from jaxstab.core.extras import require_packages
+from jaxstab.core.optional_packages import require_packages
 from jaxstab.studies import StudyInterrupted
 
 DESCRIPTION = """\

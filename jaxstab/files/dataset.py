@@ -14,7 +14,7 @@ import numpy as np
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core.checks import is_traced
 from jaxstab.core.display import text
-from jaxstab.core.extras import require_packages
+from jaxstab.core.optional_packages import require_packages
 from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.verify import recognised

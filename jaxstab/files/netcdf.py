@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from jaxstab.contact import Contact
-from jaxstab.core.extras import NETCDF, require_packages
+from jaxstab.core.optional_packages import NETCDF, require_packages
 from jaxstab.core.warn import warn
 from jaxstab.files.dataset import FORMAT, Result, to_dataset
 from jaxstab.files.records import LostFunction, Structure, functions_of, lost_classes, restored

@@ -26,11 +26,11 @@ from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.derivatives import with_derivatives
-from jaxstab.paths.explain import Recording, path_of, path_with_room
 from jaxstab.paths.path import Path
 from jaxstab.paths.programme import DISTURBANCE, programme_of
 from jaxstab.paths.record import Room, Table
-from jaxstab.paths.travel import WalkSetup, travel, travelled
+from jaxstab.paths.recorded_path import Recording, path_of, path_with_room
+from jaxstab.paths.walk import WalkSetup, travel, travelled
 
 # States and jumps of a batch.
 _ROOM = 32, 2

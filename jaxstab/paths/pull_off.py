@@ -27,7 +27,7 @@ from jaxstab.paths.branch_end.locate import Limit, limit_ahead
 from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.programme import DISTURBANCE, Programme, programme_of
 from jaxstab.paths.record import Count, Strongest
-from jaxstab.paths.travel import WalkSetup, travel
+from jaxstab.paths.walk import WalkSetup, travel
 
 # Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4

@@ -23,7 +23,7 @@ from typing import Any
 import jax
 
 from jaxstab.core.cache import SETTINGS
-from jaxstab.core.extras import require_packages
+from jaxstab.core.optional_packages import require_packages
 from jaxstab.studies.axes import Index
 from jaxstab.studies.driver import Driver
 from jaxstab.studies.identity import versions

@@ -11,7 +11,7 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 from jaxstab.core.checks import integer
-from jaxstab.core.extras import require_packages
+from jaxstab.core.optional_packages import require_packages
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.warn import warn
 from jaxstab.studies import metadata

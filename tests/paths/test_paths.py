@@ -184,7 +184,7 @@ def test_jumps_take_one_program_for_any_number_and_none_where_there_are_none(her
 
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
-    module = sys.modules["jaxstab.paths.travel"]
+    module = sys.modules["jaxstab.paths.walk"]
     go_on, calls = module._go_on, []
 
     def interrupted(*arguments):

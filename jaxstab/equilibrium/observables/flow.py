@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxstab.core.extras import are_installed, require_packages
+from jaxstab.core.optional_packages import are_installed, require_packages
 from jaxstab.core.results import SolverError
 from jaxstab.equilibrium.observables.clusters import clusters_of
 

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from io import BytesIO, StringIO
 from typing import Any
 
-from jaxstab.core.extras import require_packages
+from jaxstab.core.optional_packages import require_packages
 from jaxstab.surfaces.formats.scan import (
     Refused,
     Scan,

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from jaxstab.core.extras import NETCDF, require_packages
+from jaxstab.core.optional_packages import NETCDF, require_packages
 from jaxstab.surfaces.formats.scan import (
     Scan,
     UnknownContent,
