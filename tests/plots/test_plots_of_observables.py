@@ -13,12 +13,6 @@ from jaxstab.plots.observables import _persson
 NONE = js.potentials.NoAdhesion()
 
 
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
-
-
 def state_of(potential, load, unit="m"):
     grid = js.Grid((32, 16), (2e-5, 1e-5))
     heights = js.surfaces.self_affine(

@@ -2,7 +2,6 @@
 
 import jax
 import jax.numpy as jnp
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -30,12 +29,6 @@ def branch():
 def transition(contact):
     near, far = (0.001 + 0.3 * jnp.array(gap) for gap in ((1.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     return js.transition(contact, js.MeanGap(0.1), near, far)
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
 
 
 def names(axes):

@@ -18,12 +18,6 @@ import jaxstab as js
 from jaxstab import plots
 
 
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def loop(hertz):
     return js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.1, 1.6])), fields=True)

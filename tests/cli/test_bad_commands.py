@@ -1,0 +1,91 @@
+import pytest
+
+from jaxstab.__main__ import main
+
+SMALL = ["--size", "32", "--k-high", "8", "--study", "unloading", "--number", "5"]
+MATERIAL = ["--youngs-modulus", "2", "--surface-energy", "0.02", "--range", "0.2"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--rms-height", "-1"], "-1.0: it must be positive"),
+        (["--k-high", "100"], "resolves 16"),
+        (["--hurst", "2"], "The Hurst exponent is 2"),
+        (["--youngs-modulus", "0"], "Young's modulus is 0"),
+        (["--poisson-ratio", "0.7"], "Poisson's ratio is 0.7"),
+        (["--range", "-1"], "The length of the potential is -1"),
+        (["--number", "0"], "--number: '0' is not a whole number of at least 1."),
+        (["--number", "2.5"], "--number: '2.5' is not a whole number of at least 1."),
+        (["--seed", "-1"], "--seed: '-1' is not a whole number from 0 to 4294967295."),
+        (["--seed", "4294967296"], "--seed: '4294967296' is not a whole number from 0"),
+        (["--size", "1"], "--size: '1' is not a whole number of at least 2."),
+        (["--range", "wide"], "--range: 'wide' is not a finite number."),
+        (["--first", "-1e-3", "--last", "wide"], "--last: 'wide' is not a finite number."),
+        (["--range", "inf"], "--range: 'inf' is not a finite number."),
+        (["--potential", "glue"], "invalid choice: 'glue'"),
+        (["--load", "force"], "invalid choice: 'force'"),
+        (["--load", "spring"], "--stiffness belongs to --load spring, which needs it."),
+        (["--stiffness", "2"], "--stiffness belongs to --load spring"),
+        (["--load", "pressure", "--first", "0"], "--last is needed with --load pressure."),
+        (["--smoothing", "0.2"], "--smoothing belongs to --potential dugdale."),
+        (["--potential", "none", "--range", "1"], "--range belongs to a law, not to --potential"),
+        (["--smallest-jump", "1e-3"], "--smallest-jump belongs to --study loop."),
+        (["--study", "loop"], "--number belongs to --study unloading."),
+        (["--lengths", "2"], "--lengths belongs to --surface."),
+        (["--surface", "scan.txt"], "--size describes a generated surface"),
+        (["--colour", "red"], "unrecognized arguments: --colour red"),
+        (["--siz", "8"], "unrecognized arguments: --siz 8"),
+        (["--size"], "--size: expected one argument"),
+        (["--config", "none.toml"], "none.toml: No such file"),
+    ],
+)
+def test_options_that_make_no_sense_end_in_one_line(tmp_path, capsys, arguments, message):
+    assert_refused([*SMALL, "--output", str(tmp_path / "results"), *arguments], message, capsys)
+    assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["walk"], "unrecognized arguments: walk"),
+        (["info"], "the following arguments are required: FILE"),
+        (["info", "none.x3p"], "none.x3p"),
+        (["info", "empty.txt"], "empty.txt"),
+        (["plot", "none.nc"], "There is no file none.nc."),
+        (["plot", "empty.txt"], "empty.txt is no readable NetCDF file"),
+        (["cite", "gravity"], "There is no gravity in jaxstab: give a public name."),
+        (["run", "--surface", "empty.txt"], "--youngs-modulus is needed with --surface"),
+        (["run", "--surface", "empty.txt", *MATERIAL], "empty.txt"),
+        (["run", "--config", "empty.txt", "--output", "empty.txt"], "empty.txt"),
+        (["run", "--config", "broken.toml"], "broken.toml is not TOML"),
+        (["run", "--config", "other.toml"], "other.toml names another file: give options only."),
+        (
+            ["--first", "1", "--last", "1", "--size", "16", "--k-high", "4"],
+            "that of the one before",
+        ),
+        (["run", "--config", "wrong.toml"], "wrong.toml: size is True: give a number or text."),
+        (
+            ["run", "--config", "typo.toml"],
+            "typo.toml: there is no option rms_hight; the nearest is rms_height.",
+        ),
+    ],
+)
+def test_files_that_make_no_sense_end_in_one_line(
+    tmp_path, monkeypatch, capsys, arguments, message
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty.txt").touch()
+    (tmp_path / "broken.toml").write_text("size = = 3")
+    (tmp_path / "wrong.toml").write_text("size = true")
+    (tmp_path / "typo.toml").write_text("[surface]\nrms_hight = 0.1")
+    (tmp_path / "other.toml").write_text('config = "wrong.toml"')
+    assert_refused(arguments, message, capsys)
+
+
+def assert_refused(arguments, message, capsys):
+    with pytest.raises(SystemExit) as refused:
+        main(arguments)
+    said = capsys.readouterr().err
+    assert refused.value.code == 2
+    assert message in said and said.count("\n") == 1, said

@@ -1,0 +1,163 @@
+import os
+import re
+import signal
+import subprocess
+import sys
+from subprocess import PIPE
+
+import numpy as np
+import pytest
+import xarray
+
+SURFACE = ["--size", "32", "--k-high", "8"]
+SMALL = [*SURFACE, "--study", "unloading", "--number", "5"]
+COMMAND = [sys.executable, "-m", "jaxstab"]
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """The user's cache folder."""
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def environment(cache):
+    return {**os.environ, "XDG_CACHE_HOME": str(cache)}
+
+
+@pytest.fixture(scope="module")
+def run(environment):
+    def run(folder, *arguments, environment=environment):
+        return subprocess.run(
+            [*COMMAND, *arguments], cwd=folder, env=environment, capture_output=True, text=True
+        )
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def twice(run, cache, environment, tmp_path_factory):
+    """Two runs alike: their folder, what they said, and the programs in the cache after each."""
+    folder = tmp_path_factory.mktemp("twice")
+    options = [*SMALL, "--potential", "none", "--precision", "float32", "--order", "independent"]
+    options += ["--load", "displacement", "--first", "0.1", "--last", "1", "--seed", "3"]
+    options += ["--output", "mine", "--youngs-modulus", "2"]
+    environment = {k: v for k, v in environment.items() if k != "JAX_COMPILATION_CACHE_DIR"}
+    results, programs = [], []
+    for _ in range(2):
+        results.append(run(folder, *options, environment=environment))
+        programs.append({file.name for file in cache.rglob("*-cache")})
+    return folder / "mine", results, programs
+
+
+def test_the_main_job_shows_a_loop_with_its_jumps_and_writes_figure_and_data(tmp_path, run):
+    result = run(tmp_path, *SURFACE)
+    assert result.returncode == 0, result.stderr
+    assert "100%" in result.stderr
+    header, *rows = (
+        line.split()
+        for line in result.stdout.splitlines()
+        if re.search(r"\b(kind|fold|release)\b", line)
+    )
+    assert header[:3] == ["MeanGap", "kind", "dissipation"] and len(rows) >= 2
+    folder = tmp_path / "results" / "1"
+    assert (folder / "loop.png").stat().st_size > 10_000
+    data = xarray.load_dataset(folder / "loop.nc")
+    ends = data["load"].values[[0, -1]]
+    np.testing.assert_allclose([*ends, data["load"].min()], [2 + 1e-5, 2 + 1e-5, 1e-5])
+    np.testing.assert_allclose(data["jump_load"], [float(row[0]) for row in rows], rtol=1e-6)
+    assert list(data["jump_kind"]) == [row[1] for row in rows]
+    assert data["jump_before_gap"].shape == (len(rows), 32, 32)
+    np.testing.assert_allclose(data["total_work"], data["total_dissipation"])
+
+
+def test_the_unloading_study_prints_a_table_and_writes_figure_and_data(tmp_path, run):
+    result = run(tmp_path, *SMALL)
+    assert result.returncode == 0, result.stderr
+    lines = result.stdout.splitlines()
+    header = next(i for i, line in enumerate(lines) if "lower bound" in line)
+    rows = lines[header + 2 : header + 7]
+    assert " stable" in rows[0] and "held_by_contact" in rows[2] and " stable" in rows[4]
+    assert "5/5" in result.stderr
+    folder = tmp_path / "results" / "1"
+    assert lines[-1].endswith(str(folder))
+    assert (folder / "unloading.png").stat().st_size > 10_000
+    data = xarray.load_dataset(folder / "unloading.nc")
+    assert data["gap"].shape == (5, 32, 32)
+    np.testing.assert_allclose(data["gap"].mean(("x", "y")), data["load"])
+    assert data.attrs["load_kind"] == "MeanGap"
+    assert data["verdict"][0] == "stable"
+    assert set(data["result"].values) == {"successful"}
+    assert (data["lower_bound_eigenvalue"] <= data["cone_eigenvalue"]).all()
+    assert (data["cone_eigenvalue"] <= data["critical_eigenvalue"]).all()
+    assert np.isfinite(data["barrier_height"][2])
+    shown = float(rows[2].split()[1])
+    assert shown == pytest.approx(float(data["mean_pressure"][2]), rel=1e-3)
+
+
+def test_options_reach_the_problem_and_no_result_is_overwritten(twice):
+    folder, results, _ = twice
+    for result, name in zip(results, ("1", "2"), strict=True):
+        assert result.returncode == 0, result.stderr
+        assert "E = 2" in result.stdout and "adhesion: none" in result.stdout
+        data = xarray.load_dataset(folder / name / "unloading.nc")
+        assert data["gap"].dtype == np.float32
+        assert data.attrs["load_kind"] == "MeanDisplacement"
+        assert data["mean_pressure"][0] > 0
+
+
+def test_a_second_run_compiles_nothing_and_is_as_quiet(twice):
+    _, results, programs = twice
+    assert any(name.startswith("jit__find_in_own_units") for name in programs[0])
+    assert programs[1] == programs[0]
+    for result in results:
+        assert "XLA" not in result.stderr
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupted_run_writes_what_it_has(tmp_path, environment):
+    command = [*COMMAND, *SMALL, "--number", "2000"]
+    table, rest = interrupted(command, r"\b[3-9]\d*/2000", tmp_path, environment)
+    done = int(re.search(r"interrupted, (\d+) of 2000 loads", rest)[1])
+    assert 3 <= done < 2000
+    assert len(re.findall(r"successful$", table, re.MULTILINE)) == done
+    data = xarray.load_dataset(tmp_path / "results" / "1" / "unloading.nc")
+    assert data["gap"].shape == (done, 32, 32)
+    assert np.isfinite(data["gap"]).all()
+    assert (tmp_path / "results" / "1" / "unloading.png").exists()
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupted_loop_writes_what_it_has(tmp_path, environment):
+    # Small steps, so that it takes a while.
+    command = [*COMMAND, *SURFACE, "--smallest-jump", "1e-12"]
+    _, rest = interrupted(command, r"\b[1-9]\d*%", tmp_path, environment)
+    done = int(re.search(r"interrupted, (\d+) states are done", rest)[1])
+    data = xarray.load_dataset(tmp_path / "results" / "1" / "loop.nc")
+    assert data["load"].size == done > 3 and data["result"] == "interrupted"
+    assert (tmp_path / "results" / "1" / "loop.png").exists()
+
+
+def interrupted(command, pattern, folder, environment):
+    """Return what a command prints that gets Ctrl-C once its standard error has a pattern."""
+    with subprocess.Popen(
+        command, cwd=folder, env=environment, stdout=PIPE, stderr=PIPE, text=True
+    ) as process:
+        said = ""
+        while not re.search(pattern, said):
+            said += (character := process.stderr.read(1))
+            assert character, said
+        process.send_signal(signal.SIGINT)
+        table, rest = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in rest
+    return table, rest
+
+
+def test_where_every_load_fails_the_command_fails_and_still_writes(tmp_path, run):
+    result = run(tmp_path, *SMALL, "--first", "-2", "--last", "-1")
+    assert result.returncode == 1
+    assert "every load failed" in result.stderr
+    assert result.stdout.count("infeasible_load") == 5
+    data = xarray.load_dataset(tmp_path / "results" / "1" / "unloading.nc")
+    assert data["contact_area"].isnull().all()

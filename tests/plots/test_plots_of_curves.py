@@ -1,0 +1,99 @@
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import jaxstab as js
+from jaxstab import plots
+from jaxstab.core.stack import stacked
+
+
+def test_laws_and_forces_are_those_asked_for():
+    gaps = jnp.linspace(0, 2, 50)
+    laws = [js.potentials.Exponential(1.0, 0.5), js.potentials.Rational(1.0, 0.5)]
+    axes = plots.potential(laws, gaps)
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), -np.exp(-np.asarray(gaps) / 0.5))
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == ["Exponential", "Rational"]
+    axes = plots.force(lambda gap: gap**2, gaps, labels=["mine"])
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), 2 * np.asarray(gaps))
+
+
+def test_stability_curves_fill_the_markers_of_stable_states(sweep):
+    axes = plots.stability_curve(sweep, "contact_area")
+    stable, held = axes.collections
+    assert len(stable.get_offsets()) == 2
+    assert len(held.get_offsets()) == 1
+    assert held.get_label() == "held by contact"
+    assert tuple(held.get_facecolor()[0]) == (1, 1, 1, 1)
+    np.testing.assert_array_equal(stable.get_facecolor(), stable.get_edgecolor())
+    assert plots.stability_curve(sweep).get_ylabel().startswith("mean pressure")
+    with pytest.raises(ValueError, match="choose one of"):
+        plots.stability_curve(sweep, "gap")
+
+
+def test_verdicts_differ_without_colour(sweep):
+    codes = jnp.arange(len(js.VERDICTS))
+    every = eqx.tree_at(lambda x: x.stability.verdict.code, sweep[[0, 1, 2, 0]], codes)
+    # As far as found, and proved.
+    every = eqx.tree_at(lambda x: x.stability.proved, every, codes > 0)
+    extra = eqx.tree_at(lambda x: x.stability.proved, every[[0, 0]], jnp.array([True, False]))
+    labels = [marks.get_label() for marks in plots.stability_curve(extra).collections]
+    assert labels == ["stable", "stable, locally"]
+    every = stacked([*every, extra[0]], every[0])
+    looks = {
+        (marks.get_paths()[0].vertices.tobytes(), marks.get_facecolor()[0].mean() > 0.99)
+        for marks in plots.stability_curve(every).collections
+    }
+    assert len(looks) == len(js.VERDICTS) + 1
+
+
+def test_states_of_a_sweep_are_not_joined(sweep):
+    assert not plots.stability_curve(sweep).lines
+
+
+def test_curves_have_the_colours_of_okabe_and_ito():
+    gaps = jnp.linspace(0, 1, 5)
+    laws = [js.potentials.Exponential(depth, 0.5) for depth in (1.0, 2.0, 3.0)]
+    axes = plots.potential(laws, gaps)
+    drawn = [np.multiply(plt.matplotlib.colors.to_rgb(x.get_color()), 255) for x in axes.lines[:3]]
+    np.testing.assert_allclose(drawn, [(0, 114, 178), (213, 94, 0), (0, 158, 115)])
+
+
+def test_a_load_of_ones_own_is_named_as_it_says_or_by_its_class(sweep):
+    class Magnet(js.MeanDisplacement):
+        quantity, unit = "", ""
+
+    class Coil(js.MeanDisplacement):
+        quantity, unit = "current", "A"
+
+    for load, label in ((Magnet, "Magnet"), (Coil, "current [A]")):
+        pulled = eqx.tree_at(lambda x: x.load, sweep, load(sweep.load.value))
+        assert plots.stability_curve(pulled).get_xlabel() == label
+
+
+def test_a_spectrum_shows_the_rings_that_hold_waves():
+    grid = js.Grid(32, (1.0, 0.5))
+    heights = js.surfaces.sinusoid(grid, 0.1, (3, 0)) + js.surfaces.sinusoid(grid, 0.2, (0, 4))
+    axes = plots.spectrum(js.surfaces.power_spectrum(grid, heights), labels=["two waves"])
+    wavenumbers, densities = axes.lines[0].get_data()
+    np.testing.assert_allclose(wavenumbers, 2 * np.pi * np.array([3, 8]))
+    # Of a wave, two of the waves in its ring have A^2 / 4 times the area.
+    num_waves = js.surfaces.power_spectrum(grid, heights).num_waves[jnp.array([2, 7])]
+    np.testing.assert_allclose(densities * num_waves, 0.5 * np.array([0.01, 0.04]) / 2)
+    assert axes.get_xscale() == axes.get_yscale() == "log"
+    assert axes.get_ylabel() == "power spectral density [length$^4$]"
+    assert axes.get_legend().get_texts()[0].get_text() == "two waves"
+
+
+def test_what_is_no_spectrum_is_refused():
+    grid = js.Grid(8)
+    flat = js.surfaces.power_spectrum(grid, jnp.zeros((8, 8)))
+    with pytest.raises(ValueError, match="a flat surface has none"):
+        plots.spectrum(flat)
+    with pytest.raises(ValueError, match="stack of 2 spectra"):
+        plots.spectrum(jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), flat))
+    with pytest.raises(TypeError, match="ArrayImpl is not a spectrum"):
+        plots.spectrum([flat.density])

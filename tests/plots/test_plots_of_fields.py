@@ -1,0 +1,99 @@
+import equinox as eqx
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import jaxstab as js
+from jaxstab import plots
+
+DRAW = {
+    "surface": lambda contact, equilibrium, pair, axes: plots.surface(contact, axes=axes),
+    "gap": lambda contact, equilibrium, pair, axes: plots.gap(contact, equilibrium, axes=axes),
+    "pressure": lambda contact, equilibrium, pair, axes: plots.pressure(
+        contact, equilibrium, axes=axes
+    ),
+    "contact_map": lambda contact, equilibrium, pair, axes: plots.contact_map(
+        contact, equilibrium, axes=axes
+    ),
+    "mode": lambda contact, equilibrium, pair, axes: plots.mode(contact, pair, axes=axes),
+    "convergence": lambda contact, equilibrium, pair, axes: plots.convergence(pair, axes=axes),
+}
+
+
+@pytest.mark.parametrize("name", DRAW)
+@pytest.mark.parametrize("kind", ["state", "line"])
+def test_each_plot_draws_into_the_axes_given_and_labels_them(name, kind, request):
+    axes = plt.subplots()[1]
+    returned = DRAW[name](*request.getfixturevalue(kind), axes)
+    assert returned is axes
+    assert axes.get_xlabel()
+    assert axes.images or axes.lines or axes.collections
+    assert DRAW[name](*request.getfixturevalue(kind), None) is not axes
+
+
+def test_the_contact_is_outlined_on_modes(hertz, state, line):
+    contact, equilibrium, pair = state
+    (outline,) = plots.mode(contact, pair, equilibrium).collections
+    # Between the outermost points in contact and their neighbours, on all four sides.
+    outline = np.concatenate([path.vertices for path in outline.get_paths()])
+    x, y = (np.asarray(side)[equilibrium.in_contact] for side in contact.grid.coordinates)
+    half = float(contact.grid.spacing[0]) / 2
+    ends = [[x.min() - half, y.min() - half], [x.max() + half, y.max() + half]]
+    np.testing.assert_allclose([outline.min(0), outline.max(0)], ends)
+    assert not plots.mode(contact, pair).collections
+    contact, equilibrium, pair = line
+    assert len(plots.mode(contact, pair, equilibrium).collections) == 1
+
+
+def test_the_axis_of_a_mode_is_not_called_as_a_side_is(line, state):
+    contact, _, pair = line
+    assert plots.mode(contact, pair).get_ylabel() == "mode of unit norm [1]"
+    contact, _, pair = state
+    assert plots.mode_cut(contact, pair).get_ylabel() == "mode of unit norm [1]"
+
+
+def test_a_stability_is_not_taken_for_one_of_its_modes(state, line_contact):
+    contact, equilibrium, pair = state
+    stability = js.assess_stability(contact, equilibrium)
+    for draw in (lambda x: plots.mode(contact, x), plots.convergence):
+        with pytest.raises(TypeError, match=r"Stability is not an eigenpair.*stability\.cone"):
+            draw(stability)
+    with pytest.raises(ValueError, match=r"shape \(32, 32\), the contact's grid \(64,\)"):
+        plots.mode(line_contact, pair)
+
+
+def test_a_closed_gap_is_shown_as_zero(state):
+    contact, equilibrium, _ = state
+    closed = eqx.tree_at(lambda x: x.gap, equilibrium, jnp.zeros((32, 32)))
+    assert plots.gap(contact, closed).images[0].get_clim()[0] == 0
+
+
+def test_colours_reach_from_the_lowest_point_to_a_summit_at_zero(state):
+    contact, _, _ = state
+    image = plots.surface(contact).images[0]
+    assert image.get_clim() == (contact.heights.min(), 0)
+
+
+def test_maps_put_the_first_index_along_x(state):
+    contact, _, _ = state
+    grid = js.Grid((4, 6), (2.0, 3.0))
+    heights = jnp.zeros((4, 6)).at[3, 1].set(1.0)
+    tall = js.Contact(js.HalfSpace(grid, 1.0), heights, contact.potential)
+    image = plots.surface(tall).images[0]
+    assert image.get_array().shape == (6, 4)
+    assert image.get_array()[1, 3] == 1
+    assert image.get_extent() == [-0.25, 1.75, -0.25, 2.75]
+
+
+def test_a_cut_shows_the_mode_and_the_contact(state):
+    contact, equilibrium, pair = state
+    axes = plots.mode_cut(contact, pair, equilibrium)
+    drawn = axes.lines[0].get_ydata()
+    np.testing.assert_array_equal(drawn, pair.mode[:, 16])
+    assert axes.get_legend() is not None
+
+
+def test_a_line_has_no_cut(line):
+    with pytest.raises(ValueError, match="no rows"):
+        plots.mode_cut(line[0], line[2])
