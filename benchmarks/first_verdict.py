@@ -2,7 +2,10 @@
 
 Each run is a process of its own: it imports JAX, then jaxstab, then does the README's example with
 a law of its own, without and with a warm compilation cache. One more run counts the programs that
-it compiles and lists the costliest.
+it compiles and lists the costliest. With `--before`, a clone of an earlier version runs in turn:
+
+    git worktree add ../earlier 4465587
+    python benchmarks/first_verdict.py --before ../earlier
 """
 
 import argparse
@@ -46,16 +49,22 @@ STAGES = ("import jax", "import jaxstab", "contact", "equilibrate", "assess_stab
 
 def main() -> None:
     options = parse_options()
-    with tempfile.TemporaryDirectory() as warm:
-        print("filling the cache", flush=True)
-        run(options.size, warm)
-        # In turn, so that both meet the same machine.
-        runs = {"no cache": [], "warm cache": []}
+    sources = {"": Path(js.__file__).parents[1]}
+    if options.before:
+        sources["before: "] = options.before
+    runs = {f"{name}{cache}": [] for cache in ("no cache", "warm cache") for name in sources}
+    with tempfile.TemporaryDirectory() as folder:
+        warm = {name: str(Path(folder, str(i))) for i, name in enumerate(sources)}
+        for name, source in sources.items():
+            print("filling the cache", flush=True)
+            run(options.size, source, warm[name])
+        # In turn, so that all meet the same machine.
         for i in range(options.repeats):
-            runs["no cache"].append(run(options.size)[0])
-            runs["warm cache"].append(run(options.size, warm)[0])
+            for name, source in sources.items():
+                runs[f"{name}no cache"].append(run(options.size, source)[0])
+                runs[f"{name}warm cache"].append(run(options.size, source, warm[name])[0])
             print(f"{i + 1} of {options.repeats} runs", flush=True)
-        programs = compilations(run(options.size, JAX_LOG_COMPILES="1")[1])
+        programs = compilations(run(options.size, sources[""], JAX_LOG_COMPILES="1")[1])
     lines = report(options, runs, programs)
     print("\n".join(lines))
     if options.out:
@@ -66,13 +75,18 @@ def parse_options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--size", type=int, default=128, help="points a side")
     parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--before", type=Path, help="a clone of an earlier version, run in turn")
     parser.add_argument("--out", type=Path, help="a file for the table as well")
     return parser.parse_args()
 
 
-def run(size: int, cache: str | None = None, **environment: str) -> tuple[list[float], str]:
+def run(
+    size: int, source: Path, cache: str | None = None, **environment: str
+) -> tuple[list[float], str]:
     """Return the seconds of each stage in a fresh process, and what it logged."""
     kept = {key: value for key, value in os.environ.items() if "_CACHE_" not in key}
+    # Programs that jaxstab keeps by itself would make every run warm.
+    environment |= {"PYTHONPATH": str(source), "JAXSTAB_CACHE": "0"}
     if cache is not None:
         environment["JAX_COMPILATION_CACHE_DIR"] = cache
         environment["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
@@ -108,11 +122,18 @@ def report(options, runs: dict[str, list[list[float]]], programs: list) -> list[
         f"| | {' | '.join(STAGES)} | from `import jax` to the verdict |",
         "|---|" + "---|" * (len(STAGES) + 1),
     ]
+    totals = {name: median(sum(time[1:]) for time in times) for name, times in runs.items()}
     for name, times in runs.items():
         stages = [median(stage) for stage in zip(*times, strict=True)]
-        total = median(sum(time[1:]) for time in times)
-        cells = " | ".join(f"{seconds:.2f}" for seconds in (*stages, total))
+        cells = " | ".join(f"{seconds:.2f}" for seconds in (*stages, totals[name]))
         lines.append(f"| {name} | {cells} |")
+    if options.before:
+        cold = totals["before: no cache"]
+        lines += [
+            "",
+            f"Over the earlier version without a cache: {totals['no cache'] / cold:.2f} without, "
+            f"{totals['warm cache'] / cold:.2f} with a warm one.",
+        ]
     in_xla, in_lowering = (sum(program[i] for program in programs) for i in (0, 1))
     lines += [
         "",
