@@ -8,8 +8,8 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
-from conftest import rough_contact
 from descent import Descent
+from problems import rough_contact
 
 import jaxstab as js
 

@@ -4,9 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import TIGHT, rough_contact, smallest_on_zero_mean
+from brute_force import smallest_on_zero_mean
 from descent import Descent
 from jaxtyping import Array
+from problems import TIGHT, rough_contact
 
 import jaxstab as js
 from jaxstab.core.loop import IterativeSolver

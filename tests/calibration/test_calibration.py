@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
-from conftest import compilations, rough_contact
+from problems import rough_contact
+from programs import compilations
 
 import jaxstab as js
 

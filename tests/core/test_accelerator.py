@@ -7,7 +7,7 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import beside_an_accelerator
+from programs import beside_an_accelerator
 
 import jaxstab as js
 from jaxstab.core import batching

@@ -3,7 +3,7 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import beside_an_accelerator
+from programs import beside_an_accelerator
 
 from jaxstab.core.batching import by_lanes
 

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import rough_contact
+from problems import rough_contact
 
 import jaxstab as js
 from jaxstab.core.progress import advance, progress_bar

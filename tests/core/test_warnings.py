@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from conftest import rough_contact
+from problems import rough_contact
 
 import jaxstab as js
 from jaxstab.loads import warn_if_soft

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import state_of
+from problems import state_of
 
 import jaxstab as js
 

@@ -2,7 +2,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import check_optimality, dense_hessian, rough_contact, smallest_on_critical_cone
+from brute_force import check_optimality, dense_hessian, smallest_on_critical_cone
+from problems import rough_contact
 
 import jaxstab as js
 from jaxstab.references import westergaard

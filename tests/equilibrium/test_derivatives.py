@@ -5,7 +5,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import TIGHT, compilations, rough_contact, with_parameters
+from problems import TIGHT, rough_contact, with_parameters
+from programs import compilations
 
 import jaxstab as js
 

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
-from conftest import check_optimality, rough_contact
+from brute_force import check_optimality
+from problems import rough_contact
 
 import jaxstab as js
 from jaxstab.references import hertz as hertz_solution

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
-from conftest import check_optimality, lennard_jones_force, rough_contact, smallest_on_critical_cone
+from brute_force import check_optimality, smallest_on_critical_cone
+from problems import lennard_jones_force, rough_contact
 
 import jaxstab as js
 

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import rough_contact
+from problems import rough_contact
 
 import jaxstab as js
 

@@ -7,7 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import TIGHT, check_optimality, rough_contact
+from brute_force import check_optimality
+from problems import TIGHT, rough_contact
 
 import jaxstab as js
 

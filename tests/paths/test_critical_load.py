@@ -4,7 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import bisected, compilations, rough_contact, smallest_on_critical_cone
+from brute_force import smallest_on_critical_cone
+from problems import bisected, rough_contact
+from programs import compilations
 
 import jaxstab as js
 

@@ -7,7 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import bisected, compilations, rough_contact
+from problems import bisected, rough_contact
+from programs import compilations
 
 import jaxstab as js
 

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import bisected, rough_contact
+from problems import bisected, rough_contact
 
 import jaxstab as js
 from jaxstab.references import johnson

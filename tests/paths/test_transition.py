@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import dense_hessian
+from brute_force import dense_hessian
 
 import jaxstab as js
 from jaxstab.references import maugis

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import lennard_jones_force
+from problems import lennard_jones_force
 
 import jaxstab as js
 from jaxstab.potentials import (

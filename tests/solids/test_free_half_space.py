@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import TIGHT
+from problems import TIGHT
 from scipy.integrate import quad
 
 import jaxstab as js

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import TIGHT, bisected
+from problems import TIGHT, bisected
 
 import jaxstab as js
 

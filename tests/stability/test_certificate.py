@@ -4,7 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import dense_hessian, rough_contact, smallest_on_cone, state_of
+from brute_force import dense_hessian, smallest_on_cone
+from problems import rough_contact, state_of
 
 import jaxstab as js
 

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import pytest
-from conftest import TIGHT, rough_contact, with_parameters
+from problems import TIGHT, rough_contact, with_parameters
 
 import jaxstab as js
 

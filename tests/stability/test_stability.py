@@ -2,7 +2,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import dense_hessian, rough_contact, smallest_on_zero_mean, state_of
+from brute_force import dense_hessian, smallest_on_zero_mean
+from problems import rough_contact, state_of
 
 import jaxstab as js
 from jaxstab.stability.cones import AdmissibleCone

@@ -5,13 +5,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import (
+from brute_force import (
     dense_hessian,
     smallest_on_cone,
     smallest_on_critical_cone,
     smallest_on_zero_mean,
-    state_of,
 )
+from problems import state_of
 
 import jaxstab as js
 

@@ -1,0 +1,72 @@
+"""Contacts that several tests share, and states that are made or found by other means."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+import jaxstab as js
+from jaxstab import potentials
+from jaxstab.core.history import History
+
+# For what is compared with finite differences.
+TIGHT = js.PreconditionedConjugateGradient(tolerance=1e-12)
+
+
+def rough_contact(n, potential, youngs_modulus=1.0, seed=0, rms_height=0.1):
+    grid = js.Grid(n)
+    heights = js.surfaces.self_affine(
+        grid, jax.random.key(seed), k_high=min(32, n // 4), rms_height=rms_height
+    )
+    return js.Contact(js.HalfSpace(grid, youngs_modulus), heights, potential)
+
+
+def bisected(contact, load, start, step, holds=lambda state: True, resolution=1e-9):
+    """Return the last load at which a warm-started equilibrium holds, by ever smaller steps."""
+    state, value = js.equilibrate(contact, load(start)), start
+    while abs(step) > resolution:
+        new = js.equilibrate(contact, load(value + step), initial=state, throw=False)
+        if new.result == "successful" and holds(new):
+            state, value = new, value + step
+        else:
+            step /= 2
+    return value
+
+
+def with_parameters(contact, energy, length, modulus):
+    solid = js.HalfSpace(contact.grid, modulus)
+    return js.Contact(solid, contact.heights, js.potentials.Exponential(energy, length))
+
+
+def state_of(contact, gap, reaction=1.0, load=js.MeanGap):
+    """Return a contact with the same Hessian at a gap, and that gap as its equilibrium.
+
+    The heights are such that the elastic pressure balances reaction and attraction.
+    """
+    touches = gap == 0
+    reaction = jnp.where(touches, reaction, 0.0)
+    pressure = reaction - potentials.slope(contact.potential, gap)
+    displacement = contact.solid.displacement(pressure)
+    contact = eqx.tree_at(lambda contact: contact.heights, contact, displacement - gap)
+    mean_pressure = jnp.mean(pressure)
+    state = js.Equilibrium(
+        load=load(mean_pressure if load is js.MeanPressure else jnp.mean(gap)),
+        displacement=displacement,
+        gap=gap,
+        pressure=pressure,
+        reaction=reaction,
+        in_contact=touches,
+        mean_pressure=mean_pressure,
+        contact_area=jnp.mean(touches),
+        area=contact.grid.area,
+        energy=contact.energy(gap),
+        residual=jnp.array(1e-9),
+        num_steps=jnp.array(0),
+        result=js.RESULTS.successful,
+        history=History.empty(["residual"]),
+    )
+    return contact, state
+
+
+def lennard_jones_force(separation, energy, length):
+    x = length / separation
+    return energy / 2 * 9 * (x**4 - x**10) / length
