@@ -67,9 +67,9 @@ def branch(
         raise ValueError("These are several branches: draw one of them, chosen by jax.tree.map.")
     axes = axes_or_new(axes)
     there, across = (_with_turns(branch, quantity) for quantity in (x, y))
-    # Between two states it is stable if both are; a turn lies on the verge of either.
+    # Between two states it is stable if both are known to be; a turn lies on the verge of either.
     index = np.insert(np.asarray(branch.index), _after(branch), 0)
-    is_unstable = np.maximum(index[1:], index[:-1]) > 0
+    is_unstable = (index[1:] != 0) | (index[:-1] != 0)
     ends = np.flatnonzero(np.diff(is_unstable)) + 1
     drawn = set()
     for piece in np.split(np.arange(is_unstable.size), ends):

@@ -1,6 +1,8 @@
 """Branches of equilibria, stable or not, around their folds and corners."""
 
 import itertools
+from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +11,7 @@ import pytest
 from scipy.optimize import fsolve
 
 import jaxstab as js
+from jaxstab.paths.branch import morse_index
 from jaxstab.references import maugis
 
 HERTZ = js.Grid(32)
@@ -50,6 +53,20 @@ def test_it_goes_on_around_a_fold_and_counts_the_ways_down():
         values = np.linalg.eigvalsh(plane @ hessian @ plane.T)
         assert index == np.sum(values < 0)
     assert set(np.asarray(branch.index)) == {0, 1}
+
+
+def test_an_index_that_is_not_found_is_not_a_number_of_ways(monkeypatch):
+    contact = hertz()
+    load = js.MeanDisplacement(1.4)
+    gap = 1.4 - contact.heights
+    found, _ = morse_index.index_of(contact, load, gap, morse_index.some_modes(gap))
+    assert found == 0
+    monkeypatch.setattr(morse_index, "_Signs", partial(morse_index._Signs, max_steps=2))
+    found, _ = morse_index.index_of(contact, load, gap, morse_index.some_modes(gap))
+    assert found == -1
+    branch = js.continuation(contact, js.MeanDisplacement(jnp.array([1.6, 1.4])))
+    assert "unknown" not in repr(branch)
+    assert "1 of unknown index, " in repr(replace(branch, index=branch.index.at[2].set(found)))
 
 
 LINE = js.Grid((6,), (1.0,))

@@ -56,7 +56,7 @@ class Branch(Dimensioned):
             of energy.
         index: the number of negative eigenvalues of A on the critical space of each: the moves of
             its free points that the load allows. Zero where the state is a minimum; 19 stands for
-            as many or more.
+            as many or more, -1 for a number that was not found.
         turns: where the load turns back, in order.
         end: a member of `ENDS`: where the branch ends.
         result: how the search ended.
@@ -72,10 +72,12 @@ class Branch(Dimensioned):
     def __repr__(self) -> str:
         try:
             loads, name = np.asarray(self.load.value), type(self.load).__name__
-            number = int(np.sum(np.asarray(self.index) > 0))
+            index = np.asarray(self.index)
+            unknown = f"{np.sum(index < 0)} of unknown index, " if np.any(index < 0) else ""
             lines = [
                 f"Branch: {name} {display.number(loads[0])} to {display.number(loads[-1])} in "
-                f"{loads.size} states, {number} of them unstable, {len(self.turns)} turns; "
+                f"{loads.size} states, {np.sum(index > 0)} of them unstable, {unknown}"
+                f"{len(self.turns)} turns; "
                 f"ends {ENDS[self.end].split(': ', 1)[1]}; {self.result.name}"
             ]
             table = [display.table(_rows(name, self.turns))] if len(self.turns) else []

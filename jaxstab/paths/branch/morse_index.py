@@ -25,7 +25,7 @@ _TOLERANCE = {"float64": 1e-5, "float32": 1e-4}
 _CERTAIN = 0.1
 # The modes that are looked at first, and at most; one of them converges last, and does not count.
 _FEW, _MANY = 4, 20
-MOST = _MANY - 1
+MOST, UNKNOWN = _MANY - 1, -1
 
 
 class _Signs(Davidson):
@@ -56,13 +56,16 @@ def index_of(
     Modes are eigenvectors where they are to be precise. Otherwise they do for the count.
 
     The modes are sought from others, those of a state nearby; from more of them if all that count
-    are negative, or not known. More than `MOST` count as so many.
+    are negative, or not known. More than `MOST` count as so many; `UNKNOWN` says that the search
+    failed.
     """
     solver = Davidson(_TOLERANCE[gap.dtype.name]) if precise else _Signs(tolerance=1.0)
     index, is_known, modes = _count(contact, load, gap, modes, solver)
 
     def look_on() -> Int[Array, ""]:
-        return _count(contact, load, gap, noise(jax.random.key(1), _MANY, gap), solver)[0]
+        many = noise(jax.random.key(1), _MANY, gap)
+        index, is_known, _ = _count(contact, load, gap, many, solver)
+        return jnp.where(is_known, index, UNKNOWN)
 
     return jax.lax.cond(is_known & (index < _FEW - 1), lambda: index, look_on), modes
 
