@@ -86,13 +86,16 @@ def run(
     """Return the seconds of each stage in a fresh process, and what it logged."""
     kept = {key: value for key, value in os.environ.items() if "_CACHE_" not in key}
     # Programs that jaxstab keeps by itself would make every run warm.
-    environment |= {"PYTHONPATH": str(source), "JAXSTAB_CACHE": "0"}
+    environment["JAXSTAB_CACHE"] = "0"
     if cache is not None:
         environment["JAX_COMPILATION_CACHE_DIR"] = cache
         environment["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
         environment["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
     command = [sys.executable, "-c", PROGRAM, str(size)]
-    done = subprocess.run(command, env=kept | environment, capture_output=True, text=True)
+    # There Python looks first.
+    done = subprocess.run(
+        command, cwd=source, env=kept | environment, capture_output=True, text=True
+    )
     if done.returncode:
         raise RuntimeError(f"The example failed:\n{done.stderr}")
     return json.loads(done.stdout), done.stderr
