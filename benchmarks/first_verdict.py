@@ -84,7 +84,9 @@ def run(
     size: int, source: Path, cache: str | None = None, **environment: str
 ) -> tuple[list[float], str]:
     """Return the seconds of each stage in a fresh process, and what it logged."""
-    kept = {key: value for key, value in os.environ.items() if "_CACHE_" not in key}
+    # Python's byte code is kept, as everywhere.
+    left_out = "_CACHE_", "PYTHONDONTWRITEBYTECODE"
+    kept = {key: x for key, x in os.environ.items() if not any(name in key for name in left_out)}
     # Programs that jaxstab keeps by itself would make every run warm.
     environment["JAXSTAB_CACHE"] = "0"
     if cache is not None:
