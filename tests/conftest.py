@@ -19,11 +19,13 @@ if "XLA_FLAGS" not in os.environ:
     if version("jaxlib").startswith("0.10."):
         # Later ones have no other emitters, and end where a flag is not known.
         os.environ["XLA_FLAGS"] += " --xla_cpu_use_fusion_emitters=false"
+        # Each worker has a core, and programs in one piece map less memory.
+        os.environ["XLA_FLAGS"] += " --xla_cpu_parallel_codegen_split_count=1"
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-    # Workers and subprocesses inherit it, and compile nothing that another one has.
+    # Workers and subprocesses inherit it, and compile nothing large that another one has.
     os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="jaxstab-programs-")
     atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
     # JAX 0.10 reports each program from a cache as made for another machine.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")

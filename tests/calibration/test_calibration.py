@@ -80,6 +80,7 @@ def test_an_exact_curve_gives_potential_and_modulus_exactly(start, exact, order)
     assert fit.contact.solid.youngs_modulus == modulus
 
 
+@pytest.mark.nightly
 def test_the_modulus_of_a_layer_is_fitted_too(start):
     grid = start.grid
 
@@ -105,6 +106,7 @@ class Offset(eqx.Module):
         return -self.strengths[0] * jnp.exp(-gap / self.strengths[1]) - self.push * gap
 
 
+@pytest.mark.nightly
 def test_a_law_of_ones_own_is_fitted_by_any_optimiser_with_a_bar(start, exact, capsys):
     law = Offset(jnp.array([0.03, 0.08]), jnp.array(0.0))
     guess = eqx.tree_at(potential, start, law)
@@ -169,6 +171,7 @@ def test_curves_with_jumps_are_fitted_in_the_order_of_the_measurement(leg):
     assert np.mean(np.array(away) < 2) >= 0.85 and np.max(away) < 3.5
 
 
+@pytest.mark.nightly
 def test_several_starts_are_tried_and_a_fit_at_a_jump_needs_a_second_one():
     loads = js.MeanGap(RETRACTION)
     curve = measured(loads, 0, 0.01, 1)

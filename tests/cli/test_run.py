@@ -95,6 +95,7 @@ def test_the_unloading_study_prints_a_table_and_writes_figure_and_data(tmp_path,
     assert shown == pytest.approx(float(data["mean_pressure"][2]), rel=1e-3)
 
 
+@pytest.mark.nightly
 def test_options_reach_the_problem_and_no_result_is_overwritten(twice):
     folder, results, _ = twice
     for result, name in zip(results, ("1", "2"), strict=True):
@@ -106,6 +107,7 @@ def test_options_reach_the_problem_and_no_result_is_overwritten(twice):
         assert data["mean_pressure"][0] > 0
 
 
+@pytest.mark.nightly
 def test_a_second_run_compiles_nothing_and_is_as_quiet(twice):
     _, results, programs = twice
     assert any(name.startswith("jit__find_in_own_units") for name in programs[0])
@@ -114,6 +116,7 @@ def test_a_second_run_compiles_nothing_and_is_as_quiet(twice):
         assert "XLA" not in result.stderr
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_run_writes_what_it_has(tmp_path, environment):
     command = [*COMMAND, *SMALL, "--number", "2000"]

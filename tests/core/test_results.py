@@ -315,20 +315,6 @@ def test_nothing_that_is_printed_raises_or_reads_what_is_traced(sweep, contact):
     assert repr(deleted) and repr(deleted.stability.verdict)
 
 
-def test_a_path_prints_what_it_is_and_its_jumps(hertz):
-    path = js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6])), smallest_jump=1e-5)
-    first, work, _, header, _, *rows = repr(path).splitlines()
-    assert first.startswith("Path: MeanDisplacement 1.6 to 1.6 in ") and "successful" in first
-    assert float(work.split()[-1]) == pytest.approx(float(path.work), rel=1e-5)
-    assert header.split()[:3] == ["MeanDisplacement", "kind", "dissipation"]
-    assert [row.split()[1] for row in rows] == list(path.jumps.kind.name)
-    assert float(rows[0].split()[0]) == pytest.approx(float(path.jumps.load.value[0]), rel=1e-7)
-    assert repr(path.jumps[0]).startswith("Jump")
-    traced = []
-    jax.eval_shape(lambda path: traced.append(repr(path)), path)
-    assert traced[0].startswith("Path")
-
-
 def test_laws_show_their_numbers_and_the_range_of_those_that_vary():
     law = js.potentials.Exponential(0.06, 0.25)
     assert repr(law) == "Exponential(surface_energy=0.06, length=0.25)"

@@ -55,6 +55,7 @@ def assert_close(spread, single):
     np.testing.assert_allclose(spread, single, rtol=0, atol=1e-10 * np.max(np.abs(single)))
 
 
+@pytest.mark.nightly
 def test_a_contact_on_eight_devices_is_that_on_one(found):
     single, eight, *_ = found
     for ours, theirs in zip(eight["fields"], single["fields"], strict=True):

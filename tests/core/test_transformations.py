@@ -31,6 +31,9 @@ def bare_law(energy):
     return lambda gap: -energy * jnp.exp(-gap / 0.1)
 
 
+LAWS = [pytest.param(named_law, marks=pytest.mark.nightly), bare_law]
+
+
 def solve(contact, load=LOAD):
     equilibrium = js.equilibrate(contact, load, throw=False)
     solver = js.ProximalIteration(tolerance=1e-5)
@@ -51,20 +54,20 @@ def lane(tree, i):
     return jax.tree.map(lambda leaf: leaf[i], tree)
 
 
-@pytest.mark.parametrize("law", [named_law, bare_law])
+@pytest.mark.parametrize("law", LAWS)
 def test_a_contact_is_an_argument_of_plain_jit(solid, heights, law):
     contact = js.Contact(solid, heights, law(0.01))
     check_solution(jax.jit(solve)(contact, LOAD), contact)
 
 
-@pytest.mark.parametrize("law", [named_law, bare_law])
+@pytest.mark.parametrize("law", LAWS)
 def test_a_potential_parameter_can_be_vmapped(solid, heights, law):
     batch = jax.vmap(lambda energy: solve(js.Contact(solid, heights, law(energy))))(ENERGIES)
     for i, energy in enumerate(ENERGIES):
         check_solution(lane(batch, i), js.Contact(solid, heights, named_law(energy)))
 
 
-@pytest.mark.parametrize("law", [named_law, bare_law])
+@pytest.mark.parametrize("law", LAWS)
 def test_a_batch_of_contacts_can_be_made_and_then_solved(solid, heights, law):
     contacts = jax.vmap(lambda energy: js.Contact(solid, heights, law(energy)))(ENERGIES)
     batch = jax.vmap(solve)(contacts)

@@ -8,7 +8,7 @@ import pytest
 from nbclient import NotebookClient
 
 NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
-QUICK = ("first_contact", "measured_surface", "paper")
+QUICK = ("first_contact",)
 BY_SPEED = [
     pytest.param(path, marks=() if path.stem in QUICK else pytest.mark.nightly, id=path.stem)
     for path in NOTEBOOKS

@@ -59,7 +59,10 @@ def directions(parameters, seed):
     return everything
 
 
-@pytest.mark.parametrize("shape", [(16, 16), (64,)], ids=["2-D", "1-D"])
+@pytest.mark.parametrize(
+    "shape",
+    [pytest.param((16, 16), id="2-D"), pytest.param((64,), id="1-D", marks=pytest.mark.nightly)],
+)
 @pytest.mark.parametrize("load", [js.MeanGap, js.MeanDisplacement, js.MeanPressure])
 def test_every_output_by_every_parameter_agrees_with_finite_differences(shape, load):
     def solve(parameters, start=None):

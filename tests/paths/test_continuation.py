@@ -131,7 +131,9 @@ def test_what_it_passes_at_a_load_is_among_all_equilibria_there():
     assert number > 3
 
 
-@pytest.mark.parametrize(("alpha", "number"), [(0.3, 512), (0.5, 2048)])
+@pytest.mark.parametrize(
+    ("alpha", "number"), [(0.3, 512), pytest.param(0.5, 2048, marks=pytest.mark.nightly)]
+)
 def test_it_is_johnsons_wave_beyond_its_greatest_pressure(alpha, number):
     height, grid = 0.02, js.Grid((number,), (1.0,))
     work = alpha**2 * np.pi**2 * height**2 / 2
@@ -206,6 +208,7 @@ def test_under_any_load_and_in_single_precision_it_is_the_same_curve(load):
     np.testing.assert_allclose(branch.equilibrium.mean_pressure[is_before], expected, rtol=5e-3)
 
 
+@pytest.mark.nightly
 def test_under_jit_it_is_the_same():
     contact, loads = hertz(), js.MeanDisplacement(jnp.array([1.6, 1.0]))
     alone = js.continuation(contact, loads, max_states=12)
@@ -225,6 +228,7 @@ def test_bad_loads_are_refused():
         js.continuation(contact, js.MeanDisplacement(jnp.array([1.6, 1.0])), max_states=1)
 
 
+@pytest.mark.nightly
 def test_it_does_not_come_back_on_its_own_way_where_the_curve_turns_at_a_sharp_corner():
     grid = js.Grid((24,), (1.0,))
     heights = js.surfaces.self_affine(grid, jax.random.key(1), k_high=6, rms_height=0.05)

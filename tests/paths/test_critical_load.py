@@ -182,6 +182,7 @@ def test_the_first_fold_is_found_where_a_long_step_could_leap_over_it():
     np.testing.assert_allclose(found.equilibrium.gap, gap, atol=1e-2)
 
 
+@pytest.mark.nightly
 def test_the_pull_off_of_a_surface_with_a_core_is_found():
     contact = rough_contact(32, js.potentials.LennardJones(0.05, 0.15))
     # From the undeformed solid a first step may be one too many, and draw the surfaces apart.
@@ -213,6 +214,7 @@ def fold_of_two_waves(tilt, ends, start, throw=False):
     return js.critical_load(two_waves(tilt), bracket, initial=start, throw=throw)
 
 
+@pytest.mark.nightly
 def test_where_a_branch_branches_off_there_is_no_derivative():
     def load(tilt, throw):
         start = 1.5 - two_waves(tilt).heights

@@ -79,6 +79,7 @@ def test_a_state_of_a_path_is_had_again_from_its_gap(contact, path):
     assert (js.leakage(contact, again).permeability > 0).any()
 
 
+@pytest.mark.nightly
 def test_a_branch_is_observed_too(contact):
     load = js.MeanGap(jnp.array([0.1, 0.08]))
     branch = js.continuation(contact, load, fields=True)

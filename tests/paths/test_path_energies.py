@@ -120,6 +120,7 @@ def test_every_jump_of_a_march_of_small_steps_is_found():
     np.testing.assert_allclose(path.dissipation, losses.sum(), rtol=0.06)
 
 
+@pytest.mark.nightly
 def test_a_flat_surface_leaves_the_state_that_is_no_longer_stable():
     grid, law = js.Grid(16), js.potentials.Exponential(0.06, 0.06)
     contact = js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(grid.shape), law)

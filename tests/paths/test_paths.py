@@ -101,6 +101,7 @@ def test_a_tension_pulls_apart_where_bisection_says_and_a_pressure_brings_back()
     assert jnp.isnan(path.work) and jnp.isfinite(path.equilibrium.work[5])
 
 
+@pytest.mark.nightly
 def test_in_single_precision_rounding_deep_inside_a_core_is_no_jump():
     grid = js.Grid((32,))
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=8, rms_height=0.02)
@@ -116,6 +117,7 @@ def test_in_single_precision_rounding_deep_inside_a_core_is_no_jump():
     )
 
 
+@pytest.mark.nightly
 def test_lanes_give_what_they_give_alone(hertz):
     turns = jnp.array([1.6, 1.2])
 
@@ -131,7 +133,8 @@ def test_lanes_give_what_they_give_alone(hertz):
         assert together.jumps.load.value[i][0] == alone.jumps.load.value[0]
 
 
-def test_of_a_path_the_loads_of_jumps_have_derivatives_and_nothing_else_has(hertz):
+@pytest.mark.nightly
+def test_of_a_path_the_loads_of_jumps_have_derivatives(hertz):
     # Points that are mirror images of each other would let go at once.
     heights = hertz.heights + 1e-3 * jax.random.normal(jax.random.key(0), hertz.heights.shape)
 
@@ -158,13 +161,20 @@ def test_of_a_path_the_loads_of_jumps_have_derivatives_and_nothing_else_has(hert
     np.testing.assert_allclose(rates, differences, atol=8e-5, rtol=0)
     assert (jnp.abs(rates) > 1e-2).all()
 
+
+def test_of_a_path_nothing_else_has_a_derivative_nor_where_two_points_let_go_at_once(hertz):
+    def last_jump(energy):
+        law = js.potentials.Exponential(energy, 1.0)
+        contact = js.Contact(hertz.solid, hertz.heights, law)
+        turns = js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6]))
+        return js.follow(contact, turns, smallest_jump=1e-5).jumps.load.value[-1]
+
     def work(end):
         turns = js.MeanDisplacement(jnp.stack([1.6, end]))
         return js.follow(hertz, turns, max_states=64, max_jumps=4).work
 
     with pytest.raises(js.SolverError, match="two events coincide"):
-        heights = hertz.heights
-        jax.grad(lambda energy: follow(energy)[1])(10.0)
+        jax.grad(last_jump)(10.0)
     with pytest.raises(js.SolverError, match="of a path only the loads of its jumps have one"):
         jax.grad(work)(1.4)
 
@@ -233,14 +243,14 @@ def test_what_cannot_be_followed_is_told(hertz):
         js.follow(hertz, js.MeanGap(jnp.array([1.6, -0.1])))
     assert len(told.value.found.load.value) > 8
     turns = js.MeanDisplacement(jnp.array([1.6, 1.2]))
-    short = jax.jit(lambda load: js.follow(hertz, load, max_states=8, throw=False))(turns)
-    assert short.result == "store_full" and short.load.value.shape == (8,)
+    short = jax.jit(lambda load: js.follow(hertz, load, max_states=8, throw=False))
+    assert short(turns).result == "store_full" and short(turns).load.value.shape == (8,)
     # Outside of transformations there is no such limit.
     assert len(js.follow(hertz, turns, max_states=8, max_jumps=1).load.value) > 8
     with pytest.raises(ValueError, match=r"The load has 1 NaN or infinite values, the first at"):
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, jnp.nan])))
-    lost = jax.jit(lambda end: js.follow(hertz, js.MeanGap(jnp.stack([1.6, end])), throw=False))
-    assert lost(jnp.nan).result == "infeasible_load"
+    endless = js.MeanDisplacement(jnp.array([1.6, jnp.nan]))
+    assert short(endless).result == "infeasible_load"
     with pytest.raises(ValueError, match="must be those of one machine"):
         js.follow(hertz, js.Spring(jnp.array([1.6, 1.2]), jnp.array([1.0, 2.0])))
     with pytest.raises(ValueError, match="must be those of one machine"):
@@ -251,3 +261,16 @@ def test_what_cannot_be_followed_is_told(hertz):
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=1)
     with pytest.raises(ValueError, match=r"disturbance is -1\.0"):
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), disturbance=-1.0)
+
+
+def test_a_path_prints_what_it_is_and_its_jumps(loop):
+    first, work, _, header, _, *rows = repr(loop).splitlines()
+    assert first.startswith("Path: MeanDisplacement 1.6 to 1.6 in ") and "successful" in first
+    assert float(work.split()[-1]) == pytest.approx(float(loop.work), rel=1e-5)
+    assert header.split()[:3] == ["MeanDisplacement", "kind", "dissipation"]
+    assert [row.split()[1] for row in rows] == list(loop.jumps.kind.name)
+    assert float(rows[0].split()[0]) == pytest.approx(float(loop.jumps.load.value[0]), rel=1e-7)
+    assert repr(loop.jumps[0]).startswith("Jump")
+    traced = []
+    jax.eval_shape(lambda path: traced.append(repr(path)), loop)
+    assert traced[0].startswith("Path")

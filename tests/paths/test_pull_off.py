@@ -69,6 +69,7 @@ def test_its_derivatives_are_those_of_differences_in_both_modes(case):
     np.testing.assert_allclose(jax.jit(jax.jacfwd(traced))(jnp.zeros(2)), rates, rtol=1e-8)
 
 
+@pytest.mark.nightly
 def test_flat_surfaces_come_off_at_the_largest_attraction_wherever_it_is():
     gaps = np.linspace(0.0, 0.5, 1_000_001)
     strongest = (0.02 * gaps / 0.1**2 * np.exp(-(gaps**2) / (2 * 0.1**2))).max()
@@ -191,6 +192,7 @@ def test_a_soft_machine_lets_go_like_a_dead_load_and_a_stiff_one_without_a_jump(
     np.testing.assert_allclose(rate, (ends[0] - ends[1]) / (2 * step), rtol=1e-5)
 
 
+@pytest.mark.nightly
 def test_behind_a_stiff_machine_a_thick_layer_is_a_soft_machine_itself():
     contact = surface(LAWS["exponential"])
     layer = js.Layer(contact.grid, 1.0, 0.0, 1e3)
@@ -244,6 +246,7 @@ def test_a_start_in_a_core_under_tension_is_not_lifted_off():
     assert jnp.abs(again.gap - near.gap).max() < 0.2 * jnp.mean(near.gap)
 
 
+@pytest.mark.nightly
 def test_any_unit_gives_the_same():
     contact = surface(LAWS["exponential"])
     pull = js.pull_off(contact)
@@ -268,6 +271,7 @@ def test_what_has_no_pull_off_is_told():
         js.pull_off(surface(LAWS["exponential"]), spring=jnp.ones(2))
 
 
+@pytest.mark.nightly
 def test_on_a_symmetric_surface_a_derivative_is_refused_with_its_cure():
     grid = js.Grid((32,), (1.0,))
 

@@ -119,6 +119,7 @@ def test_its_barriers_have_the_derivatives_of_differences(detachment):
         np.testing.assert_allclose(rate, (ends[0] - ends[1]) / 2e-4, rtol=1e-5)
 
 
+@pytest.mark.nightly
 def test_loads_can_be_vmapped_and_single_precision_agrees(detachment):
     contact, at = detachment
     values = jnp.array([1.34, 1.35])

@@ -146,6 +146,7 @@ def test_of_a_function_in_a_sum_a_file_asks_for_the_law(tmp_path):
     assert_same_law(again.potential, contact.potential)
 
 
+@pytest.mark.nightly
 def test_a_part_of_a_sum_is_fitted_and_differentiated():
     loads = js.MeanGap(jnp.linspace(0.1, 0.4, 5))
     truth = contact_of(ELECTRIC + EXPONENTIAL)

@@ -160,6 +160,7 @@ def test_the_derivative_of_a_pull_off_agrees_with_differences():
     np.testing.assert_allclose(slope, difference, rtol=1e-4)
 
 
+@pytest.mark.nightly
 def test_paths_and_sweeps_show_the_window_and_agree():
     contact = sphere_contact(16, LAW, 1.0)
     loads = js.FarDisplacement(jnp.asarray([-0.02, -0.03, -0.04]))
@@ -230,6 +231,7 @@ def test_full_contact_stores_the_least_of_any_rigid_move(grid):
     np.testing.assert_allclose(found, least, rtol=1e-6)
 
 
+@pytest.mark.nightly
 def test_a_tip_jumps_in_at_a_fold_that_moves_as_its_derivative_says():
     work, modulus = 1e-3, 0.75
     unit = js.references.jkr.units(1.0, modulus, work)

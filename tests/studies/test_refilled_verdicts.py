@@ -58,6 +58,7 @@ def assert_lanes_find_what_is_found_alone(case, cases, width):
     return [str(found[values]["verdict"]) for values in cases]
 
 
+@pytest.mark.nightly
 def test_verdicts_in_lanes_are_those_found_alone():
     verdicts = assert_lanes_find_what_is_found_alone(js.cases.verdict(rough, summary), CASES, 4)
     assert verdicts == ["stable", "stable", "held_by_contact", "held_by_contact", "undecided"]
