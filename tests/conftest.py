@@ -11,16 +11,15 @@ from importlib.metadata import version
 # Read where NumPy is imported: workers and subprocesses inherit it, and each has a core.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if "XLA_FLAGS" not in os.environ:
-    # Most of the time goes into compiling, and most of that into making small programs faster.
+    # Most of the time goes into compiling, and most of that into making small programs faster. Each
+    # worker has one core, and programs in one piece map less memory.
     os.environ["XLA_FLAGS"] = (
-        "--xla_backend_optimization_level=0 "
+        "--xla_backend_optimization_level=0 --xla_cpu_parallel_codegen_split_count=1 "
         "--xla_disable_hlo_passes=while-loop-invariant-code-motion"
     )
     if version("jaxlib").startswith("0.10."):
         # Later ones have no other emitters, and end where a flag is not known.
         os.environ["XLA_FLAGS"] += " --xla_cpu_use_fusion_emitters=false"
-        # Each worker has a core, and programs in one piece map less memory.
-        os.environ["XLA_FLAGS"] += " --xla_cpu_parallel_codegen_split_count=1"
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     # Workers and subprocesses inherit it, and compile nothing large that another one has.
     os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="jaxstab-programs-")

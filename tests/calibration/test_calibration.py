@@ -31,6 +31,7 @@ def exact(start):
     return solve(LOAD)
 
 
+@pytest.mark.nightly
 def test_a_noisy_curve_gives_the_parameters_and_errors_that_cover_them(start, exact):
     noise = jnp.asarray(np.random.default_rng(0).normal(size=(50, 16)))
     curves = exact * (1 + 0.01 * noise)
@@ -69,7 +70,9 @@ def test_errors_are_those_of_linear_least_squares_also_of_loads_that_tell_nothin
     np.testing.assert_allclose([fit.parameters, fit.standard_errors], [modulus, error], rtol=1e-5)
 
 
-@pytest.mark.parametrize("order", ["independent", "continuation"])
+@pytest.mark.parametrize(
+    "order", [pytest.param("independent", marks=pytest.mark.nightly), "continuation"]
+)
 def test_an_exact_curve_gives_potential_and_modulus_exactly(start, exact, order):
     fit = js.calibrate(start, LOAD, exact, order=order)
     law, modulus = fit.parameters
@@ -323,7 +326,7 @@ def push(contact):
     return contact.potential.push
 
 
-@pytest.mark.parametrize("unit", [1.0, 1e-9])
+@pytest.mark.parametrize("unit", [pytest.param(1.0, marks=pytest.mark.nightly), 1e-9])
 def test_a_parameter_of_any_sign_is_fitted_in_any_units(start, exact, unit):
     law = Offset(unit * jnp.array([GAMMA, RHO / unit]), jnp.array(0.0))
     guess = js.Contact(js.HalfSpace(start.grid, unit), start.heights, law)

@@ -71,6 +71,7 @@ def test_the_main_job_shows_a_loop_with_its_jumps_and_writes_figure_and_data(tmp
     np.testing.assert_allclose(data["total_work"], data["total_dissipation"])
 
 
+@pytest.mark.nightly
 def test_the_unloading_study_prints_a_table_and_writes_figure_and_data(tmp_path, run):
     result = run(tmp_path, *SMALL)
     assert result.returncode == 0, result.stderr
@@ -157,6 +158,7 @@ def interrupted(command, pattern, folder, environment):
     return table, rest
 
 
+@pytest.mark.nightly
 def test_where_every_load_fails_the_command_fails_and_still_writes(tmp_path, run):
     result = run(tmp_path, *SMALL, "--first", "-2", "--last", "-1")
     assert result.returncode == 1

@@ -56,6 +56,7 @@ def program(request):
         return cuda_program(jax.vmap(solve), heights)
 
 
+@pytest.mark.nightly
 def test_without_throw_a_program_for_cuda_never_calls_the_host(program):
     assert "stablehlo.while" in program
     assert "callback" not in program

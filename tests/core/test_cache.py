@@ -43,6 +43,7 @@ def ended(process):
     return json.loads(out)
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(sys.platform != "linux", reason="the user's folder is set by a variable there")
 def test_a_program_is_compiled_by_one_process_alone_also_where_several_start_at_once(tmp_path):
     first = [ended(process) for process in [started(tmp_path, JAXSTAB_CACHE="1") for _ in "123"]]

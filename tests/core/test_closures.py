@@ -159,6 +159,7 @@ def test_a_function_that_asks_for_the_value_is_told_how_to_be_written(function):
         pytree(function)
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif("JAX_USE_SIMPLIFIED_JAXPR_CONSTANTS" in os.environ, reason="it is on")
 def test_all_of_this_holds_where_jax_keeps_constants_as_literals():
     command = [

@@ -70,6 +70,7 @@ def test_a_contact_on_eight_devices_is_that_on_one(found):
     assert ours == theirs
 
 
+@pytest.mark.nightly
 def test_no_device_holds_a_whole_field(found):
     single, eight, *_ = found
     for name in ("whole", "whole_in_sweep", "whole_on_window"):
@@ -86,6 +87,7 @@ def test_no_device_holds_a_whole_field(found):
         assert "all-gather" not in ours
 
 
+@pytest.mark.nightly
 def test_two_processes_know_the_same_numbers(found):
     single, _, *both = found
     for each in both:
@@ -127,6 +129,7 @@ def test_a_sharding_that_no_grid_can_have_is_refused(shape, sharding, message):
         js.Grid(shape, sharding=sharding)
 
 
+@pytest.mark.nightly
 def test_a_side_that_the_devices_do_not_divide_is_refused(found):
     _, eight, *_ = found
     assert "9 points along the first side cannot be divided among 8 dev" in str(eight["refused"])

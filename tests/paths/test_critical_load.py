@@ -147,12 +147,15 @@ def test_a_saddle_has_derivatives_like_any_other_equilibrium(fold):
     np.testing.assert_allclose(jax.grad(pressure)(value), differences, rtol=1e-5)
 
 
-@pytest.mark.parametrize("ends", [(1.29, 1.31), (1.4, 1.2)])
+@pytest.mark.parametrize(
+    "ends", [(1.29, 1.31), pytest.param((1.4, 1.2), marks=pytest.mark.nightly)]
+)
 def test_any_bracket_around_the_fold_will_do(fold, ends):
     found = find(VALUES, jnp.array(ends), throw=True)
     np.testing.assert_allclose(found.load.value, fold.load.value, rtol=1e-8)
 
 
+@pytest.mark.nightly
 def test_the_first_fold_is_found_where_a_long_step_could_leap_over_it():
     n, energy, length = 32, 1.04, 0.31
     x = np.arange(n) / n
@@ -228,6 +231,7 @@ def test_where_a_branch_branches_off_there_is_no_derivative():
     np.testing.assert_allclose(rate, differences, rtol=1e-4)
 
 
+@pytest.mark.nightly
 def test_a_fold_in_contact_is_found_from_a_state_in_contact():
     tilt, ends = 0.05, (0.52, 0.19)
     contact = two_waves(tilt)

@@ -89,6 +89,7 @@ def test_a_branch_is_observed_too(contact):
     )
 
 
+@pytest.mark.nightly
 def test_on_a_window_points_of_the_window_count(contact):
     window = js.Contact(js.FreeHalfSpace(js.Grid(16), 1.0), contact.heights, contact.potential)
     load = js.FarDisplacement(jnp.array([0.1, -0.05]))

@@ -43,7 +43,9 @@ def test_hertz_jumps_into_contact_at_the_fold_and_lets_go_where_a_reaction_vanis
     np.testing.assert_allclose(still.jumps.load.value, loop.jumps.load.value, atol=2e-6)
 
 
-@pytest.mark.parametrize("load", ["displacement", "spring"])
+@pytest.mark.parametrize(
+    "load", ["displacement", pytest.param("spring", marks=pytest.mark.nightly)]
+)
 def test_around_a_loop_the_work_is_what_the_jumps_lose(hertz, loop, load):
     if load == "spring":
         loop = js.follow(hertz, js.Spring(jnp.array([1.8, 1.3, 1.8]), 20.0), smallest_jump=1e-5)
@@ -179,6 +181,7 @@ def test_of_a_path_nothing_else_has_a_derivative_nor_where_two_points_let_go_at_
         jax.grad(work)(1.4)
 
 
+@pytest.mark.nightly
 def test_jumps_take_one_program_for_any_number_and_none_where_there_are_none(hertz, loop):
     jax.clear_caches()
     with compilations() as compiled:
@@ -214,6 +217,7 @@ def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
     np.testing.assert_array_equal(path.load.value, loop.load.value[: len(path.load.value)])
 
 
+@pytest.mark.nightly
 def test_a_path_may_have_thousands_of_states():
     grid = js.Grid((16,))
     heights = js.surfaces.sinusoid(grid, 0.05)

@@ -20,7 +20,9 @@ def surface(law, seed=0):
     return rough_contact(32, law, seed=seed, rms_height=0.05)
 
 
-@pytest.fixture(scope="module", params=LAWS)
+@pytest.fixture(
+    scope="module", params=["exponential", pytest.param("core", marks=pytest.mark.nightly)]
+)
 def case(request):
     contact = surface(LAWS[request.param])
     return request.param, contact, js.pull_off(contact)
@@ -131,6 +133,7 @@ def test_it_is_not_before_a_relaxation_comes_apart(name):
     assert relaxed(gap, 1.001 * pull.load.value).min() > 20 * length
 
 
+@pytest.mark.nightly
 def test_lanes_give_what_they_give_alone():
     contact = surface(LAWS["exponential"])
 

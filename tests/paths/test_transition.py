@@ -156,6 +156,7 @@ def test_two_states_that_are_one_and_bad_input_are_refused(detachment):
         js.transition(contact, load, found.start, found.end, num_images=2)
 
 
+@pytest.mark.nightly
 def test_the_easiest_exit_is_the_one_that_a_nearby_jump_takes_or_lower(detachment):
     contact, at = detachment
     found = js.easiest_exit(contact, at.start)
@@ -298,6 +299,7 @@ def test_near_releases_barriers_fall_with_the_power_of_two():
         np.testing.assert_allclose(barriers[-1], jump.barrier_law.barrier(distances[-1]), rtol=2e-2)
 
 
+@pytest.mark.nightly
 def test_the_law_of_a_fold_foretells_the_barrier(detachment):
     contact, at = detachment
     path = js.follow(contact, js.MeanDisplacement(jnp.array([1.6, 1.25])))

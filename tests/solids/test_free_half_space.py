@@ -177,6 +177,7 @@ def test_paths_and_sweeps_show_the_window_and_agree():
     np.testing.assert_allclose(pushed.gap, sweep[1].equilibrium.gap, atol=1e-7)
 
 
+@pytest.mark.nightly
 def test_batches_single_precision_and_derivatives_work():
     def force(modulus, load=-0.04):
         contact = sphere_contact(16, modulus=modulus)

@@ -43,7 +43,7 @@ def tip():
     [
         pytest.param(lambda: contact_with(4), 0.5, id="smooth", marks=pytest.mark.nightly),
         # On 16 x 16 points there is little left of it, so that all starts are needed.
-        pytest.param(lambda: contact_with(32), 1.5, id="rough"),
+        pytest.param(lambda: contact_with(32), 1.5, id="rough", marks=pytest.mark.nightly),
         pytest.param(tip, 1.0, id="tip"),
     ],
 )

@@ -90,7 +90,7 @@ def test_many_processes_fill_the_store_of_one_bit_for_bit(kind, alone, request, 
     assert (js.study(case_in(tmp_path), more, path).number.sel(seed=6) == 6).all()
 
 
-@pytest.mark.parametrize("kind", ["pool", "client"])
+@pytest.mark.parametrize("kind", [pytest.param("pool", marks=pytest.mark.nightly), "client"])
 def test_batches_and_lanes_run_in_other_processes(kind, request, tmp_path):
     def case(x):
         return {"square": x**2}
@@ -128,7 +128,7 @@ def test_what_a_killed_worker_had_in_hand_is_dealt_again(kind, alone, request, t
     assert len(count) == 30 and count["2 0.5"] == 2 and sum(count.values()) <= 32
 
 
-@pytest.mark.parametrize("kind", ["number", "client"])
+@pytest.mark.parametrize("kind", [pytest.param("number", marks=pytest.mark.nightly), "client"])
 def test_a_case_that_ends_its_process_three_times_has_failed(kind, request, tmp_path):
     executor = 2 if kind == "number" else request.getfixturevalue(kind)
     case, path = case_in(tmp_path, lambda count: os._exit(1)), tmp_path / "study.zarr"
