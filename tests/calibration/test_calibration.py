@@ -299,6 +299,7 @@ class Bonds(eqx.Module):
         return -self.bonds * self.strength * jnp.exp(-gap / RHO)
 
 
+@pytest.mark.nightly
 def test_what_is_not_determined_or_no_number_is_not_fitted(start, exact):
     law = Bonds(jnp.array(0.008), jnp.array(2))
     fit = js.calibrate(eqx.tree_at(potential, start, law), LOAD, exact, where=potential)

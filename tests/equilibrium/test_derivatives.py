@@ -65,7 +65,11 @@ def directions(parameters, seed):
 )
 @pytest.mark.parametrize(
     "load",
-    [js.MeanGap, pytest.param(js.MeanDisplacement, marks=pytest.mark.nightly), js.MeanPressure],
+    [
+        js.MeanGap,
+        pytest.param(js.MeanDisplacement, marks=pytest.mark.nightly),
+        pytest.param(js.MeanPressure, marks=pytest.mark.nightly),
+    ],
 )
 def test_every_output_by_every_parameter_agrees_with_finite_differences(shape, load):
     def solve(parameters, start=None):

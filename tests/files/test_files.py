@@ -35,7 +35,10 @@ def own_law(dtype):
     return Bumpy([jnp.array(0.008, dtype), jnp.array(0.004, dtype)], jnp.array(0.2, dtype), 2)
 
 
-@pytest.fixture(scope="module", params=["float64", "float32", "own law"])
+@pytest.fixture(
+    scope="module",
+    params=["float64", pytest.param("float32", marks=pytest.mark.nightly), "own law"],
+)
 def case(request):
     dtype = jnp.float32 if request.param == "float32" else jnp.float64
     if request.param == "own law":

@@ -241,6 +241,7 @@ def test_johnsons_wave_comes_off_where_it_says():
     np.testing.assert_allclose(pull.equilibrium.contact_area, exact.contact_fraction, atol=2e-2)
 
 
+@pytest.mark.nightly
 def test_a_start_in_a_core_under_tension_is_not_lifted_off():
     contact = surface(LAWS["core"])
     near = js.pull_off(contact).equilibrium

@@ -37,13 +37,14 @@ def tip():
     return js.Contact(js.FreeHalfSpace(window, 1.0), heights, law), js.FarDisplacement(0.1)
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize(
     "make, most",
     [
-        pytest.param(lambda: contact_with(4), 0.5, id="smooth", marks=pytest.mark.nightly),
+        pytest.param(lambda: contact_with(4), 0.5, id="smooth"),
         # On 16 x 16 points there is little left of it, so that all starts are needed.
-        pytest.param(lambda: contact_with(32), 1.5, id="rough", marks=pytest.mark.nightly),
+        pytest.param(lambda: contact_with(32), 1.5, id="rough"),
         pytest.param(tip, 1.0, id="tip"),
     ],
 )

@@ -118,7 +118,7 @@ def killed(count, times=1):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-@pytest.mark.parametrize("kind", ["number", "client"])
+@pytest.mark.parametrize("kind", [pytest.param("number", marks=pytest.mark.nightly), "client"])
 def test_what_a_killed_worker_had_in_hand_is_dealt_again(kind, alone, request, tmp_path):
     executor = 2 if kind == "number" else request.getfixturevalue(kind)
     js.study(case_in(tmp_path, killed), AXES, tmp_path / "study.zarr", executor=executor)
@@ -147,6 +147,7 @@ def test_a_case_that_exits_has_failed_and_the_others_go_on(pool, tmp_path):
         assert int((dataset.result == "successful").sum()) == 24
 
 
+@pytest.mark.nightly
 def test_an_executor_that_is_broken_says_how_to_go_on(alone, tmp_path):
     case, path = case_in(tmp_path, killed), tmp_path / "study.zarr"
     message = r"A process of the executor died.* of 30 cases are in .*study.zarr. Run the same call"
@@ -306,6 +307,7 @@ def test_killed_with_and_without_its_workers_a_study_ends_as_if_it_had_run_in_on
         np.testing.assert_array_equal(stored.field[seed, energy], expected)
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("interruptible")
 def test_ctrl_c_ends_a_study_in_many_processes_after_the_cases_in_hand(tmp_path):
     (tmp_path / "script.py").write_text(SCRIPT)

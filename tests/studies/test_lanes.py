@@ -136,6 +136,7 @@ def numbers_in(dataset):
     return dataset.drop_vars("seconds").drop_attrs().load()
 
 
+@pytest.mark.nightly
 def test_a_study_in_lanes_is_that_of_single_cases_also_where_one_raises(tmp_path):
     case = CollatzCase(build, refusing)
     axes = {"number": list(NUM_STEPS)}
