@@ -95,7 +95,7 @@ def run(options: argparse.Namespace) -> None:
         # What was not begun leaves nothing.
         if not any(folder.iterdir()):
             folder.rmdir()
-    print(f"\nFigure and data are in {folder.resolve()}")
+    print(f"\nThe results are in {folder.resolve()}")
     if complaint:
         raise complaint
 
