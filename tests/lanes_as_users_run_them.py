@@ -13,6 +13,8 @@ from problems import rough_contact
 
 import jaxstab as js
 
+jax.config.update("jax_enable_x64", True)
+
 
 def assert_same(left, right):
     """All but the histories: what is measured on the way may be rounded in another way."""

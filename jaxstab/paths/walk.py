@@ -103,7 +103,7 @@ class WalkSetup(NamedTuple, Generic[Jumps]):
     """
 
     programme_of: Callable[..., Programme]
-    states: Callable[[PathPoint], Table | Count]
+    states: Callable[[PathPoint], States]
     jumps: Callable[[Event], Jumps]
 
 

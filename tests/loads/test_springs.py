@@ -242,10 +242,11 @@ def test_newtons_per_metre_that_are_taken_for_pascals_per_metre_are_told_once():
 
 def test_soft_cantilevers_on_stiff_solids_and_machines_under_jit_are_not_warned_of():
     silica = micrometre_tip(7e10)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", js.MachineWarning)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
         js.equilibrate(silica, js.Spring.cantilever(0.0, 0.01, silica.grid), throw=False)
         jax.jit(lambda k: js.equilibrate(silica, js.Spring(0.0, k), throw=False).energy)(1.0)
+    assert not any(issubclass(x.category, js.MachineWarning) for x in said)
 
 
 def test_a_pull_off_through_a_machine_far_too_soft_is_warned_of():
