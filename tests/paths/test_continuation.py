@@ -69,6 +69,21 @@ def test_an_index_that_is_not_found_is_not_a_number_of_ways(monkeypatch):
     assert "1 of unknown index, " in repr(replace(branch, index=branch.index.at[2].set(found)))
 
 
+def test_ways_down_that_the_modes_of_the_state_before_lack_are_counted():
+    grid = js.Grid(4)
+    heights = js.surfaces.self_affine(grid, jax.random.key(1), k_high=2, rms_height=0.1)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.2, 0.05))
+    branch = js.continuation(contact, js.MeanGap(jnp.array([0.6, 0.02])), fields=True)
+    stiffness = dense_stiffness(grid, 1.0)
+    for gap, index in zip(np.asarray(branch.equilibrium.gap), branch.index, strict=True):
+        free = gap.ravel() > 0
+        hessian = stiffness + np.diag(-0.2 / 0.05**2 * np.exp(-gap.ravel() / 0.05))
+        plane = np.linalg.svd(np.ones((1, free.sum())))[2][1:]
+        values = np.linalg.eigvalsh(plane @ hessian[np.ix_(free, free)] @ plane.T)
+        assert index == np.sum(values < 0)
+    assert max(branch.index) >= 3
+
+
 LINE = js.Grid((6,), (1.0,))
 PROFILE = np.array([0.00, -0.05, -0.12, -0.03, -0.09, -0.16])
 STRENGTH, RANGE = 0.06, 0.05
