@@ -34,6 +34,7 @@ def test_the_root_holds_rooms_alone():
     entries = [path for path in PACKAGE.iterdir() if path.name != "__pycache__"]
     assert {path.name for path in entries if path.is_file()} == {
         "__init__.py",
+        "__init__.pyi",
         "__main__.py",
         "py.typed",
     }

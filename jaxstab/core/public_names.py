@@ -4,7 +4,7 @@ Files hold public names, so that modules can move. Stores hold hashes of the mod
 in when stores were first written; they go on being made of these.
 """
 
-import sys
+from importlib import import_module
 from typing import Any
 
 _PACKAGE = __name__.partition(".")[0]
@@ -75,5 +75,5 @@ def first_module(value: Any) -> str:
 
 
 def _public(name: str) -> list[tuple[str, Any]]:
-    modules = [(space, sys.modules[space]) for space in _NAMESPACES]
-    return [(space, vars(module).get(name)) for space, module in modules if name in module.__all__]
+    modules = [(space, import_module(space)) for space in _NAMESPACES]
+    return [(space, getattr(module, name)) for space, module in modules if name in module.__all__]

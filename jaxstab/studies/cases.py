@@ -12,12 +12,12 @@ from typing import Any
 
 import jax
 
-from jaxstab import paths
 from jaxstab.contact import Contact
 from jaxstab.core.procedure import Kept, Procedure
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrate import whole_equilibrium
 from jaxstab.loads import Load
+from jaxstab.paths import pull_off as find_pull_off
 from jaxstab.paths.branch_end.critical_load import CriticalLoad
 from jaxstab.stability import ProjectedLOBPCG, Stability, assess_stability
 from jaxstab.stability.assess import assessment
@@ -101,7 +101,7 @@ class PullOffCase(Case):
     def __call__(self, **values: Any) -> Outputs:
         """Return the outputs of one pull-off."""
         contact = self.build(**values)
-        return self.summary(contact, paths.pull_off(contact, throw=False))
+        return self.summary(contact, find_pull_off(contact, throw=False))
 
     def procedure(self, values: Mapping[str, Any]) -> Procedure[Outputs]:
         """Return the procedure that does the same, of which lanes can run many."""
