@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import IterativeSolver, Loop
+from jaxstab.core.loop import IterativeSolver, Loop, integer_parameter
 from jaxstab.core.types import Flag, Scalar
 from jaxstab.loads import Load
 
@@ -183,7 +183,7 @@ class LeastSquares(IterativeSolver):
     """
 
     tolerance: Scalar | None
-    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray)
+    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter)
     optimizer: "optax.GradientTransformation | None" = eqx.field(static=True)
     order: Order = eqx.field(static=True)
 

@@ -1,6 +1,7 @@
 """Enumerations whose members compiled code can choose: each is an integer array in a pytree."""
 
-from collections.abc import Iterator
+import operator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Self, TypeVar
 
@@ -10,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int
 
+from jaxstab.core.checks import array, known
 from jaxstab.core.display import UNREADABLE, described
 from jaxstab.core.stack import Stackable
 
@@ -95,14 +97,17 @@ class Enumeration(Stackable, metaclass=_Members):
         return eqx.branched_error_if(tree, condition, self.code, type(self).texts.tolist())
 
     def __eq__(self, other: Any) -> Bool[Array, "..."]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        if other is None:
-            return jnp.zeros(np.shape(self.code), bool)
-        # Also inside of jit, what is known stays known.
-        with jax.ensure_compile_time_eval():
-            return jnp.asarray(self.code == type(self).promote(other).code)
+        return self._compared(other, operator.eq)
 
     def __ne__(self, other: Any) -> Bool[Array, "..."]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        return ~(self == other)
+        return self._compared(other, operator.ne)
+
+    def _compared(self, other: Any, compare: Callable[[Any, Any], Any]) -> Bool[Array, "..."]:
+        code = -1 if other is None else type(self).promote(other).code
+        # Also inside of jit, what is known stays known.
+        with jax.ensure_compile_time_eval():
+            found = compare(known(self.code), known(code))
+        return found if isinstance(found, jax.Array) else array(found)
 
     def __hash__(self) -> int:
         # That of the name, which it equals.

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int
 
-from jaxstab.core.checks import parameter, require, require_positive
+from jaxstab.core.checks import array, known, parameter, require, require_positive
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag, Scalar
@@ -29,6 +29,11 @@ NO_LIMIT = 2**31 - 1
 def optional_parameter(value: ArrayLike | None) -> Scalar | None:
     """Return `value` as a floating-point array, None as None."""
     return None if value is None else parameter(value)
+
+
+def integer_parameter(value: ArrayLike) -> Int[Array, ""]:
+    """Return `value` as an array, without compiling anything."""
+    return value if isinstance(value, jax.Array) else array(value)
 
 
 def solver_or_default(solver: Any, kind: type, default: type[Solver]) -> Solver:
@@ -111,7 +116,7 @@ class IterativeSolver(eqx.Module):
     def __check_init__(self) -> None:
         if self.tolerance is not None:
             require_positive("The tolerance", self.tolerance)
-        require("max_steps", self.max_steps, self.max_steps > 0, "it must be positive.")
+        require("max_steps", self.max_steps, known(self.max_steps) > 0, "it must be positive.")
 
     def prepared(self, problem: Any, start: Any) -> Any:
         """Return a problem with all that is the same at every step from a start."""

@@ -75,15 +75,15 @@ class Search(eqx.Module):
         spaces = Davidson(solver.tolerance_in(self.random.dtype))
         is_default = isinstance(solver, ProjectedLOBPCG)
         fast = solver if is_default else ProjectedLOBPCG(spaces.tolerance)
-        touches, start = _flag(self.touches), self.random[:BLOCK_SIZE]
+        touches = _flag(self.touches)
 
-        problem = spaces, self.hessian, self.cone.hull, start
-        around = yield Part(_on_space, problem)
+        problem = spaces, self.hessian, self.cone, self.random
+        around = yield Part(_on_hull, problem)
         report(around)
         is_proved = self.verdict_only & (_flag(around.sign) > 0)
         is_open = touches & ~is_proved
-        problem = spaces, self.hessian, self.critical_cone.hull, start
-        hull = yield Part(_on_space, problem, is_open, again(around))
+        problem = spaces, self.hessian, self.critical_cone, self.random
+        hull = yield Part(_on_hull, problem, is_open, again(around))
         problem = fast, self.hessian, self.critical_cone, hull, self.random
         is_needed = is_open & _flag(self.is_weak)
         critical = yield from _on_cone(*problem, is_needed, again(hull))
@@ -146,11 +146,12 @@ class Found(eqx.Module):
         return replace(self, lower_bound=lower_bound, cone=cone, critical=critical)
 
 
-def _on_space(
-    solver: Davidson, hessian: Hessian, space: Subspace, random: Block
+def _on_hull(
+    solver: Davidson, hessian: Hessian, cone: AdmissibleCone, random: Block
 ) -> Procedure[Lowest]:
-    """Return the procedure that searches a linear space."""
-    starts, cost = space_starts(solver, hessian, space, random)
+    """Return the procedure that searches the linear space around a cone."""
+    space = cone.hull
+    starts, cost = space_starts(solver, hessian, space, random[:BLOCK_SIZE])
     found = yield from on_space(solver, hessian, space, starts)
     return costing(found, cost)
 

@@ -15,7 +15,7 @@ from jaxstab.contact.residual import Balance
 from jaxstab.core.checks import require
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import optional_parameter
+from jaxstab.core.loop import integer_parameter, optional_parameter
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.solids import Solid
@@ -70,7 +70,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
-    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=20_000)
+    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=20_000)
     max_move: Scalar | None = eqx.field(converter=optional_parameter, default=None)
     least_energy: Scalar | None = eqx.field(converter=optional_parameter, default=None)
 

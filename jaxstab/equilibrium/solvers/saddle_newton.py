@@ -12,7 +12,7 @@ from jaxstab.contact.hessian import Hessian
 from jaxstab.core.gmres import gmres
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import optional_parameter
+from jaxstab.core.loop import integer_parameter, optional_parameter
 from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem, State
 
@@ -44,7 +44,7 @@ class SaddleNewton(EquilibriumSolver):
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
-    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=200)
+    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=200)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
     patience: ClassVar[int] = 20

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Int
 from jaxstab.contact import Contact
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import IterativeSolver
+from jaxstab.core.loop import IterativeSolver, integer_parameter
 from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.solvers.conjugate_gradients import preconditioner_of
 from jaxstab.loads import Control, Load
@@ -92,7 +92,7 @@ class StringMethod(IterativeSolver):
     """The string method, until a step moves the images by a part of the length of the string."""
 
     tolerance: Scalar | None = None
-    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=40)
+    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=40)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-3, "float32": 1e-3}
     patience: ClassVar[int] = 40

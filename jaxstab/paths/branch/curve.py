@@ -19,7 +19,7 @@ from jaxstab.contact.residual import missed_pressure
 from jaxstab.core.gmres import gmres
 from jaxstab.core.grid import mean, mean_over, total
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import IterativeSolver
+from jaxstab.core.loop import IterativeSolver, integer_parameter
 from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.loads import Load
 from jaxstab.potentials import derivatives
@@ -297,7 +297,7 @@ class CurveNewton(IterativeSolver):
     """
 
     tolerance: Scalar | None = None
-    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=12)
+    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=12)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
     patience: ClassVar[int] = 5

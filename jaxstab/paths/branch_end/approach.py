@@ -18,7 +18,7 @@ from jaxtyping import Array, Int
 from jaxstab.contact import Contact
 from jaxstab.core.grid import mean, total
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import IterativeSolver
+from jaxstab.core.loop import IterativeSolver, integer_parameter
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
@@ -155,7 +155,7 @@ class _Approach(IterativeSolver):
     """Steps along a stable branch, from load to load, to near the fold ahead of it."""
 
     tolerance: Scalar | None = None
-    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=100)
+    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=100)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-3, "float32": 1e-2}
     patience: ClassVar[int] = 15

@@ -16,7 +16,7 @@ from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import LinearSystem
-from jaxstab.core.loop import IterativeSolver
+from jaxstab.core.loop import IterativeSolver, integer_parameter
 from jaxstab.core.procedure import run
 from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.equilibrium.derivatives import third_derivative
@@ -36,7 +36,7 @@ class NewtonSolver(IterativeSolver):
     """The part that Newton's methods for both kinds of limits share."""
 
     tolerance: Scalar | None = None
-    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=30)
+    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=30)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
     patience: ClassVar[int] = 8

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxstab.core.loop import NO_LIMIT, Iteration, IterativeSolver
+from jaxstab.core.loop import NO_LIMIT, Iteration, IterativeSolver, integer_parameter
 from jaxstab.core.procedure import Rounds
 from jaxstab.core.results import RESULTS
 from jaxstab.stability.eigenpair import Minimum, descended
@@ -38,7 +38,7 @@ class Competition(Rounds):
     solver: IterativeSolver
     problem: Eigenproblem
     wins: Bool[Array, " loops"]
-    number: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=0)
+    number: Int[Array, ""] = eqx.field(converter=integer_parameter, default=0)
 
     @property
     def search(self) -> tuple[IterativeSolver, Eigenproblem]:

@@ -13,7 +13,7 @@ from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core.batching import map_lanes
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import History, Indicators
-from jaxstab.core.loop import Iteration, optional_parameter
+from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
 from jaxstab.core.procedure import Procedure
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
@@ -78,7 +78,7 @@ class ProjectedLOBPCG(ConeSolver):
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
-    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=5000)
+    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=5000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
     # The first rounds, which have most starts, are multiples of it.

@@ -19,7 +19,7 @@ from jaxtyping import Array, Int
 from jaxstab.contact.hessian import Block
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import Iteration, optional_parameter
+from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
 from jaxstab.core.types import Field, Scalar
 from jaxstab.stability.eigenpair import Minimum, admissible_pair, descended, unit_vector
 from jaxstab.stability.solvers.base import ConeSolver, Eigenproblem
@@ -43,7 +43,7 @@ class ProximalIteration(ConeSolver):
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
-    max_steps: Int[Array, ""] = eqx.field(converter=jnp.asarray, default=200_000)
+    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=200_000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
     patience: ClassVar[int] = 40_000
