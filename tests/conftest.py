@@ -26,6 +26,8 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
+    # To keep texts as well saves nothing: few programs are those of another test.
+    os.environ.setdefault("JAXSTAB_CACHE", "0")
     # JAX 0.10 reports each program from a cache as made for another machine.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 

@@ -16,7 +16,7 @@ import jaxlib.version
 from jaxstab.core.warn import warn
 
 # With a limit JAX locks the folder, so that no process reads what another one is writing [bytes].
-_MAX_SIZE = 10**9
+_MAX_SIZE = 900_000_000
 # The programs without a hit after which those in the folder are taken to be of no use.
 _MANY = 20
 

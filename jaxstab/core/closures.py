@@ -43,9 +43,7 @@ def as_pytree(name: str, function: Any, argument: jax.ShapeDtypeStruct, cure: st
     if isinstance(function, eqx.Module) and _is_argument_of_jit(function):
         return function
     captured = _captured(closed)
-    return _Function(
-        list(map(jnp.asarray, captured.values())), _Formula(function, argument, closed)
-    )
+    return _Function(list(map(jnp.asarray, captured.values())), Formula(function, argument, closed))
 
 
 def is_bare(value: Any) -> bool:
@@ -57,7 +55,7 @@ class _Function(eqx.Module):
     """A bare function: its formula, and the arrays that it closes over as leaves."""
 
     captured: list[Array]
-    formula: "_Formula" = eqx.field(static=True)
+    formula: "Formula" = eqx.field(static=True)
 
     def __repr__(self) -> str:
         return getattr(self.formula.function, "__name__", repr(self.formula.function))
@@ -70,7 +68,7 @@ class _Function(eqx.Module):
         return jnp.asarray(value, jnp.result_type(argument))
 
 
-class _Formula:
+class Formula:
     """What a function computes, equal to another where both compute the same.
 
     It is compared by its structure. A function written anew, as in a loop over a closed-over array,
@@ -95,7 +93,7 @@ class _Formula:
         self.structure = list(_structure(closed.jaxpr, closed.consts, places))
 
     def __eq__(self, other: object) -> bool:
-        if self is other or not isinstance(other, _Formula):
+        if self is other or not isinstance(other, Formula):
             return self is other
         has_same_rules = self.function is other.function
 
@@ -108,7 +106,7 @@ class _Formula:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The function is copied, or found by its name; what it computes cannot be pickled.
-        return _Formula, (self.function, self.argument)
+        return Formula, (self.function, self.argument)
 
     def __hash__(self) -> int:
         return hash(tuple(part for part in self.structure if isinstance(part, str)))

@@ -16,6 +16,7 @@ from jaxtyping import Array
 
 from jaxstab.core.batching import has_accelerator
 from jaxstab.core.checks import is_traced, is_transformed
+from jaxstab.core.stored_programs import StoredProgram
 
 Out = TypeVar("Out")
 
@@ -42,7 +43,7 @@ def program(
 
     @cache
     def outside() -> Any:
-        compiled = jax.jit(function, compiler_options=_compiler_options(runs_once), **options)
+        compiled = StoredProgram(function, compiler_options=_compiler_options(runs_once), **options)
         _programs.append(compiled)
         return compiled
 

@@ -1,0 +1,225 @@
+"""The texts of programs, which a process leaves to the next."""
+
+import errno
+import hashlib
+import os
+import subprocess
+import sys
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxstab as js
+from jaxstab.core import stored_programs
+from jaxstab.core.stored_programs import StoredProgram
+
+SCRIPT = """
+import json, sys, jax
+jax.config.update("jax_enable_x64", True)
+import jax.numpy as jnp
+import jaxstab as js
+from jaxstab.core.loop import IterativeSolver
+
+def law(gap):
+    return -0.05 * jnp.exp(-gap / 0.1)
+
+def fail(*_):
+    raise AssertionError("A solver is traced.")
+
+if "no traces" in sys.argv:
+    IterativeSolver.run = IterativeSolver.further = fail
+grid = js.Grid(8)
+contact = js.Contact(js.HalfSpace(grid, 1.0), js.surfaces.sinusoid(grid, 0.05), law)
+state = js.equilibrate(contact, js.MeanGap(0.04))
+stability = js.assess_stability(contact, state)
+numbers = state.mean_pressure, stability.cone.eigenvalue, stability.lower_bound.eigenvalue
+print(json.dumps([*(float(x).hex() for x in numbers), str(stability.verdict)]))
+"""
+
+
+def run(folder, *arguments):
+    """Return what a process computes."""
+    variables = {"JAX_COMPILATION_CACHE_DIR": str(folder), "JAXSTAB_CACHE": "1"}
+    command = [sys.executable, "-c", SCRIPT, *arguments]
+    return subprocess.run(command, env=os.environ | variables, capture_output=True, text=True)
+
+
+def test_the_next_process_traces_no_solver_and_computes_the_same(tmp_path, capsys):
+    assert "A solver is traced." in run(tmp_path, "no traces").stderr
+    for arguments in [], ["no traces"]:
+        process = run(tmp_path, *arguments)
+        assert process.returncode == 0, process.stderr
+    # Here no texts are kept.
+    exec(SCRIPT, {})
+    assert process.stdout == capsys.readouterr().out
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder for texts, and functions of these tests as if they were jaxstab's own."""
+    before = jax.config.values["jax_compilation_cache_dir"]
+    monkeypatch.setenv("JAXSTAB_CACHE", "1")
+    monkeypatch.setattr(
+        stored_programs, "_KNOWN", stored_programs._KNOWN | {"test_stored_programs"}
+    )
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    yield tmp_path / "jaxstab"
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+TRACES = []
+
+
+def attraction(law, gap, factor=1):
+    TRACES.append(law)
+    return {"attraction": factor * law(gap)}
+
+
+def program(function=attraction, **options):
+    """Return a program as in a process of its own, which has compiled nothing yet."""
+    return StoredProgram(function, {}, **{"static_argnames": "factor"} | options)
+
+
+def law_of(function):
+    """Return a law as a contact holds it, without keeping the programs that look at it."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("JAXSTAB_CACHE", "0")
+        return js.Contact(js.HalfSpace(js.Grid(4), 1.0), jnp.zeros((4, 4)), function).potential
+
+
+def is_traced(function, *args, **kwargs):
+    """Whether a new process traces a program, that must return what its function returns."""
+    gap = jnp.linspace(0.1, 1.0, 5)
+    expected = attraction(*args, gap, **kwargs)["attraction"]
+    before = len(TRACES)
+    found = function(*args, gap, **kwargs)["attraction"]
+    np.testing.assert_allclose(found, expected, rtol=1e-14)
+    return len(TRACES) > before
+
+
+def texts(folder):
+    return sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+
+
+def test_a_text_is_found_by_what_a_law_computes_and_not_by_its_name(folder):
+    def exponential(gap):
+        return -0.5 * jnp.exp(-gap / 0.1)
+
+    assert is_traced(program(), law_of(exponential))
+    assert not is_traced(program(), law_of(lambda gap: -0.5 * jnp.exp(-gap / 0.1)))
+    assert is_traced(program(), law_of(lambda gap: -0.6 * jnp.exp(-gap / 0.1)))
+    assert is_traced(program(), law_of(lambda gap: -0.5 * jnp.exp(-gap / 0.2)))
+    # What a law closes over is an argument of the program.
+    short, long = jnp.asarray([0.1]), jnp.asarray([0.3])
+    assert is_traced(program(), law_of(lambda gap: -0.5 * jnp.exp(-gap / short[0])))
+    assert not is_traced(program(), law_of(lambda gap: -0.5 * jnp.exp(-gap / long[0])))
+    assert is_traced(program(), law_of(js.potentials.Exponential(0.5, 0.1)))
+    assert not is_traced(program(), law_of(js.potentials.Exponential(0.7, 0.2)))
+
+
+def test_a_static_argument_belongs_to_the_name(folder):
+    law = law_of(js.potentials.Exponential(0.5, 0.1))
+    assert is_traced(program(), law, factor=2)
+    assert is_traced(program(), law, factor=3)
+    assert not is_traced(program(), law, factor=2)
+
+
+@jax.custom_jvp
+def ruled(gap):
+    return -jnp.exp(-gap)
+
+
+ruled.defjvp(lambda primals, tangents: (ruled(*primals), -ruled(*primals) * tangents[0]))
+
+
+class OwnLaw(eqx.Module):
+    energy: jax.Array
+
+    def __call__(self, gap):
+        return -self.energy * jnp.exp(-gap)
+
+
+def test_nothing_is_kept_of_what_only_this_process_knows(folder, monkeypatch):
+    monkeypatch.setattr(
+        stored_programs, "_KNOWN", stored_programs._KNOWN - {"test_stored_programs"}
+    )
+    monkeypatch.setattr(attraction, "__module__", "jaxstab.core")
+    for law in law_of(ruled), law_of(OwnLaw(jnp.asarray(0.5))):
+        assert is_traced(program(), law)
+    assert not texts(folder)
+    monkeypatch.setattr(attraction, "__module__", "laws")
+    assert is_traced(program(), law_of(js.potentials.Exponential(0.5, 0.1)))
+    assert not texts(folder)
+
+
+def test_a_program_that_calls_python_has_no_text(folder):
+    seen = []
+
+    def watched(law, gap):
+        jax.debug.callback(lambda _: seen.append(1), gap)
+        return attraction(law, gap)
+
+    watched.__qualname__ = "watched"
+    law = law_of(js.potentials.Exponential(0.5, 0.1))
+    for count in 1, 2:
+        program(watched, static_argnames=())(law, jnp.ones(3))
+        jax.effects_barrier()
+        assert len(seen) == count
+    (path,) = folder.iterdir()
+    assert path.stat().st_size == hashlib.sha256().digest_size
+
+
+def test_another_source_or_setting_has_other_texts(folder, monkeypatch):
+    law = law_of(js.potentials.Exponential(0.5, 0.1))
+    assert is_traced(program(), law) and not is_traced(program(), law)
+    with jax.default_matmul_precision("highest"):
+        assert is_traced(program(), law) and not is_traced(program(), law)
+    monkeypatch.setattr(stored_programs, "_versions", lambda: ("another",))
+    assert is_traced(program(), law) and not is_traced(program(), law)
+    num_texts = len(texts(folder))
+    with jax.debug_nans(True):
+        program()(law, jnp.ones(7))
+    assert len(texts(folder)) == num_texts
+
+
+def test_a_file_that_is_not_what_was_written_is_written_anew(folder):
+    law = law_of(js.potentials.Exponential(0.5, 0.1))
+    assert is_traced(program(), law)
+    (path,) = folder.iterdir()
+    whole = path.read_bytes()
+    for torn in whole[:-1], whole[: len(whole) // 2], b"", whole[:-1] + b"x":
+        path.write_bytes(torn)
+        assert is_traced(program(), law)
+        assert not is_traced(program(), law)
+
+
+def test_a_folder_that_cannot_be_used_is_no_error(folder, monkeypatch):
+    law = law_of(js.potentials.Exponential(0.5, 0.1))
+
+    def fail(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(stored_programs.os, "replace", fail)
+        assert is_traced(program(), law)
+        assert not texts(folder)
+    folder.rmdir()
+    folder.touch()
+    assert is_traced(program(), law)
+    assert folder.read_bytes() == b""
+
+
+def test_the_texts_read_last_are_the_last_to_be_dropped(folder, monkeypatch):
+    laws = [law_of(lambda gap, depth=depth: -depth * gap) for depth in (0.1, 0.2, 0.3)]
+    assert is_traced(program(), laws[0])
+    size = next(folder.iterdir()).stat().st_size
+    monkeypatch.setattr(stored_programs, "_MAX_SIZE", int(2.5 * size))
+    assert is_traced(program(), laws[1])
+    assert not is_traced(program(), laws[0])
+    assert is_traced(program(), laws[2])
+    assert len(texts(folder)) == 2
+    assert not is_traced(program(), laws[0])
+    assert is_traced(program(), laws[1])
