@@ -88,7 +88,7 @@ def run(
     left_out = "_CACHE_", "PYTHONDONTWRITEBYTECODE"
     kept = {key: x for key, x in os.environ.items() if not any(name in key for name in left_out)}
     # Programs that jaxstab keeps by itself would make every run warm.
-    environment["JAXSTAB_CACHE"] = "0"
+    environment["JAXSTAB_CACHE"] = "0" if cache is None else "1"
     if cache is not None:
         environment["JAX_COMPILATION_CACHE_DIR"] = cache
         environment["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"

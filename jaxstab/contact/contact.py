@@ -172,8 +172,7 @@ class Contact(eqx.Module):
         height = jnp.max(jnp.abs(self.heights - self.heights.ravel()[0]))
         height = jnp.where(height > 0, height, jnp.max(self.grid.spacing).astype(height.dtype))
         stiffness = self.solid.max_stiffness.astype(height.dtype)
-        _, exponent = jnp.frexp(jax.lax.stop_gradient(height * stiffness))
-        return jnp.ldexp(jnp.ones((), height.dtype), exponent)
+        return _power_of_two_above(jax.lax.stop_gradient(height * stiffness))
 
     def in_units_of(self, pressure: Scalar, has_core: bool | None = None) -> "Contact":
         """Return the same contact with pressures in another unit; lengths stay.
@@ -268,6 +267,19 @@ def _suspicions(
         return topography.suspicions
     is_unseen = solid.is_window or is_traced(heights) or is_spread(heights)
     return [] if is_unseen else faults.looks_wrong(np.asarray(heights))
+
+
+def _power_of_two_above(value: Scalar) -> Scalar:
+    """Return the least power of two above a positive number, of which it keeps the exponent's bits.
+
+    One where there is no such power.
+    """
+    limits = jnp.finfo(value.dtype)
+    kind = jnp.dtype(f"uint{limits.bits}")
+    exponent = ((1 << limits.nexp) - 1) << limits.nmant
+    bits = jax.lax.bitcast_convert_type(value, kind) & np.asarray(exponent, kind)
+    is_normal = (value >= limits.tiny) & (value < limits.max / 2)
+    return jnp.where(is_normal, 2 * jax.lax.bitcast_convert_type(bits, value.dtype), 1)
 
 
 @program

@@ -39,15 +39,33 @@ def advance_lanes(
         def advance_next(state: tuple[Lane, Array]) -> tuple[Lane, Array]:
             lanes, left = state
             i = jnp.argmax(left)
-            lane = advance(jax.tree.map(lambda leaf: leaf[i], lanes), left[i])
-            lanes = jax.tree.map(lambda leaf, new: leaf.at[i].set(new), lanes, lane)
-            return lanes, left.at[i].set(0)
+            lane = advance(lane_of(lanes, i), lane_of(left, i))
+            return with_lane((lanes, left), i, (lane, jnp.zeros_like(left[0])))
 
         return jax.lax.while_loop(
             lambda state: jnp.any(state[1] > 0), advance_next, (lanes, max_steps)
         )[0]
 
     return _on_platform(one_by_one, jax.vmap(advance), lanes, max_steps)
+
+
+def lane_of(lanes: Lane, i: Int[Array, ""]) -> Lane:
+    """Return one lane of many; that there are as many is known, and not checked in the program."""
+
+    def entry(leaf: Array) -> Array:
+        return jax.lax.dynamic_index_in_dim(leaf, i, keepdims=False, allow_negative_indices=False)
+
+    return jax.tree.map(entry, lanes)
+
+
+def with_lane(lanes: Lane, i: Int[Array, ""], lane: Lane) -> Lane:
+    """Return many lanes with another one in a place, that is known to be there."""
+
+    def replaced(leaf: Array, entry: Array) -> Array:
+        entry = jnp.asarray(entry, leaf.dtype)
+        return jax.lax.dynamic_update_index_in_dim(leaf, entry, i, 0, allow_negative_indices=False)
+
+    return jax.tree.map(replaced, lanes, lane)
 
 
 def by_lanes(function: Callable[..., Out]) -> Callable[..., Out]:

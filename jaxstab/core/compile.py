@@ -64,7 +64,11 @@ def _compiler_options(runs_once: bool) -> dict[str, Any]:
     """
     if has_accelerator():
         return {}
-    options: dict[str, Any] = {"xla_backend_optimization_level": 0 if runs_once else 1}
+    options: dict[str, Any] = {
+        "xla_backend_optimization_level": 0 if runs_once else 1,
+        # Enough for all cores to have one; each costs some time of its own.
+        "xla_cpu_parallel_codegen_split_count": min(4 * (os.cpu_count() or 1), 32),
+    }
     if jax.__version_info__ < (0, 11):
         # Later ones can be told so for a whole process only.
         options["xla_cpu_use_fusion_emitters"] = False

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxstab.core import display
+from jaxstab.core.batching import with_lane
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import NUMBER, Dimensioned
@@ -72,5 +73,4 @@ class History(Stackable, Dimensioned):
         shared = 224 + 32 * octave + (count >> (octave + 3))
         row = jnp.minimum(jnp.where(count < 256, count, shared), _HISTORY_LENGTH - 1)
         values = jnp.stack([step, *(new[name] for name in self.names)]).astype(self.table.dtype)
-        table = jax.lax.dynamic_update_index_in_dim(self.table, values, row, 0)
-        return replace(self, table=table)
+        return replace(self, table=with_lane(self.table, row, values))

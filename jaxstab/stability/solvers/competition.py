@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxstab.core.batching import lane_of
 from jaxstab.core.loop import NO_LIMIT, Iteration, IterativeSolver, integer_parameter
 from jaxstab.core.procedure import Rounds
 from jaxstab.core.results import RESULTS
@@ -48,14 +49,14 @@ class Competition(Rounds):
     @property
     def length(self) -> Int[Array, ""]:
         """The steps in this round."""
-        return jnp.array(_LENGTHS)[self.number]
+        return lane_of(jnp.array(_LENGTHS), self.number)
 
     @property
     def found(self) -> Minimum:
         """The minimiser of the one start that has won, if any has."""
         operator, cone = self.problem.operator, self.problem.domain
         starts = self._starts
-        best = jax.tree.map(lambda leaf: leaf[jnp.argmax(self.wins)], starts)
+        best = lane_of(starts, jnp.argmax(self.wins))
         # All starts may be nearest to zero.
         is_lost = (best.result == RESULTS.successful) & ~jnp.any(self.wins)
         result = RESULTS.where(is_lost, RESULTS.stagnated, best.result)
@@ -72,7 +73,7 @@ class Competition(Rounds):
 
     def turned(self) -> "Competition":
         """Return the next round."""
-        wins = self._places() < jnp.array(_NUM_KEPT)[self.number]
+        wins = self._places() < lane_of(jnp.array(_NUM_KEPT), self.number)
         resumed = jax.vmap(self.solver.resumed)(self._starts)
         # After the last round all stay where they are.
         is_last = self.number == len(_LENGTHS) - 1

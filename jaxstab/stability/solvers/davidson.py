@@ -207,7 +207,9 @@ def _restarted(
 
 
 def _put(entry: Array, entries: Array, slot: Int[Array, ""], axis: int = 0) -> Array:
-    return jax.lax.dynamic_update_index_in_dim(entries, entry, slot, axis)
+    return jax.lax.dynamic_update_index_in_dim(
+        entries, entry, slot, axis, allow_negative_indices=False
+    )
 
 
 def _put_both(row: Array, matrix: Array, slot: Int[Array, ""]) -> Array:
