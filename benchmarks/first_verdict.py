@@ -112,7 +112,8 @@ def compilations(log: str) -> list[tuple[float, float, str]]:
             r"Finished XLA compilation of (\S+) in ([\d.e+-]+) sec",
         )
     )
-    # Each program is lowered, and then compiled, before the next.
+    # Those of one name are compiled in the order in which they were lowered.
+    xla, lowering = (sorted(seconds, key=lambda pair: pair[1]) for seconds in (xla, lowering))
     if [name for _, name in lowering] != [name for _, name in xla]:
         raise RuntimeError("This JAX logs its compilations in another way: read them anew here.")
     pairs = zip(xla, lowering, strict=True)

@@ -26,12 +26,11 @@ _programs: list[Any] = []
 _kinds: set[Hashable] = set()
 
 
-def program(
-    function: Callable[..., Any], *, runs_once: bool = False, **options: Any
-) -> Callable[..., Any]:
+def program(function: Callable[..., Any], *, runs_once: bool = False, **options: Any) -> Any:
     """Return `jax.jit(function, **options)`, compiled faster where it is called outside of a trace.
 
-    `make_room` can drop its compiled programs.
+    There its `ahead(*args)` begins to compile it for arguments like these, arrays or shapes, and
+    returns the shapes of the results. `make_room` can drop its compiled programs.
 
     Arguments:
         function: the function.
@@ -52,7 +51,10 @@ def program(
         compiled = inside if is_transformed((args, kwargs)) else outside()
         return compiled(*args, **kwargs)
 
-    call.lower = inside.lower  # pyright: ignore[reportAttributeAccessIssue]
+    def ahead(*args: Any, **kwargs: Any) -> Any:
+        return outside().ahead(*args, **kwargs)
+
+    call.lower, call.ahead = inside.lower, ahead  # pyright: ignore[reportAttributeAccessIssue]
     return call
 
 

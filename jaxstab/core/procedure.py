@@ -143,6 +143,10 @@ class Part:
             self.is_needed, lambda: _run_part(self.procedure, *self.arguments), self.otherwise
         )
 
+    def ahead(self) -> Any:
+        """Begin to compile the part, of whose arguments some may be shapes; return its shapes."""
+        return _run_part.ahead(self.procedure, *self.arguments)
+
 
 @dataclass(frozen=True)
 class Kept:

@@ -14,9 +14,10 @@ import pickle
 import platform
 import sys
 from collections.abc import Callable, Hashable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
@@ -54,7 +55,7 @@ class StoredProgram:
         self._function = function
         self._compiled = partial(jax.jit, compiler_options=compiler_options)
         self._jit: Any = self._compiled(function, **options)
-        self._programs: dict[Hashable, tuple[Any, PyTreeDef] | None] = {}
+        self._programs: dict[Hashable, _Program] = {}
         names = list(inspect.signature(function).parameters)
         static = options.get("static_argnames", ())
         self._static = {static} if isinstance(static, str) else set(static)
@@ -64,18 +65,21 @@ class StoredProgram:
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """Return what the function returns."""
-        folder = _folder()
-        if folder is None:
+        if not can_compile_ahead():
             return self._jit(*args, **kwargs)
         leaves, structure = jax.tree.flatten(self._marked(args, kwargs))
-        kind = structure, tuple(map(jax.typeof, leaves)), _settings()
-        if kind not in self._programs:
-            self._programs[kind] = self._program(folder, kind, leaves)
-        program = self._programs[kind]
-        if program is None:
-            return self._jit(*args, **kwargs)
-        compiled, out = program
-        return jax.tree.unflatten(out, compiled(*leaves))
+        program = self._program(structure, leaves)
+        return jax.tree.unflatten(program.out, program.compiled(*leaves))
+
+    def ahead(self, *args: Any, **kwargs: Any) -> Any:
+        """Begin to compile, and return the shapes of what the function returns.
+
+        Some or all arguments may be shapes.
+        """
+        leaves, structure = jax.tree.flatten(self._marked(args, kwargs))
+        program = self._program(structure, leaves)
+        program.compile_ahead()
+        return jax.tree.unflatten(program.out, program.shapes)
 
     def clear_cache(self) -> None:
         """Drop what is compiled."""
@@ -90,33 +94,37 @@ class StoredProgram:
         }
         return [marked[i] for i in range(len(args))], {name: marked[name] for name in kwargs}
 
-    def _program(
-        self, folder: Path, kind: tuple[Any, ...], leaves: list[Any]
-    ) -> tuple[Any, PyTreeDef] | None:
-        """Return the program by its text in the folder, or else by one that is left there.
+    def _program(self, structure: PyTreeDef, leaves: list[Any]) -> "_Program":
+        """Return the program for arguments of some structure, and leaves of some shapes."""
+        shapes = [_shape(leaf) for leaf in leaves]
+        kind = structure, tuple((leaf.shape, leaf.dtype, leaf.weak_type) for leaf in shapes)
+        kind = *kind, _settings()
+        if kind not in self._programs:
+            self._programs[kind] = self._lowered(kind, structure, shapes)
+        return self._programs[kind]
 
-        None if it has no text that can be kept.
-        """
-        name = self._name(*kind)
-        if name is None:
-            return None
+    def _lowered(
+        self, kind: tuple[Any, ...], structure: PyTreeDef, shapes: list[jax.ShapeDtypeStruct]
+    ) -> "_Program":
+        """Return the program by its text in the folder, or else by one that is left there."""
+        folder, name = _folder(), self._name(*kind)
+        if folder is None or name is None:
+            return self._traced(structure, shapes)[1]
         text = _read(folder / name)
         if text is None:
-            text = self._text(kind[0], leaves)
+            text, program = self._text(structure, shapes)
             _write(folder / name, text)
-        if text == _NONE:
-            return None
+            if text == _NONE:
+                return program
+        elif text == _NONE:
+            return self._traced(structure, shapes)[1]
         out, code = pickle.loads(text)
         call = export.deserialize(code).call
-        on_leaves = self._compiled(_named(lambda *leaves: call(*leaves), self._function))
-        # Ahead of time, or what is bound to a device would be compiled apart from what is not.
-        return on_leaves.lower(*leaves).compile(), out
+        compiled = self._compiled(_named(lambda *leaves: call(*leaves), self._function))
+        return _Program(compiled.trace(*shapes), out)
 
-    def _text(self, structure: PyTreeDef, leaves: list[Any]) -> bytes:
-        """Return a program on the leaves of its arguments, and the structure of what it returns.
-
-        Nothing where it does more than to compute, or where JAX cannot write it.
-        """
+    def _traced(self, structure: PyTreeDef, shapes: list[jax.ShapeDtypeStruct]) -> Any:
+        """Return the function on the leaves of its arguments, and its program."""
         out = []
 
         def on_leaves(*leaves: Any) -> list[Any]:
@@ -130,23 +138,77 @@ class StoredProgram:
             return found
 
         compiled = self._compiled(_named(on_leaves, self._function))
-        if not compiled.trace(*leaves).jaxpr.effects:
+        return compiled, _Program(compiled.trace(*shapes), *out)
+
+    def _text(
+        self, structure: PyTreeDef, shapes: list[jax.ShapeDtypeStruct]
+    ) -> tuple[bytes, "_Program"]:
+        """Return the text of a program, and the program.
+
+        The text is empty where it does more than to compute, or where JAX cannot write it.
+        """
+        compiled, program = self._traced(structure, shapes)
+        if not program.traced.jaxpr.effects:
             # What JAX cannot write, it says by errors of many kinds.
             with suppress(Exception):
-                code = export.export(compiled)(*leaves).serialize()
-                return _written((out[0], bytes(code)), _Pickler)
-        return _NONE
+                code = export.export(compiled)(*shapes).serialize()
+                return _written((program.out, bytes(code)), _Pickler), program
+        return _NONE, program
 
     def _name(self, structure: PyTreeDef, shapes: Any, settings: Any) -> str | None:
         """Return a name that no other program has, None if there can be none."""
         module, function = self._function.__module__, self._function.__qualname__
         if not _is_known(self._function) or "<" in function:
             return None
-        named = module, function, structure, list(map(repr, shapes)), settings, _versions()
+        named = module, function, structure, list(map(str, shapes)), settings, _versions()
         try:
             return hashlib.sha256(_written(named, _NamePickler)).hexdigest()
         except _CANNOT_PICKLE:
             return None
+
+
+class _Program:
+    """A program on the leaves of its arguments.
+
+    Attributes:
+        traced: the program, before it is compiled.
+        out: the structure of what it returns.
+    """
+
+    def __init__(self, traced: Any, out: PyTreeDef):
+        self.traced, self.out = traced, out
+        self._future: Future[Any] | None = None
+
+    @property
+    def shapes(self) -> list[jax.ShapeDtypeStruct]:
+        """The shapes of the leaves of what it returns."""
+        return list(map(_shape_of, self.traced.jaxpr.out_avals))
+
+    def compile_ahead(self) -> None:
+        """Begin to compile it in another thread."""
+        if self._future is None:
+            # Settings that hold in this thread alone are those of what is traced and lowered.
+            self._future = _threads().submit(self.traced.lower().compile)
+
+    @cached_property
+    def compiled(self) -> Callable[..., list[Any]]:
+        """The program, compiled."""
+        if self._future is not None:
+            return self._future.result()
+        return self.traced.lower().compile()
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(2, thread_name_prefix=_PACKAGE)
+
+
+def _shape(leaf: Any) -> jax.ShapeDtypeStruct:
+    return leaf if isinstance(leaf, jax.ShapeDtypeStruct) else _shape_of(jax.typeof(leaf))
+
+
+def _shape_of(aval: Any) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(aval.shape, aval.dtype, weak_type=aval.weak_type)
 
 
 @register_static
@@ -159,19 +221,21 @@ class _Static:
 
 def _folder() -> Path | None:
     """Return the folder of texts, None if none are to be kept."""
-    if os.environ.get("JAXSTAB_CACHE") == "0":
-        return None
     folder = jax.config.values["jax_compilation_cache_dir"]
     is_off = not jax.config.values["jax_enable_compilation_cache"]
-    is_watched = any(getattr(jax.config, name) for name in _WATCHED)
-    if not folder or "://" in folder or is_off or is_watched or not (_is_alone() and _can_write()):
+    is_off |= os.environ.get("JAXSTAB_CACHE") == "0"
+    if not folder or "://" in folder or is_off or not _can_write():
         return None
     return Path(folder) / _PACKAGE
 
 
-def _is_alone() -> bool:
-    """Return whether JAX finds one device, a CPU: by a text, results are bound to a device."""
-    return [device.platform for device in jax.devices()] == ["cpu"]
+def can_compile_ahead() -> bool:
+    """Return whether programs may be compiled ahead of time: JAX finds one device, a CPU.
+
+    Results by a text are bound to a device.
+    """
+    is_watched = any(getattr(jax.config, name) for name in _WATCHED)
+    return not is_watched and [device.platform for device in jax.devices()] == ["cpu"]
 
 
 @cache

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Self
 
 import jax
@@ -98,7 +99,7 @@ class SpectralSolid(Solid):
         """Return the multiplier K(|q|) at wavenumbers |q| > 0 [pressure/length]."""
 
     @property
-    @program
+    @partial(program, runs_once=True)
     def waves(self) -> Waves:
         """The same solid by its multiplier."""
         q = self.grid.wavenumbers

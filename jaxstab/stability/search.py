@@ -70,6 +70,28 @@ class Search(eqx.Module):
     is_doubtful: Flag
     verdict_only: bool = eqx.field(static=True)
 
+    def compile_hull(self, solver: ConeSolver) -> Lowest:
+        """Begin to compile the search around the cone, and return the shapes of what it finds."""
+        spaces = Davidson(solver.tolerance_in(self.random.dtype))
+        return Part(_on_hull, (spaces, self.hessian, self.cone, self.random)).ahead()
+
+    def compile_cone(self, solver: ConeSolver, around: Lowest) -> "Found | None":
+        """Begin to compile the search of the cone, if it is surely needed.
+
+        Arguments:
+            solver: that of the cone.
+            around: what the search around the cone finds, or its shapes.
+
+        Returns:
+            The shapes of the results of all searches, None if it may not be needed.
+        """
+        if self.verdict_only or not _flag(self.touches):
+            return None
+        first = next(_on_cone(solver, self.hessian, self.cone, around, self.random, True, around))
+        found, no = first.ahead(), np.zeros((), bool)
+        cone = found if isinstance(found, Lowest) else found[0]
+        return Found(around.pair, cone.pair, around.pair, around.pair, no, no)
+
     def eigenpairs(self, solver: ConeSolver, report: Report = unseen) -> Procedure["Found"]:
         """Return the procedure that finds the eigenpairs, the solver being the cone's."""
         spaces = Davidson(solver.tolerance_in(self.random.dtype))

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from programs import compilations
 
 import jaxstab as js
 from jaxstab.core import stored_programs
@@ -98,6 +99,24 @@ def is_traced(function, *args, **kwargs):
     found = function(*args, gap, **kwargs)["attraction"]
     np.testing.assert_allclose(found, expected, rtol=1e-14)
     return len(TRACES) > before
+
+
+def double(tree, by):
+    return {name: by * leaf for name, leaf in tree.items()}
+
+
+def test_what_is_compiled_ahead_is_not_compiled_again():
+    tree = {"weak": 1.5, "field": np.ones(3), "known": jnp.ones((2, 2), jnp.float32)}
+    with compilations() as compiled:
+        doubled = program(double, static_argnames="by")
+        shapes = doubled.ahead(tree, by=2)
+        # They are those of the arguments.
+        assert doubled.ahead(shapes, by=2) == shapes
+        found = doubled(tree, by=2)
+    assert compiled == ["jit(double)"]
+    for name, leaf in found.items():
+        np.testing.assert_array_equal(leaf, 2 * np.asarray(tree[name]))
+        assert (leaf.shape, leaf.dtype) == (shapes[name].shape, shapes[name].dtype)
 
 
 def texts(folder):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from brute_force import dense_hessian, smallest_on_zero_mean
 from problems import rough_contact, state_of
+from programs import compilations
 
 import jaxstab as js
 from jaxstab.stability.cones import AdmissibleCone
@@ -232,3 +233,18 @@ def test_the_eigenvalue_is_the_second_difference_of_the_energy_along_the_mode(un
 
     second = (energy(amplitude) - 2 * energy(0) + energy(-amplitude)) / amplitude**2
     assert second == pytest.approx(float(pair.eigenvalue), rel=1e-3)
+
+
+@pytest.mark.parametrize(("load", "num_parts"), [(0.02, 2), (5.0, 1)])
+def test_what_is_compiled_ahead_is_what_an_assessment_needs(load, num_parts):
+    law = js.potentials.Exponential(0.05, 0.1)
+    # Of a size that no other test has.
+    grid = js.Grid((9, 7 + num_parts))
+    contact = js.Contact(js.HalfSpace(grid, 1.0), js.surfaces.sinusoid(grid, 0.05), law)
+    equilibrium = js.equilibrate(contact, js.MeanGap(load))
+    assert bool(equilibrium.in_contact.any()) == (num_parts == 2)
+    key = jax.random.key(0)
+    with compilations() as compiled:
+        js.assess_stability(contact, equilibrium, key=key)
+    parts = ["jit(_run_part)"] * num_parts
+    assert sorted(compiled) == ["jit(_problem)", "jit(_random_starts)", *parts, "jit(_stability)"]
