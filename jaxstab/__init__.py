@@ -5,6 +5,7 @@ contact*, whose equation numbers the documentation quotes.
 """
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 from lazy_loader import attach_stub
@@ -24,6 +25,8 @@ def __dir__() -> list[str]:
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         return import_module("importlib.metadata").version(__name__)
+    if not name.startswith("_") and find_spec(f"{__name__}.{name}"):
+        return import_module(f"{__name__}.{name}")
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
     return _named(name)

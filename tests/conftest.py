@@ -20,14 +20,14 @@ if "XLA_FLAGS" not in os.environ:
     if version("jaxlib").startswith("0.10."):
         # Later ones have no other emitters, and end where a flag is not known.
         os.environ["XLA_FLAGS"] += " --xla_cpu_use_fusion_emitters=false"
+# To keep the texts of programs saves nothing: few are those of another test.
+os.environ["JAXSTAB_CACHE"] = "0"
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     # Workers and subprocesses inherit it, and compile nothing large that another one has.
     os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="jaxstab-programs-")
     atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
-    # To keep texts as well saves nothing: few programs are those of another test.
-    os.environ.setdefault("JAXSTAB_CACHE", "0")
     # JAX 0.10 reports each program from a cache as made for another machine.
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 

@@ -270,15 +270,15 @@ def _suspicions(
 
 
 def _power_of_two_above(value: Scalar) -> Scalar:
-    """Return the least power of two above a positive number, of which it keeps the exponent's bits.
+    """Return the least power of two above a number, made of the bits of its exponent.
 
-    One where there is no such power.
+    It is one where the number is not positive and normal, or that power not finite.
     """
     limits = jnp.finfo(value.dtype)
     kind = jnp.dtype(f"uint{limits.bits}")
     exponent = ((1 << limits.nexp) - 1) << limits.nmant
     bits = jax.lax.bitcast_convert_type(value, kind) & np.asarray(exponent, kind)
-    is_normal = (value >= limits.tiny) & (value < limits.max / 2)
+    is_normal = (value >= limits.tiny) & (value <= limits.max / 2)
     return jnp.where(is_normal, 2 * jax.lax.bitcast_convert_type(bits, value.dtype), 1)
 
 

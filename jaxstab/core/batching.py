@@ -50,7 +50,7 @@ def advance_lanes(
 
 
 def lane_of(lanes: Lane, i: Int[Array, ""]) -> Lane:
-    """Return one lane of many; that there are as many is known, and not checked in the program."""
+    """Return one lane of many, whose number is not checked."""
 
     def entry(leaf: Array) -> Array:
         return jax.lax.dynamic_index_in_dim(leaf, i, keepdims=False, allow_negative_indices=False)
@@ -59,7 +59,7 @@ def lane_of(lanes: Lane, i: Int[Array, ""]) -> Lane:
 
 
 def with_lane(lanes: Lane, i: Int[Array, ""], lane: Lane) -> Lane:
-    """Return many lanes with another one in a place, that is known to be there."""
+    """Return many lanes with one of them replaced, whose number is not checked."""
 
     def replaced(leaf: Array, entry: Array) -> Array:
         entry = jnp.asarray(entry, leaf.dtype)

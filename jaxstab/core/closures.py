@@ -191,7 +191,7 @@ def _structure(jaxpr: Jaxpr, constants: Sequence[Any], places: Mapping[int, int]
     yield from map(label, [*jaxpr.constvars, *jaxpr.invars])
     yield from map(content, constants)
     for eqn in jaxpr.eqns:
-        yield eqn.primitive.name
+        yield eqn.primitive
         yield from map(label, [*eqn.invars, *eqn.outvars])
         parts, tree = jax.tree.flatten(eqn.params)
         yield tree

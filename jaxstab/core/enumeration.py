@@ -103,11 +103,11 @@ class Enumeration(Stackable, metaclass=_Members):
         return self._compared(other, operator.ne)
 
     def _compared(self, other: Any, compare: Callable[[Any, Any], Any]) -> Bool[Array, "..."]:
-        code = -1 if other is None else type(self).promote(other).code
+        code = np.int32(-1) if other is None else type(self).promote(other).code
         # Also inside of jit, what is known stays known.
         with jax.ensure_compile_time_eval():
             found = compare(known(self.code), known(code))
-        return found if isinstance(found, jax.Array) else array(found)
+            return found if isinstance(found, jax.Array) else array(found)
 
     def __hash__(self) -> int:
         # That of the name, which it equals.

@@ -1,52 +1,42 @@
-"""Programs, traced and lowered, kept in JAX's cache folder for later processes.
+"""Programs that start outside of a trace: compiled ahead of time, side by side if need be.
 
-JAX keeps what its compiler makes of a program's text, and to have the text takes longer than to
-load what was made of it. Here texts are kept. The name of one is made of all that it follows from:
-the source of jaxstab, the function, the structure and shapes of its arguments, the formula of a
-law, the settings of JAX. Where something else may matter, such as a class of the user's or a custom
-derivative rule, nothing is kept.
+JAX keeps compiled code by a program's text, and to make the text takes longer than to load the
+code. So the texts are kept too (`program_texts`), and a process traces nothing that an earlier one
+has traced.
 """
 
-import hashlib
 import inspect
-import os
 import pickle
-import platform
-import sys
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
-from importlib.util import find_spec
 from io import BytesIO
-from pathlib import Path
-from tempfile import mkstemp
 from typing import Any
 
-import equinox as eqx
 import jax
-import jaxlib.version
-import numpy as np
+import jax.numpy as jnp
 from jax import export
+from jax.core import ShapedArray
 from jax.tree_util import PyTreeDef, register_static
 
-from jaxstab.core.closures import Formula
+from jaxstab.core import program_texts
 
-_PACKAGE = __name__.partition(".")[0]
-# Whose functions and classes do what follows from the versions of the packages.
-_KNOWN = {_PACKAGE, "builtins", "collections", "equinox", "functools", "jax", "jaxlib", "numpy"}
-# Of all texts together [bytes].
-_MAX_SIZE = 100_000_000
-# The text of a program that can have none.
-_NONE = b""
-_DIGEST_SIZE = hashlib.sha256().digest_size
-# Where these are on, `jax.jit` looks at the results or does not compile.
+# Stands for the text where a program can have none.
+_NO_TEXT = b""
+# Settings under which `jax.jit` looks at results, or does not compile.
 _WATCHED = ("jax_debug_nans", "jax_debug_infs", "jax_disable_jit")
 
 
+def can_compile_ahead() -> bool:
+    """Return whether programs are compiled ahead of time: where JAX finds one device, a CPU."""
+    is_watched = any(getattr(jax.config, name) for name in _WATCHED)
+    return not is_watched and [device.platform for device in jax.devices()] == ["cpu"]
+
+
 class StoredProgram:
-    """A function compiled by `jax.jit`, whose text is looked for before it is traced."""
+    """A function as `jax.jit` compiles it, whose text is kept for later processes."""
 
     def __init__(
         self, function: Callable[..., Any], compiler_options: dict[str, Any], **options: Any
@@ -56,6 +46,7 @@ class StoredProgram:
         self._compiled = partial(jax.jit, compiler_options=compiler_options)
         self._jit: Any = self._compiled(function, **options)
         self._programs: dict[Hashable, _Program] = {}
+        _all.append(self)
         names = list(inspect.signature(function).parameters)
         static = options.get("static_argnames", ())
         self._static = {static} if isinstance(static, str) else set(static)
@@ -64,7 +55,7 @@ class StoredProgram:
         self._static |= {place for place, name in enumerate(names) if name in self._static}
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        """Return what the function returns."""
+        """Return what the function returns; no number in it is weakly typed."""
         if not can_compile_ahead():
             return self._jit(*args, **kwargs)
         leaves, structure = jax.tree.flatten(self._marked(args, kwargs))
@@ -74,7 +65,7 @@ class StoredProgram:
     def ahead(self, *args: Any, **kwargs: Any) -> Any:
         """Begin to compile, and return the shapes of what the function returns.
 
-        Some or all arguments may be shapes.
+        Arguments may be shapes, all or some of them.
         """
         leaves, structure = jax.tree.flatten(self._marked(args, kwargs))
         program = self._program(structure, leaves)
@@ -89,41 +80,42 @@ class StoredProgram:
     def _marked(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
         """Return the arguments as a pytree of those that are not static."""
         marked = {
-            key: _Static(arg) if key in self._static else arg
+            key: _Static(arg, type(arg).__name__) if key in self._static else arg
             for key, arg in [*enumerate(args), *kwargs.items()]
         }
         return [marked[i] for i in range(len(args))], {name: marked[name] for name in kwargs}
 
     def _program(self, structure: PyTreeDef, leaves: list[Any]) -> "_Program":
         """Return the program for arguments of some structure, and leaves of some shapes."""
-        shapes = [_shape(leaf) for leaf in leaves]
-        kind = structure, tuple((leaf.shape, leaf.dtype, leaf.weak_type) for leaf in shapes)
-        kind = *kind, _settings()
+        _drop_with_jax()
+        kind = structure, tuple(map(_shape, leaves)), _settings()
         if kind not in self._programs:
-            self._programs[kind] = self._lowered(kind, structure, shapes)
+            self._programs[kind] = self._lowered(*kind)
         return self._programs[kind]
 
-    def _lowered(
-        self, kind: tuple[Any, ...], structure: PyTreeDef, shapes: list[jax.ShapeDtypeStruct]
-    ) -> "_Program":
-        """Return the program by its text in the folder, or else by one that is left there."""
-        folder, name = _folder(), self._name(*kind)
+    def _lowered(self, structure: PyTreeDef, shapes: Any, settings: Any) -> "_Program":
+        """Return the program, by its text if that is kept, which otherwise it is from now on."""
+        folder, inputs = program_texts.folder(), [_input(*shape) for shape in shapes]
+        name = folder and program_texts.name_of(
+            self._function, structure, [list(map(str, shape)) for shape in shapes], settings
+        )
         if folder is None or name is None:
-            return self._traced(structure, shapes)[1]
-        text = _read(folder / name)
+            return self._traced(structure, inputs)[1]
+        text, program = program_texts.read(folder / name), None
         if text is None:
-            text, program = self._text(structure, shapes)
-            _write(folder / name, text)
-            if text == _NONE:
-                return program
-        elif text == _NONE:
-            return self._traced(structure, shapes)[1]
-        out, code = pickle.loads(text)
-        call = export.deserialize(code).call
-        compiled = self._compiled(_named(lambda *leaves: call(*leaves), self._function))
-        return _Program(compiled.trace(*shapes), out)
+            text, program = self._text(structure, inputs)
+            if text is not None:
+                program_texts.write(folder / name, text)
+        if text:
+            # Whatever is wrong with a text, the program can be traced anew.
+            with suppress(Exception):
+                out, code = pickle.loads(text)
+                call = export.deserialize(code).call
+                compiled = self._compiled(_named(lambda *leaves: call(*leaves), self._function))
+                return _Program(compiled.trace(*inputs), out)
+        return program or self._traced(structure, inputs)[1]
 
-    def _traced(self, structure: PyTreeDef, shapes: list[jax.ShapeDtypeStruct]) -> Any:
+    def _traced(self, structure: PyTreeDef, inputs: list[Any]) -> tuple[Any, "_Program"]:
         """Return the function on the leaves of its arguments, and its program."""
         out = []
 
@@ -135,36 +127,28 @@ class StoredProgram:
             )
             found, tree = jax.tree.flatten(self._function(*args, **kwargs))
             out.append(tree)
-            return found
+            # A text would lose that a number is weakly typed.
+            return [jnp.asarray(leaf, leaf.dtype) if _shape(leaf)[2] else leaf for leaf in found]
 
         compiled = self._compiled(_named(on_leaves, self._function))
-        return compiled, _Program(compiled.trace(*shapes), *out)
+        return compiled, _Program(compiled.trace(*inputs), *out)
 
-    def _text(
-        self, structure: PyTreeDef, shapes: list[jax.ShapeDtypeStruct]
-    ) -> tuple[bytes, "_Program"]:
-        """Return the text of a program, and the program.
-
-        The text is empty where it does more than to compute, or where JAX cannot write it.
-        """
-        compiled, program = self._traced(structure, shapes)
-        if not program.traced.jaxpr.effects:
-            # What JAX cannot write, it says by errors of many kinds.
-            with suppress(Exception):
-                code = export.export(compiled)(*shapes).serialize()
-                return _written((program.out, bytes(code)), _Pickler), program
-        return _NONE, program
-
-    def _name(self, structure: PyTreeDef, shapes: Any, settings: Any) -> str | None:
-        """Return a name that no other program has, None if there can be none."""
-        module, function = self._function.__module__, self._function.__qualname__
-        if not _is_known(self._function) or "<" in function:
-            return None
-        named = module, function, structure, list(map(str, shapes)), settings, _versions()
+    def _text(self, structure: PyTreeDef, inputs: list[Any]) -> tuple[bytes | None, "_Program"]:
+        """Return the text of a program, if it can be had this time, and the program."""
+        compiled, program = self._traced(structure, inputs)
+        if program.traced.jaxpr.effects:
+            # The Python functions that it calls are no part of a text.
+            return _NO_TEXT, program
+        file = BytesIO()
         try:
-            return hashlib.sha256(_written(named, _NamePickler)).hexdigest()
-        except _CANNOT_PICKLE:
-            return None
+            code = export.export(compiled)(*inputs).serialize()
+            program_texts.Pickler(file).dump((program.out, bytes(code)))
+        except (MemoryError, OSError, RecursionError):
+            return None, program
+        except Exception:
+            # What JAX cannot write, it says by errors of many kinds.
+            return _NO_TEXT, program
+        return file.getvalue(), program
 
 
 class _Program:
@@ -182,66 +166,52 @@ class _Program:
     @property
     def shapes(self) -> list[jax.ShapeDtypeStruct]:
         """The shapes of the leaves of what it returns."""
-        return list(map(_shape_of, self.traced.jaxpr.out_avals))
+        return [_input(*_shape(aval)) for aval in self.traced.jaxpr.out_avals]
 
     def compile_ahead(self) -> None:
         """Begin to compile it in another thread."""
-        if self._future is None:
-            # Settings that hold in this thread alone are those of what is traced and lowered.
-            self._future = _threads().submit(self.traced.lower().compile)
+        if self._future is None and "compiled" not in vars(self):
+            # Here, since another thread may have other settings.
+            lowered = self.traced.lower()
+            # A process that ends takes no more tasks.
+            with suppress(RuntimeError):
+                self._future = _threads().submit(lowered.compile)
 
     @cached_property
     def compiled(self) -> Callable[..., list[Any]]:
         """The program, compiled."""
-        if self._future is not None:
-            return self._future.result()
-        return self.traced.lower().compile()
+        future, self._future = self._future, None
+        return self.traced.lower().compile() if future is None else future.result()
 
 
 @cache
 def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(2, thread_name_prefix=_PACKAGE)
-
-
-def _shape(leaf: Any) -> jax.ShapeDtypeStruct:
-    return leaf if isinstance(leaf, jax.ShapeDtypeStruct) else _shape_of(jax.typeof(leaf))
-
-
-def _shape_of(aval: Any) -> jax.ShapeDtypeStruct:
-    return jax.ShapeDtypeStruct(aval.shape, aval.dtype, weak_type=aval.weak_type)
+    return ThreadPoolExecutor(2, thread_name_prefix="jaxstab")
 
 
 @register_static
 @dataclass(frozen=True)
 class _Static:
-    """A static argument."""
+    """A static argument, which is not one of another type that equals it."""
 
     value: Any
+    kind: str
 
 
-def _folder() -> Path | None:
-    """Return the folder of texts, None if none are to be kept."""
-    folder = jax.config.values["jax_compilation_cache_dir"]
-    is_off = not jax.config.values["jax_enable_compilation_cache"]
-    is_off |= os.environ.get("JAXSTAB_CACHE") == "0"
-    if not folder or "://" in folder or is_off or not _can_write():
-        return None
-    return Path(folder) / _PACKAGE
+def _shape(leaf: Any) -> tuple[tuple[int, ...], Any, bool]:
+    """Return the shape and the dtype of a leaf, and whether it is weakly typed."""
+    is_shape = isinstance(leaf, jax.ShapeDtypeStruct | ShapedArray)
+    aval = leaf if is_shape else jax.typeof(leaf)
+    return aval.shape, aval.dtype, bool(getattr(aval, "weak_type", False))
 
 
-def can_compile_ahead() -> bool:
-    """Return whether programs may be compiled ahead of time: JAX finds one device, a CPU.
-
-    Results by a text are bound to a device.
-    """
-    is_watched = any(getattr(jax.config, name) for name in _WATCHED)
-    return not is_watched and [device.platform for device in jax.devices()] == ["cpu"]
+def _input(shape: tuple[int, ...], dtype: Any, is_weak: bool) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(shape, dtype, weak_type=is_weak)
 
 
-@cache
-def _can_write() -> bool:
-    # JAX writes and reads texts by it.
-    return find_spec("flatbuffers") is not None
+def _named(function: Callable[..., Any], like: Callable[..., Any]) -> Callable[..., Any]:
+    function.__name__ = like.__name__
+    return function
 
 
 def _settings() -> tuple[Hashable, ...]:
@@ -255,98 +225,17 @@ def _names_of_settings() -> list[str]:
     return [name for name in names if hasattr(jax.config, name)]
 
 
-@cache
-def _versions() -> tuple[str, ...]:
-    """Return what tells which code makes the texts."""
-    source = hashlib.sha256()
-    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
-        source.update(path.read_bytes())
-    packages = [module.__version__ for module in (jax, jaxlib.version, eqx, np)]
-    return source.hexdigest(), platform.python_version(), *packages
+_all: list[StoredProgram] = []
 
 
-def _is_known(value: Any) -> bool:
-    return (getattr(value, "__module__", None) or "").partition(".")[0] in _KNOWN
+def _drop_with_jax() -> None:
+    """Drop all that is compiled, if `jax.clear_caches` has been called."""
+    if _probe._cache_size() == 0:  # pyright: ignore[reportAttributeAccessIssue]
+        for program in _all:
+            program.clear_cache()
+        _probe()
 
 
-_CANNOT_PICKLE = pickle.PicklingError, AttributeError, TypeError
-
-
-class _Pickler(pickle.Pickler):
-    """Writes what each process knows, and refuses all else."""
-
-    def reducer_override(self, value: Any) -> Any:
-        is_named = isinstance(value, type) or callable(value)
-        if isinstance(value, Formula) or (is_named and not _is_known(value)):
-            raise pickle.PicklingError(f"{value!r} is not known to all processes.")
-        return _constant(value) or NotImplemented
-
-
-class _NamePickler(_Pickler):
-    """Writes a law as what it computes."""
-
-    def reducer_override(self, value: Any) -> Any:
-        if isinstance(value, Formula):
-            return tuple, (value.structure,)
-        return super().reducer_override(value)
-
-
-def _constant(value: Any) -> str | None:
-    """Return the name of a constant of equinox, which compares these by identity."""
-    module = type(value).__module__
-    if not module.startswith("equinox."):
-        return None
-    return next((name for name, other in vars(sys.modules[module]).items() if other is value), None)
-
-
-def _written(value: Any, kind: type[_Pickler]) -> bytes:
-    file = BytesIO()
-    pickler = kind(file)
-    # What is one object and what are two that are equal depends on what was done before.
-    pickler.fast = True
-    pickler.dump(value)
-    return file.getvalue()
-
-
-def _named(function: Callable[..., Any], like: Callable[..., Any]) -> Callable[..., Any]:
-    function.__name__ = like.__name__
-    return function
-
-
-def _read(path: Path) -> bytes | None:
-    """Return what is in a file, None if that is not what was written."""
-    try:
-        content = path.read_bytes()
-        # The files read last are the last to be dropped.
-        path.touch()
-    except OSError:
-        return None
-    digest, text = content[:_DIGEST_SIZE], content[_DIGEST_SIZE:]
-    return text if digest == hashlib.sha256(text).digest() else None
-
-
-def _write(path: Path, text: bytes) -> None:
-    """Write a file, whole or not at all."""
-    with suppress(OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _drop_oldest(path.parent, _MAX_SIZE - len(text))
-        number, name = mkstemp(dir=path.parent)
-        try:
-            with os.fdopen(number, "wb") as file:
-                file.write(hashlib.sha256(text).digest() + text)
-            os.replace(name, path)
-        finally:
-            Path(name).unlink(missing_ok=True)
-
-
-def _drop_oldest(folder: Path, max_size: int) -> None:
-    """Delete the files that were not read for longest, until the rest take no more room."""
-    with os.scandir(folder) as entries:
-        files = [(entry.stat(), entry.path) for entry in entries]
-    size = sum(stat.st_size for stat, _ in files)
-    for stat, path in sorted(files, key=lambda file: file[0].st_mtime):
-        if size <= max_size:
-            return
-        # Another process may have deleted it.
-        Path(path).unlink(missing_ok=True)
-        size -= stat.st_size
+@jax.jit
+def _probe() -> None:
+    """Do nothing, but be dropped with all that JAX has compiled."""

@@ -5,6 +5,7 @@ import hashlib
 import os
 import subprocess
 import sys
+from datetime import datetime
 
 import equinox as eqx
 import jax
@@ -14,7 +15,7 @@ import pytest
 from programs import compilations
 
 import jaxstab as js
-from jaxstab.core import stored_programs
+from jaxstab.core import program_texts
 from jaxstab.core.stored_programs import StoredProgram
 
 SCRIPT = """
@@ -22,7 +23,6 @@ import json, sys, jax
 jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
 import jaxstab as js
-from jaxstab.core.loop import IterativeSolver
 
 def law(gap):
     return -0.05 * jnp.exp(-gap / 0.1)
@@ -31,7 +31,7 @@ def fail(*_):
     raise AssertionError("A solver is traced.")
 
 if "no traces" in sys.argv:
-    IterativeSolver.run = IterativeSolver.further = fail
+    jax.lax.while_loop = fail
 grid = js.Grid(8)
 contact = js.Contact(js.HalfSpace(grid, 1.0), js.surfaces.sinusoid(grid, 0.05), law)
 state = js.equilibrate(contact, js.MeanGap(0.04))
@@ -63,9 +63,10 @@ def folder(tmp_path, monkeypatch):
     """A folder for texts, and functions of these tests as if they were jaxstab's own."""
     before = jax.config.values["jax_compilation_cache_dir"]
     monkeypatch.setenv("JAXSTAB_CACHE", "1")
-    monkeypatch.setattr(
-        stored_programs, "_KNOWN", stored_programs._KNOWN | {"test_stored_programs"}
-    )
+    # Files may have been edited since the tests began.
+    monkeypatch.setattr(program_texts, "_STARTED", datetime.now())
+    for function in attraction, double:
+        monkeypatch.setattr(function, "__module__", "jaxstab.core")
     jax.config.update("jax_compilation_cache_dir", str(tmp_path))
     yield tmp_path / "jaxstab"
     jax.config.update("jax_compilation_cache_dir", before)
@@ -106,14 +107,14 @@ def double(tree, by):
 
 
 def test_what_is_compiled_ahead_is_not_compiled_again():
-    tree = {"weak": 1.5, "field": np.ones(3), "known": jnp.ones((2, 2), jnp.float32)}
+    tree = {"number": np.float64(1.5), "field": np.ones(3), "known": jnp.ones((2, 2), jnp.float32)}
     with compilations() as compiled:
         doubled = program(double, static_argnames="by")
         shapes = doubled.ahead(tree, by=2)
         # They are those of the arguments.
         assert doubled.ahead(shapes, by=2) == shapes
         found = doubled(tree, by=2)
-    assert compiled == ["jit(double)"]
+    assert compiled.count("jit(double)") == 1
     for name, leaf in found.items():
         np.testing.assert_array_equal(leaf, 2 * np.asarray(tree[name]))
         assert (leaf.shape, leaf.dtype) == (shapes[name].shape, shapes[name].dtype)
@@ -162,10 +163,6 @@ class OwnLaw(eqx.Module):
 
 
 def test_nothing_is_kept_of_what_only_this_process_knows(folder, monkeypatch):
-    monkeypatch.setattr(
-        stored_programs, "_KNOWN", stored_programs._KNOWN - {"test_stored_programs"}
-    )
-    monkeypatch.setattr(attraction, "__module__", "jaxstab.core")
     for law in law_of(ruled), law_of(OwnLaw(jnp.asarray(0.5))):
         assert is_traced(program(), law)
     assert not texts(folder)
@@ -181,7 +178,7 @@ def test_a_program_that_calls_python_has_no_text(folder):
         jax.debug.callback(lambda _: seen.append(1), gap)
         return attraction(law, gap)
 
-    watched.__qualname__ = "watched"
+    watched.__qualname__, watched.__module__ = "watched", "jaxstab.core"
     law = law_of(js.potentials.Exponential(0.5, 0.1))
     for count in 1, 2:
         program(watched, static_argnames=())(law, jnp.ones(3))
@@ -196,12 +193,53 @@ def test_another_source_or_setting_has_other_texts(folder, monkeypatch):
     assert is_traced(program(), law) and not is_traced(program(), law)
     with jax.default_matmul_precision("highest"):
         assert is_traced(program(), law) and not is_traced(program(), law)
-    monkeypatch.setattr(stored_programs, "_versions", lambda: ("another",))
-    assert is_traced(program(), law) and not is_traced(program(), law)
+    with monkeypatch.context() as patched:
+        patched.setattr(np, "__version__", "another")
+        program_texts._versions.cache_clear()
+        assert is_traced(program(), law) and not is_traced(program(), law)
+    program_texts._versions.cache_clear()
     num_texts = len(texts(folder))
     with jax.debug_nans(True):
         program()(law, jnp.ones(7))
     assert len(texts(folder)) == num_texts
+
+
+def test_a_patched_process_neither_finds_texts_nor_leaves_any_to_others(folder, monkeypatch):
+    law = law_of(js.potentials.Exponential(0.5, 0.1))
+    assert is_traced(program(), law) and not is_traced(program(), law)
+    with monkeypatch.context() as patched:
+        patched.setattr(js.potentials.Exponential, "number", 2, raising=False)
+        assert is_traced(program(), law)
+    num_texts = len(texts(folder))
+    assert num_texts == 2
+    with monkeypatch.context() as patched:
+        patched.setattr(js.potentials.Exponential, "helper", lambda: 2, raising=False)
+        assert is_traced(program(), law)
+    monkeypatch.setattr(program_texts, "_STARTED", datetime(2000, 1, 1))
+    assert is_traced(program(), law)
+    assert len(texts(folder)) == num_texts
+
+
+def test_programs_are_dropped_with_all_that_jax_has_compiled():
+    doubled = program(double, static_argnames="by")
+    for compilations_expected in 1, 0:
+        with compilations() as compiled:
+            doubled({"value": jnp.ones(11)}, by=2)
+        assert compiled.count("jit(double)") == compilations_expected
+    jax.clear_caches()
+    with compilations() as compiled:
+        doubled({"value": jnp.ones(11)}, by=2)
+    assert compiled.count("jit(double)") == 1
+
+
+def test_numbers_keep_no_weak_type_and_static_arguments_have_their_type(folder):
+    for _ in range(2):
+        doubled = program(double, static_argnames="by")
+        found = doubled({"value": 1.5}, by=2)["value"]
+        assert not found.weak_type and found == 3
+        integers = {"value": jnp.arange(3)}
+        assert doubled(integers, by=2)["value"].dtype == integers["value"].dtype
+        assert jnp.issubdtype(doubled(integers, by=2.0)["value"].dtype, jnp.floating)
 
 
 def test_a_file_that_is_not_what_was_written_is_written_anew(folder):
@@ -222,7 +260,7 @@ def test_a_folder_that_cannot_be_used_is_no_error(folder, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patched:
-        patched.setattr(stored_programs.os, "replace", fail)
+        patched.setattr(program_texts.Path, "replace", fail)
         assert is_traced(program(), law)
         assert not texts(folder)
     folder.rmdir()
@@ -234,8 +272,10 @@ def test_a_folder_that_cannot_be_used_is_no_error(folder, monkeypatch):
 def test_the_texts_read_last_are_the_last_to_be_dropped(folder, monkeypatch):
     laws = [law_of(lambda gap, depth=depth: -depth * gap) for depth in (0.1, 0.2, 0.3)]
     assert is_traced(program(), laws[0])
-    size = next(folder.iterdir()).stat().st_size
-    monkeypatch.setattr(stored_programs, "_MAX_SIZE", int(2.5 * size))
+    (path,) = folder.iterdir()
+    monkeypatch.setattr(program_texts, "_MAX_SIZE", int(2.5 * path.stat().st_size))
+    path.unlink()
+    assert is_traced(program(), laws[0])
     assert is_traced(program(), laws[1])
     assert not is_traced(program(), laws[0])
     assert is_traced(program(), laws[2])
