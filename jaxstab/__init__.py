@@ -4,18 +4,27 @@ It implements V. Rey and J. Bleyer, *Stability analysis of rough surfaces in adh
 contact*, whose equation numbers the documentation quotes.
 """
 
+import ast
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
-
-from lazy_loader import attach_stub
 
 from jaxstab.core.cache import keep_programs
 
+
+def _homes() -> dict[str, str]:
+    """Return the module of each public name, as `__init__.pyi` says."""
+    tree = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+    return {alias.name: node.module or "" for node in imports for alias in node.names}
+
+
 keep_programs()
 
-# By `__init__.pyi`: each public name is imported where it is first used.
-_named, _, __all__ = attach_stub(__name__, __file__)
+# Each is imported where it is first used: a few take longer than all that most people need.
+_HOMES = _homes()
+__all__ = sorted(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __dir__() -> list[str]:
@@ -25,8 +34,11 @@ def __dir__() -> list[str]:
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         return import_module("importlib.metadata").version(__name__)
-    if not name.startswith("_") and find_spec(f"{__name__}.{name}"):
-        return import_module(f"{__name__}.{name}")
-    if name not in __all__:
+    home = _HOMES.get(name)
+    if home:
+        value = getattr(import_module(f"{__name__}.{home}"), name)
+    elif not name.startswith("_") and find_spec(f"{__name__}.{name}"):
+        value = import_module(f"{__name__}.{name}")
+    else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
-    return _named(name)
+    return globals().setdefault(name, value)

@@ -49,6 +49,7 @@ def run(folder, *arguments):
 
 
 def test_the_next_process_traces_no_solver_and_computes_the_same(tmp_path, capsys):
+    pytest.importorskip("flatbuffers")
     assert "A solver is traced." in run(tmp_path, "no traces").stderr
     for arguments in [], ["no traces"]:
         process = run(tmp_path, *arguments)
@@ -61,6 +62,7 @@ def test_the_next_process_traces_no_solver_and_computes_the_same(tmp_path, capsy
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A folder for texts, and functions of these tests as if they were jaxstab's own."""
+    pytest.importorskip("flatbuffers")
     before = jax.config.values["jax_compilation_cache_dir"]
     monkeypatch.setenv("JAXSTAB_CACHE", "1")
     # Files may have been edited since the tests began.
