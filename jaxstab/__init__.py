@@ -5,9 +5,9 @@ contact*, whose equation numbers the documentation quotes.
 """
 
 import ast
+import pathlib
 from importlib import import_module
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 from jaxstab.core.cache import keep_programs
@@ -15,7 +15,7 @@ from jaxstab.core.cache import keep_programs
 
 def _homes() -> dict[str, str]:
     """Return the module of each public name, as `__init__.pyi` says."""
-    tree = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    tree = ast.parse(pathlib.Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
     imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
     return {alias.name: node.module or "" for node in imports for alias in node.names}
 
