@@ -70,10 +70,13 @@ class Search(eqx.Module):
     is_doubtful: Flag
     verdict_only: bool = eqx.field(static=True)
 
+    def around(self, spaces: Davidson) -> Part:
+        """Return the search of the linear space around the cone."""
+        return Part(_on_hull, (spaces, self.hessian, self.cone, self.random))
+
     def compile_hull(self, solver: ConeSolver) -> Lowest:
         """Begin to compile the search around the cone, and return the shapes of what it finds."""
-        spaces = Davidson(solver.tolerance_in(self.random.dtype))
-        return Part(_on_hull, (spaces, self.hessian, self.cone, self.random)).ahead()
+        return self.around(Davidson(solver.tolerance_in(self.random.dtype))).ahead()
 
     def compile_cone(self, solver: ConeSolver, around: Lowest) -> "Found | None":
         """Begin to compile the search of the cone, if it is surely needed.
@@ -99,8 +102,7 @@ class Search(eqx.Module):
         fast = solver if is_default else ProjectedLOBPCG(spaces.tolerance)
         touches = _flag(self.touches)
 
-        problem = spaces, self.hessian, self.cone, self.random
-        around = yield Part(_on_hull, problem)
+        around = yield self.around(spaces)
         report(around)
         is_proved = self.verdict_only & (_flag(around.sign) > 0)
         is_open = touches & ~is_proved
