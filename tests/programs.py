@@ -1,11 +1,17 @@
-"""What JAX compiles in a test."""
+"""What JAX compiles in a test, and where it runs."""
 
 from contextlib import contextmanager
 from unittest import mock
 
 import jax
+import pytest
 
 from jaxstab.core import batching
+
+# Elsewhere many loads are solved together, rounded otherwise, and programs have no texts.
+on_the_cpu = pytest.mark.skipif(
+    jax.default_backend() != "cpu", reason="what it asks for is given on the CPU alone"
+)
 
 
 @contextmanager

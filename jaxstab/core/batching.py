@@ -46,7 +46,7 @@ def advance_lanes(
             lambda state: jnp.any(state[1] > 0), advance_next, (lanes, max_steps)
         )[0]
 
-    return _on_platform(one_by_one, jax.vmap(advance), lanes, max_steps)
+    return on_platform(one_by_one, jax.vmap(advance), lanes, max_steps)
 
 
 def lane_of(lanes: Lane, i: Int[Array, ""]) -> Lane:
@@ -91,14 +91,15 @@ def by_lanes(function: Callable[..., Out]) -> Callable[..., Out]:
 
 
 def _map(alone: Callable[[In], Out], together: Callable[[In], Out], lanes: In) -> Out:
-    return _on_platform(partial(jax.lax.map, alone), jax.vmap(together), lanes)
+    return on_platform(partial(jax.lax.map, alone), jax.vmap(together), lanes)
 
 
-def _on_platform(one_by_one: Callable[..., Out], together: Callable[..., Out], *args: Any) -> Out:
+def on_platform(on_cpu: Callable[..., Out], elsewhere: Callable[..., Out], *args: Any) -> Out:
+    """Return what one function gives on a CPU, and another elsewhere."""
     if not has_accelerator():
         # Most of the time to trace would go into what cannot run here.
-        return one_by_one(*args)
-    return jax.lax.platform_dependent(*args, cpu=one_by_one, default=together)
+        return on_cpu(*args)
+    return jax.lax.platform_dependent(*args, cpu=on_cpu, default=elsewhere)
 
 
 def has_accelerator() -> bool:

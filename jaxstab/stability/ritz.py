@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxstab.contact.hessian import Block
+from jaxstab.core.batching import on_platform
 from jaxstab.core.grid import total, totals
 from jaxstab.core.types import Field
 
@@ -59,11 +60,22 @@ def rayleigh_ritz(
     """
     norms = jnp.sqrt(jnp.diagonal(gram))
     scale = jnp.where(norms > 0, 1 / jnp.where(norms > 0, norms, 1), 0)
-    weights, axes = jnp.linalg.eigh(scale[:, None] * gram * scale)
+    weights, axes = _eigh(scale[:, None] * gram * scale)
     independent = weights > jnp.finfo(gram.dtype).eps ** 0.75 * jnp.max(weights)
     roots = jnp.sqrt(jnp.where(independent, weights, 1))
     to_basis = scale[:, None] * axes * jnp.where(independent, 1 / roots, 0)
     matrix = to_basis.T @ ((energies + energies.T) / 2) @ to_basis
     far = 2 * jnp.sum(jnp.abs(matrix)) + jnp.finfo(matrix.dtype).tiny
-    eigenvalues, vectors = jnp.linalg.eigh(matrix + jnp.diag(jnp.where(independent, 0, far)))
+    eigenvalues, vectors = _eigh(matrix + jnp.diag(jnp.where(independent, 0, far)))
     return eigenvalues[:count], (to_basis @ vectors)[:, :count]
+
+
+def _eigh(matrix: Float[Array, "block block"]) -> tuple[Array, Array]:
+    """Return the eigenvalues and eigenvectors of a small symmetric matrix."""
+    return on_platform(lambda matrix: tuple(jnp.linalg.eigh(matrix)), _eigh_of_two, matrix)
+
+
+def _eigh_of_two(matrix: Float[Array, "block block"]) -> tuple[Array, Array]:
+    # CUDA decomposes several small matrices in one kernel, but one alone in hundreds.
+    eigenvalues, vectors = jnp.linalg.eigh(jnp.stack([matrix, matrix]))
+    return eigenvalues[0], vectors[0]

@@ -75,6 +75,14 @@ def test_a_program_in_single_precision_computes_nothing_in_double(program):
     assert "complex<f64>" not in program
 
 
+def test_cuda_never_decomposes_a_single_small_matrix(program):
+    # One alone takes as long as hundreds together.
+    found = re.findall(r"@cusolver_syevd_ffi\(.*\) -> \(tensor<([0-9x]*)xf32>", program)
+    shapes = [[int(n) for n in shape.split("x")] for shape in found]
+    assert shapes
+    assert all(np.prod(shape[:-2]) > 1 for shape in shapes)
+
+
 @pytest.mark.nightly
 def test_lanes_together_give_what_each_gives_alone(monkeypatch):
     heights = surfaces(jnp.float64)

@@ -106,4 +106,4 @@ def test_a_rule_that_gives_nan_of_itself_is_refused():
 
 def test_under_jit_the_error_of_the_runtime_holds_the_sentence():
     with pytest.raises(Exception, match=SENTENCE.strip("^")):
-        jax.jit(jax.grad(total))(X)
+        jax.block_until_ready(jax.jit(jax.grad(total))(X))

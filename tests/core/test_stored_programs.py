@@ -12,11 +12,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from programs import compilations
+from programs import compilations, on_the_cpu
 
 import jaxstab as js
 from jaxstab.core import program_texts
 from jaxstab.core.stored_programs import StoredProgram
+
+pytestmark = on_the_cpu
 
 SCRIPT = """
 import json, sys, jax

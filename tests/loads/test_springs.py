@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from brute_force import check_optimality
 from problems import TIGHT, rough_contact
+from programs import on_the_cpu
 
 import jaxstab as js
 
@@ -108,6 +109,7 @@ def test_derivatives_by_position_and_stiffness_agree_with_differences(contact, n
     np.testing.assert_allclose(backward, forward, rtol=1e-9, atol=1e-12)
 
 
+@on_the_cpu
 def test_a_sweep_over_positions_gives_what_each_gives_alone(contact):
     springs = js.Spring(jnp.linspace(0.0, 0.3, 4), 2.0)
     swept = js.sweep(contact, springs)

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from programs import compilations
+from programs import compilations, on_the_cpu
 
 import jaxstab as js
 from jaxstab.paths.sweep import _padded
@@ -19,6 +19,7 @@ SCRIPT = Path(__file__).parents[1] / "lanes_as_users_run_them.py"
 
 
 # First here, where a single solve is all that has been compiled.
+@on_the_cpu
 @pytest.mark.parametrize("order", ["independent", "continuation"])
 def test_a_sweep_of_any_length_compiles_nothing_after_a_single_solve(unloading, order):
     single = js.equilibrate(unloading, js.MeanGap(0.2))
@@ -44,6 +45,7 @@ def stack(states):
     return jax.tree.map(lambda *leaves: np.stack(leaves), *states)
 
 
+@on_the_cpu
 def test_a_sweep_equals_single_solves_to_the_last_bit(unloading, independent):
     singles = [js.equilibrate(unloading, js.MeanGap(value)) for value in LOADS]
     assert_same(independent.equilibrium, stack(singles))
@@ -102,6 +104,7 @@ def test_a_traced_sweep_gives_the_same_and_says_that_it_shows_no_progress(unload
     np.testing.assert_allclose(gap, outside.equilibrium.gap, rtol=0, atol=1e-12)
 
 
+@on_the_cpu
 def test_stability_can_be_left_out(unloading, independent):
     swept = js.sweep(unloading, js.MeanGap(LOADS[:4]), stability=False, throw=True)
     assert swept.stability is None
@@ -124,6 +127,7 @@ def interrupt_at(number, monkeypatch):
     monkeypatch.setattr("jaxstab.paths.sweep.equilibrate", solve)
 
 
+@on_the_cpu
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_sweep_returns_what_is_done(unloading, independent, monkeypatch):
     interrupt_at(4, monkeypatch)
@@ -132,6 +136,7 @@ def test_an_interrupted_sweep_returns_what_is_done(unloading, independent, monke
     assert_same(swept, independent[:3])
 
 
+@on_the_cpu
 @pytest.mark.usefixtures("interruptible")
 def test_a_sweep_interrupted_at_its_first_load_has_nothing_to_return(unloading, monkeypatch):
     interrupt_at(1, monkeypatch)
