@@ -327,7 +327,8 @@ def push(contact):
     return contact.potential.push
 
 
-@pytest.mark.parametrize("unit", [pytest.param(1.0, marks=pytest.mark.nightly), 1e-9])
+@pytest.mark.nightly
+@pytest.mark.parametrize("unit", [1.0, 1e-9])
 def test_a_parameter_of_any_sign_is_fitted_in_any_units(start, exact, unit):
     law = Offset(unit * jnp.array([GAMMA, RHO / unit]), jnp.array(0.0))
     guess = js.Contact(js.HalfSpace(start.grid, unit), start.heights, law)

@@ -55,6 +55,7 @@ def test_every_option_reaches_the_problem_that_is_solved(tmp_path):
     assert not np.allclose(data["cone_error"], data["cone_residual"])
 
 
+@pytest.mark.nightly
 def test_a_measured_surface_every_law_and_load_reach_the_problem(scan, tmp_path, capsys):
     options = ["--surface", str(scan), "--lengths", "2", "1.5", "--unit", "um", *MATERIAL]
     options += ["--load", "spring", "--stiffness", "3", "--first", "0.1", "--last", "0.4"]

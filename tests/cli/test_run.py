@@ -131,6 +131,7 @@ def test_an_interrupted_run_writes_what_it_has(tmp_path, environment):
     assert (tmp_path / "results" / "1" / "unloading.png").exists()
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_loop_writes_what_it_has(tmp_path, environment):
     # Small steps, so that it takes a while.

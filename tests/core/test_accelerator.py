@@ -47,7 +47,9 @@ def cuda_program(function, *arguments):
     return jax.export.export(jax.jit(function), platforms=["cuda"])(*arguments).mlir_module()
 
 
-@pytest.fixture(scope="module", params=["alone", "together"])
+@pytest.fixture(
+    scope="module", params=["alone", pytest.param("together", marks=pytest.mark.nightly)]
+)
 def program(request):
     heights = surfaces(jnp.float32)
     with beside_an_accelerator():

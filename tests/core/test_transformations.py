@@ -60,6 +60,7 @@ def test_a_contact_is_an_argument_of_plain_jit(solid, heights, law):
     check_solution(jax.jit(solve)(contact, LOAD), contact)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("law", LAWS)
 def test_a_potential_parameter_can_be_vmapped(solid, heights, law):
     batch = jax.vmap(lambda energy: solve(js.Contact(solid, heights, law(energy))))(ENERGIES)
@@ -67,6 +68,7 @@ def test_a_potential_parameter_can_be_vmapped(solid, heights, law):
         check_solution(lane(batch, i), js.Contact(solid, heights, named_law(energy)))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("law", LAWS)
 def test_a_batch_of_contacts_can_be_made_and_then_solved(solid, heights, law):
     contacts = jax.vmap(lambda energy: js.Contact(solid, heights, law(energy)))(ENERGIES)

@@ -11,7 +11,17 @@ import SurfaceTopography
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-SLOW = ("barriers", "energies", "fits", "force_curve", "model", "scan", "studies", "units")
+SLOW = (
+    "barriers",
+    "energies",
+    "extending",
+    "fits",
+    "force_curve",
+    "model",
+    "scan",
+    "studies",
+    "units",
+)
 PAGES = [
     pytest.param(path, marks=[pytest.mark.nightly] * (path.stem in SLOW), id=path.stem)
     for path in sorted(DOCS.rglob("*.md"))

@@ -185,6 +185,7 @@ def test_a_closure_over_the_value_gives_the_same_as_a_leaf(contact):
     np.testing.assert_allclose(by_closure, by_leaf, rtol=1e-10)
 
 
+@pytest.mark.nightly
 def test_lanes_of_vmap_and_jacobians_equal_single_derivatives(contact):
     def pressure(x):
         return solve(contact, x, throw=False).mean_pressure

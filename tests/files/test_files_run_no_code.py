@@ -68,7 +68,14 @@ def classes_of(path):
     return found
 
 
-@pytest.mark.parametrize("name", ["trap_module:Law", "trapped.inside:Law", "trapped:inside.Law"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "trapped.inside:Law",
+        pytest.param("trap_module:Law", marks=pytest.mark.nightly),
+        pytest.param("trapped:inside.Law", marks=pytest.mark.nightly),
+    ],
+)
 def test_no_class_of_a_file_imports_its_module(saved, trap, tmp_path, name):
     names = classes_of(saved)
     assert len(names) > 7

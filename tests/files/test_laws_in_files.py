@@ -40,7 +40,9 @@ def test_a_law_defined_in_a_script_comes_back_in_it_and_is_asked_for_elsewhere(t
         js.load(path, potential=lambda gap: -0.011 * jnp.exp(-gap))
 
 
-@pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
+@pytest.mark.parametrize(
+    "dtype", [jnp.float64, pytest.param(jnp.float32, marks=pytest.mark.nightly)]
+)
 def test_of_a_bare_function_values_are_kept_and_a_warning_says_so(dtype, tmp_path):
     contact = contact_of(lambda gap: -0.01 * jnp.exp(-gap / 0.2), dtype)
     sweep = js.sweep(contact, js.MeanGap(jnp.array([0.1, 0.2], dtype)))

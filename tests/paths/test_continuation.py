@@ -69,6 +69,7 @@ def test_an_index_that_is_not_found_is_not_a_number_of_ways(monkeypatch):
     assert "1 of unknown index, " in repr(replace(branch, index=branch.index.at[2].set(found)))
 
 
+@pytest.mark.nightly
 def test_ways_down_that_the_modes_of_the_state_before_lack_are_counted():
     grid = js.Grid(4)
     heights = js.surfaces.self_affine(grid, jax.random.key(1), k_high=2, rms_height=0.1)
@@ -122,6 +123,7 @@ def all_equilibria(mean_gap):
     return found
 
 
+@pytest.mark.nightly
 def test_what_it_passes_at_a_load_is_among_all_equilibria_there():
     solid = js.HalfSpace(LINE, youngs_modulus=1.0, poisson_ratio=0.0)
     contact = js.Contact(solid, PROFILE, js.potentials.Exponential(STRENGTH, RANGE))

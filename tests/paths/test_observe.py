@@ -111,6 +111,7 @@ def test_states_not_found_are_nan_and_leave_the_others(contact, sweep):
     assert np.isfinite(found.patches.area[jnp.array([0, 2])]).all()
 
 
+@pytest.mark.nightly
 def test_columns_come_back_from_files(contact, path, sweep, tmp_path):
     for name, states in [("path", path), ("sweep", sweep)]:
         found = js.observe(states, "patches", "leakage", contact=contact)

@@ -90,6 +90,7 @@ def test_a_reversible_contact_loses_nothing(energy):
     assert "lost in 0 jumps  0" in repr(path)
 
 
+@pytest.mark.nightly
 def test_every_jump_of_a_march_of_small_steps_is_found():
     grid = js.Grid((64,), (1.0,))
     heights = js.surfaces.self_affine(grid, jax.random.key(3), k_high=8, rms_height=0.05)
@@ -135,6 +136,7 @@ def test_a_flat_surface_leaves_the_state_that_is_no_longer_stable():
     assert js.assess_stability(contact, last).verdict != "unstable"
 
 
+@pytest.mark.nightly
 def test_of_a_path_through_its_pull_off_the_work_is_told_up_to_there():
     contact = rough_contact(32, js.potentials.Exponential(0.02, 0.08), rms_height=0.05)
     path = js.follow(contact, js.MeanPressure(jnp.array([0.0, -0.2])))

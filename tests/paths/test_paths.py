@@ -164,6 +164,7 @@ def test_of_a_path_the_loads_of_jumps_have_derivatives(hertz):
     assert (jnp.abs(rates) > 1e-2).all()
 
 
+@pytest.mark.nightly
 def test_of_a_path_nothing_else_has_a_derivative_nor_where_two_points_let_go_at_once(hertz):
     def last_jump(energy):
         law = js.potentials.Exponential(energy, 1.0)
@@ -229,6 +230,7 @@ def test_a_path_may_have_thousands_of_states():
     np.testing.assert_allclose(path.equilibrium.mean_pressure[-1], last.mean_pressure, rtol=1e-6)
 
 
+@pytest.mark.nightly
 def test_a_load_that_rounding_reaches_a_step_too_early_is_passed():
     grid = js.Grid((16,))
     heights = js.surfaces.sinusoid(grid, 0.05)
@@ -246,15 +248,8 @@ def test_what_cannot_be_followed_is_told(hertz):
     with pytest.raises(js.SolverError, match=r"MeanGap\(\S+\) after \d+ states") as told:
         js.follow(hertz, js.MeanGap(jnp.array([1.6, -0.1])))
     assert len(told.value.found.load.value) > 8
-    turns = js.MeanDisplacement(jnp.array([1.6, 1.2]))
-    short = jax.jit(lambda load: js.follow(hertz, load, max_states=8, throw=False))
-    assert short(turns).result == "store_full" and short(turns).load.value.shape == (8,)
-    # Outside of transformations there is no such limit.
-    assert len(js.follow(hertz, turns, max_states=8, max_jumps=1).load.value) > 8
     with pytest.raises(ValueError, match=r"The load has 1 NaN or infinite values, the first at"):
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, jnp.nan])))
-    endless = js.MeanDisplacement(jnp.array([1.6, jnp.nan]))
-    assert short(endless).result == "infeasible_load"
     with pytest.raises(ValueError, match="must be those of one machine"):
         js.follow(hertz, js.Spring(jnp.array([1.6, 1.2]), jnp.array([1.0, 2.0])))
     with pytest.raises(ValueError, match="must be those of one machine"):
@@ -265,6 +260,16 @@ def test_what_cannot_be_followed_is_told(hertz):
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=1)
     with pytest.raises(ValueError, match=r"disturbance is -1\.0"):
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), disturbance=-1.0)
+
+
+@pytest.mark.nightly
+def test_under_jit_a_path_has_room_for_so_many_states_and_elsewhere_for_any_number(hertz):
+    turns = js.MeanDisplacement(jnp.array([1.6, 1.2]))
+    short = jax.jit(lambda load: js.follow(hertz, load, max_states=8, throw=False))
+    assert short(turns).result == "store_full" and short(turns).load.value.shape == (8,)
+    assert len(js.follow(hertz, turns, max_states=8, max_jumps=1).load.value) > 8
+    endless = js.MeanDisplacement(jnp.array([1.6, jnp.nan]))
+    assert short(endless).result == "infeasible_load"
 
 
 def test_a_path_prints_what_it_is_and_its_jumps(loop):

@@ -224,6 +224,7 @@ def test_a_start_on_another_grid_is_taken_to_this_one(case):
     np.testing.assert_allclose(again.load.value, pull.load.value, rtol=1e-6)
 
 
+@pytest.mark.nightly
 def test_johnsons_wave_comes_off_where_it_says():
     grid = js.Grid((1024,))
     amplitude, alpha = 0.05, 0.5

@@ -49,6 +49,7 @@ def flooded(start, end, number=401):
     return np.inf
 
 
+@pytest.mark.nightly
 def test_the_pass_is_the_lowest_that_flooding_finds():
     solid = js.HalfSpace(LINE, youngs_modulus=1.0, poisson_ratio=0.0)
     contact = js.Contact(solid, PROFILE, js.potentials.Exponential(STRENGTH, RANGE))
@@ -310,6 +311,7 @@ def test_the_law_of_a_fold_foretells_the_barrier(detachment):
     np.testing.assert_allclose(found.barrier.there, law.barrier(1e-4), rtol=2e-2)
 
 
+@pytest.mark.nightly
 def test_where_the_load_does_not_drive_the_mode_there_is_no_law():
     # Ahead the contact loses its symmetry, which all loads have.
     path = js.follow(hertz(), js.MeanDisplacement(jnp.array([1.1, 1.0])))

@@ -35,6 +35,7 @@ def names(axes):
     return [text.get_text() for text in axes.get_legend().get_texts()]
 
 
+@pytest.mark.nightly
 def test_a_branch_is_solid_where_both_neighbours_are_minima(branch):
     axes = plots.branch(branch)
     assert axes.get_xlabel() == "mean gap $g_0$ [length]"

@@ -230,6 +230,7 @@ def test_a_law_that_varies_balances_at_every_point_by_its_own_parameters(dtype, 
     np.testing.assert_allclose(contact.resolution, expected, rtol=1e-6)
 
 
+@pytest.mark.nightly
 def test_a_law_that_varies_by_nothing_is_the_law_itself():
     uniform = varying(0.01)
     contact = varying(jnp.full((24, 16), 0.01))
@@ -240,6 +241,7 @@ def test_a_law_that_varies_by_nothing_is_the_law_itself():
     np.testing.assert_allclose(*(v.cone.eigenvalue for v in verdicts), rtol=1e-6)
 
 
+@pytest.mark.nightly
 def test_a_law_that_varies_has_a_derivative_by_each_of_its_numbers():
     def pressure(energies):
         return js.equilibrate(varying(energies), js.MeanGap(0.12)).mean_pressure

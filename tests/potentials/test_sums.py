@@ -46,6 +46,7 @@ def test_menisci_draw_by_laplaces_pressure_over_their_range():
     assert_same_law(smooth, js.potentials.Dugdale(work, reach), 1e-10)
 
 
+@pytest.mark.nightly
 def test_plates_on_a_spring_pull_in_at_a_third_of_the_gap():
     grid, (voltage, permittivity, stiffness, dielectric) = js.Grid(8), (0.3, 0.8, 0.5, 0.05)
     law = js.potentials.Electrostatic(voltage, permittivity, dielectric)
@@ -105,6 +106,7 @@ def test_a_sum_is_solved_with_in_si_units_as_in_others(dtype):
     np.testing.assert_allclose(1e-6 * state.mean_pressure, other.mean_pressure, rtol=rtol)
 
 
+@pytest.mark.nightly
 def test_parts_of_a_sum_may_vary_over_the_surface():
     energies = 0.01 + 0.01 * jax.random.uniform(jax.random.key(0), (8, 8))
     part = js.potentials.Varying(js.potentials.Exponential(energies, 0.3))

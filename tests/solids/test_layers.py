@@ -182,6 +182,7 @@ def test_the_verdict_on_a_layer_holds_when_it_is_tried():
     np.testing.assert_allclose(pushed.gap, equilibrium.gap, atol=1e-6)
 
 
+@pytest.mark.nightly
 def test_a_layer_is_pulled_off_where_no_warm_start_holds():
     contact = contact_on("layer")
     start = js.equilibrate(contact, js.MeanPressure(0.0))

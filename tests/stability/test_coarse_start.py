@@ -85,6 +85,7 @@ def test_all_starts_are_looked_at_only_where_the_coarser_mode_is_not_to_be_trust
     np.testing.assert_allclose(traced.cone.eigenvalue, found.cone.eigenvalue, rtol=1e-10)
 
 
+@pytest.mark.nightly
 def test_a_coarser_problem_without_a_mode_gives_no_start(small_is_large):
     # Cells of which one point in four is free are in contact.
     grid = js.Grid(64)

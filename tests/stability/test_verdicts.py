@@ -15,7 +15,7 @@ from problems import state_of
 
 import jaxstab as js
 
-SHAPE, NUM_PROBLEMS = (5, 6), 500
+SHAPE = 5, 6
 # A law whose curvature takes any value between -1 and 1 times its strength.
 STRENGTH = 10.0
 
@@ -24,10 +24,10 @@ def wavy(gap):
     return -STRENGTH * jnp.cos(gap)
 
 
-def random_problems():
+def random_problems(number):
     """Return random gaps, with up to 10 points in contact, clustered or scattered."""
     random = np.random.default_rng(0)
-    gaps = random.uniform(0.01, 6.0, (NUM_PROBLEMS, *SHAPE))
+    gaps = random.uniform(0.01, 6.0, (number, *SHAPE))
     columns, rows = np.meshgrid(*map(np.arange, SHAPE), indexing="ij")
     for i, gap in enumerate(gaps):
         nearby = (columns - 2) ** 2 + (rows - 3) ** 2 + random.random(SHAPE)
@@ -36,14 +36,14 @@ def random_problems():
     return jnp.asarray(gaps)
 
 
-@pytest.fixture(scope="module")
-def faces():
+@pytest.fixture(scope="module", params=[150, pytest.param(500, marks=pytest.mark.nightly)])
+def faces(request):
     grid = js.Grid(SHAPE, (1.0, 1.2))
     contact = js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(SHAPE), wavy)
-    gaps = random_problems()
+    gaps = random_problems(request.param)
     states = jax.vmap(lambda gap: state_of(contact, gap))(gaps)
     assess = jax.vmap(lambda state: js.assess_stability(*state, throw=False))
-    curvatures = STRENGTH * np.cos(np.asarray(gaps).reshape(NUM_PROBLEMS, -1))
+    curvatures = STRENGTH * np.cos(np.asarray(gaps).reshape(len(gaps), -1))
     stiffness = dense_hessian(contact, gaps[0]) - np.diag(curvatures[0])
     matrices = [stiffness + np.diag(curvature) for curvature in curvatures]
     touching = [np.asarray(gap == 0).ravel() for gap in gaps]
@@ -66,7 +66,7 @@ def test_no_verdict_contradicts_the_faces(faces):
     stability, exact, critical = faces
     expected = np.where(exact > 0, "stable", np.where(critical > 0, "held_by_contact", "unstable"))
     counts = dict(zip(*np.unique(expected, return_counts=True), strict=True))
-    assert min(counts.values()) > 20
+    assert min(counts.values()) > 0.04 * len(exact)
     np.testing.assert_array_equal(stability.verdict.name, expected)
 
 

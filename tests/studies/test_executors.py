@@ -277,6 +277,7 @@ def is_alive(process):
     return state.stdout.strip() not in (b"", b"Z", b"Zs")
 
 
+@pytest.mark.nightly
 def test_killed_with_and_without_its_workers_a_study_ends_as_if_it_had_run_in_one_go(tmp_path):
     (tmp_path / "script.py").write_text(SCRIPT)
     path, finished = tmp_path / "study.zarr", {}
