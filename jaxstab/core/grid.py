@@ -6,6 +6,7 @@ half spectrum of `rfftn` is kept. Fields may be spread over several devices.
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -197,6 +198,7 @@ def resample(field: Field, shape: tuple[int, ...]) -> Float[Array, " *finer"]:
     return scale * field
 
 
+@partial(jax.jit, inline=True)
 def total(field: Field) -> Scalar:
     """Return the sum of a field; by products with ones, which on the CPU is the fastest way."""
     for length in field.shape[::-1]:

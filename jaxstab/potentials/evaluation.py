@@ -47,7 +47,13 @@ def as_module(potential: Potential, dtype: Any) -> Potential:
 
 def derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
     """Return f(g) [energy/area], f'(g) [pressure] and f''(g) [pressure/length] at every point."""
+    if all(map(eqx.is_array, jax.tree.leaves(potential))):
+        # A program needs them in many places.
+        return _traced_once(potential, gap)
+    return _derivatives(potential, gap)
 
+
+def _derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
     fields, law_at = by_points(potential)
     shapes = [field.shape for field in fields]
     try:
@@ -71,6 +77,9 @@ def derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
 
     value, slope, curvature = jnp.vectorize(at_point)(gap, *fields)
     return value.astype(gap.dtype), slope.astype(gap.dtype), curvature.astype(gap.dtype)
+
+
+_traced_once = jax.jit(_derivatives, inline=True)
 
 
 def energy_density(potential: Potential, gap: Field) -> Field:
