@@ -74,9 +74,9 @@ class _Watch:
         if self._num_misses == _MANY and self._num_hits == 0:
             self._num_misses += 1
             warn(
-                f"None of the compiled programs kept in {self._folder} can be used: "
-                "JAX may reject them on this processor. Set the environment variable "
-                "JAXSTAB_CACHE=0 to keep none."
+                f"None of the compiled programs kept in {self._folder} can be used: they were "
+                "made with other flags of XLA, or JAX rejects them on this processor. If this "
+                "comes back, set the environment variable JAXSTAB_CACHE=0 to keep none."
             )
 
 
