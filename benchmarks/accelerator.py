@@ -7,8 +7,7 @@ of the Hessian, and eigenvalues by their own error as well.
 
 Then seconds: of an equilibrium and its verdict on ever finer grids, also as pairs of Fourier
 transforms and as copies of a field, whose times are measured beside them; of many small contacts
-together, by `jax.vmap`, and one after another; and of many at mixed loads, in lanes that are
-refilled. The first call compiles.
+together, by `jax.vmap`, and one after another. The first call compiles.
 """
 
 import argparse
@@ -21,8 +20,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from refilled import run
 
 import jaxstab as js
 
@@ -33,9 +30,6 @@ TOLERANCES = js.PreconditionedConjugateGradient.default_tolerance
 ENERGY, RANGE = 2e-3, 0.05
 SIZES = (128, 512, 2048, 8192)
 BATCHES = (1024,)
-# Cases of a study, on a sixteenth as many lanes, and their mean gaps.
-STUDIES = (4096,)
-GAPS = (0.02, 0.2)
 SMALL = 64
 # Of the contacts of a batch, how many are timed one after another.
 ALONE = 4
@@ -52,12 +46,6 @@ BATCH_COLUMNS = (
     "contacts",
     *("compile [s]", "equilibria together [s]", "a second", "one after another, a second"),
     *("compile [s]", "verdicts together [s]", "a second", "one after another, a second"),
-)
-STUDY_COLUMNS = (
-    "contacts",
-    "lanes",
-    *("compile [s]", "equilibria [s]", "a second", "useful over paid"),
-    *("compile [s]", "verdicts [s]", "a second", "useful over paid"),
 )
 # The cells of a table, and the seconds that went into compiling.
 Row = tuple[list[str], float]
@@ -84,7 +72,7 @@ def parse_options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--record", action="store_true", help="write the figures, on a CPU")
     parser.add_argument("--largest", type=int, default=SIZES[-1], help="points a side")
-    parser.add_argument("--batch", type=int, default=STUDIES[-1], help="contacts at most")
+    parser.add_argument("--batch", type=int, default=BATCHES[-1], help="contacts at most")
     parser.add_argument("--seconds", type=float, default=450, help="start nothing that ends later")
     parser.add_argument("--out", type=Path, help="a file for the table")
     return parser.parse_args()
@@ -93,9 +81,7 @@ def parse_options() -> argparse.Namespace:
 def report(options: argparse.Namespace, device: str, deadline: float) -> Iterator[str]:
     """Yield the lines of all tables as they come."""
     sizes = [n for n in SIZES if n <= options.largest]
-    batches, studies = (
-        sorted({min(count, options.batch) for count in counts}) for counts in (BATCHES, STUDIES)
-    )
+    batches = sorted({min(count, options.batch) for count in BATCHES})
     yield (
         f"jaxstab {js.__version__}, jax {jax.__version__}; {device}; least of up to {REPEATS} runs"
     )
@@ -106,8 +92,6 @@ def report(options: argparse.Namespace, device: str, deadline: float) -> Iterato
         yield from table(SIZE_COLUMNS, sizes, partial(size_row, precision), deadline)
         yield from ("", f"Many contacts of {SMALL}² points, {precision}", "")
         yield from table(BATCH_COLUMNS, batches, partial(batch_row, precision), deadline)
-        yield from ("", f"Many contacts of mixed loads in lanes, {precision}", "")
-        yield from table(STUDY_COLUMNS, studies, partial(study_row, precision), deadline)
 
 
 def contact_of(n: int, dtype, key: int = 0, energy=ENERGY) -> tuple[js.Contact, js.MeanGap]:
@@ -245,25 +229,6 @@ def batch_row(precision: str, count: int) -> Row:
         f"{len(few) / longer_alone:.1f}",
     ]
     return cells, compiling + compiling_too
-
-
-def study_row(precision: str, count: int) -> Row:
-    """Return the cells of one study, and the seconds of compiling."""
-    dtype, width = jnp.dtype(precision), max(count // 16, 1)
-    gaps = np.random.default_rng(0).permutation(np.geomspace(*GAPS, count)).astype(dtype)
-    inputs = {"seed": np.arange(count), "gap": gaps}
-
-    def build(seed: jax.Array, gap: jax.Array) -> tuple[js.Contact, js.MeanGap]:
-        return contact_of(SMALL, dtype, seed)[0], js.MeanGap(gap)
-
-    cells, compiling = [str(width)], 0.0
-    for case in (js.cases.equilibrium, js.cases.verdict):
-        programs = case(build).programs()
-        more, seconds, (_, tally) = timed(partial(run, programs, inputs, width))
-        compiling += more
-        rates = f"{count / seconds:.1f}", f"{tally.useful / tally.paid:.2f}"
-        cells += [f"{more:.1f}", f"{seconds:.3f}", *rates]
-    return cells, compiling
 
 
 def timed(function: Callable) -> tuple[float, float, Any]:

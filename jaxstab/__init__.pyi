@@ -81,7 +81,7 @@ from .stability import (
     release,
 )
 from .stability.verdict import VERDICTS
-from .studies import StudyInterrupted, cases, study
+from .studies import StudyInterrupted, study
 from .surfaces import SurfaceWarning
 
 __version__: str
@@ -147,7 +147,6 @@ __all__ = [
     "WindowWarning",
     "assess_stability",
     "calibrate",
-    "cases",
     "cite",
     "conductance",
     "continuation",

@@ -41,7 +41,6 @@ _FIRST_MODULES = {
     "stability.solvers.cone_lobpcg": "stability.projected",
     "stability.solvers.davidson": "stability.davidson",
     "stability.solvers.proximal": "stability.proximal",
-    "studies.cases": "cases",
     "paths.branch_end.kind:KINDS": "results",
     "stability.verdict:VERDICTS": "results",
     "stability.eigenpair:Minimum": "stability.solver",

@@ -38,8 +38,6 @@ _TRIES = 3
 _PATIENCE = 5
 # The tasks in hand at a time.
 _WINDOW = 1000
-# Lanes are empty at the end of each task: one has so many times as many cases.
-_FILLINGS = 8
 # What cases and disks do.
 _TOLD = (OSError, TypeError, ValueError)
 _IMPORTED_BY = os.getpid()
@@ -70,7 +68,7 @@ def run_on(executor: Any, driver: Driver, worker: Worker) -> None:
     if hasattr(executor, "get_executor"):
         executor = executor.get_executor()
     try:
-        _Dealer(driver, worker.batch * (_FILLINGS if worker.has_lanes else 1)).run(executor)
+        _Dealer(driver, worker.batch).run(executor)
     finally:
         (holder.folder / "case").unlink(missing_ok=True)
 

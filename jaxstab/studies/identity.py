@@ -20,7 +20,6 @@ import numpy as np
 from jaxstab.core.closures import is_bare
 from jaxstab.core.public_names import first_module
 from jaxstab.core.warn import warn
-from jaxstab.studies.cases import Case
 
 _PACKAGES = ("jaxstab", "jax", "jaxlib", "equinox", "numpy")
 _PLAIN = None | bool | int | float | complex | str | bytes | range | slice | PurePath | np.dtype
@@ -52,8 +51,8 @@ def versions() -> dict[str, str]:
 
 
 def innermost(case: Any) -> Any:
-    """Return the function within ready-made cases, partial functions and methods."""
-    names = {Case: "build", partial: "func", MethodType: "__func__"}
+    """Return the function within partial functions and methods."""
+    names = {partial: "func", MethodType: "__func__"}
     while name := next((name for kind, name in names.items() if isinstance(case, kind)), None):
         case = getattr(case, name)
     return case

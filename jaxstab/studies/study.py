@@ -63,9 +63,8 @@ def study(
         executor: where cases run: in so many processes of this machine, or on an executor as
             those of `concurrent.futures`, whose processes are not forked, or a Dask `Client`.
             None: in this process, a thread to a device.
-        batch: how many cases run at once, by `jax.vmap` of the compiled function; those of
-            `jaxstab.cases` in as many lanes, none of which waits for the slowest. If a batch raises
-            an error, its cases are run one by one, with a warning.
+        batch: how many cases run at once, by `jax.vmap` of the compiled function. If a
+            batch raises an error, its cases are run one by one, with a warning.
         retry: run failed cases again; by default they count as finished.
         accept_changes: continue a store that was begun with another case, and record the changes in
             it.

@@ -1,4 +1,4 @@
-"""The cases of a study, run one by one, in batches or in lanes, here or in another process."""
+"""The cases of a study, run one by one or in batches, here or in another process."""
 
 import errno
 import re
@@ -11,9 +11,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxstab.studies.axes import LISTED, Axis, Index, arguments_of, places, stacked_at, values_at
-from jaxstab.studies.cases import Case
-from jaxstab.studies.lanes.scheduler import Lanes
+from jaxstab.studies.axes import LISTED, Axis, Index, arguments_of, stacked_at, values_at
 from jaxstab.studies.outputs import arrays_of, error_text
 from jaxstab.studies.store import Found
 
@@ -36,16 +34,8 @@ class Worker:
     axes: Sequence[Axis]
     batch: int
 
-    @property
-    def has_lanes(self) -> bool:
-        """Whether cases take each other's places."""
-        return self.batch > 1 and isinstance(self.case, Case)
-
     def run(self, take: Take) -> Iterator[Found | str]:
         """Yield each case as it ends, until none is left, and warnings."""
-        if self.has_lanes:
-            yield from self._in_lanes(take)
-            return
         while places := take(self.batch):
             yield from self._alone(places) if self.batch == 1 else self._together(places)
 
@@ -76,25 +66,6 @@ class Worker:
         for lane, place in enumerate(places):
             yield self._found(place, jax.tree.map(lambda leaf, i=lane: leaf[i], outputs), seconds)
 
-    def _in_lanes(self, take: Take) -> Iterator[Found | str]:
-        """Run cases in lanes, of which none waits for the others; one by one where one raises."""
-
-        def taken(number: int, waits: bool) -> tuple[Sequence[Index], dict[str, Any]]:
-            places = take(number)
-            return places, stacked_at(self.axes, places) if places else {}
-
-        self._stacked([next(places(self.axes))])
-        while True:
-            lanes = Lanes(self._programs, self.batch, taken)
-            try:
-                for place, outputs, seconds in lanes.run():
-                    yield self._found(place, outputs, seconds)
-                return
-            except Exception as error:
-                if not lanes.in_hand:
-                    raise
-                yield from self._one_by_one(lanes.in_hand, error)
-
     def _one_by_one(self, places: Sequence[Index], error: Exception) -> Iterator[Found | str]:
         """Run cases one by one after an error of a batch, which does not say whose."""
         reason = _reason(error)
@@ -112,10 +83,6 @@ class Worker:
     @cached_property
     def _batched(self) -> Callable[..., Any]:
         return jax.jit(jax.vmap(lambda values: self.case(**values)))
-
-    @cached_property
-    def _programs(self) -> Any:
-        return self.case.programs()  # type: ignore[attr-defined]
 
     def _stacked(self, places: Sequence[Index]) -> dict[str, Any]:
         """Return the arguments of a batch, once it is known that the function can be traced."""

@@ -147,33 +147,6 @@ def test_lanes_give_what_they_give_alone():
 
 
 @pytest.mark.nightly
-def test_in_a_study_lanes_that_are_done_make_room_and_give_what_each_gives_alone(tmp_path):
-    def build(seed, modulus):
-        return rough_contact(32, LAWS["exponential"], modulus, seed, rms_height=0.05)
-
-    def summary(contact, end):
-        return {
-            "pressure": end.load.value,
-            "gap": end.equilibrium.gap,
-            "critical": end.critical.eigenvalue,
-            "kind": end.kind,
-            "ended": end.result,
-        }
-
-    case = js.cases.pull_off(build, summary)
-    # There is no solid of the last modulus.
-    axes = {"seed": [0, 1], "modulus": [1.0, 1.2, -1.0]}
-    lanes = js.study(case, axes, tmp_path / "study.zarr", batch=2)
-    assert (lanes.ended.sel(modulus=-1.0) == "invalid_contact").all()
-    for seed, modulus in [(0, 1.0), (1, 1.0), (0, 1.2)]:
-        alone, found = case(seed=seed, modulus=modulus), lanes.sel(seed=seed, modulus=modulus)
-        assert (found.ended, found.kind) == ("successful", alone["kind"].name)
-        np.testing.assert_allclose(found.pressure, alone["pressure"], rtol=1e-9)
-        np.testing.assert_allclose(found.gap, alone["gap"], atol=1e-8)
-        np.testing.assert_allclose(found.critical, alone["critical"], rtol=1e-5)
-
-
-@pytest.mark.nightly
 def test_a_soft_machine_lets_go_like_a_dead_load_and_a_stiff_one_without_a_jump():
     contact = surface(LAWS["exponential"])
     dead = js.pull_off(contact)

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 import xarray
 from logged_study import contents, runs, wait_until
-from test_lanes import NUM_STEPS, CollatzCase, build
 
 import jaxstab as js
 from jaxstab.__main__ import main
@@ -91,22 +90,13 @@ def test_many_processes_fill_the_store_of_one_bit_for_bit(kind, alone, request, 
 
 
 @pytest.mark.parametrize("kind", [pytest.param("pool", marks=pytest.mark.nightly), "client"])
-def test_batches_and_lanes_run_in_other_processes(kind, request, tmp_path):
+def test_batches_run_in_other_processes(kind, request, tmp_path):
     def case(x):
         return {"square": x**2}
 
     executor, axes = request.getfixturevalue(kind), {"x": np.arange(10.0)}
     squares = js.study(case, axes, tmp_path / "batches.zarr", batch=4, executor=executor)
     np.testing.assert_array_equal(squares.square, np.arange(10.0) ** 2)
-    lanes, here = (
-        js.study(CollatzCase(build, dict), {"number": list(NUM_STEPS)}, path, batch=4, **more)
-        for path, more in [
-            (tmp_path / "lanes.zarr", {"executor": executor}),
-            (tmp_path / "here.zarr", {}),
-        ]
-    )
-    assert (lanes["count"][:, 0] == list(NUM_STEPS.values())).all()
-    xarray.testing.assert_identical(lanes["again"].load(), here["again"].load())
     path = tmp_path / "untraced.zarr"
     with pytest.raises(ValueError, match="cannot be run in batches"):
         js.study(lambda x: {"x": float(x)}, axes, path, batch=2, executor=executor)

@@ -239,7 +239,6 @@ def test_lambdas_on_one_line_are_told_apart():
 
 def test_what_has_moved_is_known_by_where_it_lay_first():
     assert first_module(js.HalfSpace) == "jaxstab.elasticity.half_space"
-    assert first_module(js.cases.pull_off) == "jaxstab.cases"
     assert first_module(js.VERDICTS) == "jaxstab.results"
     # Nothing else of the same name.
     names = js.pull_off, js.references.jkr.pull_off, js.references.johnson.pull_off

@@ -1,1 +1,0 @@
-"""Ready-made cases computed in lanes, in which a new case follows one that is done."""
