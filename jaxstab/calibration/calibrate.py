@@ -27,8 +27,8 @@ from jaxstab.core.checks import integer, is_traced, parameter, require, require_
 from jaxstab.core.compile import program
 from jaxstab.core.display import block
 from jaxstab.core.history import History
+from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.loop import optional_parameter
-from jaxstab.core.no_derivative import refuse_derivatives
 from jaxstab.core.progress import advance, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Scalar

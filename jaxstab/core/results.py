@@ -88,7 +88,7 @@ class SolverError(RuntimeError):
     """A solver did not reach its tolerance; the message gives the cause and the cure.
 
     Attributes:
-        found: the result, as with `throw=False`; None for a derivative.
+        found: the result, as with `throw=False`.
     """
 
     def __init__(self, message: str, found: Any = None):

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jaxstab.contact import Contact
 from jaxstab.contact.residual import missed_pressure
 from jaxstab.core.grid import total
-from jaxstab.core.implicit import LinearSystem, finite, pushed
-from jaxstab.core.no_derivative import Obstacle, any_exists
+from jaxstab.core.implicit import finite, pushed
+from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium.equilibrium import Fields, fields_of
 from jaxstab.loads import Control, Load
@@ -18,12 +18,6 @@ from jaxstab.solids import Solid
 
 # What the residual may do to the smallest eigenvalue, over it.
 _MAX_ERROR = 1e-2
-NOT_FOUND = "there is no converged equilibrium (look at its `result`)"
-_CHANGING = (
-    "a point is about to touch or to let go: its gap, or its reaction, is zero to within the "
-    "residual of the equilibrium. Differentiate at a slightly different load, in float64 or with a "
-    "finer tolerance"
-)
 
 
 def changes_of_fields(
@@ -31,7 +25,7 @@ def changes_of_fields(
     is_found: Flag,
     inputs: tuple[Contact, Load],
     changes: tuple[Contact, Load],
-) -> tuple[Fields, dict[str, list[Obstacle]]]:
+) -> tuple[Fields, dict[str, Flag]]:
     """Return how the fields of an equilibrium change with contact and load, a rule for `attach`."""
     inputs = contact, load = finite(is_found, inputs)
     fields = finite(is_found, fields)
@@ -48,19 +42,19 @@ def changes_of_fields(
         error = sharpness * jnp.sqrt(total(missed**2)) / eigenvalue**2
         return error < _MAX_ERROR
 
-    obstacles = [Obstacle(~is_found, NOT_FOUND), changing_contact(net, gap, contact.solid)]
+    is_undefined = ~is_found | jnp.any(changing_points(net, gap, contact.solid))
     system = free_system(contact, control, gap)
     change, imbalance = pushed(partial(fields_of, gap=gap), inputs, changes)
-    right_side = jnp.where(any_exists(obstacles), 0, -imbalance)
+    right_side = jnp.where(is_undefined, 0, -imbalance)
     moved = system.differentiable_solution(right_side, is_sound)
     _, (response, _) = jax.jvp(partial(fields_of, contact, load), (gap,), (moved,))
     sums = {name: change[name] + response[name] for name in fields}
-    reasons = dict.fromkeys(fields, obstacles)
+    undefined = dict.fromkeys(fields, is_undefined)
     if control.fixes_mean:
         # No move of the free points that keeps the mean gap does work to first order, nor does it
         # matter which of them are free.
-        sums["energy"], reasons["energy"] = change["energy"], obstacles[:1]
-    return sums, reasons
+        sums["energy"], undefined["energy"] = change["energy"], ~is_found
+    return sums, undefined
 
 
 def free_system(contact: Contact, control: Control, gap: Field) -> LinearSystem:
@@ -75,11 +69,6 @@ def free_system(contact: Contact, control: Control, gap: Field) -> LinearSystem:
 def third_derivative(contact: Contact, gap: Field) -> Field:
     """Return f'''(g) at every point [pressure/length^2]."""
     return jax.jvp(contact.curvature, (gap,), (jnp.ones_like(gap),))[1]
-
-
-def changing_contact(net: Field, gap: Field, solid: Solid) -> Obstacle:
-    """Return the obstacle of a point of hardly any reaction, or hardly any gap."""
-    return Obstacle(jnp.any(changing_points(net, gap, solid)), _CHANGING)
 
 
 def changing_points(net: Field, gap: Field, solid: Solid) -> Mask:

@@ -55,8 +55,9 @@ def equilibrate(
 
     Fields, mean pressure and energy are differentiable functions of the contact and the load, in
     both modes and to any order. Contact area, residual and history count as constants, and so does
-    the start of the solver. Where a point is about to touch or to let go, and at a fold, they have
-    no derivative.
+    the start of the solver. A derivative is NaN where it does not exist: without a converged
+    equilibrium, at a fold, and where a gap or a reaction is zero to within the residual, that is,
+    where a point is about to touch or to be released.
 
     Arguments:
         contact: the contact problem.
@@ -64,10 +65,8 @@ def equilibrate(
         solver: the algorithm, `PreconditionedConjugateGradient()` by default.
         initial: a gap [length], an equilibrium or what holds one to start from, brought under the
             load. By default the undeformed solid, cut where it meets the surface.
-        throw: raise an error if the solver fails, or if a derivative is requested that does not
-            exist (in forward mode outside of jit, of any field). With False look at `result`
-            instead; such a derivative is then NaN. Under vmap the failure of one lane raises for
-            all, so choose False there.
+        throw: raise an error if the solver fails. With False look at `result` instead. Under vmap
+            the failure of one entry raises for all, so choose False there.
 
     Returns:
         The equilibrium, in the precision of the contact's heights; NaN throughout for a load or a
@@ -93,7 +92,7 @@ def equilibrate(
     with jax.debug_nans(False):
         equilibrium = find_equilibrium(*inputs)
     if is_traced((contact, load)):
-        equilibrium = with_derivatives(whole, load, equilibrium, throw)
+        equilibrium = with_derivatives(whole, load, equilibrium)
     equilibrium = equilibrium.on_surface(whole.solid)
     warn_at_edges(contact, equilibrium)
     if not throw:
@@ -149,15 +148,13 @@ def _in_users_units(found: Equilibrium, unit: Scalar, load: Load) -> Equilibrium
     return replace(found, load=load, result=result)
 
 
-def with_derivatives(
-    contact: Contact, load: Load, found: Equilibrium, throw: bool = False
-) -> Equilibrium:
+def with_derivatives(contact: Contact, load: Load, found: Equilibrium) -> Equilibrium:
     """Return an equilibrium as a differentiable function of the contact and the load."""
     unit = contact.own_pressure
     fields = in_units_of(unit, {name: getattr(found, name) for name in DIFFERENTIABLE})
     is_found = found.result == RESULTS.successful
     own = contact.in_units_of(unit), load.in_units_of(unit)
-    fields = attach(changes_of_fields, throw, fields, is_found, own)
+    fields = attach(changes_of_fields, fields, is_found, own)
     return replace(found, load=load, area=contact.area, **in_units_of(1 / unit, fields))
 
 

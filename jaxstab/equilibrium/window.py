@@ -15,7 +15,7 @@ from jaxstab.contact.hessian import Hessian
 from jaxstab.core.checks import is_traced, known
 from jaxstab.core.compile import program
 from jaxstab.core.grid import mean
-from jaxstab.core.implicit import LinearSystem
+from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field
 from jaxstab.core.warn import warn_once

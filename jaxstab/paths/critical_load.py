@@ -58,14 +58,14 @@ def critical_load(
             second is followed towards the first.
         initial: where equilibria at both loads start, as in `equilibrate`.
         progress: show a progress bar.
-        throw: raise an error if no end is found, or if a derivative is requested that does not
-            exist. With False look at `result` instead; such a derivative is then NaN.
+        throw: raise an error if no end is found; otherwise look at `result`.
 
     Returns:
         The end of the branch. Its load, equilibrium and mode can be differentiated with respect to
         the contact: dl = -(x.dr) / (x.dr/dl), with r the net pressure. At a fold x is the mode; at
-        a release it is the move that opens the point, with the free points following. There is no
-        derivative where the branch branches off by symmetry, or where two events coincide.
+        a release it is the move that opens the point, with the free points following. The
+        derivative is NaN at a bifurcation of a symmetric state, where two events coincide (another
+        point touches or is released at the same load), and where no end was found exactly.
 
     Raises:
         ValueError: unless there are two loads; for machines that differ, or an initial gap that is
@@ -88,7 +88,7 @@ def critical_load(
     with jax.debug_nans(False), bar as report:
         # Outside of a trace nothing is compiled for a search that is not needed.
         limit = _find_lanes(*inputs) if is_traced(inputs) else _find(*inputs, report)
-    found = critical_load_at(limit, own, loads[0], throw).in_units_of(1 / unit)
+    found = critical_load_at(limit, own, loads[0]).in_units_of(1 / unit)
     found = found.on_surface(whole.solid)
     return throw_failure(found.result, found, lambda: _describe(bracket, found), throw)
 

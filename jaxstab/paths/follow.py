@@ -92,8 +92,8 @@ def follow(
     Returns:
         The path. Under JAX transformations arrays have `max_states` and `max_jumps` entries, NaN
         where there is none; otherwise as many as there are. The loads of its jumps can be
-        differentiated with respect to the contact, as `critical_load` can. A derivative of anything
-        else raises an error.
+        differentiated with respect to the contact, as `critical_load` can. The derivatives of
+        anything else are NaN.
 
     Raises:
         ValueError: for a load without two finite values or more in one dimension, or with a value
@@ -135,7 +135,7 @@ def follow(
         path = find(setup, bar, *inputs)
     if is_traced((contact, load)):
         others = [part for part in (start, least, noise) if part is not None]
-        path = with_derivatives(path, own, loads, others, throw)
+        path = with_derivatives(path, own, loads, others)
     path = path.in_units_of(1 / unit).on_surface(whole.solid)
     is_stopped = not is_traced(path.result) and bool(path.result == RESULTS.interrupted)
     return throw_failure(path.result, path, lambda: _describe(path, load), throw and not is_stopped)

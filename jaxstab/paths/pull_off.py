@@ -61,8 +61,7 @@ def pull_off(
             pressure; or a gap, at zero pressure. By default the equilibrium at zero mean pressure.
         spring: the stiffness of a machine in series [pressure/length]; by default a dead load.
         progress: show a progress bar.
-        throw: raise an error if there is no pull-off, or if a derivative is requested that does not
-            exist. With False look at `result` instead; such a derivative is then NaN.
+        throw: raise an error if there is no pull-off; otherwise look at `result`.
 
     Returns:
         The last state before the pull-off, located exactly; its load is a `MeanPressure` or a
@@ -96,7 +95,7 @@ def pull_off(
         own, unit = whole.in_own_units()
         loads = load.in_units_of(unit)
         end = _find(bar, *jax.lax.stop_gradient((own, loads, start)))
-    found = as_shown(end, own, loads[0], throw).in_units_of(1 / unit).on_surface(whole.solid)
+    found = as_shown(end, own, loads[0]).in_units_of(1 / unit).on_surface(whole.solid)
     return throw_failure(found.result, found, lambda: _describe(constant, load), throw)
 
 
@@ -131,12 +130,10 @@ def end_of(programme: Programme, ended: Progress[Strongest]) -> tuple[Limit, Equ
     return replace(limit, result=result), jump.state_after(contact, one)
 
 
-def as_shown(
-    end: tuple[Limit, Equilibrium], contact: Contact, shared: Load, throw: bool
-) -> CriticalLoad:
+def as_shown(end: tuple[Limit, Equilibrium], contact: Contact, shared: Load) -> CriticalLoad:
     """Return a pull-off and the state after it as differentiable functions of contact and load."""
     limit, after = end
-    return replace(critical_load_at(limit, contact, shared, throw), after=after)
+    return replace(critical_load_at(limit, contact, shared), after=after)
 
 
 def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar, Field]:

@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike
 
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid
-from jaxstab.core.implicit import LinearSystem
+from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.types import Field, FieldMap, Mask, Scalar
 from jaxstab.solids.moduli import contact_modulus, elastic_constants
 from jaxstab.solids.solid import Solid

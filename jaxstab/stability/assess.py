@@ -77,10 +77,10 @@ def assess_stability(
     be called "stable" that is only held by contact.
 
     Eigenvalues, modes, barrier and complementarity are differentiable functions of the contact and
-    the equilibrium: d lambda = x.(dA) x, A depending on the gap too. A multiple eigenvalue has no
-    derivative. Neither has a least reaction that several points share, nor the barrier of a state
-    that is not held. If several modes on different faces of the cone are equally low, the
-    derivative is that of the mode found.
+    the equilibrium: d lambda = x.(dA) x, A depending on the gap too. A derivative is NaN where it
+    does not exist: for a multiple eigenvalue, for a least reaction that several points share, for
+    the barrier of a state that is not held, and for an eigenvalue that was not found. If several
+    modes on different faces of the cone are equally low, the derivative is that of the mode found.
 
     Arguments:
         contact: the contact problem.
@@ -91,10 +91,8 @@ def assess_stability(
         verdict_only: stop when a number proves the verdict; those not computed are NaN, with the
             result "not_computed".
         progress: show a progress bar.
-        throw: raise an error if a solver fails, or if a derivative is requested that does not exist
-            (in forward mode outside of jit, of any of the numbers). With False look at `result`
-            instead; such a derivative is then NaN. Under vmap the failure of one lane raises for
-            all, so choose False there.
+        throw: raise an error if a solver fails. With False look at `result` instead. Under vmap
+            the failure of one entry raises for all, so choose False there.
 
     Returns:
         Three eigenvalues with their modes, and the verdict that they prove.
@@ -117,7 +115,7 @@ def assess_stability(
         assess = _assess_lanes if is_traced(inputs) else partial(_assess_one, report=report)
         stability = assess(verdict_only, *inputs)
     if is_traced((contact, equilibrium)):
-        stability = with_derivatives(contact, equilibrium, stability, throw)
+        stability = with_derivatives(contact, equilibrium, stability)
     stability = stability.on_surface(contact.solid)
     if not throw:
         return stability
@@ -130,23 +128,19 @@ def _assess_lanes(verdict_only: bool, *inputs: Any) -> Stability:
     return by_lanes(partial(_assess_one, verdict_only))(*inputs)
 
 
-def with_derivatives(
-    contact: Contact, equilibrium: Equilibrium, stability: Stability, throw: bool = False
-) -> Stability:
+def with_derivatives(contact: Contact, equilibrium: Equilibrium, stability: Stability) -> Stability:
     """Return a stability as a differentiable function of the contact and the equilibrium."""
     fixes_mean = contact.control(equilibrium.load).fixes_mean
 
     def attach(pair: Eigenpair, is_moving: Mask) -> Eigenpair:
         face = Subspace(is_moving, fixes_mean)
-        return differentiable(pair, face, contact, equilibrium.load, equilibrium.gap, throw)
+        return differentiable(pair, face, contact, equilibrium.load, equilibrium.gap)
 
     free = ~equilibrium.in_contact
     cone = attach(stability.cone, free | (stability.cone.mode > 0))
     margins = stability.complementarity, stability.barrier
     is_held = stability.verdict == VERDICTS.held_by_contact
-    complementarity, barrier = differentiable_margins(
-        margins, contact, equilibrium, cone, is_held, throw
-    )
+    complementarity, barrier = differentiable_margins(margins, contact, equilibrium, cone, is_held)
     return replace(
         stability,
         lower_bound=attach(stability.lower_bound, jnp.ones_like(free)),

@@ -11,25 +11,18 @@ from jaxstab.contact import Contact
 from jaxstab.core.display import inline
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import attach, finite, pushed
-from jaxstab.core.no_derivative import Obstacle
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.core.units import ENERGY, LENGTH, Dimensioned
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.derivatives import NOT_FOUND, pressure_noise
+from jaxstab.equilibrium.derivatives import pressure_noise
 from jaxstab.potentials import slope
 from jaxstab.stability.eigenpair import Eigenpair
 
 # Gap, elastic pressure and reaction; an eigenvalue and its mode.
 Fields = tuple[Field, Field, Field]
 Pair = tuple[Scalar, Field]
-
-_NOT_HELD = "only a state held by contact has a barrier"
-_TIE = (
-    "several points share the least reaction, to within the residual of the equilibrium. "
-    "Differentiate the reactions instead, or break the symmetry of the surface"
-)
 
 
 class Barrier(Stackable, Dimensioned):
@@ -74,12 +67,11 @@ def differentiable(
     equilibrium: Equilibrium,
     cone: Eigenpair,
     is_held: Flag,
-    throw: bool,
 ) -> Margins:
     """Return margins as functions of the contact, the equilibrium and the pair on the cone."""
     known = equilibrium.result == RESULTS.successful, is_held
     inputs = contact, *_state(equilibrium, cone)
-    return attach(_changes_of_margins, throw, margins, known, inputs)
+    return attach(_changes_of_margins, margins, known, inputs)
 
 
 def pressure_scale(contact: Contact, gap: Field, pressure: Field) -> Scalar:
@@ -115,7 +107,7 @@ def _over_scale(is_held: Flag, scale: Scalar, fields: Fields, pair: Pair) -> Mar
 
 def _changes_of_margins(
     _: Margins, known: tuple[Flag, Flag], inputs: tuple, changes: tuple
-) -> tuple[Margins, tuple[list[Obstacle], list[Obstacle]]]:
+) -> tuple[Margins, tuple[Flag, Flag]]:
     is_found, is_held = known
     inputs = *finite(is_found, inputs[:2]), finite(is_held, inputs[2])
     contact, (gap, pressure, reaction), _ = inputs
@@ -123,6 +115,5 @@ def _changes_of_margins(
     noise = pressure_noise(pressure + slope(contact.potential, gap), gap)
     least = jnp.min(jnp.where(touches, reaction, jnp.inf))
     is_tied = jnp.count_nonzero(touches & (reaction <= least + noise)) > 1
-    of_complementarity = [Obstacle(~is_found, NOT_FOUND), Obstacle(is_tied, _TIE)]
     changed = pushed(partial(_formulae, is_held), inputs, changes)
-    return changed, (of_complementarity, [Obstacle(~is_held, _NOT_HELD)])
+    return changed, (~is_found | is_tied, ~is_held)

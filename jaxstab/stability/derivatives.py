@@ -9,8 +9,8 @@ from jaxtyping import Array
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core.grid import total
-from jaxstab.core.implicit import LinearSystem, attach, finite, pushed
-from jaxstab.core.no_derivative import Obstacle, any_exists
+from jaxstab.core.implicit import attach, finite, pushed
+from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads import Load
@@ -19,15 +19,10 @@ from jaxstab.stability.eigenpair import Eigenpair
 
 # An eigenvalue nearer to the next than this many of its errors is taken for a multiple one.
 _ERRORS_APART = 10
-_NOT_FOUND = "the eigenvalue did not converge, or was not computed (look at its result)"
-_MULTIPLE = (
-    "the eigenvalue is multiple, to within its error, and splits into several. Differentiate "
-    "another quantity, or break the symmetry of the surface"
-)
 
 
 def differentiable(
-    pair: Eigenpair, face: Subspace, contact: Contact, load: Load, gap: Field, throw: bool
+    pair: Eigenpair, face: Subspace, contact: Contact, load: Load, gap: Field
 ) -> Eigenpair:
     """Return a pair whose eigenvalue and mode are functions of contact, load and gap.
 
@@ -37,11 +32,10 @@ def differentiable(
         contact: the contact problem.
         load: the load, whose stiffness is a part of A.
         gap: the gap of the equilibrium.
-        throw: whether a derivative that does not exist is an error, or NaN.
     """
     known = pair.error, pair.result == RESULTS.successful, face
     values = pair.eigenvalue, pair.mode
-    eigenvalue, mode = attach(_changes_of_pair, throw, values, known, (contact, load, gap))
+    eigenvalue, mode = attach(_changes_of_pair, values, known, (contact, load, gap))
     return replace(pair, eigenvalue=eigenvalue, mode=mode)
 
 
@@ -50,7 +44,7 @@ def _changes_of_pair(
     known: tuple[Scalar, Flag, Subspace],
     inputs: tuple[Contact, Load, Field],
     changes: tuple[Contact, Load, Field],
-) -> tuple[tuple[Array, Field], list[Obstacle]]:
+) -> tuple[tuple[Array, Field], Flag]:
     error, is_found, face = known
     inputs = finite(is_found, inputs)
     eigenvalue, mode = finite(is_found & jnp.isfinite(pair[0]), pair)
@@ -65,13 +59,10 @@ def _changes_of_pair(
 
     system = LinearSystem(shifted, hessian.preconditioner(mode, eigenvalue), project)
     separation = jax.lax.stop_gradient(_separation(system, mode))
-    obstacles = [
-        Obstacle(~is_found, _NOT_FOUND),
-        Obstacle(~(separation > _ERRORS_APART * error), _MULTIPLE),
-    ]
+    is_undefined = ~is_found | ~(separation > _ERRORS_APART * error)
     change = pushed(lambda *inputs: _hessian(*inputs)(mode), inputs, changes)
-    right_side = jnp.where(any_exists(obstacles), 0, -change)
-    return (total(mode * change), system.differentiable_solution(right_side)), obstacles
+    right_side = jnp.where(is_undefined, 0, -change)
+    return (total(mode * change), system.differentiable_solution(right_side)), is_undefined
 
 
 def _hessian(contact: Contact, load: Load, gap: Field) -> Hessian:

@@ -13,8 +13,8 @@ from jaxstab.contact.hessian import Block
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import integer, require_key
 from jaxstab.core.compile import program
+from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.loop import solver_or_default
-from jaxstab.core.no_derivative import refuse_derivatives
 from jaxstab.core.procedure import run
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Field

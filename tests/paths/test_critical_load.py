@@ -114,18 +114,16 @@ def test_at_the_fold_an_equilibrium_has_no_derivative_and_beside_it_it_has(fold)
     tight = js.PreconditionedConjugateGradient(tolerance=1e-11)
     contact = paraboloid(VALUES)
 
-    def pressure(value, start, solver=tight, throw=True):
+    def pressure(value, start, solver=tight):
         load = js.MeanDisplacement(value)
-        return js.equilibrate(contact, load, solver, initial=start, throw=throw).mean_pressure
+        return js.equilibrate(contact, load, solver, initial=start).mean_pressure
 
-    def pressure_at_fold(value, throw=True):
+    def pressure_at_fold(value):
         # A solver that stays where it is put.
-        return pressure(value, fold.equilibrium.gap, js.SaddleNewton(), throw)
+        return pressure(value, fold.equilibrium.gap, js.SaddleNewton())
 
     load = fold.load.value
-    with pytest.raises(js.SolverError, match=r"^The derivative does not exist: .* at a fold"):
-        jax.grad(pressure_at_fold)(load)
-    assert jnp.isnan(jax.grad(lambda value: pressure_at_fold(value, throw=False))(load))
+    assert jnp.isnan(jax.grad(pressure_at_fold)(load))
     near = load + 1e-4
     start = js.equilibrate(contact, js.MeanDisplacement(near), tight).gap
     differences = (pressure(near + 1e-8, start) - pressure(near - 1e-8, start)) / 2e-8
@@ -219,15 +217,14 @@ def fold_of_two_waves(tilt, ends, start, throw=False):
 
 @pytest.mark.nightly
 def test_where_a_branch_branches_off_there_is_no_derivative():
-    def load(tilt, throw):
+    def load(tilt):
         start = 1.5 - two_waves(tilt).heights
-        return fold_of_two_waves(tilt, (1.5, 0.3), start, throw).load.value
+        return fold_of_two_waves(tilt, (1.5, 0.3), start).load.value
 
-    with pytest.raises(js.SolverError, match=r"not exist: the branch does not turn back here but"):
-        jax.grad(lambda tilt: load(tilt, throw=True))(0.0)
+    assert jnp.isnan(jax.grad(load)(0.0))
     # A tilt makes a fold of it.
-    rate = jax.grad(lambda tilt: load(tilt, throw=False))(1e-3)
-    differences = (load(1.0001e-3, throw=False) - load(0.9999e-3, throw=False)) / 2e-7
+    rate = jax.grad(load)(1e-3)
+    differences = (load(1.0001e-3) - load(0.9999e-3)) / 2e-7
     np.testing.assert_allclose(rate, differences, rtol=1e-4)
 
 

@@ -176,10 +176,8 @@ def test_of_a_path_nothing_else_has_a_derivative_nor_where_two_points_let_go_at_
         turns = js.MeanDisplacement(jnp.stack([1.6, end]))
         return js.follow(hertz, turns, max_states=64, max_jumps=4).work
 
-    with pytest.raises(js.SolverError, match="two events coincide"):
-        jax.grad(last_jump)(10.0)
-    with pytest.raises(js.SolverError, match="of a path only the loads of its jumps have one"):
-        jax.grad(work)(1.4)
+    assert jnp.isnan(jax.grad(last_jump)(10.0))
+    assert jnp.isnan(jax.grad(work)(1.4))
 
 
 @pytest.mark.nightly

@@ -250,7 +250,7 @@ def test_what_has_no_pull_off_is_told():
 
 
 @pytest.mark.nightly
-def test_on_a_symmetric_surface_a_derivative_is_refused_with_its_cure():
+def test_on_a_symmetric_surface_the_derivative_is_nan_and_beside_it_it_is_right():
     grid = js.Grid((32,), (1.0,))
 
     def load(energy, shift):
@@ -258,7 +258,6 @@ def test_on_a_symmetric_surface_a_derivative_is_refused_with_its_cure():
         law = js.potentials.Exponential(energy, 0.05)
         return js.pull_off(js.Contact(js.HalfSpace(grid, 1.0), heights, law)).load.value
 
-    with pytest.raises(js.SolverError, match=r"symmetric surface .* shift it by a part"):
-        jax.grad(load)(0.01, 0.0)
+    assert jnp.isnan(jax.grad(load)(0.01, 0.0))
     difference = (load(0.01001, 0.003) - load(0.00999, 0.003)) / 2e-5
     np.testing.assert_allclose(jax.grad(load)(0.01, 0.003), difference, rtol=1e-4)

@@ -53,30 +53,28 @@ def test_eigenvalues_modes_and_margins_agree_with_finite_differences(contact, lo
             assert abs(forward[name] - reverse[name][i]) < 1e-8 * size, name
 
 
-def refused(output, x, match):
-    """Check that a number is refused with `throw`, and NaN without, in both modes."""
-    for transform in (jax.grad, lambda f: lambda x: jax.jvp(f, (x,), (jnp.ones_like(x),))[1]):
-        assert jnp.isnan(transform(lambda x: output(x, throw=False))(x)).all()
-        with pytest.raises(js.SolverError, match=f"^The derivative does not exist: {match}"):
-            transform(lambda x: output(x, throw=True))(x)
+def is_undefined(output, x):
+    """Whether the derivative of a number is NaN in both modes."""
+    forward = jax.jvp(output, (x,), (jnp.ones_like(x),))[1]
+    return jnp.isnan(jax.grad(output)(x)).all() and jnp.isnan(forward).all()
 
 
 def test_there_is_no_barrier_to_differentiate_where_nothing_is_held(contact):
-    def height(x, throw):
+    def height(x):
         other = with_parameters(contact, *x[:3])
         equilibrium = js.equilibrate(other, js.MeanGap(x[3]))
-        stability = js.assess_stability(other, equilibrium, throw=throw)
+        stability = js.assess_stability(other, equilibrium)
         assert stability.verdict == js.VERDICTS.stable
         return stability.barrier.height
 
-    refused(height, jnp.array([0.06, 0.1, 1.0, 0.6]), "only a state held by contact")
+    assert is_undefined(height, jnp.array([0.06, 0.1, 1.0, 0.6]))
 
 
 def test_a_least_reaction_that_points_share_has_no_derivative(contact):
     # Two summits alike.
     heights = jnp.zeros((16, 16)).at[4, 4].set(0.1).at[12, 12].set(0.1)
 
-    def complementarity(x, throw, raised=0.0):
+    def complementarity(x, raised=0.0):
         other = js.Contact(
             with_parameters(contact, *x[:3]).solid,
             heights.at[4, 4].add(raised),
@@ -84,24 +82,24 @@ def test_a_least_reaction_that_points_share_has_no_derivative(contact):
         )
         equilibrium = js.equilibrate(other, js.MeanGap(x[3]), TIGHT)
         assert equilibrium.in_contact.sum() == 2
-        return js.assess_stability(other, equilibrium, throw=throw).complementarity
+        return js.assess_stability(other, equilibrium).complementarity
 
     x = jnp.array([0.02, 0.1, 1.0, 0.05])
-    refused(complementarity, x, "several points share the least reaction")
+    assert is_undefined(complementarity, x)
     # Of summits that differ one presses less.
-    assert jnp.isfinite(jax.grad(lambda x: complementarity(x, True, raised=1e-3))(x)).all()
+    assert jnp.isfinite(jax.grad(lambda x: complementarity(x, raised=1e-3))(x)).all()
 
 
-def test_a_multiple_eigenvalue_is_told(contact):
-    def lowest(modulus, throw):
+def test_a_multiple_eigenvalue_has_no_derivative(contact):
+    def lowest(modulus):
         other = with_parameters(contact, jnp.array(1e-3), jnp.array(1.0), modulus)
         flat = js.Contact(other.solid, jnp.zeros((16, 16)), other.potential)
         equilibrium = js.equilibrate(flat, js.MeanGap(jnp.array(1.0)))
-        return js.assess_stability(flat, equilibrium, throw=throw).lower_bound.eigenvalue
+        return js.assess_stability(flat, equilibrium).lower_bound.eigenvalue
 
-    refused(lowest, jnp.array(1.0), "the eigenvalue is multiple")
+    assert is_undefined(lowest, jnp.array(1.0))
     # The eigenvalue itself is there.
-    assert jnp.isfinite(lowest(jnp.array(1.0), True))
+    assert jnp.isfinite(lowest(jnp.array(1.0)))
 
 
 def test_modes_of_a_block_refuse_to_be_differentiated(contact):

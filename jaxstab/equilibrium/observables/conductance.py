@@ -15,7 +15,7 @@ from jaxstab.core.checks import cast, is_traced, require, require_kind, scalar_p
 from jaxstab.core.compile import program
 from jaxstab.core.display import block
 from jaxstab.core.grid import Grid, total
-from jaxstab.core.implicit import LinearSystem
+from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import SolverError
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Mask, Scalar

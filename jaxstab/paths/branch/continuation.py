@@ -15,7 +15,7 @@ from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.batching import by_lanes
 from jaxstab.core.checks import integer, is_traced, known, require, require_finite
 from jaxstab.core.compile import program
-from jaxstab.core.no_derivative import refuse_derivatives
+from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import stacked

@@ -49,17 +49,17 @@ class CriticalLoad(Stackable, Dimensioned):
         return self.equilibrium.load
 
 
-def critical_load_at(limit: Limit, contact: Contact, shared: Load, throw: bool) -> CriticalLoad:
+def critical_load_at(limit: Limit, contact: Contact, shared: Load) -> CriticalLoad:
     """Return the limit of a branch as a differentiable function of the contact and its load.
 
     Of the shared load all but the value is to be differentiated with respect to.
     """
     limit = replace(limit, load=shared.at(limit.load.value))
-    load, gap = differentiable(limit, contact, throw)
+    load, gap = differentiable(limit, contact)
     is_found, in_contact = limit.is_found, limit.gap == 0
     fields, _ = fields_of(*jax.lax.stop_gradient((contact, limit.load, limit.gap)))
     fields = {name: jnp.where(is_found, field, jnp.nan) for name, field in fields.items()}
-    fields = differentiable_fields(fields, is_found, contact, load, gap, throw)
+    fields = differentiable_fields(fields, is_found, contact, load, gap)
     space = Subspace(~in_contact | limit.point, contact.control(load).fixes_mean)
     eigenvalue = jnp.where(is_found, limit.critical.eigenvalue, jnp.nan)
     pair = replace(limit.critical, eigenvalue=eigenvalue, result=limit.result)
@@ -76,7 +76,7 @@ def critical_load_at(limit: Limit, contact: Contact, shared: Load, throw: bool) 
             **fields,
         ),
         kind=limit.kind,
-        critical=differentiable_pair(pair, space, contact, load, gap, throw),
+        critical=differentiable_pair(pair, space, contact, load, gap),
         after=None,
         result=limit.result,
     )

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 from jaxstab.contact import Contact
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import attach, finite, pushed
-from jaxstab.core.no_derivative import Obstacle, any_exists
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium.derivatives import changing_points
 from jaxstab.equilibrium.equilibrium import Fields, fields_of
@@ -19,32 +18,15 @@ from jaxstab.paths.branch_end.locate import Limit, locate
 from jaxstab.paths.branch_end.release import first_of, first_releases, opening
 from jaxstab.stability.derivatives import differentiable as differentiable_pair
 
-_SYMMETRY = (
-    "On a symmetric surface several contact points let go at once: break its symmetry, for "
-    "instance shift it by a part of the spacing of the grid"
-)
-NOT_FOUND = (
-    "the end of the branch was not found (look at its result), or not exactly, since other points "
-    f"touch or let go right before it. {_SYMMETRY}"
-)
-_BIFURCATION = (
-    "the branch does not turn back here but branches off, into states without its symmetry. "
-    "Differentiate another quantity, or break the symmetry of the surface"
-)
-_COINCIDES = (
-    "two events coincide: beside what ends the branch, a point is about to touch or to let go, its "
-    f"gap or its reaction zero to within the residual. {_SYMMETRY}. Or differentiate in float64"
-)
-
 Inputs = tuple[Contact, Load]
 Changes = tuple[Scalar, Field]
 
 
-def differentiable(limit: Limit, contact: Contact, throw: bool) -> tuple[Load, Field]:
+def differentiable(limit: Limit, contact: Contact) -> tuple[Load, Field]:
     """Return load and gap of a limit as functions of contact and load parameters."""
     load = limit.load
     inputs = contact, load.at(jax.lax.stop_gradient(load.value))
-    value, gap = attach(_changes_of_limit, throw, (load.value, limit.gap), limit, inputs)
+    value, gap = attach(_changes_of_limit, (load.value, limit.gap), limit, inputs)
     return load.at(value), gap
 
 
@@ -54,7 +36,6 @@ def differentiable_value(
     kind: KINDS,
     ahead: Scalar,
     contact: Contact,
-    throw: bool,
 ) -> Scalar:
     """Return the load of a state close to a limit as a function of the contact, as that one's is.
 
@@ -62,19 +43,19 @@ def differentiable_value(
     """
     known = gap, kind, ahead
     inputs = contact, load.at(jax.lax.stop_gradient(load.value))
-    return attach(_changes_near_limit, throw, load.value, known, inputs)
+    return attach(_changes_near_limit, load.value, known, inputs)
 
 
 def differentiable_fields(
-    fields: Fields, is_found: Flag, contact: Contact, load: Load, gap: Field, throw: bool
+    fields: Fields, is_found: Flag, contact: Contact, load: Load, gap: Field
 ) -> Fields:
     """Return the fields at a limit as functions of the contact, and of its load and gap."""
-    return attach(_changes_of_fields, throw, fields, is_found, (contact, load, gap))
+    return attach(_changes_of_fields, fields, is_found, (contact, load, gap))
 
 
 def _changes_near_limit(
     value: Scalar, known: tuple[Field, KINDS, Scalar], inputs: Inputs, changes: Inputs
-) -> tuple[Scalar, list[Obstacle]]:
+) -> tuple[Scalar, Flag]:
     contact, load = jax.lax.stop_gradient(inputs)
     gap, kind, ahead = known
     point = jax.lax.cond(
@@ -84,27 +65,22 @@ def _changes_near_limit(
     )
     limit = locate(contact, load, gap, kind, point, ahead)
     inputs = inputs[0], inputs[1].at(limit.load.value)
-    (change, _), obstacles = _changes_of_limit((value, limit.gap), limit, inputs, changes)
-    return change, obstacles
+    (change, _), is_undefined = _changes_of_limit((value, limit.gap), limit, inputs, changes)
+    return change, is_undefined
 
 
 def _changes_of_limit(
     values: Changes, limit: Limit, inputs: Inputs, changes: Inputs
-) -> tuple[Changes, list[Obstacle]]:
+) -> tuple[Changes, Flag]:
     is_found, is_release = limit.is_found & limit.is_exact, limit.kind == KINDS.release
     inputs, (_, gap), pair = finite(is_found, (inputs, values, limit.critical))
     contact, load = inputs
     space = free_space(contact, load, gap)
-    pair = differentiable_pair(pair, space, contact, load, gap, throw=False)
+    pair = differentiable_pair(pair, space, contact, load, gap)
     linear = linearised(contact, load, gap, pair)
     _, net = fields_of(contact, load, gap)
     coinciding = changing_points(net, gap, contact.solid) & ~limit.point
-    obstacles = [
-        Obstacle(~is_found, NOT_FOUND),
-        Obstacle(linear.branches_off & ~is_release, _BIFURCATION),
-        Obstacle(jnp.any(coinciding), _COINCIDES),
-    ]
-    is_blocked = any_exists(obstacles)
+    is_undefined = ~is_found | (linear.branches_off & ~is_release) | jnp.any(coinciding)
 
     def pressures(contact: Contact, load: Load) -> tuple[Field, Field, Field]:
         fields, net = fields_of(contact, load, gap)
@@ -114,15 +90,15 @@ def _changes_of_limit(
     shift, *missed = pushed(pressures, inputs, changes)
 
     def missed_if(is_of_kind: Flag) -> list[Field]:
-        # Of nothing, linear systems are solved in no step.
-        return [jnp.where(is_of_kind & ~is_blocked, part, 0) for part in missed]
+        # A linear system with a zero right-hand side converges at once.
+        return [jnp.where(is_of_kind & ~is_undefined, part, 0) for part in missed]
 
     released = _move_of_release(contact, load, gap, limit.point, missed_if(is_release)[0])
     net_change, moved_change = missed_if(~is_release)
     conditions = linear.project(net_change), total(pair.mode * moved_change)
     folded = newton_step(linear, conditions, linear.stiffened.differentiable_solution)
     change, move = jax.tree.map(partial(jnp.where, is_release), released, folded)
-    return (change, shift + move), obstacles
+    return (change, shift + move), is_undefined
 
 
 def _move_of_release(
@@ -138,6 +114,6 @@ def _move_of_release(
 
 def _changes_of_fields(
     fields: Fields, is_found: Flag, inputs: tuple, changes: tuple
-) -> tuple[Fields, list[Obstacle]]:
+) -> tuple[Fields, Flag]:
     moved, _ = pushed(fields_of, finite(is_found, inputs), changes)
-    return moved, [Obstacle(~is_found, NOT_FOUND)]
+    return moved, ~is_found

@@ -15,7 +15,7 @@ from jaxtyping import Array, Int
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
 from jaxstab.core.grid import total
-from jaxstab.core.implicit import LinearSystem
+from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.loop import IterativeSolver, integer_parameter
 from jaxstab.core.procedure import run
 from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxstab.contact import Contact
 from jaxstab.core.grid import mean, total
 from jaxstab.core.history import Indicators
-from jaxstab.core.implicit import LinearSystem
+from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.derivatives import free_system
