@@ -17,7 +17,15 @@ from jaxtyping import Array, ArrayLike
 from jaxstab import potentials
 from jaxstab.contact.hessian import Hessian
 from jaxstab.contact.residual import Balance, balance_of, conforming_pressure
-from jaxstab.core.checks import cast, is_spread, is_traced, numbers, require_finite, require_kind
+from jaxstab.core.checks import (
+    cast,
+    is_spread,
+    is_traced,
+    known,
+    numbers,
+    require_finite,
+    require_kind,
+)
 from jaxstab.core.compile import make_room, program
 from jaxstab.core.display import block
 from jaxstab.core.grid import Grid
@@ -35,6 +43,7 @@ from jaxstab.potentials import (
 from jaxstab.potentials.profile import Profile, profile_of, require_smooth
 from jaxstab.solids import Solid, mirrored, padded, where_window
 from jaxstab.surfaces import Topography, faults, units
+from jaxstab.surfaces.topography import FILL, as_topography
 
 # How far below a surface that ends the solid may sink beyond it, over the surface's depth.
 _DEPTH = 2
@@ -48,7 +57,9 @@ class Contact(eqx.Module):
     Arguments:
         solid: the elastic solid.
         heights: h at the points of the solid's grid [length]; summits touch first. An array, or a
-            `jaxstab.surfaces.Topography` on that grid, whose unit the contact then has.
+            `jaxstab.surfaces.Topography` on that grid, whose unit the contact then has; also an
+            array of xarray with dimensions x and y, in either order, and a surface of
+            SurfaceTopography.
         potential: adhesive energy per area as a scalar function of the gap: a law of
             `jaxstab.potentials`, any `equinox.Module`, or a bare function. It is twice
             differentiable for every gap >= 0, or for every gap > 0 if it rises without bound
@@ -58,16 +69,18 @@ class Contact(eqx.Module):
 
     Warns:
         SurfaceWarning: for heights that look wrong: tilted, with opposite edges that do not meet,
-            or in another unit than the lengths. On a window neither tilt nor edges matter.
+            in another unit than the lengths, or with a number for missing points. On a window
+            neither tilt nor edges matter.
 
     Raises:
         ValueError: for heights that are not finite or have another shape than the grid. For a
-            topography with missing points, on another grid or in another unit. For a unit that is
-            not one of length. For a potential that is not a scalar of a scalar, or that is
-            piecewise linear. For a potential that, or whose first two derivatives, are not finite
-            at some gap; at zero gap it may rise without bound.
+            topography with missing points, on another grid or in another unit. For dimensions of
+            other names than x and y. For a unit that is not one of length. For a potential that is
+            not a scalar of a scalar, or that is piecewise linear. For a potential that, or whose
+            first two derivatives, are not finite at some gap; at zero gap it may rise without
+            bound.
         TypeError: for a solid that is not one, and for a potential that JAX cannot trace. For
-            heights that are masked, complex, or neither float32 nor float64.
+            heights that are complex, or neither float32 nor float64.
     """
 
     solid: Solid
@@ -90,9 +103,11 @@ class Contact(eqx.Module):
                 f"The solid is a {type(solid).__name__}: give a solid such as HalfSpace(grid, ...) "
                 "first, then the heights, then the potential."
             )
-        topography = heights if isinstance(heights, Topography) else None
+        topography = as_topography(heights, solid.grid)
         values = topography.on(solid.grid) if topography else heights
         given = numbers(values, "The array of heights")
+        if getattr(heights, "dtype", None) == np.float32:
+            given = given.astype(np.float32)
         if given.shape != solid.grid.shape:
             raise ValueError(
                 f"heights have shape {given.shape}, the solid's grid {solid.grid.shape}: "
@@ -102,7 +117,7 @@ class Contact(eqx.Module):
         dtype = self.heights.dtype
         if dtype not in (jnp.float32, jnp.float64):
             raise TypeError(f"heights are {dtype}: give them in float32 or float64.")
-        require_finite("heights", self.heights)
+        require_finite("heights", self.heights, FILL)
         faults.warn(_suspicions(solid, given, topography))
         self.solid = cast(solid, dtype)
         self.unit = _unit(topography, unit)
@@ -265,8 +280,11 @@ def _suspicions(
         return [*topography.wrong_scale, *topography.spread]
     if topography:
         return topography.suspicions
-    is_unseen = solid.is_window or is_traced(heights) or is_spread(heights)
-    return [] if is_unseen else faults.looks_wrong(np.asarray(heights))
+    if is_traced((heights, solid.grid.lengths)) or is_spread(heights):
+        return []
+    values = np.asarray(heights)
+    marks = faults.marks_missing(values, known(solid.grid.lengths))
+    return marks if marks or solid.is_window else faults.looks_wrong(values)
 
 
 def _power_of_two_above(value: Scalar) -> Scalar:

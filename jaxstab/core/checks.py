@@ -51,7 +51,7 @@ def parameter(value: Any, name: str = "A parameter") -> Float[Array, "..."]:
 
 def numbers(value: Any, name: str) -> Float[Array | np.ndarray, "..."]:
     """Return `value` as a floating-point array, of NumPy unless it is one of JAX."""
-    if isinstance(value, np.ma.MaskedArray):
+    if np.ma.is_masked(value):
         raise TypeError(
             f"{name} is masked, with {np.ma.count_masked(value)} values missing: fill it first, as "
             "with `numpy.ma.filled(values, number)`."
@@ -133,14 +133,16 @@ def are_finite(value: Float[Array | np.ndarray, "..."]) -> Any:
     return abs(known(value)) < np.inf
 
 
-def require_finite(name: str, value: Float[Array, "..."]) -> None:
+def require_finite(
+    name: str, value: Float[Array, "..."], cure: str = "give finite numbers."
+) -> None:
     """Raise `ValueError` naming the first point where `value`, if known, is NaN or infinite."""
     if is_traced(value) or (finite := are_finite(value)).all():
         return
     index = tuple(int(i) for i in np.unravel_index(int(finite.argmin()), finite.shape))
     raise ValueError(
         f"{name} has {(~finite).sum()} NaN or infinite values, the first at {index}: "
-        f"{float(value[index])}. Mask or interpolate them before use."
+        f"{float(value[index])}: {cure}"
     )
 
 

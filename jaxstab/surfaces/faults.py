@@ -18,6 +18,8 @@ _ABOVE_LARGEST = 1.5
 # Of fewer points along a side nothing can be told.
 _FEWEST = 32
 _SLOPES = 1e-5, 10.0
+# Over the range of the others: how far off a number is that stands for missing points.
+_FAR_OFF = 100.0
 
 
 class SurfaceWarning(UserWarning):
@@ -62,11 +64,30 @@ def has_wrong_scale(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
     slope = rms_slope(heights, lengths)
     if slope == 0 or _SLOPES[0] <= slope <= _SLOPES[1]:
         return []
-    return [
+    return marks_missing(heights, lengths) or [
         f"the rms slope is {slope:.3g}: heights of rms {rms(heights):.3g} on sides of "
         f"{times(lengths, '.4g')} are hardly in one unit. Give `lengths` in the unit of the "
         "heights."
     ]
+
+
+def marks_missing(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
+    """Return a sentence if the least or the largest height looks like a mark of missing points."""
+    heights = heights.astype(float)
+    present = heights[np.isfinite(heights)]
+    for mark in (present.min(), present.max()):
+        others = present[present != mark]
+        count = present.size - others.size
+        if 0 < count < others.size:
+            extent = np.ptp(others)
+            is_far = np.abs(others - mark).min() > _FAR_OFF * extent > 0
+            if is_far and rms_slope(heights, lengths) > _SLOPES[1]:
+                return [
+                    f"{count} of {heights.size} heights are {mark:.6g}, while all others lie "
+                    f"within {extent:.3g}: where this number marks missing points, write nan for "
+                    "it, and fill them by `Topography.filled()`."
+                ]
+    return []
 
 
 def rms_slope(heights: np.ndarray, lengths: np.ndarray) -> float:

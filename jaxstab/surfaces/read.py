@@ -1,6 +1,8 @@
 """Surfaces from files, whose content determines the format."""
 
 import gzip
+import re
+import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -14,19 +16,16 @@ from jaxtyping import ArrayLike
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid
 from jaxstab.surfaces import faults
-from jaxstab.surfaces.formats.instruments import read_instrument, read_instrument_text
-from jaxstab.surfaces.formats.netcdf import read_netcdf
-from jaxstab.surfaces.formats.npy import read_npy
+from jaxstab.surfaces.formats.arrays import read_arrays
+from jaxstab.surfaces.formats.instruments import read_instrument
+from jaxstab.surfaces.formats.labelled import read_netcdf
 from jaxstab.surfaces.formats.scan import Scan, UnknownContent
-from jaxstab.surfaces.formats.text import read_text
+from jaxstab.surfaces.formats.text import read_table, read_text
 from jaxstab.surfaces.topography import Topography
-from jaxstab.surfaces.units import unit_of
 
-# The relative error up to which given side lengths agree with those of a file.
-_AGREEMENT = 1e-6
-_GZIP, _UTF_16 = b"\x1f\x8b", (b"\xff\xfe", b"\xfe\xff")
-# What no text of single bytes holds.
-_CONTROL = bytes(set(range(32)) - set(b"\t\n\v\f\r"))
+_NUMPY, _GZIP = b"\x93NUMPY", b"\x1f\x8b"
+_NETCDF = b"CDF", b"\x89HDF\r\n\x1a\n"
+_CONTROL = re.compile(rb"[^\t\n\v\f\r -\xff]")
 
 
 def read(
@@ -35,29 +34,29 @@ def read(
     unit: str | None = None,
     channel: str | None = None,
 ) -> Topography:
-    """Return the surface in a file, whose content, not its name, determines the format.
+    """Read the surface in a file, whose content, not its name, determines the format.
 
-    The first index of heights runs along x. A text matrix has a line for each x, as
-    `numpy.savetxt(path, heights)` writes it. So has an array in a `.npy` file. A single row or
-    column is a profile. Three columns of text that lie on a lattice are points x, y, z in any
-    order. More than 50 rows on no lattice raise an error. Two columns with an evenly rising or
-    falling first one are a profile x, z. Titles above such columns may say units, as `x (µm), z
-    (nm)`. Text that Gwyddion exports is an image, by its header: a line is a row along x, the first
-    at y = 0, as in its own files. Decimal commas are read where fields are separated otherwise. Of
-    NetCDF the dimensions x and y count, in either order. Any other file, as .x3p and .gwy, is read
-    through SurfaceTopography; so is text below the header of an instrument. Rows stay in the order
-    of the file, a line of text along x. A side is as long as its number of points times their
-    spacing. Files packed by gzip are unpacked first.
+    The first index of heights runs along x.
 
-    Missing points (nan, an empty field between separators, a masked point) stay NaN.
+    - `.npy`: `numpy.save(path, heights)`.
+    - `.npz`: `numpy.savez(path, heights=heights, lengths=(3.0, 1.4), unit="µm")`, `lengths` and
+      `unit` if they are known.
+    - Text that `numpy.loadtxt` reads: a matrix with a line for each x, as
+      `numpy.savetxt(path, heights)` writes it, a single row or column as a profile; three columns
+      x, y, z of points on a lattice, in any order; two columns x, z of an evenly spaced profile.
+    - NetCDF with dimensions x and y, in either order, as `jaxstab.save` and xarray write it.
+    - Anything else, text with a header too, is read by SurfaceTopography.
+
+    A side is as long as its number of points times their spacing. Missing points are NaN. Files
+    packed by gzip are unpacked first. No file runs code.
 
     Arguments:
         path: the file.
-        lengths: side lengths, in the unit of the heights; needed where the file says none. One
+        lengths: side lengths, in the unit of the heights; needed where the file states none. One
             number does for a line, and for as many points along either side.
-        unit: that of lengths and heights, where the file does not say.
-        channel: which of several, by its name: of NetCDF a variable, `heights` by default, of
-            instruments by default the first that holds heights. `print` of the surface names them.
+        unit: the unit of lengths and heights, where the file states none.
+        channel: the name of one of several channels, of NetCDF and `.npz` a variable; by default
+            `heights`, or the first that holds heights. `print` of the surface names them.
 
     Raises:
         FileNotFoundError: if there is no such file.
@@ -69,15 +68,16 @@ def read(
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist.")
     try:
-        topography = _made(_scan(path, channel), lengths, unit)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        topography = _topography(_scan(path, channel), lengths, unit)
+    except (ImportError, ValueError) as error:
+        kind = ImportError if isinstance(error, ImportError) else ValueError
+        raise kind(f"{path}: {error}") from None
     faults.warn(topography.wrong_scale)
     return topography
 
 
 def _scan(path: Path, channel: str | None) -> Scan:
-    """Return what the first reader that understands a file makes of it."""
+    """Return the content of a file by the first reader that understands it."""
     if not path.is_file():
         raise ValueError("this is no file.")
     source, content = str(path), path.read_bytes()
@@ -89,62 +89,56 @@ def _scan(path: Path, channel: str | None) -> Scan:
         source = BytesIO(content)
     if not content:
         raise ValueError("the file is empty.")
-    errors = []
+    errors: list[str] = []
     for reader in _readers(source, content, channel):
         try:
             return reader()
         except UnknownContent as error:
-            errors.append(error)
-        except ImportError as error:
-            if not errors:
-                raise
-            raise ValueError(f"{errors[0]} {error}") from None
-    raise errors[0]
+            errors = list(dict.fromkeys([*errors, str(error)]))
+        except (ImportError, ValueError) as error:
+            raise type(error)(" ".join([*errors, str(error)])) from None
+    raise ValueError(" ".join(errors))
 
 
 def _readers(
     source: str | BytesIO, content: bytes, channel: str | None
 ) -> Iterator[Callable[[], Scan]]:
     """Yield readers for a content, the likeliest first."""
-    if content.startswith(b"\x93NUMPY"):
-        yield partial(_alone, read_npy, content, channel)
+    if content.startswith(_NUMPY) or _is_npz(content):
+        yield partial(read_arrays, content, channel)
         return
-    text = _text(content)
-    if content.startswith(b"CDF"):
-        yield partial(read_netcdf, content, "scipy", channel)
-    elif content.startswith(b"\x89HDF\r\n\x1a\n"):
-        yield partial(read_netcdf, content, "h5netcdf", channel)
-    elif text is not None:
-        yield partial(_alone, read_text, text, channel)
-    yield partial(read_instrument, source, content, channel)
-    if text is not None:
-        yield partial(read_instrument_text, text, channel)
+    if content.startswith(_NETCDF):
+        yield partial(read_netcdf, content, channel)
+    if _CONTROL.search(content):
+        yield partial(read_instrument, source, channel)
+        return
+    text = _decoded(content)
+    yield partial(read_text, text, channel)
+    yield partial(read_instrument, BytesIO(text.encode()), channel)
+    # Its comments say nothing to an instrument's reader.
+    yield partial(read_table, text, channel)
 
 
-def _text(content: bytes) -> str | None:
+def _is_npz(content: bytes) -> bool:
+    if not zipfile.is_zipfile(BytesIO(content)):
+        return False
+    names = zipfile.ZipFile(BytesIO(content)).namelist()
+    return bool(names) and all(name.endswith(".npy") for name in names)
+
+
+def _decoded(content: bytes) -> str:
     try:
-        if content.startswith(_UTF_16):
-            return content.decode("utf-16")
-        if content.translate(None, _CONTROL) != content:
-            return None
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        # Of older programs: what is not of ASCII is a unit, or stands in comments.
-        return None if content.startswith(_UTF_16) else content.decode("latin-1")
+        # In text of older programs, only units and comments are not ASCII.
+        return content.decode("latin-1")
 
 
-def _alone(reader: Callable[[Any], Scan], content: Any, channel: str | None) -> Scan:
-    """Return what a reader of files without channels makes of one."""
-    scan = reader(content)
-    if channel is not None:
-        raise ValueError(f"the channel is {channel!r}, but the file has one surface: leave it out.")
-    return scan
-
-
-def _made(scan: Scan, lengths: Sequence[float] | ArrayLike | None, unit: str | None) -> Topography:
-    """Return a surface of what a file and its user say, which must not contradict each other."""
-    points = times(scan.heights.shape)
-    sides = lengths if scan.lengths is None else scan.lengths
+def _topography(
+    scan: Scan, lengths: Sequence[float] | ArrayLike | None, unit: str | None
+) -> Topography:
+    """Return a surface of the statements of a file and its user, which must agree."""
+    points, sides = times(scan.heights.shape), scan.lengths if lengths is None else lengths
     if sides is None:
         raise ValueError(
             f"its {points} heights come without side lengths: give them in the unit of the "
@@ -154,18 +148,5 @@ def _made(scan: Scan, lengths: Sequence[float] | ArrayLike | None, unit: str | N
         raise ValueError(
             f"lengths is {lengths}, one number for {points} points: give one for each side."
         )
-    if lengths is not None and scan.lengths is not None and not _agree(lengths, scan.lengths):
-        said = times(scan.lengths, ".10g") + (f" {scan.unit}" if scan.unit else "")
-        raise ValueError(f"lengths are {lengths}, but the file says {said}: leave them out.")
-    if unit is not None and scan.unit not in (None, unit_of(unit)):
-        raise ValueError(
-            f"the unit is {unit!r}, but the file says {scan.unit!r}: leave `unit` out, and convert "
-            f'by `.in_unit("{unit}")`.'
-        )
-    grid = Grid(scan.heights.shape, sides)
-    return Topography(grid, scan.heights, scan.unit or unit, scan.remarks, scan.is_periodic)
-
-
-def _agree(lengths: Any, others: Sequence[float]) -> bool:
-    given = np.asarray(lengths, float)
-    return given.shape in ((), (len(others),)) and np.allclose(given, others, _AGREEMENT, 0)
+    heights: Any = scan
+    return Topography(Grid(scan.heights.shape, sides), heights, unit)

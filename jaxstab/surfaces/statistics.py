@@ -16,7 +16,7 @@ from jaxstab.core.checks import are_finite, is_traced, known, numbers, parameter
 from jaxstab.core.docstrings import described
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import Field, Scalar
-from jaxstab.surfaces.topography import Topography
+from jaxstab.surfaces.topography import FILL, Topography, as_topography
 
 _OF_A_GRID = {
     "grid": "the grid; its lengths must be known, since they decide the number of rings",
@@ -182,7 +182,8 @@ def _grid_of(solid: Elastic) -> Grid:
 def _heights_on(grid: Grid, heights: Any) -> Field:
     """Return heights as an array, which must be on the grid."""
     require_grid(grid)
-    heights = _complete(heights.on(grid) if isinstance(heights, Topography) else heights)
+    topography = as_topography(heights, grid)
+    heights = _complete(topography.on(grid) if topography else heights)
     if heights.shape != grid.shape:
         raise ValueError(
             f"heights have shape {heights.shape}, the grid {grid.shape}: they must agree."
@@ -195,10 +196,7 @@ def _complete(heights: Any) -> Float[Array | np.ndarray, " *grid"]:
     given = heights.heights if isinstance(heights, Topography) else heights
     heights = numbers(given, "The array of heights")
     if not is_traced(heights) and (missing := int((~are_finite(heights)).sum())):
-        raise ValueError(
-            f"{missing} of {heights.size} heights are NaN or infinite: fill them by "
-            "`Topography.filled()`."
-        )
+        raise ValueError(f"{missing} of {heights.size} heights are NaN or infinite: {FILL}")
     return heights
 
 

@@ -11,7 +11,9 @@ from jaxstab.core.checks import is_traced, known
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid, require_grid, resample
 from jaxstab.surfaces import faults, processing, units
+from jaxstab.surfaces.formats import Scan, scan_of
 
+FILL = "fill them, as by `js.surfaces.Topography(grid, heights).filled()`."
 _TAPER = 0.1
 _TRENDS = ("its mean", "its best plane", "its best quadric")
 _FILLINGS = {"harmonic": 1, "biharmonic": 2}
@@ -27,7 +29,9 @@ class Topography:
         grid: the grid; a side is as long as its points times their spacing, since the surface is
             to be periodic.
         heights: h at its points [length], the first index along x; NaN where points are missing, or
-            masked in the input. Kept as float64 of NumPy.
+            masked in the input. Kept as float64 of NumPy. An array of xarray with dimensions x and
+            y, in either order, or a surface of SurfaceTopography brings its unit, and its side
+            lengths must be those of the grid.
         unit: that of heights and lengths, from pm to km, or None.
         remarks: its processing, in words.
         is_periodic: whether opposite edges are known to meet.
@@ -35,8 +39,8 @@ class Topography:
             over the surface.
 
     Raises:
-        ValueError: for heights of another shape than the grid, infinite, or missing altogether,
-            and for a unit that is none of length.
+        ValueError: for heights of another shape than the grid, infinite, or missing altogether.
+            For a unit that is none of length, and where lengths or unit of heights contradict.
         TypeError: for anything but a grid, and for heights that are not real numbers.
     """
 
@@ -49,6 +53,8 @@ class Topography:
 
     def __post_init__(self) -> None:
         require_grid(self.grid)
+        if (scan := scan_of(self.heights)) is not None:
+            self._take(scan)
         heights = np.ma.asarray(self.heights)
         if heights.dtype.kind not in "fiub":
             raise TypeError(f"The array of heights is {heights.dtype}: give real numbers.")
@@ -69,6 +75,29 @@ class Topography:
         object.__setattr__(self, "heights", heights)
         if self.unit is not None:
             object.__setattr__(self, "unit", units.unit_of(self.unit))
+
+    def _take(self, scan: Scan) -> None:
+        """Take heights with lengths and a unit of their own, which must agree with those given."""
+        lengths, unit = known(self.grid.lengths), self.unit and units.unit_of(self.unit)
+        if scan.lengths is not None and not is_traced(lengths):
+            own = np.broadcast_to(scan.lengths, lengths.shape)
+            if not np.allclose(own, lengths, _ROUNDING, 0):
+                raise ValueError(
+                    f"lengths are {times(lengths, '.10g')}, but those of the heights are "
+                    f"{times(own, '.10g')}{f' {scan.unit}' if scan.unit else ''}: use these."
+                )
+        if unit not in (None, scan.unit) and scan.unit:
+            raise ValueError(
+                f"the unit is {self.unit!r}, but the heights are in {scan.unit!r}: leave `unit` "
+                f'out, and convert by `.in_unit("{self.unit}")`.'
+            )
+        for name, value in {
+            "heights": scan.heights,
+            "unit": scan.unit or unit,
+            "remarks": (*scan.remarks, *self.remarks),
+            "is_periodic": scan.is_periodic or self.is_periodic,
+        }.items():
+            object.__setattr__(self, name, value)
 
     @property
     def lengths(self) -> np.ndarray:
@@ -115,7 +144,7 @@ class Topography:
         if missing := self.num_missing:
             raise ValueError(
                 f"{purpose} needs all heights, of which {missing} of {self.grid.size} are missing: "
-                "fill them by `.filled()`."
+                f"{FILL}"
             )
 
     def on(self, grid: Grid) -> np.ndarray:
@@ -310,6 +339,14 @@ class Topography:
 
     def _changed(self, remark: str, **fields: Any) -> "Topography":
         return replace(self, remarks=(*self.remarks, remark), **fields)
+
+
+def as_topography(heights: Any, grid: Grid) -> Topography | None:
+    """Return a surface with a unit, named axes or masked points; None for a plain array."""
+    if isinstance(heights, Topography):
+        return heights
+    scan: Any = heights if np.ma.is_masked(heights) else scan_of(heights)
+    return None if scan is None else Topography(grid, scan)
 
 
 def _choice(name: str, value: Any, choices: Any) -> Any:

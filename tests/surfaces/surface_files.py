@@ -71,10 +71,18 @@ def as_gwy(path, unit="m", per_height=1e-6):
     path.write_bytes(b"GWYP" + gwy_object("GwyContainer", gwy_part("/0/data", "o", field)))
 
 
+def as_npz(path):
+    with path.open("wb") as file:
+        np.savez(file, heights=HEIGHTS, lengths=SIDES, unit="um")
+
+
+# A row for each y, in the order of the same image's .gwy file.
+GWYDDION = "# Channel: Height\n# Width: 3.000 µm\n# Height: 1.400 µm\n# Value units: m\n"
+ROWS = "\n".join(" ".join(f"{1e-6 * h:.17g}" for h in row) for row in HEIGHTS.T) + "\n"
+
+
 def as_text_of_gwyddion(path):
-    # A row for each y, in the order of the same image's .gwy file.
-    header = "Channel: Height\nWidth: 3.000 µm\nHeight: 1400 nm\nValue units: m"
-    np.savetxt(path, 1e-6 * HEIGHTS.T, delimiter="\t", header=header, encoding="utf-8")
+    path.write_text(GWYDDION + ROWS, encoding="latin-1")
 
 
 def as_netcdf(path, engine="h5netcdf"):
@@ -96,26 +104,31 @@ def by_surface_topography(path):
     topography.to_netcdf(str(path))
 
 
+def by_its_text(path):
+    import SurfaceTopography
+
+    topography = SurfaceTopography.Topography(HEIGHTS, SIDES, unit="µm", periodic=False)
+    topography.to_matrix(str(path))
+
+
 WRITERS = [
     as_text,
     as_xyz,
     as_npy,
+    as_npz,
     as_x3p,
     as_gwy,
     as_text_of_gwyddion,
     as_netcdf,
     as_classic_netcdf,
     by_surface_topography,
+    by_its_text,
 ]
 SAY_NOTHING = {as_text, as_npy}
 SAY_NO_UNIT = SAY_NOTHING | {as_xyz}
 REMARKS = {
     as_netcdf: ("heights converted from nm to µm",),
     as_classic_netcdf: ("heights converted from nm to µm",),
-    as_text_of_gwyddion: (
-        "an image of Gwyddion, a row for each y",
-        "heights converted from m to µm",
-    ),
 }
 
 

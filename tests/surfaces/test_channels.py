@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import xarray
 from surface_files import HEIGHTS, SIDES, as_npy, as_text, gwy_object, gwy_part, x, y
-from test_text_of_instruments import image_of_gwyddion
 
 import jaxstab as js
 from jaxstab.__main__ import main
@@ -100,28 +99,26 @@ def test_variables_of_netcdf_are_channels(tmp_path):
     assert "channel 'heights' of 'second', 'heights', chosen by default" in str(default)
 
 
-def test_images_of_one_text_are_channels_by_their_names(tmp_path):
-    rows = ["\n".join(" ".join(f"{f * h:.17g}" for h in row) for row in HEIGHTS.T) for f in (1, 2)]
-    text = "".join(
-        image_of_gwyddion("English", name, body + "\n").replace("units: nm", "units: µm")
-        for name, body in zip(("Left", "Right"), rows, strict=True)
-    )
-    (tmp_path / "a.txt").write_text(text)
-    for name, factor in {None: 1, "Left": 1, "Right": 2}.items():
-        topography = js.surfaces.read(tmp_path / "a.txt", channel=name)
-        np.testing.assert_allclose(topography.heights, factor * HEIGHTS, rtol=1e-14)
-        np.testing.assert_allclose(topography.lengths, SIDES)
-    with pytest.raises(ValueError, match="no channel 'Up' of heights: choose from 'Left', 'Right'"):
-        js.surfaces.read(tmp_path / "a.txt", channel="Up")
-    (tmp_path / "a.txt").write_text(text.replace("Right", "Left"))
-    with pytest.raises(ValueError, match="several images"):
-        js.surfaces.read(tmp_path / "a.txt")
+def test_arrays_of_npz_are_channels(tmp_path):
+    path = tmp_path / "a.npz"
+    np.savez(path, heights=HEIGHTS, other=2 * HEIGHTS, lengths=SIDES)
+    default = js.surfaces.read(path, unit="nm")
+    np.testing.assert_array_equal(default.heights, HEIGHTS)
+    assert (default.unit, default.grid.shape) == ("nm", HEIGHTS.shape)
+    np.testing.assert_array_equal(js.surfaces.read(path, channel="other").heights, 2 * HEIGHTS)
+    with pytest.raises(ValueError, match="no channel 'up' of heights: choose from 'heights', 'oth"):
+        js.surfaces.read(path, channel="up")
+    np.savez(path, lengths=SIDES)
+    with pytest.raises(ValueError, match=r"a\.npz: it has no array of heights"):
+        js.surfaces.read(path)
+    np.savez(path, HEIGHTS[:7], lengths=1.4)
+    np.testing.assert_allclose(js.surfaces.read(path).lengths, [1.4, 1.4])
 
 
 @pytest.mark.parametrize("write", [as_text, as_npy])
 def test_a_file_of_one_surface_has_no_channels(tmp_path, write):
     write(tmp_path / "a")
-    with pytest.raises(ValueError, match="channel is 'Z', but the file has one surface"):
+    with pytest.raises(ValueError, match="no channel 'Z' of heights: choose from 'heights'"):
         js.surfaces.read(tmp_path / "a", SIDES, channel="Z")
 
 

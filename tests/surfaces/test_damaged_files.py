@@ -1,5 +1,6 @@
 """Files that are damaged, ambiguous or too silent, and what is asked of the user."""
 
+import gzip
 import io
 import sys
 
@@ -7,12 +8,15 @@ import numpy as np
 import pytest
 import xarray
 from surface_files import (
+    GWYDDION,
     HEIGHTS,
     SIDES,
     as_classic_netcdf,
     as_gwy,
     as_netcdf,
     as_npy,
+    as_npz,
+    as_text_of_gwyddion,
     as_x3p,
     read_text,
 )
@@ -27,20 +31,41 @@ ROWS = "1 2 3\n4 5 6\n"
     [
         ("", "the file is empty"),
         ("# nothing\n\n", "holds no numbers"),
-        (ROWS + "7 8\n", "line 3 has 2 numbers, line 1 has 3"),
-        (ROWS + "7 abc 9\n", "line 3: 'abc' is no number"),
-        ("x y z\n" + ROWS, "line 1: 'x' is no number"),
-        (ROWS + "7 -inf 9\n", "line 3: '-inf' is infinite"),
+        (ROWS + "7 8\n", "columns changed from 3 to 2 at row 3"),
+        (ROWS + "7 abc 9\n", "'abc' to float64 at row 2, column 2.*SurfaceTopography: "),
+        (
+            "x y z\n" + ROWS,
+            "'x' to float64 at row 0, column 1.* SurfaceTopography: .*unknown kind",
+        ),
+        (ROWS + "7 -inf 9\n", r"1 heights are infinite, the first at \(2, 1\)"),
+        # Decimal commas, and a field left empty.
+        ("1,5 2\n3 4\n", "to float64"),
+        ("1,5;2\n3;4\n", "'1,5' to float64"),
+        ("1,100\n1,150\n", "'1,100' looks like decimal commas, or like two columns: write 1.5"),
+        ("1,2,3\n4,,6\n", "'' to float64"),
+        # The header of an instrument, and columns below titles of no unit.
+        (GWYDDION + ROWS.replace("5", "x"), "of its 2 rows 1 are not numbers alone"),
+        (GWYDDION.replace("3.000 µm", "3 s") + 4 * "1 2 3 4\n", "Height: 1.* looks.* unit 's'"),
+        ("# Breite: 3 µm\n# Einheiten: nm\n" + 5 * ROWS, "says one side of two"),
+        ("# x-pixels = 3\n# y-pixels = 9\n" + 5 * ROWS, "y-pixels = 9' looks|=9"),
+        (
+            "Date 7.8.2024 by me\n" + 5 * ROWS,
+            "SurfaceTopography: .*unknown kind",
+        ),
+        (
+            "x [mm];z [V]\n0;1\n1;2\n2;4\n",
+            "SurfaceTopography: .*unknown kind",
+        ),
         ("1\n", "shape .*of 2 points or more"),
         ("nan nan\nnan nan", "all heights are missing"),
     ],
 )
-def test_damaged_text_names_its_line_and_word(tmp_path, text, message):
+def test_text_that_is_damaged_or_could_be_misread_is_refused(tmp_path, text, message):
     with pytest.raises(ValueError, match=rf"a\.txt: .*{message}"):
         read_text(tmp_path, text, (1, 1))
 
 
-@pytest.mark.parametrize("write", [as_npy, as_x3p, as_gwy, as_netcdf, as_classic_netcdf])
+@pytest.mark.parametrize("write", [as_npy, as_npz, as_x3p, as_gwy, as_netcdf, as_classic_netcdf])
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
 def test_a_truncated_file_is_refused_by_name(tmp_path, write, share):
     path = tmp_path / "a.bin"
@@ -60,7 +85,7 @@ def npy_of(values):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (npy_of(np.array([[1, "a"], [None, 2]], object)), "no plain array of numbers"),
+        (npy_of(np.array([[1, "a"], [None, 2]], object)), "more than plain arrays of numbers"),
         (npy_of(np.ones((3, 3), complex)), "complex128: heights are real"),
         (npy_of(np.ones((3, 3, 3))), r"shape \(3, 3, 3\)"),
         (npy_of(np.array([[1, np.inf], [2, 3]])), r"infinite, the first at \(0, 1\)"),
@@ -97,9 +122,9 @@ def test_lengths_and_units_are_asked_for_and_not_contradicted(tmp_path):
             js.surfaces.read(tmp_path / "a.npy", wrong)
     with pytest.raises(ValueError, match="the unit is 'inch': choose one of"):
         js.surfaces.read(tmp_path / "a.npy", SIDES, "inch")
-    with pytest.raises(ValueError, match=r"the file says 3e-06 x 1\.4e-06 m: leave them out"):
+    with pytest.raises(ValueError, match=r"those of the heights are 3e-06 x 1\.4e-06 m"):
         js.surfaces.read(tmp_path / "a.gwy", SIDES)
-    with pytest.raises(ValueError, match=r"'um', but the file says 'm'.*\.in_unit\(\"um\"\)"):
+    with pytest.raises(ValueError, match=r"'um', but the heights are in 'm'.*\.in_unit\(\"um\"\)"):
         js.surfaces.read(tmp_path / "a.gwy", unit="um")
     assert js.surfaces.read(tmp_path / "a.gwy", (3e-6, 1.4e-6), "m").unit == "m"
 
@@ -114,7 +139,6 @@ def test_lengths_and_units_are_asked_for_and_not_contradicted(tmp_path):
         (lambda data: data.assign(w=2 * data.z), "several maps, z, w: name the surface `heights`"),
         (lambda data: data.assign_coords(x=data.x**2), "coordinates x are not evenly spaced"),
         (lambda data: data.assign_coords(x=data.x.assign_attrs(units="m")), "different units"),
-        (lambda data: data.assign_coords(x=data.x.assign_attrs(length=5.0)), "length of x is 5"),
         (lambda data: data.drop_vars(["x", "y"]), "without side lengths"),
     ],
 )
@@ -183,6 +207,7 @@ def test_an_instruments_text_is_read_as_such(tmp_path):
     ("write", "package", "extra"),
     [
         (as_gwy, "SurfaceTopography.IO", "surfaces"),
+        (as_text_of_gwyddion, "SurfaceTopography.IO", "surfaces"),
         (as_netcdf, "xarray", "data"),
         (as_netcdf, "h5py", "data"),
     ],
@@ -190,5 +215,31 @@ def test_an_instruments_text_is_read_as_such(tmp_path):
 def test_a_missing_package_is_named_with_its_extra(tmp_path, monkeypatch, write, package, extra):
     write(tmp_path / "a")
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(ImportError, match=rf"pip install 'jaxstab\[{extra}\]'"):
+    with pytest.raises(ImportError, match=rf"/a: .*pip install 'jaxstab\[{extra}\]'"):
         js.surfaces.read(tmp_path / "a")
+
+
+@pytest.mark.parametrize("write", [as_npy, as_npz, as_gwy, as_netcdf, as_classic_netcdf])
+def test_files_that_gzip_packed_are_read(tmp_path, write):
+    write(tmp_path / "a")
+    content = gzip.compress((tmp_path / "a").read_bytes())
+    (tmp_path / "a.gz").write_bytes(content)
+    lengths = SIDES if write is as_npy else None
+    plain, packed = (js.surfaces.read(tmp_path / name, lengths) for name in ("a", "a.gz"))
+    np.testing.assert_array_equal(packed.heights, plain.heights)
+    np.testing.assert_array_equal(packed.lengths, plain.lengths)
+    assert (packed.unit, packed.remarks) == (plain.unit, plain.remarks)
+    (tmp_path / "a.gz").write_bytes(content[: len(content) // 2])
+    with pytest.raises(ValueError, match=r"a\.gz: its gzip data are truncated"):
+        js.surfaces.read(tmp_path / "a.gz", lengths)
+
+
+def test_pickled_objects_are_not_loaded(tmp_path):
+    np.savez(tmp_path / "a.npz", heights=np.array([Planted()], object))
+    with pytest.raises(ValueError, match=r"a\.npz: .*more than plain arrays"):
+        js.surfaces.read(tmp_path / "a.npz", 1.0)
+
+
+class Planted:
+    def __reduce__(self):
+        return pytest.fail, ("a file ran code",)

@@ -11,6 +11,8 @@ from surface_files import (
     WRITERS,
     as_gwy,
     read_text,
+    x,
+    y,
 )
 
 import jaxstab as js
@@ -43,9 +45,9 @@ def test_units_of_sides_and_heights_that_differ_become_one(tmp_path):
     "text",
     [
         "1 2 3\n4 nan 6\n",
-        "# scan 7\n1,2,3 % first\n\n4,,6\n",
-        "1; 2; 3;\r\n4; ; 6;\r\n",
-        "\ufeff1\t2\t3\n4\t\t6",
+        "# scan 7\n1,2,3 % first\n\n4,nan,6\n",
+        "1; 2; 3\r\n4; nan; 6\r\n",
+        "\ufeff1\t2\t3\n4\tNaN\t6",
         "1 2\t3\n4 NaN\t6",
     ],
 )
@@ -55,50 +57,31 @@ def test_separators_comments_and_missing_points_of_text(tmp_path, text):
     assert "1 points (16.7 %)" in str(topography)
 
 
-GWYDDION = "# Width: 2 µm\n# Height: 1 µm\n# Value units: µm\n"
+def test_comments_of_ones_own_are_left_alone(tmp_path):
+    header = "# h: heights along x\n# made: 7.8.2026\n# width of the tip = 3\n# Channel: Height\n"
+    topography = read_text(tmp_path, header + "1 2 3 4\n5 6 7 8\n9 8 7 6\n", (1, 2))
+    np.testing.assert_array_equal(topography.heights, [[1, 2, 3, 4], [5, 6, 7, 8], [9, 8, 7, 6]])
 
 
-def test_a_header_of_gwyddion_may_have_decimal_commas_and_no_unit_of_heights(tmp_path):
-    text = "# Width: 2,5 µm\n# Height: 1,0 µm\n# Value units:\n0,1\t0,2\t0,3\n0,4\t0,5\t0,6\n"
-    topography = read_text(tmp_path, text)
-    np.testing.assert_array_equal(topography.heights, [[0.1, 0.4], [0.2, 0.5], [0.3, 0.6]])
-    np.testing.assert_allclose(topography.lengths, [2.5, 1.0])
-    assert topography.unit == "µm"
-    assert "unit of heights taken from the sides, µm" in str(topography)
-    # A single row is a profile along x, and a matrix of three columns no points.
-    np.testing.assert_allclose(read_text(tmp_path, GWYDDION + "1 2 3\n").lengths, [2])
-    assert read_text(tmp_path, GWYDDION + "1 2 3\n" * 60).grid.shape == (3, 60)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (GWYDDION + "1 2\n3 4\n" + GWYDDION + "1 2\n3 4\n", "several images: export one"),
-        (GWYDDION.replace("2 µm", "wide") + "1 2\n3 4\n", "its width is 'wide': write a number"),
-        (GWYDDION.replace("1 µm", "1 s") + "1 2\n3 4\n", "its height is '1 s': write a number"),
-        (GWYDDION.replace("2 µm", "2") + "1 2\n3 4\n", "comes without a unit"),
-        (GWYDDION.replace("units: µm", "units: V") + "1 2\n3 4\n", "the unit is 'V'"),
-    ],
-)
-def test_a_header_of_gwyddion_that_says_too_little_is_refused(tmp_path, text, message):
-    with pytest.raises(ValueError, match=rf"a\.txt: .*{message}"):
-        read_text(tmp_path, text)
-
-
-@pytest.mark.parametrize(
-    "text", ["1,5\t2\t3\n4\t\t6,25\n", "1,5 2 3\n4 nan 6,25\n", "1,5; 2;3\n4;;6,25\n"]
-)
-def test_decimal_commas_are_read_beside_another_separator(tmp_path, text):
-    topography = read_text(tmp_path, text, (1, 1))
-    np.testing.assert_array_equal(topography.heights, [[1.5, 2, 3], [4, np.nan, 6.25]])
-    assert "decimal commas taken for points" in str(topography)
-
-
-def test_a_column_of_decimal_commas_is_no_two_columns(tmp_path):
-    # Neither a profile x, z, nor a matrix, nor a column with a whole number.
-    for text in ("1,100\n2,150\n3,120\n", "1,100\n1,150\n", "1,5e-6\n2\n"):
-        with pytest.raises(ValueError, match=r"line 1: '1,.* looks like decimal commas.* 1\.5"):
-            read_text(tmp_path, text, 1.0)
+def test_headers_that_surface_topography_knows_give_axes_and_units(tmp_path):
+    rows = "\n".join(" ".join(f"{1e3 * h:.17g}" for h in row) for row in HEIGHTS.T) + "\n"
+    points = zip(x.ravel(), y.ravel(), 1e3 * HEIGHTS.ravel(), strict=True)
+    points = "\n".join(" ".join(f"{value:.15g}" for value in point) for point in points)
+    for text in (
+        "# File Format = ASCII\n# x-pixels = 12\n# y-pixels = 7\n# x-length = 3000\n"
+        f"# y-length = 1400\n# z-unit = nm\n# Start of Data:\n{rows}",
+        "File Format = ASCII\nNX = 12\nNY = 7\nScale X = 0.25\nScale Y = 0.2\nUnit X = µm\n"
+        f"Unit Y = µm\nUnit Data = nm\nStart of Data :\n{rows}",
+        f"# Channel: Topo\n# Lateral units: µm\n# Value units: nm\n{points}",
+    ):
+        topography = read_text(tmp_path, text).in_unit("µm")
+        np.testing.assert_allclose(topography.heights, HEIGHTS, rtol=1e-9)
+        np.testing.assert_allclose(topography.lengths, SIDES, rtol=1e-6)
+    # A header may say the points alone.
+    with pytest.raises(ValueError, match=r"12 x 7 heights come without side lengths"):
+        read_text(tmp_path, "h=7 w=12\n" + rows)
+    topography = read_text(tmp_path, "h=7 w=12\n" + rows, (3000, 1400))
+    np.testing.assert_allclose(topography.heights, 1e3 * HEIGHTS, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -180,7 +163,7 @@ def test_three_columns_on_no_lattice_are_a_matrix(tmp_path):
     assert "a matrix of three columns" in str(read)
 
 
-@pytest.mark.parametrize("corner", ["", "0"])
+@pytest.mark.parametrize("corner", ["nan", "0"])
 def test_a_matrix_with_coordinates_in_its_first_row_and_column_is_refused(tmp_path, corner):
     heights = np.random.default_rng(0).normal(size=(8, 6))
     rows = [[corner, *map(str, 0.5 * np.arange(6))]]

@@ -1,1 +1,27 @@
-"""Formats of files of surfaces: one file for each, which makes a `Scan` of it."""
+"""Formats of surfaces, in files and of other packages; each module makes a `Scan` of its own."""
+
+from typing import Any
+
+from jaxstab.surfaces.formats.instruments import scan_of_topography
+from jaxstab.surfaces.formats.labelled import scan_of_array, scan_of_dataset
+from jaxstab.surfaces.formats.scan import Scan
+
+
+def scan_of(surface: Any) -> Scan | None:
+    """Return the content of an xarray, or of a surface of SurfaceTopography; None for others."""
+    if isinstance(surface, Scan):
+        return surface
+    # By their attributes, since neither package need be there.
+    makers = {
+        "data_vars": scan_of_dataset,
+        "dims": scan_of_array,
+        "physical_sizes": scan_of_topography,
+    }
+    maker = next((maker for name, maker in makers.items() if hasattr(surface, name)), None)
+    try:
+        return maker and maker(surface)
+    except ValueError as error:
+        raise ValueError(f"The {type(surface).__name__} of heights: {error}") from None
+
+
+__all__ = ["Scan", "scan_of"]

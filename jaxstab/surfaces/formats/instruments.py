@@ -1,74 +1,74 @@
-"""Formats of instruments, through the package SurfaceTopography."""
+"""Formats and surfaces of the package SurfaceTopography."""
 
-import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
-from io import BytesIO, StringIO
+import re
+from collections.abc import Callable
+from io import BytesIO
 from typing import Any
 
-from jaxstab.core.optional_packages import require_packages
-from jaxstab.surfaces.formats.scan import (
-    Refused,
-    Scan,
-    UnknownContent,
-    chosen,
-    is_number,
-    on_a_side_or_two,
-)
-from jaxstab.surfaces.units import unit_if_said, unit_of
+import numpy as np
 
-# Readers of these accept files of many kinds, or those that ours have refused.
-_UNMARKED = {"asc", "xyz", "hgt", "nms", "npy", "npz", "h5", "nc"}
-# By these a header of text says that a matrix follows: its points, its sides, or its spacing.
+from jaxstab.core.optional_packages import require_packages
+from jaxstab.surfaces.formats.scan import Scan, UnknownContent, chosen, on_a_side_or_two
+from jaxstab.surfaces.units import unit_of
+
+# The readers of these formats take files of any kind.
+_UNMARKED = {"hgt", "nms", "h5"}
+# By these a header of text says that a matrix follows.
 _OF_A_MATRIX = {
     *("nb_grid_pts_x", "nb_grid_pts_y", "physical_size_x", "physical_size_y"),
     *("xfac", "yfac", "wyko_pixel_size"),
 }
-# How its text marks a missing point.
-_MISSING = {"bad", "nan", "inf", "infinite"}
+_ROW = re.compile(rb"^[ \t]*([-+]?[\d.]|bad\b|nan\b)", re.MULTILINE | re.IGNORECASE)
+_OF_TEXT = re.compile(r"tried AscReader: \n (?!'utf-8')(.*)")
+_UNKNOWN = "the file is damaged or of an unknown kind."
 
 
-def read_instrument(source: str | BytesIO, content: bytes, channel: str | None) -> Scan:
+def read_instrument(source: str | BytesIO, channel: str | None) -> Scan:
     """Return the heights in an instrument's file, as SurfaceTopography orients them.
 
     Of several channels that is the first of heights, unless one is requested.
     """
-    with _opened(source, content) as reader:
-        if reader.format() in _UNMARKED:
-            raise ValueError("no mark of a format in it")
-        return _scan(reader, channel)
-
-
-def read_instrument_text(text: str, channel: str | None) -> Scan:
-    """Return the heights of a matrix of text below a header that SurfaceTopography understands.
-
-    A line is a row along x. Its reader takes lines that it cannot read for parts of the header, and
-    reads a matrix without one. Both raise an error here.
-    """
-    _require_whole_lines(text)
-    with _opened(StringIO(text), b"", format="asc") as reader:
-        if not all(_OF_A_MATRIX & set(_metadata(one)) for one in reader.channels):
-            raise ValueError("its header says neither points nor sides")
-        return _scan(reader, channel)
-
-
-@contextmanager
-def _opened(source: Any, content: bytes, **options: Any) -> Iterator[Any]:
-    """Open a file by SurfaceTopography; whatever fails in a `with` block is unknown content."""
     require_packages("Files of instruments", "surfaces", "SurfaceTopography.IO")
     from SurfaceTopography.IO import open_topography
 
-    try:
-        with open_topography(source, **options) as reader:
-            yield reader
-    except Refused:
-        raise
-    except Exception as error:
-        raise UnknownContent(_why(content, error)) from None
+    with _asked(open_topography, source) as reader:
+        _require_mark(reader)
+        if reader.format() == "asc" and isinstance(source, BytesIO):
+            # A row with a word in it passes for a header.
+            lines = len(_ROW.findall(source.getvalue()))
+            rows = sum(one.nb_grid_pts[-1] for one in reader.channels)
+            if rows != lines:
+                raise ValueError(f"of its {lines} rows {lines - rows} are not numbers alone.")
+        return _scan_of(reader, channel)
 
 
-def _scan(reader: Any, channel: str | None) -> Scan:
-    """Return the surface of a channel; heights and lengths come in its unit."""
+def scan_of_topography(
+    topography: Any, remarks: tuple[str, ...] = (), says_lengths: bool = True
+) -> Scan:
+    """Return the heights of a surface of SurfaceTopography."""
+    if not topography.is_uniform:
+        raise ValueError("its points are not evenly spaced: interpolate them first.")
+    if len(topography.physical_sizes) != topography.dim:
+        raise ValueError("its header says one side of two: write width and height.")
+    heights = on_a_side_or_two(topography.heights())
+    lengths = tuple(map(float, topography.physical_sizes)) if says_lengths else None
+    unit = unit_of(topography.unit) if topography.unit else None
+    return Scan(heights, lengths, unit, remarks, bool(topography.is_periodic))
+
+
+def _require_mark(reader: Any) -> None:
+    """Raise `UnknownContent` where a format that any file may have is only guessed."""
+    metadata = [one.info.get("raw_metadata", ()) for one in reader.channels]
+    # Text has a header of sides or points, columns have a unit in their titles.
+    is_known = {
+        "asc": all(_OF_A_MATRIX & set(said) for said in metadata),
+        "xyz": all(one.unit is not None for one in reader.channels),
+    }
+    if not is_known.get(reader.format(), reader.format() not in _UNMARKED):
+        raise UnknownContent(f"SurfaceTopography: {_UNKNOWN}")
+
+
+def _scan_of(reader: Any, channel: str | None) -> Scan:
     # Where sides have a unit and values have none of length, some readers give a pair of units.
     channels = {
         one.channel_id: one
@@ -76,57 +76,24 @@ def _scan(reader: Any, channel: str | None) -> Scan:
         if one.unit is None or isinstance(one.unit, str)
     }
     if not channels:
-        raise ValueError("it has no channel of heights")
-    name, remarks = chosen(list(channels), channel, next(iter(channels)))
+        raise ValueError("it has no channel of heights.")
+    name, remarks = chosen(channels, channel, next(iter(channels)))
     one = channels[name]
     says_lengths = one.physical_sizes is not None
-    # Where the file says no lengths it asks for some.
+    # Where the file says no lengths its reader asks for some.
     sizes = {} if says_lengths else {"physical_sizes": one.nb_grid_pts}
-    topography = one.topography(**sizes)
-    if not topography.is_uniform:
-        raise Refused("its points are not evenly spaced: interpolate them first.")
-    lengths = tuple(map(float, topography.physical_sizes)) if says_lengths else None
-    if lengths and len(lengths) != topography.dim:
-        raise Refused("its header says one side of two: write width and height.")
-    unit = unit_if_said(topography.unit)
-    heights = on_a_side_or_two(topography.heights())
-    scan = Scan(heights, lengths, None, remarks, bool(topography.is_periodic))
-    return scan.in_units(unit, unit or _unit_of_sides(one))
+    return scan_of_topography(_asked(one.topography, **sizes), remarks, says_lengths)
 
 
-def _unit_of_sides(channel: Any) -> str | None:
-    """Return the unit that a header of text has for lengths alone."""
-    metadata = _metadata(channel)
-    said = {unit_of(metadata[name]) for name in ("xunit", "yunit") if metadata.get(name)}
-    if len(said) > 1:
-        raise ValueError("x and y are in different units")
-    return next(iter(said), None)
-
-
-def _metadata(channel: Any) -> dict[str, Any]:
-    metadata = channel.info.get("raw_metadata", {})
-    return metadata if isinstance(metadata, dict) else {}
-
-
-def _require_whole_lines(text: str) -> None:
-    """Raise `ValueError` for a line of the matrix that is not all numbers."""
-    columns = 0
-    for i, line in enumerate(text.splitlines(), 1):
-        words = line.split()
-        are_numbers = [is_number(word) or word.lower() in _MISSING for word in words]
-        if words and all(are_numbers):
-            columns = columns or len(words)
-        elif (
-            columns
-            and not line.lstrip().startswith("#")
-            and (len(words) == columns or any(are_numbers[:1]))
-        ):
-            raise ValueError(f"line {i}: {words[are_numbers.index(False)]!r} is no number.")
-
-
-def _why(content: bytes, error: Exception) -> str:
-    if content.startswith(b"PK") and not zipfile.is_zipfile(BytesIO(content)):
-        return "this archive (an x3p file is one) has no end: it was truncated."
-    first = (str(error).splitlines() or [type(error).__name__])[0].rstrip(".: ")
-    reason = "" if type(error).__name__ == "CannotDetectFileFormat" else f" ({first})"
-    return f"SurfaceTopography finds no surface in it: it is damaged or of an unknown kind{reason}."
+def _asked(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+    """Return the answer of SurfaceTopography, with its errors as `ValueError`."""
+    try:
+        with np.errstate(all="ignore"):
+            return function(*arguments, **options)
+    except Exception as error:
+        reason = str(error)
+        if type(error).__name__ == "CannotDetectFileFormat":
+            # It lists the errors of all readers; any text gets as far as this one.
+            of_text = _OF_TEXT.search(reason)
+            reason = of_text[1] if of_text else _UNKNOWN
+        raise ValueError(f"SurfaceTopography: {reason}") from None

@@ -1,10 +1,11 @@
 """The content of a surface file."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import ArrayLike
 
 from jaxstab.surfaces.units import converted
 
@@ -19,68 +20,46 @@ class Scan:
     Attributes:
         heights: on a map or a line, the first index along x; NaN where missing.
         lengths: side lengths, in the unit of the heights.
-        unit: that of lengths and heights.
+        unit: the unit of lengths and heights.
         remarks: the choices of the reader.
         is_periodic: whether the file says so.
     """
 
     heights: np.ndarray
-    lengths: tuple[float, ...] | None = None
+    lengths: Sequence[float] | ArrayLike | None = None
     unit: str | None = None
     remarks: tuple[str, ...] = ()
     is_periodic: bool = False
 
-    def remarked(self, *remarks: str) -> "Scan":
-        """Return it with more remarks."""
-        return replace(self, remarks=(*self.remarks, *remarks))
-
     def in_units(self, unit: str | None, unit_of_sides: str | None) -> "Scan":
         """Return it with heights in the unit of the sides, and a remark where the units differ.
 
-        Where one unit is not known it is taken for the other.
+        An unknown unit is taken to be the other one.
         """
-        scan = replace(self, unit=unit_of_sides or unit)
-        if unit == unit_of_sides:
-            return scan
-        if unit is None:
-            return scan.remarked(f"unit of heights taken from the sides, {unit_of_sides}")
-        if unit_of_sides is None:
-            return scan.remarked(f"unit of lengths taken from the heights, {unit}")
-        scan = replace(scan, heights=converted(self.heights, unit, unit_of_sides))
-        return scan.remarked(f"heights converted from {unit} to {unit_of_sides}")
+        scan, remark = replace(self, unit=unit_of_sides or unit), None
+        if unit is None and unit_of_sides is not None:
+            remark = f"unit of heights taken from the sides, {unit_of_sides}"
+        elif unit is not None and unit_of_sides is None:
+            remark = f"unit of lengths taken from the heights, {unit}"
+        elif unit is not None and unit_of_sides is not None and unit != unit_of_sides:
+            scan = replace(scan, heights=converted(self.heights, unit, unit_of_sides))
+            remark = f"heights converted from {unit} to {unit_of_sides}"
+        return replace(scan, remarks=(*self.remarks, remark)) if remark else scan
 
 
 class UnknownContent(ValueError):
     """Another reader may understand the file."""
 
 
-class Refused(ValueError):
-    """No other reader can make more of the file."""
-
-
-def chosen(
-    names: Sequence[str], channel: str | None, default: str | None
-) -> tuple[str, tuple[str, ...]]:
+def chosen(names: Iterable[str], channel: str | None, default: str) -> tuple[str, tuple[str, ...]]:
     """Return the name of the channel to read, and a remark where there are several."""
+    names = list(names)
     listed = ", ".join(map(repr, names))
     if channel is not None and channel not in names:
-        raise Refused(f"it has no channel {channel!r} of heights: choose from {listed}.")
-    if channel is None and default is None:
-        raise Refused(f"it has several channels: choose one by `channel=`, from {listed}.")
+        raise ValueError(f"it has no channel {channel!r} of heights: choose from {listed}.")
     name = default if channel is None else channel
-    if len(names) == 1:
-        return str(name), ()
     hint = ", chosen by default: give another as `channel=`" if channel is None else ""
-    return str(name), (f"channel {name!r} of {listed}{hint}",)
-
-
-def is_number(word: str) -> bool:
-    """Return whether a word is a number."""
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+    return name, (f"channel {name!r} of {listed}{hint}",) if len(names) > 1 else ()
 
 
 def on_a_side_or_two(values: Any) -> np.ndarray:

@@ -1,84 +1,66 @@
-"""Text: matrices, points x y z of a lattice and profiles x z, and images of Gwyddion."""
+"""Text that `numpy.loadtxt` reads: matrices, points x y z of a lattice, and profiles x z."""
 
 import re
-from collections.abc import Iterator
+from io import StringIO
 
 import numpy as np
 
-from jaxstab.surfaces.formats.gwyddion import header_of, units_of_points
 from jaxstab.surfaces.formats.scan import (
     Scan,
     UnknownContent,
+    chosen,
     even_spacing,
-    is_number,
     on_a_side_or_two,
 )
-from jaxstab.surfaces.formats.titles import Titles, titles_of
 
-# The relative error up to which coordinates lie on a lattice, and what share of a gap is none.
+# The error, in steps, up to which coordinates lie on a lattice, and the share of the extent that is
+# noise.
 _OFF_LATTICE = 0.05
-_NO_GAP = 0.1
-# Longer tables of three columns are points: what is no lattice then is no matrix either.
+_NO_GAP = 1e-5
+# Longer tables of three columns are points, those on no lattice are an error.
 _LONGEST_OF_THREE = 50
 # In smaller tables heights may rise evenly by chance.
 _FEWEST_WITH_COORDINATES = 5
-# With digits on both sides, as `1, 2` and `1,,2` have not.
-_DECIMAL = re.compile(r"[+-]?\d+(,\d+)?(e[+-]?\d+)?|nan", re.IGNORECASE)
-
-# What instruments write into comments: to leave it out could change axes and units.
-_OF_AN_INSTRUMENT = re.compile(
-    r"^\s*#\s*((?:[xy]-pixels|[xy]-length|[xyz]-unit|Bit2nm|pixel size|File Format)\s*[:=].*|"
-    r"[hw]\s*=\s*\d.*|height conversion factor.*)$",
-    re.MULTILINE | re.IGNORECASE,
+_COMMENTS = "#", "%"
+# Comments with a number or a unit of length, as `Width: 3 µm` and `w = 12`.
+_HEADER = re.compile(
+    r"^\s*[#%].*\w\s*[:=\uff1a]\s*(\d\S*|(?:\d\S*\s*)?[kmnpµu\u03bc]?m)\s*$", re.MULTILINE
 )
 
-Rows = list[tuple[int, str]]
 
-
-def read_text(text: str) -> Scan:
-    """Return the surface that a text holds.
-
-    A line is a row of numbers; what follows # or % is a comment. Separators are blanks or, where
-    they occur, semicolons, commas or tabs; a field left empty between these is a missing point.
-    Commas are decimal ones where blanks, tabs or semicolons separate fields that all fit that.
-    Three columns in more than 50 rows are points x, y, z, never a matrix. Titles with units may
-    stand above columns x, z and x, y, z, and above x, z, valid, where 0 marks a missing point.
-    """
-    if said := _OF_AN_INSTRUMENT.search(text):
+def read_text(text: str, channel: str | None) -> Scan:
+    """Return the surface in a text without a header, which may state axes and units."""
+    if header := _HEADER.search(text):
         raise UnknownContent(
-            f"its header says {said[1]!r}, as that of an instrument does: leave that out where a "
-            "line stands for each x."
+            f"its comment {header[0].strip()!r} looks like an instrument's header: leave it out "
+            "where a line stands for each x."
         )
-    rows = _uncommented(text)
-    firsts = [re.split(r"[;,\s]+", row.strip(), maxsplit=1)[0] for _, row in rows]
-    num_titles = next((i for i, word in enumerate(firsts) if is_number(word or "nan")), 0)
-    head, rows = rows[:num_titles], rows[num_titles:]
-    has_decimal_commas = _has_decimal_commas(rows)
-    if has_decimal_commas:
-        rows = [(i, row.replace(",", ".")) for i, row in rows]
-    remarks = ("decimal commas taken for points",) if has_decimal_commas else ()
-    if not head:
-        return _scan(_table(rows), text).remarked(*remarks)
-    unknown = UnknownContent(_no_number(head[0][0], firsts[0]))
+    return read_table(text, channel)
+
+
+def read_table(text: str, channel: str | None) -> Scan:
+    """Return the surface in a text, a line for each row of numbers, whatever its comments are.
+
+    Blanks, commas or semicolons separate them; # and % begin comments; nan marks a missing point.
+    Three columns in more than 50 rows are points x, y, z, never a matrix.
+    """
+    lines = [re.split("[#%]", line, maxsplit=1)[0].strip() for line in text.splitlines()]
+    lines = list(filter(None, lines))
+    chosen(["heights"], channel, "heights")
+    if not lines:
+        raise ValueError("it holds no numbers.")
+    if all(re.fullmatch(r"-?\d+,\d+", line) for line in lines):
+        raise ValueError(
+            f"{lines[0]!r} looks like decimal commas, or like two columns: write 1.5, or put a "
+            "blank after separating commas."
+        )
+    separator = next((mark for mark in ";," if mark in lines[0]), None)
     try:
-        table = _table(rows)
-    except ValueError:
-        raise unknown from None
-    # What profilers leave empty behind the last one.
-    while table.shape[1] > 2 and np.isnan(table[:, -1]).all():
-        table = table[:, :-1]
-    titles = titles_of([row.strip() for _, row in head], table.shape[1])
-    if titles is None:
-        raise unknown
-    return _of_columns(table, titles).remarked(*remarks)
-
-
-def _scan(table: np.ndarray, text: str) -> Scan:
-    if header := header_of(text):
-        return header.scan(table)
+        table = np.loadtxt(StringIO(text), delimiter=separator, comments=_COMMENTS, ndmin=2)
+    except ValueError as error:
+        raise UnknownContent(f"numpy.loadtxt finds no matrix in it: {error}") from None
     if table.shape[1] == 3:
-        points = _of_points(*table.T)
-        return points.in_units(*units_of_points(text)) if points else _of_three_columns(table)
+        return _of_points(*table.T) or _of_three_columns(table)
     if table.shape[1] == 2 and (scan := _of_profile(*table.T)):
         return scan
     if _has_coordinates(table):
@@ -89,26 +71,14 @@ def _scan(table: np.ndarray, text: str) -> Scan:
     return Scan(on_a_side_or_two(table))
 
 
-def _of_columns(table: np.ndarray, titles: Titles) -> Scan:
-    columns = list(table.T)[int(titles.has_index) :]
-    if titles.has_marks:
-        marks = columns.pop()
-        columns[-1] = np.where(marks == 0, np.nan, columns[-1])
-    scan = _of_points(*columns) if titles.are_points else _of_profile(*columns)
-    if scan is None:
-        what = "points lie on no lattice" if titles.are_points else "x neither rises nor falls"
-        raise ValueError(f"its {what}: interpolate them to an even spacing.")
-    return scan.in_units(titles.unit, titles.unit_of_sides)
-
-
 def _has_coordinates(table: np.ndarray) -> bool:
     """Whether the first row and column rise evenly from a corner that is no height."""
-    if min(table.shape) < _FEWEST_WITH_COORDINATES:
+    corner = table[0, 0]
+    if min(table.shape) < _FEWEST_WITH_COORDINATES or not (corner == 0 or np.isnan(corner)):
         return False
-    has_corner = table[0, 0] == 0 or np.isnan(table[0, 0])
     sides_rise = all((even_spacing(side) or 0) > 0 for side in (table[0, 1:], table[1:, 0]))
     # A plane rises evenly everywhere.
-    return bool(has_corner and sides_rise and even_spacing(table[1, 1:]) is None)
+    return sides_rise and even_spacing(table[1, 1:]) is None
 
 
 def _of_three_columns(table: np.ndarray) -> Scan:
@@ -121,78 +91,12 @@ def _of_three_columns(table: np.ndarray) -> Scan:
     return Scan(on_a_side_or_two(table), remarks=(remark,))
 
 
-def _uncommented(text: str) -> Rows:
-    lines = enumerate(text.splitlines(), 1)
-    rows = ((i, re.split("[#%]", line, maxsplit=1)[0].strip(" \r")) for i, line in lines)
-    return [(i, row) for i, row in rows if row.strip()]
-
-
-def _has_decimal_commas(rows: Rows) -> bool:
-    """Return whether commas are decimal ones, which takes another separator to tell."""
-    if not any("," in row for _, row in rows):
-        return False
-    words = [[word for word in re.split(r"[;\s]+", row) if word] for _, row in rows]
-    if not all(_DECIMAL.fullmatch(word) for row in words for word in row):
-        return False
-    if all(len(row) == 1 for row in words) and not any(";" in row for _, row in rows):
-        line, row = next((i, row) for i, row in rows if "," in row)
-        raise ValueError(
-            f"line {line}: {row.strip()!r} looks like decimal commas, or like two columns: write "
-            "1.5, or put a blank after separating commas."
-        )
-    return True
-
-
-def _table(rows: Rows) -> np.ndarray:
-    if not rows:
-        raise ValueError("it holds no numbers.")
-    values, first = [], rows[0][0]
-    for i, words in _split(rows):
-        numbers = np.array([_number(i, word, i == first and not values) for word in words])
-        if values and numbers.size != values[0].size:
-            raise ValueError(
-                f"line {i} has {numbers.size} numbers, line {first} has {values[0].size}: all "
-                "lines must have as many. Write nan for a missing point."
-            )
-        values.append(numbers)
-    return np.array(values)
-
-
-def _split(rows: Rows) -> Iterator[tuple[int, list[str]]]:
-    separator = next((mark for mark in ";,\t" if any(mark in row for _, row in rows)), None)
-    # Blanks within a field tell that tabs only align.
-    if separator == "\t" and any(re.search(r"\S +\S", row) for _, row in rows):
-        separator = None
-    ends = separator is not None and all(row.endswith(separator) for _, row in rows)
-    for i, row in rows:
-        yield i, row.split(separator)[: -1 if ends else None]
-
-
-def _number(line: int, word: str, is_first: bool) -> float:
-    word = word.strip()
-    try:
-        number = float(word) if word else np.nan
-    except ValueError:
-        kind = UnknownContent if is_first else ValueError
-        raise kind(_no_number(line, word)) from None
-    if np.isinf(number):
-        raise ValueError(f"line {line}: {word!r} is infinite. Write nan for a missing point.")
-    return number
-
-
-def _no_number(line: int, word: str) -> str:
-    return (
-        f"line {line}: {word!r} is no number. Write numbers as 1.5e-6, missing points as nan, and "
-        "begin comments with #."
-    )
-
-
 def _of_points(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> Scan | None:
     """Return the surface of points x, y, z in any order, if they lie on a lattice."""
-    sides = [_on_lattice(x), _on_lattice(y)]
-    if None in sides:
+    across, along = _on_lattice(x), _on_lattice(y)
+    if across is None or along is None:
         return None
-    (rows, nx, dx), (columns, ny, dy) = (side for side in sides if side)
+    (rows, nx, dx), (columns, ny, dy) = across, along
     if 2 * x.size <= nx * ny:
         return None
     heights = np.full((nx, ny), np.nan)
@@ -209,31 +113,17 @@ def _of_points(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> Scan | None:
 
 def _on_lattice(values: np.ndarray) -> tuple[np.ndarray, int, float] | None:
     """Return places on an even lattice, how many of them there are, and their spacing."""
-    distinct = np.unique(values)
-    gaps = np.diff(distinct)
-    if not np.isfinite(distinct).all() or gaps.size == 0:
+    extent = np.ptp(values)
+    if not 0 < extent < np.inf:
         return None
-    # A gap is so many steps: none where coordinates differ by noise, several over missing lines.
-    steps = np.rint(gaps / _smallest_step(gaps))
-    if steps.sum() >= values.size:
-        return None
-    count = int(steps.sum()) + 1
-    spacing = (distinct[-1] - distinct[0]) / (count - 1)
-    places = (values - distinct[0]) / spacing
+    gaps = np.diff(np.unique(values)) / extent
+    gaps = gaps[gaps > _NO_GAP]
+    # Rounded coordinates have gaps of a step, and of several over missing lines.
+    steps = int(np.rint(gaps / gaps.min()).sum())
+    places = (values - values.min()) / extent * steps
     nearest = np.rint(places).astype(int)
-    is_on = np.abs(places - nearest).max() <= _OFF_LATTICE
-    return (nearest, count, float(spacing)) if is_on else None
-
-
-def _smallest_step(gaps: np.ndarray) -> float:
-    """Return the smallest gap that is no noise beside the typical one, which half the extent has.
-
-    Noise makes most of the gaps, but little of the extent.
-    """
-    ascending = np.sort(gaps)
-    extents = np.cumsum(ascending)
-    typical = ascending[np.searchsorted(extents, extents[-1] / 2)]
-    return gaps[gaps > _NO_GAP * typical].min()
+    is_on = steps < values.size and np.abs(places - nearest).max() <= _OFF_LATTICE
+    return (nearest, steps + 1, float(extent / steps)) if is_on else None
 
 
 def _of_profile(x: np.ndarray, z: np.ndarray) -> Scan | None:

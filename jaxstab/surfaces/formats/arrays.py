@@ -1,0 +1,30 @@
+"""NumPy's files of one array or several, which never run code."""
+
+from io import BytesIO
+
+import numpy as np
+
+from jaxstab.surfaces.formats.scan import Scan, chosen, on_a_side_or_two
+from jaxstab.surfaces.units import unit_of
+
+
+def read_arrays(content: bytes, channel: str | None) -> Scan:
+    """Return the surface in a file of `numpy.save(path, heights)` or `numpy.savez`.
+
+    The latter is made as `numpy.savez(path, heights=heights, lengths=(3.0, 1.4), unit="µm")`, with
+    `lengths` and `unit` if they are known. Arrays of other names are channels.
+    """
+    try:
+        data = np.load(BytesIO(content), allow_pickle=False)
+        arrays = {"heights": data} if isinstance(data, np.ndarray) else dict(data)
+    except Exception as error:
+        raise ValueError(
+            f"this file of NumPy is damaged, or holds more than plain arrays of numbers ({error})."
+        ) from None
+    lengths, unit = arrays.pop("lengths", None), arrays.pop("unit", None)
+    if not arrays:
+        raise ValueError("it has no array of heights: save it as `heights`.")
+    default = "heights" if "heights" in arrays else next(iter(arrays))
+    name, remarks = chosen(arrays, channel, default)
+    unit = None if unit is None else unit_of(str(unit))
+    return Scan(on_a_side_or_two(arrays[name]), lengths, unit, remarks)

@@ -1,0 +1,90 @@
+"""Heights with named axes, as xarray and NetCDF have them."""
+
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+
+from jaxstab.core.optional_packages import NETCDF, require_packages
+from jaxstab.surfaces.formats.scan import (
+    Scan,
+    UnknownContent,
+    chosen,
+    even_spacing,
+    on_a_side_or_two,
+)
+from jaxstab.surfaces.units import unit_of
+
+
+def read_netcdf(content: bytes, channel: str | None) -> Scan:
+    """Return the heights of a data set in a file, classic or on HDF5."""
+    is_classic = content.startswith(b"CDF")
+    require_packages("NetCDF files", "data", *(("xarray", "scipy") if is_classic else NETCDF))
+    import xarray
+
+    engine = "scipy" if is_classic else "h5netcdf"
+    try:
+        data = xarray.load_dataset(BytesIO(content), engine=engine, decode_times=False)
+    except Exception as error:
+        raise UnknownContent(f"this NetCDF file is truncated or damaged ({error}).") from None
+    return scan_of_dataset(data, channel)
+
+
+def scan_of_dataset(data: Any, channel: str | None = None) -> Scan:
+    """Return the surface of the variable `heights`, the requested one, or the only one over x, y.
+
+    A variable `mask`, as SurfaceTopography writes it, marks missing points.
+    """
+    names = [str(name) for name, variable in data.items() if _sides(variable) and name != "mask"]
+    if not names:
+        found = ", ".join(f"{name}{tuple(v.dims)}" for name, v in data.items()) or "no variable"
+        raise UnknownContent(f"it has no variable over the dimensions x and y, but {found}.")
+    if "heights" not in names and channel is None and len(names) > 1:
+        raise ValueError(
+            f"it has several maps, {', '.join(names)}: name the surface `heights`, or choose one "
+            "as `channel=`."
+        )
+    name, remarks = chosen(names, channel, "heights" if "heights" in names else names[0])
+    heights = data[name].where(data["mask"] == 0) if "mask" in data else data[name]
+    return scan_of_array(heights.assign_attrs(data[name].attrs), remarks)
+
+
+def scan_of_array(array: Any, remarks: tuple[str, ...] = ()) -> Scan:
+    """Return the surface of an array with dimensions x and y, in either order, or x alone.
+
+    Side lengths are the number of points times the spacing of the coordinates. Units are the
+    attributes `units` or `unit`; heights come in the unit of the coordinates. An attribute
+    `periodic` of the coordinates says that edges meet.
+    """
+    sides = _sides(array)
+    if not sides:
+        raise ValueError(
+            f"its dimensions are {', '.join(map(repr, array.dims))}: name them 'x' and 'y', as in "
+            "array.rename(row='y', column='x')."
+        )
+    heights = on_a_side_or_two(array.transpose(*sides).values)
+    lengths, units, coordinates = [], set(), [array[side] for side in sides if side in array.coords]
+    for axis, places in enumerate(coordinates if len(coordinates) == len(sides) else ()):
+        spacing = even_spacing(np.asarray(places.values, float))
+        if spacing is None:
+            raise ValueError(f"its coordinates {places.name} are not evenly spaced.")
+        heights = np.flip(heights, axis) if spacing < 0 else heights
+        lengths.append(abs(spacing) * places.size)
+        units.add(_unit(places))
+    units -= {None}
+    if len(units) > 1:
+        raise ValueError(f"x and y are in different units, {' and '.join(sorted(units))}.")
+    is_periodic = bool(lengths) and all(c.attrs.get("periodic", 0) == 1 for c in coordinates)
+    scan = Scan(heights, tuple(lengths) or None, remarks=remarks, is_periodic=is_periodic)
+    return scan.in_units(_unit(array), next(iter(units), None))
+
+
+def _sides(array: Any) -> list[str]:
+    """Return the dimensions x and y or x, in this order; none for an array of other dimensions."""
+    return sorted(array.dims) if set(array.dims) in ({"x", "y"}, {"x"}) else []
+
+
+def _unit(array: Any) -> str | None:
+    unit = array.attrs.get("units", array.attrs.get("unit"))
+    # The files of results name the dimension of a length that has no unit.
+    return unit_of(str(unit)) if unit and unit != "length" else None
