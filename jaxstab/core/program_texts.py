@@ -179,7 +179,7 @@ class _NamePickler(Pickler):
     def reducer_override(self, value: Any) -> Any:
         """Write laws and JAX's own primitives, refuse those of others."""
         if isinstance(value, Formula):
-            return tuple, (value.structure,)
+            raise Unknown(value)
         if isinstance(value, jax.extend.core.Primitive):
             if id(value) not in _PRIMITIVES:
                 raise Unknown(value)
