@@ -42,7 +42,7 @@ _GENERATED: dict[str, Any] = {
     "seed": 0,
     "hurst": 0.8,
     "k_low": 2.0,
-    "k_rolloff": 2.0,
+    "k_rolloff": None,
     "k_high": 32.0,
     "rms_height": 0.1,
 }
@@ -61,7 +61,7 @@ def add_options(parser: Parser) -> None:
     add("--seed", type=whole_number(0, 2**32 - 1), help=f"seed of the surface{_default('seed')}")
     add("--hurst", type=number, help=f"Hurst exponent{_default('hurst')}")
     add("--k-low", type=number, help=f"lower cut-off{_default('k_low')}")
-    add("--k-rolloff", type=number, help=f"roll-off{_default('k_rolloff')}")
+    add("--k-rolloff", type=number, help="roll-off (default: the lower cut-off)")
     add("--k-high", type=number, help=f"upper cut-off{_default('k_high')}")
     add("--rms-height", type=number, help=f"rms height{_default('rms_height')}")
     add_file_options(parser, "measured surface", "--surface")

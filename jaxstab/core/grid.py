@@ -46,8 +46,9 @@ class Grid(eqx.Module):
 
     Raises:
         ValueError: unless there are one or two sides, 2 points or more along each, and positive
-            lengths. For another spec of the sharding, a line on several devices, and a first side
-            that they do not divide.
+            lengths. For a length that is the integer number of points, as in Grid(32, 32). For
+            another spec of the sharding, a line on several devices, and a first side that they do
+            not divide.
         TypeError: for a number of points that is not an integer, or another kind of sharding.
     """
 
@@ -69,6 +70,11 @@ class Grid(eqx.Module):
         if len(self.shape) not in (1, 2) or min(self.shape, default=0) < 2:
             raise ValueError(
                 f"Grid shape is {self.shape}: give one side (a line) or two, of 2 points or more."
+            )
+        if np.ndim(shape) == 0 and isinstance(lengths, int) and lengths == self.shape[0]:
+            raise ValueError(
+                f"Grid({lengths}, {lengths}) would have sides of length {lengths}: for {lengths} x "
+                f"{lengths} points write Grid(({lengths}, {lengths})), for a length {lengths}.0."
             )
         given = known(parameter(lengths, "A grid length"))
         if given.shape not in ((), (len(self.shape),)):

@@ -110,6 +110,11 @@ class Solid(eqx.Module):
         return jnp.sum(density) * self.grid.cell_area.astype(density.dtype)
 
 
+def finite_or_zero(stiffness: Scalar) -> Scalar:
+    """Return a uniform stiffness; zero where it is infinite, as the solid keeps its volume."""
+    return jnp.where(stiffness == jnp.inf, 0, stiffness)
+
+
 def apart_from_mean(
     inverse: FieldMap,
     field: Field,
@@ -155,7 +160,8 @@ class Altered(Solid):
     def apply(self, displacement: Field) -> Field:
         """Return K of the other solid times a field; the mean has a stiffness of its own."""
         rigid = mean(displacement)
-        return self.factor * self.solid.apply(displacement - rigid) + self.uniform * rigid
+        level = finite_or_zero(self.uniform) * rigid
+        return self.factor * self.solid.apply(displacement - rigid) + level
 
     def precondition(self, shift: Scalar) -> FieldMap:
         """Return that of the other solid, exact for the mean."""

@@ -15,7 +15,7 @@ from jaxstab.core.closures import as_pytree
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import Field, FieldMap, Flag, Scalar
-from jaxstab.solids.solid import Solid
+from jaxstab.solids.solid import Solid, finite_or_zero
 
 
 class Waves(Solid):
@@ -128,8 +128,11 @@ class SpectralSolid(Solid):
         return self.waves.is_valid
 
     def apply(self, displacement: Field) -> Field:
-        """Return K u (Rey & Bleyer, eq. 12) [pressure]."""
-        return self.waves.apply(displacement)
+        """Return K u (Rey & Bleyer, eq. 12) [pressure].
+
+        A solid that keeps its volume moves in the mean with its far side, at no pressure.
+        """
+        return self.held_by(finite_or_zero(self.uniform_stiffness)).apply(displacement)
 
     def precondition(self, shift: Scalar) -> FieldMap:
         """Return the inverse of K + shift."""

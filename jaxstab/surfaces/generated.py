@@ -64,7 +64,7 @@ def self_affine(
     *,
     hurst: ArrayLike = 0.8,
     k_low: ArrayLike = 2.0,
-    k_rolloff: ArrayLike = 2.0,
+    k_rolloff: ArrayLike | None = None,
     k_high: ArrayLike = 32.0,
     rms_height: ArrayLike | None = None,
     rms_slope: ArrayLike | None = None,
@@ -76,13 +76,16 @@ def self_affine(
     k_low <= k <= k_rolloff, C (k / k_rolloff)^-s up to k_high, and 0 elsewhere. k is the number of
     waves per longest side of the cell. C follows from the given one of `rms_height` and
     `rms_slope`, which this surface has exactly. The noise belongs to the waves, not to the
-    points: one key gives one surface in each precision, on every grid that resolves it.
+    points: one key gives the same surface on every grid that resolves it. With JAX's double
+    precision off, its random numbers are others, and so is the surface: to compute with one surface
+    in both precisions, draw it in double precision and cast it, `heights.astype(jnp.float32)`.
 
     Arguments:
         grid: the grid.
         key: the random key that decides the surface.
         hurst: H, the Hurst exponent, in [0, 1].
-        k_low, k_rolloff, k_high: cut-offs of the spectrum [waves per side].
+        k_low, k_rolloff, k_high: cut-offs of the spectrum [waves per side]; `k_rolloff` is `k_low`
+            by default.
         rms_height: root mean square height [length].
         rms_slope: root mean square slope.
         exponent: "field" for the field's s = 2 H + d on a d-dimensional grid (2 + 2 H on a
@@ -106,6 +109,7 @@ def self_affine(
     require_positive("The rms height or slope", target)
     if exponent not in ("field", "paper"):
         raise ValueError(f'exponent is {exponent!r}: choose "field" or "paper".')
+    k_rolloff = k_low if k_rolloff is None else k_rolloff
     named = {"hurst": hurst, "k_low": k_low, "k_rolloff": k_rolloff, "k_high": k_high}
     hurst, *cutoffs = (scalar_parameter(value, name) for name, value in named.items())
     _require_spectrum(grid, known(hurst), *map(known, cutoffs))

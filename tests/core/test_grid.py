@@ -122,3 +122,10 @@ def test_resampling_onto_more_points_keeps_those_given(shape):
     np.testing.assert_allclose(finer[(slice(None, None, 3),) * len(shape)], field, atol=1e-14)
     other = tuple(n + 3 for n in shape)
     np.testing.assert_allclose(resample(resample(field, other), shape), field, atol=1e-14)
+
+
+def test_a_second_number_of_points_is_no_length():
+    with pytest.raises(ValueError, match=r"Grid\(32, 32\) would have sides .* Grid\(\(32, 32\)\)"):
+        js.Grid(32, 32)
+    for grid in (js.Grid(32, 32.0), js.Grid((32, 32), 32), js.Grid(32, (32, 32))):
+        np.testing.assert_array_equal(grid.lengths, [32, 32])

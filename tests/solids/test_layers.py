@@ -219,6 +219,25 @@ def test_an_incompressible_layer_gives_a_spring_nothing_and_holds_no_base():
     np.testing.assert_allclose(jax.grad(pressure)(0.5), change / 1e-6, rtol=1e-4)
 
 
+def test_an_incompressible_layer_presses_on_a_wave_alone():
+    # Its K at q = 0 is infinite, and the mean of a wave on the grid is a rounding off zero.
+    grid = js.Grid(32)
+    layer = js.Layer(grid, 1.0, 0.5, 0.2)
+    wave, stiffness = jnp.cos(2 * jnp.pi * grid.coordinates[0]), 12.0047777296957
+    for solid in (layer, js.Solid.held_by(layer, jnp.inf)):
+        for displacement in (wave, wave + 3):
+            pressure = solid.pressure(displacement)
+            # By Johnson's formula in 60 digits.
+            np.testing.assert_allclose(pressure, stiffness * wave, atol=1e-9)
+            np.testing.assert_allclose(solid.energy(displacement), stiffness / 4, rtol=1e-10)
+            energy = jax.grad(solid.energy)(displacement)
+            np.testing.assert_allclose(energy * 32**2, pressure, atol=1e-9)
+    np.testing.assert_allclose(layer.displacement(stiffness * wave), wave, atol=1e-9)
+    # A layer that nearly keeps its volume, on a wave without a mean.
+    nearly = js.Layer(grid, 1.0, 0.5 - 1e-9, 0.2).pressure(wave - jnp.mean(wave))
+    np.testing.assert_allclose(layer.pressure(wave), nearly, atol=1e-6)
+
+
 def test_batches_of_layers_give_what_each_gives():
     def pressure(thickness):
         return js.equilibrate(contact_on("layer", thickness), js.MeanGap(0.03)).mean_pressure

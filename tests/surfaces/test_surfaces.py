@@ -311,6 +311,29 @@ def test_statistics_take_a_topography_on_its_own_grid_alone(statistic):
         statistic(GRID, gap)
 
 
+def test_the_roll_off_is_by_default_the_lower_cut_off():
+    grid, key = js.Grid(32), jax.random.key(0)
+    for options in ({"k_low": 4, "k_high": 8}, {"k_low": 1, "k_high": 8}, {"k_high": 8}):
+        default = surfaces.self_affine(grid, key, rms_height=1.0, **options)
+        k_rolloff = options.get("k_low", 2)
+        given = surfaces.self_affine(grid, key, rms_height=1.0, k_rolloff=k_rolloff, **options)
+        np.testing.assert_array_equal(default, given)
+
+
+def test_a_surface_drawn_in_double_precision_is_the_same_when_cast():
+    grid, key = js.Grid(16), jax.random.key(0)
+    drawn = surfaces.self_affine(grid, key, k_high=4, rms_height=1.0)
+    with jax.enable_x64(False):
+        other = surfaces.self_affine(js.Grid(16), jax.random.key(0), k_high=4, rms_height=1.0)
+        contact = js.Contact(js.HalfSpace(js.Grid(16), 1.0), drawn, js.potentials.NoAdhesion())
+    # As the docstring warns.
+    assert abs(np.corrcoef(np.ravel(drawn), np.ravel(other))[0, 1]) < 0.5
+    np.testing.assert_allclose(contact.heights, drawn.astype(jnp.float32), atol=1e-7)
+    assert "draw it in double precision and cast it" in " ".join(
+        surfaces.self_affine.__doc__.split()
+    )
+
+
 @pytest.mark.parametrize("statistic", STATISTICS)
 def test_statistics_refuse_heights_off_the_grid_and_missing(statistic):
     for wrong in (HEIGHTS[:6], HEIGHTS[0], 1.0):
