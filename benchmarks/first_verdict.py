@@ -64,7 +64,10 @@ def main() -> None:
                 runs[f"{name}no cache"].append(run(options.size, source)[0])
                 runs[f"{name}warm cache"].append(run(options.size, source, warm[name])[0])
             print(f"{i + 1} of {options.repeats} runs", flush=True)
-        programs = compilations(run(options.size, sources[""], JAX_LOG_COMPILES="1")[1])
+        programs = {
+            name: compilations(run(options.size, source, JAX_LOG_COMPILES="1")[1])
+            for name, source in sources.items()
+        }
     lines = report(options, runs, programs)
     print("\n".join(lines))
     if options.out:
@@ -87,7 +90,7 @@ def run(
     # Python's byte code is kept, as everywhere.
     left_out = "_CACHE_", "PYTHONDONTWRITEBYTECODE"
     kept = {key: x for key, x in os.environ.items() if not any(name in key for name in left_out)}
-    # Programs that jaxstab keeps by itself would make every run warm.
+    # Version 0.2.0 kept programs by itself, which would make every run warm.
     environment["JAXSTAB_CACHE"] = "0" if cache is None else "1"
     if cache is not None:
         environment["JAX_COMPILATION_CACHE_DIR"] = cache
@@ -120,7 +123,9 @@ def compilations(log: str) -> list[tuple[float, float, str]]:
     return sorted(((x, l, name) for (x, name), (l, _) in pairs), reverse=True)
 
 
-def report(options, runs: dict[str, list[list[float]]], programs: list) -> list[str]:
+def report(
+    options: argparse.Namespace, runs: dict[str, list[list[float]]], programs: dict[str, list]
+) -> list[str]:
     lines = [
         f"jaxstab {js.__version__}, jax {jax.__version__}; float64; {options.size}² points; "
         f"{os.cpu_count()} cores; medians of {options.repeats} processes, in seconds",
@@ -140,16 +145,15 @@ def report(options, runs: dict[str, list[list[float]]], programs: list) -> list[
             f"Over the earlier version without a cache: {totals['no cache'] / cold:.2f} without, "
             f"{totals['warm cache'] / cold:.2f} with a warm one.",
         ]
-    in_xla, in_lowering = (sum(program[i] for program in programs) for i in (0, 1))
-    lines += [
-        "",
-        f"{len(programs)} programs are compiled, in {in_xla:.2f} s of XLA and {in_lowering:.2f} s "
-        "of lowering. The costliest:",
-        "",
-        "| program | XLA [s] | lowering [s] |",
-        "|---|---|---|",
-    ]
-    lines += [f"| `{name}` | {xla:.2f} | {low:.2f} |" for xla, low, name in programs[:10]]
+    for name, compiled in programs.items():
+        in_xla, in_lowering = (sum(program[i] for program in compiled) for i in (0, 1))
+        lines += [
+            "",
+            f"{name}{len(compiled)} programs are compiled, in {in_xla:.2f} s of XLA and "
+            f"{in_lowering:.2f} s of lowering.",
+        ]
+    lines += ["", "The costliest:", "", "| program | XLA [s] | lowering [s] |", "|---|---|---|"]
+    lines += [f"| `{name}` | {xla:.2f} | {low:.2f} |" for xla, low, name in programs[""][:10]]
     return lines
 
 

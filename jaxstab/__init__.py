@@ -10,8 +10,6 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
-from jaxstab.core.cache import keep_programs
-
 
 def _homes() -> dict[str, str]:
     """Return the module of each public name, as `__init__.pyi` says."""
@@ -19,8 +17,6 @@ def _homes() -> dict[str, str]:
     imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
     return {alias.name: node.module or "" for node in imports for alias in node.names}
 
-
-keep_programs()
 
 # Each is imported where it is first used: a few take longer than all that most people need.
 _HOMES = _homes()

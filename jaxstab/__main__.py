@@ -4,22 +4,24 @@ import os
 import sys
 import warnings
 
-import jax
+# JAX before 0.12 reports every program from its cache as made for another machine. It reads this
+# when it is imported.
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+
 import matplotlib
 
 import jaxstab
 from jaxstab.cli import cite, info, plot, run, study
+from jaxstab.cli.compilation_cache import use_compilation_cache
 from jaxstab.cli.parsing import BAD_INPUT, FAILED, INTERRUPTED, Ended, Parser
-from jaxstab.core.cache import keep_programs
 from jaxstab.core.results import SolverError
 
 COMMANDS = {"run": run, "study": study, "info": info, "plot": plot, "cite": cite}
 
 
 def start() -> None:
-    """Run the command line with a cache of compiled programs."""
-    _restart_quietly()
-    keep_programs(by_default=True)
+    """Run the command line with a compilation cache."""
+    use_compilation_cache()
     main()
 
 
@@ -70,15 +72,6 @@ def _end(message: str, code: int) -> None:
 
 def _warn(message: Warning | str, *_: object) -> None:
     print(f"jaxstab: {' '.join(str(message).split())}", file=sys.stderr)
-
-
-def _restart_quietly() -> None:
-    # JAX before 0.12 takes every program in its cache for another machine's, and says so at
-    # length. What may be said is settled as JAX is imported: "1" is its own choice.
-    is_loud = jax.__version_info__ < (0, 12) and os.environ.get("TF_CPP_MIN_LOG_LEVEL") == "1"
-    if is_loud and os.name == "posix":
-        os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"
-        os.execv(sys.executable, sys.orig_argv)
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from jaxstab.core.checks import (
     require_finite,
     require_kind,
 )
-from jaxstab.core.compile import make_room, program
+from jaxstab.core.compile import program
 from jaxstab.core.display import block
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import Field, FieldMap, Flag, Scalar
@@ -130,7 +130,6 @@ class Contact(eqx.Module):
                     f"heights have shape {self.heights.shape}: give one for each point."
                 )
         self.potential = with_fields(law, list(map(solid.grid.placed, fields)))
-        make_room(jax.tree.structure((self.solid, self.potential)))
         require_smooth(self.profile)
 
     @property

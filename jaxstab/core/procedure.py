@@ -17,7 +17,8 @@ import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
 from jaxstab.core.batching import advance_lanes
-from jaxstab.core.compile import if_needed, program
+from jaxstab.core.compile import program
+from jaxstab.core.conditional import if_needed
 from jaxstab.core.loop import NO_LIMIT, Iteration, IterativeSolver, Loop
 from jaxstab.core.types import Flag
 
@@ -142,10 +143,6 @@ class Part:
         return if_needed(
             self.is_needed, lambda: _run_part(self.procedure, *self.arguments), self.otherwise
         )
-
-    def ahead(self) -> Any:
-        """Begin to compile the part, of whose arguments some may be shapes; return its shapes."""
-        return _run_part.ahead(self.procedure, *self.arguments)
 
 
 @dataclass(frozen=True)

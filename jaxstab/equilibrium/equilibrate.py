@@ -100,7 +100,7 @@ def equilibrate(
     return throw_failure(equilibrium.result, equilibrium, lambda: _describe(contact, equilibrium))
 
 
-@partial(program, runs_once=True)
+@program
 def _undeformed(load: Load, solid: Solid, heights: Field) -> Field:
     return load.control(solid, heights).starting_gap(heights)
 

@@ -1,7 +1,5 @@
 """Whether a state is an equilibrium of the contact that it is used with."""
 
-from functools import partial
-
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
@@ -16,7 +14,7 @@ from jaxstab.equilibrium.window import whole_state
 _ROUNDING = 1e3
 
 
-@partial(program, runs_once=True)
+@program
 def recognised(contact: Contact, equilibrium: Equilibrium) -> RESULTS:
     """Return whether a state is in equilibrium in this contact, under its load."""
     contact, equilibrium = whole_state(contact, equilibrium)

@@ -17,7 +17,8 @@ from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.batching import by_lanes
 from jaxstab.core.checks import is_traced
-from jaxstab.core.compile import first_good, if_needed, program
+from jaxstab.core.compile import program
+from jaxstab.core.conditional import first_good, if_needed
 from jaxstab.core.progress import Report, can_be_shown, searches_bar, unseen
 from jaxstab.core.results import throw_failure
 from jaxstab.core.types import Field

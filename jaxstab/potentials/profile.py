@@ -75,7 +75,7 @@ class Profile(eqx.Module):
         return jnp.max(jnp.where(self.slopes >= attraction, self.gaps, 0))
 
 
-profile_of = program(Profile, runs_once=True)
+profile_of = program(Profile)
 
 
 def _at_some_points(potential: Potential) -> Potential:

@@ -3,7 +3,6 @@
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Self
 
 import jax
@@ -99,7 +98,7 @@ class SpectralSolid(Solid):
         """Return the multiplier K(|q|) at wavenumbers |q| > 0 [pressure/length]."""
 
     @property
-    @partial(program, runs_once=True)
+    @program
     def waves(self) -> Waves:
         """The same solid by its multiplier."""
         q = self.grid.wavenumbers

@@ -14,14 +14,13 @@ from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.contact.residual import missed_pressure
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.batching import by_lanes
-from jaxstab.core.checks import is_traced, is_transformed, require_key
+from jaxstab.core.checks import is_traced, require_key
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, total
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.procedure import Kept, Procedure, run
 from jaxstab.core.progress import Report, can_be_shown, searches_bar, unseen
 from jaxstab.core.results import RESULTS, throw_failure
-from jaxstab.core.stored_programs import can_compile_ahead
 from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.derivatives import third_derivative
@@ -34,7 +33,6 @@ from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.derivatives import differentiable
 from jaxstab.stability.eigenpair import Eigenpair
 from jaxstab.stability.lowest_modes import noise
-from jaxstab.stability.lowest_pair import Lowest
 from jaxstab.stability.search import Found, Search
 from jaxstab.stability.solvers.base import ConeSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
@@ -171,33 +169,11 @@ def assessment(
     report: Report = unseen,
 ) -> Procedure[Stability]:
     """Return the procedure that assesses an equilibrium, on the grid that it is solved on."""
-    around = _begin_to_compile(contact, equilibrium, solver, key, verdict_only)
     problem, state = yield Kept(_problem(contact, equilibrium))
     random = _random_starts(contact.grid, key, equilibrium.gap)
     search = Search(random=random, verdict_only=verdict_only, **problem)
-    if around is not None and (shapes := search.compile_cone(solver, around)) is not None:
-        _stability.ahead(equilibrium, state, shapes)
     found = yield from search.eigenpairs(solver, report)
     return _stability(equilibrium, state, found)
-
-
-def _begin_to_compile(
-    contact: Contact,
-    equilibrium: Equilibrium,
-    solver: ConeSolver,
-    key: PRNGKeyArray,
-    verdict_only: bool,
-) -> Lowest | None:
-    """Begin to compile what each assessment needs, so that one program is traced meanwhile.
-
-    Returns:
-        The shapes of what the search around the cone finds, None where JAX compiles by itself.
-    """
-    if not can_compile_ahead() or is_transformed((contact, equilibrium, solver, key)):
-        return None
-    problem, _ = _problem.ahead(contact, equilibrium)
-    random = _random_starts.ahead(contact.grid, key, equilibrium.gap)
-    return Search(random=random, verdict_only=verdict_only, **problem).compile_hull(solver)
 
 
 class _State(eqx.Module):
@@ -244,7 +220,7 @@ def _random_starts(grid: Grid, key: PRNGKeyArray, like: Field) -> Block:
     return grid.placed(noise(key, _NUM_RANDOM, like))
 
 
-@partial(program, runs_once=True)
+@program
 def _problem(contact: Contact, equilibrium: Equilibrium) -> tuple[dict[str, Any], _State]:
     """Return the search at an equilibrium, and the data of that state."""
     unit = contact.own_pressure
@@ -279,7 +255,7 @@ def _problem(contact: Contact, equilibrium: Equilibrium) -> tuple[dict[str, Any]
     return problem, state
 
 
-@partial(program, runs_once=True)
+@program
 def _stability(equilibrium: Equilibrium, state: _State, found: Found) -> Stability:
     """Return the verdict on the eigenpairs of a search."""
     equilibrium = equilibrium.in_units_of(state.unit)

@@ -6,7 +6,6 @@ presses, the critical cone is a linear space.
 """
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -16,7 +15,8 @@ from jaxtyping import Array, Bool
 
 from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.core.checks import is_traced
-from jaxstab.core.compile import if_needed, program
+from jaxstab.core.compile import program
+from jaxstab.core.conditional import if_needed
 from jaxstab.core.procedure import Part, Procedure
 from jaxstab.core.progress import Report, unseen
 from jaxstab.core.results import RESULTS
@@ -70,31 +70,6 @@ class Search(eqx.Module):
     is_doubtful: Flag
     verdict_only: bool = eqx.field(static=True)
 
-    def around(self, spaces: Davidson) -> Part:
-        """Return the search of the linear space around the cone."""
-        return Part(_on_hull, (spaces, self.hessian, self.cone, self.random))
-
-    def compile_hull(self, solver: ConeSolver) -> Lowest:
-        """Begin to compile the search around the cone, and return the shapes of what it finds."""
-        return self.around(Davidson(solver.tolerance_in(self.random.dtype))).ahead()
-
-    def compile_cone(self, solver: ConeSolver, around: Lowest) -> "Found | None":
-        """Begin to compile the search of the cone, if it is surely needed.
-
-        Arguments:
-            solver: that of the cone.
-            around: what the search around the cone finds, or its shapes.
-
-        Returns:
-            The shapes of the results of all searches, None if it may not be needed.
-        """
-        if self.verdict_only or not _flag(self.touches):
-            return None
-        first = next(_on_cone(solver, self.hessian, self.cone, around, self.random, True, around))
-        found, no = first.ahead(), np.zeros((), bool)
-        cone = found if isinstance(found, Lowest) else found[0]
-        return Found(around.pair, cone.pair, around.pair, around.pair, no, no)
-
     def eigenpairs(self, solver: ConeSolver, report: Report = unseen) -> Procedure["Found"]:
         """Return the procedure that finds the eigenpairs, the solver being the cone's."""
         spaces = Davidson(solver.tolerance_in(self.random.dtype))
@@ -102,7 +77,7 @@ class Search(eqx.Module):
         fast = solver if is_default else ProjectedLOBPCG(spaces.tolerance)
         touches = _flag(self.touches)
 
-        around = yield self.around(spaces)
+        around = yield Part(_on_hull, (spaces, self.hessian, self.cone, self.random))
         report(around)
         is_proved = self.verdict_only & (_flag(around.sign) > 0)
         is_open = touches & ~is_proved
@@ -241,7 +216,7 @@ def _certified(
     return costing(replace(found, pair=found.pair.with_proof(False, bound)), cost)
 
 
-@partial(program, runs_once=True)
+@program
 def _critical_in_doubt(search: Search, critical: Lowest, hull: Lowest) -> Lowest:
     """Return a pair of the critical cone whose error covers the points in doubt.
 
@@ -256,7 +231,7 @@ def _critical_in_doubt(search: Search, critical: Lowest, hull: Lowest) -> Lowest
     return _with_error(critical, jnp.maximum(rise, _rise(pair.eigenvalue, below)))
 
 
-@partial(program, runs_once=True)
+@program
 def _cone_in_doubt(search: Search, cone: Lowest) -> Lowest:
     """Return a pair of V0+ whose error covers the points in doubt.
 

@@ -22,7 +22,6 @@ from typing import Any
 
 import jax
 
-from jaxstab.core.cache import SETTINGS
 from jaxstab.core.optional_packages import require_packages
 from jaxstab.studies.axes import Index
 from jaxstab.studies.driver import Driver
@@ -178,7 +177,8 @@ class _Dealer:
 def _pool(number: int) -> Iterator[ProcessPoolExecutor]:
     """Yield processes that end with this one; if the block raises, they end at once."""
     others = set(multiprocessing.active_children())
-    settings = {name: jax.config.values[name] for name in SETTINGS}
+    # Its processes share the caller's compilation cache.
+    settings = {name: x for name, x in jax.config.values.items() if "_cache_" in name}
     # JAX does not survive a fork.
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(number, context, _begin, (settings,))

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxstab.core.compile import first_good
+from jaxstab.core.conditional import first_good
 from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.loop import Iteration
 from jaxstab.core.results import RESULTS

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
-from jaxstab.core.compile import first_good
+from jaxstab.core.conditional import first_good
 from jaxstab.core.history import History
 from jaxstab.core.loop import Iteration
 from jaxstab.core.results import RESULTS
