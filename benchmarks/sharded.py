@@ -26,7 +26,6 @@ from jax.sharding import NamedSharding, PartitionSpec  # noqa: E402
 
 import jaxstab as js  # noqa: E402
 from jaxstab.contact.hessian import Hessian  # noqa: E402
-from jaxstab.core.procedure import run  # noqa: E402
 from jaxstab.stability.cones import Subspace  # noqa: E402
 from jaxstab.stability.lowest_modes import BLOCK_SIZE  # noqa: E402
 
@@ -60,8 +59,8 @@ def programs(n, count):
     law = js.potentials.Exponential(surface_energy=0.02, length=0.1)
     contact = js.Contact(js.HalfSpace(grid, youngs_modulus=1.0), heights, law)
     find = import_module("jaxstab.equilibrium.equilibrate")._find_in_own_units
-    on_space = import_module("jaxstab.stability.search")._on_space
-    search = jax.jit(lambda *problem: run(on_space(*problem)))
+    on_space = import_module("jaxstab.stability.lowest_pair").on_space
+    search = jax.jit(on_space)
     solver, load = js.PreconditionedConjugateGradient(), js.MeanGap(0.2)
     hessian, space = Hessian(contact.solid, heights), Subspace(heights > 0)
     starts = jnp.stack(BLOCK_SIZE * [heights])

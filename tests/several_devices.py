@@ -14,7 +14,6 @@ from jax.sharding import NamedSharding, PartitionSpec
 
 import jaxstab as js
 from jaxstab.contact.hessian import Hessian
-from jaxstab.core.procedure import run
 from jaxstab.stability.cones import Subspace
 
 N = 32
@@ -84,8 +83,8 @@ def programs(grid):
     contact = contact_on(grid)
     heights = contact.heights
     find = import_module("jaxstab.equilibrium.equilibrate")._find_in_own_units
-    on_space = import_module("jaxstab.stability.search")._on_space
-    search = jax.jit(lambda *problem: run(on_space(*problem)))
+    on_space = import_module("jaxstab.stability.lowest_pair").on_space
+    search = jax.jit(on_space)
     hessian, space = Hessian(contact.solid, heights), Subspace(heights > 0)
     lowered = [
         find.lower(contact, *load_and_solver(), heights, False),

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxstab.core import display
-from jaxstab.core.batching import with_lane
+from jaxstab.core.batching import with_entry
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import NUMBER, Dimensioned
@@ -73,4 +73,4 @@ class History(Stackable, Dimensioned):
         shared = 224 + 32 * octave + (count >> (octave + 3))
         row = jnp.minimum(jnp.where(count < 256, count, shared), _HISTORY_LENGTH - 1)
         values = jnp.stack([step, *(new[name] for name in self.names)]).astype(self.table.dtype)
-        return replace(self, table=with_lane(self.table, row, values))
+        return replace(self, table=with_entry(self.table, row, values))

@@ -99,7 +99,6 @@ class IterativeSolver(eqx.Module):
             many as it took to the last. Progress is a lower residual, or a lower "energy" where the
             solver measures one.
         steps_per_check: steps between two looks at the residual; limits are rounded up to them.
-        pace: steps after which lanes that run together exchange those that have ended.
 
     Raises:
         ValueError: if tolerance or step limit is not positive.
@@ -111,7 +110,6 @@ class IterativeSolver(eqx.Module):
     default_tolerance: ClassVar[Mapping[str, float]]
     patience: ClassVar[int] = 300
     steps_per_check: ClassVar[int] = 1
-    pace: ClassVar[int] = 8
 
     def __check_init__(self) -> None:
         if self.tolerance is not None:

@@ -11,13 +11,12 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
-from jaxstab.core.batching import by_lanes
+from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced, known, numbers, require, require_finite
 from jaxstab.core.compile import program
 from jaxstab.core.grid import resample
 from jaxstab.core.implicit import attach
 from jaxstab.core.loop import Iteration, solver_or_default
-from jaxstab.core.procedure import Procedure, Solve, run
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.derivatives import changes_of_fields
@@ -32,7 +31,7 @@ from jaxstab.equilibrium.equilibrium import (
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
 from jaxstab.equilibrium.window import warn_at_edges, whole_start
-from jaxstab.loads import Control, GapControl, Load, require_load, require_loads, warn_if_soft
+from jaxstab.loads import Control, GapControl, Load, require_loads, warn_if_soft
 from jaxstab.solids import Solid
 
 # In units of the precision: what part of itself a mean gap may be off.
@@ -124,20 +123,7 @@ def _find_in_own_units(
 ) -> Equilibrium:
     unit = contact.own_pressure
     own = contact.in_units_of(unit, has_core), load.in_units_of(unit)
-    return _in_users_units(by_lanes(find)(*own, solver, initial), unit, load)
-
-
-def whole_equilibrium(contact: Contact, load: Load) -> Procedure[Equilibrium]:
-    """Return the procedure that does what `equilibrate` does by default.
-
-    The equilibrium is that on the grid that it is solved on.
-    """
-    require_load(load)
-    whole, start = whole_start(contact, load, None)
-    unit = whole.own_pressure
-    own = whole.in_units_of(unit), load.in_units_of(unit)
-    found = yield from _search(*own, PreconditionedConjugateGradient(), start)
-    return _in_users_units(found, unit, load)
+    return _in_users_units(by_entries(find)(*own, solver, initial), unit, load)
 
 
 def _in_users_units(found: Equilibrium, unit: Scalar, load: Load) -> Equilibrium:
@@ -162,15 +148,8 @@ def find(
     contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
 ) -> Equilibrium:
     """Do what `find_equilibrium` does, on a contact and a load in units of their own."""
-    return run(_search(contact, load, solver, initial))
-
-
-def _search(
-    contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
-) -> Procedure[Equilibrium]:
-    problem = contact, load
-    iteration = yield Solve(solver, problem, started(*problem, initial), Problem.under)
-    return concluded(*problem, iteration)
+    problem = Problem.of(contact, contact.control(load))
+    return concluded(contact, load, solver.run(problem, started(contact, load, initial)))
 
 
 def started(contact: Contact, load: Load, initial: Field | None) -> Field:

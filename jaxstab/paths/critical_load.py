@@ -15,7 +15,7 @@ from jaxtyping import ArrayLike
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.core.batching import by_lanes
+from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
 from jaxstab.core.conditional import first_good, if_needed
@@ -112,7 +112,7 @@ def _find(contact: Contact, bracket: Load, start: Field | None, report: Report =
 
 
 # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
-_find_lanes = program(by_lanes(lambda *inputs: _find(*inputs)))
+_find_lanes = program(by_entries(lambda *inputs: _find(*inputs)))
 
 
 _fold = program(follow_to_fold)

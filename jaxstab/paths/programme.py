@@ -109,7 +109,7 @@ class Programme(eqx.Module):
         solver = replace(solver, least_energy=least_potential / contact.grid.cell_area)
         if solver.max_move is None:
             solver = replace(solver, max_move=jnp.where(is_final, _MAX_MOVE, jnp.inf))
-        return solver, Problem.under((contact, self.at(value, part)))
+        return solver, Problem.of(contact, contact.control(self.at(value, part)))
 
     def place(
         self, value: Scalar, part: Int[Array, ""], found: Iteration[Any]

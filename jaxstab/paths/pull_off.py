@@ -10,7 +10,7 @@ from jaxtyping import Array, ArrayLike
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.core.batching import by_lanes
+from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import scalar_parameter
 from jaxstab.core.compile import program
 from jaxstab.core.progress import can_be_shown, progress_bar
@@ -108,7 +108,7 @@ def _find(bar: Any, *inputs: Any) -> tuple[Limit, Equilibrium]:
 
 
 @program
-@by_lanes
+@by_entries
 def _end(contact: Contact, load: Load, ended: Progress[Strongest]) -> tuple[Limit, Equilibrium]:
     return end_of(unloading(contact, load), ended)
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact
-from jaxstab.core.batching import by_lanes
+from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import known
 from jaxstab.core.compile import program
 from jaxstab.core.stack import first_entries, stacked
@@ -94,7 +94,7 @@ def _empty(store: Any) -> Any:
 
 
 @program
-@by_lanes
+@by_entries
 def path_with_room(ended: Progress[Table], contact: Contact, load: Load) -> Path:
     """Return the path of a contact under a programme of loads.
 

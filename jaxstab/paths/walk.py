@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int
 
 from jaxstab.contact import Contact
-from jaxstab.core.batching import by_lanes
+from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
 from jaxstab.core.results import RESULTS
@@ -140,7 +140,7 @@ def _begin(setup: WalkSetup[Jumps], *inputs: Any) -> Progress[Jumps]:
     def first(contact: Contact, load: Load, start: Field | None, *settings: Scalar) -> Progress:
         return begin(setup.programme_of(contact, load, *settings), start, setup.states, setup.jumps)
 
-    return by_lanes(first)(*inputs)
+    return by_entries(first)(*inputs)
 
 
 @partial(program, static_argnums=0)
@@ -157,7 +157,7 @@ def _go_on(
     ) -> Progress:
         return go_on(setup.programme_of(contact, load, *settings), walk, num_steps)
 
-    return by_lanes(further)(walk, num_steps, *inputs)
+    return by_entries(further)(walk, num_steps, *inputs)
 
 
 @jax.jit

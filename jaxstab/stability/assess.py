@@ -10,15 +10,14 @@ import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact import Contact
-from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.contact.hessian import Hessian
 from jaxstab.contact.residual import missed_pressure
 from jaxstab.contact.resolution import warn_if_coarse
-from jaxstab.core.batching import by_lanes
+from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced, require_key
 from jaxstab.core.compile import program
-from jaxstab.core.grid import Grid, total
+from jaxstab.core.grid import total
 from jaxstab.core.loop import solver_or_default
-from jaxstab.core.procedure import Kept, Procedure, run
 from jaxstab.core.progress import Report, can_be_shown, searches_bar, unseen
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Field, Mask, Scalar
@@ -32,10 +31,12 @@ from jaxstab.stability.barrier import margins_of, pressure_scale
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.derivatives import differentiable
 from jaxstab.stability.eigenpair import Eigenpair
+from jaxstab.stability.eigenproblems import Eigenproblems, Found
 from jaxstab.stability.lowest_modes import noise
-from jaxstab.stability.search import Found, Search
+from jaxstab.stability.search import smallest_eigenpairs
 from jaxstab.stability.solvers.base import ConeSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
+from jaxstab.stability.solvers.davidson import Davidson
 from jaxstab.stability.verdict import (
     VERDICTS,
     Stability,
@@ -123,7 +124,7 @@ def assess_stability(
 # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
 @partial(program, static_argnums=0)
 def _assess_lanes(verdict_only: bool, *inputs: Any) -> Stability:
-    return by_lanes(partial(_assess_one, verdict_only))(*inputs)
+    return by_entries(partial(_assess_one, verdict_only))(*inputs)
 
 
 def with_derivatives(contact: Contact, equilibrium: Equilibrium, stability: Stability) -> Stability:
@@ -157,22 +158,14 @@ def _assess_one(
     key: PRNGKeyArray,
     report: Report = unseen,
 ) -> Stability:
-    return run(assessment(contact, equilibrium, solver, key, verdict_only, report))
-
-
-def assessment(
-    contact: Contact,
-    equilibrium: Equilibrium,
-    solver: ConeSolver,
-    key: PRNGKeyArray,
-    verdict_only: bool = False,
-    report: Report = unseen,
-) -> Procedure[Stability]:
-    """Return the procedure that assesses an equilibrium, on the grid that it is solved on."""
-    problem, state = yield Kept(_problem(contact, equilibrium))
-    random = _random_starts(contact.grid, key, equilibrium.gap)
-    search = Search(random=random, verdict_only=verdict_only, **problem)
-    found = yield from search.eigenpairs(solver, report)
+    problems, state = _problems(contact, equilibrium, key)
+    found = smallest_eigenpairs(
+        problems,
+        solver,
+        Davidson(solver.tolerance_in(equilibrium.gap.dtype)),
+        verdict_only=verdict_only,
+        report=report,
+    )
     return _stability(equilibrium, state, found)
 
 
@@ -215,14 +208,10 @@ class _State(eqx.Module):
 
 
 @program
-def _random_starts(grid: Grid, key: PRNGKeyArray, like: Field) -> Block:
-    """Return vectors to start from, by a program that is the same for all laws and loads."""
-    return grid.placed(noise(key, _NUM_RANDOM, like))
-
-
-@program
-def _problem(contact: Contact, equilibrium: Equilibrium) -> tuple[dict[str, Any], _State]:
-    """Return the search at an equilibrium, and the data of that state."""
+def _problems(
+    contact: Contact, equilibrium: Equilibrium, key: PRNGKeyArray
+) -> tuple[Eigenproblems, _State]:
+    """Return the eigenproblems of an equilibrium, and the data of that state."""
     unit = contact.own_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     gap, in_contact = equilibrium.gap, equilibrium.in_contact
@@ -241,18 +230,19 @@ def _problem(contact: Contact, equilibrium: Equilibrium) -> tuple[dict[str, Any]
     nearly_touching = ~in_contact & (gap * hessian.solid.max_stiffness <= error)
     # Where there is nothing to assess, nothing moves.
     nowhere = contact.grid.placed(jnp.zeros_like(in_contact) | ~is_found)
-    problem = {
-        "hessian": hessian,
-        "cone": AdmissibleCone(in_contact, nowhere, control.fixes_mean),
-        "critical_cone": AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean),
-        "nearly_touching": nearly_touching,
-        "touches": jnp.any(in_contact),
-        "is_weak": jnp.any(weak),
-        "is_doubtful": jnp.any(weak | nearly_touching),
-    }
+    problems = Eigenproblems(
+        hessian=hessian,
+        cone=AdmissibleCone(in_contact, nowhere, control.fixes_mean),
+        critical_cone=AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean),
+        random=contact.grid.placed(noise(key, _NUM_RANDOM, gap)),
+        nearly_touching=nearly_touching,
+        touches=jnp.any(in_contact),
+        is_weak=jnp.any(weak),
+        is_doubtful=jnp.any(weak | nearly_touching),
+    )
     sharpness = jnp.where(in_contact, 0, third_derivative(contact, gap))
     state = _State(result, unit, contact.grid.cell_area, scale, imbalance, sharpness)
-    return problem, state
+    return problems, state
 
 
 @program

@@ -12,15 +12,15 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array
 
-from jaxstab.contact.hessian import Block, Hessian, SymmetricOperator
+from jaxstab.contact.hessian import Hessian, SymmetricOperator
+from jaxstab.core.compile import program
 from jaxstab.core.grid import total
-from jaxstab.core.procedure import Procedure, Rounds
 from jaxstab.core.types import Field, FieldMap, Mask, Scalar
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.solvers.base import ModesProblem
-from jaxstab.stability.solvers.davidson import Davidson
+from jaxstab.stability.lowest_pair import Lowest
+from jaxstab.stability.solvers.base import ModesProblem, SpaceSolver
 
 # To what part of the cone's eigenvalue soft waves are stiffened, tried in turn.
 _SHARES = (0.5, 0.25)
@@ -47,79 +47,36 @@ class _Stiffened(SymmetricOperator):
         return self.hessian.preconditioner(mode, eigenvalue)
 
 
-class Bounds(Rounds):
-    """Bounds that are sought one after another, until one is positive.
+@program
+def certified(
+    solver: SpaceSolver, hessian: Hessian, cone: AdmissibleCone, found: Lowest, hull: Lowest
+) -> Lowest:
+    """Return the lowest pair found on a cone with a bound that no eigenvalue on it is below.
 
-    Attributes:
-        solver: for the linear space around the cone.
-        hessian, cone, eigenvalue, starts: as in `certified_bound`.
-        best, cost: the best bound so far, and its cost.
-        number: that of the share.
+    The bound rests on the solver, which must not miss the lowest mode of a linear space; it is -inf
+    if none is known. Each application of A - N costs two pairs of transforms.
     """
-
-    solver: Davidson
-    hessian: Hessian
-    cone: AdmissibleCone
-    eigenvalue: Scalar
-    starts: Block
-    best: Scalar
-    cost: Int[Array, ""]
-    number: Int[Array, ""]
-
-    @property
-    def search(self) -> tuple[Davidson, ModesProblem]:
-        """The solver, and the problem with this share."""
-        share = jnp.asarray(_SHARES, self.eigenvalue.dtype)[self.number]
-        operator = _stiffened(self.hessian, self.cone, share * self.eigenvalue)
-        assert operator is not None
-        return self.solver, ModesProblem(operator, self.cone.hull, self.starts)
-
-    @property
-    def found(self) -> tuple[Scalar, Int[Array, ""]]:
-        """The best bound, and the cost of all."""
-        return self.best, self.cost
-
-    def begun(self) -> "Bounds":
-        """Return the search for the bound of this share before its first step."""
-        solver, problem = self.search
-        loop = solver.begin(problem, self.starts)
-        is_sought = (self.number < len(_SHARES)) & (self.best <= 0)
-        return replace(self, loops=jax.tree.map(lambda x: x[None], loop), is_on=is_sought[None])
-
-    def turned(self) -> "Bounds":
-        """Return the search for the bound of the next share."""
-        solver, problem = self.search
-        loop = jax.tree.map(lambda leaf: leaf[0], self.loops)
-        found = solver.minimum(problem, solver.outcome(loop))
-        best = jnp.maximum(self.best, problem.pair(found).bound)
-        # A and N are one application here, but two pairs of transforms.
-        cost = found.num_applications
-        cost += (cost + len(self.starts)) // 2
-        return replace(self, best=best, cost=self.cost + cost, number=self.number + 1).begun()
-
-
-def certified_bound(
-    solver: Davidson, hessian: Hessian, cone: AdmissibleCone, eigenvalue: Scalar, starts: Block
-) -> Procedure[tuple[Scalar, Int[Array, ""]]]:
-    """Return the procedure that finds a number that no eigenvalue on a cone is below.
-
-    It rests on the solver, which must not miss the lowest mode of a linear space.
-
-    Arguments:
-        solver: for the linear space around the cone.
-        hessian: A.
-        cone: the cone.
-        eigenvalue: the smallest that was found on it.
-        starts: vectors to start from.
-
-    Returns:
-        The number, -inf if none is known, and its cost in applications of A, each a pair of
-        transforms.
-    """
-    none, nothing = jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)
+    eigenvalue, starts = found.pair.eigenvalue, hull.modes
     if _stiffened(hessian, cone, eigenvalue) is None:
-        return none, nothing
-    return (yield Bounds(solver, hessian, cone, eigenvalue, starts, none, nothing, nothing))
+        return found
+    shares = jnp.array(_SHARES, eigenvalue.dtype)
+
+    def seek(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        number, best, cost = state
+        operator = _stiffened(hessian, cone, shares[number] * eigenvalue)
+        assert operator is not None
+        minimum = solver.solve(operator, cone.hull, starts)
+        bound = ModesProblem(operator, cone.hull, starts).pair(minimum).bound
+        more = minimum.num_applications
+        more += (more + len(starts)) // 2
+        return number + 1, jnp.maximum(best, bound), cost + more
+
+    # One share after another, until a bound is positive.
+    start = jnp.array(0), jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)
+    _, bound, cost = jax.lax.while_loop(
+        lambda state: (state[0] < len(_SHARES)) & (state[1] <= 0), seek, start
+    )
+    return replace(found, pair=found.pair.with_proof(False, bound)).costing(cost)
 
 
 def _stiffened(hessian: Hessian, cone: AdmissibleCone, aim: Scalar) -> _Stiffened | None:

@@ -6,22 +6,24 @@ half of the points around it do, and adheres as the mean of those that are like 
 """
 
 from dataclasses import replace
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, Hessian
-from jaxstab.core.procedure import Procedure, run
+from jaxstab.core.compile import program
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpair import Minimum, admissible_pair
+from jaxstab.stability.eigenpair import admissible_pair
 from jaxstab.stability.lowest_modes import BLOCK_SIZE
-from jaxstab.stability.lowest_pair import cone_starts, on_space
+from jaxstab.stability.lowest_pair import Lowest, cone_starts, on_cone, on_space
 from jaxstab.stability.ritz import scaled_to_unit
-from jaxstab.stability.solvers.base import Eigenproblem
+from jaxstab.stability.solvers.base import Eigensolver, SpaceSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
-from jaxstab.stability.solvers.davidson import Davidson
+
+Solver = TypeVar("Solver", bound=Eigensolver)
 
 # The points from which a grid is large: on fewer, compiling the coarser problems does not pay.
 _LARGE = 2**18
@@ -40,7 +42,7 @@ def is_large(hessian: Hessian) -> bool:
 
 
 def space_starts(
-    solver: Davidson, hessian: Hessian, space: Subspace, random: Block
+    solver: SpaceSolver, hessian: Hessian, space: Subspace, random: Block
 ) -> tuple[Block, Int[Array, ""]]:
     """Return a block to start from on a linear space, and its cost in applications of A.
 
@@ -52,7 +54,7 @@ def space_starts(
 
 
 def modes_by_coarser(
-    solver: Davidson, hessian: Hessian, space: Subspace, random: Block
+    solver: SpaceSolver, hessian: Hessian, space: Subspace, random: Block
 ) -> tuple[Block, Int[Array, ""]]:
     """Return a block to start from on a linear space, and its cost in applications of A.
 
@@ -62,54 +64,50 @@ def modes_by_coarser(
     cone = AdmissibleCone(nowhere, ~space.is_moving, space.fixes_mean)
     hessian, cone = _coarser(hessian, cone)
     starts, cost = _on_sublattices(random)[:BLOCK_SIZE], jnp.array(0)
-    rough = Davidson(_rough(solver, random))
+    rough = _roughly(solver, random)
     if _has_coarser(hessian):
         starts, cost = modes_by_coarser(rough, hessian, cone.hull, starts)
-    found = run(on_space(rough, hessian, cone.hull, starts))
+    found = on_space(rough, hessian, cone.hull, starts)
     modes = jnp.stack([*map(_refined, found.modes[:-1]), random[-1]])
     return modes, _share_of(cost + found.pair.num_applications, space)
 
 
-def minimum_by_coarser(
+@program
+def lowest_by_coarser(
+    spaces: SpaceSolver,
     solver: ProjectedLOBPCG,
     hessian: Hessian,
     cone: AdmissibleCone,
-    known: Field,
-    is_known: Flag,
+    hull: Lowest,
     random: Block,
-) -> Procedure[tuple[Minimum, Scalar]]:
-    """Return the procedure that finds the minimiser that the coarser problem's mode leads to.
+) -> tuple[Lowest, Flag]:
+    """Return the pair on a cone that the coarser problem's mode leads to, and whether to trust it.
 
-    Arguments:
-        solver: for the cone.
-        hessian: A.
-        cone: the cone.
-        known: a vector to start from instead.
-        is_known: whether to, without a coarser problem.
-        random: vectors from which the coarser problem starts.
-
-    Returns:
-        The minimiser, and the eigenvalue of the coarser problem, which is NaN where that has none.
+    It agrees with the coarser problem, or the lowest mode around the cone is the answer. This is a
+    program of its own, as the search from all starts takes the memory of them all.
     """
-    guess, foreseen, cost = jax.lax.cond(
+    starts, _, is_answer = cone_starts(solver, cone, hull, random)
+    is_known = is_answer | cone.is_trivial
+    guess, coarser, cost = jax.lax.cond(
         is_known,
-        lambda: (known, jnp.full((), jnp.nan, known.dtype), jnp.array(0)),
-        lambda: mode_by_coarser(solver, hessian, cone, random),
+        lambda: (starts[0], jnp.zeros((), random.dtype), jnp.array(0)),
+        lambda: mode_by_coarser(spaces, solver, hessian, cone, random),
     )
     is_start = jnp.any(guess != 0)
-    problem = Eigenproblem(hessian.restricted(cone.is_moving), cone)
-    found = yield from solver.search(problem, guess[None], is_start[None])
-    minimum = replace(found, num_applications=found.num_applications + cost)
-    return minimum, jnp.where(is_start, foreseen, jnp.nan)
-
-
-def is_foreseen(eigenvalue: Scalar, foreseen: Scalar) -> Flag:
-    """Return whether an eigenvalue is that of the coarser problem, and no other start need be."""
-    return jnp.abs(eigenvalue - foreseen) <= _TRUST * jnp.abs(eigenvalue)
+    restricted = hessian.restricted(cone.is_moving)
+    found = solver.solve(restricted, cone, guess[None], is_start[None])
+    lowest = on_cone(hessian, cone, hull, found, is_answer).costing(cost)
+    eigenvalue = lowest.pair.eigenvalue
+    agrees = is_start & (jnp.abs(eigenvalue - coarser) <= _TRUST * jnp.abs(eigenvalue))
+    return lowest, is_known | agrees
 
 
 def mode_by_coarser(
-    solver: ProjectedLOBPCG, hessian: Hessian, cone: AdmissibleCone, random: Block
+    spaces: SpaceSolver,
+    solver: ProjectedLOBPCG,
+    hessian: Hessian,
+    cone: AdmissibleCone,
+    random: Block,
 ) -> tuple[Field, Scalar, Int[Array, ""]]:
     """Return a vector to start from on a cone, what its eigenvalue was there, and its cost.
 
@@ -118,13 +116,12 @@ def mode_by_coarser(
     hull = cone.hull
     hessian, cone = _coarser(hessian, cone)
     random = _on_sublattices(random)
-    rough = ProjectedLOBPCG(_rough(solver, random))
+    spaces, rough = _roughly(spaces, random), _roughly(solver, random)
     if _has_coarser(hessian):
-        start, _, cost = mode_by_coarser(rough, hessian, cone, random)
+        start, _, cost = mode_by_coarser(spaces, rough, hessian, cone, random)
         starts, is_needed = start[None], jnp.array([True])
     else:
-        spaces = Davidson(rough.tolerance)
-        around = run(on_space(spaces, hessian, cone.hull, random[:BLOCK_SIZE]))
+        around = on_space(spaces, hessian, cone.hull, random[:BLOCK_SIZE])
         starts, is_needed, _ = cone_starts(rough, cone, around, random)
         cost = around.pair.num_applications
     restricted = hessian.restricted(cone.is_moving)
@@ -138,8 +135,9 @@ def _has_coarser(hessian: Hessian) -> bool:
     return solid.grid.size >= 4 * _FEWEST and solid.coarser() is not None
 
 
-def _rough(solver: Davidson | ProjectedLOBPCG, like: Block) -> Scalar:
-    return jnp.maximum(solver.tolerance_in(like.dtype), _TOLERANCE)
+def _roughly(solver: Solver, like: Block) -> Solver:
+    """Return a solver with the tolerance for a coarser problem."""
+    return replace(solver, tolerance=jnp.maximum(solver.tolerance_in(like.dtype), _TOLERANCE))
 
 
 def _share_of(cost: Int[Array, ""], fine: Subspace) -> Int[Array, ""]:

@@ -15,7 +15,6 @@ from jaxstab.core.checks import integer, require_key
 from jaxstab.core.compile import program
 from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.loop import solver_or_default
-from jaxstab.core.procedure import run
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Field
 from jaxstab.equilibrium import Equilibrium
@@ -117,7 +116,7 @@ def _lowest_modes(
     hessian = contact.hessian(equilibrium.gap, control).restricted(space.is_moving)
     starts = noise(key, max(count + _GUARD, BLOCK_SIZE), equilibrium.gap)
     problem = ModesProblem(hessian, space, starts, count)
-    found = run(solver.search(problem, starts))
+    found = solver.solve(hessian, space, starts, count)
     found = replace(found, num_applications=found.num_applications + count - 1)
     dimension = jnp.sum(is_moving) - control.fixes_mean
 

@@ -1,4 +1,4 @@
-"""The lowest pair on a linear space, and from its modes that on a cone in it."""
+"""The lowest eigenpair on a linear space, and on a cone from the lowest modes around it."""
 
 from dataclasses import replace
 
@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from jaxstab.contact.hessian import Block, Hessian
-from jaxstab.core.procedure import Procedure
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag
 from jaxstab.stability.cones import AdmissibleCone, Subspace
@@ -18,7 +17,7 @@ from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import ConeSolver, ModesProblem, SpaceSolver
 
 # Up to so many points, each contact point that lifts alone is a start too: near full contact on
-# few points others were seen to miss the smallest.
+# few points the other starts were seen to miss the smallest eigenvalue.
 _FEW = 24
 
 
@@ -29,36 +28,67 @@ class Lowest(eqx.Module):
     sign: Int[Array, ""]
     modes: Block
 
+    @classmethod
+    def of(cls, pair: Eigenpair, modes: Block) -> "Lowest":
+        """Return a pair with its sign."""
+        return cls(pair, pair.sign, modes)
 
-def on_space(
-    solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Block
-) -> Procedure[Lowest]:
-    """Return the procedure that finds the lowest pair on a linear space."""
-    problem = ModesProblem(hessian.restricted(space.is_moving), space, starts)
-    found = yield from solver.search(problem, starts)
-    pair = problem.pair(found)
-    return Lowest(pair, pair.sign, found.vector)
+    def known_before(self) -> "Lowest":
+        """Return the same pair at no cost."""
+        # Put, since JAX would compile a zero.
+        none = jax.device_put(np.zeros((), int))
+        return replace(self, pair=replace(self.pair, num_steps=none, num_applications=none))
+
+    def costing(self, more: Int[Array, ""]) -> "Lowest":
+        """Return the same pair at the cost of some applications more."""
+        number = self.pair.num_applications + more
+        return replace(self, pair=replace(self.pair, num_applications=number))
+
+
+def with_cost_of(before: Eigenpair, pair: Eigenpair) -> Eigenpair:
+    """Return a pair at the cost of both."""
+    return replace(
+        pair,
+        num_steps=before.num_steps + pair.num_steps,
+        num_applications=before.num_applications + pair.num_applications,
+    )
+
+
+def on_space(solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Block) -> Lowest:
+    """Return the lowest pair on a linear space."""
+    restricted = hessian.restricted(space.is_moving)
+    found = solver.solve(restricted, space, starts)
+    return Lowest.of(ModesProblem(restricted, space, starts).pair(found), found.vector)
+
+
+def on_cone(
+    hessian: Hessian, cone: AdmissibleCone, around: Lowest, found: Minimum, is_answer: Flag
+) -> Lowest:
+    """Return the lowest pair on a cone from the minimum that a solver found."""
+    pair = measured(hessian.restricted(cone.is_moving), cone, found, found.vector)
+    # In any other case a lower minimum may have been missed.
+    return Lowest.of(pair.with_proof(is_answer | cone.is_trivial), around.modes)
 
 
 def cone_starts(
     solver: ConeSolver,
     cone: AdmissibleCone,
-    hull: Lowest,
+    around: Lowest,
     random: Block,
     before: Lowest | None = None,
 ) -> tuple[Block, Bool[Array, " starts"], Flag]:
-    """Return vectors to start from on a cone, which are needed, and whether one is the answer.
+    """Return starts on a cone, which of them are needed, and whether the first is the answer.
 
-    They are the two lowest modes of its hull with both signs, and noise. On few points each contact
-    point that lifts is one too. If the lowest mode converged and lies in the cone, it is the answer
-    and the only start. All compete with earlier results.
+    They are the two lowest modes of the linear space around it with both signs, and random vectors.
+    On few points each contact point that lifts is one too. If the lowest mode converged and lies in
+    the cone, it is the answer and the only start, unless there is an earlier result beside it.
     """
-    modes = hull.modes
+    modes = around.modes
     starts = jnp.concatenate([modes[:2], -modes[:2], random])
     signs = jnp.stack([modes[0], -modes[0]])
     entering = norms(jnp.where(cone.one_sided, jnp.minimum(signs, 0), 0))
     is_admissible = jnp.min(entering) <= solver.tolerance_in(entering.dtype)
-    is_answer = (hull.pair.result == RESULTS.successful) & is_admissible
+    is_answer = (around.pair.result == RESULTS.successful) & is_admissible
     lowest = jnp.where(is_answer, signs[jnp.argmin(entering)], starts[0])
     is_needed = ~is_answer | (jnp.arange(len(starts)) == 0)
     starts = starts.at[0].set(lowest)
@@ -71,41 +101,3 @@ def cone_starts(
         return starts, is_needed, is_answer
     starts = jnp.concatenate([before.pair.mode[None], starts])
     return starts, jnp.ones(len(starts), bool), is_answer
-
-
-def on_cone(
-    hessian: Hessian,
-    cone: AdmissibleCone,
-    hull: Lowest,
-    found: Minimum,
-    is_answer: Flag,
-) -> Lowest:
-    """Return the lowest pair on a cone, as it was found."""
-    restricted = hessian.restricted(cone.is_moving)
-    # Or else there is nothing on the cone, or it may have been missed.
-    pair = measured(restricted, cone, found, found.vector).with_proof(is_answer | cone.is_trivial)
-    return Lowest(pair, pair.sign, hull.modes)
-
-
-def again(lowest: Lowest) -> Lowest:
-    """Return a known pair, at no cost."""
-    # Put, since JAX would compile a zero.
-    none = jax.device_put(np.zeros((), int))
-    return replace(lowest, pair=replace(lowest.pair, num_steps=none, num_applications=none))
-
-
-def costing(lowest: Lowest, more: Int[Array, ""]) -> Lowest:
-    """Return a lowest pair whose cost is higher by some applications."""
-    pair = lowest.pair
-    return replace(lowest, pair=replace(pair, num_applications=pair.num_applications + more))
-
-
-def after(first: Lowest, then: Lowest) -> Lowest:
-    """Return the second of two, at the cost of both."""
-    before, pair = first.pair, then.pair
-    pair = replace(
-        pair,
-        num_steps=before.num_steps + pair.num_steps,
-        num_applications=before.num_applications + pair.num_applications,
-    )
-    return replace(then, pair=pair)

@@ -92,11 +92,11 @@ def test_lanes_together_give_what_each_gives_alone(monkeypatch):
     jax.clear_caches()
     mapped = []
 
-    def map_together(alone, together, lanes):
-        mapped.append(lanes)
-        return jax.vmap(together)(lanes)
+    def run_elsewhere(on_cpu, elsewhere, *args):
+        mapped.append(args)
+        return elsewhere(*args)
 
-    monkeypatch.setattr(batching, "_map", map_together)
+    monkeypatch.setattr(batching, "on_platform", run_elsewhere)
     joint = jax.jit(jax.vmap(solve))(heights)
     # Or the next test gets this one's programs.
     jax.clear_caches()

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from programs import beside_an_accelerator
 
-from jaxstab.core.batching import by_lanes
+from jaxstab.core.batching import by_entries
 
 
 def iterate(start, factor):
@@ -30,7 +30,7 @@ def assert_equal(left, right):
 
 @pytest.mark.parametrize("transform", [lambda f: f, jax.jit])
 def test_lanes_give_what_they_give_alone(transform):
-    solve = transform(jax.jit(by_lanes(iterate)))
+    solve = transform(jax.jit(by_entries(iterate)))
     apart = [jax.jit(iterate)(start, FACTORS[1]) for start in STARTS]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *apart)
     assert_equal(transform(jax.vmap(solve, in_axes=(0, None)))(STARTS, FACTORS[1]), stacked)
@@ -38,7 +38,7 @@ def test_lanes_give_what_they_give_alone(transform):
 
 
 def test_lanes_nest_in_lanes():
-    solve = by_lanes(iterate)
+    solve = by_entries(iterate)
     nested = jax.vmap(lambda f: jax.vmap(lambda s: solve(s, f))(STARTS))(FACTORS)
     plain = jax.vmap(lambda f: jax.vmap(lambda s: iterate(s, f))(STARTS))(FACTORS)
     np.testing.assert_array_equal(nested["count"], plain["count"])
@@ -47,7 +47,7 @@ def test_lanes_nest_in_lanes():
 
 @pytest.mark.parametrize(("platform", "loops"), [("cuda", 1), ("cpu", 2)])
 def test_only_on_the_cpu_is_there_a_loop_over_lanes(platform, loops):
-    solve = jax.jit(jax.vmap(by_lanes(iterate), in_axes=(0, None)))
+    solve = jax.jit(jax.vmap(by_entries(iterate), in_axes=(0, None)))
     with beside_an_accelerator():
         program = jax.export.export(solve, platforms=[platform])(STARTS, FACTORS[1]).mlir_module()
     assert program.count("stablehlo.while") == loops

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxstab.core import compile as compiling
+from jaxstab.core import memory_mappings
+from jaxstab.core.compile import program
 
 SOLVE = """
 import jax
@@ -30,10 +31,10 @@ def test_a_solve_sets_nothing_and_writes_no_file(tmp_path, monkeypatch):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere mappings are not counted")
 def test_an_error_tells_the_cure_before_memory_mappings_run_out(monkeypatch):
-    double = compiling.program(lambda value: 2 * value)
+    double = program(lambda value: 2 * value)
     np.testing.assert_array_equal(double(jnp.ones(2)), 2)
     # As if nearly all were taken.
-    monkeypatch.setattr(compiling, "_MOST_OF_THE_MAPPINGS", 0)
+    monkeypatch.setattr(memory_mappings, "_MOST", 0)
     with pytest.raises(MemoryError, match=r"memory mappings.* jax\.clear_caches\(\)"):
         double(jnp.ones(3))
     # A compiled program needs no more of them.

@@ -93,7 +93,7 @@ def test_a_coarser_problem_without_a_mode_gives_no_start(small_is_large):
     hessian = Hessian(js.HalfSpace(grid, 1.0), jnp.where(free, -40.0, 0.0))
     random = jax.random.normal(jax.random.key(0), (3, *grid.shape))
     search = jax.jit(coarse_start.mode_by_coarser)
-    start, *_ = search(js.ProjectedLOBPCG(), hessian, AdmissibleCone(~free), random)
+    start, *_ = search(js.Davidson(), js.ProjectedLOBPCG(), hessian, AdmissibleCone(~free), random)
     np.testing.assert_array_equal(start, 0)
 
 

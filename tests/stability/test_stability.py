@@ -235,16 +235,16 @@ def test_the_eigenvalue_is_the_second_difference_of_the_energy_along_the_mode(un
     assert second == pytest.approx(float(pair.eigenvalue), rel=1e-3)
 
 
-@pytest.mark.parametrize(("load", "num_parts"), [(0.02, 2), (5.0, 1)])
-def test_what_is_compiled_ahead_is_what_an_assessment_needs(load, num_parts):
+@pytest.mark.parametrize("touches", [True, False])
+def test_an_assessment_compiles_only_the_searches_that_it_needs(touches):
     law = js.potentials.Exponential(0.05, 0.1)
     # Of a size that no other test has.
-    grid = js.Grid((9, 7 + num_parts))
+    grid = js.Grid((9, 8 + touches))
     contact = js.Contact(js.HalfSpace(grid, 1.0), js.surfaces.sinusoid(grid, 0.05), law)
-    equilibrium = js.equilibrate(contact, js.MeanGap(load))
-    assert bool(equilibrium.in_contact.any()) == (num_parts == 2)
+    equilibrium = js.equilibrate(contact, js.MeanGap(0.02 if touches else 5.0))
+    assert bool(equilibrium.in_contact.any()) == touches
     key = jax.random.key(0)
     with compilations() as compiled:
         js.assess_stability(contact, equilibrium, key=key)
-    parts = ["jit(_run_part)"] * num_parts
-    assert sorted(compiled) == ["jit(_problem)", "jit(_random_starts)", *parts, "jit(_stability)"]
+    searches = ["_from_all_starts"] * touches + ["_lowest_on_hull"]
+    assert sorted(compiled) == [f"jit({name})" for name in (*searches, "_problems", "_stability")]

@@ -9,9 +9,9 @@ import equinox as eqx
 from jaxstab.contact import Contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core.history import Indicators
-from jaxstab.core.loop import Iteration, IterativeSolver
+from jaxstab.core.loop import IterativeSolver
 from jaxstab.core.types import Field
-from jaxstab.loads import Control, Load
+from jaxstab.loads import Control
 
 
 class State(eqx.Module):
@@ -40,12 +40,6 @@ class Problem:
         """Return the problem of a contact under the condition of a load."""
         return cls(contact, control, contact.balance(control))
 
-    @classmethod
-    def under(cls, given: tuple[Contact, Load]) -> "Problem":
-        """Return the problem of a contact and a load."""
-        contact, load = given
-        return cls.of(contact, contact.control(load))
-
     def state(self, gap: Field) -> State:
         """Return the state of the admissible gap that is near to another."""
         gap = self.control.admissible(gap)
@@ -67,13 +61,3 @@ class EquilibriumSolver(IterativeSolver):
     def measure(self, problem: Any, state: Any) -> Indicators:
         """Return the residual of a state."""
         return {"residual": state.balance.residual}
-
-    def solve(self, contact: Contact, control: Control, gap: Field) -> Iteration[Any]:
-        """Go from a gap that meets the load to an equilibrium under it.
-
-        Arguments:
-            contact: the contact problem, in units of its own.
-            control: the condition that the load sets on the gap.
-            gap: where to start.
-        """
-        return self.run(Problem.of(contact, control), gap)

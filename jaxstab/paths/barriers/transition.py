@@ -11,7 +11,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.core.batching import by_lanes
+from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import integer, parameter, require, require_positive
 from jaxstab.core.compile import program
 from jaxstab.core.display import block
@@ -170,7 +170,7 @@ class _Climb(eqx.Module):
 
 @partial(program, static_argnums=0)
 def _search(number: int, contact: Contact, load: Load, first: Field, last: Field) -> Transition:
-    return by_lanes(partial(_find, number))(contact, load, first, last)
+    return by_entries(partial(_find, number))(contact, load, first, last)
 
 
 def _find(number: int, contact: Contact, load: Load, first: Field, last: Field) -> Transition:

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Int
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.hessian import Block
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.core.batching import by_lanes
+from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import integer, is_traced, known, require, require_finite
 from jaxstab.core.compile import program
 from jaxstab.core.implicit import refuse_derivatives
@@ -304,7 +304,7 @@ def _traced(
         walk = replace(walk, result=RESULTS.where(is_cut, RESULTS.store_full, walk.result))
         return _branch(contact, loads, walk, states.rows, turns.rows)
 
-    return by_lanes(search)(contact, loads, start)
+    return by_entries(search)(contact, loads, start)
 
 
 def _branch(contact: Contact, loads: Load, walk: Walk, entries: Entry, turns: Turn) -> Branch:

@@ -6,7 +6,7 @@ smooth where the free points stay the same, and have corners where one touches o
 """
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -60,18 +60,6 @@ class Forces(eqx.Module):
     net: Field
     curvature: Field
     residual: Scalar
-
-
-class Condition(Protocol):
-    """What a point of the curve is to meet beside the balance of pressures."""
-
-    def missed(self, curve: "Curve", at: Point, forces: Forces) -> Scalar:
-        """Return by how much a point misses it."""
-        ...
-
-    def gradient(self, curve: "Curve", at: Point, forces: Forces) -> Point:
-        """Return the gradient of that."""
-        ...
 
 
 class Curve(eqx.Module):

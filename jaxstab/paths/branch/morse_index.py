@@ -8,7 +8,6 @@ from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
-from jaxstab.core.procedure import run
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag
 from jaxstab.loads import Load
@@ -81,8 +80,7 @@ def _count(
     fresh = noise(jax.random.key(2), len(modes), gap)
     modes = jnp.where(is_new.reshape(-1, *[1] * gap.ndim), fresh, modes)
     hessian = contact.hessian(gap, control).restricted(space.is_moving)
-    problem = ModesProblem(hessian, space, modes, len(modes) - spare)
-    minimum = run(solver.search(problem, modes))
+    minimum = solver.solve(hessian, space, modes, len(modes) - spare)
     found = minimum.vector
     # The Ritz values, of vectors of unit norm; zero of those beyond the dimension of the space.
     values = [jnp.sum(mode * hessian(mode)) for mode in found[:-1]]

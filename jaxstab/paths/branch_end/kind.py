@@ -6,7 +6,6 @@ import jax.numpy as jnp
 from jaxstab.contact import Contact
 from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.grid import mean
-from jaxstab.core.procedure import run
 from jaxstab.core.types import Field, Flag
 from jaxstab.loads import Load
 from jaxstab.stability.cones import Subspace
@@ -41,7 +40,7 @@ def reason_of(contact: Contact, load: Load, gap: Field, releases: Field) -> tupl
     def seek(found: tuple[Flag, Flag, Field]) -> tuple[Flag, Flag, Field]:
         opens, *_ = found
         space = Subspace(~touches | (lets_go & opens), control.fixes_mean)
-        pair = run(on_space(Davidson(), hessian, space, starts)).pair
+        pair = on_space(Davidson(), hessian, space, starts).pair
         is_release = opens & (pair.eigenvalue < 0)
         return is_release, is_release | ~opens, pair.mode
 

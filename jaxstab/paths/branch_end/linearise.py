@@ -17,7 +17,6 @@ from jaxstab.contact.hessian import Block
 from jaxstab.core.grid import total
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.loop import IterativeSolver, integer_parameter
-from jaxstab.core.procedure import run
 from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.equilibrium.derivatives import third_derivative
 from jaxstab.equilibrium.equilibrium import fields_of
@@ -66,7 +65,7 @@ def point_at(
     space = replace(space, is_moving=space.is_moving | opened)
     hessian = contact.hessian(gap, contact.control(load))
     solver = Davidson(_MODE_TOLERANCE[gap.dtype.name])
-    found = run(on_space(solver, hessian, space, modes))
+    found = on_space(solver, hessian, space, modes)
     return Point(load, gap, found.modes, found.pair)
 
 

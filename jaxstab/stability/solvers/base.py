@@ -7,7 +7,6 @@ from jaxtyping import Array, Bool, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core.loop import Iteration, IterativeSolver
-from jaxstab.core.procedure import Procedure, Solve, run
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import Eigenpair, Minimum, measured
 
@@ -48,13 +47,6 @@ class Eigensolver(IterativeSolver):
         """Return the result and its cost: one application for each step."""
         return Minimum(found.state, found.num_steps, found.num_steps, found.result, found.history)
 
-    def search(
-        self, problem: Any, starts: Block, is_needed: Bool[Array, " starts"] | bool = True
-    ) -> Procedure[Minimum]:
-        """Return the procedure that finds a minimum, by the starts that are of use."""
-        found = yield Solve(self, problem, starts)
-        return self.minimum(problem, found)
-
 
 class ConeSolver(Eigensolver):
     """An algorithm for the smallest eigenvalue on a cone.
@@ -79,7 +71,8 @@ class ConeSolver(Eigensolver):
                 random ones.
             is_needed: which of them are of use.
         """
-        return run(self.search(Eigenproblem(operator, cone), starts, is_needed))
+        problem = Eigenproblem(operator, cone)
+        return self.minimum(problem, self.run(problem, starts))
 
 
 class SpaceSolver(Eigensolver):
@@ -104,4 +97,5 @@ class SpaceSolver(Eigensolver):
             As vectors the whole block, in the order of the eigenvalues; zero where the block is
             larger than the space.
         """
-        return run(self.search(ModesProblem(operator, space, starts, count), starts))
+        problem = ModesProblem(operator, space, starts, count)
+        return self.minimum(problem, self.run(problem, starts))

@@ -10,11 +10,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
-from jaxstab.core.batching import map_lanes
+from jaxstab.core.batching import entry_of, map_entries
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
-from jaxstab.core.procedure import Procedure
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.stability.cones import AdmissibleCone
@@ -25,7 +24,7 @@ from jaxstab.stability.ritz import (
     scaled_to_unit,
 )
 from jaxstab.stability.solvers.base import ConeSolver, Eigenproblem
-from jaxstab.stability.solvers.competition import Competition
+from jaxstab.stability.solvers.multi_start import multi_start
 
 # Lengths of a step, each a third of the last, before it is given up.
 _MAX_TRIES = 4
@@ -81,8 +80,6 @@ class ProjectedLOBPCG(ConeSolver):
     max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=5000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
-    # The first rounds, which have most starts, are multiples of it.
-    pace: ClassVar[int] = 4
 
     def step(self, problem: Eigenproblem, state: _State) -> _State:
         """Return one start after a step."""
@@ -108,14 +105,32 @@ class ProjectedLOBPCG(ConeSolver):
         """Return the projected residual of one start."""
         return {"residual": projected_residual(problem.operator, state.point.mode, state.descended)}
 
-    def search(
-        self, problem: Eigenproblem, starts: Block, is_needed: Bool[Array, " starts"] | bool = True
-    ) -> Procedure[Minimum]:
-        """Return the procedure that finds the best minimiser that the starts lead to."""
-        cone = problem.domain
-        loops = jax.vmap(self.resumed)(map_lanes(partial(_entry, cone), starts))
-        everyone = jnp.broadcast_to(is_needed & ~cone.is_trivial, len(starts))
-        return (yield Competition(self, problem, everyone, loops=loops, is_on=everyone))
+    def solve(
+        self,
+        operator: SymmetricOperator,
+        cone: AdmissibleCone,
+        starts: Block,
+        is_needed: Bool[Array, " starts"] | bool = True,
+    ) -> Minimum:
+        """Return the lowest minimiser that the starts lead to."""
+        problem = Eigenproblem(operator, cone)
+        is_needed = jnp.broadcast_to(is_needed & ~cone.is_trivial, len(starts))
+        begin = map_entries(partial(_begin, cone), starts)
+        found, wins = multi_start(self, problem, begin, is_needed)
+        best = entry_of(found, jnp.argmax(wins))
+        # All starts may lead to zero.
+        is_lost = (best.result == RESULTS.successful) & ~jnp.any(wins)
+        result = RESULTS.where(is_lost, RESULTS.stagnated, best.result)
+        point = best.state.point
+        # A projected gradient step sets to exactly zero what the contact holds.
+        vector = descended(operator, point.mode, point.product, point.eigenvalue)
+        return Minimum(
+            vector=jnp.where(cone.is_trivial, 0, vector),
+            num_steps=jnp.sum(found.num_steps),
+            num_applications=jnp.sum(found.state.num_applications),
+            result=RESULTS.where(cone.is_trivial, RESULTS.successful, result),
+            history=best.history,
+        )
 
 
 def _inner_products(
@@ -144,7 +159,7 @@ def _compared(old: _Point, mode: Array, product: Array) -> tuple[_Point, Flag]:
     return point, (change <= 0) & (square > 0)
 
 
-def _entry(cone: AdmissibleCone, start: Field) -> Iteration[_State]:
+def _begin(cone: AdmissibleCone, start: Field) -> Iteration[_State]:
     """Return a start before its first step."""
     nothing, zero = jnp.zeros_like(start), jnp.zeros((), start.dtype)
     # The first step begins at the projected start, as if that were where the last step led.

@@ -124,8 +124,6 @@ class Davidson(SpaceSolver):
     max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=5000)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
-    # A search is a dozen steps long.
-    pace: ClassVar[int] = 2
 
     def init(self, problem: ModesProblem, start: Block) -> _State:
         """Return a space that has no vectors yet."""

@@ -1,0 +1,74 @@
+"""The eigenproblems of an equilibrium, and their smallest eigenpairs."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool
+
+from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Flag, Mask
+from jaxstab.stability.cones import AdmissibleCone
+from jaxstab.stability.eigenpair import Eigenpair, lowered
+from jaxstab.stability.lowest_pair import with_cost_of
+
+
+class Eigenproblems(eqx.Module):
+    """The eigenproblems of an equilibrium.
+
+    Attributes:
+        hessian: A.
+        cone: V0+.
+        critical_cone: the critical cone.
+        random: vectors to start from.
+        nearly_touching: points that may be in contact, to within the error of the state.
+        touches: whether the surfaces touch anywhere.
+        is_weak: whether they do so anywhere without pressing beyond an error.
+        is_doubtful: whether it is in doubt of any point that it touches or presses.
+    """
+
+    hessian: Hessian
+    cone: AdmissibleCone
+    critical_cone: AdmissibleCone
+    random: Block
+    nearly_touching: Mask
+    touches: Flag
+    is_weak: Flag
+    is_doubtful: Flag
+
+
+class Found(eqx.Module):
+    """The smallest eigenpairs of an equilibrium.
+
+    Attributes:
+        lower_bound: on all perturbations that the load allows.
+        cone: on V0+.
+        critical: on the critical cone.
+        hull: on the linear space around the critical cone.
+        is_proved: whether the verdict was proved before `critical` was known.
+        is_decided: whether the verdict was proved before `cone` was known.
+    """
+
+    lower_bound: Eigenpair
+    cone: Eigenpair
+    critical: Eigenpair
+    hull: Eigenpair
+    is_proved: Bool[Array | np.ndarray, ""]
+    is_decided: Bool[Array | np.ndarray, ""]
+
+    def ordered(self) -> "Found":
+        """Return pairs of which none is above one on a smaller cone; NaN if not computed."""
+        critical = _unless(self.is_proved, with_cost_of(self.hull, self.critical))
+        cone = lowered(_unless(self.is_decided, self.cone), critical)
+        lower_bound = lowered(lowered(self.lower_bound, cone), critical)
+        return replace(self, lower_bound=lower_bound, cone=cone, critical=critical)
+
+
+def _unless(is_left_out: Bool[Array | np.ndarray, ""], pair: Eigenpair) -> Eigenpair:
+    return replace(
+        pair,
+        eigenvalue=jnp.where(is_left_out, jnp.nan, pair.eigenvalue),
+        result=RESULTS.where(is_left_out, RESULTS.not_computed, pair.result),
+    )

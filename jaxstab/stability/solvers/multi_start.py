@@ -1,0 +1,94 @@
+"""Multi-start with successive halving: of many starts the lowest few go on to convergence."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxstab.core.batching import entry_of, on_platform, with_entry
+from jaxstab.core.loop import NO_LIMIT, Iteration, IterativeSolver
+from jaxstab.stability.ritz import norms
+from jaxstab.stability.solvers.base import Eigenproblem
+
+# The steps of each round, and the number of starts that go on to the next.
+_LENGTHS = 4, 8, 10, 15, 25, 40, 60, NO_LIMIT
+_NUM_KEPT = 12, 3, 3, 3, 3, 3, 3, 1
+# The rank of a start that is discarded.
+_DISCARDED = max(_NUM_KEPT)
+# The inner product from which two unit vectors are taken to lead to the same minimiser.
+_SAME = 0.95
+
+
+def multi_start(
+    solver: IterativeSolver,
+    problem: Eigenproblem,
+    starts: Iteration,
+    is_needed: Bool[Array, " starts"],
+) -> tuple[Iteration, Bool[Array, " starts"]]:
+    """Return the iterations at their ends, and which of them is the lowest, none if all failed.
+
+    After each round a start is discarded if it is nearly the same vector as a lower one, or above
+    the lowest by more than its residual, or not among the first few.
+
+    Arguments:
+        solver: its states have a `point`, with a `mode` and an `eigenvalue`.
+        problem: the operator and the cone.
+        starts: iterations before their first step, along a leading axis.
+        is_needed: the starts that take part.
+    """
+    lengths, num_kept = jnp.array(_LENGTHS), jnp.array(_NUM_KEPT)
+
+    def round_after(state: tuple[Array, Iteration, Array, Array]) -> tuple:
+        number, found, is_on, _ = state
+        limits = jnp.where(is_on, entry_of(lengths, number), 0)
+        found = _advanced(solver, problem, found, limits)
+        wins = _ranks(problem, found, is_on) < entry_of(num_kept, number)
+        return number + 1, found, wins, jnp.any(wins) & (number + 1 < len(_LENGTHS))
+
+    begin = jnp.array(0), starts, is_needed, jnp.any(is_needed)
+    _, found, wins, _ = jax.lax.while_loop(lambda state: state[3], round_after, begin)
+    return found, wins
+
+
+def _advanced(
+    solver: IterativeSolver, problem: Eigenproblem, found: Iteration, limits: Int[Array, " starts"]
+) -> Iteration:
+    """Return iterations after at most so many steps more, one after another on a CPU."""
+
+    def advance(iteration: Iteration, limit: Int[Array, ""]) -> Iteration:
+        return solver.outcome(solver.advance(problem, solver.resumed(iteration), limit))
+
+    def advance_next(state: tuple[Iteration, Array]) -> tuple[Iteration, Array]:
+        found, left = state
+        i = jnp.argmax(left)
+        return with_entry(state, i, (advance(entry_of(found, i), entry_of(left, i)), 0))
+
+    def one_by_one(found: Iteration, limits: Int[Array, " starts"]) -> Iteration:
+        # A start without steps is not even copied.
+        begin = found, limits
+        return jax.lax.while_loop(lambda state: jnp.any(state[1] > 0), advance_next, begin)[0]
+
+    return on_platform(one_by_one, jax.vmap(advance), found, limits)
+
+
+def _ranks(
+    problem: Eigenproblem, found: Iteration, is_on: Bool[Array, " starts"]
+) -> Int[Array, " starts"]:
+    """Return the rank of each start, from 0 for the lowest."""
+    modes, eigenvalues = found.state.point.mode, found.state.point.eigenvalue
+    axes = tuple(range(1, modes.ndim))
+    # Zero may be the nearest vector of the cone.
+    is_out = ~is_on | jnp.isnan(found.residual) | (norms(modes) == 0)
+    lowest = jnp.where(is_out, jnp.inf, eigenvalues)
+    order = _order(lowest)
+    is_alike = jnp.tensordot(modes, modes, (axes, axes)) > _SAME
+    is_copy = jnp.any((order[:, None] < order) & is_alike, axis=0)
+    is_higher = lowest - problem.operator.scale * found.residual > jnp.min(lowest)
+    is_discarded = is_out | is_copy | is_higher
+    return jnp.where(is_discarded, _DISCARDED, _order(jnp.where(is_discarded, jnp.inf, lowest)))
+
+
+def _order(values: Float[Array, " starts"]) -> Int[Array, " starts"]:
+    """Return the number of values before each one, ties in the order they have."""
+    places, others = jnp.arange(len(values)), values[:, None]
+    is_before = (others < values) | ((others == values) & (places[:, None] < places))
+    return jnp.sum(is_before, axis=0)
