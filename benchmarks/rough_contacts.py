@@ -151,7 +151,7 @@ def challenge(is_large: bool, figures: Path | None) -> Iterator[Row]:
             grid, jax.random.key(0), k_low=1, k_rolloff=5, k_high=waves, rms_slope=1.0
         )
         solid, load = js.HalfSpace(grid, modulus), js.MeanPressure(pressure)
-        contact = js.Contact(solid, heights, NONE)
+        contact = js.Contact(solid, heights, NONE, unit="m")
         js.equilibrate(contact, load)
         begin = time.perf_counter()
         state = js.equilibrate(contact, load)
@@ -179,7 +179,7 @@ def challenge(is_large: bool, figures: Path | None) -> Iterator[Row]:
 def _draw_challenge(folder, contact, state):
     figure, panels = plt.subplots(1, 2, figsize=(7.5, 3.2), layout="constrained")
     for axes, quantity in zip(panels, ("pressure", "gap"), strict=True):
-        js.plots.distribution(contact, state, quantity, unit="m", axes=axes)
+        js.plots.distribution(contact, state, quantity, axes=axes)
         axes.set_ylim(top=1.3 * axes.get_ylim()[1])
         axes.legend(loc="upper right", fontsize="small")
     save(figure, folder, "challenge")

@@ -1,12 +1,20 @@
 """Units: what quantities are called and measured in, in metres and elsewhere."""
 
+import re
+from dataclasses import replace
 from pkgutil import iter_modules
+from typing import Annotated
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array
 
 import jaxstab as js
-from jaxstab.files.labels import measured
+from jaxstab import plots
+from jaxstab.core.unit_system import Units, measured, unit_symbol
+from jaxstab.core.units import SURFACE_ENERGY
 
 
 def flat(unit=None, heights=None, length=1e-6):
@@ -36,7 +44,7 @@ def test_plain_heights_can_have_a_unit_and_a_topography_brings_its_own():
 def test_the_names_that_python_lists_are_the_public_ones():
     names = dir(js)
     assert set(names) == {*js.__all__, "__version__"}
-    assert {"plots", "potentials", "references", "surfaces", "cases", "files"} <= set(names)
+    assert {"plots", "potentials", "references", "surfaces", "files"} <= set(names)
     private = {module.name for module in iter_modules(js.__path__)} - set(js.__all__)
     assert "core" in private and not private & set(names)
     assert "import_module" not in names and all(hasattr(js, name) for name in names)
@@ -94,11 +102,139 @@ def test_a_file_of_a_line_in_metres_has_joules_per_metre():
     ],
 )
 def test_a_value_reads_with_the_prefix_that_suits_it(unit, value, text):
-    assert measured(unit, value, "energy") == text
+    assert measured(Units.checked(unit, None), value, "energy") == text
 
 
 def test_dimensions_read_in_units_that_are_known():
-    assert measured("m", 4e11, "pressure/length") == "400 GPa/m"
-    assert measured("m", 0.042, "energy/area") == "42 mJ/m^2"
-    assert measured("µm", 2.0, "length") == "2 µm"
-    assert measured("µm", 2.0, "pressure/length") == "2 [pressure/µm]"
+    metres, micrometres = Units.checked("m", None), Units.checked("um", None)
+    assert measured(metres, 4e11, "pressure/length") == "400 GPa/m"
+    assert measured(metres, 0.042, "energy/area") == "42 mJ/m²"
+    assert measured(micrometres, 2.0, "length") == "2 µm"
+    assert measured(micrometres, 2.0, "pressure/length") == "2 [pressure/µm]"
+
+
+# In SI units by hand: 1 MPa µm^2 = 1e6 * 1e-12 N, and so on. The last is no power of a thousand.
+@pytest.mark.parametrize(
+    ("units", "symbols"),
+    [
+        (("µm", "MPa"), ("µN", "pJ", "J/m^2", "N/m", "MPa/µm", "µJ/(V^2 m)")),
+        (("nm", "GPa"), ("nN", "aJ", "J/m^2", "N/m", "GPa/nm", "nJ/(V^2 m)")),
+        (("mm", "MPa"), ("N", "mJ", "kJ/m^2", "kN/m", "MPa/mm", "J/(V^2 m)")),
+        (("m", "Pa"), ("N", "J", "J/m^2", "N/m", "Pa/m", "J/(V^2 m)")),
+        (
+            ("Å", "GPa"),
+            ("1e-11 N", "1e-21 J", "1e-1 J/m^2", "1e-1 N/m", "GPa/Å", "1e-11 J/(V^2 m)"),
+        ),
+        (("µm", "MPa", 1), ("N/m", "µJ/m", "J/m^2", "MPa", "MPa/µm", "µJ/(V^2 m)")),
+    ],
+)
+def test_compound_units_follow_from_lengths_and_pressures(units, symbols):
+    dimensions = (
+        "force",
+        "energy",
+        "energy/area",
+        "force/length",
+        "pressure/length",
+        "energy/(voltage^2 length)",
+    )
+    assert tuple(unit_symbol(Units(*units), each) for each in dimensions) == symbols
+
+
+def small_contact():
+    grid = js.Grid(8, (3.0, 3.0))
+    heights = js.surfaces.sinusoid(grid, 0.05)
+    law = js.potentials.Exponential(0.01, 0.1)
+    return js.Contact(js.HalfSpace(grid, 1.0), heights, law, unit="um", pressure_unit="MPa")
+
+
+def test_the_unit_of_pressure_is_checked_and_is_pascal_in_metres():
+    assert flat("m").pressure_unit == "Pa" and flat("nm").pressure_unit is None
+    contact = small_contact()
+    assert (contact.unit, contact.pressure_unit) == ("µm", "MPa")
+    arguments = contact.solid, contact.heights, contact.potential
+    with pytest.raises(ValueError, match="unit of pressure is 'psi': choose one of Pa, kPa, MPa"):
+        js.Contact(*arguments, pressure_unit="psi")
+    scan = js.surfaces.Topography(contact.grid, np.asarray(contact.heights), "um", is_periodic=True)
+    from_scan = js.Contact(contact.solid, scan, contact.potential, pressure_unit="MPa")
+    assert (from_scan.unit, from_scan.pressure_unit) == ("µm", "MPa")
+
+
+def test_tables_show_the_units_of_the_contact():
+    contact = small_contact()
+    gaps = jnp.array([0.3, 0.05, 0.3])
+    path, sweep = js.follow(contact, js.MeanGap(gaps)), js.sweep(contact, js.MeanGap(gaps[:2]))
+    branch = js.continuation(contact, js.MeanGap(gaps[:2]))
+    assert "MeanGap 0.3 µm to 0.3 µm in" in str(path) and re.search(r"work  \S+ .J\n", str(path))
+    assert "MeanGap 0.3 µm to 0.05 µm in" in str(branch)
+    heading = str(sweep).splitlines()[0]
+    for column in ("MeanGap [µm]", "mean pressure [MPa]", "cone [MPa/µm]"):
+        assert column in heading
+    assert "force" not in heading
+    for text, lines in (
+        (str(contact), ["µm", "1 MPa,", "surface_energy=0.01 J/m², length=0.1 µm"]),
+        (str(sweep[0].equilibrium), ["MeanGap(value=0.3 µm)", " MPa\n", " pJ\n", "9 µm²\n"]),
+        (str(sweep[0].stability), [" MPa/µm, residual"]),
+        (str(js.patches(contact, sweep[1])), [" µm²\n", " µN\n"]),
+        (str(js.leakage(contact, sweep[0])), [" µm³\n"]),
+        (str(js.observe(sweep, "patches", contact=contact)), ["true area [µm²]"]),
+        (str(js.critical_load(contact, js.MeanGap(gaps[1:]), throw=False)), ["MPa"]),
+    ):
+        assert all(line in text for line in lines), text
+
+
+def test_without_units_tables_show_none():
+    state = js.equilibrate(flat(), js.MeanGap(5e-8))
+    assert "[" not in str(js.sweep(flat(), js.MeanGap(jnp.array([5e-8])))).splitlines()[0]
+    assert "pressure]" not in str(state) and "force" not in str(state)
+
+
+@pytest.fixture(scope="module")
+def probe():
+    grid = js.Grid(16, (60.0, 60.0))
+    tip, law = js.surfaces.paraboloid(grid, 20.0), js.potentials.Exponential(0.05, 1.5)
+    solid = js.FreeHalfSpace(grid, 0.1)
+    return js.Contact(solid, tip, law, unit="nm", pressure_unit="GPa")
+
+
+def test_a_window_shows_forces_in_a_readable_unit(probe):
+    load = js.FarDisplacement(jnp.array([4.0, 2.0, 4.0]))
+    path, sweep = js.follow(probe, load), js.sweep(probe, load[:2], stability=False)
+    assert "force [nN]" in str(sweep).splitlines()[0] and "mean pressure [GPa]" in str(sweep)
+    state = sweep[1].equilibrium
+    (line,) = (line for line in str(state).splitlines() if line.startswith("  force"))
+    number, unit = line.split()[1:]
+    # The area of the cell is 3600 nm^2, and 1 GPa nm^2 is 1 nN.
+    np.testing.assert_allclose(float(number), 3600 * state.mean_pressure, rtol=1e-5)
+    assert unit == "nN"
+    axes = plots.path(path)
+    assert axes.get_ylabel() == "force [nN]" and axes.get_xlabel().endswith("[nm]")
+    drawn = np.concatenate([line.get_ydata() for line in axes.lines if line.get_marker() == "."])
+    np.testing.assert_allclose(drawn.min(), path.equilibrium.force.min())
+    assert plots.path(path, y="mean_pressure").get_ylabel() == "mean pressure $p_0$ [GPa]"
+    soft = replace(path, equilibrium=replace(path.equilibrium, units=Units("nm", "kPa")))
+    assert plots.path(soft).get_ylabel() == "force [fN]"
+
+
+def test_files_keep_both_units(tmp_path, probe):
+    state = js.equilibrate(probe, js.FarDisplacement(3.0))
+    dataset = js.to_dataset(probe, state)
+    assert dataset.attrs["unit_of_length"] == "nm" and dataset.attrs["unit_of_pressure"] == "GPa"
+    assert dataset.energy.units == "aJ" and dataset.solid_youngs_modulus.units == "GPa"
+    assert dataset.potential_surface_energy.units == "J/m^2"
+    assert dataset.contact_area.units == "1"
+    contact, loaded = js.load(js.save(tmp_path / "run.nc", probe, state))
+    assert (contact.unit, contact.pressure_unit) == ("nm", "GPa")
+    assert str(loaded) == str(state) and "nN" in str(loaded)
+
+
+def test_a_class_of_the_user_declares_dimensions_as_those_of_the_library(probe):
+    class Well(eqx.Module):
+        depth: Annotated[Array, SURFACE_ENERGY]
+        length: Array
+
+        def __call__(self, gap):
+            return -self.depth * jnp.exp(-gap / self.length)
+
+    law = Well(jnp.array(0.05), jnp.array(1.5))
+    contact = js.Contact(probe.solid, probe.heights, law, unit="nm", pressure_unit="GPa")
+    assert "depth=0.05 J/m², length=1.5)" in str(contact)

@@ -2,7 +2,7 @@
 
 from contextlib import nullcontext
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import equinox as eqx
 import jax
@@ -32,6 +32,7 @@ from jaxstab.core.loop import optional_parameter
 from jaxstab.core.progress import advance, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Scalar
+from jaxstab.core.units import PRESSURE
 from jaxstab.loads import Load, MeanPressure, require_load
 
 # Imported where it is used, since that takes a while.
@@ -63,7 +64,7 @@ class Calibration(eqx.Module):
     parameters: Any
     standard_errors: Any
     covariance: Float[Array, "parameters parameters"]
-    mean_pressure: Curve
+    mean_pressure: Annotated[Curve, PRESSURE]
     loss: Scalar
     residual: Scalar
     num_steps: Int[Array, ""]

@@ -60,9 +60,9 @@ def _free_name(path: Path) -> Path:
 
 def _figure(contact: Contact, result: Result) -> Figure | Axes:
     if isinstance(result, Followed):
-        return plots.path(result, unit=contact.unit)
+        return plots.path(result)
     if isinstance(result, Branch):
-        return plots.branch(result, unit=contact.unit)
+        return plots.branch(result)
     if isinstance(result, Transition):
         return plots.transition(contact, result)
     if isinstance(result, Stability):
@@ -77,7 +77,7 @@ def _figure(contact: Contact, result: Result) -> Figure | Axes:
     if result.stack_shape and result.stability is None:
         raise ValueError("This sweep holds no stability: choose one of its states by --state.")
     if result.stack_shape:
-        return plots.stability_curve(result, unit=contact.unit)
+        return plots.stability_curve(result)
     if result.stability is None:
         return plots.gap(contact, result.equilibrium)
     return plots.summary(contact, result)

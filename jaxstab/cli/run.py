@@ -110,7 +110,7 @@ def _loop(options: argparse.Namespace, contact: Contact, folder: Path) -> Ended 
         )
     print(path)
     if len(path.load.value) > 1:
-        plot_path(path, unit=contact.unit)
+        plot_path(path)
         plt.savefig(folder / "loop.png", dpi=150)
     _save(folder / "loop.nc", contact, path)
     if path.result == RESULTS.interrupted:
@@ -127,7 +127,7 @@ def _unloading(options: argparse.Namespace, contact: Contact, folder: Path) -> E
     with warnings.catch_warnings(action="ignore", category=SweepInterrupted):
         result = sweep(contact, loads, order=options.order, progress=True)
     print(result)
-    _draw(result, contact.unit, folder / "unloading.png")
+    _draw(result, folder / "unloading.png")
     _save(folder / "unloading.nc", contact, result)
     done = result.load.value.size
     if done < options.number:
@@ -158,14 +158,14 @@ def _new_folder(parent: Path) -> Path:
             return folder
 
 
-def _draw(result: Sweep, unit: str | None, path: Path) -> None:
+def _draw(result: Sweep, path: Path) -> None:
     """Draw the two panels of Rey & Bleyer's fig. 12, the second where surfaces touch."""
     touches = bool(np.any(result.equilibrium.contact_area > 0))
     quantities: list[Any] = ["mean_pressure", "contact_area"] if touches else ["mean_pressure"]
     size = (10, 4) if touches else None
     figure, panels = plt.subplots(1, len(quantities), figsize=size, layout="constrained")
     for axes, quantity in zip(np.atleast_1d(panels), quantities, strict=True):
-        stability_curve(result, quantity, unit=unit, axes=axes)
+        stability_curve(result, quantity, axes=axes)
     for axes in figure.axes[:-1]:
         # That of the last is beside it.
         legend = axes.get_legend()

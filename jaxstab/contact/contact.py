@@ -6,7 +6,7 @@ K u + f'(g) and its Hessian A = K + D with D = diag f''(g).
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
 
 import equinox as eqx
 import jax
@@ -30,6 +30,8 @@ from jaxstab.core.compile import program
 from jaxstab.core.display import block
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import Field, FieldMap, Flag, Scalar
+from jaxstab.core.unit_system import Units, unit_of
+from jaxstab.core.units import LENGTH
 from jaxstab.loads import Control, Load
 from jaxstab.potentials import (
     Potential,
@@ -42,7 +44,7 @@ from jaxstab.potentials import (
 )
 from jaxstab.potentials.profile import Profile, profile_of, require_smooth
 from jaxstab.solids import Solid, mirrored, padded, where_window
-from jaxstab.surfaces import Topography, faults, units
+from jaxstab.surfaces import Topography, faults
 from jaxstab.surfaces.topography import FILL, as_topography
 
 # How far below a surface that ends the solid may sink beyond it, over the surface's depth.
@@ -64,8 +66,10 @@ class Contact(eqx.Module):
             `jaxstab.potentials`, any `equinox.Module`, or a bare function. It is twice
             differentiable for every gap >= 0, or for every gap > 0 if it rises without bound
             towards zero.
-        unit: that of lengths, for heights without one: "m", "µm", "nm", ... Figures and data sets
-            show it. In metres pressures are in pascals and energies in joules, and shown so.
+        unit: unit of lengths, for heights without one: "m", "µm" or "um", "nm", ...
+        pressure_unit: unit of pressures: "Pa", "kPa", "MPa", "GPa"; by default pascals where
+            lengths are in metres. Tables, figures and data sets show both units, and those of
+            forces and energies, which follow from them.
 
     Warns:
         SurfaceWarning: for heights that look wrong: tilted, with opposite edges that do not meet,
@@ -75,18 +79,19 @@ class Contact(eqx.Module):
     Raises:
         ValueError: for heights that are not finite or have another shape than the grid. For a
             topography with missing points, on another grid or in another unit. For dimensions of
-            other names than x and y. For a unit that is not one of length. For a potential that is
-            not a scalar of a scalar, or that is piecewise linear. For a potential that, or whose
-            first two derivatives, are not finite at some gap; at zero gap it may rise without
-            bound.
+            other names than x and y. For a unit that is not one of length, or not one of pressure.
+            For a potential that is not a scalar of a scalar, or that is piecewise linear. For a
+            potential that, or whose first two derivatives, are not finite at some gap; at zero gap
+            it may rise without bound.
         TypeError: for a solid that is not one, and for a potential that JAX cannot trace. For
             heights that are complex, or neither float32 nor float64.
     """
 
     solid: Solid
-    heights: Field
+    heights: Annotated[Field, LENGTH]
     potential: Potential
     unit: str | None = eqx.field(static=True)
+    pressure_unit: str | None = eqx.field(static=True, default=None)
 
     __repr__ = block
 
@@ -97,6 +102,7 @@ class Contact(eqx.Module):
         potential: Potential,
         *,
         unit: str | None = None,
+        pressure_unit: str | None = None,
     ):
         if not isinstance(solid, Solid):
             raise TypeError(
@@ -120,7 +126,7 @@ class Contact(eqx.Module):
         require_finite("heights", self.heights, FILL)
         faults.warn(_suspicions(solid, given, topography))
         self.solid = cast(solid, dtype)
-        self.unit = _unit(topography, unit)
+        self.unit, self.pressure_unit, _ = Units.checked(_unit(topography, unit), pressure_unit)
         law = as_module(potential, dtype)
         fields = varying_fields(law)
         for field in fields:
@@ -149,6 +155,11 @@ class Contact(eqx.Module):
     def profile(self) -> Profile:
         """The potential at gaps from far beyond the size of the grid down to zero."""
         return profile_of(potentials.everywhere(self.potential), self.grid.lengths)
+
+    @property
+    def units(self) -> Units:
+        """The units of length and of pressure, for a surface of so many sides."""
+        return Units(self.unit, self.pressure_unit, len(self.grid.shape))
 
     @property
     def grid(self) -> Grid:
@@ -262,7 +273,7 @@ def require_contact(contact: Any) -> None:
 def _unit(topography: Topography | None, given: str | None) -> str | None:
     """Return the unit of lengths: that of a topography if it has one, else that given."""
     own = topography.unit if topography else None
-    unit = own if given is None else units.unit_of(given)
+    unit = own if given is None else unit_of(given)
     if own not in (None, unit):
         raise ValueError(
             f"The unit is {unit}, the topography is in {own}: leave out `unit`, or convert the "

@@ -1,6 +1,7 @@
 """Contacts and results in `print` and a notebook: numbers in a few aligned lines.
 
-Fields are shown by shape and range, and traced values by shape alone.
+Fields are shown by shape and range, and traced values by shape alone; units stand beside them where
+they are known.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -15,6 +16,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxstab.core.checks import are_finite, is_spread, known
+from jaxstab.core.unit_system import (
+    NO_UNITS,
+    Units,
+    has_words,
+    in_brackets,
+    readable_unit,
+    typeset,
+    unit_symbol,
+)
+from jaxstab.core.units import NUMBER, declared
 
 # What reading raises where JAX traces, or where a transformation left no numbers or other ones.
 UNREADABLE = (AttributeError, IndexError, TypeError, ValueError, RuntimeError)
@@ -34,18 +45,20 @@ def in_full(self: Any) -> str:
     return _line(self, with_grids=True)
 
 
-def _line(module: Any, with_grids: bool) -> str:
-    arguments = [f"{name}={text(value)}" for name, value in _named(module, with_grids)]
+def _line(module: Any, with_grids: bool, units: Units = NO_UNITS) -> str:
+    arguments = [f"{name}={value}" for name, value in _texts(module, with_grids, units)]
     return f"{type(module).__name__}({', '.join(arguments)})"
 
 
 def block(self: Any) -> str:
     """Return a module as one aligned line for each field: a `__repr__`."""
     rows = {
-        name: shorten(text(value), _LONGEST_TEXT, placeholder=" ...")
-        for name, value in _named(self, with_grids=True)
-        if value is not None
+        name: shorten(value, _LONGEST_TEXT, placeholder=" ...")
+        for name, value in _texts(self, True, units_of(self))
+        if value != "None"
     }
+    if getattr(self, "is_window", False) and np.ndim(self.force) == 0 and _is_readable(self.force):
+        rows["force"] = amount(self.force, self.units, "force")
     width = max(map(len, rows), default=0)
     return "\n".join([type(self).__name__, *(f"  {k:<{width}}  {v}" for k, v in rows.items())])
 
@@ -69,6 +82,36 @@ def times(sides: Iterable[Any], form: str = "") -> str:
 def column(values: Any, form: Callable[[Any], str]) -> list[str]:
     """Return the cells of a column of a table."""
     return [form(value) for value in np.atleast_1d(values).tolist()]
+
+
+def amount(value: Any, units: Units, dimension: str) -> str:
+    """Return a number in a readable unit, and the unit where it is known."""
+    divisor, unit = readable_unit(units, dimension, abs(float(value)))
+    return f"{number(float(value) / divisor)} {'' if has_words(unit) else typeset(unit)}".rstrip()
+
+
+def measured_column(
+    name: str, values: Any, units: Units, dimension: str, form: str = "+.4e"
+) -> dict[str, list[str]]:
+    """Return a column of a table in one readable unit, which stands beside its name if known."""
+    numbers = np.asarray(values)
+    largest = np.abs(numbers[np.isfinite(numbers)]).max(initial=0)
+    divisor, unit = readable_unit(units, dimension, largest)
+    heading = name if has_words(unit) else f"{name} {in_brackets(unit)}".rstrip()
+    return {heading: column(numbers / divisor, f"{{:{form}}}".format)}
+
+
+def load_column(load: Any, units: Units, form: str) -> dict[str, list[str]]:
+    """Return the column of the values of a load."""
+    return measured_column(type(load).__name__, load.value, units, load.unit or NUMBER, form)
+
+
+def pressure_columns(states: Any) -> dict[str, list[str]]:
+    """Return the column of the mean pressures of states, on a window beside the forces."""
+    units = states.units
+    forces = measured_column("force", states.force, units, "force", "+.4g")
+    pressures = measured_column("mean pressure", states.mean_pressure, units, "pressure")
+    return {**(forces if states.is_window else {}), **pressures}
 
 
 def table(columns: Mapping[str, Iterable[str]]) -> str:
@@ -106,16 +149,32 @@ def _named(module: Any, with_grids: bool) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def text(value: Any) -> str:
+def units_of(module: Any) -> Units:
+    """Return the units of a contact or a result: its own, or those of a state that it holds."""
+    holders = [module, *(getattr(module, field.name, None) for field in fields(module))]
+    return next((x.units for x in holders if hasattr(x, "units")), NO_UNITS)
+
+
+def _texts(module: Any, with_grids: bool, units: Units) -> Iterator[tuple[str, str]]:
+    """Yield the name and the text of each field, with its unit."""
+    dimensions = declared(type(module))
+    for name, value in _named(module, with_grids):
+        unit = unit_symbol(units, dimensions.get(name, (NUMBER,))[0])
+        is_known = value is not None and unit != NUMBER and not has_words(unit)
+        yield name, text(value, units) + (f" {typeset(unit)}" if is_known else "")
+
+
+def text(value: Any, units: Units = NO_UNITS) -> str:
     """Return the text for a field: the range of an array, or a number itself."""
     if _is_array(value):
         return described(value)
     if isinstance(value, int | float | complex):
         return number(value)
-    if isinstance(value, eqx.Module) and type(value).__repr__ in (eqx.Module.__repr__, block):
-        return inline(value)
+    form = type(value).__repr__
+    if form in (eqx.Module.__repr__, block, inline, in_full):
+        return _line(value, form is in_full, units)
     if isinstance(value, tuple | list | dict):
-        return repr(jax.tree.map(lambda part: _Word(text(part)), value, is_leaf=_is_content))
+        return repr(jax.tree.map(lambda part: _Word(text(part, units)), value, is_leaf=_is_content))
     return " ".join(repr(value).split())
 
 

@@ -7,7 +7,7 @@ half spectrum of `rfftn` is kept. Fields may be spread over several devices.
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import equinox as eqx
 import jax
@@ -20,6 +20,7 @@ from jaxstab.core import fft
 from jaxstab.core.checks import array, integer, is_traced, known, parameter, require_positive
 from jaxstab.core.display import inline
 from jaxstab.core.types import Field, Mask, Scalar
+from jaxstab.core.units import LENGTH
 
 # Fewer sums are faster one by one: each addition in a pass waits for the last.
 _LEAST_IN_A_PASS = 5
@@ -53,7 +54,7 @@ class Grid(eqx.Module):
     """
 
     shape: tuple[int, ...] = eqx.field(static=True)
-    lengths: Float[Array, " sides"]
+    lengths: Annotated[Float[Array, " sides"], LENGTH]
     sharding: NamedSharding | None = eqx.field(static=True, repr=False, default=None)
 
     __repr__ = inline

@@ -1,4 +1,4 @@
-"""The units of the fields of a result, each stated once, at its declaration.
+"""The dimensions of fields, each stated once, at its declaration.
 
     mean_pressure: Annotated[Scalar, PRESSURE]
 
@@ -15,8 +15,8 @@ from typing import Any, Protocol, Self, get_args
 import equinox as eqx
 from jaxtyping import Array, Bool, Int
 
-from jaxstab.core.enumeration import Enumeration
 from jaxstab.core.public_names import is_own
+from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Scalar
 
 
@@ -28,9 +28,10 @@ NUMBER, LENGTH, AREA = Dimension("1"), Dimension("length"), Dimension("length^2"
 VOLUME = Dimension("length^3")
 # Those that a pressure is a factor of.
 PRESSURE, ENERGY, STIFFNESS = map(Dimension, ("pressure", "energy", "pressure/length"))
-FORCE, VISCOSITY = Dimension("pressure length^2"), Dimension("pressure time")
-# That of a solid under one contact, where it sinks by a length under a force.
-SPRING_CONSTANT = Dimension("pressure length")
+FORCE, VISCOSITY = Dimension("force"), Dimension("pressure time")
+# Stiffness of a machine, or of a solid under one contact, that sinks by a length under a force.
+SPRING_CONSTANT = Dimension("force/length")
+SURFACE_ENERGY = Dimension("energy/area")
 WITH_PRESSURE = PRESSURE, ENERGY, STIFFNESS, FORCE, VISCOSITY, SPRING_CONSTANT
 
 
@@ -67,18 +68,25 @@ class Dimensioned(eqx.Module):
 @cache
 def dimensions(module: type[Dimensioned]) -> dict[str, Dimension]:
     """Return the dimension of each field that has one; all those of this package must."""
-    found = {}
+    found = declared(module)
     for field in fields(module):
-        parts = _parts(field.type)
-        is_exempt = field.metadata.get("static") or all(map(_needs_none, parts))
-        if declared := [part for part in parts if isinstance(part, Dimension)]:
-            found[field.name] = declared[0]
-        elif is_own(module.__module__) and not is_exempt:
+        is_exempt = field.metadata.get("static") or all(map(_needs_none, _parts(field.type)))
+        if is_own(module.__module__) and not is_exempt and field.name not in found:
             raise TypeError(
                 f"{module.__name__}.{field.name} has no dimension: declare it as "
                 "Annotated[..., PRESSURE], or NUMBER if it has none."
             )
-    return found
+    return {name: parts[0] for name, parts in found.items()}
+
+
+@cache
+def declared(module: type) -> dict[str, tuple[Dimension, ...]]:
+    """Return the dimension of each field that declares one; of a tuple those of its parts."""
+    parts = {field.name: _parts(field.type) for field in fields(module)}
+    found = {
+        name: tuple(part for part in parts[name] if isinstance(part, Dimension)) for name in parts
+    }
+    return {name: each for name, each in found.items() if each}
 
 
 @cache
@@ -92,5 +100,6 @@ def _parts(kind: Any) -> list[Any]:
 
 
 def _needs_none(kind: Any) -> bool:
-    is_apart = isinstance(kind, type) and issubclass(kind, Dimensioned | Enumeration | NoneType)
+    # Results have dimensions of their own, members of enumerations have none.
+    is_apart = isinstance(kind, type) and issubclass(kind, Dimensioned | Stackable | NoneType)
     return is_apart or getattr(kind, "dtype", None) in (Int, Bool)

@@ -2,6 +2,7 @@
 
 from typing import Annotated, Any, Protocol
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
@@ -12,6 +13,7 @@ from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable, require_single
 from jaxstab.core.types import Field, Mask, Scalar
+from jaxstab.core.unit_system import NO_UNITS, Units
 from jaxstab.core.units import (
     AREA,
     ENERGY,
@@ -52,6 +54,8 @@ class Equilibrium(Stackable, Dimensioned):
         history: the indicator "residual" at the solver's steps and, if the solver measures it,
             "energy". That is u.Ku / 2 + sum f(g) (Rey & Bleyer, eq. 15) and the work of the load:
             the energy of the surface over the area of one cell [energy/area].
+        units: the units of length and of pressure, None where unknown.
+        is_window: whether the surface is a window, pressed by a force, and not repeated.
     """
 
     load: Load
@@ -68,6 +72,8 @@ class Equilibrium(Stackable, Dimensioned):
     num_steps: Int[Array, ""]
     result: RESULTS
     history: History
+    units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
+    is_window: bool = eqx.field(static=True, default=False, repr=False)
 
     __repr__ = block
 
@@ -75,7 +81,7 @@ class Equilibrium(Stackable, Dimensioned):
     def force(self) -> Scalar:
         """The mean pressure times the area of the cell, positive in compression.
 
-        [pressure length^2]; on a line it is a force per length across it [pressure length].
+        [force]; on a line it is a force per length across it [force/length].
         """
         return self.mean_pressure * self.area
 
@@ -135,6 +141,8 @@ def equilibrium_at(
         in_contact=gap == 0,
         contact_area=contact_area(contact, gap),
         area=contact.area,
+        units=contact.units,
+        is_window=contact.solid.is_window,
         **assembled(contact, gap, balance.net, energy),
         **how,
     )

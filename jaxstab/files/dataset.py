@@ -16,9 +16,11 @@ from jaxstab.core.checks import is_traced
 from jaxstab.core.display import text
 from jaxstab.core.optional_packages import require_packages
 from jaxstab.core.results import RESULTS
+from jaxstab.core.unit_system import unit_symbol
+from jaxstab.core.units import LENGTH
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.verify import recognised
-from jaxstab.files.labels import ENERGY, LENGTH, dimension_on, quantity, with_unit
+from jaxstab.files.labels import long_name
 from jaxstab.files.records import NamedArray, Recorder, Structure, indicators
 from jaxstab.files.tabulated_law import law_variables
 from jaxstab.loads import Load
@@ -65,7 +67,7 @@ def to_dataset(
             the result back.
 
     Returns:
-        The data set. Its units of length are those of the surface where it has one.
+        The data set, in the units of the contact; plain numbers have the unit "1".
 
     Raises:
         ImportError: without xarray.
@@ -171,41 +173,21 @@ def _variable(name: str, record: NamedArray, contact: Contact, result: Result) -
 
 def _label(record: NamedArray, contact: Contact, result: Result) -> tuple[str, str]:
     *holders, field = (word for word in record.path if word not in ("table", "contact"))
-    load = _load_of(result)
+    load, dimension = _load_of(result), record.dimension
     if field == "value" and holders[-1:] == ["load"] and load is not None:
-        long_name, unit = f"load: {type(load).__name__}", load.unit
+        name, dimension = f"load: {type(load).__name__}", load.unit
     else:
         if holders[-1:] in (["layer"], ["base"]):
             field = _MODULI[int(field)]
-        long_name, unit = field.replace("_", " "), ""
-        # What a name stands for in a law of one's own is not known.
-        if not _is_ones_own(contact, record.path):
-            long_name, unit = quantity(field, holders) or (long_name, unit)
-    if field == "height":
-        long_name, unit = "height", ENERGY
-    unit = dimension_on(len(contact.grid.shape), unit)
+        # The meaning of a name in a class of the user is not known.
+        name = long_name(field, holders) if record.is_known else field.replace("_", " ")
     silent = ("equilibrium", "stability", "load", "solid", "grid", "potential")
     words = [word.replace("_", " ") for word in holders if word not in silent]
-    return ", ".join([*words, long_name]), with_unit(contact, unit)
-
-
-def _is_ones_own(contact: Contact, path: tuple[str, ...]) -> bool:
-    """Whether a path leads through an object of a class that is not of this package."""
-    if path[0] != "contact":
-        return False
-    holder: Any = contact
-    for word in path[1:-1]:
-        if isinstance(holder, tuple | list):
-            holder = holder[int(word)]
-        else:
-            holder = holder[word] if isinstance(holder, dict) else getattr(holder, word)
-        if isinstance(holder, eqx.Module) and not type(holder).__module__.startswith("jaxstab."):
-            return True
-    return False
+    return ", ".join([*words, name]), unit_symbol(contact.units, dimension)
 
 
 def _coordinates(contact: Contact, structure: Structure, dataset: Any) -> dict[str, Any]:
-    grid, unit = contact.grid, with_unit(contact, LENGTH)
+    grid, unit = contact.grid, unit_symbol(contact.units, LENGTH)
     coordinates: dict[str, Any] = {}
     for axis, (name, n) in enumerate(zip(("x", "y"), grid.shape, strict=False)):
         if name in dataset.dims:
@@ -224,14 +206,14 @@ def _attributes(
     versions = {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()}
     attributes = {
         "title": f"{type(result).__name__} of an adhesive contact, by jaxstab",
-        "solid": text(contact.solid),
-        "law": text(contact.potential),
+        "solid": text(contact.solid, contact.units),
+        "law": text(contact.potential, contact.units),
         "versions": json.dumps(versions),
     }
     if (load := _load_of(result)) is not None:
         attributes["load_kind"] = type(load).__name__
-    if contact.unit:
-        attributes["unit_of_length"] = contact.unit
+    units = {"unit_of_length": contact.unit, "unit_of_pressure": contact.pressure_unit}
+    attributes |= {name: unit for name, unit in units.items() if unit}
     if solver is not None:
         attributes["solver"] = text(solver)
     if structure is not None:

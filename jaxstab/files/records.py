@@ -6,7 +6,7 @@ Bare functions have no path: of these only the name is kept.
 """
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from typing import Any
 
@@ -19,6 +19,8 @@ from jaxstab.core.closures import is_bare
 from jaxstab.core.enumeration import Enumeration
 from jaxstab.core.history import History
 from jaxstab.core.public_names import is_own, public, public_name
+from jaxstab.core.unit_system import Units
+from jaxstab.core.units import declared
 
 # JSON, as Python has it.
 Structure = Any
@@ -46,11 +48,21 @@ class LostFunction(eqx.Module):
 
 @dataclass(frozen=True)
 class NamedArray:
-    """An array of a pytree: values or words, the names of its axes, the fields that lead to it."""
+    """An array of a pytree.
+
+    Attributes:
+        values: numbers or words.
+        dims: the names of its axes.
+        path: the fields that lead to it.
+        dimension: the dimension that its field declares, "" for none.
+        is_known: whether its field is one of a class of this package.
+    """
 
     values: np.ndarray
     dims: tuple[str, ...]
     path: tuple[str, ...]
+    dimension: str
+    is_known: bool
 
 
 class Recorder:
@@ -66,22 +78,30 @@ class Recorder:
         path: tuple[str, ...],
         axes: tuple[str, ...] = (),
         axes_of: Mapping[str, tuple[str, ...]] | None = None,
+        dimensions: Sequence[str] = (),
+        is_known: bool = True,
     ) -> Structure:
         """Record the arrays of a pytree, to which a path of fields leads, and return its structure.
 
         All of its arrays have these leading axes, but for fields of its own that have others.
         """
+        about = {"dimension": (*dimensions, "")[0], "is_known": is_known}
         if value is None or isinstance(value, jax.sharding.Sharding):
             # What is restored lies on one device.
             return None
         if isinstance(value, Enumeration):
-            return {"members": type(value).__name__, **self._array(value.name, path, axes)}
+            return {"members": type(value).__name__, **self._array(value.name, path, axes, **about)}
         if isinstance(value, jax.Array | np.ndarray | np.generic):
-            return self._array(value, path, axes)
+            return self._array(value, path, axes, **about)
         if isinstance(value, bool | int | float | str):
             return {"value": value}
+        if isinstance(value, Units):
+            return {"units": list(value)}
         if type(value) in (tuple, list):
-            parts = [self.structure(x, (*path, str(i)), axes) for i, x in enumerate(value)]
+            parts = [
+                self.structure(x, (*path, str(i)), axes, None, dimensions[i:], is_known)
+                for i, x in enumerate(value)
+            ]
             return {type(value).__name__: parts}
         if isinstance(value, dict):
             parts = {key: self.structure(x, (*path, key), axes) for key, x in value.items()}
@@ -93,12 +113,17 @@ class Recorder:
                 getattr(value, field.name),
                 (*path, field.name),
                 (axes_of or {}).get(field.name, axes),
+                None,
+                declared(type(value)).get(field.name, ()),
+                is_own(type(value).__module__),
             )
             for field in fields(value)
         }
         return {"class": public_name(type(value)), "fields": contents}
 
-    def _array(self, array: Any, path: tuple[str, ...], axes: tuple[str, ...]) -> Structure:
+    def _array(
+        self, array: Any, path: tuple[str, ...], axes: tuple[str, ...], **about: Any
+    ) -> Structure:
         if is_traced(array):
             raise TypeError("JAX is tracing the result, without numbers: save it outside of jit.")
         values = np.asarray(array)
@@ -106,7 +131,7 @@ class Recorder:
         words = ["total", *words] if path in _TOTALS else words
         name = "_".join([word for word in words if word not in _SILENT]) or path[-1]
         record = NamedArray(
-            values, (*axes, *self._own_dims(name, path, values.shape[len(axes) :])), path
+            values, (*axes, *self._own_dims(name, path, values.shape[len(axes) :])), path, **about
         )
         if name in self.records and not _is_same(self.records[name], record):
             name = "_".join(words)
@@ -142,6 +167,8 @@ def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> Any:
             return jax.device_put(arrays[name])
         case {"value": bool() | int() | float() | str() as value}:
             return value
+        case {"units": list(parts)}:
+            return Units(*parts)
         case {"tuple": list(parts)}:
             return tuple(restored(part, arrays) for part in parts)
         case {"list": list(parts)}:

@@ -8,7 +8,8 @@ import numpy as np
 
 from jaxstab.contact import Contact
 from jaxstab.core.display import text
-from jaxstab.files.labels import LENGTH, PRESSURE, SURFACE_ENERGY, with_unit
+from jaxstab.core.unit_system import unit_symbol
+from jaxstab.core.units import LENGTH, PRESSURE, SURFACE_ENERGY
 
 # Every how many points of a law's profile are kept.
 _EVERY = 16
@@ -29,7 +30,11 @@ def law_variables(contact: Contact) -> dict[str, Any]:
         "law_attraction": (slopes, "f'(g)", PRESSURE),
     }
     return {
-        name: ("law_gap", column, {"long_name": long_name, "units": with_unit(contact, dimension)})
+        name: (
+            "law_gap",
+            column,
+            {"long_name": long_name, "units": unit_symbol(contact.units, dimension)},
+        )
         for name, (column, long_name, dimension) in columns.items()
     }
 

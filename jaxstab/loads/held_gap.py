@@ -71,7 +71,6 @@ class MeanDisplacement(Load):
     """A prescribed mean(u) [length]: one value, or an array of them for a sweep."""
 
     quantity: ClassVar[str] = "mean displacement $u_0$"
-    unit: ClassVar[str] = "length"
 
     value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed)
 
@@ -85,7 +84,6 @@ class MeanGap(Load):
     """A prescribed mean(g) [length] (Rey & Bleyer, eq. 4): one value, or an array for a sweep."""
 
     quantity: ClassVar[str] = "mean gap $g_0$"
-    unit: ClassVar[str] = "length"
 
     value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed)
 

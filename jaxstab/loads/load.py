@@ -13,7 +13,7 @@ from jaxstab.core.checks import cast, is_traced, known, parameter
 from jaxstab.core.display import inline
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
-from jaxstab.core.units import Dimensioned
+from jaxstab.core.units import Dimensioned, dimensions
 from jaxstab.potentials.profile import Profile
 from jaxstab.solids import Solid
 
@@ -100,15 +100,19 @@ class Load(Stackable, Dimensioned):
 
     Attributes:
         quantity: the name of the value in figures; by default the name of the class.
-        unit: its dimension, "length" or "pressure".
+        unit: the dimension of the value, as its field declares it: "length" or "pressure".
     """
 
     quantity: ClassVar[str] = ""
-    unit: ClassVar[str] = ""
 
     value: eqx.AbstractVar[Float[Array, "..."]]
 
     __repr__ = inline
+
+    @property
+    def unit(self) -> str:
+        """The dimension of the value."""
+        return dimensions(type(self)).get("value", "")
 
     @abstractmethod
     def control(self, solid: Solid, heights: Field) -> Control:

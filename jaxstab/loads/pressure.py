@@ -100,7 +100,6 @@ class MeanPressure(Load):
     """A prescribed p0 [pressure], positive in compression: one value, or an array for a sweep."""
 
     quantity: ClassVar[str] = "mean pressure $p_0$"
-    unit: ClassVar[str] = "pressure"
 
     value: Annotated[Float[Array, "..."], PRESSURE] = eqx.field(converter=prescribed)
 

@@ -121,7 +121,6 @@ class Spring(Load):
     """
 
     quantity: ClassVar[str] = "position of the spring"
-    unit: ClassVar[str] = "length"
 
     value: Annotated[Float[Array, "..."], LENGTH]
     stiffness: Annotated[Float[Array, "..."], STIFFNESS]
@@ -139,7 +138,7 @@ class Spring(Load):
         Arguments:
             position: where its far end is held [length].
             constant: c, as in N/m where pressures are in Pa and lengths in m, or in MPa and µm
-                [pressure length]; on a line that of a strip of unit width [pressure].
+                [force/length]; on a line that of a strip of unit width [pressure].
             grid: the grid of the contact, `contact.grid`, whose area the force acts on.
 
         Raises:
@@ -171,7 +170,6 @@ class FarDisplacement(Load):
     """
 
     quantity: ClassVar[str] = "displacement of the far side"
-    unit: ClassVar[str] = "length"
 
     value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed)
 

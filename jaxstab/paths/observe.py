@@ -11,8 +11,7 @@ from jaxstab.contact import Contact, require_contact
 from jaxstab.core import display
 from jaxstab.core.checks import is_traced
 from jaxstab.core.stack import Stackable, nothing_like, stacked
-from jaxstab.core.types import Scalar
-from jaxstab.core.units import AREA, LENGTH, SPRING_CONSTANT, VISCOSITY, VOLUME, Dimensioned
+from jaxstab.core.units import AREA, LENGTH, NUMBER, SPRING_CONSTANT, VISCOSITY, VOLUME, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.observables.clusters import Neighbours
 from jaxstab.equilibrium.observables.conductance import CONDUCTANCE, conductance_at
@@ -55,7 +54,7 @@ class ConductanceNumbers(Stackable, Dimensioned):
     Attributes:
         conductance: C [length/resistivity].
         incremental_stiffness: the force over a small approach with the contact points held
-            [pressure length].
+            [force/length].
     """
 
     conductance: Annotated[Float[Array, "*states"], CONDUCTANCE]
@@ -225,16 +224,20 @@ def _leakage_numbers(
 def _columns(observed: Observed) -> dict[str, list[str]]:
     if is_traced(observed):
         raise TypeError("What JAX is tracing has no numbers yet.")
-    numbers: dict[str, Scalar] = {
-        type(observed.load).__name__: observed.load.value,
-        "contact area": observed.equilibrium.contact_area,
-    }
+    units = observed.equilibrium.units
+    columns = display.load_column(observed.load, units, ".6g")
+
+    def add(name: str, values: Any, dimension: str) -> None:
+        columns.update(display.measured_column(name, values, units, dimension, ".6g"))
+
+    add("contact area", observed.equilibrium.contact_area, NUMBER)
     if observed.patches is not None:
-        numbers |= {"patches": observed.patches.number, "true area": observed.patches.true_area}
+        add("patches", observed.patches.number, NUMBER)
+        add("true area", observed.patches.true_area, AREA)
     if observed.conductance is not None:
-        numbers["conductance"] = observed.conductance.conductance
+        add("conductance", observed.conductance.conductance, CONDUCTANCE)
     if observed.leakage is not None:
         permeability = observed.leakage.permeability
         for i, side in enumerate("xy"[: permeability.shape[-1]]):
-            numbers[f"permeability {side}"] = permeability[..., i, i]
-    return {name: display.column(values, display.number) for name, values in numbers.items()}
+            add(f"permeability {side}", permeability[..., i, i], VOLUME)
+    return columns

@@ -1,7 +1,8 @@
 """The states of a contact along a path, and the jumps between them."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -10,6 +11,7 @@ from jaxstab.core.display import block, column
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Scalar
+from jaxstab.core.unit_system import NO_UNITS, Units, has_words, readable_unit
 from jaxstab.core.units import AREA, ENERGY, LENGTH, NUMBER, PRESSURE, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
@@ -30,6 +32,8 @@ class States(Stackable, Dimensioned):
             loss in the jumps [energy].
         dissipation: energy lost in the jumps up to here [energy].
         gap: g, None without `fields` [length].
+        units: the units of length and of pressure, None where unknown.
+        is_window: whether the surface is a window, pressed by a force, and not repeated.
     """
 
     mean_gap: Annotated[Float[Array, "*states"], LENGTH]
@@ -40,6 +44,8 @@ class States(Stackable, Dimensioned):
     work: Annotated[Float[Array, "*states"], ENERGY]
     dissipation: Annotated[Float[Array, "*states"], ENERGY]
     gap: Annotated[Float[Array, " *states_and_grid"], LENGTH] | None
+    units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
+    is_window: bool = eqx.field(static=True, default=False, repr=False)
 
     __repr__ = block
 
@@ -47,7 +53,7 @@ class States(Stackable, Dimensioned):
     def force(self) -> Float[Array, "*states"]:
         """The mean pressure times the area of the cell, positive in compression.
 
-        [pressure length^2]; on a line it is a force per length across it [pressure length].
+        [force]; on a line it is a force per length across it [force/length].
         """
         return self.mean_pressure * self.area
 
@@ -111,13 +117,14 @@ class Path(Dimensioned):
 
     def __repr__(self) -> str:
         try:
-            loads, name = np.asarray(self.load.value), type(self.load).__name__
+            loads, units = np.asarray(self.load.value), self.equilibrium.units
+            first, last = (display.amount(loads[i], units, self.load.unit) for i in (0, -1))
             lines = [
-                f"Path: {name} {display.number(loads[0])} to {display.number(loads[-1])} in "
+                f"Path: {type(self.load).__name__} {first} to {last} in "
                 f"{loads.size} states, {len(self.jumps)} jumps; {self.result.name}",
                 *_energies(self),
             ]
-            table = [display.table(_jumps(name, self.jumps))] if len(self.jumps) else []
+            table = [display.table(_jumps(self.jumps))] if len(self.jumps) else []
             return "\n".join([*lines, *table])
         except display.UNREADABLE:
             return display.block(self)
@@ -125,34 +132,41 @@ class Path(Dimensioned):
 
 def _energies(path: Path) -> list[str]:
     work, losses = np.asarray(path.equilibrium.work), np.asarray(path.jumps.dissipation)
+
+    def energy(value: Any) -> str:
+        return display.amount(value, path.equilibrium.units, ENERGY)
+
     if np.isfinite(path.work):
         lines = [
-            f"  work  {display.described(path.work)}",
-            f"  lost in {len(losses)} jumps  {display.number(losses.sum())}",
+            f"  work  {energy(path.work)}",
+            f"  lost in {len(losses)} jumps  {energy(losses.sum())}",
         ]
     else:
         known, number = work[np.isfinite(work)][-1], np.isfinite(np.cumsum(losses)).sum()
         lines = [
-            f"  work until the surfaces fall apart  {display.number(known)}",
-            f"  lost in {number} jumps before  {display.number(losses[:number].sum())}",
+            f"  work until the surfaces fall apart  {energy(known)}",
+            f"  lost in {number} jumps before  {energy(losses[:number].sum())}",
             "  after that neither is known: a dead load pulls surfaces apart without end",
         ]
     if path.unlocated is None or path.unlocated_error is None:
         lines[0] += " by quadrature, as version 0.1.0 had it"
     elif path.unlocated > path.unlocated_error:
-        amount, error = float(path.unlocated), float(path.unlocated_error)
-        lines.append(f"  lost in jumps not located  {amount:.2g} ± {error:.1g}")
+        divisor, unit = readable_unit(path.equilibrium.units, ENERGY, float(path.unlocated))
+        amount, error = float(path.unlocated) / divisor, float(path.unlocated_error) / divisor
+        unit = "" if has_words(unit) else f" {unit}"
+        lines.append(f"  lost in jumps not located  {amount:.2g} ± {error:.1g}{unit}")
     return lines
 
 
-def _jumps(name: str, jumps: Jump) -> dict[str, list[str]]:
+def _jumps(jumps: Jump) -> dict[str, list[str]]:
+    units = jumps.before.units
     areas = [state.contact_area for state in (jumps.before, jumps.after)]
     before, after = (column(area, lambda part: f"{100 * part:.2f} %") for area in areas)
     return {
-        name: column(jumps.load.value, "{:.8g}".format),
+        **display.load_column(jumps.load, units, ".8g"),
         "kind": column(jumps.kind.name, str),
-        "dissipation": column(jumps.dissipation, "{:.4e}".format),
-        "mean pressure": column(jumps.before.mean_pressure, "{:+.4e}".format),
+        **display.measured_column("dissipation", jumps.dissipation, units, ENERGY, ".4e"),
+        **display.pressure_columns(jumps.before),
         "contact area": before,
         "after": after,
     }

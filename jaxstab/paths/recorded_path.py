@@ -173,6 +173,8 @@ def _states(ended: Progress[Any], contact: Contact, load: Load) -> dict[str, Any
             place.stored - place.stored[0] + dissipation,
             dissipation,
             place.gap if place.gap.size else None,
+            contact.units,
+            contact.solid.is_window,
         ),
         "work": end.place.stored - place.stored[0] + end.dissipation,
         "dissipation": end.dissipation,

@@ -21,6 +21,7 @@ from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import Stackable, first_entries, stacked
 from jaxstab.core.types import Field, Flag
+from jaxstab.core.units import STIFFNESS
 from jaxstab.core.warn import said_once, warn
 from jaxstab.equilibrium import (
     Equilibrium,
@@ -247,11 +248,14 @@ def _columns(sweep: Sweep) -> dict[str, list[str]]:
     equilibrium, stability = sweep.equilibrium, sweep.stability
     pairs = {} if stability is None else stability.pairs
     columns = {
-        type(sweep.load).__name__: column(sweep.load.value, "{:.6g}".format),
-        "mean pressure": column(equilibrium.mean_pressure, "{:+.4e}".format),
+        **display.load_column(sweep.load, equilibrium.units, ".6g"),
+        **display.pressure_columns(equilibrium),
         "contact area": column(equilibrium.contact_area, lambda part: f"{100 * part:.2f} %"),
-        **{k.replace("_", " "): column(x.eigenvalue, "{:+.4e}".format) for k, x in pairs.items()},
     }
+    for name, pair in pairs.items():
+        columns |= display.measured_column(
+            name.replace("_", " "), pair.eigenvalue, equilibrium.units, STIFFNESS
+        )
     solvers = column(equilibrium.result.name, str)
     if stability is not None:
         is_local = np.atleast_1d(stability.is_local)

@@ -17,8 +17,8 @@ from jaxstab import paths
 from jaxstab.contact import Contact
 from jaxstab.core.checks import require
 from jaxstab.plots.fields import add_colour_bar, draw_map
+from jaxstab.plots.paths import of_states, quantities_or_default, require_path
 from jaxstab.plots.paths import path as draw_path
-from jaxstab.plots.paths import require_path
 from jaxstab.plots.saving import new_file, written
 from jaxstab.plots.style import BLACK, axes_or_new, label_axes
 
@@ -33,7 +33,6 @@ def animation(
     file: str | Path,
     *,
     seconds: float = 10,
-    unit: str | None = None,
 ) -> Path:
     """Write a film of a path: left its gap, with the contact in black, right its pressure.
 
@@ -45,7 +44,6 @@ def animation(
         path: its path, followed with `fields=True`.
         file: where to, a .gif or an .mp4; it must not exist yet.
         seconds: how long the film lasts, about: a GIF counts in hundredths of a second.
-        unit: that of lengths, by default the contact's.
 
     Returns:
         The path of the file.
@@ -63,9 +61,8 @@ def animation(
     frames = np.linspace(0, len(gaps) - 1, min(len(gaps), max(int(_MOST_PER_SECOND * seconds), 2)))
     figure = Figure(_SIZE, _DPI, layout="constrained")
     left, right = map(axes_or_new, figure.subplots(1, 2))
-    unit = unit or contact.unit
-    show_gap = (_map if gaps.ndim == 3 else _profile)(left, contact, gaps, unit)
-    show_place = _curve(right, path, unit)
+    show_gap = (_map if gaps.ndim == 3 else _profile)(left, contact, gaps)
+    show_place = _curve(right, path)
 
     def show(state: int) -> None:
         show_gap(gaps[state])
@@ -100,28 +97,24 @@ def _gaps(contact: Contact, path: paths.Path) -> np.ndarray:
     return gaps
 
 
-def _map(
-    axes: Axes, contact: Contact, gaps: np.ndarray, unit: str | None
-) -> Callable[[np.ndarray], None]:
+def _map(axes: Axes, contact: Contact, gaps: np.ndarray) -> Callable[[np.ndarray], None]:
     """Draw a map of the first gap, and return the function that shows another."""
     # No more colours than a GIF has room for beside those of the rest.
     colours = plt.get_cmap("viridis", 128).with_extremes(bad=BLACK)
     most = gaps.max() or 1
-    image = draw_map(axes, contact, gaps[0], unit, cmap=colours, vmin=0, vmax=most)
-    add_colour_bar(axes, image, "gap g [length]", unit)
+    image = draw_map(axes, contact, gaps[0], cmap=colours, vmin=0, vmax=most)
+    add_colour_bar(axes, image, "gap g [length]", contact.units)
     return lambda gap: image.set_data(np.ma.masked_equal(gap, 0).T)
 
 
-def _profile(
-    axes: Axes, contact: Contact, gaps: np.ndarray, unit: str | None
-) -> Callable[[np.ndarray], None]:
+def _profile(axes: Axes, contact: Contact, gaps: np.ndarray) -> Callable[[np.ndarray], None]:
     """Draw a profile of the first gap, and return the function that shows another."""
     x = np.asarray(contact.grid.coordinates[0])
     (line,) = axes.plot(x, gaps[0])
     (touching,) = axes.plot(x, np.zeros_like(x), color=BLACK, linewidth=4)
     most = gaps.max() or 1
     axes.set_ylim(-0.02 * most, 1.05 * most)
-    label_axes(axes, "x [length]", "gap g [length]", unit)
+    label_axes(axes, "x [length]", "gap g [length]", contact.units)
 
     def show(gap: np.ndarray) -> None:
         line.set_ydata(gap)
@@ -130,10 +123,11 @@ def _profile(
     return show
 
 
-def _curve(axes: Axes, path: paths.Path, unit: str | None) -> Callable[[int], None]:
-    """Draw pressure over gap, and return the function that moves a marker to a state."""
-    draw_path(path, unit=unit, axes=axes)
-    states = np.stack([path.equilibrium.mean_gap, path.equilibrium.mean_pressure], axis=1)
+def _curve(axes: Axes, path: paths.Path) -> Callable[[int], None]:
+    """Draw pressure or force over gap, and return the function that moves a marker to a state."""
+    draw_path(path, axes=axes)
+    quantities = quantities_or_default(path, None, None)
+    states = np.stack([of_states(path, quantity) for quantity in quantities], axis=1)
     (marker,) = axes.plot([], [], "o", color=BLACK, markersize=9, markeredgecolor="white")
     return lambda state: marker.set_data(*states[state, :, None])
 

@@ -8,12 +8,11 @@ from matplotlib.figure import Figure
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core.checks import require_kind
-from jaxstab.core.grid import Grid
 from jaxstab.core.stack import require_single
-from jaxstab.files.labels import dimension_on, prefixed, with_unit
+from jaxstab.core.unit_system import in_brackets, readable_unit
 from jaxstab.paths import Branch, Transition
 from jaxstab.plots.fields import draw_mode, gap, outline_contact
-from jaxstab.plots.paths import Quantity, of_states, require_quantities, scale
+from jaxstab.plots.paths import Quantity, of_states, quantities_or_default, scale
 from jaxstab.plots.style import (
     BLACK,
     BLUE,
@@ -40,9 +39,8 @@ _PANELS: list[Any] = [["string", "gap", "mode"]]
 def branch(
     branch: Branch,
     x: Quantity = "load",
-    y: Quantity = "mean_pressure",
+    y: Quantity | None = None,
     *,
-    unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw a quantity along a branch: solid where it is stable, dashed where not, with its turns.
@@ -52,9 +50,8 @@ def branch(
     Arguments:
         branch: the branch.
         x: what to draw over: the load, or a field of `States` that is one number for each.
-        y: what to draw, of the same kind; under a dead load the mean gap says more than its own
-            pressure.
-        unit: that of lengths, as in `contact.unit`.
+        y: what to draw, of the same kind, by default the mean pressure, or on a window the force;
+            under a dead load the mean gap says more than its own pressure.
         axes: where to draw.
 
     Raises:
@@ -62,7 +59,7 @@ def branch(
         ValueError: for a quantity that cannot be drawn, and for several branches at once.
     """
     require_kind(branch, Branch, "not a branch: give what jaxstab.continuation returned.")
-    require_quantities(x, y)
+    x, y = quantities_or_default(branch, x, y)
     if branch.load.value.ndim != 1:
         raise ValueError("These are several branches: draw one of them, chosen by jax.tree.map.")
     axes = axes_or_new(axes)
@@ -85,8 +82,8 @@ def branch(
         if chosen.any():
             style = {"s": 30, "edgecolors": BLACK, "zorder": 3, **marker}
             axes.scatter(*(values[chosen] for values in turns), label=kind, **style)
-    scale(axes.xaxis, branch, x, unit)
-    scale(axes.yaxis, branch, y, unit)
+    scale(axes.xaxis, branch, x)
+    scale(axes.yaxis, branch, y)
     add_legend(axes)
     return axes
 
@@ -111,7 +108,6 @@ def transition(
     contact: Contact,
     transition: Transition,
     *,
-    unit: str | None = None,
     figure: Figure | None = None,
 ) -> Figure:
     """Draw a pass in one figure: the energy along the string, the saddle's gap, and its mode.
@@ -121,7 +117,6 @@ def transition(
     Arguments:
         contact: the contact problem.
         transition: what `jaxstab.transition` returned for it.
-        unit: that of lengths, by default the contact's.
         figure: where to draw.
 
     Returns:
@@ -136,29 +131,29 @@ def transition(
     require_kind(transition, Transition, f"not a transition: {cure}")
     require_single(transition)
     figure = figure_or_new(figure, (11, 3.2))
-    panels, unit = figure.subplot_mosaic(_PANELS, width_ratios=[1.3, 1, 1]), unit or contact.unit
+    panels = figure.subplot_mosaic(_PANELS, width_ratios=[1.3, 1, 1])
     saddle = transition.saddle
-    _draw_string(contact.grid, transition, unit, panels["string"])
-    gap(contact, saddle, unit=unit, axes=panels["gap"]).set_title("gap at the saddle")
+    _draw_string(transition, panels["string"])
+    gap(contact, saddle, axes=panels["gap"]).set_title("gap at the saddle")
     outline_contact(panels["gap"], contact, saddle.in_contact, "white")
-    draw_mode(contact, transition.mode, saddle, unit, panels["mode"]).set_title("mode of descent")
+    draw_mode(contact, transition.mode, saddle, panels["mode"]).set_title("mode of descent")
     return figure
 
 
-def _draw_string(grid: Grid, transition: Transition, unit: str | None, axes: Axes) -> None:
+def _draw_string(transition: Transition, axes: Axes) -> None:
     """Draw the energy along the string, with both ends and the saddle."""
     energies = np.asarray(transition.energies)
     places = np.linspace(0, 1, energies.size)
     there, back = (float(energy) for energy in transition.barrier)
-    energy = dimension_on(len(grid.shape), "energy")
+    units = transition.saddle.units
     axes.plot(places, energies, ".-", color=BLUE, label="string")
     axes.scatter([0, 1], [0, there - back], color=BLACK, zorder=3, label="start, end")
     style = {"marker": "*", "s": 90, "color": VERMILION, "edgecolors": BLACK, "zorder": 4}
     axes.scatter([_place_of_saddle(transition)], [there], label="saddle", **style)
-    label_axes(axes, "part of the string [1]", f"energy above the start [{energy}]", unit)
-    divisor, energy = prefixed(with_unit(unit, energy), max(there, back))
+    label_axes(axes, "part of the string", "energy above the start [energy]", units)
+    divisor, energy = readable_unit(units, "energy", max(there, back))
     up, down = there / divisor, back / divisor
-    axes.set_title(f"barrier {up:.3g}, back {down:.3g} [{energy}]")
+    axes.set_title(f"barrier {up:.3g}, back {down:.3g} {in_brackets(energy)}")
     axes.legend()
 
 

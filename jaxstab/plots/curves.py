@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
 from jaxstab.core.checks import require_kind
+from jaxstab.core.unit_system import Units
 from jaxstab.paths.sweep import Sweep
 from jaxstab.plots.fields import require_pair
 from jaxstab.plots.style import (
@@ -18,13 +19,14 @@ from jaxstab.plots.style import (
     draw_zero,
     label_axes,
     load_label,
+    plain_decades,
     quantity_label,
 )
 from jaxstab.potentials import Potential, energy_density, slope
 from jaxstab.stability import Eigenpair
 from jaxstab.surfaces import PowerSpectrum
 
-_OF_A_SWEEP = ("mean_pressure", "contact_area", "energy")
+_OF_A_SWEEP = ("mean_pressure", "force", "contact_area", "energy")
 
 
 def potential(
@@ -33,6 +35,7 @@ def potential(
     *,
     labels: Sequence[str] | None = None,
     unit: str | None = None,
+    pressure_unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw interaction laws f(g) (Rey & Bleyer, fig. 7a).
@@ -41,11 +44,12 @@ def potential(
         laws: one or more functions of the gap.
         gaps: where to draw them [length].
         labels: their names, by default those of their classes.
-        unit: that of lengths, as in `contact.unit`.
+        unit, pressure_unit: the units of length and of pressure, as in `Contact`.
         axes: where to draw.
     """
     label = "energy per area f(g) [energy/area]"
-    return _laws(energy_density, label, laws, gaps, labels, unit, axes)
+    units = Units.checked(unit, pressure_unit)
+    return _laws(energy_density, label, laws, gaps, labels, units, axes)
 
 
 def force(
@@ -54,10 +58,12 @@ def force(
     *,
     labels: Sequence[str] | None = None,
     unit: str | None = None,
+    pressure_unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
-    """Draw the attraction f'(g) of interaction laws (Rey & Bleyer, fig. 7b)."""
-    return _laws(slope, "attraction f'(g) [pressure]", laws, gaps, labels, unit, axes)
+    """Draw the attraction f'(g) of interaction laws (Rey & Bleyer, fig. 7b), as `potential`."""
+    units = Units.checked(unit, pressure_unit)
+    return _laws(slope, "attraction f'(g) [pressure]", laws, gaps, labels, units, axes)
 
 
 def convergence(pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
@@ -68,16 +74,16 @@ def convergence(pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
         label = "projected residual" if name == "residual" else rf"$\{name}$"
         # At the start epsilon and eta are zero by construction.
         axes.semilogy(pair.history.steps[1:], values[1:], label=label)
-    axes.set(xlabel="step [1]", ylabel="indicator [1]")
+    axes.set(xlabel="step", ylabel="indicator")
+    plain_decades(axes.yaxis)
     add_legend(axes)
     return axes
 
 
 def stability_curve(
     sweep: Sweep,
-    quantity: Literal["mean_pressure", "contact_area", "energy"] = "mean_pressure",
+    quantity: Literal["mean_pressure", "force", "contact_area", "energy"] | None = None,
     *,
-    unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw a quantity over the load, with filled markers where it is stable (Rey & Bleyer, 12).
@@ -86,15 +92,15 @@ def stability_curve(
 
     Arguments:
         sweep: the states.
-        quantity: a field of `Equilibrium` that is one number for each load.
-        unit: that of lengths, as in `contact.unit`.
+        quantity: a field of `Equilibrium` that is one number for each load; by default the mean
+            pressure, or on a window the force.
         axes: where to draw.
 
     Raises:
         ValueError: for a quantity that cannot be drawn, a single state, or a sweep without
             stability.
     """
-    if quantity not in _OF_A_SWEEP:
+    if quantity not in (None, *_OF_A_SWEEP):
         raise ValueError(f"quantity is {quantity!r}: choose one of {', '.join(_OF_A_SWEEP)}.")
     if not isinstance(sweep, Sweep) or len(sweep.stack_shape) != 1:
         raise ValueError(
@@ -103,15 +109,16 @@ def stability_curve(
         )
     if sweep.stability is None:
         raise ValueError("This sweep left stability out: run it with stability=True.")
-    axes = axes_or_new(axes)
+    axes, is_window = axes_or_new(axes), sweep.equilibrium.is_window
+    quantity = quantity or ("force" if is_window else "mean_pressure")
     load, values = np.asarray(sweep.load.value), np.asarray(getattr(sweep.equilibrium, quantity))
     verdicts = np.where(sweep.stability.is_local, "stable, locally", sweep.stability.verdict.name)
     for name, marker in VERDICT_MARKERS.items():
         chosen = verdicts == name
         if chosen.any():
             axes.scatter(load[chosen], values[chosen], label=name.replace("_", " "), **marker)
-    num_sides = sweep.equilibrium.gap.ndim - 1
-    label_axes(axes, load_label(sweep.load), quantity_label(quantity, num_sides), unit)
+    units = sweep.equilibrium.units
+    label_axes(axes, load_label(sweep.load), quantity_label(quantity), units)
     add_legend(axes)
     return axes
 
@@ -130,7 +137,7 @@ def spectrum(
     Arguments:
         spectrum: one or more of what `jaxstab.surfaces.power_spectrum` returned.
         labels: their names, shown in a legend.
-        unit: that of lengths, as in `topography.unit`.
+        unit: the unit of length, as `topography.unit`.
         axes: where to draw.
 
     Raises:
@@ -147,8 +154,10 @@ def spectrum(
     axes.xaxis.set_minor_locator(LogLocator(subs=(2, 5)))
     # On a line a ring holds a wave and its mirror image.
     power = 3 if all(np.asarray(each.num_waves).max() <= 2 for each in spectra) else 4
-    density = f"power spectral density [length$^{power}$]"
-    label_axes(axes, "wavenumber q [1/length]", density, unit)
+    density = f"power spectral density [length^{power}]"
+    label_axes(axes, "wavenumber q [1/length]", density, Units.checked(unit, None))
+    for axis in (axes.xaxis, axes.yaxis):
+        plain_decades(axis)
     if labels is not None:
         add_legend(axes)
     return axes
@@ -175,7 +184,7 @@ def _laws(
     laws: Potential | Sequence[Potential],
     gaps: Float[Array, " gaps"],
     labels: Sequence[str] | None,
-    unit: str | None,
+    units: Units,
     axes: Axes | None,
 ) -> Axes:
     axes = axes_or_new(axes)
@@ -184,6 +193,6 @@ def _laws(
     for law, label in zip(laws, labels, strict=True):
         axes.plot(np.asarray(gaps), np.asarray(derivative(law, gaps)), label=label)
     draw_zero(axes)
-    label_axes(axes, "gap g [length]", ylabel, unit)
+    label_axes(axes, "gap g [length]", ylabel, units)
     add_legend(axes)
     return axes

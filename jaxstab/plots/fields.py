@@ -11,51 +11,45 @@ from jaxstab.contact import Contact, require_contact
 from jaxstab.core.checks import require_kind
 from jaxstab.core.stack import require_single
 from jaxstab.core.types import Field, Mask
+from jaxstab.core.unit_system import Units, measured
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
-from jaxstab.files.labels import measured
 from jaxstab.plots.style import add_legend, axes_or_new, draw_zero, label_axes, label_axis
 from jaxstab.stability import Eigenpair
 
 # Without its symbol x, which is a side of the surface as well.
-_MODE = "mode of unit norm [1]"
+_MODE = "mode of unit norm"
 
 
-def surface(contact: Contact, *, unit: str | None = None, axes: Axes | None = None) -> Axes:
+def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
     """Draw the heights h: a map, or a profile on a line."""
     require_contact(contact)
-    return _field(contact, contact.heights, "height h [length]", "cividis", unit, axes)
+    return _field(contact, contact.heights, "height h [length]", "cividis", axes)
 
 
-def gap(
-    contact: Contact, equilibrium: State, *, unit: str | None = None, axes: Axes | None = None
-) -> Axes:
+def gap(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
     """Draw the gap g: a map, or a profile on a line."""
     equilibrium = equilibrium_of(contact, equilibrium)
-    return _field(contact, equilibrium.gap, "gap g [length]", "viridis", unit, axes)
+    return _field(contact, equilibrium.gap, "gap g [length]", "viridis", axes)
 
 
-def pressure(
-    contact: Contact, equilibrium: State, *, unit: str | None = None, axes: Axes | None = None
-) -> Axes:
+def pressure(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
     """Draw the elastic pressure p, positive in compression: a map, or a profile on a line."""
     field, label = equilibrium_of(contact, equilibrium).pressure, "elastic pressure p [pressure]"
-    return _field(contact, field, label, "RdBu_r", unit, axes, centred=True)
+    return _field(contact, field, label, "RdBu_r", axes, centred=True)
 
 
-def contact_map(
-    contact: Contact, equilibrium: State, *, unit: str | None = None, axes: Axes | None = None
-) -> Axes:
+def contact_map(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
     """Draw where the surfaces touch, in black (Rey & Bleyer, fig. 8)."""
     equilibrium = equilibrium_of(contact, equilibrium)
-    axes, unit = axes_or_new(axes), unit or contact.unit
+    axes = axes_or_new(axes)
     touches = np.asarray(equilibrium.in_contact)
     x, *y = (np.asarray(side) for side in contact.grid.coordinates)
     if y:
         colours, norm = ListedColormap(["white", "black"]), BoundaryNorm([0, 0.5, 1], 2)
-        draw_map(axes, contact, touches, unit, cmap=colours, norm=norm)
+        draw_map(axes, contact, touches, cmap=colours, norm=norm)
     else:
         axes.fill_between(x, touches, step="mid", color="black")
-        label_axis(axes.xaxis, "x [length]", unit)
+        label_axis(axes.xaxis, "x [length]", contact.units)
         axes.set(yticks=[0, 1], yticklabels=["apart", "in contact"])
     axes.set_title(f"contact area {100 * float(equilibrium.contact_area):.1f} %")
     return axes
@@ -66,7 +60,6 @@ def mode(
     pair: Eigenpair,
     equilibrium: State | None = None,
     *,
-    unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw a mode of unit norm: a map, or a profile on a line (Rey & Bleyer, fig. 9).
@@ -75,7 +68,6 @@ def mode(
         contact: the contact problem.
         pair: the eigenpair whose mode to draw.
         equilibrium: outlines the contact if given, or shades it on a line.
-        unit: that of lengths, by default the contact's.
         axes: where to draw.
 
     Raises:
@@ -83,8 +75,8 @@ def mode(
         ValueError: for a stack of modes, or one on another grid than the contact's.
     """
     _require_mode(contact, pair)
-    axes = draw_mode(contact, pair.mode, equilibrium, unit, axes)
-    value = measured(unit or contact, float(pair.eigenvalue), "pressure/length", digits=4)
+    axes = draw_mode(contact, pair.mode, equilibrium, axes)
+    value = measured(contact.units, float(pair.eigenvalue), "pressure/length", digits=4)
     axes.set_title(rf"$\lambda$ = {value}")
     return axes
 
@@ -93,11 +85,10 @@ def draw_mode(
     contact: Contact,
     mode: Field,
     equilibrium: State | None,
-    unit: str | None,
     axes: Axes | None,
 ) -> Axes:
     """Draw a mode of unit norm, and the outline of the contact where a state is given."""
-    axes = _field(contact, mode, _MODE, "RdBu_r", unit, axes, centred=True)
+    axes = _field(contact, mode, _MODE, "RdBu_r", axes, centred=True)
     if equilibrium is not None:
         touches = equilibrium_of(contact, equilibrium).in_contact
         outline_contact(axes, contact, touches, "black")
@@ -110,7 +101,6 @@ def mode_cut(
     equilibrium: State | None = None,
     *,
     row: int | None = None,
-    unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw a mode along x at one row of y, and where that row is in contact.
@@ -120,7 +110,6 @@ def mode_cut(
         pair: the eigenpair whose mode to draw.
         equilibrium: shades the points in contact if given.
         row: index along y, by default the middle of the cell (Rey & Bleyer, fig. 4b).
-        unit: that of lengths, by default the contact's.
         axes: where to draw.
 
     Raises:
@@ -130,7 +119,7 @@ def mode_cut(
     if len(contact.grid.shape) != 2:
         raise ValueError("A mode on a line has no rows: draw it with jaxstab.plots.mode.")
     _require_mode(contact, pair)
-    axes, unit = axes_or_new(axes), unit or contact.unit
+    axes = axes_or_new(axes)
     row = contact.grid.shape[1] // 2 if row is None else row
     x, y = (np.asarray(side) for side in contact.grid.coordinates)
     axes.plot(x[:, row], np.asarray(pair.mode)[:, row], ".-")
@@ -139,8 +128,9 @@ def mode_cut(
         touches = np.asarray(equilibrium_of(contact, equilibrium).in_contact)[:, row]
         _shade(axes, x[:, row], touches)
         add_legend(axes)
-    label_axis(axes.xaxis, "x [length]", unit)
-    axes.set(ylabel=_MODE, title=f"at y = {measured(unit, float(y[0, row]), 'length', digits=4)}")
+    label_axis(axes.xaxis, "x [length]", contact.units)
+    place = measured(contact.units, float(y[0, row]), "length", digits=4)
+    axes.set(ylabel=_MODE, title=f"at y = {place}")
     return axes
 
 
@@ -161,23 +151,21 @@ def outline_contact(axes: Axes, contact: Contact, touches: Mask, colour: str) ->
         axes.contour(x, y[0], inside, levels=[0.5], colors=colour, linewidths=0.8)
 
 
-def draw_map(
-    axes: Axes, contact: Contact, values: np.ndarray, unit: str | None, **style: Any
-) -> AxesImage:
+def draw_map(axes: Axes, contact: Contact, values: np.ndarray, **style: Any) -> AxesImage:
     """Draw a field as an image over x and y."""
     width, height = (float(length) for length in contact.grid.lengths)
     # The first index runs along x, and each point stands in the middle of its pixel.
     dx, dy = (float(spacing) / 2 for spacing in contact.grid.spacing)
     extent = (-dx, width - dx, -dy, height - dy)
     image = axes.imshow(values.T, origin="lower", extent=extent, interpolation="nearest", **style)
-    label_axes(axes, "x [length]", "y [length]", unit)
+    label_axes(axes, "x [length]", "y [length]", contact.units)
     return image
 
 
-def add_colour_bar(axes: Axes, image: AxesImage, label: str, unit: str | None) -> None:
+def add_colour_bar(axes: Axes, image: AxesImage, label: str, units: Units) -> None:
     """Add a colour bar as high as the map."""
     bar = axes.figure.colorbar(image, cax=axes.inset_axes((1.03, 0, 0.05, 1)))
-    label_axis(bar.ax.yaxis, label, unit)
+    label_axis(bar.ax.yaxis, label, units)
 
 
 def _field(
@@ -185,21 +173,20 @@ def _field(
     field: Field,
     label: str,
     colours: str,
-    unit: str | None,
     axes: Axes | None,
     centred: bool = False,
 ) -> Axes:
-    axes, unit = axes_or_new(axes), unit or contact.unit
+    axes = axes_or_new(axes)
     values = np.asarray(field)
     if values.ndim == 1:
         axes.plot(np.asarray(contact.grid.coordinates[0]), values)
-        label_axes(axes, "x [length]", label, unit)
+        label_axes(axes, "x [length]", label, contact.units)
         return axes
     # Of a closed gap there is no negative part to show.
     most = np.abs(values).max() if centred else values.max() if values.any() else 1
     least = -most if centred else values.min()
-    image = draw_map(axes, contact, values, unit, cmap=colours, vmin=least, vmax=most)
-    add_colour_bar(axes, image, label, unit)
+    image = draw_map(axes, contact, values, cmap=colours, vmin=least, vmax=most)
+    add_colour_bar(axes, image, label, contact.units)
     return axes
 
 

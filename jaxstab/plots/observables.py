@@ -14,7 +14,14 @@ from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.observables import Leakage
 from jaxstab.equilibrium.observables.clusters import Neighbours
 from jaxstab.plots.fields import add_colour_bar, draw_map, outline_contact
-from jaxstab.plots.style import PALETTE, add_legend, axes_or_new, label_axes, label_axis
+from jaxstab.plots.style import (
+    PALETTE,
+    add_legend,
+    axes_or_new,
+    label_axes,
+    label_axis,
+    plain_decades,
+)
 
 # How far below the largest flux the colours reach.
 _FAINTEST = 1e-4
@@ -26,7 +33,6 @@ def patches(
     equilibrium: State,
     *,
     neighbours: Neighbours = 4,
-    unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw the patches of a contact, each in a colour, the largest first in those of curves.
@@ -35,11 +41,10 @@ def patches(
         contact: the contact problem.
         equilibrium: one of its states.
         neighbours: as in `jaxstab.patches`.
-        unit: that of lengths, by default the contact's.
         axes: where to draw.
     """
     found = observables.patches(contact, equilibrium, neighbours=neighbours)
-    axes, unit = axes_or_new(axes), unit or contact.unit
+    axes = axes_or_new(axes)
     labels = np.asarray(found.labels)
     x, *y = (np.asarray(side) for side in contact.grid.coordinates)
     colours = PALETTE[:-1]
@@ -47,12 +52,12 @@ def patches(
     numbers = np.where(labels > 0, (labels - 1) % len(colours) + 1, 0)
     if y:
         norm = BoundaryNorm(np.arange(len(colours) + 2) - 0.5, len(colours) + 1)
-        draw_map(axes, contact, numbers, unit, cmap=ListedColormap(["white", *colours]), norm=norm)
+        draw_map(axes, contact, numbers, cmap=ListedColormap(["white", *colours]), norm=norm)
     else:
         for i, colour in enumerate(colours, 1):
             own = numbers == i
             axes.fill_between(x, own, where=own, step="mid", color=colour)
-        label_axis(axes.xaxis, "x [length]", unit)
+        label_axis(axes.xaxis, "x [length]", contact.units)
         axes.set(yticks=[0, 1], yticklabels=["apart", "in contact"])
     axes.set_title(_title(int(found.number), np.asarray(found.percolates)))
     return axes
@@ -70,7 +75,6 @@ def flow(
     equilibrium: State | None = None,
     *,
     along: Literal["x", "y"] = "x",
-    unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw what flows through the gap: a map of the flux with its lines, or drops on a line.
@@ -80,7 +84,6 @@ def flow(
         leakage: what `jaxstab.leakage` returned for it.
         equilibrium: fills the contact if given, or shades it on a line.
         along: the side along which the pressure falls.
-        unit: that of lengths, by default the contact's.
         axes: where to draw.
 
     Raises:
@@ -98,19 +101,19 @@ def flow(
         )
     if along not in _SIDES[: len(shape)]:
         raise ValueError(f"along is {along!r}: choose of {', '.join(_SIDES[: len(shape)])}.")
-    axes, unit = axes_or_new(axes), unit or contact.unit
+    axes = axes_or_new(axes)
     touches = None if equilibrium is None else equilibrium_of(contact, equilibrium).in_contact
     side = _SIDES.index(along)
     if len(shape) == 1:
         axes.plot(np.asarray(contact.grid.coordinates[0]), np.asarray(leakage.drop[0]))
         if touches is not None:
             outline_contact(axes, contact, touches, "black")
-        label_axes(axes, "x [length]", "drop of pressure over its gradient [length]", unit)
+        label_axes(axes, "x [length]", "drop of pressure over its gradient [length]", contact.units)
     else:
-        _draw_flux(axes, contact, _at_points(np.asarray(leakage.flux[side])), unit)
+        _draw_flux(axes, contact, _at_points(np.asarray(leakage.flux[side])))
         if touches is not None:
             shown = np.ma.masked_equal(np.asarray(touches), False)
-            draw_map(axes, contact, shown, unit, cmap=ListedColormap(["0.35"]))
+            draw_map(axes, contact, shown, cmap=ListedColormap(["0.35"]))
     flows = np.asarray(leakage.flux[side]).any()
     axes.set_title(f"pressure falls along {along}" if flows else f"nothing flows along {along}")
     return axes
@@ -121,16 +124,16 @@ def _at_points(flux: np.ndarray) -> np.ndarray:
     return np.stack([(x + np.roll(x, 1, side)) / 2 for side, x in enumerate(flux)])
 
 
-def _draw_flux(axes: Axes, contact: Contact, flux: np.ndarray, unit: str | None) -> None:
+def _draw_flux(axes: Axes, contact: Contact, flux: np.ndarray) -> None:
     size = np.hypot(*flux)
     most = size.max()
     if not most:
-        draw_map(axes, contact, np.zeros(size.shape), unit, cmap=ListedColormap(["white"]))
+        draw_map(axes, contact, np.zeros(size.shape), cmap=ListedColormap(["white"]))
         return
     norm = LogNorm(_FAINTEST * most, most)
     shown = np.ma.masked_equal(size, 0)
-    image = draw_map(axes, contact, shown, unit, cmap="Blues", norm=norm)
-    add_colour_bar(axes, image, "flux x viscosity / gradient of pressure [length$^3$]", unit)
+    image = draw_map(axes, contact, shown, cmap="Blues", norm=norm)
+    add_colour_bar(axes, image, "flux x viscosity / gradient of pressure [length^3]", contact.units)
     limits = axes.get_xlim(), axes.get_ylim()
     x, y = (np.asarray(side) for side in contact.grid.coordinates)
     # Where hardly anything flows, lines would go astray.
@@ -146,7 +149,6 @@ def distribution(
     *,
     bins: int = 50,
     theory: bool | None = None,
-    unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw the distribution of pressures or gaps over the points of a surface.
@@ -165,7 +167,6 @@ def distribution(
             surface without adhesion it is P(p) = (N(p - p0) - N(p + p0)), N the normal distribution
             with the variance that full contact takes. By default where nothing attracts, in a
             periodic cell.
-        unit: that of lengths, by default the contact's.
         axes: where to draw.
 
     Raises:
@@ -183,7 +184,7 @@ def distribution(
             "No theory is known here: Persson's is of pressures, without adhesion, in a periodic "
             "cell. Leave out `theory`."
         )
-    axes, unit = axes_or_new(axes), unit or contact.unit
+    axes = axes_or_new(axes)
     touches = np.asarray(equilibrium.in_contact)
     values = np.asarray(getattr(equilibrium, quantity), float)
     parts = {"in contact": values[touches]} if quantity == "pressure" else {}
@@ -201,10 +202,11 @@ def distribution(
         axes.plot(pressures, _persson(pressures, mean, rms), "k--", label="Persson, random surface")
     names = {"pressure": "elastic pressure p", "gap": "gap g"}
     dimension = {"pressure": "pressure", "gap": "length"}[quantity]
-    label_axes(axes, f"{names[quantity]} [{dimension}]", f"density [1/{dimension}]", unit)
+    label_axes(axes, f"{names[quantity]} [{dimension}]", f"density [1/{dimension}]", contact.units)
     if quantity == "pressure" and "apart" in parts:
         # Most points are apart, at pressures that differ little.
         axes.set_yscale("log")
+        plain_decades(axes.yaxis)
     else:
         axes.set_ylim(bottom=0)
     axes.set_title(f"contact area {100 * float(equilibrium.contact_area):.1f} %")

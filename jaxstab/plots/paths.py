@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from jaxstab.core.checks import require_kind
-from jaxstab.files.labels import dimension_on, measured
+from jaxstab.core.unit_system import measured
+from jaxstab.core.units import LENGTH
 from jaxstab.paths import Branch, Path
 from jaxstab.plots.style import (
     PALETTE,
@@ -21,7 +22,7 @@ from jaxstab.plots.style import (
     scaled_label,
 )
 
-Quantity = Literal["mean_gap", "mean_pressure", "contact_area", "energy", "load"]
+Quantity = Literal["mean_gap", "mean_pressure", "force", "contact_area", "energy", "load"]
 _Curve = Path | Branch
 
 # Over the largest compression: less is rounding, or nothing to look at.
@@ -30,26 +31,29 @@ _LEAST_TENSION = 1e-3
 _SHORTEST_ARROW = 8
 # Letters.
 _LEGEND_WIDTH = 14
+# The approach lies on top of the retreat and is thinner, so that both are seen where they agree.
+_APPROACH: dict[str, Any] = {"linewidth": 0.8, "markersize": 2, "zorder": 2.2}
+_RETREAT: dict[str, Any] = {"linewidth": 2, "markersize": 3, "zorder": 2}
 
 
 def path(
     path: Path,
-    x: Quantity = "mean_gap",
-    y: Quantity = "mean_pressure",
+    x: Quantity | None = None,
+    y: Quantity | None = None,
     *,
-    unit: str | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw the states along a path, its jumps as arrows, and the energy lost around a loop.
 
-    A compression above the largest tension is cut off, so that adhesion is seen. Without `axes`,
-    the contact area is drawn beside it where surfaces touch.
+    The approach is a thinner line, seen where the surfaces come apart along it. A compression above
+    the largest tension is cut off, so that adhesion is seen. Without `axes`, the contact area is
+    drawn beside it where surfaces touch.
 
     Arguments:
         path: the path.
-        x: what to draw over: a field of `States` that is one number for each, or "load".
-        y: what to draw, of the same kind.
-        unit: that of lengths, as in `contact.unit`.
+        x: what to draw over: a field of `States` that is one number for each, "force" or "load".
+            By default the mean gap, or on a window the displacement of the load.
+        y: what to draw, of the same kind; by default the mean pressure, or on a window the force.
         axes: where to draw.
 
     Raises:
@@ -57,13 +61,13 @@ def path(
         ValueError: for a quantity that cannot be drawn, and for several paths at once.
     """
     require_path(path)
-    require_quantities(x, y)
+    x, y = quantities_or_default(path, x, y)
     touches = np.any(np.asarray(path.equilibrium.contact_area) > 0)
     if axes is not None or y == "contact_area" or not touches:
-        return _with_legend(path, unit, _draw(path, x, y, unit, axes_or_new(axes)))
+        return _with_legend(path, _draw(path, x, y, axes_or_new(axes)))
     _, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    _with_legend(path, unit, _draw(path, x, "contact_area", unit, right))
-    return _draw(path, x, y, unit, left)
+    _with_legend(path, _draw(path, x, "contact_area", right))
+    return _draw(path, x, y, left)
 
 
 def require_path(path: Path) -> None:
@@ -78,23 +82,34 @@ def require_path(path: Path) -> None:
         )
 
 
-def require_quantities(x: str, y: str) -> None:
-    """Raise `ValueError` where one of them cannot be drawn."""
+def quantities_or_default(
+    path: _Curve, x: Quantity | None, y: Quantity | None
+) -> tuple[Quantity, Quantity]:
+    """Return the quantities to draw, those given or their defaults.
+
+    Raises:
+        ValueError: for one that cannot be drawn.
+    """
+    is_window = path.equilibrium.is_window
+    # The mean gap of a window grows with the window.
+    x = x or ("load" if is_window and path.load.unit == LENGTH else "mean_gap")
+    y = y or ("force" if is_window else "mean_pressure")
     for name, quantity in (("x", x), ("y", y)):
         if quantity not in (*QUANTITIES, "load"):
             choices = ", ".join([*QUANTITIES, "load"])
             raise ValueError(f"{name} is {quantity!r}: choose one of {choices}.")
+    return x, y
 
 
-def _draw(path: Path, x: Quantity, y: Quantity, unit: str | None, axes: Axes) -> Axes:
-    loads = np.asarray(path.load.value)
+def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
+    loads, units = np.asarray(path.load.value), path.equilibrium.units
     there, across = (of_states(path, quantity) for quantity in (x, y))
     # A state belongs to the part of the programme that leads to it.
     forth = np.sign(np.diff(loads, prepend=2 * loads[0] - loads[1]))
     part = np.cumsum(np.diff(forth, prepend=forth[0]) != 0)
     is_last = np.isin(np.arange(loads.size), np.asarray(path.jumps.state))
     branch = np.cumsum(np.concatenate([[False], is_last[:-1]]))
-    divisor, _ = _load_label(path, unit)
+    divisor, _ = _load_label(path)
     for i, j in sorted(set(zip(part, branch, strict=True))):
         chosen = np.flatnonzero((part == i) & (branch == j))
         # From the state before, unless a jump lies between.
@@ -102,53 +117,60 @@ def _draw(path: Path, x: Quantity, y: Quantity, unit: str | None, axes: Axes) ->
         if before >= 0 and branch[before] == j:
             chosen = np.concatenate([[before], chosen])
         label = f"to {loads[part == i][-1] / divisor:.3g}" if j == branch[part == i][0] else None
+        style = _APPROACH if _approaches(path, part == i) else _RETREAT
         colour = PALETTE[i % len(PALETTE)]
-        axes.plot(there[chosen], across[chosen], ".-", markersize=3, color=colour, label=label)
-    scale(axes.xaxis, path, x, unit)
-    scale(axes.yaxis, path, y, unit)
+        axes.plot(there[chosen], across[chosen], ".-", color=colour, label=label, **style)
+    scale(axes.xaxis, path, x)
+    scale(axes.yaxis, path, y)
     _draw_jumps(path, there, across, axes)
     is_loop = loads[0] == loads[-1] and np.isfinite(path.dissipation)
-    if is_loop and (x, y) == ("mean_gap", "mean_pressure"):
+    if is_loop and (x, y) == quantities_or_default(path, None, None):
         axes.fill(there, across, color="0.9", zorder=0)
         number = len(path.jumps)
-        lost = measured(
-            unit,
-            float(path.jumps.dissipation.sum()),
-            dimension_on(_sides(path), "energy"),
-            digits=4,
-        )
+        lost = measured(units, float(path.jumps.dissipation.sum()), "energy", digits=4)
         axes.set_title(f"lost in {number} jump{'' if number == 1 else 's'}: {lost}")
     return axes
 
 
-def _with_legend(path: Path, unit: str | None, axes: Axes) -> Axes:
-    add_legend(axes, title=fill(_load_label(path, unit)[1], _LEGEND_WIDTH))
+def _approaches(path: Path, is_part: np.ndarray) -> bool:
+    """Whether the surfaces come closer along a part of the programme."""
+    gaps = of_states(path, "mean_gap")[is_part]
+    return bool(gaps[-1] < gaps[0])
+
+
+def _with_legend(path: Path, axes: Axes) -> Axes:
+    add_legend(axes, title=fill(_load_label(path)[1], _LEGEND_WIDTH))
     return axes
 
 
-def _load_label(path: Path, unit: str | None) -> tuple[float, str]:
-    return scaled_label(unit, load_label(path.load), np.abs(path.load.value).max())
+def _load_label(path: Path) -> tuple[float, str]:
+    units, largest = path.equilibrium.units, np.abs(path.load.value).max()
+    return scaled_label(units, load_label(path.load), largest)
 
 
-def scale(axis: Any, path: _Curve, quantity: Quantity, unit: str | None) -> None:
+def scale(axis: Any, path: _Curve, quantity: Quantity) -> None:
     """Label an axis, and cut off a compression that leaves no room to see the tension."""
-    if quantity == "mean_pressure":
-        pressures = of_states(path, quantity)
-        tension, compression = -np.nanmin(pressures), np.nanmax(pressures)
+    if quantity in ("mean_pressure", "force"):
+        values = of_states(path, quantity)
+        tension, compression = -np.nanmin(values), np.nanmax(values)
         if _LEAST_TENSION * compression < tension < compression:
             axis.axes.set(**{f"{axis.axis_name}lim": (-1.2 * tension, tension)})
-    is_load = quantity == "load"
-    label = load_label(path.load) if is_load else quantity_label(quantity, _sides(path))
-    label_axis(axis, label, unit)
+    label = load_label(path.load) if quantity == "load" else quantity_label(quantity)
+    label_axis(axis, label, path.equilibrium.units)
 
 
 def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -> None:
     # Of surfaces that a tension pulls apart no state is left.
     dissipation, last = np.asarray(path.jumps.dissipation), np.asarray(path.jumps.state)
-    gone = last[np.isnan(dissipation)]
-    axes.plot(there[gone], across[gone], "x", color="0.2")
-    arrow = {"color": "0.4", "linestyle": "--", "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
-    for i in last[np.isfinite(dissipation)]:
+    gone, kept = last[np.isnan(dissipation)], last[np.isfinite(dissipation)]
+    if gone.size:
+        axes.plot(there[gone], across[gone], "x", color="0.2", label="pulled off")
+    colour: dict[str, Any] = {"color": "0.4", "linestyle": "--"}
+    arrow = {**colour, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
+    if kept.size:
+        # Annotations have no entry in a legend.
+        axes.plot([], [], marker=">", markersize=4, label="jump", **colour)
+    for i in kept:
         tail, tip = ((float(there[k]), float(across[k])) for k in (i, i + 1))
         # In points; a head on a shorter jump hides it.
         length = np.hypot(*np.diff(axes.transData.transform([tail, tip]), axis=0)[0])
@@ -163,8 +185,3 @@ def of_states(path: _Curve, quantity: Quantity) -> np.ndarray:
     """Return a quantity of each state."""
     values = path.load.value if quantity == "load" else getattr(path.equilibrium, quantity)
     return np.asarray(values)
-
-
-def _sides(path: _Curve) -> int:
-    ends = path.jumps if isinstance(path, Path) else path.turns
-    return ends.mode.ndim - 1

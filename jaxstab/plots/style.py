@@ -6,11 +6,12 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import Formatter, ScalarFormatter
+from matplotlib.ticker import Formatter, LogFormatterSciNotation, ScalarFormatter
 
-from jaxstab.contact import Contact
-from jaxstab.files.labels import dimension_on, prefixed, with_unit
+from jaxstab.core.unit_system import Units, in_brackets, readable_unit
+from jaxstab.core.units import FORCE, NUMBER, dimensions
 from jaxstab.loads import Load
+from jaxstab.paths import States
 
 # Okabe & Ito's, told apart by all kinds of colour vision; their yellow is too pale for a line.
 BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
@@ -26,23 +27,24 @@ VERDICT_MARKERS: dict[str, dict[str, Any]] = {
     "undecided": {"marker": "s", "facecolors": "0.8", "edgecolors": "0.4"},
 }
 
-# The quantities that are one number for each state, and their dimensions.
+# The quantities that are one number for each state.
 QUANTITIES = {
-    "mean_gap": ("mean gap $g_0$", "length"),
-    "mean_pressure": ("mean pressure $p_0$", "pressure"),
-    "contact_area": ("contact area", "1"),
-    "energy": ("energy", "energy"),
+    "mean_gap": "mean gap $g_0$",
+    "mean_pressure": "mean pressure $p_0$",
+    "force": "force",
+    "contact_area": "contact area",
+    "energy": "energy",
 }
 
 
-def quantity_label(quantity: str, num_sides: int) -> str:
-    """Return what one of the `QUANTITIES` is on a grid of one side or two, with its dimension."""
-    name, dimension = QUANTITIES[quantity]
-    return f"{name} [{dimension_on(num_sides, dimension)}]"
+def quantity_label(quantity: str) -> str:
+    """Return the label of one of the `QUANTITIES`, with its dimension."""
+    dimension = {**dimensions(States), "force": FORCE}[quantity]
+    return QUANTITIES[quantity] + (f" [{dimension}]" if dimension != NUMBER else "")
 
 
 def load_label(load: Load) -> str:
-    """Return what the value of a load is; of one of the user's own, the name of its class."""
+    """Return the quantity of a load; of one of the user's own, the name of its class."""
     return f"{load.quantity} [{load.unit}]" if load.quantity else type(load).__name__
 
 
@@ -62,11 +64,13 @@ def axes_or_new(axes: Axes | None) -> Axes:
     return axes
 
 
-def scaled_label(unit: Contact | str | None, label: str, largest: float) -> tuple[float, str]:
-    """Return by what to divide values, for the prefix of an SI unit, and a label with that unit."""
-    name, bracket, dimension = with_unit(unit, label).removesuffix("]").rpartition("[")
-    divisor, dimension = prefixed(dimension, largest)
-    return divisor, f"{name}[{dimension}]".replace("^2", "²") if bracket else dimension
+def scaled_label(units: Units, label: str, largest: float) -> tuple[float, str]:
+    """Return a divisor of values for a readable unit, and the label with this unit."""
+    name, bracket, dimension = label.removesuffix("]").rpartition("[")
+    if not bracket:
+        return 1.0, label
+    divisor, unit = readable_unit(units, dimension, largest)
+    return divisor, name + in_brackets(unit)
 
 
 class _Prefixed(Formatter):
@@ -78,9 +82,21 @@ class _Prefixed(Formatter):
         return self.fix_minus(f"{round(x / self.divisor, 9) + 0.0:g}")
 
 
-def label_axis(axis: Axis, label: str, unit: Contact | str | None) -> None:
-    """Label an axis; an SI unit gets the prefix that suits its limits, and its ticks go with it."""
-    divisor, text = scaled_label(unit, label, max(map(abs, axis.get_view_interval())))
+class _Plain(LogFormatterSciNotation):
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        text = super().__call__(x, pos)
+        return f"{x:g}" if text and 1e-3 <= x < 1e4 else text
+
+
+def plain_decades(axis: Axis) -> None:
+    """Label a logarithmic axis by plain numbers, as 6 and not 6×10⁰, where they are short."""
+    axis.set_major_formatter(_Plain())
+    axis.set_minor_formatter(_Plain(labelOnlyBase=False))
+
+
+def label_axis(axis: Axis, label: str, units: Units) -> None:
+    """Label an axis; its unit gets the prefix that suits its limits, and its ticks go with it."""
+    divisor, text = scaled_label(units, label, max(map(abs, axis.get_view_interval())))
     axis.set_label_text(text)
     if divisor != 1:
         axis.set_major_formatter(_Prefixed(divisor))
@@ -88,10 +104,10 @@ def label_axis(axis: Axis, label: str, unit: Contact | str | None) -> None:
         axis.set_major_formatter(ScalarFormatter())
 
 
-def label_axes(axes: Axes, x: str, y: str, unit: Contact | str | None) -> None:
+def label_axes(axes: Axes, x: str, y: str, units: Units) -> None:
     """Label both axes."""
-    label_axis(axes.xaxis, x, unit)
-    label_axis(axes.yaxis, y, unit)
+    label_axis(axes.xaxis, x, units)
+    label_axis(axes.yaxis, y, units)
 
 
 def draw_zero(axes: Axes) -> None:

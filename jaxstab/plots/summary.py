@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from jaxstab.contact import Contact
 from jaxstab.core.checks import require_kind
 from jaxstab.core.stack import require_single
+from jaxstab.core.unit_system import in_brackets, measured, readable_unit
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
-from jaxstab.files.labels import dimension_on, measured, prefixed, with_unit
 from jaxstab.loads import MeanPressure
 from jaxstab.plots.fields import gap, mode, outline_contact, pressure, surface
 from jaxstab.plots.style import figure_or_new, load_label
@@ -27,7 +27,6 @@ def summary(
     equilibrium: State,
     stability: Stability | None = None,
     *,
-    unit: str | None = None,
     figure: Figure | None = None,
 ) -> Figure:
     """Draw a state in one figure: surface, gap, pressure, the cone's mode, and its numbers.
@@ -38,7 +37,6 @@ def summary(
         contact: the contact problem.
         equilibrium: the state; an entry of a sweep holds its stability too.
         stability: what `assess_stability` returned for it.
-        unit: that of lengths, by default the contact's.
         figure: where to draw.
 
     Returns:
@@ -59,45 +57,44 @@ def summary(
     require_kind(known, Stability, f"not a stability: {cure}")
     require_single(known)
     figure = figure_or_new(figure, (11, 5.2))
-    panels, unit = figure.subplot_mosaic(_PANELS, width_ratios=[1, 1, 1.4]), unit or contact.unit
-    surface(contact, unit=unit, axes=panels["surface"])
-    gap(contact, state, unit=unit, axes=panels["gap"])
+    panels = figure.subplot_mosaic(_PANELS, width_ratios=[1, 1, 1.4])
+    surface(contact, axes=panels["surface"])
+    gap(contact, state, axes=panels["gap"])
     outline_contact(panels["gap"], contact, state.in_contact, "white")
-    pressure(contact, state, unit=unit, axes=panels["pressure"])
-    mode(contact, known.cone, state, unit=unit, axes=panels["mode"]).set_title("")
-    _write(panels["numbers"], _numbers(unit, len(contact.grid.shape), state, known))
+    pressure(contact, state, axes=panels["pressure"])
+    mode(contact, known.cone, state, axes=panels["mode"]).set_title("")
+    _write(panels["numbers"], _numbers(state, known))
     return figure
 
 
-def _numbers(
-    unit: str | None, num_sides: int, state: Equilibrium, stability: Stability
-) -> list[tuple[str, str]]:
-    load, pairs = state.load, stability.pairs
+def _numbers(state: Equilibrium, stability: Stability) -> list[tuple[str, str]]:
+    load, pairs, units = state.load, stability.pairs, state.units
     eigenvalues = np.array([float(pair.eigenvalue) for pair in pairs.values()])
     largest = np.abs(eigenvalues[np.isfinite(eigenvalues)]).max(initial=0)
-    divisor, stiffness = prefixed(with_unit(unit, "pressure/length"), largest)
+    divisor, stiffness = readable_unit(units, "pressure/length", largest)
     verdict = "stable, locally" if stability.is_local else stability.verdict.name.replace("_", " ")
     value = float(load.value)
     # Without the symbol, whose index would shift the lines below.
     quantity = load_label(load).partition(" [")[0].split(" $")[0]
-    text = measured(unit, value, load.unit, digits=4) if load.unit else f"{value:.4g}"
+    text = measured(units, value, load.unit, digits=4) if load.unit else f"{value:.4g}"
     lines = [(quantity, text)]
+    if state.is_window:
+        lines.append(("force", measured(units, float(state.force), "force", digits=4)))
     if not isinstance(load, MeanPressure):
-        lines.append(("mean pressure", measured(unit, float(state.mean_pressure), "pressure")))
+        lines.append(("mean pressure", measured(units, float(state.mean_pressure), "pressure")))
     lines += [
         ("contact area", f"{100 * float(state.contact_area):.1f} %"),
         ("", ""),
-        ("eigenvalues", f"[{stiffness}]"),
+        ("eigenvalues", in_brackets(stiffness)),
         *((name.replace("_", " "), _value(pair, divisor)) for name, pair in pairs.items()),
         ("", ""),
         ("verdict", verdict),
     ]
     barrier = stability.barrier
     if np.isfinite(barrier.height):
-        energy = dimension_on(num_sides, "energy")
         lines += [
-            ("barrier", measured(unit, float(barrier.height), energy)),
-            ("at amplitude", measured(unit, float(barrier.amplitude), "length")),
+            ("barrier", measured(units, float(barrier.height), "energy")),
+            ("at amplitude", measured(units, float(barrier.amplitude), "length")),
         ]
     for part in (state, stability):
         if part.result != "successful":

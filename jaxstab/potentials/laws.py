@@ -1,5 +1,7 @@
 """Ready-made laws: modules that map one gap to an energy per area."""
 
+from typing import Annotated
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +11,7 @@ from jaxstab.core.checks import known, parameter, require, require_positive
 from jaxstab.core.display import in_full
 from jaxstab.core.docstrings import described
 from jaxstab.core.types import Scalar
+from jaxstab.core.units import LENGTH, NUMBER, SURFACE_ENERGY, Dimension
 from jaxstab.potentials.sums import Law
 
 _ARGUMENTS = {
@@ -21,8 +24,8 @@ _ARGUMENTS = {
 class _RangedLaw(Law):
     """A law with a work of adhesion [energy/area] and a range [length]."""
 
-    surface_energy: Scalar
-    length: Scalar
+    surface_energy: Annotated[Scalar, SURFACE_ENERGY]
+    length: Annotated[Scalar, LENGTH]
 
     __repr__ = in_full
 
@@ -78,7 +81,7 @@ class Dugdale(_RangedLaw):
     itself.
     """
 
-    smoothing: Scalar
+    smoothing: Annotated[Scalar, NUMBER]
 
     def __init__(self, surface_energy: ArrayLike, length: ArrayLike, smoothing: ArrayLike = 0.1):
         super().__init__(surface_energy, length)
@@ -139,9 +142,9 @@ class Electrostatic(Law):
         ValueError: if V is not finite, eps not positive, or d negative.
     """
 
-    voltage: Scalar
-    permittivity: Scalar
-    dielectric: Scalar
+    voltage: Annotated[Scalar, Dimension("voltage")]
+    permittivity: Annotated[Scalar, Dimension("energy/(voltage^2 length)")]
+    dielectric: Annotated[Scalar, LENGTH]
 
     __repr__ = in_full
 
@@ -177,10 +180,10 @@ class Capillary(Law):
             not positive.
     """
 
-    tension: Scalar
-    angle: Scalar
-    radius: Scalar
-    smoothing: Scalar
+    tension: Annotated[Scalar, SURFACE_ENERGY]
+    angle: Annotated[Scalar, NUMBER]
+    radius: Annotated[Scalar, LENGTH]
+    smoothing: Annotated[Scalar, NUMBER]
 
     __repr__ = in_full
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import equinox as eqx
 import jax
@@ -13,6 +13,7 @@ from jaxtyping import Array
 
 from jaxstab.core.display import in_full
 from jaxstab.core.types import Mask, Scalar
+from jaxstab.core.units import NUMBER
 from jaxstab.potentials.sums import Law
 
 Potential = Callable[[Scalar], Scalar]
@@ -91,7 +92,7 @@ class Scaled(eqx.Module):
     """
 
     law: Potential
-    factor: Scalar
+    factor: Annotated[Scalar, NUMBER]
     has_core: bool | None = eqx.field(static=True, default=None)
 
     def __call__(self, gap: Scalar) -> Scalar:

@@ -4,7 +4,7 @@ Pressures on a window act on it by real-space coefficients, wrapped on a grid of
 side. There K is their inverse. Outside of the surface the pressure is zero by equilibrium.
 """
 
-from typing import ClassVar, NoReturn
+from typing import Annotated, ClassVar, NoReturn
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.types import Field, FieldMap, Mask, Scalar
+from jaxstab.core.units import NUMBER, PRESSURE
 from jaxstab.solids.moduli import contact_modulus, elastic_constants
 from jaxstab.solids.solid import Solid
 from jaxstab.solids.spectral import Waves, multiplied
@@ -73,8 +74,8 @@ class FreeHalfSpace(Solid):
     """
 
     grid: Grid
-    youngs_modulus: Scalar
-    poisson_ratio: Scalar
+    youngs_modulus: Annotated[Scalar, PRESSURE]
+    poisson_ratio: Annotated[Scalar, NUMBER]
 
     is_window: ClassVar[bool] = True
 

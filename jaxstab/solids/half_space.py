@@ -1,9 +1,12 @@
 """The isotropic elastic half space."""
 
+from typing import Annotated
+
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import Scalar
+from jaxstab.core.units import NUMBER, PRESSURE
 from jaxstab.solids.moduli import contact_modulus, elastic_constants
 from jaxstab.solids.spectral import SpectralSolid
 
@@ -22,8 +25,8 @@ class HalfSpace(SpectralSolid):
     """
 
     grid: Grid
-    youngs_modulus: Scalar
-    poisson_ratio: Scalar
+    youngs_modulus: Annotated[Scalar, PRESSURE]
+    poisson_ratio: Annotated[Scalar, NUMBER]
 
     def __init__(self, grid: Grid, youngs_modulus: ArrayLike, poisson_ratio: ArrayLike = 0.0):
         self.grid = grid

@@ -6,6 +6,7 @@ x = q h, so that nothing overflows.
 """
 
 import math
+from typing import Annotated
 
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
@@ -13,10 +14,13 @@ from jaxtyping import Array, ArrayLike, Float
 from jaxstab.core.checks import require_positive, scalar_parameter
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import Scalar
+from jaxstab.core.units import LENGTH, NUMBER, PRESSURE
 from jaxstab.solids.moduli import elastic_constants, possible_ratio, shear_modulus
 from jaxstab.solids.spectral import SpectralSolid
 
 Waves = Float[Array, " *modes"]
+# Young's modulus and Poisson's ratio of one material.
+Moduli = tuple[Annotated[Scalar, PRESSURE], Annotated[Scalar, NUMBER]]
 
 # Below it, differences are summed as series, of as many terms as double precision has digits for.
 _SMALL = 2.0
@@ -45,9 +49,9 @@ class Layer(SpectralSolid):
     """
 
     grid: Grid
-    youngs_modulus: Scalar
-    poisson_ratio: Scalar
-    thickness: Scalar
+    youngs_modulus: Annotated[Scalar, PRESSURE]
+    poisson_ratio: Annotated[Scalar, NUMBER]
+    thickness: Annotated[Scalar, LENGTH]
 
     def __init__(
         self,
@@ -98,9 +102,9 @@ class CoatedHalfSpace(SpectralSolid):
     """
 
     grid: Grid
-    layer: tuple[Scalar, Scalar]
-    thickness: Scalar
-    base: tuple[Scalar, Scalar]
+    layer: Moduli
+    thickness: Annotated[Scalar, LENGTH]
+    base: Moduli
 
     def __init__(
         self,

@@ -277,5 +277,6 @@ def _stability(equilibrium: Equilibrium, state: _State, found: Found) -> Stabili
         verdict=verdict,
         proved=proof_of(verdict, cone, critical),
         result=result,
+        units=equilibrium.units,
     )
     return stability.in_units_of(1 / state.unit)

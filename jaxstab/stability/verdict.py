@@ -2,11 +2,14 @@
 
 from typing import Annotated
 
+import equinox as eqx
+
 from jaxstab.core.display import block
 from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Flag, Scalar
+from jaxstab.core.unit_system import NO_UNITS, Units
 from jaxstab.core.units import NUMBER, Dimensioned
 from jaxstab.stability.barrier import Barrier
 from jaxstab.stability.eigenpair import Eigenpair
@@ -46,6 +49,7 @@ class Stability(Stackable, Dimensioned):
         proved: whether the verdict is proved, and not only found: that no eigenvalue on which it
             rests can have been missed.
         result: how the solvers ended: the first failure, or successful.
+        units: the units of length and of pressure, None where unknown.
     """
 
     lower_bound: Eigenpair
@@ -56,6 +60,7 @@ class Stability(Stackable, Dimensioned):
     verdict: VERDICTS
     proved: Flag
     result: RESULTS
+    units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
 
     __repr__ = block
 

@@ -84,7 +84,7 @@ def test_a_spectrum_shows_the_rings_that_hold_waves():
     num_waves = js.surfaces.power_spectrum(grid, heights).num_waves[jnp.array([2, 7])]
     np.testing.assert_allclose(densities * num_waves, 0.5 * np.array([0.01, 0.04]) / 2)
     assert axes.get_xscale() == axes.get_yscale() == "log"
-    assert axes.get_ylabel() == "power spectral density [length$^4$]"
+    assert axes.get_ylabel() == "power spectral density [length⁴]"
     assert axes.get_legend().get_texts()[0].get_text() == "two waves"
 
 

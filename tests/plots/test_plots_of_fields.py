@@ -48,9 +48,9 @@ def test_the_contact_is_outlined_on_modes(hertz, state, line):
 
 def test_the_axis_of_a_mode_is_not_called_as_a_side_is(line, state):
     contact, _, pair = line
-    assert plots.mode(contact, pair).get_ylabel() == "mode of unit norm [1]"
+    assert plots.mode(contact, pair).get_ylabel() == "mode of unit norm"
     contact, _, pair = state
-    assert plots.mode_cut(contact, pair).get_ylabel() == "mode of unit norm [1]"
+    assert plots.mode_cut(contact, pair).get_ylabel() == "mode of unit norm"
 
 
 def test_a_stability_is_not_taken_for_one_of_its_modes(state, line_contact):

@@ -76,7 +76,7 @@ def test_a_flow_shows_flux_lines_and_contact(rough):
     size = np.hypot(*[(f + np.roll(f, 1, i)) / 2 for i, f in enumerate(leakage.flux[0])])
     np.testing.assert_allclose(flux.get_array().filled(0), size.T)
     assert touches.get_array().count() == state.in_contact.sum()
-    assert "m$^3$" in axes.child_axes[0].get_ylabel()
+    assert "m³" in axes.child_axes[0].get_ylabel()
     assert len(axes.collections) == 1
     assert plots.flow(contact, leakage, along="y").get_title() == "pressure falls along y"
 

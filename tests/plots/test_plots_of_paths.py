@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import equinox as eqx
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
@@ -6,6 +8,7 @@ import pytest
 
 import jaxstab as js
 from jaxstab import plots
+from jaxstab.core.unit_system import Units
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +24,7 @@ def test_a_path_is_drawn_with_its_jumps_and_the_energy_of_its_loop(loop):
     assert left is axes
     assert axes.get_title() == f"lost in 2 jumps: {float(loop.dissipation):.4g} [energy]"
     assert axes.get_xlabel() == "mean gap $g_0$ [length]"
-    assert right.get_ylabel() == "contact area [1]"
+    assert right.get_ylabel() == "contact area"
     assert len(axes.texts) == len(loop.jumps)
     first = int(loop.jumps.state[0])
     drawn = axes.lines[0].get_xdata()
@@ -108,12 +111,14 @@ def test_the_contact_area_is_drawn_only_where_something_touches(loop):
 
 
 def test_a_loop_in_metres_is_lost_in_joules(loop):
-    small = eqx.tree_at(lambda x: x.jumps.dissipation, loop, jnp.array([3e-14, 6.2e-15]))
-    axes = plots.path(small, unit="m")
+    states = replace(loop.equilibrium, units=Units("m", "Pa"))
+    small = replace(loop, equilibrium=states)
+    small = eqx.tree_at(lambda x: x.jumps.dissipation, small, jnp.array([3e-14, 6.2e-15]))
+    axes = plots.path(small)
     assert axes.get_title() == "lost in 2 jumps: 36.2 fJ"
     loads = small.load.value * 1e-6
     tiny = eqx.tree_at(lambda x: x.load.value, small, loads)
-    legend = plots.path(tiny, unit="m", axes=axes).get_legend()
+    legend = plots.path(tiny, axes=axes).get_legend()
     assert "[µm]" in legend.get_title().get_text()
     assert "to 1.2" in {text.get_text() for text in legend.get_texts()}
 

@@ -1,5 +1,7 @@
 """Figures of branches and of passes."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 
 import jaxstab as js
 from jaxstab import plots
+from jaxstab.core.unit_system import Units
 
 LINE, SHORT = js.Grid((6,), (1.0,)), js.Grid((3,), (1.0,))
 PROFILE = jnp.array([0.00, -0.05, -0.12, -0.03, -0.09, -0.16])
@@ -88,7 +91,9 @@ def test_a_pass_is_drawn_with_its_saddle(contact, transition):
     # The saddle lies beside the highest part of the string.
     number = len(transition.energies) - 1
     assert abs(saddle[0, 0] - np.argmax(transition.energies) / number) < 1.5 / number
-    assert plots.transition(contact, transition, unit="m").axes[0].get_ylabel().endswith("J/m]")
+    saddle = replace(transition.saddle, units=Units("m", "Pa", 1))
+    figure = plots.transition(contact, replace(transition, saddle=saddle))
+    assert figure.axes[0].get_ylabel().endswith("J/m]")
 
 
 def test_what_is_no_single_pass_is_refused(contact, branch, transition):

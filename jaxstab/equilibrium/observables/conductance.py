@@ -7,6 +7,7 @@ Barber, 2003): the conductance is a stiffness, that of a small move with the con
 from functools import partial
 from typing import Annotated
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
@@ -19,6 +20,7 @@ from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import SolverError
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Mask, Scalar
+from jaxstab.core.unit_system import NO_UNITS, Units
 from jaxstab.core.units import NUMBER, SPRING_CONSTANT, Dimension, Dimensioned
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.solids import FreeHalfSpace, HalfSpace
@@ -34,13 +36,15 @@ class Conductance(Stackable, Dimensioned):
             [length/resistivity]; on a line that per length across it. Zero without contact,
             infinite in full contact, where nothing constricts the current.
         incremental_stiffness: the force over a small approach with the contact points held
-            [pressure length]; on a line [pressure].
+            [force/length]; on a line [pressure].
         current: the part of the whole current that flows through each point; its sum is 1.
+        units: the units of length and of pressure, None where unknown.
     """
 
     conductance: Annotated[Scalar, CONDUCTANCE]
     incremental_stiffness: Annotated[Scalar, SPRING_CONSTANT]
     current: Annotated[Field, NUMBER]
+    units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
 
     __repr__ = block
 
@@ -105,6 +109,7 @@ def conductance_at(
         conductance=2 * stiffness / resistivity,
         incremental_stiffness=solid.contact_modulus * stiffness,
         current=current,
+        units=contact.units,
     )
 
 

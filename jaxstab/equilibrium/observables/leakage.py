@@ -2,6 +2,7 @@
 
 from typing import Annotated
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
@@ -10,6 +11,7 @@ from jaxstab.core.checks import array, require_positive, scalar_parameter
 from jaxstab.core.display import block
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Scalar
+from jaxstab.core.unit_system import NO_UNITS, Units
 from jaxstab.core.units import LENGTH, VISCOSITY, VOLUME, Dimensioned
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.observables.flow import Flow, Solver, conducting, flows
@@ -28,12 +30,14 @@ class Leakage(Stackable, Dimensioned):
             drop per length [length]; NaN where nothing flows through.
         flux: for each such side and each side of the grid, the flux per length through the face to
             the next point, times the viscosity, over the mean drop per length [length^3].
+        units: the units of length and of pressure, None where unknown.
     """
 
     permeability: Annotated[Float[Array, "sides sides"], VOLUME]
     viscosity: Annotated[Scalar, VISCOSITY]
     drop: Annotated[Float[Array, " sides *grid"], LENGTH]
     flux: Annotated[Float[Array, " sides sides *grid"], VOLUME]
+    units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
 
     __repr__ = block
 
@@ -108,6 +112,7 @@ def leakage_at(
         viscosity=array(resistance, dtype),
         drop=array([flow.drop for flow in found], dtype),
         flux=array(largest**3 * np.stack([flow.flux for flow in found]), dtype),
+        units=contact.units,
     )
 
 

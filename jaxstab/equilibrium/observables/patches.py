@@ -2,6 +2,7 @@
 
 from typing import Annotated
 
+import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -10,6 +11,7 @@ from jaxstab.contact import Contact
 from jaxstab.core.checks import array, is_traced
 from jaxstab.core.display import block
 from jaxstab.core.types import Field, Mask, Scalar
+from jaxstab.core.unit_system import NO_UNITS, Units
 from jaxstab.core.units import AREA, FORCE, LENGTH, Dimensioned
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.observables.clusters import Neighbours, clusters_of
@@ -27,13 +29,14 @@ class Patches(Dimensioned):
         perimeters: of each, along the sides of its points [length]: of a disc 4 / pi times the
             circumference. On a line the number of ends.
         forces: the elastic pressure summed over each: reaction less attraction, positive in
-            compression [pressure length^2]; on a line [pressure length].
+            compression [force]; on a line [force/length].
         percolates: for each side, whether a patch goes on along it without end, around the periodic
             cell; on a window, whether a patch reaches both edges.
         area: that of all points in contact [length^2]; on a line a length.
         true_area: the same less what the grid counts too much, (pi - 1 + ln 2) / 24 of the
             perimeters times the spacing, and not below zero [length^2]. On a line the same.
         labels: the patch of each point, from 1 on; 0 out of contact.
+        units: the units of length and of pressure, None where unknown.
     """
 
     number: Int[Array, ""]
@@ -44,6 +47,7 @@ class Patches(Dimensioned):
     area: Annotated[Scalar, AREA]
     true_area: Annotated[Scalar, AREA]
     labels: Int[Array, " *grid"]
+    units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
 
     __repr__ = block
 
@@ -115,6 +119,7 @@ def patches_at(
         area=array(counted, dtype),
         true_area=array(max(counted - excess, 0.0), dtype),
         labels=jax.device_put(ranks[found.labels]),
+        units=contact.units,
     )
 
 

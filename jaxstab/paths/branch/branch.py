@@ -71,26 +71,27 @@ class Branch(Dimensioned):
 
     def __repr__(self) -> str:
         try:
-            loads, name = np.asarray(self.load.value), type(self.load).__name__
+            loads, units = np.asarray(self.load.value), self.equilibrium.units
+            first, last = (display.amount(loads[i], units, self.load.unit) for i in (0, -1))
             index = np.asarray(self.index)
             unknown = f"{np.sum(index < 0)} of unknown index, " if np.any(index < 0) else ""
             lines = [
-                f"Branch: {name} {display.number(loads[0])} to {display.number(loads[-1])} in "
+                f"Branch: {type(self.load).__name__} {first} to {last} in "
                 f"{loads.size} states, {np.sum(index > 0)} of them unstable, {unknown}"
                 f"{len(self.turns)} turns; "
                 f"ends {ENDS[self.end].split(': ', 1)[1]}; {self.result.name}"
             ]
-            table = [display.table(_rows(name, self.turns))] if len(self.turns) else []
+            table = [display.table(_rows(self.turns))] if len(self.turns) else []
             return "\n".join([*lines, *table])
         except display.UNREADABLE:
             return display.block(self)
 
 
-def _rows(name: str, turns: Turn) -> dict[str, list[str]]:
+def _rows(turns: Turn) -> dict[str, list[str]]:
     state = turns.equilibrium
     return {
-        name: column(turns.load.value, "{:.8g}".format),
+        **display.load_column(turns.load, state.units, ".8g"),
         "kind": column(turns.kind.name, str),
-        "mean pressure": column(state.mean_pressure, "{:+.4e}".format),
+        **display.pressure_columns(state),
         "contact area": column(state.contact_area, lambda part: f"{100 * part:.2f} %"),
     }

@@ -319,6 +319,8 @@ def _branch(contact: Contact, loads: Load, walk: Walk, entries: Entry, turns: Tu
         place.stored - place.stored[0],
         jnp.zeros_like(place.energy),
         place.gap if place.gap.size else None,
+        contact.units,
+        contact.solid.is_window,
     )
     load = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], place.value.shape), loads)
     return Branch(load.at(place.value), states, entries.index, turns, walk.end, result)

@@ -69,6 +69,8 @@ def critical_load_at(limit: Limit, contact: Contact, shared: Load) -> CriticalLo
             in_contact=in_contact,
             contact_area=jnp.where(is_found, contact_area(contact, limit.gap), jnp.nan),
             area=contact.area,
+            units=contact.units,
+            is_window=contact.solid.is_window,
             residual=limit.residual,
             num_steps=limit.num_steps,
             result=limit.result,

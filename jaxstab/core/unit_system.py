@@ -1,0 +1,153 @@
+"""Unit systems: the unit symbol of a quantity, from the units of length and of pressure.
+
+The other units follow from these two. In µm and MPa forces are in µN, energies in pJ and energies
+per area in J/m^2. Here alone a dimension becomes a unit symbol.
+"""
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Units(NamedTuple):
+    """The units of length and of pressure, None where unknown, and the sides of the grid.
+
+    On a line, which has one side, energies, forces and areas are those per length of the other.
+    """
+
+    length: str | None = None
+    pressure: str | None = None
+    sides: int = 2
+
+    @classmethod
+    def checked(cls, length: str | None, pressure: str | None, sides: int = 2) -> "Units":
+        """Return units by their names; those of pressure are pascals where lengths are in metres.
+
+        Raises:
+            ValueError: for a name of no unit of length, or of no unit of pressure.
+        """
+        unit = None if length is None else unit_of(length)
+        in_metres = "Pa" if unit == "m" else None
+        return cls(unit, in_metres if pressure is None else pressure_unit_of(pressure), sides)
+
+
+NO_UNITS = Units()
+
+LENGTHS = {"km": 3, "m": 0, "mm": -3, "µm": -6, "nm": -9, "Å": -10, "pm": -12}
+PRESSURES = {"Pa": 0, "kPa": 3, "MPa": 6, "GPa": 9, "TPa": 12}
+# With the Greek letter, the micro sign, or neither; and the angstrom sign beside the letter.
+_SPELLINGS = {
+    "um": "µm",
+    "\u03bcm": "µm",
+    "A": "Å",
+    "\u212b": "Å",
+    "angstrom": "Å",
+    "micron": "µm",
+    "microns": "µm",
+} | {
+    prefix + name + plural: unit
+    for prefix, unit in {"": "m", "kilo": "km", "milli": "mm", "micro": "µm", "nano": "nm"}.items()
+    for name in ("meter", "metre")
+    for plural in ("", "s")
+}
+_PREFIXES = dict(
+    zip(range(-18, 13, 3), ["a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"], strict=True)
+)
+# Derived SI units, with the powers of pressure and length that they are products of.
+_DERIVED = {"energy": ("J", 1, 3), "force": ("N", 1, 2), "area": ("m^2", 0, 2)}
+_BASIC = {"pressure": ("Pa", 1, 0), "length": ("m", 0, 1), "voltage": ("V", 0, 0)}
+_WORD = re.compile(r"([a-z]+)(?:\^(\d))?")
+_ON_A_LINE = {
+    "energy": "energy/length",
+    "force": "force/length",
+    "force/length": "pressure",
+    "length^2": "length",
+}
+
+
+def unit_of(name: object) -> str:
+    """Return the usual symbol of a unit of length.
+
+    Raises:
+        ValueError: for any other text.
+    """
+    word = str(name)
+    unit = _SPELLINGS.get(word, _SPELLINGS.get(word.lower(), word))
+    if not isinstance(name, str) or unit not in LENGTHS:
+        raise ValueError(f"the unit is {name!r}: choose one of {', '.join(LENGTHS)}.")
+    return unit
+
+
+def pressure_unit_of(name: object) -> str:
+    """Return the symbol of a unit of pressure.
+
+    Raises:
+        ValueError: for any other text.
+    """
+    if not isinstance(name, str) or name not in PRESSURES:
+        raise ValueError(f"the unit of pressure is {name!r}: choose one of {', '.join(PRESSURES)}.")
+    return name
+
+
+def unit_symbol(units: Units, dimension: str) -> str:
+    """Return the unit of the numbers of a dimension, as "MPa/µm"; it keeps words without a unit."""
+    exponent, text = _in_si(units, dimension)
+    if exponent is None:
+        return text
+    return _PREFIXES[exponent] + text if exponent in _PREFIXES else f"1e{exponent} {text}"
+
+
+def readable_unit(units: Units, dimension: str, largest: float) -> tuple[float, str]:
+    """Return a divisor of values up to the largest, and the unit with the prefix that suits them.
+
+    Only derived units, as of forces, and metres and pascals take a prefix: another unit of length
+    or pressure is the user's choice.
+    """
+    exponent, text = _in_si(units, dimension)
+    if exponent is None and re.match(r"(m|Pa)(/|$)", text):
+        exponent = 0
+    if exponent is None or not 0 < largest < np.inf:
+        return 1.0, unit_symbol(units, dimension)
+    power = int(3 * np.floor((np.log10(largest) + exponent + 1e-9) / 3))
+    power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
+    return 10.0 ** (power - exponent), _PREFIXES[power] + text
+
+
+def measured(units: Units, value: float, dimension: str, digits: int = 3) -> str:
+    """Return a value with a readable unit, as "36.2 fJ", or as "2 [length]" without a unit."""
+    divisor, unit = readable_unit(units, dimension, abs(value))
+    return f"{value / divisor:.{digits}g} {in_brackets(unit) if has_words(unit) else typeset(unit)}"
+
+
+def has_words(unit: str) -> bool:
+    """Whether a unit is unknown in a part, of which it holds the dimension."""
+    known = {*_BASIC, *_DERIVED, "time", "resistivity", "load"}
+    return not known.isdisjoint(re.findall("[a-z]+", unit))
+
+
+def in_brackets(unit: str) -> str:
+    """Return a unit for a label, in brackets; nothing for a plain number."""
+    return "" if unit in ("", "1") else f"[{typeset(unit)}]"
+
+
+def typeset(unit: str) -> str:
+    """Return a unit with raised powers."""
+    return re.sub(r"\^(\d)", lambda power: "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(power[1])], unit)
+
+
+def _in_si(units: Units, dimension: str) -> tuple[int | None, str]:
+    """Return a derived SI unit and the power of ten before it, or no power and the users' units."""
+    length, pressure, sides = units
+    dimension = _ON_A_LINE.get(dimension, dimension) if sides == 1 else dimension
+    if length is None or pressure is None or not re.search("energy|force|voltage", dimension):
+        known = {"length": length, "pressure": pressure}
+        return None, re.sub("[a-z]+", lambda word: known.get(word[0]) or word[0], dimension)
+    exponent = 0
+    for part, sign in zip(dimension.partition("/")[::2], (1, -1), strict=True):
+        for word, power in _WORD.findall(part):
+            _, of_pressure, of_length = {**_BASIC, **_DERIVED}.get(word, ("", 0, 0))
+            own = of_pressure * PRESSURES[pressure] + of_length * LENGTHS[length]
+            exponent += sign * own * int(power or 1)
+    symbols = {word: symbol for word, (symbol, *_) in {**_BASIC, **_DERIVED}.items()}
+    return exponent, re.sub("[a-z]+", lambda word: symbols.get(word[0], word[0]), dimension)
