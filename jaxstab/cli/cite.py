@@ -3,16 +3,6 @@
 import argparse
 
 import jaxstab
-from jaxstab.cli.parsing import Parser
-
-DESCRIPTION = "Print the sources to cite: the software, and the papers behind its functions."
-
-
-def add_options(parser: Parser) -> None:
-    """Add the options of the command."""
-    help = "a function or module, as equilibrate or references.jkr (default: the method itself)"
-    parser.add_argument("names", nargs="*", metavar="NAME", help=help)
-    parser.add_argument("--bibtex", action="store_true", help="as BibTeX")
 
 
 def run(options: argparse.Namespace) -> None:

@@ -2,22 +2,12 @@
 
 import argparse
 import json
-from pathlib import Path
 from typing import Any
 
-from jaxstab.cli.parsing import Parser
-from jaxstab.cli.problem import OF_A_FILE, add_file_options, surface_of
-from jaxstab.cli.result import add_result_options, loaded
+from jaxstab.cli.options import OF_A_FILE
+from jaxstab.cli.problem import surface_of
+from jaxstab.cli.result import loaded
 from jaxstab.files.netcdf import attributes_of
-
-DESCRIPTION = "Describe a file: a surface, with its statistics, or a result."
-
-
-def add_options(parser: Parser) -> None:
-    """Add the options of the command."""
-    parser.add_argument("file", type=Path, metavar="FILE", help="a surface or a result")
-    add_file_options(parser, "a surface")
-    add_result_options(parser)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -29,6 +29,17 @@ class Parser(argparse.ArgumentParser):
         # That of argparse knows no exponents: it takes -1e-3 for an option.
         self._negative_number_matcher = _NEGATIVE
 
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Return the options; an argument that is none ends the command and names the nearest."""
+        options, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            name = unknown[0].partition("=")[0]
+            if not name.startswith("-"):
+                self.error(f"unrecognized argument: {name}")
+            close = nearest(name, self._option_string_actions)
+            self.error(f"there is no option {name}; the nearest is {close}.")
+        return options
+
     @property
     def options(self) -> list[str]:
         """The long names of the options that a configuration can hold, as in --size."""
@@ -42,6 +53,11 @@ class Parser(argparse.ArgumentParser):
     def refuse(self, name: str, reason: str) -> NoReturn:
         """Exit with a line about a wrong option."""
         self.error(f"argument {option_of(name)} {reason}.")
+
+
+def nearest(word: str, choices: Iterable[str]) -> str:
+    """Return the choice that is spelled most like a word."""
+    return get_close_matches(word, [*choices], 1, cutoff=0)[0]
 
 
 class Ended(Exception):
@@ -66,6 +82,13 @@ def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
         return number
 
     return convert
+
+
+def existing_file(text: str) -> Path:
+    """Return the path of a file that is there."""
+    if not Path(text).is_file():
+        raise argparse.ArgumentTypeError(f"there is no file {text}.")
+    return Path(text)
 
 
 def number(text: str) -> float:
@@ -97,10 +120,9 @@ def from_config(parser: Parser, path: Path) -> list[str]:
             parser.error(f"argument --config: {path}: {name} is {value!r}: give a number or text.")
         option = option_of(name)
         if option not in parser.options:
-            nearest = get_close_matches(option, parser.options, 1, cutoff=0)[0]
+            close = nearest(option, parser.options)[2:].replace("-", "_")
             parser.error(
-                f"argument --config: {path}: there is no option {name}; the nearest is "
-                f"{nearest[2:].replace('-', '_')}."
+                f"argument --config: {path}: there is no option {name}; the nearest is {close}."
             )
         texts = list(map(str, values))
         # In one word a negative number is no option.

@@ -8,8 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxstab import plots
-from jaxstab.cli.parsing import Parser, whole_number
-from jaxstab.cli.result import add_result_options, loaded
+from jaxstab.cli.result import loaded
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.files.dataset import Result
@@ -18,23 +17,6 @@ from jaxstab.paths import Path as Followed
 from jaxstab.paths.observe import Observed
 from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
-
-DESCRIPTION = (
-    "Draw a result: a loop, a branch, a pass, a stability curve, or the fields of one state."
-)
-
-
-def add_options(parser: Parser) -> None:
-    """Add the options of the command."""
-    parser.add_argument("file", type=Path, metavar="RESULT.nc", help="a result")
-    help = "the figure, .png, .pdf or .svg (default: beside the result)"
-    parser.add_argument("--output", type=Path, metavar="FILE", help=help)
-    parser.add_argument(
-        "--state", type=whole_number(0), help="draw one state of a sweep, from 0 on"
-    )
-    help = "width in print, a column or a page (default double)"
-    parser.add_argument("--width", choices=["single", "double"], default="double", help=help)
-    add_result_options(parser)
 
 
 def run(options: argparse.Namespace) -> None:

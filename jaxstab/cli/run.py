@@ -10,15 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from jaxstab.cli import problem
-from jaxstab.cli.parsing import (
-    FAILED,
-    INTERRUPTED,
-    Ended,
-    Parser,
-    from_config,
-    number,
-    whole_number,
-)
+from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended
 from jaxstab.contact import Contact
 from jaxstab.core.optional_packages import NETCDF, are_installed
 from jaxstab.core.results import RESULTS
@@ -29,55 +21,6 @@ from jaxstab.paths import PathInterrupted, follow
 from jaxstab.paths.sweep import Sweep, SweepInterrupted, sweep
 from jaxstab.plots import path as plot_path
 from jaxstab.plots import stability_curve
-
-DESCRIPTION = """\
-Load and unload a rough contact with an adhesive elastic half space, and locate every jump; or
-assess the stability of its equilibria as it is unloaded (Rey & Bleyer, section 4.2.3). The figure
-and the data go into a new folder."""
-# What belongs to one study, and its defaults.
-_STUDIES: dict[str, dict[str, Any]] = {
-    "loop": {"smallest_jump": None},
-    "unloading": {"number": 21, "order": "continuation"},
-}
-
-
-def add_options(parser: Parser) -> None:
-    """Add the options of the command."""
-    parser.add_argument("--config", type=Path, metavar="FILE", help="a TOML file of these options")
-    kinds = list(_STUDIES)
-    help = "kind of run (default %(default)s)"
-    parser.add_argument("--study", choices=kinds, default=kinds[0], help=help)
-    problem.add_options(parser)
-    add = parser.add_argument_group("loop, from the last load to the first and back").add_argument
-    help = (
-        "locate jumps that lose at least this share of the problem's energy (default 2e-7, or "
-        "0.3 %% of the earlier losses if that is more)"
-    )
-    add("--smallest-jump", type=number, help=help)
-    add = parser.add_argument_group("unloading, from the first load to the last").add_argument
-    defaults = _STUDIES["unloading"]
-    add("--number", type=whole_number(1), help=f"number of loads (default {defaults['number']})")
-    help = f"start of the solver at each load (default {defaults['order']})"
-    add("--order", choices=["continuation", "independent"], help=help)
-    add = parser.add_argument_group("run").add_argument
-    help = "precision of all numbers (default %(default)s)"
-    add("--precision", choices=["float64", "float32"], default="float64", help=help)
-    help = "folder of the numbered runs (default %(default)s)"
-    add("--output", type=Path, default=Path("results"), help=help)
-
-
-def read(parser: Parser, arguments: list[str], options: argparse.Namespace) -> argparse.Namespace:
-    """Return the options, those of a configuration file before those given, checked."""
-    if options.config is not None:
-        options = parser.parse_args([*from_config(parser, options.config), *arguments])
-    problem.settle(parser, options)
-    for study, defaults in _STUDIES.items():
-        for name, value in defaults.items():
-            if getattr(options, name) is None:
-                setattr(options, name, value)
-            elif study != options.study:
-                parser.refuse(name, f"belongs to --study {study}")
-    return options
 
 
 def run(options: argparse.Namespace) -> None:

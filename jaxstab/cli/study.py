@@ -13,34 +13,12 @@ from typing import Any
 import numpy as np
 
 import jaxstab
-from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended, Parser, whole_number
+from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended
 from jaxstab.core.optional_packages import require_packages
 from jaxstab.studies import StudyInterrupted
 
-DESCRIPTION = """\
-Run or continue the study that a Python file describes: the file defines the function `case` and its
-`axes`, as jaxstab.study takes them. Finished cases are never run again."""
-
 # What the file is imported as: no name that another module may have.
 _MODULE = "__study__"
-
-
-def add_options(parser: Parser) -> None:
-    """Add the options of the command."""
-    parser.add_argument("file", type=Path, metavar="STUDY.py", help="defines `case` and `axes`")
-    help = "the store of the results; made if it does not exist"
-    parser.add_argument("--path", type=Path, metavar="STUDY.zarr", required=True, help=help)
-    help = "number of cases that run at once, by jax.vmap (default %(default)s)"
-    parser.add_argument("--batch", type=whole_number(1), default=1, help=help)
-    engine = parser.add_mutually_exclusive_group()
-    help = "run cases in N processes of this machine"
-    engine.add_argument("--workers", type=whole_number(1), metavar="N", help=help)
-    help = "run cases on the workers of a Dask scheduler, as in tcp://HOST:8786"
-    engine.add_argument("--scheduler", metavar="ADDRESS", help=help)
-    help = "run failed cases again"
-    parser.add_argument("--retry", action="store_true", help=help)
-    help = "continue a store that was begun with another case, and record the changes"
-    parser.add_argument("--accept-changes", action="store_true", help=help)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -79,6 +79,12 @@ def unit_of(name: object) -> str:
     return unit
 
 
+def converted(value: np.ndarray, unit: str, other: str) -> np.ndarray:
+    """Return lengths in another unit, rounded once: units are whole powers of ten apart."""
+    exponent = LENGTHS[unit] - LENGTHS[other]
+    return value * 10.0**exponent if exponent >= 0 else value / 10.0**-exponent
+
+
 def pressure_unit_of(name: object) -> str:
     """Return the symbol of a unit of pressure.
 

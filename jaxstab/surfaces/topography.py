@@ -10,7 +10,8 @@ import numpy as np
 from jaxstab.core.checks import is_traced, known
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid, require_grid, resample
-from jaxstab.surfaces import faults, processing, units
+from jaxstab.core.unit_system import converted, unit_of
+from jaxstab.surfaces import faults, processing
 from jaxstab.surfaces.formats import Scan, scan_of
 
 FILL = "fill them, as by `js.surfaces.Topography(grid, heights).filled()`."
@@ -74,11 +75,11 @@ class Topography:
         heights.flags.writeable = False
         object.__setattr__(self, "heights", heights)
         if self.unit is not None:
-            object.__setattr__(self, "unit", units.unit_of(self.unit))
+            object.__setattr__(self, "unit", unit_of(self.unit))
 
     def _take(self, scan: Scan) -> None:
         """Take heights with lengths and a unit of their own, which must agree with those given."""
-        lengths, unit = known(self.grid.lengths), self.unit and units.unit_of(self.unit)
+        lengths, unit = known(self.grid.lengths), self.unit and unit_of(self.unit)
         if scan.lengths is not None and not is_traced(lengths):
             own = np.broadcast_to(scan.lengths, lengths.shape)
             if not np.allclose(own, lengths, _ROUNDING, 0):
@@ -207,9 +208,9 @@ class Topography:
                 "The unit of this topography is unknown: say it first, by `unit=` in "
                 "`js.surfaces.read` or `Topography(grid, heights, unit)`."
             )
-        unit = units.unit_of(unit)
-        lengths = units.converted(self.lengths, self.unit, unit)
-        heights = units.converted(self.heights, self.unit, unit)
+        unit = unit_of(unit)
+        lengths = converted(self.lengths, self.unit, unit)
+        heights = converted(self.heights, self.unit, unit)
         return replace(self, grid=Grid(self.grid.shape, lengths), heights=heights, unit=unit)
 
     def cropped(self, x: tuple[float, float], y: tuple[float, float] | None = None) -> "Topography":

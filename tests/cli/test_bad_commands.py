@@ -1,6 +1,11 @@
+import subprocess
+import sys
+
+import numpy as np
 import pytest
 
 from jaxstab.__main__ import main
+from jaxstab.cli.options import in_options
 
 SMALL = ["--size", "32", "--k-high", "8", "--study", "unloading", "--number", "5"]
 MATERIAL = ["--youngs-modulus", "2", "--surface-energy", "0.02", "--range", "0.2"]
@@ -33,11 +38,12 @@ MATERIAL = ["--youngs-modulus", "2", "--surface-energy", "0.02", "--range", "0.2
         (["--smallest-jump", "1e-3"], "--smallest-jump belongs to --study loop."),
         (["--study", "loop"], "--number belongs to --study unloading."),
         (["--lengths", "2"], "--lengths belongs to --surface."),
-        (["--surface", "scan.txt"], "--size describes a generated surface"),
-        (["--colour", "red"], "unrecognized arguments: --colour red"),
-        (["--siz", "8"], "unrecognized arguments: --siz 8"),
+        (["--surface", __file__], "--size describes a generated surface"),
+        (["--surface", "none.txt"], "there is no file none.txt."),
+        (["--colour", "red"], "there is no option --colour; the nearest is --"),
+        (["--siz", "8"], "there is no option --siz; the nearest is --size."),
         (["--size"], "--size: expected one argument"),
-        (["--config", "none.toml"], "none.toml: No such file"),
+        (["--config", "none.toml"], "there is no file none.toml."),
     ],
 )
 def test_options_that_make_no_sense_end_in_one_line(tmp_path, capsys, arguments, message):
@@ -48,13 +54,15 @@ def test_options_that_make_no_sense_end_in_one_line(tmp_path, capsys, arguments,
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["walk"], "unrecognized arguments: walk"),
+        (["rnu"], "there is no command rnu; the nearest is run. Commands: run, study, info"),
         (["info"], "the following arguments are required: FILE"),
         (["info", "none.x3p"], "none.x3p"),
         (["info", "empty.txt"], "empty.txt"),
-        (["plot", "none.nc"], "There is no file none.nc."),
+        (["plot", "none.nc"], "there is no file none.nc."),
+        (["plot", "empty.txt", "--widht", "single"], "no option --widht; the nearest is --width."),
         (["plot", "empty.txt"], "empty.txt is no readable NetCDF file"),
-        (["cite", "gravity"], "There is no gravity in jaxstab: give a public name."),
+        (["cite", "equilibrat"], "there is no equilibrat in jaxstab; the nearest is equilibrate."),
+        (["cite", "plots.drawing"], "There is no plots.drawing in jaxstab: give a public name."),
         (["run", "--surface", "empty.txt"], "--youngs-modulus is needed with --surface"),
         (["run", "--surface", "empty.txt", *MATERIAL], "empty.txt"),
         (["run", "--config", "empty.txt", "--output", "empty.txt"], "empty.txt"),
@@ -89,3 +97,35 @@ def assert_refused(arguments, message, capsys):
     said = capsys.readouterr().err
     assert refused.value.code == 2
     assert message in said and said.count("\n") == 1, said
+
+
+@pytest.mark.parametrize(
+    "arguments", [["rnu"], ["--siz", "8"], ["info", "none.x3p"], ["cite", "x"]]
+)
+def test_a_mistake_is_answered_before_anything_heavy_is_imported(arguments):
+    code = (
+        "import sys, jaxstab.__main__ as command\n"
+        f"try: command.main({arguments})\n"
+        "except SystemExit as ended: print(ended.code)\n"
+        "print(sorted({'jax', 'numpy', 'equinox', 'matplotlib'} & {*sys.modules}))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.splitlines() == ["2", "[]"]
+    assert len(ran.stderr.splitlines()) == 1
+
+
+def test_advice_has_the_form_of_the_command_line(tmp_path, capsys):
+    np.savetxt(tmp_path / "plain.txt", np.random.default_rng(0).normal(size=(40, 40)))
+    with pytest.raises(SystemExit):
+        main(["run", "--surface", str(tmp_path / "plain.txt"), *MATERIAL])
+    assert "as in --lengths 3 1.4." in capsys.readouterr().err
+    for python, options in (
+        (
+            'by `Topography.periodic("window")` or "mirror".',
+            "by --periodic window or --periodic mirror.",
+        ),
+        ("locate fewer jumps (`smallest_jump`)", "locate fewer jumps (--smallest-jump)"),
+        ("leave out `lengths=`, `mu`", "leave out --lengths, `mu`"),
+        ("A grid of 64 x 64 would do, or", "--size 64 would do, or"),
+    ):
+        assert in_options(python) == options

@@ -7,8 +7,7 @@ import xarray
 import jaxstab as js
 from jaxstab.__main__ import main
 from jaxstab.cli import problem
-from jaxstab.cli import run as run_command
-from jaxstab.cli.parsing import Parser
+from jaxstab.cli.options import LAWS, read
 
 MATERIAL = ["--youngs-modulus", "2", "--surface-energy", "0.02", "--range", "0.2"]
 
@@ -101,16 +100,14 @@ def test_a_configuration_does_what_options_do_and_they_go_before_it(tmp_path, ca
     assert third["load"].size == 2 and third["load"][0] == first["load"][0] == -1e-3
 
 
-@pytest.mark.parametrize("law", [*problem.LAWS, "none"])
+@pytest.mark.parametrize("law", [*LAWS, "none"])
 def test_the_first_load_by_default_takes_pressures_of_the_problems_own(law):
     youngs_modulus, energy, length, rms, k_high = 0.2, 0.03, 0.4, 0.1, 4
     given = ["--youngs-modulus", str(youngs_modulus), "--rms-height", str(rms)]
     given += ["--size", "16", "--k-high", str(k_high), "--potential", law]
     if law != "none":
         given += ["--surface-energy", str(energy), "--range", str(length)]
-    parser = Parser(prog="jaxstab run")
-    run_command.add_options(parser)
-    options = run_command.read(parser, given, parser.parse_args(given))
+    _, options = read(given)
     contact = problem.contact_of(options)
     assert (f"w = {energy:g}" in problem.described(options, contact)) == (law != "none")
     loads = problem.loads_of(options, contact, [0, 1])
@@ -118,3 +115,16 @@ def test_the_first_load_by_default_takes_pressures_of_the_problems_own(law):
     # That of the shortest wave as high as summits are, and that which does w over the range.
     own = youngs_modulus * np.pi * k_high * 3 * rms + energy / length
     assert abs(js.equilibrate(contact, loads[0]).mean_pressure) < own
+
+
+def test_one_length_is_a_square_and_units_are_shown(tmp_path):
+    heights = js.surfaces.sinusoid(js.Grid(16), 0.01)
+    np.savetxt(tmp_path / "scan.txt", heights)
+    given = ["--surface", str(tmp_path / "scan.txt"), "--lengths", "10", *MATERIAL]
+    _, options = read([*given, "--unit", "um", "--pressure-unit", "MPa", "--periodic", "as_is"])
+    contact = problem.contact_of(options)
+    np.testing.assert_array_equal(contact.grid.lengths, [10, 10])
+    assert (contact.unit, contact.pressure_unit) == ("µm", "MPa")
+    said = problem.described(options, contact)
+    assert "10 x 10 µm, 16 x 16 points" in said
+    assert "E = 2 MPa, nu = 0; adhesion: exponential, w = 20 mJ/m², rho = 0.2 µm" in said

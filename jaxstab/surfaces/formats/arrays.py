@@ -4,8 +4,8 @@ from io import BytesIO
 
 import numpy as np
 
+from jaxstab.core.unit_system import unit_of
 from jaxstab.surfaces.formats.scan import Scan, chosen, on_a_side_or_two
-from jaxstab.surfaces.units import unit_of
 
 
 def read_arrays(content: bytes, channel: str | None) -> Scan:

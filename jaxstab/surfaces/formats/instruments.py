@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from jaxstab.core.optional_packages import require_packages
+from jaxstab.core.unit_system import unit_of
 from jaxstab.surfaces.formats.scan import Scan, UnknownContent, chosen, on_a_side_or_two
-from jaxstab.surfaces.units import unit_of
 
 # The readers of these formats take files of any kind.
 _UNMARKED = {"hgt", "nms", "h5"}

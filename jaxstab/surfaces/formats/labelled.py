@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from jaxstab.core.optional_packages import NETCDF, require_packages
+from jaxstab.core.unit_system import unit_of
 from jaxstab.surfaces.formats.scan import (
     Scan,
     UnknownContent,
@@ -13,7 +14,6 @@ from jaxstab.surfaces.formats.scan import (
     even_spacing,
     on_a_side_or_two,
 )
-from jaxstab.surfaces.units import unit_of
 
 
 def read_netcdf(content: bytes, channel: str | None) -> Scan:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxstab.surfaces.units import converted
+from jaxstab.core.unit_system import converted
 
 # The relative error up to which coordinates in a file are evenly spaced.
 _UNEVEN = 1e-2

@@ -1,0 +1,311 @@
+"""The options of all commands, read and checked before anything heavy is imported."""
+
+import argparse
+import re
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jaxstab
+from jaxstab.cli.parsing import (
+    Parser,
+    existing_file,
+    from_config,
+    nearest,
+    number,
+    option_of,
+    whole_number,
+)
+
+# A command, and the words on it. Without a command: run.
+COMMANDS = {
+    "run": """\
+Load and unload a rough contact with an adhesive elastic half space, and locate every jump; or
+assess the stability of its equilibria as it is unloaded (Rey & Bleyer, section 4.2.3). The figure
+and the data go into a new folder.""",
+    "study": """\
+Run or continue the study that a Python file describes: the file defines the function `case` and its
+`axes`, as jaxstab.study takes them. Finished cases are never run again.""",
+    "info": "Describe a file: a surface, with its statistics, or a result.",
+    "plot": "Draw a result: a loop, a branch, a pass, a stability curve, or the fields of one "
+    "state.",
+    "cite": "Print the sources to cite: the software, and the papers behind its functions.",
+}
+# By their names on the command line, the names of laws and loads in the library.
+LAWS = {
+    "exponential": "Exponential",
+    "gaussian": "Gaussian",
+    "rational": "Rational",
+    "dugdale": "Dugdale",
+    "lennard-jones": "LennardJones",
+}
+LOADS = {
+    "gap": "MeanGap",
+    "displacement": "MeanDisplacement",
+    "pressure": "MeanPressure",
+    "spring": "Spring",
+}
+# Options of a surface that is generated, and their defaults.
+GENERATED: dict[str, Any] = {
+    "size": 256,
+    "seed": 0,
+    "hurst": 0.8,
+    "k_low": 2.0,
+    "k_rolloff": None,
+    "k_high": 32.0,
+    "rms_height": 0.1,
+}
+# What a file of a surface may leave to say.
+OF_A_FILE = ("lengths", "unit", "channel")
+_MEASURED: dict[str, Any] = {**dict.fromkeys(OF_A_FILE), "detrend": 1, "periodic": None}
+# Defaults of the paper's example, which suit the generated surface.
+_MATERIAL: dict[str, Any] = {"youngs_modulus": 1e-3, "surface_energy": 1e-2, "range": 1.0}
+_DEFAULTS = {**GENERATED, **_MEASURED, **_MATERIAL}
+# Options of one kind of run, and their defaults.
+_STUDIES: dict[str, dict[str, Any]] = {
+    "loop": {"smallest_jump": None},
+    "unloading": {"number": 21, "order": "continuation"},
+}
+
+
+# Advice of the library, and the same for the command line.
+_ADVICE = (
+    (r"`js\.surfaces\.read\(path, lengths=\(3\.0, 1\.4\)\)`", "--lengths 3 1.4"),
+    (r"`Topography\.detrended\(\)` takes", "--detrend 1 takes"),
+    (r'`Topography\.periodic\("window"\)` or "mirror"', "--periodic window or --periodic mirror"),
+    (r", and fill them by `Topography\.filled\(\)`|, as by `js\.surfaces\.Topo[^`]*`", ""),
+    (r"use float64", "use --precision float64"),
+    (r"A grid of (\d+) x \1 would do", r"--size \1 would do"),
+    (r"or give the option (--import)", r"or give \1"),
+    (r" by jaxstab\.follow", " by --study loop"),
+)
+
+
+def in_options(message: str) -> str:
+    """Return a message on one line, with its advice in the form of the command line."""
+    for pattern, advice in _ADVICE:
+        message = re.sub(pattern, advice, message)
+    names = {name for parser in _parsers()[1].values() for name in parser.options}
+
+    def option(quoted: re.Match[str]) -> str:
+        return option_of(quoted[1]) if option_of(quoted[1]) in names else quoted[0]
+
+    return " ".join(re.sub(r"`(\w+)=?`", option, message).split())
+
+
+def read(arguments: list[str]) -> tuple[str, argparse.Namespace]:
+    """Return the command that arguments name, and its options, checked."""
+    parser, parsers = _parsers()
+    known = (*COMMANDS, "-h", "--help", "--version")
+    first = arguments[0] if arguments else "run"
+    if first not in known and not first.startswith("-"):
+        parser.error(
+            f"there is no command {first}; the nearest is {nearest(first, COMMANDS)}. "
+            f"Commands: {', '.join(COMMANDS)}."
+        )
+    name, *rest = arguments if first in known and arguments else ["run", *arguments]
+    if name not in COMMANDS:
+        parser.parse_args([name])
+    options = parsers[name].parse_args(rest)
+    return name, _checked_run(parsers[name], rest, options) if name == "run" else options
+
+
+def _parsers() -> tuple[Parser, dict[str, Parser]]:
+    description = "Equilibrium and stability of adhesive rough contacts. Without a command: run."
+    parser = Parser(prog="jaxstab", description=description)
+    text = f"%(prog)s {version('jaxstab')}"
+    parser.add_argument("--version", action="version", version=text)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND")
+    adders = {
+        "run": _add_run,
+        "study": _add_study,
+        "info": _add_info,
+        "plot": _add_plot,
+        "cite": _add_cite,
+    }
+    parsers = {}
+    for name, description in COMMANDS.items():
+        help = description.partition(":")[0].partition(";")[0].replace("\n", " ")
+        parsers[name] = commands.add_parser(name, help=help, description=description)
+        adders[name](parsers[name])
+    return parser, parsers
+
+
+def _add_run(parser: Parser) -> None:
+    help = "a TOML file of these options"
+    parser.add_argument("--config", type=existing_file, metavar="FILE", help=help)
+    kinds = list(_STUDIES)
+    help = "kind of run (default %(default)s)"
+    parser.add_argument("--study", choices=kinds, default=kinds[0], help=help)
+    _add_problem(parser)
+    add = parser.add_argument_group("loop, from the last load to the first and back").add_argument
+    help = (
+        "locate jumps that lose at least this share of the problem's energy (default 2e-7, or "
+        "0.3 %% of the earlier losses if that is more)"
+    )
+    add("--smallest-jump", type=number, help=help)
+    add = parser.add_argument_group("unloading, from the first load to the last").add_argument
+    defaults = _STUDIES["unloading"]
+    add("--number", type=whole_number(1), help=f"number of loads (default {defaults['number']})")
+    help = f"start of the solver at each load (default {defaults['order']})"
+    add("--order", choices=["continuation", "independent"], help=help)
+    add = parser.add_argument_group("run").add_argument
+    help = "precision of all numbers (default %(default)s)"
+    add("--precision", choices=["float64", "float32"], default="float64", help=help)
+    help = "folder of the numbered runs (default %(default)s)"
+    add("--output", type=Path, default=Path("results"), help=help)
+
+
+def _add_problem(parser: Parser) -> None:
+    """Add the options of surface, solid, law and loads."""
+    add = parser.add_argument_group("generated surface (cut-offs in waves per side)").add_argument
+    add("--size", type=whole_number(2), help=f"points along a side{_default('size')}")
+    add("--seed", type=whole_number(0, 2**32 - 1), help=f"seed of the surface{_default('seed')}")
+    add("--hurst", type=number, help=f"Hurst exponent{_default('hurst')}")
+    add("--k-low", type=number, help=f"lower cut-off{_default('k_low')}")
+    add("--k-rolloff", type=number, help="roll-off (default: the lower cut-off)")
+    add("--k-high", type=number, help=f"upper cut-off{_default('k_high')}")
+    add("--rms-height", type=number, help=f"rms height{_default('rms_height')}")
+    _add_file(parser, "measured surface", "--surface")
+    add = parser.add_argument_group("treatment of a measured surface").add_argument
+    help = f"order of the trend that is removed{_default('detrend')}"
+    add("--detrend", type=whole_number(0, 2), help=help)
+    help = "how to make its edges meet (default: as they are, with a warning)"
+    add("--periodic", choices=["window", "mirror", "as_is"], help=help)
+    add = parser.add_argument_group("solid and adhesion (all needed with --surface)").add_argument
+    add("--youngs-modulus", type=number, help=f"E{_default('youngs_modulus')}")
+    add("--poisson-ratio", type=number, default=0.0, help="nu (default %(default)g)")
+    help = "unit of pressures, as MPa, to be shown (default: Pa where lengths are in m)"
+    add("--pressure-unit", help=help)
+    choices = [*LAWS, "none"]
+    add("--potential", choices=choices, default=choices[0], help="law (default %(default)s)")
+    help = f"work of adhesion w, twice gamma of equal surfaces{_default('surface_energy')}"
+    add("--surface-energy", type=number, help=help)
+    add("--range", type=number, help=f"rho{_default('range')}")
+    help = "edge width of Dugdale's law, over rho (default 0.1)"
+    add("--smoothing", type=number, help=help)
+    add = parser.add_argument_group("loads").add_argument
+    add("--load", choices=[*LOADS], default="gap", help="kind of load (default %(default)s)")
+    add("--stiffness", type=number, help="stiffness of the spring")
+    help = "first load (default of a gap: 1e-4 rms heights, above the minimum of a law with a core)"
+    add("--first", type=number, help=help)
+    add("--last", type=number, help="last load (default of a gap: 20 rms heights more)")
+
+
+def _default(name: str) -> str:
+    """Return the default of an option in words, for its help."""
+    return f" (default {_DEFAULTS[name]:g})"
+
+
+def _add_file(parser: Parser, title: str, *names: str) -> None:
+    """Add the options of a measured surface."""
+    add = parser.add_argument_group(title).add_argument
+    for name in names:
+        help = "a scan: text, xyz, npy, NetCDF, x3p, gwy, ..."
+        add(name, type=existing_file, metavar="FILE", help=help)
+    help = "lengths of its sides, or one length of all, if the file has none"
+    add("--lengths", type=number, nargs="+", metavar="L", help=help)
+    add("--unit", help="unit of lengths and heights, if the file has none")
+    add("--channel", help="channel to read (default: the first with heights)")
+
+
+def _add_import(parser: Parser) -> None:
+    help = "import a module that defines classes of the result; loading a file imports none"
+    parser.add_argument("--import", action="append", default=[], metavar="MODULE", help=help)
+
+
+def _add_study(parser: Parser) -> None:
+    help = "defines `case` and `axes`"
+    parser.add_argument("file", type=existing_file, metavar="STUDY.py", help=help)
+    help = "the store of the results; made if it does not exist"
+    parser.add_argument("--path", type=Path, metavar="STUDY.zarr", required=True, help=help)
+    help = "number of cases that run at once, by jax.vmap (default %(default)s)"
+    parser.add_argument("--batch", type=whole_number(1), default=1, help=help)
+    engine = parser.add_mutually_exclusive_group()
+    help = "run cases in N processes of this machine"
+    engine.add_argument("--workers", type=whole_number(1), metavar="N", help=help)
+    help = "run cases on the workers of a Dask scheduler, as in tcp://HOST:8786"
+    engine.add_argument("--scheduler", metavar="ADDRESS", help=help)
+    help = "run failed cases again"
+    parser.add_argument("--retry", action="store_true", help=help)
+    help = "continue a store that was begun with another case, and record the changes"
+    parser.add_argument("--accept-changes", action="store_true", help=help)
+
+
+def _add_info(parser: Parser) -> None:
+    help = "a surface or a result"
+    parser.add_argument("file", type=existing_file, metavar="FILE", help=help)
+    _add_file(parser, "a surface")
+    _add_import(parser)
+
+
+def _add_plot(parser: Parser) -> None:
+    parser.add_argument("file", type=existing_file, metavar="RESULT.nc", help="a result")
+    help = "the figure, .png, .pdf or .svg (default: beside the result)"
+    parser.add_argument("--output", type=Path, metavar="FILE", help=help)
+    help = "draw one state of a sweep, from 0 on"
+    parser.add_argument("--state", type=whole_number(0), help=help)
+    help = "width in print, a column or a page (default double)"
+    parser.add_argument("--width", choices=["single", "double"], default="double", help=help)
+    _add_import(parser)
+
+
+def _add_cite(parser: Parser) -> None:
+    help = "a function or module, as equilibrate or references.jkr (default: the method itself)"
+    parser.add_argument("names", nargs="*", type=_public_name, metavar="NAME", help=help)
+    parser.add_argument("--bibtex", action="store_true", help="as BibTeX")
+
+
+def _public_name(text: str) -> str:
+    """Return a name that begins with one of the library."""
+    first = text.split(".")[0]
+    if first not in jaxstab.__all__:
+        close = nearest(first, jaxstab.__all__)
+        raise argparse.ArgumentTypeError(f"there is no {first} in jaxstab; the nearest is {close}.")
+    return text
+
+
+def _checked_run(
+    parser: Parser, arguments: list[str], options: argparse.Namespace
+) -> argparse.Namespace:
+    """Return the options of a run, those of a configuration file before those given, checked."""
+    if options.config is not None:
+        options = parser.parse_args([*from_config(parser, options.config), *arguments])
+    _settle(parser, options)
+    for study, defaults in _STUDIES.items():
+        for name, value in defaults.items():
+            if getattr(options, name) is None:
+                setattr(options, name, value)
+            elif study != options.study:
+                parser.refuse(name, f"belongs to --study {study}")
+    return options
+
+
+def _settle(parser: Parser, options: argparse.Namespace) -> None:
+    """Refuse options that do not belong together, and set the defaults of the others."""
+    is_measured = options.surface is not None
+    others, reason = (
+        (GENERATED, "describes a generated surface: leave it out with --surface")
+        if is_measured
+        else (_MEASURED, "belongs to --surface")
+    )
+    for name in others:
+        if getattr(options, name) is not None:
+            parser.refuse(name, reason)
+    for name in _MATERIAL:
+        is_given = getattr(options, name) is not None
+        is_needed = options.potential != "none" or name == "youngs_modulus"
+        if is_given and not is_needed:
+            parser.refuse(name, "belongs to a law, not to --potential none")
+        if is_measured and is_needed and not is_given:
+            parser.refuse(name, "is needed with --surface, in the units of the surface")
+    if options.smoothing is not None and options.potential != "dugdale":
+        parser.refuse("smoothing", "belongs to --potential dugdale")
+    if (options.stiffness is not None) != (options.load == "spring"):
+        parser.refuse("stiffness", "belongs to --load spring, which needs it")
+    for name in ("first", "last"):
+        if options.load not in ("gap", "displacement") and getattr(options, name) is None:
+            parser.refuse(name, f"is needed with --load {options.load}")
+    for name, value in _DEFAULTS.items():
+        if getattr(options, name) is None:
+            setattr(options, name, value)
