@@ -44,8 +44,8 @@ class RESULTS(Enumeration):
         "less, or take a larger window"
     )
     pulled_off = member(
-        "no equilibrium was found at this tensile load: the surfaces separate. Pull less, start "
-        "from a state in contact, or prescribe the mean gap instead"
+        "no equilibrium was found, since nothing holds the surfaces together at this load: they "
+        "separate. Pull less, start from a state in contact, or prescribe the mean gap instead"
     )
     no_equilibrium = member(
         "there was no converged equilibrium to assess. Look at the result of the equilibrium"
@@ -61,6 +61,16 @@ class RESULTS(Enumeration):
     no_jump = member(
         "the surfaces separate without a jump, since the machine is stiff. Take the largest "
         "tension of a path by jaxstab.follow, or a softer machine"
+    )
+    no_attraction = member(
+        "the law attracts nowhere, so that nothing holds the surfaces together under tension. Give "
+        "a law with a positive slope at some gap"
+    )
+    unbalanced_work = member(
+        "on steps without a jump the surfaces gained energy that no load supplied: more than the "
+        "error of the sum over the steps. Either the law is not smooth, so that its value or its "
+        "slope jumps: give a smooth one, for instance jaxstab.potentials.CutOff of the law. Or "
+        "jumps are artefacts of a coarse grid: refine it"
     )
     store_full = member(
         "the store is full before the end. Raise `max_states` or `max_jumps`, follow a "

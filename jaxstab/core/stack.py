@@ -83,6 +83,6 @@ def require_single(value: Stackable) -> None:
     """Raise `ValueError` if `value` is a stack."""
     if value.stack_shape:
         raise ValueError(
-            f"This {type(value).__name__} is a stack of shape {value.stack_shape}: choose a state: "
-            "sweep[3]."
+            f"This {type(value).__name__} is a stack of shape {value.stack_shape}: choose one: "
+            "sweep[3], path[-1]."
         )

@@ -26,12 +26,19 @@ from jaxstab.equilibrium.equilibrium import (
     State,
     equilibrium_at,
     in_units_of,
-    single_equilibrium,
+    single_start,
 )
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
 from jaxstab.equilibrium.window import warn_at_edges, whole_start
-from jaxstab.loads import Control, GapControl, Load, require_loads, warn_if_soft
+from jaxstab.loads import (
+    Control,
+    GapControl,
+    Load,
+    SpringControl,
+    require_loads,
+    warn_if_soft,
+)
 from jaxstab.solids import Solid
 
 # In units of the precision: what part of itself a mean gap may be off.
@@ -221,9 +228,9 @@ def initial_gap(contact: Contact, load: Load, initial: ArrayLike | State | None)
         return None
     shape = contact.grid.shape
     if isinstance(initial, eqx.Module):
-        state = single_equilibrium(initial)
+        state = single_start(initial)
         gap = state.gap
-        if gap.ndim == len(shape) and gap.shape != shape:
+        if isinstance(state, Equilibrium) and gap.ndim == len(shape) and gap.shape != shape:
             gap = contact.gap(resample(state.displacement, shape))
     else:
         gap = numbers(initial, "The initial gap")
@@ -236,6 +243,20 @@ def initial_gap(contact: Contact, load: Load, initial: ArrayLike | State | None)
         cure = "it must be positive somewhere, for a load that holds the mean gap."
         require("The largest initial gap", largest, largest > 0, cure)
     return gap
+
+
+def first_gap(contact: Contact, load: Load, initial: ArrayLike | State | None) -> Field | None:
+    """Return `initial_gap` at the start of a path: by default separated if a spring allows it."""
+    start = initial_gap(contact, load, initial)
+    control = contact.control(load)
+    if start is None and isinstance(control, SpringControl):
+        return _separated(control, contact)
+    return start
+
+
+@partial(program, runs_once=True)
+def _separated(control: SpringControl, contact: Contact) -> Field:
+    return control.separated_gap(contact.heights, contact.profile)
 
 
 def _describe(contact: Contact, equilibrium: Equilibrium) -> str:

@@ -183,12 +183,31 @@ def single_equilibrium(state: Any) -> Equilibrium:
     equilibrium = getattr(state, "equilibrium", state)
     if not isinstance(equilibrium, Equilibrium):
         raise TypeError(
-            f"{type(state).__name__} is not a state: give a result of jaxstab.equilibrate, or an "
-            "entry of a sweep. Of a path followed with fields=True, start from the gap: "
-            "equilibrate(contact, path.load[i], initial=path.equilibrium.gap[i])."
+            f"{type(state).__name__} is not a state: give a result of "
+            "jaxstab.equilibrate, or an entry of a sweep. A state of a path that has its gap "
+            "becomes one by equilibrate(contact, path[i].load, initial=path[i])."
         )
     require_single(equilibrium)
     return equilibrium
+
+
+def single_start(state: Any) -> Any:
+    """Return the one equilibrium, or recorded state of a path, that a state is or holds.
+
+    Raises:
+        TypeError: for something that is not a state.
+        ValueError: for a stack of states, and for a recorded state without its gap.
+    """
+    held = getattr(state, "equilibrium", state)
+    if not hasattr(held, "gap") or isinstance(held, Equilibrium):
+        return single_equilibrium(state)
+    require_single(held)
+    if held.gap is None:
+        raise ValueError(
+            "The state of the path was recorded without its gap: start from path[-1], which has "
+            "it, or follow the path with fields=True."
+        )
+    return held
 
 
 def equilibrium_of(contact: Contact, state: State) -> Equilibrium:

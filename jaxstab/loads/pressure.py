@@ -87,9 +87,15 @@ class PressureControl(PressingControl):
         return self.mean_pressure * mean_gap
 
     def escape_gap(self, profile: Profile) -> Scalar:
-        """Return the outermost gap with a thousandth of the attraction that would balance p0."""
-        outermost = profile.outermost_gap(-1e-3 * self.mean_pressure)
-        return jnp.where(self.mean_pressure < 0, outermost, jnp.inf)
+        """Return the outermost gap with a thousandth of the attraction that would balance p0.
+
+        At zero pressure a law that repels at large gaps pushes the surfaces apart without end. If
+        it attracts there, only surfaces beyond all gaps that are looked at are apart.
+        """
+        pressure = self.mean_pressure
+        attracting = jnp.where(profile.repels_far, profile.outermost_attraction, profile.gaps[0])
+        outermost = jnp.where(pressure < 0, profile.outermost_gap(-1e-3 * pressure), attracting)
+        return jnp.where(pressure <= 0, outermost, jnp.inf)
 
     def has_escaped(self, gap: Field, escape_gap: Scalar) -> Flag:
         """Whether all points are beyond that gap."""

@@ -15,6 +15,7 @@ from jaxstab.core.units import LENGTH, STIFFNESS
 from jaxstab.core.warn import warn_once
 from jaxstab.loads.load import Load, prescribed
 from jaxstab.loads.pressure import PressingControl
+from jaxstab.potentials.profile import Profile
 from jaxstab.solids import Solid, apart_from_mean
 
 # In units of the precision: by what part of itself the mean of a gap may be off.
@@ -73,6 +74,18 @@ class SpringControl(PressingControl):
         """Return that of a held mean gap for a stiff spring, that of a held pressure for others."""
         mean_gap = jnp.where(self.is_stiff, jnp.maximum(self.relaxed_gap, 0), 0)
         return mean_gap + jnp.mean(heights) - heights
+
+    def separated_gap(self, heights: Field, profile: Profile) -> Field:
+        """Return the gap of the relaxed spring if a separated state exists, else `starting_gap`.
+
+        It exists if at half of the smallest gap, and further out, the spring pulls harder than the
+        law: a uniform move of the surface then meets an equilibrium before.
+        """
+        start = self.starting_gap(heights)
+        apart = jnp.maximum(self.relaxed_gap, 0) + jnp.mean(heights) - heights
+        half = jnp.min(apart) / 2
+        attraction = jnp.max(jnp.where(profile.gaps >= half, profile.slopes, 0))
+        return jnp.where((half > 0) & (attraction < self.constant * half), apart, start)
 
     def admissible(self, gap: Field) -> Field:
         """Return the gap cut at zero; for a stiff spring, scaled to the mean it had before."""

@@ -15,7 +15,7 @@ from jaxstab.paths.observe import (
     PatchNumbers,
     observe,
 )
-from jaxstab.paths.path import Jump, Path, States
+from jaxstab.paths.path import Jump, Path, PathState, States
 from jaxstab.paths.pull_off import pull_off
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "PatchNumbers",
     "Path",
     "PathInterrupted",
+    "PathState",
     "States",
     "Transition",
     "Turn",

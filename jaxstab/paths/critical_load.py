@@ -22,7 +22,7 @@ from jaxstab.core.conditional import first_good, if_needed
 from jaxstab.core.progress import Report, can_be_shown, searches_bar, unseen
 from jaxstab.core.results import throw_failure
 from jaxstab.core.types import Field
-from jaxstab.equilibrium.equilibrate import initial_gap
+from jaxstab.equilibrium.equilibrate import first_gap
 from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_loads, require_same_machine
@@ -33,6 +33,8 @@ from jaxstab.paths.programme import programme_of
 from jaxstab.paths.record import Count, Room
 from jaxstab.paths.walk import begin, go_on
 
+# Where the branches from the two loads start.
+Starts = list[Field | None]
 # Two ways, to a fold and to a jump.
 _NUM_SEARCHES = 4
 
@@ -79,11 +81,13 @@ def critical_load(
     require_loads(bracket, (2,), "critical_load takes two loads", cure)
     require_same_machine(bracket)
     warn_if_coarse(contact, FOR_JUMPS)
-    start = initial_gap(contact, bracket, initial)
-    whole, start = whole_start(contact, bracket[0], start)
+    whole, starts = contact, []
+    for load in bracket:
+        whole, start = whole_start(contact, load, first_gap(contact, load, initial))
+        starts.append(start)
     own, unit = whole.in_own_units()
     loads = bracket.in_units_of(unit)
-    inputs = jax.lax.stop_gradient((own, loads, start))
+    inputs = jax.lax.stop_gradient((own, loads, starts))
     bar = searches_bar(_NUM_SEARCHES, shown=can_be_shown(progress, inputs))
     # Histories end in NaN, and what was not found is NaN.
     with jax.debug_nans(False), bar as report:
@@ -94,14 +98,15 @@ def critical_load(
     return throw_failure(found.result, found, lambda: _describe(bracket, found), throw)
 
 
-def _find(contact: Contact, bracket: Load, start: Field | None, report: Report = unseen) -> Limit:
+def _find(contact: Contact, bracket: Load, starts: Starts, report: Report = unseen) -> Limit:
     """Return the end of the branch from the first load, or else of that from the second.
 
     If there is neither, the message is about the first.
     """
 
     def end_of(number: ArrayLike) -> Limit:
-        way = contact, if_needed(number == 1, lambda: bracket[::-1], bracket), start
+        there = bracket, starts[0]
+        way = contact, *if_needed(number == 1, lambda: (bracket[::-1], starts[1]), there)
         fold = _fold(*way)
         report(fold)
         end = if_needed(~fold.is_found, lambda: _jump(*way, fold), fold)

@@ -21,7 +21,7 @@ from jaxstab.core.checks import (
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.warn import warn
-from jaxstab.equilibrium.equilibrate import initial_gap
+from jaxstab.equilibrium.equilibrate import first_gap
 from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_load, require_same_machine
@@ -121,7 +121,7 @@ def follow(
     require("max_states", sizes[0], sizes[0] >= 2, "a path has two states at least.")
     require("max_jumps", sizes[1], sizes[1] >= 1, "leave room for one.")
     warn_if_coarse(contact, FOR_JUMPS)
-    start = initial_gap(contact, load[0], initial)
+    start = first_gap(contact, load[0], initial)
     whole, start = whole_start(contact, load[0], start)
     own, unit = whole.in_own_units()
     loads = load.in_units_of(unit)

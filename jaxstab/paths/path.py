@@ -1,5 +1,7 @@
 """The states of a contact along a path, and the jumps between them."""
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Annotated, Any
 
 import equinox as eqx
@@ -10,7 +12,7 @@ from jaxstab.core import display
 from jaxstab.core.display import block, column
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
-from jaxstab.core.types import Scalar
+from jaxstab.core.types import Field, Scalar
 from jaxstab.core.unit_system import NO_UNITS, Units, has_words, readable_unit
 from jaxstab.core.units import AREA, ENERGY, LENGTH, NUMBER, PRESSURE, Dimensioned
 from jaxstab.equilibrium import Equilibrium
@@ -89,8 +91,27 @@ class Jump(Stackable, Dimensioned):
     __repr__ = block
 
 
+class PathState(Stackable, Dimensioned):
+    """A recorded state of a path, or several: `path[-1]`, `path[3:5]`.
+
+    One that has a gap is a start, `initial=`, of further equilibria and paths.
+
+    Attributes:
+        load: its load.
+        equilibrium: the state.
+    """
+
+    load: Load
+    equilibrium: States
+
+    __repr__ = block
+
+
 class Path(Dimensioned):
     """The equilibria that a contact goes through under a programme of loads.
+
+    `path[3]` is a recorded state, `len(path)` their number. The last state, `path[-1]`, always has
+    its gap. So `follow(contact, rest, initial=path[-1])` goes on with a path that was interrupted.
 
     Attributes:
         load: the loads of the recorded states.
@@ -100,10 +121,12 @@ class Path(Dimensioned):
             and the loss in the jumps [energy]. NaN where a dead load has pulled the surfaces apart,
             which it does without end; `equilibrium.work` is known up to there.
         dissipation: the loss in all jumps [energy]; NaN as the work is.
-        result: how the path ended.
+        result: how the path ended. It has failed, as `unbalanced_work`, if steps between jumps have
+            gained energy, so that `unlocated` is below zero by more than its error.
         unlocated: the loss that steps between jumps may hide: the work by quadrature less the
             change of energy [energy]. None in files of version 0.1.0.
         unlocated_error: the error of that quadrature; less than this is nothing [energy].
+        last_gap: g of the last recorded state [length].
     """
 
     load: Load
@@ -114,6 +137,21 @@ class Path(Dimensioned):
     result: RESULTS
     unlocated: Annotated[Scalar, ENERGY] | None = None
     unlocated_error: Annotated[Scalar, ENERGY] | None = None
+    last_gap: Annotated[Field, LENGTH] | None = None
+
+    def __len__(self) -> int:
+        return len(self.load)
+
+    def __getitem__(self, index: Any) -> PathState:
+        state = PathState(self.load[index], self.equilibrium[index])
+        is_last = isinstance(index, int) and index % len(self) == len(self) - 1
+        if is_last and self.equilibrium.gap is None:
+            last = replace(state.equilibrium, gap=self.last_gap)
+            return replace(state, equilibrium=last)
+        return state
+
+    def __iter__(self) -> Iterator[PathState]:
+        return (self[i] for i in range(len(self)))
 
     def __repr__(self) -> str:
         try:
@@ -150,11 +188,12 @@ def _energies(path: Path) -> list[str]:
         ]
     if path.unlocated is None or path.unlocated_error is None:
         lines[0] += " by quadrature, as version 0.1.0 had it"
-    elif path.unlocated > path.unlocated_error:
+    elif abs(path.unlocated) > path.unlocated_error:
         divisor, unit = readable_unit(path.equilibrium.units, ENERGY, float(path.unlocated))
         amount, error = float(path.unlocated) / divisor, float(path.unlocated_error) / divisor
         unit = "" if has_words(unit) else f" {unit}"
-        lines.append(f"  lost in jumps not located  {amount:.2g} ± {error:.1g}{unit}")
+        name = "lost in jumps not located" if amount > 0 else "lost between jumps, which cannot be:"
+        lines.append(f"  {name}  {amount:.2g} ± {error:.1g}{unit}")
     return lines
 
 

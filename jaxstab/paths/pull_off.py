@@ -19,7 +19,7 @@ from jaxstab.core.types import Field, Scalar
 from jaxstab.core.warn import said_once
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrate import initial_gap
-from jaxstab.equilibrium.equilibrium import State, single_equilibrium
+from jaxstab.equilibrium.equilibrium import State, single_start
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, MeanPressure, Spring, warn_if_soft
 from jaxstab.paths.branch_end.critical_load import CriticalLoad, critical_load_at
@@ -96,7 +96,7 @@ def pull_off(
         loads = load.in_units_of(unit)
         end = _find(bar, *jax.lax.stop_gradient((own, loads, start)))
     found = as_shown(end, own, loads[0]).in_units_of(1 / unit).on_surface(whole.solid)
-    return throw_failure(found.result, found, lambda: _describe(constant, load), throw)
+    return throw_failure(found.result, found, lambda: _describe(load), throw)
 
 
 def _find(bar: Any, *inputs: Any) -> tuple[Limit, Equilibrium]:
@@ -127,6 +127,8 @@ def end_of(programme: Programme, ended: Progress[Strongest]) -> tuple[Limit, Equ
     limit = limit_ahead(contact, one.at(before.value), before.gap, jump.ahead)
     result = RESULTS.where(ended.jumps.is_found, limit.result, RESULTS.no_jump)
     result = RESULTS.where(ended.result == RESULTS.successful, result, ended.result)
+    attracts = contact.profile.max_attraction > 0
+    result = RESULTS.where(attracts, result, RESULTS.no_attraction)
     return replace(limit, result=result), jump.state_after(contact, one)
 
 
@@ -140,16 +142,21 @@ def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar,
     """Return the mean pressure to unload from, and the gap there."""
     if not isinstance(initial, eqx.Module):
         state = equilibrate(contact, MeanPressure(0.0), initial=initial, throw=False)
-        return state.mean_pressure, state.gap
-    pressure = single_equilibrium(initial).mean_pressure
+        return jnp.zeros_like(state.mean_pressure), state.gap
+    pressure = single_start(initial).mean_pressure
     gap = initial_gap(contact, MeanPressure(pressure), initial)
     assert gap is not None
     return pressure, gap
 
 
 def dead_load(contact: Contact, pressure: Scalar) -> MeanPressure:
-    """Return the mean pressures from that of a state to one that leaves nothing together."""
-    return MeanPressure(jnp.stack([pressure, -_BEYOND * contact.profile.max_attraction]))
+    """Return the mean pressures from that of a state to one that leaves nothing together.
+
+    Without attraction both are the same.
+    """
+    strongest = contact.profile.max_attraction
+    last = jnp.where(strongest > 0, -_BEYOND * strongest, pressure)
+    return MeanPressure(jnp.stack([pressure, last]))
 
 
 def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array) -> Spring:
@@ -163,13 +170,10 @@ def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array
     control = Spring(0.0, stiffness).control(contact.solid, contact.heights)
     give = contact.solid.share / control.constant
     first = mean_displacement - give * pressure
-    last = mean_displacement + give * deepest + reach + spread
+    last = jnp.where(deepest > 0, mean_displacement + give * deepest + reach + spread, first)
     return Spring(jax.lax.stop_gradient(jnp.stack([first, last])), stiffness)
 
 
-def _describe(contact: Contact, load: Load) -> str:
+def _describe(load: Load) -> str:
     first, last = (float(value) for value in jax.lax.stop_gradient(load.value))
-    way = f"No pull-off found from {type(load).__name__}({first:.6g}) to ({last:.6g})"
-    if contact.profile.max_attraction > 0:
-        return way
-    return f"{way}, since the law attracts nowhere and holds nothing under tension"
+    return f"No pull-off found from {type(load).__name__}({first:.6g}) to ({last:.6g})"

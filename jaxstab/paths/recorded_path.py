@@ -13,6 +13,7 @@ from jaxstab.contact import Contact
 from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import known
 from jaxstab.core.compile import program
+from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries, stacked
 from jaxstab.core.types import Field, Scalar
 from jaxstab.loads import Load
@@ -25,6 +26,8 @@ from jaxstab.paths.record import Event, Table
 
 # Of the states, so that one program serves paths of many lengths.
 _ROOM = 1024
+# In units of the precision: what of a gain of energy may be rounding, over the energies added.
+_ROUNDING = 16
 _Values = Float[Array, " states"]
 
 
@@ -101,8 +104,10 @@ def path_with_room(ended: Progress[Table], contact: Contact, load: Load) -> Path
     Only the first entries are of states, and of jumps, as many as the walk has recorded.
     """
 
-    jumps = jax.lax.map(partial(_jump, contact, load[0]), ended.jumps.rows)
-    return Path(jumps=jumps, **_states(ended, contact, load))
+    rows = ended.jumps.rows
+    jumps = jax.lax.map(partial(_jump, contact, load[0]), rows)
+    last = jax.tree.map(lambda leaf: leaf[ended.jumps.count - 1], rows)
+    return Path(jumps=jumps, **_states(ended, last, contact, load))
 
 
 def path_of(record: Recording, contact: Contact, load: Load) -> Path:
@@ -114,7 +119,8 @@ def path_of(record: Recording, contact: Contact, load: Load) -> Path:
     one = load[0]
     jumps = [_jump_alone(contact, one, event) for event in record.events]
     like = jumps[0] if jumps else jax.eval_shape(_jump_alone, contact, one, record.no_event)
-    parts = _states_alone(record.ended, contact, load)
+    last = record.events[-1] if record.events else record.no_event
+    parts = _states_alone(record.ended, last, contact, load)
     for name in ("load", "equilibrium"):
         parts[name] = first_entries(parts[name], record.num_states)
     parts["equilibrium"] = replace(parts["equilibrium"], gap=record.gaps)
@@ -148,8 +154,8 @@ def _jump(contact: Contact, one: Load, event: Event) -> Jump:
     )
 
 
-def _states(ended: Progress[Any], contact: Contact, load: Load) -> dict[str, Any]:
-    """Return all of a path but its jumps, by name."""
+def _states(ended: Progress[Any], last: Event, contact: Contact, load: Load) -> dict[str, Any]:
+    """Return all of a path but its jumps, by name, given the last of them."""
     assert isinstance(ended.states, Table)
     states, one = ended.states.rows, load[0]
     place = states.place
@@ -162,6 +168,10 @@ def _states(ended: Progress[Any], contact: Contact, load: Load) -> dict[str, Any
     is_branch = (jnp.diff(dissipation) == 0) & jnp.isfinite(place.value[1:])
     unlocated, error = _unlocated_loss(place.value, place.potential, place.force, is_branch)
     end = ended.here
+    # The sum of many terms, each as large as the energies, is rounded.
+    sizes = jnp.where(is_branch, jnp.abs(place.potential[1:]), 0)
+    rounding = _ROUNDING * jnp.finfo(sizes.dtype).eps * jnp.sum(sizes)
+    gains = (ended.result == RESULTS.successful) & (unlocated < -error - rounding)
     return {
         "load": loads(place.value),
         "equilibrium": States(
@@ -178,9 +188,11 @@ def _states(ended: Progress[Any], contact: Contact, load: Load) -> dict[str, Any
         ),
         "work": end.place.stored - place.stored[0] + end.dissipation,
         "dissipation": end.dissipation,
-        "result": ended.result,
+        "result": RESULTS.where(gains, RESULTS.unbalanced_work, ended.result),
         "unlocated": unlocated,
         "unlocated_error": error,
+        # A surface that was pulled apart has no state after the last one recorded.
+        "last_gap": jnp.where(ended.is_apart, last.before.gap, end.place.gap),
     }
 
 

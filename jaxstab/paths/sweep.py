@@ -29,7 +29,7 @@ from jaxstab.equilibrium import (
     PreconditionedConjugateGradient,
     equilibrate,
 )
-from jaxstab.equilibrium.equilibrate import initial_gap
+from jaxstab.equilibrium.equilibrate import first_gap, initial_gap
 from jaxstab.loads import Load, require_load
 from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability, assess_stability
 
@@ -88,7 +88,8 @@ def sweep(
         contact: the contact problem.
         load: a load that holds a one-dimensional array of values.
         order: "independent" solves each load from the same start; "continuation" each from the
-            last equilibrium found (Rey & Bleyer, section 4.2.3).
+            last equilibrium found (Rey & Bleyer, section 4.2.3). Surfaces that a tension has
+            pulled apart stay so, `pulled_off`, until there is a pressure.
         equilibrium_solver: the algorithm for equilibria, by default that of `equilibrate`.
         stability: whether to assess the equilibria too.
         stability_solver: the algorithm for the cone, as in `assess_stability`.
@@ -121,7 +122,11 @@ def sweep(
         equilibrium_solver, EquilibriumSolver, PreconditionedConjugateGradient
     )
     stability_solver = solver_or_default(stability_solver, ConeSolver, ProjectedLOBPCG)
-    start = initial_gap(contact, load, initial)
+    start = (
+        initial_gap(contact, load, initial)
+        if order == "independent"
+        else first_gap(contact, load[0], initial)
+    )
     problem = _Problem(contact, equilibrium_solver, stability_solver, key, stability)
     bar = progress_bar(
         load.value.size, "load", shown=can_be_shown(progress, (problem, load, start))
@@ -166,16 +171,18 @@ class _Problem(eqx.Module):
 def _solve_one_by_one(
     problem: _Problem, load: Load, start: _Start, order: Order, report: Callable[[], object]
 ) -> Sweep:
-    states = []
+    states, is_apart = [], False
     try:
         for i in range(load.value.size):
-            state = problem.solve(load[i], start)
+            apart = _apart(problem.contact, load[i]) if is_apart else start
+            state = problem.solve(load[i], apart)
             states.append(state)
             # While it waits, an interrupt stays pending.
             jax.block_until_ready(state)
-            failed = state.equilibrium.result != RESULTS.successful
-            if order == "continuation" and not failed:
-                start = state.equilibrium.gap
+            found = state.equilibrium
+            if order == "continuation":
+                is_apart = bool(found.result == RESULTS.pulled_off)
+                start = found.gap if found.result == RESULTS.successful else start
             report()
     except KeyboardInterrupt:
         if not states:
@@ -207,18 +214,31 @@ def _solve_together(problem: _Problem, load: Load, start: _Start, throw: bool = 
 
 @partial(program, static_argnames="throw")
 def _solve_in_turn(problem: _Problem, load: Load, start: _Start, throw: bool) -> Sweep:
-    Carry = tuple[Field, Flag]
-    contact = problem.contact
+    Carry = tuple[Field, Flag, Flag]
+    contact, no = problem.contact, jnp.array(False)
 
     def solve(carry: Carry, load: Load) -> tuple[Carry, Sweep]:
-        last, has_last = carry
+        last, has_last, is_apart = carry
         start = jnp.where(has_last, last, contact.control(load).starting_gap(contact.heights))
+        start = jnp.where(is_apart, _apart(contact, load), start)
         state = problem.solve(load, start, throw)
-        found = state.equilibrium.result == RESULTS.successful
-        return (jnp.where(found, state.equilibrium.gap, last), has_last | found), state
+        result, gap = state.equilibrium.result, state.equilibrium.gap
+        is_found = result == RESULTS.successful
+        last = jnp.where(is_found, gap, last)
+        return (last, has_last | is_found, result == RESULTS.pulled_off), state
 
     last = jnp.zeros_like(contact.heights) if start is None else start.astype(contact.heights.dtype)
-    return jax.lax.scan(solve, (last, jnp.array(start is not None)), load)[1]
+    return jax.lax.scan(solve, (last, jnp.array(start is not None), no), load)[1]
+
+
+@partial(program, runs_once=True)
+def _apart(contact: Contact, load: Load) -> Field:
+    """Return a gap of surfaces that were pulled apart: far away, or about to touch if pressed."""
+    control = contact.control(load)
+    presses = control.energy(jnp.ones(())) > control.energy(jnp.zeros(()))
+    # Nothing holds surfaces beyond the gaps at which the law is looked at.
+    distance = jnp.where(presses, 0, 2 * contact.profile.gaps[0])
+    return jnp.max(contact.heights) - contact.heights + distance
 
 
 def _without_failures(found: Sweep) -> Sweep:

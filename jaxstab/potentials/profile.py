@@ -70,6 +70,16 @@ class Profile(eqx.Module):
             is_curved, self.max_attraction / jnp.where(is_curved, self.max_curvature, 1), jnp.inf
         )
 
+    @property
+    def repels_far(self) -> Flag:
+        """Whether f' is negative at the largest gap at which it is not zero."""
+        return self.slopes[jnp.argmax(self.slopes != 0)] < 0
+
+    @property
+    def outermost_attraction(self) -> Scalar:
+        """The largest gap at which f' is positive, or zero [length]."""
+        return jnp.max(jnp.where(self.slopes > 0, self.gaps, 0))
+
     def outermost_gap(self, attraction: Scalar) -> Scalar:
         """Return the largest gap at which f' is not below an attraction, or zero [length]."""
         return jnp.max(jnp.where(self.slopes >= attraction, self.gaps, 0))

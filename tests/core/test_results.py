@@ -184,7 +184,7 @@ def test_what_takes_one_state_says_how_to_choose_it(sweep, contact):
         lambda: js.lowest_modes(contact, sweep.equilibrium, 1),
     ]
     for refused in refusals:
-        with pytest.raises(ValueError, match=r"shape \(4,\): choose a state: sweep\[3\]"):
+        with pytest.raises(ValueError, match=r"shape \(4,\): choose one: sweep\[3\]"):
             refused()
     for single in (state, state.equilibrium):
         with pytest.raises(ValueError, match="draws a whole sweep"):

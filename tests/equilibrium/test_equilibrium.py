@@ -274,7 +274,7 @@ def test_an_initial_gap_that_cannot_be_used_is_refused(hertz, initial, message):
 def test_one_state_of_many_is_chosen_to_start_from(hertz):
     loads = js.MeanDisplacement(jnp.array([1.2, 1.25]))
     many = jax.vmap(lambda load: js.equilibrate(hertz, load, throw=False))(loads)
-    with pytest.raises(ValueError, match=r"stack of shape \(2,\): choose a state: sweep\[3\]"):
+    with pytest.raises(ValueError, match=r"stack of shape \(2,\): choose one: sweep\[3\]"):
         js.equilibrate(hertz, loads[1], initial=many)
     assert js.equilibrate(hertz, loads[1], initial=many[1]).num_steps == 0
 

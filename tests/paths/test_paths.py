@@ -3,6 +3,7 @@
 import signal
 import sys
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +12,7 @@ from problems import bisected, rough_contact
 from programs import compilations
 
 import jaxstab as js
+from jaxstab.potentials import as_module
 
 # Sticky enough to jump at a held gap.
 STICKY = js.potentials.Exponential(0.02, 0.02)
@@ -214,6 +216,50 @@ def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
     # Batches of one, two and four steps, of which some only try.
     assert 2 <= len(path.load.value) <= 8
     np.testing.assert_array_equal(path.load.value, loop.load.value[: len(path.load.value)])
+    # Its last state is a start of the rest of the way.
+    assert path.equilibrium.gap is None and path[0].equilibrium.gap is None
+    last = path[-1]
+    np.testing.assert_allclose(jnp.mean(last.equilibrium.gap), last.equilibrium.mean_gap)
+    turns = js.MeanDisplacement(jnp.array([last.load.value, 1.2]))
+    rest = js.follow(hertz, turns, smallest_jump=1e-5, initial=last)
+    np.testing.assert_allclose(rest.jumps.load.value[0], loop.jumps.load.value[0], atol=4e-6)
+
+
+def test_states_of_a_path_are_entries_of_a_sequence(hertz, loop):
+    assert len(loop) == len(loop.load.value)
+    assert loop[3].load.value == loop.load.value[3]
+    assert loop[-2].equilibrium.mean_pressure == loop.equilibrium.mean_pressure[-2]
+    assert len(loop[2:5]) == 3 and len([*loop]) == len(loop)
+    with pytest.raises(IndexError):
+        loop[len(loop)]
+    with pytest.raises(ValueError, match=r"without its gap: start from path\[-1\]"):
+        js.equilibrate(hertz, loop[3].load, initial=loop[3])
+    with pytest.raises(ValueError, match=r"is a stack .* path\[-1\]"):
+        js.equilibrate(hertz, loop[3].load, initial=loop[2:5])
+    held = js.equilibrate(hertz, loop[-1].load, initial=loop[-1])
+    np.testing.assert_allclose(held.gap, loop.last_gap, atol=1e-8)
+    pressure = loop[-1].equilibrium.mean_pressure
+    np.testing.assert_allclose(held.mean_pressure, pressure, rtol=1e-6)
+
+
+def test_a_gain_of_energy_that_no_load_supplies_ends_as_failed():
+    grid = js.Grid(8)
+    heights = js.surfaces.self_affine(grid, jax.random.key(3), k_high=2, rms_height=0.05)
+
+    def law(gap):
+        core = 0.05 / gap
+        return 0.002 * (0.5 * core**9 - 1.5 * core**3)
+
+    smooth = js.Contact(js.HalfSpace(grid, 1.0), heights, law)
+    assert js.follow(smooth, js.MeanGap([0.25, 0.2])).result == "successful"
+    # Without its check: a value that jumps by 2e-4.
+    broken = as_module(lambda gap: jnp.where(gap < 0.12, law(gap), 0.0), float)
+    jumping = eqx.tree_at(lambda contact: contact.potential, smooth, broken)
+    with pytest.raises(js.SolverError, match=r"unbalanced_work.*CutOff") as told:
+        js.follow(jumping, js.MeanGap([0.25, 0.2, 0.25]))
+    path = told.value.found
+    assert path.unlocated < -path.unlocated_error
+    assert "lost between jumps, which cannot be" in repr(path)
 
 
 @pytest.mark.nightly

@@ -261,3 +261,12 @@ def test_on_a_symmetric_surface_the_derivative_is_nan_and_beside_it_it_is_right(
     assert jnp.isnan(jax.grad(load)(0.01, 0.0))
     difference = (load(0.01001, 0.003) - load(0.00999, 0.003)) / 2e-5
     np.testing.assert_allclose(jax.grad(load)(0.01, 0.003), difference, rtol=1e-4)
+
+
+@pytest.mark.parametrize("spring", [None, 1.0])
+def test_a_law_that_repels_everywhere_has_no_pull_off(spring):
+    contact = surface(lambda gap: 0.06 * jnp.exp(-gap / 0.06))
+    with pytest.raises(js.SolverError, match=r"No pull-off found .* the law attracts nowhere"):
+        js.pull_off(contact, spring=spring)
+    apart = js.equilibrate(contact, js.MeanPressure(0.0), throw=False)
+    assert apart.result == "pulled_off" and apart.num_steps < 20

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from problems import rough_contact
 from programs import compilations, on_the_cpu
 
 import jaxstab as js
@@ -204,6 +205,22 @@ def test_continuation_passes_over_a_load_that_fails(unloading):
     first = js.equilibrate(unloading, js.MeanGap(0.2))
     third = js.equilibrate(unloading, js.MeanGap(0.4), initial=first)
     np.testing.assert_array_equal(swept.equilibrium.gap[2], third.gap)
+
+
+def test_continuation_goes_on_apart_after_a_pull_off():
+    contact = rough_contact(16, js.potentials.Exponential(0.02, 0.05), rms_height=0.05)
+    pressures = jnp.array([0.0, -0.05, -0.4, -0.2, -0.001, 0.0, 0.05, 0.0])
+
+    def sweep(value):
+        load = js.MeanPressure(value)
+        return js.sweep(contact, load, order="continuation", stability=False).equilibrium
+
+    held, apart = [js.RESULTS.successful.name], [js.RESULTS.pulled_off.name]
+    for found in (sweep(pressures), jax.jit(sweep)(pressures)):
+        assert found.result.name.tolist() == held * 2 + apart * 4 + held * 2
+        assert (found.contact_area[2:6] == 0).all()
+    pressed = js.equilibrate(contact, js.MeanPressure(0.05))
+    np.testing.assert_allclose(found.gap[6], pressed.gap, atol=1e-6)
 
 
 def test_continuation_follows_a_branch_that_independent_solves_leave(hertz):
