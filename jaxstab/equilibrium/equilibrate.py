@@ -254,7 +254,7 @@ def first_gap(contact: Contact, load: Load, initial: ArrayLike | State | None) -
     return start
 
 
-@partial(program, runs_once=True)
+@program
 def _separated(control: SpringControl, contact: Contact) -> Field:
     return control.separated_gap(contact.heights, contact.profile)
 

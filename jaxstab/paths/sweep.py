@@ -231,7 +231,7 @@ def _solve_in_turn(problem: _Problem, load: Load, start: _Start, throw: bool) ->
     return jax.lax.scan(solve, (last, jnp.array(start is not None), no), load)[1]
 
 
-@partial(program, runs_once=True)
+@program
 def _apart(contact: Contact, load: Load) -> Field:
     """Return a gap of surfaces that were pulled apart: far away, or about to touch if pressed."""
     control = contact.control(load)
