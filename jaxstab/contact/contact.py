@@ -18,6 +18,7 @@ from jaxstab import potentials
 from jaxstab.contact.hessian import Hessian
 from jaxstab.contact.residual import Balance, balance_of, conforming_pressure
 from jaxstab.core.checks import (
+    array,
     cast,
     is_spread,
     is_traced,
@@ -47,6 +48,8 @@ from jaxstab.solids import Solid, mirrored, padded, where_window
 from jaxstab.surfaces import Topography, faults
 from jaxstab.surfaces.topography import FILL, as_topography
 
+# Over the range of the heights: a constant in them that costs digits.
+_LARGE = 16
 # How far below a surface that ends the solid may sink beyond it, over the surface's depth.
 _DEPTH = 2
 
@@ -55,6 +58,11 @@ class Contact(eqx.Module):
     """A rigid rough surface against an elastic solid, with adhesion between them.
 
     Its fields, and all that is computed with them, have the precision of `heights`.
+
+    Nothing depends on a constant in the heights. One that would cost them digits is taken off in
+    the precision given, before they are cast: `contact.heights` are then relative to
+    `contact.datum`, which otherwise is zero. Displacements, and loads that prescribe them, count
+    from zero.
 
     Arguments:
         solid: the elastic solid.
@@ -89,6 +97,7 @@ class Contact(eqx.Module):
 
     solid: Solid
     heights: Annotated[Field, LENGTH]
+    datum: Annotated[Scalar, LENGTH]
     potential: Potential
     unit: str | None = eqx.field(static=True)
     pressure_unit: str | None = eqx.field(static=True, default=None)
@@ -119,8 +128,10 @@ class Contact(eqx.Module):
                 f"heights have shape {given.shape}, the solid's grid {solid.grid.shape}: "
                 "build both on the same grid."
             )
-        self.heights = solid.grid.placed(given)
+        relative, datum = _relative(given)
+        self.heights = solid.grid.placed(relative)
         dtype = self.heights.dtype
+        self.datum = datum.astype(dtype) if isinstance(datum, jax.Array) else array(datum, dtype)
         if dtype not in (jnp.float32, jnp.float64):
             raise TypeError(f"heights are {dtype}: give them in float32 or float64.")
         require_finite("heights", self.heights, FILL)
@@ -215,15 +226,15 @@ class Contact(eqx.Module):
 
     def gap(self, displacement: Field) -> Field:
         """Return g = u - h (Rey & Bleyer, eq. 2) [length]."""
-        return displacement - self.heights
+        return displacement - self.datum - self.heights
 
     def displacement(self, gap: Field) -> Field:
         """Return u = g + h [length]."""
-        return gap + self.heights
+        return gap + self.heights + self.datum
 
     def energy(self, gap: Field) -> Scalar:
         """Return the potential energy of the surface (Rey & Bleyer, eq. 5) [energy]."""
-        elastic = self.solid.held_by(0).energy(self.displacement(gap))
+        elastic = self.solid.held_by(0).energy(gap + self.heights)
         adhesive = jnp.sum(energy_density(self.potential, gap)) * self.grid.cell_area
         return elastic + adhesive
 
@@ -233,7 +244,7 @@ class Contact(eqx.Module):
         solid = self.solid.held_by(0)
 
         def gradient(gap: Field) -> Field:
-            return solid.apply(self.displacement(gap)) + slope(self.potential, gap)
+            return solid.apply(gap + self.heights) + slope(self.potential, gap)
 
         return gradient
 
@@ -243,7 +254,7 @@ class Contact(eqx.Module):
 
     def control(self, load: Load) -> Control:
         """Return the condition that a load sets on the gap here."""
-        return load.control(self.solid, self.heights)
+        return load.relative_to(self.datum).control(self.solid, self.heights)
 
     def hessian(self, gap: Field, control: Control | None = None) -> Hessian:
         """Return the operator A = K + D (Rey & Bleyer, eq. 24) [pressure/length].
@@ -268,6 +279,17 @@ def require_contact(contact: Any) -> None:
     """Raise `TypeError` for anything but a contact."""
     cure = "give that first, as made by jaxstab.Contact(solid, heights, potential)."
     require_kind(contact, Contact, f"no contact: {cure}")
+
+
+def _relative(heights: Array | np.ndarray) -> tuple[Array | np.ndarray, Array | np.ndarray]:
+    """Return heights less a constant that would cost them digits, and this constant."""
+    values = known(heights)
+    xp = np if isinstance(values, np.ndarray) else jnp
+    constant = jax.lax.stop_gradient(values) if xp is jnp else values
+    first = constant[(0,) * values.ndim]
+    is_large = xp.abs(first) > _LARGE * xp.max(xp.abs(constant - first))
+    datum = xp.where(is_large, first, 0).astype(values.dtype)
+    return (heights if xp is np and datum == 0 else values - datum), datum
 
 
 def _unit(topography: Topography | None, given: str | None) -> str | None:

@@ -92,7 +92,7 @@ def equilibrate(
     whole, start = whole_start(contact, load, initial_gap(contact, load, initial))
     if start is None:
         # One program for all starts.
-        start = _undeformed(load, whole.solid, whole.heights)
+        start = _undeformed(load, whole.solid, whole.heights, whole.datum)
     inputs = jax.lax.stop_gradient((whole, load, solver, start))
     # Histories end in NaN, and what was not found is NaN.
     with jax.debug_nans(False):
@@ -107,8 +107,8 @@ def equilibrate(
 
 
 @program
-def _undeformed(load: Load, solid: Solid, heights: Field) -> Field:
-    return load.control(solid, heights).starting_gap(heights)
+def _undeformed(load: Load, solid: Solid, heights: Field, datum: Scalar) -> Field:
+    return load.relative_to(datum).control(solid, heights).starting_gap(heights)
 
 
 def find_equilibrium(

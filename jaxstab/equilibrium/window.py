@@ -43,13 +43,14 @@ def whole_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Eq
     if whole is contact or not isinstance(solid, Padded):
         return contact, equilibrium
     shape = solid.under(equilibrium.pressure)
-    far = mean(equilibrium.displacement - solid.surface(shape))
+    window = equilibrium.gap + contact.heights
+    far = mean(window - solid.surface(shape))
     is_there = where_window(equilibrium.gap)
-    displacement = jnp.where(is_there, padded(equilibrium.displacement, 0), shape + far)
+    displacement = jnp.where(is_there, padded(window, 0), shape + far)
     gap = jnp.where(is_there, padded(equilibrium.gap, 0), displacement - whole.heights)
     return whole, replace(
         equilibrium,
-        displacement=displacement,
+        displacement=displacement + contact.datum,
         gap=gap,
         pressure=padded(equilibrium.pressure, 0),
         reaction=padded(equilibrium.reaction, 0),

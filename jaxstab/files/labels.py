@@ -12,6 +12,7 @@ _NAMES = {
     "contact_area": "number of contact points over the number of all points",
     "dissipation": "energy lost",
     "conductance": "conductance C",
+    "datum": "height that heights count from",
     "dielectric": "thickness of the dielectric over its relative permittivity",
     "displacement": "displacement u",
     "eigenvalue": "smallest eigenvalue",

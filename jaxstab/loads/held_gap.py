@@ -71,6 +71,7 @@ class MeanDisplacement(Load):
     """A prescribed mean(u) [length]: one value, or an array of them for a sweep."""
 
     quantity: ClassVar[str] = "mean displacement $u_0$"
+    is_position: ClassVar[bool] = True
 
     value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed)
 

@@ -101,9 +101,11 @@ class Load(Stackable, Dimensioned):
     Attributes:
         quantity: the name of the value in figures; by default the name of the class.
         unit: the dimension of the value, as its field declares it: "length" or "pressure".
+        is_position: whether the value is a displacement, which counts from the zero of the heights.
     """
 
     quantity: ClassVar[str] = ""
+    is_position: ClassVar[bool] = False
 
     value: eqx.AbstractVar[Float[Array, "..."]]
 
@@ -121,6 +123,13 @@ class Load(Stackable, Dimensioned):
     def at(self, value: Array) -> "Load":
         """Return the same load at another value."""
         return eqx.tree_at(lambda load: load.value, self, value)
+
+    def relative_to(self, datum: Scalar) -> "Load":
+        """Return the same load on heights that are relative to a datum [length]."""
+        if not self.is_position:
+            return self
+        dtype = jnp.promote_types(self.value.dtype, datum.dtype)
+        return self.at(self.value.astype(dtype) - datum.astype(dtype))
 
 
 def require_load(load: Load) -> None:

@@ -134,6 +134,7 @@ class Spring(Load):
     """
 
     quantity: ClassVar[str] = "position of the spring"
+    is_position: ClassVar[bool] = True
 
     value: Annotated[Float[Array, "..."], LENGTH]
     stiffness: Annotated[Float[Array, "..."], STIFFNESS]
@@ -183,6 +184,7 @@ class FarDisplacement(Load):
     """
 
     quantity: ClassVar[str] = "displacement of the far side"
+    is_position: ClassVar[bool] = True
 
     value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed)
 

@@ -161,7 +161,7 @@ def dead_load(contact: Contact, pressure: Scalar) -> MeanPressure:
 
 def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array) -> Spring:
     """Return the positions of a spring from that of a state to one that leaves nothing together."""
-    mean_displacement = jnp.mean(gap) + jnp.mean(contact.heights)
+    mean_displacement = jnp.mean(gap) + jnp.mean(contact.heights) + contact.datum
     deepest = _BEYOND * contact.profile.max_attraction
     reach = contact.profile.outermost_gap(_HARDLY_ANY * deepest)
     surface = contact.solid.surface(contact.heights)

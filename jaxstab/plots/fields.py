@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
@@ -23,7 +24,8 @@ _MODE = "mode of unit norm"
 def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
     """Draw the heights h: a map, or a profile on a line."""
     require_contact(contact)
-    return _field(contact, contact.heights, "height h [length]", "cividis", axes)
+    heights = jnp.asarray(np.asarray(contact.heights) + float(contact.datum))
+    return _field(contact, heights, "height h [length]", "cividis", axes)
 
 
 def gap(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:

@@ -115,7 +115,7 @@ class Curve(eqx.Module):
     def forces(self, at: Point) -> Forces:
         """Return the pressures at a point, and how far they are from balance."""
         contact, gap = self.contact, at.gap
-        elastic = contact.solid.held_by(0).apply(contact.displacement(gap))
+        elastic = contact.solid.held_by(0).apply(gap + contact.heights)
         _, attraction, curvature = derivatives(contact.potential, gap)
         net = elastic + attraction + at.pressure
         missed = missed_pressure(net, gap)
