@@ -49,7 +49,7 @@ from jaxstab.surfaces import Topography, faults
 from jaxstab.surfaces.topography import FILL, as_topography
 
 # Over the range of the heights: a constant in them that costs digits.
-_LARGE = 16
+_LARGE = 16.0
 # How far below a surface that ends the solid may sink beyond it, over the surface's depth.
 _DEPTH = 2
 
@@ -287,7 +287,7 @@ def _relative(heights: Array | np.ndarray) -> tuple[Array | np.ndarray, Array | 
     xp = np if isinstance(values, np.ndarray) else jnp
     constant = jax.lax.stop_gradient(values) if xp is jnp else values
     first = constant[(0,) * values.ndim]
-    is_large = xp.abs(first) > _LARGE * xp.max(xp.abs(constant - first))
+    is_large = xp.abs(first) / _LARGE > xp.max(xp.abs(constant - first))
     datum = xp.where(is_large, first, 0).astype(values.dtype)
     return (heights if xp is np and datum == 0 else values - datum), datum
 
