@@ -1,6 +1,5 @@
 """The fit of an interaction law and a modulus to a measured curve of pressure over load."""
 
-from contextlib import nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,7 +28,7 @@ from jaxstab.core.display import block
 from jaxstab.core.history import History
 from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.loop import optional_parameter
-from jaxstab.core.progress import advance, progress_bar
+from jaxstab.core.progress import advance, is_watched, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import PRESSURE
@@ -94,7 +93,7 @@ def calibrate(
     starts: int | None = None,
     tolerance: ArrayLike | None = None,
     max_steps: int = 200,
-    progress: bool = False,
+    progress: bool | None = None,
     throw: bool = True,
 ) -> Calibration:
     """Return the contact whose mean pressures are nearest to measured ones.
@@ -127,7 +126,7 @@ def calibrate(
             would make, to reach; 1e-6 by default. Of a parameter that does not start positive,
             the change over that which would change the curve by its own size.
         max_steps: the step limit.
-        progress: show a progress bar.
+        progress: show a progress bar; by default after two seconds, in a terminal or notebook.
         throw: raise an error if the fit does not converge; otherwise look at `result`.
 
     Returns:
@@ -150,10 +149,12 @@ def calibrate(
     _require_determined(curve, values_of(where(contact))[0].size)
     warn_if_coarse(contact)
     solver = LeastSquares(optional_parameter(tolerance), max_steps, optimizer, order)
-    shown = progress_bar(max_steps * (starts or 1), "step") if progress else nullcontext()
+    # Compiled code reports its steps only where somebody sees them.
+    is_seen = is_watched() if progress is None else progress
+    bar = progress_bar(max_steps * (starts or 1), "step", shown=progress if is_seen else False)
     # Histories end in NaN, and what was not found is NaN.
-    with shown, jax.debug_nans(False):
-        fit = _fit(contact, curve, solver, Pick.of(where, contact), starts, progress)
+    with bar, jax.debug_nans(False):
+        fit = _fit(contact, curve, solver, Pick.of(where, contact), starts, is_seen)
     return throw_failure(fit.result, fit, lambda: _describe(fit), throw)
 
 

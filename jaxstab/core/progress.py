@@ -1,55 +1,92 @@
 """Progress bars, which compiled code can move too."""
 
-from __future__ import annotations
-
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from threading import Timer
+from time import time
+from typing import Any, Literal
 
 import jax
 from jaxtyping import Array
+from tqdm import tqdm
 
 from jaxstab.core.checks import is_transformed
 from jaxstab.core.warn import warn
 
-if TYPE_CHECKING:
-    from tqdm import tqdm
-
 # Takes what was computed last.
 Report = Callable[[Any], object]
 
-_bars: list[tqdm] = []
+# Work that takes longer shows a bar by itself, where somebody sees it [s].
+_DELAY = 2.0
+# In place of a bar where nothing is known of the progress.
+COMPILING = "compiling and solving"
+Shown = bool | Literal["compiling and solving"] | None
+
+
+class Bar(tqdm):
+    """A bar that says "compiling" until its first step, most of whose time that is."""
+
+    is_still: bool = False
+
+    def update(self, n: float | None = 1) -> bool | None:
+        """Move by a number of units."""
+        if self.is_still or self.disable:
+            return None
+        if self.desc:
+            self.set_description(refresh=not self.delay)
+        return super().update(n)
+
+    def appear(self) -> None:
+        """Show the bar before its first step."""
+        # By these it knows that there is something to clear.
+        self.delay, self.last_print_t = 0, time()
+        self.refresh()
+
+
+_bars: list[Bar] = []
 
 
 @contextmanager
-def progress_bar(total: int, unit: str, *, shown: bool = True, done: int = 0) -> Iterator[tqdm]:
+def progress_bar(total: int, unit: str, *, shown: Shown = True, done: int = 0) -> Iterator[Bar]:
     """Show a bar of `total` units, some `done` before, that `advance` moves, to the block's end.
 
-    It says "compiling" until the first step, most of whose time that is.
+    If `shown` is None, or `COMPILING`, which shows these words alone, it appears after a while in a
+    terminal or a notebook, but not within another one, and does not stay.
     """
-    from tqdm import tqdm
-
-    class Bar(tqdm):
-        def update(self, n: float | None = 1) -> bool | None:
-            if not self.disable and self.desc:
-                self.set_description()
-            return super().update(n)
-
-    with Bar(total=total, unit=unit, disable=not shown, initial=done, desc="compiling") as bar:
+    is_late, is_still = shown in (None, COMPILING), shown == COMPILING
+    is_hidden = bool(_bars) or not is_watched() if is_late else not shown
+    style = {"delay": _DELAY, "leave": False} if is_late else {}
+    style |= {"bar_format": f"{COMPILING} ..."} if is_still else {"desc": "compiling"}
+    with Bar(total=total, unit=unit, disable=is_hidden, initial=done, **style) as bar:
+        bar.is_still = is_still
+        timer = Timer(_DELAY, bar.appear)
+        timer.daemon = True
         _bars.append(bar)
         try:
+            if is_late and not is_hidden:
+                timer.start()
             yield bar
             jax.effects_barrier()
         finally:
             _bars.remove(bar)
+            timer.cancel()
+            if timer.is_alive():
+                timer.join()
 
 
-def can_be_shown(progress: bool, inputs: Any) -> bool:
-    """Return whether to show a requested bar; under JAX transformations warn instead."""
-    is_shown = progress and not is_transformed(inputs)
-    if progress and not is_shown:
+def is_watched() -> bool:
+    """Whether standard error is a terminal or belongs to a notebook."""
+    return sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
+
+
+def can_be_shown(progress: bool | None, inputs: Any) -> Shown:
+    """Return how a bar is to be shown; one that is asked for is none under transformations."""
+    if not is_transformed(inputs):
+        return progress
+    if progress:
         warn("Inside of JAX transformations no progress is shown.")
-    return is_shown
+    return COMPILING if progress is None else False
 
 
 def unseen(after: Any) -> None:
@@ -57,7 +94,7 @@ def unseen(after: Any) -> None:
 
 
 @contextmanager
-def searches_bar(total: int, *, shown: bool) -> Iterator[Report]:
+def searches_bar(total: int, *, shown: Shown) -> Iterator[Report]:
     """Show a bar of searches one after another; to its end it takes that not all are needed."""
     with progress_bar(total, "search", shown=shown) as bar:
 

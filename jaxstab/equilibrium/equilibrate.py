@@ -17,6 +17,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.grid import resample
 from jaxstab.core.implicit import attach
 from jaxstab.core.loop import Iteration, solver_or_default
+from jaxstab.core.progress import COMPILING, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.derivatives import changes_of_fields
@@ -95,7 +96,7 @@ def equilibrate(
         start = _undeformed(load, whole.solid, whole.heights, whole.datum)
     inputs = jax.lax.stop_gradient((whole, load, solver, start))
     # Histories end in NaN, and what was not found is NaN.
-    with jax.debug_nans(False):
+    with jax.debug_nans(False), progress_bar(1, "solve", shown=COMPILING):
         equilibrium = find_equilibrium(*inputs)
     if is_traced((contact, load)):
         equilibrium = with_derivatives(whole, load, equilibrium)

@@ -44,7 +44,7 @@ def critical_load(
     bracket: Load,
     *,
     initial: ArrayLike | State | None = None,
-    progress: bool = False,
+    progress: bool | None = None,
     throw: bool = True,
 ) -> CriticalLoad:
     """Return the load at which a branch of stable equilibria ends, on the way between two loads.
@@ -60,7 +60,7 @@ def critical_load(
             its end. If the branch from the first does not end before the second, that from the
             second is followed towards the first.
         initial: where equilibria at both loads start, as in `equilibrate`.
-        progress: show a progress bar.
+        progress: show a progress bar; by default after two seconds, in a terminal or notebook.
         throw: raise an error if no end is found; otherwise look at `result`.
 
     Returns:

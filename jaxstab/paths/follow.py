@@ -53,7 +53,7 @@ def follow(
     smallest_jump: ArrayLike | None = None,
     disturbance: ArrayLike = DISTURBANCE,
     fields: bool = False,
-    progress: bool = False,
+    progress: bool | None = None,
     max_states: int = 1024,
     max_jumps: int = 64,
     throw: bool = True,
@@ -83,7 +83,7 @@ def follow(
             than the range of the law and the spacing of the grid, the size is over the lesser of
             these. So the path leaves branches that only a symmetry holds.
         fields: whether to keep the gap of every recorded state.
-        progress: show a progress bar.
+        progress: show a progress bar; by default after two seconds, in a terminal or notebook.
         max_states: how many states there is room for under JAX transformations. Elsewhere a path
             has as many as it needs.
         max_jumps: how many jumps, likewise; eleven fields of memory for each.

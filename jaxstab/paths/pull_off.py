@@ -44,7 +44,7 @@ def pull_off(
     *,
     initial: ArrayLike | State | None = None,
     spring: ArrayLike | None = None,
-    progress: bool = False,
+    progress: bool | None = None,
     throw: bool = True,
 ) -> CriticalLoad:
     """Return the largest tension that a contact survives as it is unloaded, and its end.
@@ -60,7 +60,7 @@ def pull_off(
         initial: a state in contact to unload from, on this grid or another, at its own mean
             pressure; or a gap, at zero pressure. By default the equilibrium at zero mean pressure.
         spring: the stiffness of a machine in series [pressure/length]; by default a dead load.
-        progress: show a progress bar.
+        progress: show a progress bar; by default after two seconds, in a terminal or notebook.
         throw: raise an error if there is no pull-off; otherwise look at `result`.
 
     Returns:

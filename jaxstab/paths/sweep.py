@@ -73,7 +73,7 @@ def sweep(
     stability_solver: ConeSolver | None = None,
     initial: ArrayLike | Equilibrium | None = None,
     key: PRNGKeyArray | None = None,
-    progress: bool = False,
+    progress: bool | None = None,
     throw: bool = False,
 ) -> Sweep:
     """Return the equilibrium and its stability at each of many loads.
@@ -95,7 +95,7 @@ def sweep(
         stability_solver: the algorithm for the cone, as in `assess_stability`.
         initial: where to start, as in `equilibrate`.
         key: the random key of the eigensolvers' starts, as in `assess_stability`.
-        progress: show a progress bar.
+        progress: show a progress bar; by default after two seconds, in a terminal or notebook.
         throw: raise if any load fails; otherwise each load carries its own `result`, and one that
             fails leaves the others as they would have been.
 

@@ -63,7 +63,7 @@ def assess_stability(
     *,
     key: PRNGKeyArray | None = None,
     verdict_only: bool = False,
-    progress: bool = False,
+    progress: bool | None = None,
     throw: bool = True,
 ) -> Stability:
     """Return the stability of an equilibrium against admissible perturbations (Rey & Bleyer, 22).
@@ -89,7 +89,7 @@ def assess_stability(
         key: the random key of the vectors to start from, `jax.random.key(0)` by default.
         verdict_only: stop when a number proves the verdict; those not computed are NaN, with the
             result "not_computed".
-        progress: show a progress bar.
+        progress: show a progress bar; by default after two seconds, in a terminal or notebook.
         throw: raise an error if a solver fails. With False look at `result` instead. Under vmap
             the failure of one entry raises for all, so choose False there.
 

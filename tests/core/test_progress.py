@@ -1,5 +1,8 @@
 """Progress bars, as they are written to a terminal."""
 
+import inspect
+import time
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +10,8 @@ import pytest
 from problems import rough_contact
 
 import jaxstab as js
-from jaxstab.core.progress import advance, progress_bar
+from jaxstab.core import progress
+from jaxstab.core.progress import COMPILING, advance, progress_bar
 
 
 def test_a_bar_says_compiling_until_its_first_step(capsys):
@@ -77,3 +81,66 @@ def test_a_path_inside_of_transformations_says_that_it_shows_no_progress(capsys)
     with pytest.warns(UserWarning, match="no progress is shown"):
         jax.eval_shape(lambda: js.follow(CONTACT, turns, progress=True, throw=False).result)
     assert capsys.readouterr().err == ""
+
+
+@pytest.fixture
+def watched(monkeypatch):
+    """Standard error as a terminal, where work of 0.05 s takes long."""
+    monkeypatch.setattr(progress, "is_watched", lambda: True)
+    monkeypatch.setattr(progress, "_DELAY", 0.05)
+
+
+@pytest.mark.usefixtures("watched")
+def test_by_default_a_bar_appears_after_a_while_before_any_step_and_goes(capsys):
+    with progress_bar(3, "load", shown=None) as bar:
+        assert capsys.readouterr().err == ""
+        time.sleep(0.5)
+        assert capsys.readouterr().err.strip().startswith("compiling:   0%")
+        with progress_bar(1, "solve", shown=COMPILING) as inner:
+            inner.update(jnp.ones(()))
+            time.sleep(0.5)
+        assert capsys.readouterr().err == ""
+        bar.update(3)
+    assert capsys.readouterr().err.split("\r")[-1].strip() == ""
+
+
+@pytest.mark.usefixtures("watched")
+def test_short_work_shows_no_bar(capsys):
+    for shown in (None, COMPILING):
+        with progress_bar(3, "load", shown=shown) as bar:
+            bar.update(3)
+    assert capsys.readouterr().err == ""
+
+
+def test_in_a_pipe_no_bar_appears_by_itself(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "_DELAY", 0.05)
+    for shown in (None, COMPILING):
+        with progress_bar(3, "load", shown=shown) as bar:
+            time.sleep(0.3)
+            bar.update(3)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("watched")
+def test_a_first_solve_and_a_trace_say_that_they_compile(capsys):
+    contact = rough_contact(12, js.potentials.Exponential(0.02, 0.08), rms_height=0.05)
+    state = js.equilibrate(contact, js.MeanGap(0.1))
+    assert "compiling and solving ..." in capsys.readouterr().err
+    jax.eval_shape(lambda: js.assess_stability(contact, state, throw=False).result)
+    assert "compiling and solving ..." in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "follow",
+        "pull_off",
+        "critical_load",
+        "assess_stability",
+        "sweep",
+        "calibrate",
+        "continuation",
+    ],
+)
+def test_functions_that_take_long_show_a_bar_by_default(name):
+    assert inspect.signature(getattr(js, name)).parameters["progress"].default is None

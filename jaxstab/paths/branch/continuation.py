@@ -47,7 +47,7 @@ def continuation(
     *,
     initial: ArrayLike | State | None = None,
     fields: bool = False,
-    progress: bool = False,
+    progress: bool | None = None,
     max_states: int = 512,
     throw: bool = True,
 ) -> Branch:
@@ -64,7 +64,7 @@ def continuation(
         load: two loads: where the branch begins, and where it is to end.
         initial: an equilibrium at the first load, stable or not, or a gap to start from.
         fields: whether to keep the gap of every state.
-        progress: show a progress bar.
+        progress: show a progress bar; by default after two seconds, in a terminal or notebook.
         max_states: the number of states after which to stop.
         throw: raise where the branch is lost; otherwise look at `result` and `end`.
 
