@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 Result = Equilibrium | Stability | Sweep | Path | Branch | Transition | Observed
 
-# The form of the structure, to be raised when a reader of today could not read it.
-FORMAT = 1
+# The number of the format, to be raised when this version could not read files of the next.
+FORMAT = 2
 _PACKAGES = ("jaxstab", "jax", "jaxlib", "equinox", "numpy")
 # The order of those that a coated half space holds of a material.
 _MODULI = ("youngs_modulus", "poisson_ratio")
@@ -84,7 +84,6 @@ def to_dataset(
     _require_own(contact, result)
     recorder = Recorder(contact.grid.shape)
     structure = {
-        "format": FORMAT,
         "contact": recorder.structure(contact, ("contact",)),
         "result": recorder.structure(result, (), *axes),
     }
@@ -202,13 +201,14 @@ def _coordinates(contact: Contact, structure: Structure, dataset: Any) -> dict[s
 
 def _attributes(
     contact: Contact, result: Result, solver: eqx.Module | None, structure: Structure
-) -> dict[str, str]:
+) -> dict[str, Any]:
     versions = {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()}
     attributes = {
         "title": f"{type(result).__name__} of an adhesive contact, by jaxstab",
         "solid": text(contact.solid, contact.units),
         "law": text(contact.potential, contact.units),
         "versions": json.dumps(versions),
+        "format": FORMAT,
     }
     if (load := _load_of(result)) is not None:
         attributes["load_kind"] = type(load).__name__

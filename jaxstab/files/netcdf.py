@@ -90,7 +90,7 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
         its law the contact serves for figures; a solver that needs the law raises an error.
 
     Raises:
-        ValueError: for a file of another kind, of a later version or without fields. For a file in
+        ValueError: for a file of another kind, of another format or without fields. For a file in
             double precision while JAX is set to single. For a law with other values than that of
             the file. For a class that is not imported, or of another version than the file.
         FileNotFoundError: if there is no such file.
@@ -164,17 +164,19 @@ def _structure(path: Path, attributes: dict[str, Any]) -> Structure:
             f"{path} was written with fields=False, so it cannot become a result: open it with "
             "xarray.open_dataset."
         )
+    # Files written before version 0.3.0 have no number.
+    number = int(attributes.get("format", 1))
+    if number != FORMAT:
+        raise ValueError(
+            f"{path} is of format {number}, and this version reads format {FORMAT}: install "
+            f"jaxstab {json.loads(attributes['versions'])['jaxstab']}, which wrote it, or compute "
+            "it anew."
+        )
     try:
-        structure = json.loads(attributes["structure"])
+        return json.loads(attributes["structure"])
     except json.JSONDecodeError:
         message = f"{path} was changed since it was written: its structure cannot be read."
         raise ValueError(message) from None
-    if structure["format"] > FORMAT:
-        raise ValueError(
-            f"{path} was written by jaxstab {json.loads(attributes['versions'])['jaxstab']}, in a "
-            "form that this version does not know: install that one or a later one."
-        )
-    return structure
 
 
 def _law(

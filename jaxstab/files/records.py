@@ -18,7 +18,6 @@ from jaxstab.core.checks import is_traced
 from jaxstab.core.closures import is_bare
 from jaxstab.core.enumeration import Enumeration
 from jaxstab.core.history import History
-from jaxstab.core.public_names import is_own, public, public_name
 from jaxstab.core.unit_system import Units
 from jaxstab.core.units import declared
 
@@ -29,6 +28,9 @@ _SILENT = {"contact", "equilibrium", "stability", "value", "table", "code"}
 _SINGULAR = {"jumps": "jump", "turns": "turn", "minima": "minimum"}
 # Of a whole path, beside those up to each of its states.
 _TOTALS = {("work",), ("dissipation",)}
+# The modules by whose names files know the classes of this package, so that inner modules can move.
+_PACKAGE = __name__.partition(".")[0]
+_PUBLIC = (_PACKAGE, f"{_PACKAGE}.potentials")
 
 
 class LostFunction(eqx.Module):
@@ -119,7 +121,7 @@ class Recorder:
             )
             for field in fields(value)
         }
-        return {"class": public_name(type(value)), "fields": contents}
+        return {"class": _name_of(type(value)), "fields": contents}
 
     def _array(
         self, array: Any, path: tuple[str, ...], axes: tuple[str, ...], **about: Any
@@ -156,7 +158,7 @@ def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> Any:
         return None
     match structure:
         case {"members": str(name), "array": str(array)}:
-            members = public(name)
+            members = _public(f"{_PACKAGE}:{name}")
             if not (isinstance(members, type) and issubclass(members, Enumeration)):
                 raise ValueError(f"{name} of the file is no enumeration of jaxstab.")
             _require(array, arrays)
@@ -228,14 +230,14 @@ def _class(path: str) -> type:
     A file can name anything, and to import it would run its code.
     """
     module, _, name = path.partition(":")
-    if not is_own(module) and module not in sys.modules:
+    is_own = module.partition(".")[0] == _PACKAGE
+    if not is_own and module not in sys.modules:
         raise ValueError(
             f"The file names the class {path}, and a file imports no module: if you trust it, "
             f"write `import {module}` before jaxstab.load, or give the option --import {module}."
         )
-    # Older files name the module that a class of jaxstab lay in.
-    found: Any = public(name) if is_own(module) else sys.modules[module]
-    for part in [] if is_own(module) else name.split("."):
+    found: Any = _public(path) if is_own else sys.modules[module]
+    for part in [] if is_own else name.split("."):
         # What `getattr` finds may be imported by it.
         found = getattr(found, "__dict__", {}).get(part)
     if found is None:
@@ -243,6 +245,20 @@ def _class(path: str) -> type:
     if not (isinstance(found, type) and issubclass(found, eqx.Module)):
         raise ValueError(f"{path} of the file is no equinox.Module.")
     return found
+
+
+def _name_of(kind: type) -> str:
+    """Return "module:name" of a class: where it is public, or where it lies."""
+    names = [f"{module}:{kind.__qualname__}" for module in _PUBLIC]
+    name = next((name for name in names if _public(name) is kind), None)
+    return name or f"{kind.__module__}:{kind.__qualname__}"
+
+
+def _public(path: str) -> Any:
+    """Return the object of a public "module:name", None if there is none."""
+    name, _, word = path.partition(":")
+    module = sys.modules.get(name) if name in _PUBLIC else None
+    return getattr(module, word) if module and word in module.__all__ else None
 
 
 def _coded(words: np.ndarray, codes: Mapping[str, int]) -> np.ndarray:

@@ -76,7 +76,7 @@ class Jump(Stackable, Dimensioned):
         state: the number of the state before, among those recorded.
         barrier_law: the growth of the barrier that holds the state before with the distance from
             the jump's load. It is of second order in the mode's amplitude at a release, of third at
-            a fold; None in files of version 0.1.0.
+            a fold.
     """
 
     load: Load
@@ -86,7 +86,7 @@ class Jump(Stackable, Dimensioned):
     mode: Annotated[Float[Array, " *jumps_and_grid"], NUMBER]
     dissipation: Annotated[Float[Array, "*jumps"], ENERGY]
     state: Int[Array, "*jumps"]
-    barrier_law: BarrierLaw | None = None
+    barrier_law: BarrierLaw
 
     __repr__ = block
 
@@ -124,7 +124,7 @@ class Path(Dimensioned):
         result: how the path ended. It has failed, as `unbalanced_work`, if steps between jumps have
             gained energy, so that `unlocated` is below zero by more than its error.
         unlocated: the loss that steps between jumps may hide: the work by quadrature less the
-            change of energy [energy]. None in files of version 0.1.0.
+            change of energy [energy].
         unlocated_error: the error of that quadrature; less than this is nothing [energy].
         last_gap: g of the last recorded state [length].
     """
@@ -135,9 +135,9 @@ class Path(Dimensioned):
     work: Annotated[Scalar, ENERGY]
     dissipation: Annotated[Scalar, ENERGY]
     result: RESULTS
-    unlocated: Annotated[Scalar, ENERGY] | None = None
-    unlocated_error: Annotated[Scalar, ENERGY] | None = None
-    last_gap: Annotated[Field, LENGTH] | None = None
+    unlocated: Annotated[Scalar, ENERGY]
+    unlocated_error: Annotated[Scalar, ENERGY]
+    last_gap: Annotated[Field, LENGTH]
 
     def __len__(self) -> int:
         return len(self.load)
@@ -186,9 +186,7 @@ def _energies(path: Path) -> list[str]:
             f"  lost in {number} jumps before  {energy(losses[:number].sum())}",
             "  after that neither is known: a dead load pulls surfaces apart without end",
         ]
-    if path.unlocated is None or path.unlocated_error is None:
-        lines[0] += " by quadrature, as version 0.1.0 had it"
-    elif abs(path.unlocated) > path.unlocated_error:
+    if abs(path.unlocated) > path.unlocated_error:
         divisor, unit = readable_unit(path.equilibrium.units, ENERGY, float(path.unlocated))
         amount, error = float(path.unlocated) / divisor, float(path.unlocated_error) / divisor
         unit = "" if has_words(unit) else f" {unit}"

@@ -144,11 +144,3 @@ def test_of_a_path_through_its_pull_off_the_work_is_told_up_to_there():
     last = float(path.equilibrium.work[-1])
     assert f"work until the surfaces fall apart  {last:.6g}" in repr(path)
     assert "a dead load pulls surfaces apart without end" in repr(path)
-
-
-def test_of_a_path_of_an_older_file_the_loss_is_that_of_its_jumps(loop):
-    # There work and loss held the error of a quadrature.
-    old = replace(loop, dissipation=loop.dissipation * 1.1, unlocated=None, unlocated_error=None)
-    _, work, lost, *_ = repr(old).splitlines()
-    assert work.endswith("by quadrature, as version 0.1.0 had it")
-    assert float(lost.split()[-1]) == pytest.approx(float(loop.jumps.dissipation.sum()), rel=1e-5)
