@@ -1,9 +1,9 @@
 """Enumerations whose members compiled code can choose: each is an integer array in a pytree."""
 
 import operator
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import equinox as eqx
 import jax
@@ -18,44 +18,40 @@ from jaxstab.core.stack import Stackable
 Tree = TypeVar("Tree")
 
 
-@dataclass(frozen=True)
-class _Meaning:
-    text: str
-
-
 def member(meaning: str) -> Any:
     """Return a member of an enumeration, in the body of whose class this is called."""
-    return _Meaning(meaning)
+    return meaning
 
 
-class _Members(type):
-    names: np.ndarray
-    texts: np.ndarray
+@dataclass(frozen=True, eq=False, repr=False)
+class Enumeration(Stackable):
+    """A member of an enumeration, or an array of members; under JAX transformations too.
 
-    def __init__(cls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]):
-        super().__init__(name, bases, namespace)
-        meanings = {key: x.text for key, x in namespace.items() if isinstance(x, _Meaning)}
-        cls.names = np.array(list(meanings))
-        cls.texts = np.array([f"{key}: {text}" for key, text in meanings.items()])
-        for code, key in enumerate(meanings):
-            setattr(cls, key, cls(np.array(code, np.int32)))
+    Attributes:
+        code: the number of each member, in the order of the enumeration.
+        names: the names of all members.
+        texts: their names and meanings.
+    """
+
+    code: Int[Array | np.ndarray, "..."]
+    names: ClassVar[np.ndarray]
+    texts: ClassVar[np.ndarray]
+
+    def __init_subclass__(cls) -> None:
+        words = {name: text for name, text in vars(cls).items() if not name.startswith("_")}
+        cls.names = np.array(list(words))
+        cls.texts = np.array([f"{name}: {text}" for name, text in words.items()])
+        for code, name in enumerate(words):
+            setattr(cls, name, cls(np.array(code, np.int32)))
         cls.__doc__ = "\n\n".join([cls.__doc__ or "", *cls.texts])
         jax.tree_util.register_dataclass(cls, data_fields=["code"], meta_fields=[])
 
-    def __len__(cls) -> int:
-        return len(cls.names)
-
-    def __iter__(cls) -> Iterator[Any]:
-        return (getattr(cls, name) for name in cls.names)
-
-    def __contains__(cls, item: Any) -> bool:
-        return item in cls.names if isinstance(item, str) else type(item) is cls
-
-    def __getitem__(cls, item: Any) -> Any:
+    def __class_getitem__(cls, item: Any) -> Any:
         """Return the name and the meaning of a member, or an array of them."""
         return _pick(cls.texts, cls.promote(item).code)
 
-    def promote(cls, item: Any) -> Any:
+    @classmethod
+    def promote(cls, item: Any) -> Self:
         """Return the member of a name, or a member itself.
 
         Raises:
@@ -69,17 +65,6 @@ class _Members(type):
         if item not in cls.names:
             raise ValueError(f"{item!r} is not one of {cls.__name__}: {', '.join(cls.names)}.")
         return getattr(cls, item)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Enumeration(Stackable, metaclass=_Members):
-    """A member of an enumeration, or an array of members; under JAX transformations too.
-
-    Attributes:
-        code: the number of each member, in the order of the enumeration.
-    """
-
-    code: Int[Array | np.ndarray, "..."]
 
     @property
     def name(self) -> Any:

@@ -90,12 +90,9 @@ def test_verdicts_give_their_names_and_texts(verdicts):
     assert str(js.VERDICTS.stable) == repr(js.VERDICTS.stable) == "stable"
 
 
-def test_an_enumeration_is_the_collection_of_its_members():
+def test_an_enumeration_has_the_names_and_texts_of_its_members():
     names = ["stable", "held_by_contact", "unstable", "undecided"]
-    assert [member.name for member in js.VERDICTS] == names
-    assert len(js.VERDICTS) == 4
-    assert js.VERDICTS.unstable in js.VERDICTS and "unstable" in js.VERDICTS
-    assert js.RESULTS.successful not in js.VERDICTS and "successful" not in js.VERDICTS
+    assert js.VERDICTS.names.tolist() == names
     text = pydoc.plain(pydoc.render_doc(js.VERDICTS))
     assert "held_by_contact: a strict local minimum" in text
 

@@ -35,7 +35,7 @@ def test_stability_curves_fill_the_markers_of_stable_states(sweep):
 
 
 def test_verdicts_differ_without_colour(sweep):
-    codes = jnp.arange(len(js.VERDICTS))
+    codes = jnp.arange(len(js.VERDICTS.names))
     every = eqx.tree_at(lambda x: x.stability.verdict.code, sweep[[0, 1, 2, 0]], codes)
     # As far as found, and proved.
     every = eqx.tree_at(lambda x: x.stability.proved, every, codes > 0)
@@ -47,7 +47,7 @@ def test_verdicts_differ_without_colour(sweep):
         (marks.get_paths()[0].vertices.tobytes(), marks.get_facecolor()[0].mean() > 0.99)
         for marks in plots.stability_curve(every).collections
     }
-    assert len(looks) == len(js.VERDICTS) + 1
+    assert len(looks) == len(js.VERDICTS.names) + 1
 
 
 def test_states_of_a_sweep_are_not_joined(sweep):
