@@ -9,16 +9,9 @@ from jaxtyping import ArrayLike
 
 from jaxstab.core.checks import known, parameter, require, require_positive
 from jaxstab.core.display import in_full
-from jaxstab.core.docstrings import described
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import LENGTH, NUMBER, SURFACE_ENERGY, Dimension
 from jaxstab.potentials.sums import Law
-
-_ARGUMENTS = {
-    "surface_energy": "w, the work of adhesion per area, gamma_1 + gamma_2 - gamma_12 of the two "
-    "surfaces; between equal ones twice the surface energy of each [energy/area]",
-    "length": "rho, the range [length]",
-}
 
 
 class _RangedLaw(Law):
@@ -42,43 +35,67 @@ class _RangedLaw(Law):
         return gap * (1 / self.length)
 
 
-@described(_ARGUMENTS, "if w is negative or rho is not positive")
 class Exponential(_RangedLaw):
-    """f(g) = -w exp(-g / rho) (Rey & Bleyer, eq. 45)."""
+    """f(g) = -w exp(-g / rho) (Rey & Bleyer, eq. 45).
+
+    Arguments:
+        surface_energy: w, the work of adhesion [energy/area].
+        length: rho, the range [length].
+
+    Raises:
+        ValueError: if w is negative or rho is not positive.
+    """
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
         return -self.surface_energy * jnp.exp(-self._reduced(gap))
 
 
-@described(_ARGUMENTS, "if w is negative or rho is not positive")
 class Gaussian(_RangedLaw):
-    """f(g) = -w exp(-g^2 / (2 rho^2)) (Rey & Bleyer, eq. 46)."""
+    """f(g) = -w exp(-g^2 / (2 rho^2)) (Rey & Bleyer, eq. 46).
+
+    Arguments:
+        surface_energy: w, the work of adhesion [energy/area].
+        length: rho, the range [length].
+
+    Raises:
+        ValueError: if w is negative or rho is not positive.
+    """
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
         return -self.surface_energy * jnp.exp(-(self._reduced(gap) ** 2) / 2)
 
 
-@described(_ARGUMENTS, "if w is negative or rho is not positive")
 class Rational(_RangedLaw):
-    """f(g) = -w / (1 + g^2 / rho^2) (Rey & Bleyer, eq. 47), a long-range law."""
+    """f(g) = -w / (1 + g^2 / rho^2) (Rey & Bleyer, eq. 47), a long-range law.
+
+    Arguments:
+        surface_energy: w, the work of adhesion [energy/area].
+        length: rho, the range [length].
+
+    Raises:
+        ValueError: if w is negative or rho is not positive.
+    """
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
         return -self.surface_energy / (1 + self._reduced(gap) ** 2)
 
 
-@described(
-    _ARGUMENTS,
-    "if w is negative, or rho or the smoothing is not positive",
-    smoothing="s / rho, over which the attraction falls from 73 to 27 % of sigma",
-)
 class Dugdale(_RangedLaw):
     """f' = sigma / (1 + exp((g - rho) / s)): the attraction sigma up to a gap rho, then none.
 
     The edge of Dugdale's step is smoothed over s; sigma is such that f(0) = -w. Its wall is contact
     itself.
+
+    Arguments:
+        surface_energy: w, the work of adhesion [energy/area].
+        length: rho, the range [length].
+        smoothing: s / rho, over which the attraction falls from 73 to 27 % of sigma.
+
+    Raises:
+        ValueError: if w is negative, or rho or the smoothing is not positive.
     """
 
     smoothing: Annotated[Scalar, NUMBER]
@@ -99,11 +116,17 @@ def _left(reduced: Scalar, smoothing: Scalar) -> Scalar:
     return jax.nn.softplus(edge * (1 - reduced)) / jax.nn.softplus(edge)
 
 
-@described(_ARGUMENTS, "if w or z0 is not positive", length="z0, the gap at the minimum [length]")
 class LennardJones(_RangedLaw):
     """f(g) = w / 2 ((z0 / g)^9 - 3 (z0 / g)^3): the 9-3 law between a solid and a wall.
 
     It repels below z0, where it is least, at -w; no gap closes against it.
+
+    Arguments:
+        surface_energy: w, the work of adhesion [energy/area].
+        length: z0, the gap at the minimum [length].
+
+    Raises:
+        ValueError: if w or z0 is not positive.
     """
 
     def __init__(self, surface_energy: ArrayLike, length: ArrayLike):

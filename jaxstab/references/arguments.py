@@ -5,21 +5,6 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-SPHERE = {
-    "contact_radius": "a [length]",
-    "radius": "R of the paraboloid [length]",
-    "contact_modulus": "E* [pressure]",
-    "work_of_adhesion": "w [energy/area]",
-    "strength": "s, the tension [pressure]",
-    "stiffness": "k of the spring [force/length]",
-}
-POSITIVE = "if an argument is not positive and finite"
-
-
-def or_not_positive(reason: str) -> str:
-    """Return when an error is raised: for a reason, and for another argument."""
-    return f"if {reason}, or another argument not positive and finite"
-
 
 def require(name: str, value: ArrayLike, holds: ArrayLike, cure: str) -> None:
     """Refuse `value`, named by its first entry for which `holds` is false."""

@@ -16,14 +16,10 @@ P. R. Guduru, J. Mech. Phys. Solids 55, 445 (2007); H. Kesari, A. J. Lew, J. Mec
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxstab.core.docstrings import described
 from jaxstab.references import jkr
-from jaxstab.references.arguments import SPHERE, Array, not_negative, or_not_positive, positive
-
-_ARGUMENTS = {**SPHERE, "amplitude": "A [length]", "length": "the wavelength L [length]"}
+from jaxstab.references.arguments import Array, not_negative, positive
 
 
-@described(_ARGUMENTS, or_not_positive("A is negative"))
 def curve(
     contact_radius: ArrayLike,
     radius: ArrayLike,
@@ -36,6 +32,17 @@ def curve(
 
     F = F_JKR + (2 pi^2 E* A a^2 / L) (H0(q) - H1(q) / q) and d = d_JKR + (pi^2 A a / L) H0(q),
     where q = 2 pi a / L and H0, H1 are Struve's functions (Guduru 2007).
+
+    Arguments:
+        contact_radius: a [length].
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        amplitude: A [length].
+        length: the wavelength L [length].
+
+    Raises:
+        ValueError: if A is negative, or another argument not positive and finite.
     """
     smooth = jkr.curve(contact_radius, radius, contact_modulus, work_of_adhesion)
     (length,) = positive(length=length)
@@ -48,7 +55,6 @@ def curve(
     )
 
 
-@described(_ARGUMENTS, or_not_positive("A is negative"))
 def envelope_work(
     contact_modulus: ArrayLike, work_of_adhesion: ArrayLike, amplitude: ArrayLike, length: ArrayLike
 ) -> Array:
@@ -56,6 +62,15 @@ def envelope_work(
 
     alpha = sqrt(2 w L / (pi^2 E* A^2)) is `johnson.adhesion_parameter` (Kesari & Lew 2011). It is
     the work of adhesion while contact opens [energy/area].
+
+    Arguments:
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        amplitude: A [length].
+        length: the wavelength L [length].
+
+    Raises:
+        ValueError: if A is negative, or another argument not positive and finite.
     """
     contact_modulus, work, length = positive(
         contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion, length=length
@@ -64,7 +79,6 @@ def envelope_work(
     return (np.sqrt(work) + amplitude * np.sqrt(np.pi * contact_modulus / (2 * length))) ** 2
 
 
-@described(_ARGUMENTS, or_not_positive("A is negative"))
 def envelope(
     contact_radius: ArrayLike,
     radius: ArrayLike,
@@ -76,6 +90,17 @@ def envelope(
     """Return the lower envelope of `curve` for short waves, L << a: JKR's with `envelope_work`.
 
     Touched, not crossed, wherever contact opens (Kesari & Lew 2011).
+
+    Arguments:
+        contact_radius: a [length].
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        amplitude: A [length].
+        length: the wavelength L [length].
+
+    Raises:
+        ValueError: if A is negative, or another argument not positive and finite.
     """
     work = envelope_work(contact_modulus, work_of_adhesion, amplitude, length)
     smooth = jkr.curve(contact_radius, radius, contact_modulus, work)
@@ -83,7 +108,6 @@ def envelope(
     return smooth._replace(displacement=smooth.displacement + np.asarray(amplitude))
 
 
-@described(_ARGUMENTS, or_not_positive("A is negative"))
 def envelope_pull_off(
     radius: ArrayLike,
     contact_modulus: ArrayLike,
@@ -94,6 +118,16 @@ def envelope_pull_off(
     """Return where `envelope` is lowest: F = -(3/2) pi w R (1 + 1 / (sqrt(pi) alpha))^2.
 
     The pull-off under dead load for short waves, L << a (Kesari & Lew 2011).
+
+    Arguments:
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        amplitude: A [length].
+        length: the wavelength L [length].
+
+    Raises:
+        ValueError: if A is negative, or another argument not positive and finite.
     """
     work = envelope_work(contact_modulus, work_of_adhesion, amplitude, length)
     lowest = jkr.pull_off(radius, contact_modulus, work).contact_radius

@@ -17,20 +17,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxstab.core.docstrings import described
 from jaxstab.references.arguments import (
-    POSITIVE,
-    SPHERE,
     Array,
     not_negative,
-    or_not_positive,
     positive,
     require,
 )
 from jaxstab.references.roots import bisect
 
 _SQRT_6 = np.sqrt(6)
-_DISPLACEMENT = "d, the approach, positive into contact [length]"
 
 
 class State(NamedTuple):
@@ -73,9 +68,17 @@ class Barriers(NamedTuple):
     jump_in: Array
 
 
-@described(SPHERE, POSITIVE)
 def units(radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike) -> Units:
-    """Return F0, d0 and a0, with K = 4 E* / 3 (D. Maugis, J. Colloid Interface Sci. 150, 1992)."""
+    """Return F0, d0 and a0, with K = 4 E* / 3 (D. Maugis, J. Colloid Interface Sci. 150, 1992).
+
+    Arguments:
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
+    """
     radius, contact_modulus, work = positive(
         radius=radius, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion
     )
@@ -83,7 +86,6 @@ def units(radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: Array
     return Units(np.pi * work * radius, contact_radius**2 / radius, contact_radius)
 
 
-@described(SPHERE, POSITIVE)
 def force(
     contact_radius: ArrayLike,
     radius: ArrayLike,
@@ -93,29 +95,56 @@ def force(
     """Return F = 4 E* a^3 / (3 R) - sqrt(8 pi w E* a^3) (Johnson, Kendall & Roberts 1971) [force].
 
     Hertz's force, less a flat punch's whose energy release rate is w.
+
+    Arguments:
+        contact_radius: a [length].
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
     """
     return curve(contact_radius, radius, contact_modulus, work_of_adhesion).force
 
 
-@described(SPHERE, POSITIVE)
 def displacement(
     contact_radius: ArrayLike,
     radius: ArrayLike,
     contact_modulus: ArrayLike,
     work_of_adhesion: ArrayLike,
 ) -> Array:
-    """Return d = a^2 / R - sqrt(2 pi w a / E*) (Maugis & Barquins 1978) [length]."""
+    """Return d = a^2 / R - sqrt(2 pi w a / E*) (Maugis & Barquins 1978) [length].
+
+    Arguments:
+        contact_radius: a [length].
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
+    """
     return curve(contact_radius, radius, contact_modulus, work_of_adhesion).displacement
 
 
-@described(SPHERE, POSITIVE)
 def curve(
     contact_radius: ArrayLike,
     radius: ArrayLike,
     contact_modulus: ArrayLike,
     work_of_adhesion: ArrayLike,
 ) -> State:
-    """Return `force` and `displacement` together, of all equilibria, stable and unstable ones."""
+    """Return `force` and `displacement` together, of all equilibria, stable and unstable ones.
+
+    Arguments:
+        contact_radius: a [length].
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
+    """
     a, radius, contact_modulus, work = positive(
         contact_radius=contact_radius,
         radius=radius,
@@ -130,7 +159,6 @@ def curve(
     )
 
 
-@described(SPHERE, POSITIVE)
 def energy(
     contact_radius: ArrayLike,
     radius: ArrayLike,
@@ -141,6 +169,15 @@ def energy(
 
     The integral of F over d along `curve`: the elastic energy, less w for each area in
     contact, zero without any [energy].
+
+    Arguments:
+        contact_radius: a [length].
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
     """
     (a,) = positive(contact_radius=contact_radius)
     unit = units(radius, contact_modulus, work_of_adhesion)
@@ -149,7 +186,6 @@ def energy(
     return unit.force * unit.displacement * number
 
 
-@described(SPHERE, POSITIVE, displacement=_DISPLACEMENT)
 def held_energy(
     contact_radius: ArrayLike,
     displacement: ArrayLike,
@@ -161,6 +197,16 @@ def held_energy(
 
     That of any contact radius, in equilibrium or not; where it is in equilibrium, it is `energy`.
     From none to a contact it rises to the pass and falls [energy].
+
+    Arguments:
+        contact_radius: a [length].
+        displacement: d, the approach, positive into contact [length].
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
     """
     a, radius, contact_modulus, work = positive(
         contact_radius=contact_radius,
@@ -173,7 +219,6 @@ def held_energy(
     return contact_modulus * elastic - np.pi * work * a**2
 
 
-@described(SPHERE, POSITIVE, displacement=_DISPLACEMENT)
 def held(
     displacement: ArrayLike,
     radius: ArrayLike,
@@ -183,6 +228,15 @@ def held(
     """Return the stable contact at a held displacement, and the unstable one, the pass.
 
     They lie between pull-off and first touch, d = -0.90856 d0 and 0; elsewhere both are NaN.
+
+    Arguments:
+        displacement: d, the approach, positive into contact [length].
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
     """
     sphere = radius, contact_modulus, work_of_adhesion
     unit = units(*sphere)
@@ -202,7 +256,6 @@ def held(
     return states[0], states[1]
 
 
-@described(SPHERE, POSITIVE, displacement=_DISPLACEMENT)
 def barriers(
     displacement: ArrayLike,
     radius: ArrayLike,
@@ -213,6 +266,15 @@ def barriers(
 
     Adhesion has no range, so that the bodies apart are always stable below first touch. NaN where
     there is no pass, beyond pull-off and after first touch.
+
+    Arguments:
+        displacement: d, the approach, positive into contact [length].
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
     """
     sphere = radius, contact_modulus, work_of_adhesion
     unit = units(*sphere)
@@ -225,11 +287,18 @@ def barriers(
     return Barriers(top - contact, top)
 
 
-@described(SPHERE, POSITIVE)
 def maxwell(radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike) -> State:
     """Return the contact whose energy is that of the bodies apart: d = -0.802116 d0.
 
     There both barriers are the same.
+
+    Arguments:
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
     """
     sphere = radius, contact_modulus, work_of_adhesion
     unit = units(*sphere)
@@ -238,7 +307,6 @@ def maxwell(radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: Arr
     return curve(np.cbrt(root**2) * unit.contact_radius, *sphere)
 
 
-@described(SPHERE, or_not_positive("k is negative"))
 def pull_off(
     radius: ArrayLike,
     contact_modulus: ArrayLike,
@@ -249,6 +317,15 @@ def pull_off(
 
     Under dead load, k = 0, F = -(3/2) pi w R (Johnson, Kendall & Roberts 1971); under held
     displacement, k infinite, F = -(5/6) pi w R; between them Maugis & Barquins (1978).
+
+    Arguments:
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        stiffness: k of the spring [force/length].
+
+    Raises:
+        ValueError: if k is negative, or another argument not positive and finite.
     """
     # d(F + k d)/dA, where root = A^(3/2), without a positive factor.
     return _where_zero(
@@ -260,11 +337,6 @@ def pull_off(
     )
 
 
-@described(
-    SPHERE,
-    or_not_positive("k is negative"),
-    stiffness="k of the spring through which the sphere is pressed [force/length]",
-)
 def jump_in(
     radius: ArrayLike,
     contact_modulus: ArrayLike,
@@ -275,6 +347,15 @@ def jump_in(
 
     Without range, nothing acts before. Under held displacement F = -(4/3) pi w R and
     a^3 = 2 pi w R^2 / E*; under dead load F = 0 (Johnson, Kendall & Roberts 1971).
+
+    Arguments:
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        stiffness: k of the spring through which the sphere is pressed [force/length].
+
+    Raises:
+        ValueError: if k is negative, or another argument not positive and finite.
     """
     # F + k d, where root = A^(3/2).
     return _where_zero(
@@ -286,11 +367,6 @@ def jump_in(
     )
 
 
-@described(
-    SPHERE,
-    or_not_positive("k is not positive"),
-    stiffness="k of the spring [force/length]; infinite under held displacement",
-)
 def loop_loss(
     radius: ArrayLike,
     contact_modulus: ArrayLike,
@@ -301,6 +377,15 @@ def loop_loss(
 
     Under held displacement 7.0922 (w^5 R^4 / E*^2)^(1/3), the difference of `energy`; a spring of
     stiffness k adds the difference of its F^2 / (2 k) [energy].
+
+    Arguments:
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        stiffness: k of the spring [force/length]; infinite under held displacement.
+
+    Raises:
+        ValueError: if k is not positive, or another argument not positive and finite.
     """
     stiffness = np.asarray(stiffness)
     require("stiffness", stiffness, stiffness > 0, "a positive number")

@@ -15,18 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jaxstab.core.docstrings import described
-from jaxstab.references.arguments import POSITIVE, Array, or_not_positive, positive, require
+from jaxstab.references.arguments import Array, positive, require
 from jaxstab.references.roots import bisect
-
-_ARGUMENTS = {
-    "contact_fraction": "2 a / L, between 0 and 1 [1]",
-    "amplitude": "A [length]",
-    "length": "the period L [length]",
-    "contact_modulus": "E* [pressure]",
-    "work_of_adhesion": "w [energy/area]",
-}
-_UNSTABLE = f"if alpha is above 1.0653, where all partial contact is unstable; or {POSITIVE}"
 
 
 class State(NamedTuple):
@@ -43,13 +33,21 @@ class State(NamedTuple):
     contact_fraction: Array
 
 
-@described(_ARGUMENTS, POSITIVE)
 def adhesion_parameter(
     amplitude: ArrayLike, length: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike
 ) -> Array:
     """Return alpha = sqrt(2 w L / (pi^2 E* A^2)) (Johnson 1995) [1].
 
     That is the energy that adhesion gives over the one that flattening costs.
+
+    Arguments:
+        amplitude: A [length].
+        length: the period L [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
     """
     amplitude, length, contact_modulus, work = positive(
         amplitude=amplitude,
@@ -60,10 +58,6 @@ def adhesion_parameter(
     return np.sqrt(2 * work * length / contact_modulus) / (np.pi * amplitude)
 
 
-@described(
-    _ARGUMENTS,
-    or_not_positive("the fraction is not between 0 and 1"),
-)
 def curve(
     contact_fraction: ArrayLike,
     amplitude: ArrayLike,
@@ -76,6 +70,17 @@ def curve(
     Westergaard's pressure and the tension of periodic flat punches whose energy release rate is w
     (Johnson 1995). They lift the surface to a mean gap
     A (cos(theta)^2 + 2 (p / p*) ln(sin(theta))), by the displacement of each.
+
+    Arguments:
+        contact_fraction: 2 a / L, between 0 and 1 [1].
+        amplitude: A [length].
+        length: the period L [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+
+    Raises:
+        ValueError: if the fraction is not between 0 and 1, or another argument not positive and
+            finite.
     """
     contact_fraction, amplitude, length, contact_modulus, work = positive(
         contact_fraction=contact_fraction,
@@ -92,33 +97,60 @@ def curve(
     return State(np.pi * contact_modulus * amplitude / length * ratio, gap, contact_fraction)
 
 
-@described(_ARGUMENTS, _UNSTABLE)
 def pull_off(
     amplitude: ArrayLike, length: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike
 ) -> State:
     """Return the state of the largest mean tension before contact is lost, where dp/da = 0.
 
     The smaller root of 4 sin(theta)^(3/2) cos(theta)^(5/2) = alpha (Johnson 1995).
+
+    Arguments:
+        amplitude: A [length].
+        length: the period L [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+
+    Raises:
+        ValueError: if alpha is above 1.0653, where all partial contact is unstable; or if an
+            argument is not positive and finite.
     """
     return _fold(0.0, amplitude, length, contact_modulus, work_of_adhesion)
 
 
-@described(_ARGUMENTS, _UNSTABLE)
 def jump_to_full_contact(
     amplitude: ArrayLike, length: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike
 ) -> State:
     """Return the state of the largest mean pressure that leaves gaps, where dp/da = 0.
 
     The larger root of 4 sin(theta)^(3/2) cos(theta)^(5/2) = alpha (Johnson 1995).
+
+    Arguments:
+        amplitude: A [length].
+        length: the period L [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+
+    Raises:
+        ValueError: if alpha is above 1.0653, where all partial contact is unstable; or if an
+            argument is not positive and finite.
     """
     return _fold(np.pi / 2, amplitude, length, contact_modulus, work_of_adhesion)
 
 
-@described(_ARGUMENTS, POSITIVE)
 def is_full_by_itself(
     amplitude: ArrayLike, length: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike
 ) -> NDArray[np.bool_]:
-    """Return whether contact becomes full without pressure: alpha > 3^(3/4) / 4 (Johnson 1995)."""
+    """Return whether contact becomes full without pressure: alpha > 3^(3/4) / 4 (Johnson 1995).
+
+    Arguments:
+        amplitude: A [length].
+        length: the period L [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
+    """
     alpha = adhesion_parameter(amplitude, length, contact_modulus, work_of_adhesion)
     return alpha > 3**0.75 / 4
 

@@ -18,14 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxstab.core.docstrings import described
 from jaxstab.references import jkr
 from jaxstab.references.arguments import (
-    POSITIVE,
-    SPHERE,
     Array,
     not_negative,
-    or_not_positive,
     positive,
     require,
 )
@@ -52,13 +48,21 @@ class State(NamedTuple):
     outer_radius: Array
 
 
-@described(SPHERE, POSITIVE)
 def transition_parameter(
     radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike, strength: ArrayLike
 ) -> Array:
     """Return lambda = 2 s / (pi w K^2 / R)^(1/3), K = 4 E* / 3: JKR if large, DMT if small.
 
     It is 1.157 times Tabor's parameter (Maugis 1992) [1].
+
+    Arguments:
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        strength: s, the tension [pressure].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
     """
     radius, contact_modulus, work, strength = positive(
         radius=radius,
@@ -69,7 +73,6 @@ def transition_parameter(
     return 2 * strength / np.cbrt(np.pi * work * (4 / 3 * contact_modulus) ** 2 / radius)
 
 
-@described(SPHERE, POSITIVE)
 def curve(
     contact_radius: ArrayLike,
     radius: ArrayLike,
@@ -81,6 +84,16 @@ def curve(
 
     Where the gap at c is w / s, which is (Maugis 1992):
     (lambda/2) (A N + (C^2 - 2 A^2) t) + (4/3) lambda^2 (N t - C + A) = 1.
+
+    Arguments:
+        contact_radius: a [length].
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        strength: s, the tension [pressure].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
     """
     (contact_radius,) = positive(contact_radius=contact_radius)
     unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
@@ -89,11 +102,6 @@ def curve(
     return _with_units(unit, *_in_contact(ratio, ratio * np.exp(width), parameter))
 
 
-@described(
-    SPHERE,
-    or_not_positive("c is negative or too large"),
-    outer_radius="c, at most that of `first_touch` [length]",
-)
 def without_contact(
     outer_radius: ArrayLike,
     radius: ArrayLike,
@@ -105,6 +113,16 @@ def without_contact(
 
     The gap at c is w / s (Johnson & Greenwood 1997). Where the middle touches, `first_touch`,
     `curve` goes on.
+
+    Arguments:
+        outer_radius: c, at most that of `first_touch` [length].
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        strength: s, the tension [pressure].
+
+    Raises:
+        ValueError: if c is negative or too large, or another argument not positive and finite.
     """
     c = not_negative("outer_radius", outer_radius)
     unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
@@ -113,19 +131,26 @@ def without_contact(
     return _with_units(unit, *_without_contact(c / unit.contact_radius, parameter))
 
 
-@described(SPHERE, POSITIVE)
 def first_touch(
     radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike, strength: ArrayLike
 ) -> State:
     """Return the state between `without_contact` and `curve`: a = 0, and no gap in the middle.
 
     lambda pi C^2 / 4 + (4/3) lambda^2 (pi/2 - 1) C = 1 (the equation of `curve` for A = 0).
+
+    Arguments:
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        strength: s, the tension [pressure].
+
+    Raises:
+        ValueError: if an argument is not positive and finite.
     """
     unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
     return _with_units(unit, *_without_contact(_first_outer(parameter), parameter))
 
 
-@described(SPHERE, or_not_positive("k is negative"))
 def pull_off(
     radius: ArrayLike,
     contact_modulus: ArrayLike,
@@ -138,6 +163,16 @@ def pull_off(
     The least F under dead load, k = 0 (Maugis 1992), and the least d under held displacement, k
     infinite; for lambda < 0.938 the latter comes after contact has been lost, at
     c = 4 s R / (pi E*) (Johnson & Greenwood 1997).
+
+    Arguments:
+        radius: R of the paraboloid [length].
+        contact_modulus: E* [pressure].
+        work_of_adhesion: w [energy/area].
+        strength: s, the tension [pressure].
+        stiffness: k of the spring [force/length].
+
+    Raises:
+        ValueError: if k is negative, or another argument not positive and finite.
     """
     unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
     dead, held = jkr.spring_weights(stiffness, unit)

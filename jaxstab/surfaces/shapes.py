@@ -16,25 +16,21 @@ from jaxstab.core.checks import (
     require_positive,
     scalar_parameter,
 )
-from jaxstab.core.docstrings import described
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import Field, Scalar
 
-_ARGUMENTS = {
-    "grid": "the grid; on a line the shape is the profile of a cylinder, a wedge and so on",
-    "radius": "R, the radius of curvature at the summit [length]",
-    "slope": "s, the tangent of the angle between flank and plane",
-    "rim_radius": "R, the radius of curvature of its rim [length]",
-    "amplitude": "A, half the height of a wave from trough to crest [length]",
-    "wavelength": "l [length]",
-}
 
-
-@described(_ARGUMENTS, "if the radius is not positive")
 def paraboloid(grid: Grid, radius: ArrayLike) -> Field:
     """Return h = -r^2 / (2 R), its summit in the middle of the cell (Rey & Bleyer, eq. 40).
 
     It is zero at the summit [length].
+
+    Arguments:
+        grid: the grid; on a line the shape is the profile of a cylinder, a wedge and so on.
+        radius: R, the radius of curvature at the summit [length].
+
+    Raises:
+        ValueError: if the radius is not positive.
     """
     require_grid(grid)
     return _paraboloid(grid, _positive("The radius", radius))
@@ -45,11 +41,17 @@ def _paraboloid(grid: Grid, radius: Scalar) -> Field:
     return -_squared_distance(grid) / (2 * radius)
 
 
-@described(_ARGUMENTS, "if the radius is not positive", radius="R [length]")
 def sphere(grid: Grid, radius: ArrayLike) -> Field:
     """Return h = sqrt(R^2 - r^2) - R up to r = R, and beyond it flat at -R.
 
     It is zero at the summit [length].
+
+    Arguments:
+        grid: the grid; on a line the shape is the profile of a cylinder, a wedge and so on.
+        radius: R [length].
+
+    Raises:
+        ValueError: if the radius is not positive.
     """
     require_grid(grid)
     return _sphere(grid, _positive("The radius", radius))
@@ -64,11 +66,17 @@ def _sphere(grid: Grid, radius: Scalar) -> Field:
     return -jnp.where(is_inside, depth, radius)
 
 
-@described(_ARGUMENTS, "if the slope is not positive")
 def cone(grid: Grid, slope: ArrayLike) -> Field:
     """Return h = -s r.
 
     It is zero at the apex [length].
+
+    Arguments:
+        grid: the grid; on a line the shape is the profile of a cylinder, a wedge and so on.
+        slope: s, the tangent of the angle between flank and plane.
+
+    Raises:
+        ValueError: if the slope is not positive.
     """
     require_grid(grid)
     return _cone(grid, _positive("The slope", slope))
@@ -79,11 +87,18 @@ def _cone(grid: Grid, slope: Scalar) -> Field:
     return -slope * _distance(grid)
 
 
-@described(_ARGUMENTS, "if a radius is not positive", radius="a, of the flat [length]")
 def flat_punch(grid: Grid, radius: ArrayLike, rim_radius: ArrayLike) -> Field:
     """Return a flat of radius a with a rounded rim: h = 0, beyond it -(r - a)^2 / (2 R).
 
     It is zero on the flat [length].
+
+    Arguments:
+        grid: the grid; on a line the shape is the profile of a cylinder, a wedge and so on.
+        radius: a, of the flat [length].
+        rim_radius: R, the radius of curvature of its rim [length].
+
+    Raises:
+        ValueError: if a radius is not positive.
     """
     require_grid(grid)
     radii = _positive("The radius", radius), _positive("The radius of the rim", rim_radius)
@@ -95,11 +110,6 @@ def _flat_punch(grid: Grid, radius: Scalar, rim_radius: Scalar) -> Field:
     return -(jnp.maximum(_distance(grid) - radius, 0) ** 2) / (2 * rim_radius)
 
 
-@described(
-    _ARGUMENTS,
-    "if radius or wavelength are not positive, or the amplitude not finite",
-    radius="R of the paraboloid [length]",
-)
 def wavy_sphere(
     grid: Grid, radius: ArrayLike, amplitude: ArrayLike, wavelength: ArrayLike
 ) -> Field:
@@ -108,6 +118,15 @@ def wavy_sphere(
     P. R. Guduru, J. Mech. Phys. Solids 55, 445 (2007).
 
     It is zero at the summit [length].
+
+    Arguments:
+        grid: the grid; on a line the shape is the profile of a cylinder, a wedge and so on.
+        radius: R of the paraboloid [length].
+        amplitude: A, half the height of a wave from trough to crest [length].
+        wavelength: l [length].
+
+    Raises:
+        ValueError: if radius or wavelength are not positive, or the amplitude not finite.
     """
     require_grid(grid)
     amplitude = scalar_parameter(amplitude, "The amplitude")

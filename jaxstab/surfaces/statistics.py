@@ -13,21 +13,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxstab.core.checks import are_finite, is_traced, known, numbers, parameter, require
-from jaxstab.core.docstrings import described
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import Field, Scalar
 from jaxstab.surfaces.topography import FILL, Topography, as_topography
 
-_OF_A_GRID = {
-    "grid": "the grid; its lengths must be known, since they decide the number of rings",
-    "heights": "the surface [length]",
-}
-_OF_A_SOLID = {
-    "solid": "the solid, of any kind",
-    "heights": "the surface on its grid [length]",
-    "work": "w, the work of adhesion between flat surfaces [energy/area]",
-}
-_NO_HEIGHTS = "for heights of another shape than the grid, or not finite"
 # Rounding must not decide which ring a point at its edge belongs to.
 _ROUNDING = 1e-3
 
@@ -77,9 +66,17 @@ class PowerSpectrum(eqx.Module):
     num_waves: Float[Array, " rings"]
 
 
-@described(_OF_A_GRID, _NO_HEIGHTS, "for a grid that is none")
 def power_spectrum(grid: Grid, heights: Field | Topography) -> PowerSpectrum:
-    """Return the radial power spectrum of a surface, up to the corner of its spectrum."""
+    """Return the radial power spectrum of a surface, up to the corner of its spectrum.
+
+    Arguments:
+        grid: the grid; its lengths must be known, since they decide the number of rings.
+        heights: the surface [length].
+
+    Raises:
+        ValueError: for heights of another shape than the grid, or not finite.
+        TypeError: for a grid that is none.
+    """
     heights = _heights_on(grid, heights)
     lengths = np.asarray(grid.lengths)
     fundamental = 2 * np.pi / lengths.max()
@@ -105,12 +102,19 @@ class Autocorrelation(eqx.Module):
     value: Float[Array, " rings"]
 
 
-@described(_OF_A_GRID, _NO_HEIGHTS, "for a grid that is none")
 def autocorrelation(grid: Grid, heights: Field | Topography) -> Autocorrelation:
     """Return the radial autocorrelation <h(x) h(x + r)> of heights about their mean.
 
     It is the Fourier transform of |h(q)|^2 (Wiener and Khinchin), averaged over rings as wide as
     the larger spacing.
+
+    Arguments:
+        grid: the grid; its lengths must be known, since they decide the number of rings.
+        heights: the surface [length].
+
+    Raises:
+        ValueError: for heights of another shape than the grid, or not finite.
+        TypeError: for a grid that is none.
     """
     heights = _heights_on(grid, heights)
     lengths = np.asarray(grid.lengths)
@@ -130,7 +134,6 @@ def autocorrelation(grid: Grid, heights: Field | Topography) -> Autocorrelation:
     return Autocorrelation(averaged(distance) / num_points, averaged(value) / num_points)
 
 
-@described(_OF_A_SOLID, _NO_HEIGHTS, "for a solid that is none")
 def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
     """Return the elastic energy of full contact per area of the cell.
 
@@ -138,6 +141,14 @@ def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
     Phys. 115, 2001).
 
     It counts from that of the solid moved as a whole [energy/area].
+
+    Arguments:
+        solid: the solid, of any kind.
+        heights: the surface on its grid [length].
+
+    Raises:
+        ValueError: for heights of another shape than the grid, or not finite.
+        TypeError: for a solid that is none.
     """
     heights = _heights_on(_grid_of(solid), heights)
     if solid.is_window:
@@ -148,11 +159,6 @@ def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
     return solid.held_by(0).energy(heights - jnp.mean(heights)) / solid.grid.area
 
 
-@described(
-    _OF_A_SOLID,
-    f"{_NO_HEIGHTS}, and for work that is negative or not finite",
-    "for a solid that is none",
-)
 def effective_work_of_adhesion(
     solid: Elastic, heights: Field | Topography, work: ArrayLike
 ) -> Scalar:
@@ -160,6 +166,16 @@ def effective_work_of_adhesion(
 
     A / A0 is the mean of sqrt(1 + |grad h|^2), with the gradient of the Fourier series. Below zero
     the surfaces do not stay in full contact [energy/area].
+
+    Arguments:
+        solid: the solid, of any kind.
+        heights: the surface on its grid [length].
+        work: w, the work of adhesion between flat surfaces [energy/area].
+
+    Raises:
+        ValueError: for heights of another shape than the grid, or not finite, and for work that is
+            negative or not finite.
+        TypeError: for a solid that is none.
     """
     heights = _heights_on(_grid_of(solid), heights)
     given = known(parameter(work, "The work of adhesion"))
