@@ -11,6 +11,7 @@ import numpy as np
 from small_problems import Problem
 
 import jaxstab as js
+from jaxstab.loads import Load
 
 
 class Cosine(eqx.Module):
@@ -60,7 +61,7 @@ def assess(
 
 
 @cache
-def template(shape: tuple[int, ...], load: type[js.loads.Load]) -> js.Equilibrium:
+def template(shape: tuple[int, ...], load: type[Load]) -> js.Equilibrium:
     contact = js.Contact(js.HalfSpace(js.Grid(shape), 1.0), jnp.zeros(shape), lambda gap: 0 * gap)
     return replace(js.equilibrate(contact, js.MeanGap(1.0)), load=load(1.0))
 

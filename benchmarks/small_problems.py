@@ -11,6 +11,7 @@ import numpy as np
 from faces import smallest_on_cone
 
 import jaxstab as js
+from jaxstab.loads import Load
 
 SHAPES = ((3, 3), (5, 6), (16,), (8, 8))
 LOADS = (js.MeanGap, js.MeanPressure)
@@ -35,7 +36,7 @@ class Problem(NamedTuple):
     seed: int
     family: str
     shape: tuple[int, ...]
-    load: type[js.loads.Load]
+    load: type[Load]
     youngs_modulus: float
     curvature: np.ndarray
     in_contact: np.ndarray

@@ -43,11 +43,13 @@ def test_plain_heights_can_have_a_unit_and_a_topography_brings_its_own():
 
 def test_the_names_that_python_lists_are_the_public_ones():
     names = dir(js)
-    assert set(names) == {*js.__all__, "__version__"}
+    assert names == js.__all__
     assert {"plots", "potentials", "references", "surfaces", "files"} <= set(names)
     private = {module.name for module in iter_modules(js.__path__)} - set(js.__all__)
     assert "core" in private and not private & set(names)
     assert "import_module" not in names and all(hasattr(js, name) for name in names)
+    for room in (js.files, js.plots, js.potentials, js.references, js.surfaces):
+        assert dir(room) == sorted(room.__all__)
 
 
 def test_a_file_in_metres_has_si_units_and_si_numbers(tmp_path):

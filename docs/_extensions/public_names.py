@@ -20,7 +20,8 @@ def resolve(name: str) -> Any:
     try:
         return attrgetter(rest)(import_module(package)) if rest else import_module(package)
     except AttributeError:
-        return import_module(name)
+        home, _, last = name.rpartition(".")
+        return getattr(import_module(home), last, None) or import_module(name)
 
 
 def home_of(item: Any) -> str:

@@ -56,3 +56,7 @@ __all__ = [
     "varying_fields",
     "with_fields",
 ]
+
+
+def __dir__() -> list[str]:
+    return __all__

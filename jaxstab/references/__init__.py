@@ -3,3 +3,7 @@
 from jaxstab.references import guduru, hertz, jkr, johnson, maugis, westergaard
 
 __all__ = ["guduru", "hertz", "jkr", "johnson", "maugis", "westergaard"]
+
+
+def __dir__() -> list[str]:
+    return __all__

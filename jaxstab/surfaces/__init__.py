@@ -47,3 +47,7 @@ __all__ = [
     "tip",
     "wavy_sphere",
 ]
+
+
+def __dir__() -> list[str]:
+    return __all__
