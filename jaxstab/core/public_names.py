@@ -6,6 +6,8 @@ being made of these.
 
 from typing import Any
 
+from jaxstab.core.units import is_own
+
 _PACKAGE = __name__.partition(".")[0]
 # By module, or by "module:name", where what lies there lay first.
 _FIRST_MODULES = {
@@ -42,11 +44,6 @@ _FIRST_MODULES = {
     "stability.verdict:VERDICTS": "results",
     "stability.eigenpair:Minimum": "stability.solver",
 }
-
-
-def is_own(module: str) -> bool:
-    """Return whether a module is one of jaxstab."""
-    return module == _PACKAGE or module.startswith(f"{_PACKAGE}.")
 
 
 def first_module(value: Any) -> str:

@@ -15,7 +15,6 @@ from typing import Any, Protocol, Self, get_args
 import equinox as eqx
 from jaxtyping import Array, Bool, Int
 
-from jaxstab.core.public_names import is_own
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Scalar
 
@@ -63,6 +62,11 @@ class Dimensioned(eqx.Module):
                 value = change(value)
             object.__setattr__(changed, name, value)
         return changed
+
+
+def is_own(module: str) -> bool:
+    """Return whether a module is one of this package."""
+    return module.partition(".")[0] == __name__.partition(".")[0]
 
 
 @cache

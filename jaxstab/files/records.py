@@ -19,7 +19,7 @@ from jaxstab.core.closures import is_bare
 from jaxstab.core.enumeration import Enumeration
 from jaxstab.core.history import History
 from jaxstab.core.unit_system import Units
-from jaxstab.core.units import declared
+from jaxstab.core.units import declared, is_own
 
 # JSON, as Python has it.
 Structure = Any
@@ -230,14 +230,13 @@ def _class(path: str) -> type:
     A file can name anything, and to import it would run its code.
     """
     module, _, name = path.partition(":")
-    is_own = module.partition(".")[0] == _PACKAGE
-    if not is_own and module not in sys.modules:
+    if not is_own(module) and module not in sys.modules:
         raise ValueError(
             f"The file names the class {path}, and a file imports no module: if you trust it, "
             f"write `import {module}` before jaxstab.load, or give the option --import {module}."
         )
-    found: Any = _public(path) if is_own else sys.modules[module]
-    for part in [] if is_own else name.split("."):
+    found: Any = _public(path) if is_own(module) else sys.modules[module]
+    for part in [] if is_own(module) else name.split("."):
         # What `getattr` finds may be imported by it.
         found = getattr(found, "__dict__", {}).get(part)
     if found is None:

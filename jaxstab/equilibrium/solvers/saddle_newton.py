@@ -9,18 +9,19 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
-from jaxstab.core.gmres import gmres
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
+from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.loop import integer_parameter, optional_parameter
+from jaxstab.core.minres import minres
 from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem, State
 
 # Halvings of a step before it is taken as it is.
 _MAX_CUTS = 8
-# How well the linear system of a step is solved, and by how many restarts at most.
+# The accuracy of the linear system of a step, and the limit of its steps.
 _ACCURACY = 1e-3
-_MAX_RESTARTS = 10
+_MAX_LINEAR_STEPS = 300
 
 
 class _Trial(eqx.Module):
@@ -34,7 +35,7 @@ class SaddleNewton(EquilibriumSolver):
 
     It finds the equilibrium near its start, be it a minimum or a saddle: the far side of a fold,
     for one. A step moves the points out of contact, and those in contact that are pulled off it. It
-    solves (K + D) d = -(K u + p0 + f') among them by GMRES with the preconditioner 1 / (K + c). It
+    solves (K + D) d = -(K u + p0 + f') among them by MINRES with the preconditioner 1 / (K + c). It
     is cut at zero gap, and halved while it raises the residual.
 
     Arguments:
@@ -78,17 +79,5 @@ def _newton_step(problem: Problem, state: State) -> Field:
     adhesion = total(jnp.abs(curvature)) / curvature.size
     inverse = hessian.inverse(solid.min_stiffness + adhesion)
 
-    def project(field: Field) -> Field:
-        return control.project(field, is_moving)
-
-    def precondition(field: Field) -> Field:
-        return project(inverse(project(field)))
-
-    # What does not move is left to the identity.
-    step = gmres(
-        lambda field: precondition(hessian(project(field))) + field - project(field),
-        -precondition(net),
-        _ACCURACY,
-        _MAX_RESTARTS,
-    )
-    return project(step)
+    system = LinearSystem(hessian, inverse, lambda field: control.project(field, is_moving))
+    return minres(system, -net, _ACCURACY, _MAX_LINEAR_STEPS)

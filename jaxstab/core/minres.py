@@ -1,0 +1,93 @@
+"""Symmetric linear systems that need not be positive: MINRES.
+
+C. C. Paige and M. A. Saunders, SIAM J. Numer. Anal. 12, 617 (1975); with a preconditioner as in
+H. Elman, D. Silvester and A. Wathen, Finite Elements and Fast Iterative Solvers (2014), algorithm
+4.1.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from jaxstab.core.grid import total
+from jaxstab.core.linear_system import LinearSystem
+from jaxstab.core.types import Field, Flag, Scalar
+
+
+class _State(NamedTuple):
+    solution: Field
+    # Of the Lanczos process the last two vectors, and the last with the preconditioner applied.
+    vectors: tuple[Field, Field]
+    preconditioned: Field
+    directions: tuple[Field, Field]
+    # Norms of the last two vectors, and cosines and sines of the last two rotations.
+    norms: tuple[Scalar, Scalar]
+    cosines: tuple[Scalar, Scalar]
+    sines: tuple[Scalar, Scalar]
+    residual: Scalar
+    num_steps: Int[Array, ""]
+
+
+def minres(system: LinearSystem, right_side: Field, accuracy: float, max_steps: int) -> Field:
+    """Return x with P A x = P b, as well as it is found.
+
+    Arguments:
+        system: A, which need not be positive; its preconditioner must be.
+        right_side: b.
+        accuracy: the norm of b - A x over the norm of b, in the metric of the preconditioner.
+        max_steps: the step limit.
+    """
+
+    def preconditioned(vector: Field) -> tuple[Field, Scalar]:
+        image = system.project(system.precondition(vector))
+        return image, jnp.sqrt(jnp.maximum(total(image * vector), 0))
+
+    b = system.project(right_side)
+    image, size = preconditioned(b)
+
+    def goes_on(state: _State) -> Flag:
+        return (jnp.abs(state.residual) > accuracy * size) & (state.num_steps < max_steps)
+
+    def step(state: _State) -> _State:
+        (before, last), (norm_before, norm) = state.vectors, state.norms
+        (cosine_before, cosine), (sine_before, sine) = state.cosines, state.sines
+        unit = state.preconditioned / norm
+        product = system.project(system.operator(unit))
+        diagonal = total(product * unit)
+        vector = product - diagonal / norm * last - norm / norm_before * before
+        image, new_norm = preconditioned(vector)
+        # The new column of the tridiagonal matrix, rotated into a triangle.
+        pivot = cosine * diagonal - cosine_before * sine * norm
+        above = sine * diagonal + cosine_before * cosine * norm
+        length = jnp.hypot(pivot, new_norm)
+        length = jnp.where(length > 0, length, 1)
+        cosines, sines = (cosine, pivot / length), (sine, new_norm / length)
+        older, old = state.directions
+        direction = (unit - sine_before * norm * older - above * old) / length
+        return _State(
+            state.solution + cosines[1] * state.residual * direction,
+            (last, vector),
+            image,
+            (old, direction),
+            (norm, new_norm),
+            cosines,
+            sines,
+            -sines[1] * state.residual,
+            state.num_steps + 1,
+        )
+
+    nothing, zero, one = jnp.zeros_like(b), jnp.zeros_like(size), jnp.ones_like(size)
+    start = _State(
+        nothing,
+        (nothing, b),
+        image,
+        (nothing, nothing),
+        (one, size),
+        (one, one),
+        (zero, zero),
+        size,
+        jnp.array(0),
+    )
+    return jax.lax.while_loop(goes_on, step, start).solution
