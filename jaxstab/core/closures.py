@@ -1,6 +1,7 @@
 """Python functions as pytrees, so that their holders can cross any JAX transformation."""
 
 import re
+from functools import cached_property
 from typing import Any
 
 import equinox as eqx
@@ -59,12 +60,16 @@ class Formula:
         self.function, self.argument = function, argument
         self.jaxpr = _traced(function, argument)[0].jaxpr if jaxpr is None else jaxpr
 
+    @cached_property
+    def text(self) -> str:
+        """What the function computes, as JAX prints it."""
+        return str(self.jaxpr)
+
     def __eq__(self, other: object) -> bool:
         if self is other or not isinstance(other, Formula):
             return self is other
-        text = str(self.jaxpr)
-        is_same = self.function is other.function and text == str(other.jaxpr)
-        return is_same and not _HIDDEN.search(text, 1)
+        is_same = self.function is other.function and self.text == other.text
+        return is_same and not _HIDDEN.search(self.text, 1)
 
     def __hash__(self) -> int:
         return id(self.function)
@@ -86,9 +91,9 @@ class _Function(eqx.Module):
     def __call__(self, argument: Any) -> Any:
         # In the precision of the formula, from which those of its holder and argument may differ.
         jaxpr = self.formula.jaxpr
-        variables = [*jaxpr.constvars, *jaxpr.invars]
-        inputs = zip([*self.captured, argument], variables, strict=True)
-        *constants, value = (jnp.asarray(x, variable.aval.dtype) for x, variable in inputs)
+        avals: list[Any] = [variable.aval for variable in (*jaxpr.constvars, *jaxpr.invars)]
+        inputs = zip([*self.captured, argument], avals, strict=True)
+        *constants, value = (jnp.asarray(x, aval.dtype) for x, aval in inputs)
         (result,) = jaxpr_as_fun(ClosedJaxpr(jaxpr, constants))(value)
         return jnp.asarray(result, jnp.result_type(argument))
 
