@@ -7,6 +7,10 @@ from jaxstab.paths.branch.continuation import continuation
 from jaxstab.paths.branch.step import TURNS
 from jaxstab.paths.branch_end.barrier_law import BarrierLaw
 from jaxstab.paths.critical_load import critical_load
+from jaxstab.paths.evolution.evolution import Evolution
+from jaxstab.paths.evolution.evolve import evolve
+from jaxstab.paths.evolution.growth_rate import growth_rate
+from jaxstab.paths.evolution.step import Internal
 from jaxstab.paths.follow import PathInterrupted, follow
 from jaxstab.paths.observe import (
     ConductanceNumbers,
@@ -24,6 +28,8 @@ __all__ = [
     "BarrierLaw",
     "Branch",
     "ConductanceNumbers",
+    "Evolution",
+    "Internal",
     "Jump",
     "LeakageNumbers",
     "Observed",
@@ -37,7 +43,9 @@ __all__ = [
     "continuation",
     "critical_load",
     "easiest_exit",
+    "evolve",
     "follow",
+    "growth_rate",
     "observe",
     "pull_off",
     "transition",

@@ -5,6 +5,8 @@ from jaxstab.solids.half_space import HalfSpace
 from jaxstab.solids.layers import CoatedHalfSpace, Layer
 from jaxstab.solids.solid import Solid, apart_from_mean
 from jaxstab.solids.spectral import Spectral, SpectralSolid
+from jaxstab.solids.surface_tension import Sheet, SurfaceTension
+from jaxstab.solids.viscoelastic import Viscoelastic
 
 __all__ = [
     "CoatedHalfSpace",
@@ -12,9 +14,12 @@ __all__ = [
     "HalfSpace",
     "Layer",
     "Padded",
+    "Sheet",
     "Solid",
     "Spectral",
     "SpectralSolid",
+    "SurfaceTension",
+    "Viscoelastic",
     "apart_from_mean",
     "mirrored",
     "padded",

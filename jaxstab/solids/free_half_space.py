@@ -6,6 +6,7 @@ side. There K is their inverse. Outside of the surface the pressure is zero by e
 
 from typing import Annotated, ClassVar, NoReturn
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -112,6 +113,11 @@ class FreeHalfSpace(Solid):
     def is_valid(self) -> Array:
         """Whether every wave's stiffness is positive, and a number of full precision."""
         return self.whole.is_valid
+
+    def scaled(self, factor: Scalar) -> "FreeHalfSpace":
+        """Return the half space with its modulus times a factor."""
+        modulus = self.youngs_modulus
+        return eqx.tree_at(lambda solid: solid.youngs_modulus, self, factor * modulus)
 
     def held_by(self, stiffness: ArrayLike) -> NoReturn:
         """Raise: the displacement that is the same everywhere takes a pressure that is not."""

@@ -1,0 +1,1 @@
+"""Contacts of viscoelastic solids in time."""

@@ -1,0 +1,162 @@
+"""The history of a viscoelastic contact, and one state of it."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from jaxstab.contact import Contact
+from jaxstab.core import display
+from jaxstab.core.display import column
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.equilibrium import state_at
+from jaxstab.loads import Load
+from jaxstab.paths.evolution.step import Internal, Medium
+
+
+class Totals(eqx.Module):
+    """The scalars of a viscoelastic contact at a time, or at several.
+
+    Attributes:
+        mean_gap: mean(g) [length].
+        mean_pressure: p0, positive in compression [pressure].
+        contact_area: the number of contact points over that of all points.
+        stored: elastic energy of all branches, adhesive energy and that of the load's spring, above
+            that of the start [energy].
+        work: done by the load since the start [energy].
+        dissipated: in the solid, since the start [energy].
+        lost: in jumps, since the start [energy].
+    """
+
+    mean_gap: Float[Array, "..."]
+    mean_pressure: Float[Array, "..."]
+    contact_area: Float[Array, "..."]
+    stored: Float[Array, "..."]
+    work: Float[Array, "..."]
+    dissipated: Float[Array, "..."]
+    lost: Float[Array, "..."]
+
+
+class Evolution(Totals):
+    """A viscoelastic contact at given times; arrays have a leading axis of times.
+
+    `evolution[3]` is one state, without that axis. Its memory, and so its verdicts, need
+    `fields=True`, but for those of the last state.
+
+    Attributes:
+        contact: the contact, of a `Viscoelastic` solid.
+        load: the load at each time.
+        times: the times [time].
+        fields: gap and memory at each time; None without `fields`.
+        last: gap and memory of the last state.
+        jump_times: when the contact jumped; under JAX transformations the end of each step [time].
+        dissipation: the energy lost in each jump; under JAX transformations in each step [energy].
+        num_steps: the number of steps that led to each state from the one before.
+        result: a member of `RESULTS`: how each state was reached.
+    """
+
+    contact: Contact
+    load: Load
+    times: Float[Array, "..."]
+    fields: Internal | None
+    last: Internal | None
+    jump_times: Float[Array, " jumps"]
+    dissipation: Float[Array, " jumps"]
+    num_steps: Int[Array, "..."]
+    result: RESULTS
+
+    def __len__(self) -> int:
+        if self.times.ndim == 0:
+            raise TypeError("This is a single state of an evolution, without entries to choose.")
+        return len(self.times)
+
+    def __getitem__(self, index: Any) -> "Evolution":
+        places = np.arange(len(self))[index]
+        is_last = np.size(places) > 0 and np.ravel(places)[-1] == len(self) - 1
+        names = [*Totals.__annotations__, "load", "times", "fields", "num_steps", "result"]
+        picked = {
+            name: jax.tree.map(lambda leaf: leaf[places], getattr(self, name)) for name in names
+        }
+        last, kept = self.last if is_last else None, picked["fields"]
+        if kept is not None:
+            last = jax.tree.map(lambda leaf: leaf[-1], kept) if np.ndim(places) else kept
+        return replace(self, last=last, **picked)
+
+    def __iter__(self) -> Iterator["Evolution"]:
+        return (self[i] for i in range(len(self)))
+
+    @property
+    def force(self) -> Array:
+        """The mean pressure times the area of the cell, positive in compression."""
+        return self.mean_pressure * self.contact.area
+
+    @property
+    def internal(self) -> Internal:
+        """Gap and memory of a single state, or of the last one.
+
+        Raises:
+            ValueError: where they were not kept.
+        """
+        if self.last is None:
+            raise ValueError(
+                "The gap and the memory of this state were not kept: call evolve with fields=True."
+            )
+        return self.last
+
+    @property
+    def gap(self) -> Field:
+        """The gap of a single state, or of the last one [length]."""
+        return self.contact.solid.surface(self.internal.gap)
+
+    @property
+    def instant(self) -> tuple[Contact, Equilibrium]:
+        """The contact of a single state, or the last, as it answers at once; its equilibrium.
+
+        The solid is the glassy one, on a surface moved by the memory; on a window both are those of
+        the larger grid that it is solved on.
+        """
+        medium, gap = medium_of(self.contact), self.internal.gap
+        contact = medium.moved(self.internal, jnp.zeros((), gap.dtype))
+        load = self.load if self.load.value.ndim == 0 else self.load[-1]
+        return contact, state_at(contact, medium.load_on(contact, load), gap)
+
+    def __repr__(self) -> str:
+        try:
+            return display.table(_columns(self))
+        except display.UNREADABLE:
+            return display.block(self)
+
+
+def relaxed_contact(contact: Contact) -> Contact:
+    """Return the contact of the relaxed elastic solid of a viscoelastic one."""
+    solid: Any = contact.solid
+    return eqx.tree_at(lambda contact: contact.solid, contact, solid.relaxed)
+
+
+def medium_of(contact: Contact) -> Medium:
+    """Return the relaxed contact of a viscoelastic one, and its branches."""
+    solid: Any = contact.solid
+    return Medium(relaxed_contact(contact).whole, solid.ratios, solid.times)
+
+
+def _columns(evolution: Evolution) -> dict[str, list[str]]:
+    energies = {
+        name: column(getattr(evolution, name), "{:+.4e}".format)
+        for name in ("work", "stored", "dissipated", "lost")
+    }
+    return {
+        "time": column(evolution.times, "{:.6g}".format),
+        type(evolution.load).__name__: column(evolution.load.value, "{:.6g}".format),
+        "mean pressure": column(evolution.mean_pressure, "{:+.4e}".format),
+        "contact area": column(evolution.contact_area, lambda part: f"{100 * part:.2f} %"),
+        **energies,
+        "steps": column(evolution.num_steps, str),
+        "result": column(evolution.result.name, str),
+    }

@@ -1,0 +1,107 @@
+"""How fast the least stable perturbation of a viscoelastic contact grows."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jaxstab.contact import Contact
+from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.core.compile import program
+from jaxstab.core.grid import total
+from jaxstab.core.types import Flag, Scalar
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.paths.evolution.evolution import Evolution
+from jaxstab.stability.cones import Subspace
+from jaxstab.stability.lowest_modes import BLOCK_SIZE, noise
+from jaxstab.stability.lowest_pair import on_space
+from jaxstab.stability.solvers.davidson import Davidson
+
+_MAX_STEPS = 30
+_TOLERANCE = 1e-10
+# Of the search for a rate, in factors of two beyond the shortest and the longest relaxation time.
+_DOUBLINGS, _HALVINGS = 60, 120
+
+
+def growth_rate(evolution: Evolution) -> Scalar:
+    """Return the rate s at which the least stable perturbation of a state grows [1/time].
+
+    A perturbation x exp(s t) meets the stiffness K(s) = K (1 + sum r_k s t_k / (1 + s t_k)). At
+    the rate of growth K(s) + D is singular on the linear space of the critical cone, where the
+    points that press stay in contact. The smallest eigenvalue grows with the stiffness; its root is
+    found by Newton's method.
+
+    Arguments:
+        evolution: one state of an `Evolution` with `fields`, or the last one.
+
+    Returns:
+        s; zero where the relaxed solid is stable, infinite where the glassy one is not.
+
+    Raises:
+        ValueError: if the gap of the state was not kept.
+    """
+    contact, equilibrium = evolution.instant
+    solid: Any = evolution.contact.solid
+    unit = contact.own_pressure
+    rescaled = contact.in_units_of(unit), equilibrium.in_units_of(unit)
+    glassy = 1 + jnp.sum(solid.ratios)
+    stiffening = _singular_stiffening(*jax.lax.stop_gradient((*rescaled, glassy)))
+    return _rate(stiffening, glassy, solid.ratios, solid.times)
+
+
+@program
+def _singular_stiffening(contact: Contact, equilibrium: Equilibrium, glassy: Scalar) -> Scalar:
+    """Return the c at which c K + D is singular, between one and that of the glassy solid."""
+    gap = equilibrium.gap
+    is_moving = ~(equilibrium.in_contact & (equilibrium.reaction > 0))
+    space = Subspace(is_moving, contact.control(equilibrium.load).fixes_mean)
+    solver = Davidson(Davidson().tolerance_in(gap.dtype))
+    curvature = contact.curvature(gap)
+
+    def operator(c: Scalar) -> Hessian:
+        solid = contact.solid.scaled(c / glassy)
+        control = equilibrium.load.control(solid, contact.heights)
+        return Hessian(solid, curvature, control.stiffness)
+
+    def lowest(c: Scalar, starts: Block) -> tuple[Scalar, Array, Block]:
+        found = on_space(solver, operator(c), space, starts)
+        return found.pair.eigenvalue, found.pair.mode, found.modes
+
+    def goes_on(state: tuple) -> Flag:
+        c, before, _, number = state
+        return (jnp.abs(c - before) > _TOLERANCE * c) & (number < _MAX_STEPS)
+
+    def step(state: tuple) -> tuple:
+        c, _, starts, number = state
+        eigenvalue, mode, modes = lowest(c, starts)
+
+        def quotient(c: Scalar) -> Scalar:
+            return total(mode * operator(c)(mode))
+
+        # x.A(c) x lies above the smallest eigenvalue, and touches it: no root is passed over.
+        _, slope = jax.jvp(quotient, (c,), (jnp.ones_like(c),))
+        return jnp.clip(c - eigenvalue / slope, 1, glassy), c, modes, number + 1
+
+    starts = contact.grid.placed(noise(jax.random.key(0), BLOCK_SIZE, gap))
+    state = glassy, jnp.full_like(glassy, jnp.inf), starts, jnp.array(0)
+    c, _, _, number = jax.lax.while_loop(goes_on, step, state)
+    return jnp.where(space.is_trivial, 1, jnp.where(number < _MAX_STEPS, c, jnp.nan))
+
+
+def _rate(stiffening: Scalar, glassy: Scalar, ratios: Array, times: Array) -> Scalar:
+    """Return s of K(s) / K = 1 + sum r_k s t_k / (1 + s t_k), by bisection of its logarithm."""
+    lower = -jnp.log(times[-1]) - _DOUBLINGS * jnp.log(2.0)
+    upper = -jnp.log(times[0]) + _DOUBLINGS * jnp.log(2.0)
+
+    def halve(_: int, ends: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+        lower, upper = ends
+        middle = (lower + upper) / 2
+        turns = jnp.exp(middle) * times
+        is_below = 1 + jnp.sum(ratios * turns / (1 + turns)) < stiffening
+        return jnp.where(is_below, middle, lower), jnp.where(is_below, upper, middle)
+
+    lower, upper = jax.lax.fori_loop(0, _HALVINGS, halve, (lower, upper))
+    rate = jnp.exp((lower + upper) / 2)
+    rate = jnp.where(stiffening >= glassy, jnp.inf, rate)
+    return jnp.where(stiffening <= 1, 0.0, rate)

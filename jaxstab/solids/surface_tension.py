@@ -1,0 +1,88 @@
+"""Spectral solids whose surface or whole body resists by curvature: gels and sheets."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxstab.core.checks import known, require, require_positive, scalar_parameter
+from jaxstab.core.grid import Grid, require_grid
+from jaxstab.core.types import Scalar
+from jaxstab.solids.spectral import SpectralSolid
+
+
+class SurfaceTension(SpectralSolid):
+    """A solid with surface tension, such as a gel: K + s q^2 (Style et al., Nat. Commun. 2013).
+
+    The tension outweighs elasticity for waves shorter than the elastocapillary length s / E*.
+
+    Arguments:
+        solid: the elastic solid below, with a stiffness for every wavenumber.
+        tension: s >= 0 [pressure length].
+
+    Raises:
+        TypeError: for a solid without a stiffness for every wavenumber, as that of a window.
+        ValueError: if the tension is negative.
+    """
+
+    solid: SpectralSolid
+    tension: Scalar
+
+    def __init__(self, solid: SpectralSolid, tension: ArrayLike):
+        if not isinstance(solid, SpectralSolid):
+            raise TypeError(
+                f"The solid is a {type(solid).__name__}: surface tension needs a stiffness for "
+                "every wavenumber, as HalfSpace, Layer and CoatedHalfSpace have."
+            )
+        self.solid = solid
+        self.tension = _not_negative(tension, "The surface tension")
+
+    @property
+    def grid(self) -> Grid:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The grid of its surface."""
+        return self.solid.grid
+
+    @property
+    def uniform_stiffness(self) -> Scalar:
+        """The uniform stiffness of the solid below [pressure/length]."""
+        return self.solid.uniform_stiffness
+
+    def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
+        """Return K + s q^2 [pressure/length]."""
+        return self.solid.stiffness_at(wavenumbers) + self.tension * wavenumbers**2
+
+
+class Sheet(SpectralSolid):
+    """A thin elastic sheet: K = B q^4 + T q^2 (Landau & Lifshitz, Theory of Elasticity, sec. 14).
+
+    Arguments:
+        grid: the grid of its surface.
+        bending_stiffness: B = E h^3 / (12 (1 - nu^2)) for a plate of thickness h
+            [pressure length^3].
+        tension: T >= 0, the force per length that stretches it [pressure length].
+
+    Raises:
+        ValueError: if the bending stiffness is not positive, or the tension negative.
+    """
+
+    grid: Grid
+    bending_stiffness: Scalar
+    tension: Scalar
+
+    def __init__(self, grid: Grid, bending_stiffness: ArrayLike, tension: ArrayLike = 0.0):
+        require_grid(grid)
+        self.grid = grid
+        self.bending_stiffness = scalar_parameter(bending_stiffness, "The bending stiffness")
+        require_positive("The bending stiffness", self.bending_stiffness)
+        self.tension = _not_negative(tension, "The tension of the sheet")
+
+    def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
+        """Return B q^4 + T q^2 [pressure/length]."""
+        square = wavenumbers**2
+        return (self.bending_stiffness * square + self.tension) * square
+
+
+def _not_negative(value: ArrayLike, name: str) -> Scalar:
+    number = scalar_parameter(value, name)
+    given = known(number)
+    holds = (given >= 0) & (given < jnp.inf)
+    require(name, given, holds, "it must be finite and not negative.")
+    return number

@@ -1,0 +1,190 @@
+"""Linear viscoelastic solids: a Prony series on an elastic solid."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxstab.core.checks import known, parameter, require, require_positive, scalar_parameter
+from jaxstab.core.types import Flag, Scalar
+from jaxstab.solids.solid import Solid
+
+
+def _of_relaxed(name: str) -> Any:
+    """Return a property that is the one of the relaxed solid."""
+    return property(lambda self: getattr(self.solid, name), doc=f"`{name}` of the relaxed solid.")
+
+
+class Viscoelastic(Solid):
+    """A solid whose stress relaxes, all waves alike: K(t) = K (1 + sum r_k exp(-t / t_k)).
+
+    K is the stiffness of the relaxed solid, r_k = E_k / E_relaxed, t_k the relaxation times: a
+    generalised Maxwell (Wiechert) solid of constant Poisson's ratio. Everything that knows no time,
+    as `equilibrate` and `follow`, takes it as relaxed; `jaxstab.evolve` follows it in time.
+
+    Arguments:
+        solid: the relaxed solid, with the long-time modulus.
+        ratios: r_k >= 0, one for each relaxation time.
+        times: t_k > 0, in increasing order [time].
+
+    Raises:
+        TypeError: for a solid that is not elastic.
+        ValueError: for ratios and times of different numbers, a negative ratio, and times that are
+            not positive or not in increasing order.
+    """
+
+    solid: Solid
+    ratios: Float[Array, " terms"]
+    times: Float[Array, " terms"]
+
+    def __init__(self, solid: Solid, ratios: ArrayLike, times: ArrayLike):
+        if not isinstance(solid, Solid) or isinstance(solid, Viscoelastic):
+            raise TypeError(
+                f"The relaxed solid is a {type(solid).__name__}: give an elastic solid, such as "
+                "HalfSpace(grid, ...)."
+            )
+        self.solid = solid
+        self.ratios = jnp.atleast_1d(parameter(ratios, "The ratios"))
+        self.times = jnp.atleast_1d(parameter(times, "The relaxation times"))
+        if self.ratios.ndim != 1 or self.ratios.shape != self.times.shape:
+            raise ValueError(
+                f"The ratios have shape {self.ratios.shape}, the relaxation times "
+                f"{self.times.shape}: give one ratio for each time."
+            )
+        given: Any = known(self.ratios)
+        order: Any = known(self.times)
+        is_ratio = (given >= 0) & (given < np.inf)
+        require("A ratio of moduli", given, is_ratio, "it must be finite and not negative.")
+        require_positive("A relaxation time", self.times)
+        require("A relaxation time", order[1:], order[1:] > order[:-1], "sort them, each once.")
+
+    @classmethod
+    def from_moduli(cls, glassy: Solid, fractions: ArrayLike, times: ArrayLike) -> "Viscoelastic":
+        """Return the solid of an instantaneous modulus and a normalised Prony series.
+
+        E(t) = E_0 (1 - sum g_k (1 - exp(-t / t_k))), as finite-element programs take it.
+
+        Arguments:
+            glassy: the solid with the instantaneous modulus E_0.
+            fractions: g_k, whose sum is below one.
+            times: t_k, in increasing order [time].
+
+        Raises:
+            ValueError: if the fractions add up to one or more: nothing would be left at long times.
+        """
+        given = jnp.atleast_1d(parameter(fractions, "The fractions"))
+        left = 1 - jnp.sum(given)
+        cure = "it is negative or zero: the fractions must add up to less than one."
+        require("The relaxed part of the modulus", known(left), known(left) > 0, cure)
+        return cls(glassy.scaled(left), given / left, times)
+
+    @classmethod
+    def power_law(
+        cls,
+        solid: Solid,
+        ratio: ArrayLike,
+        exponent: ArrayLike,
+        time: ArrayLike,
+        *,
+        decades: float = 8.0,
+        terms_per_decade: int = 2,
+    ) -> tuple["Viscoelastic", Scalar]:
+        """Return a modified power law as a Prony series, and the error of the series.
+
+        E(t) = E_relaxed (1 + r (1 + t / t_0)^-n) (Williams, 1964), a rubber with a broad band of
+        relaxation times. The series is the trapezoidal rule for its spectrum, of Gamma's integral
+        (1 + x)^-n = int u^(n - 1) exp(-u (1 + x)) du / Gamma(n), with u = t_0 / t_k.
+
+        Arguments:
+            solid: the relaxed solid.
+            ratio: r, so that E_glassy = (1 + r) E_relaxed.
+            exponent: n > 0.
+            time: t_0 > 0 [time].
+            decades: the range of times from t_0 on in which the series holds.
+            terms_per_decade: the number of terms for each factor of ten.
+
+        Returns:
+            The solid, and the largest error of E(t) / E_glassy over the range.
+        """
+        ratio, n = scalar_parameter(ratio, "The ratio"), scalar_parameter(exponent, "The exponent")
+        t_0 = scalar_parameter(time, "The time")
+        require_positive("The exponent", n)
+        require_positive("The time", t_0)
+        step = np.log(10) / terms_per_decade
+        # From shorter than t_0, where exp(-u) cuts the spectrum off, to beyond the range.
+        logs = np.arange(-np.log(40), (decades + 1) * np.log(10), step)
+        u = np.exp(-logs)
+        weights = jnp.exp(n * jnp.log(u) - u)
+        # The tail of longer times relaxes beyond the range; the sum is that of the law at t = 0.
+        weights = weights / jnp.sum(weights)
+        found = cls(solid, ratio * weights, t_0 * np.exp(logs))
+        x = np.concatenate([[0.0], np.logspace(-2, decades, 40 * int(decades + 2))])
+        series = jnp.exp(-np.outer(x, u)) @ weights
+        return found, jnp.max(jnp.abs(series - (1 + x) ** -n)) * ratio / (1 + ratio)
+
+    @property
+    def relaxed(self) -> Solid:
+        """The elastic solid after all times."""
+        return self.solid
+
+    @property
+    def glassy(self) -> Solid:
+        """The elastic solid at once: K (1 + sum r_k)."""
+        return self.solid.scaled(1 + jnp.sum(self.ratios))
+
+    def step(self, dt: ArrayLike) -> Solid:
+        """Return the elastic solid of a time step: K (1 + sum r_k b_k), b_k as `ramp` says."""
+        return self.solid.scaled(1 + jnp.sum(self.ratios * ramp(dt, self.times)))
+
+    def storage_and_loss(self, frequency: ArrayLike) -> tuple[Array, Array]:
+        """Return the storage and the loss modulus at an angular frequency, over the relaxed one.
+
+        E'/E = 1 + sum r_k (w t_k)^2 / (1 + (w t_k)^2), E''/E = sum r_k w t_k / (1 + (w t_k)^2).
+
+        Arguments:
+            frequency: w [1/time], one or an array.
+        """
+        turns = jnp.asarray(frequency)[..., None] * self.times
+        loss = self.ratios * turns / (1 + turns**2)
+        return 1 + jnp.sum(loss * turns, axis=-1), jnp.sum(loss, axis=-1)
+
+    @property
+    def whole(self) -> Solid:
+        """The solid on the grid that it is solved on: relaxed, where that is a larger one."""
+        return self if self.solid.whole is self.solid else self.solid.whole
+
+    @property
+    def is_valid(self) -> Flag:
+        """Whether the relaxed solid is a possible one, and the series too."""
+        is_series = jnp.all((self.ratios >= 0) & jnp.isfinite(self.ratios) & (self.times > 0))
+        return self.solid.is_valid & is_series
+
+    # Calls that know no time are answered by the relaxed solid.
+    grid = _of_relaxed("grid")
+    is_window = _of_relaxed("is_window")
+    share = _of_relaxed("share")  # pyright: ignore[reportIncompatibleMethodOverride]
+    max_stiffness = _of_relaxed("max_stiffness")
+    min_stiffness = _of_relaxed("min_stiffness")
+    uniform_stiffness = _of_relaxed(  # pyright: ignore[reportIncompatibleMethodOverride]
+        "uniform_stiffness"
+    )
+    apply = _of_relaxed("apply")
+    precondition = _of_relaxed("precondition")
+    surface = _of_relaxed("surface")
+    flush = _of_relaxed("flush")
+    held_by = _of_relaxed("held_by")
+    scaled = _of_relaxed("scaled")
+    coarser = _of_relaxed("coarser")
+    lacking = _of_relaxed("lacking")
+
+
+def decay(dt: ArrayLike, times: Array) -> Array:
+    """Return e_k = exp(-dt / t_k): the part of a branch's strain that a step leaves."""
+    return jnp.exp(-jnp.asarray(dt) / times)
+
+
+def ramp(dt: ArrayLike, times: Array) -> Array:
+    """Return b_k = (1 - e_k) t_k / dt: the part of a ramp that a branch keeps; 1 at dt = 0."""
+    x = jnp.asarray(dt) / times
+    return jnp.where(x > 0, -jnp.expm1(-x) / jnp.where(x > 0, x, 1), 1)

@@ -1,0 +1,249 @@
+"""Viscoelastic contacts in time, against elastic limits, a hereditary integral and closed forms."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxstab as js
+
+RATIOS, TIMES = (2.0, 1.0), (0.1, 1.0)
+# A tolerance that no step misses: a step for each of the given times.
+ANY = 1e9
+
+
+def line(n=32, height=0.02):
+    return js.Grid((n,)), height * jnp.cos(2 * jnp.pi * jnp.arange(n) / n + 0.3)
+
+
+def viscoelastic(ratios=RATIOS, times=TIMES, energy=0.002, n=32):
+    grid, heights = line(n)
+    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), ratios, times)
+    return js.Contact(solid, heights, js.potentials.Exponential(energy, 0.02))
+
+
+def cycle(number=21, period=4.0, top=0.05, bottom=0.01):
+    times = jnp.linspace(0, period, number)
+    return times, top - (top - bottom) * (1 - jnp.abs(2 * times / period - 1))
+
+
+def elastic_gaps(contact, loads):
+    """The gaps of an elastic contact, each sought from the one before."""
+    gaps = []
+    for load in loads:
+        initial = gaps[-1] if gaps else None
+        gaps.append(js.equilibrate(contact, load, initial=initial).gap)
+    return np.array(gaps)
+
+
+@pytest.mark.parametrize(("ratios", "times"), [((0.0, 0.0), TIMES), (RATIOS, (1e-13, 2e-13))])
+def test_a_solid_without_memory_takes_the_elastic_path(ratios, times):
+    contact = viscoelastic(ratios, times)
+    instants, values = cycle()
+    load = js.MeanDisplacement(values)
+    found = js.evolve(contact, load, instants, rtol=ANY, fields=True)
+    relaxed = js.Contact(contact.solid.relaxed, contact.heights, contact.potential)
+    assert np.max(np.abs(found.fields.gap - elastic_gaps(relaxed, load))) < 1e-9 * 0.02
+    assert np.max(np.abs(found.dissipated)) < 1e-9 * np.max(np.abs(found.work))
+
+
+def test_a_fast_retraction_is_that_of_the_glassy_solid_on_a_surface_moved_by_the_memory():
+    contact = viscoelastic()
+    load = js.MeanDisplacement(jnp.linspace(0.01, 0.05, 9))
+    found = js.evolve(contact, load, 1e-14 * jnp.arange(9.0), rtol=ANY, fields=True)
+    relaxed = js.Contact(contact.solid.relaxed, contact.heights, contact.potential)
+    start = js.equilibrate(relaxed, load[0])
+    u = start.displacement - jnp.mean(start.displacement)
+    # p = K_glassy (u - r / (1 + r) u_relaxed), r the sum of the ratios.
+    moved = contact.heights - sum(RATIOS) / (1 + sum(RATIOS)) * u
+    glassy = js.Contact(js.HalfSpace(contact.grid, 1 + sum(RATIOS)), moved, contact.potential)
+    assert found.fields.gap[0] == pytest.approx(np.array(start.gap), abs=1e-9)
+    assert np.max(np.abs(found.fields.gap - elastic_gaps(glassy, load))) < 1e-8 * 0.02
+
+
+def hereditary_gaps(contact, times, values):
+    """Gaps of p(t) = int K(t - s) du(s), u linear between the times, by projected Gauss-Seidel."""
+    n = contact.grid.shape[0]
+    q = 2 * np.pi * np.abs(np.fft.fftfreq(n, 1 / n))
+    K = np.fft.ifft(np.diag(q / 2) @ np.fft.fft(np.eye(n), axis=0), axis=0).real
+    h = np.array(contact.heights)
+    w, rho = (float(x) for x in (contact.potential.surface_energy, contact.potential.length))
+    history, gaps = [], []
+    for i, (time, value) in enumerate(zip(times, values, strict=True)):
+        past, now = np.zeros(n), 1.0
+        for r, t in zip(RATIOS, TIMES, strict=True):
+
+            def kept(j, t=t, time=time):
+                later, earlier = (np.exp(-(time - times[k]) / t) for k in (j, j - 1))
+                return t * (later - earlier) / (times[j] - times[j - 1])
+
+            past += r * sum((kept(j) * (history[j] - history[j - 1]) for j in range(1, i)), 0.0)
+            if i:
+                now += r * kept(i)
+                past -= r * kept(i) * history[-1]
+        # p = now K u + K past; g >= 0 is searched point by point, mean(u) held by p0.
+        force = K @ past
+        g = gaps[-1].copy() if gaps else np.maximum(value - h, 1e-3)
+        g *= (value - h.mean()) / g.mean()
+        for _ in range(4000):
+            before = g.copy()
+            r = now * (K @ (g + h)) + force + w / rho * np.exp(-g / rho)
+            level = r[g > 0].mean()
+            for j in range(n):
+                residual = now * (K[j] @ (g + h)) + force[j] + w / rho * np.exp(-g[j] / rho) - level
+                g[j] = max(g[j] - residual / (now * K[j, j]), 0.0)
+            g *= (value - h.mean()) / g.mean()
+            if np.max(np.abs(g - before)) < 1e-13:
+                break
+        gaps.append(g)
+        history.append(g + h - np.mean(g + h))
+    return np.array(gaps)
+
+
+def test_gaps_are_those_of_the_hereditary_integral():
+    contact = viscoelastic(energy=0.001)
+    times, values = cycle(9)
+    found = js.evolve(contact, js.MeanDisplacement(values), times, rtol=ANY, fields=True)
+    expected = hereditary_gaps(contact, np.array(times), np.array(values))
+    assert np.any(expected == 0)
+    assert np.max(np.abs(found.fields.gap - expected)) < 1e-6 * 0.02
+
+
+def test_halving_the_steps_quarters_the_error():
+    contact = viscoelastic(energy=0.0005)
+    pressures = []
+    for number in (11, 21, 41, 321):
+        times = jnp.linspace(0, 1, number)
+        # Without contact, where a contact's edge does not move from point to point.
+        load = js.MeanDisplacement(0.06 - 0.02 * jnp.sin(2 * times))
+        pressures.append(js.evolve(contact, load, times, rtol=ANY).mean_pressure[-1])
+    errors = np.abs(np.array(pressures[:3]) - pressures[3])
+    assert np.log2(errors[:2] / errors[1:]) == pytest.approx([2, 2], abs=0.2)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [js.MeanDisplacement, lambda u: js.MeanGap(u), lambda u: js.Spring(u, 1.0)],
+    ids=["displacement", "gap", "spring"],
+)
+def test_work_is_stored_dissipated_or_lost_in_jumps(make):
+    times, values = cycle()
+    found = js.evolve(viscoelastic(), make(values), times, rtol=1e-4)
+    missing = found.work - found.stored - found.dissipated - found.lost
+    assert np.all(np.diff(found.dissipated) >= 0) and found.dissipated[-1] > 0
+    assert np.max(np.abs(missing)) < 1e-3 * np.max(np.abs(found.work))
+
+
+def test_a_jump_of_the_glassy_solid_is_located_and_its_loss_is_that_of_the_path():
+    # Without a memory that matters, as the relaxed solid of `follow`.
+    grid, heights = line()
+    law = js.potentials.Exponential(0.02, 0.02)
+    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), (1e-9,), (1.0,))
+    values = jnp.array([0.08, 0.02, 0.08])
+    found = js.evolve(
+        js.Contact(solid, heights, law), js.MeanDisplacement(values), jnp.arange(3.0), rtol=1e-4
+    )
+    path = js.follow(js.Contact(solid.relaxed, heights, law), js.MeanDisplacement(values))
+    assert len(path.jumps) == len(found.dissipation) >= 2
+    assert np.array(found.dissipation) == pytest.approx(np.array(path.jumps.dissipation), rel=1e-3)
+
+
+def test_a_held_contact_rests_where_the_relaxed_solid_does():
+    contact = viscoelastic()
+    times = jnp.concatenate([jnp.zeros(1), jnp.logspace(-3, 3, 13)])
+    load = js.MeanDisplacement(jnp.full(14, 0.02).at[0].set(0.05))
+    found = js.evolve(contact, load, times)
+    relaxed = js.Contact(contact.solid.relaxed, contact.heights, contact.potential)
+    rest = js.equilibrate(relaxed, js.MeanDisplacement(0.02), initial=found.gap)
+    assert found.mean_pressure[-1] == pytest.approx(float(rest.mean_pressure), rel=1e-6)
+    assert np.max(np.abs(found.gap - rest.gap)) < 1e-8
+
+
+def test_it_goes_on_from_where_it_ended():
+    contact, (times, values) = viscoelastic(), cycle()
+    load = js.MeanDisplacement(values)
+    whole = js.evolve(contact, load, times, rtol=ANY)
+    first = js.evolve(contact, load[:8], times[:8], rtol=ANY)
+    rest = js.evolve(contact, load[7:], times[7:], rtol=ANY, initial=first)
+    assert rest.mean_pressure == pytest.approx(np.array(whole.mean_pressure[7:]), abs=1e-12)
+
+
+def test_many_speeds_at_once_are_those_alone():
+    times, values = cycle(9)
+
+    def pressures(speed):
+        found = js.evolve(viscoelastic(), js.MeanDisplacement(values), times / speed, rtol=1e-2)
+        return found.mean_pressure
+
+    speeds = jnp.array([0.1, 1.0, 10.0])
+    alone = np.array([pressures(speed) for speed in speeds])
+    assert np.array(jax.vmap(pressures)(speeds)) == pytest.approx(alone, abs=1e-12)
+    assert np.ptp(alone[:, -2]) > 1e-4
+
+
+def test_derivatives_by_law_ratio_time_and_speed_are_those_of_differences():
+    times, values = cycle(9)
+
+    def pull(parameters):
+        energy, ratio, time, speed = parameters
+        one = jnp.ones(())
+        contact = viscoelastic(jnp.stack([ratio, one]), jnp.stack([time, one]), energy)
+        load = js.MeanDisplacement(values)
+        found = js.evolve(contact, load, times / speed, rtol=ANY, max_steps=16)
+        return found.force[6] + found.dissipated[6]
+
+    point = jnp.array([0.002, 2.0, 0.1, 1.0])
+    gradient = jax.grad(pull)(point)
+    for i, derivative in enumerate(gradient):
+        step = 1e-5 * point[i] * jnp.eye(4)[i]
+        difference = (pull(point + step) - pull(point - step)) / (2e-5 * point[i])
+        assert derivative == pytest.approx(float(difference), rel=1e-5)
+
+
+def test_single_precision_agrees_to_its_digits():
+    times, values = cycle(9)
+    contact = viscoelastic()
+    single = js.Contact(contact.solid, contact.heights.astype("float32"), contact.potential)
+    load = js.MeanDisplacement(values)
+    both = [js.evolve(c, load, times, rtol=ANY).mean_pressure for c in (contact, single)]
+    assert both[1].dtype == "float32"
+    assert np.array(both[1]) == pytest.approx(np.array(both[0]), abs=1e-4)
+
+
+def test_mistakes_are_named():
+    contact, (times, values) = viscoelastic(), cycle()
+    load = js.MeanDisplacement(values)
+    relaxed = js.Contact(contact.solid.relaxed, contact.heights, contact.potential)
+    with pytest.raises(TypeError, match="HalfSpace, which has no relaxation times"):
+        js.evolve(relaxed, load, times)
+    with pytest.raises(ValueError, match=r"\(20,\).*\(21,\)"):
+        js.evolve(contact, load, times[1:])
+    with pytest.raises(ValueError, match="the times must increase"):
+        js.evolve(contact, load, times.at[3].set(0.0))
+    found = js.evolve(contact, load, times, rtol=ANY)
+    with pytest.raises(ValueError, match="fields=True"):
+        _ = found[3].internal
+
+
+@pytest.mark.parametrize("rate", [0.03, 2.0, 40.0])
+def test_a_flat_film_grows_at_the_rate_of_its_longest_wave(rate):
+    # K(s) = |f''| for the wave of the whole cell, the softest.
+    grid = js.Grid(8)
+    stiffening = 1 + sum(r * rate * t / (1 + rate * t) for r, t in zip(RATIOS, TIMES, strict=True))
+    softening = stiffening * 2 * np.pi / 2
+    law = js.potentials.Exponential(softening * 0.02**2 * np.e, 0.02)
+    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), RATIOS, TIMES)
+    contact = js.Contact(solid, jnp.zeros(grid.shape), law)
+    held = js.MeanGap(jnp.full(2, 0.02))
+    state = js.evolve(contact, held, jnp.array([0.0, 1e-9]))[-1]
+    assert js.growth_rate(state) == pytest.approx(rate, rel=1e-8)
+
+
+@pytest.mark.parametrize(("part", "expected"), [(0.9, 0.0), (4.1, np.inf)])
+def test_nothing_grows_on_a_relaxed_minimum_and_a_glassy_instability_is_immediate(part, expected):
+    grid = js.Grid(8)
+    law = js.potentials.Exponential(part * np.pi * 0.02**2 * np.e, 0.02)
+    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), RATIOS, TIMES)
+    contact = js.Contact(solid, jnp.zeros(grid.shape), law)
+    found = js.evolve(contact, js.MeanGap(jnp.full(2, 0.02)), jnp.array([0.0, 1e-9]))
+    assert js.growth_rate(found[-1]) == expected

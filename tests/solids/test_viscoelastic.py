@@ -1,0 +1,97 @@
+"""Prony series, surface tension and sheets, against closed forms."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxstab as js
+
+GRID = js.Grid(16)
+SOLID = js.HalfSpace(GRID, 2.0, 0.3)
+
+
+def wave(kx, ky):
+    x, y = np.meshgrid(*[np.arange(16) / 16] * 2, indexing="ij")
+    return jnp.asarray(np.cos(2 * np.pi * (kx * x + ky * y)))
+
+
+def test_stiffness_goes_from_glassy_to_relaxed_with_the_length_of_a_step():
+    solid = js.Viscoelastic(SOLID, (2.0, 1.0), (0.1, 1.0))
+    for dt, factor in ((0.0, 4.0), (1e12, 1.0), (0.5, None)):
+        if factor is None:
+            factor = 1 + sum(
+                r * t / dt * (1 - np.exp(-dt / t)) for r, t in ((2.0, 0.1), (1.0, 1.0))
+            )
+        expected = factor * np.array(SOLID.pressure(wave(1, 2)))
+        assert np.array(solid.step(dt).pressure(wave(1, 2))) == pytest.approx(expected, abs=1e-9)
+    assert solid.glassy.max_stiffness == pytest.approx(4 * float(SOLID.max_stiffness))
+    assert solid.relaxed is SOLID
+
+
+def test_moduli_as_finite_elements_take_them_are_the_same_series():
+    given = js.Viscoelastic.from_moduli(SOLID, (0.5, 0.25), (0.1, 1.0))
+    assert np.array(given.ratios) == pytest.approx([2.0, 1.0])
+    assert given.glassy.max_stiffness == pytest.approx(float(SOLID.max_stiffness))
+    with pytest.raises(ValueError, match="add up to less than one"):
+        js.Viscoelastic.from_moduli(SOLID, (0.5, 0.5), (0.1, 1.0))
+
+
+def test_storage_and_loss_are_the_transform_of_the_relaxation():
+    solid = js.Viscoelastic(SOLID, (2.0, 1.0), (0.1, 1.0))
+    storage, loss = solid.storage_and_loss(jnp.array([0.0, 3.0, 1e9]))
+    # i w times the Fourier transform of 1 + sum r exp(-t / t_k), by quadrature.
+    t = np.linspace(0, 60, 2_000_001)
+    relaxing = 2 * np.exp(-t / 0.1) + np.exp(-t)
+    transform = 3j * np.trapezoid(relaxing * np.exp(-3j * t), t)
+    assert np.array(storage) == pytest.approx([1, 1 + transform.real, 4], rel=1e-6)
+    assert loss[1] == pytest.approx(transform.imag, rel=1e-6)
+    assert loss[0] == 0 and loss[2] < 1e-7
+
+
+@pytest.mark.parametrize("exponent", [0.3, 1.0])
+def test_a_power_law_is_met_to_the_error_that_is_told(exponent):
+    solid, error = js.Viscoelastic.power_law(SOLID, 99.0, exponent, 1e-3)
+    t = np.concatenate([[0.0], np.logspace(-5, 4, 200)])
+    relaxing = 1 + np.exp(-t[:, None] / np.array(solid.times)) @ np.array(solid.ratios)
+    expected = 1 + 99 * (1 + t / 1e-3) ** -exponent
+    assert np.max(np.abs(relaxing - expected)) / 100 <= 1.05 * error < 0.01
+
+
+@pytest.mark.parametrize(
+    ("ratios", "times", "named"),
+    [
+        ((1.0,), (1.0, 2.0), r"shape \(1,\)"),
+        ((-1.0,), (1.0,), "ratio of moduli is -1.0"),
+        ((1.0, 1.0), (2.0, 1.0), "sort them"),
+        ((1.0,), (0.0,), "relaxation time is 0.0"),
+    ],
+)
+def test_a_series_that_is_none_is_named(ratios, times, named):
+    with pytest.raises(ValueError, match=named):
+        js.Viscoelastic(SOLID, ratios, times)
+
+
+def test_calls_without_time_take_the_relaxed_solid():
+    heights = js.surfaces.paraboloid(GRID, 2.0)
+    law = js.potentials.Exponential(0.1, 0.2)
+    solid = js.Viscoelastic(SOLID, (2.0,), (1.0,))
+    states = [js.equilibrate(js.Contact(s, heights, law), js.MeanGap(0.3)) for s in (solid, SOLID)]
+    assert states[0].mean_pressure == states[1].mean_pressure
+
+
+def test_surface_tension_adds_s_q_squared():
+    solid = js.SurfaceTension(SOLID, 0.5)
+    q = 2 * np.pi * np.hypot(1, 2)
+    expected = (2 / (1 - 0.3**2) * q / 2 + 0.5 * q**2) * np.array(wave(1, 2))
+    assert np.array(solid.pressure(wave(1, 2))) == pytest.approx(expected, abs=1e-9)
+    with pytest.raises(TypeError, match="FreeHalfSpace"):
+        js.SurfaceTension(js.FreeHalfSpace(GRID, 1.0), 0.5)
+    with pytest.raises(ValueError, match="surface tension is -1"):
+        js.SurfaceTension(SOLID, -1.0)
+
+
+def test_a_sheet_bends_by_the_fourth_power():
+    solid = js.Sheet(GRID, 0.01, 0.2)
+    q = 2 * np.pi * np.hypot(1, 2)
+    expected = (0.01 * q**4 + 0.2 * q**2) * np.array(wave(1, 2))
+    assert np.array(solid.pressure(wave(1, 2))) == pytest.approx(expected, abs=1e-9)
