@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import jax
-import jax.lib
+import jaxlib.version
 
 # A larger cache is begun anew [bytes].
 _MAX_SIZE = 1_000_000_000
@@ -21,7 +21,7 @@ def use_compilation_cache() -> None:
     """
     if jax.config.values["jax_compilation_cache_dir"] is not None:
         return
-    folder = _user_caches() / "jaxstab" / f"{jax.lib.__version__}-{_processor()}"
+    folder = _user_caches() / "jaxstab" / f"{jaxlib.version.__version__}-{_processor()}"
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         # Another user's folder refuses this.

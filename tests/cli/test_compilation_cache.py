@@ -3,6 +3,7 @@ import sys
 from pathlib import Path
 
 import jax
+import jaxlib.version
 import pytest
 
 from jaxstab.cli import compilation_cache
@@ -30,7 +31,7 @@ def cache_folder():
 
 def test_the_folder_is_private_and_named_by_jaxlib(unset):
     folder = Path(cache_folder())
-    assert folder.parent == unset / "jaxstab" and folder.name.startswith(jax.lib.__version__)
+    assert folder.parent == unset / "jaxstab" and folder.name.startswith(jaxlib.version.__version__)
     assert folder.stat().st_mode & 0o777 == 0o700
 
 

@@ -60,7 +60,8 @@ def _advanced(
     def advance_next(state: tuple[Iteration, Array]) -> tuple[Iteration, Array]:
         found, left = state
         i = jnp.argmax(left)
-        return with_entry(state, i, (advance(entry_of(found, i), entry_of(left, i)), 0))
+        entry = advance(entry_of(found, i), entry_of(left, i))
+        return with_entry(state, i, (entry, jnp.zeros((), left.dtype)))
 
     def one_by_one(found: Iteration, limits: Int[Array, " starts"]) -> Iteration:
         # A start without steps is not even copied.
