@@ -1,5 +1,5 @@
 from . import files, plots, potentials, references, surfaces
-from .calibration import Calibration, calibrate
+from .calibration import Calibration, FitWarning, calibrate
 from .citations import cite
 from .contact import Contact
 from .contact.resolution import ResolutionWarning
@@ -116,6 +116,7 @@ __all__ = [
     "EquilibriumSolver",
     "Evolution",
     "FarDisplacement",
+    "FitWarning",
     "FreeHalfSpace",
     "Grid",
     "HalfSpace",

@@ -1,5 +1,7 @@
 """The fit of an interaction law and a modulus to a measured curve."""
 
-from jaxstab.calibration.calibrate import Calibration, calibrate
+from jaxstab.calibration.advice import FitWarning
+from jaxstab.calibration.calibrate import calibrate
+from jaxstab.calibration.result import Calibration, Profile
 
-__all__ = ["Calibration", "calibrate"]
+__all__ = ["Calibration", "FitWarning", "Profile", "calibrate"]

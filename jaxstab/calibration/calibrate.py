@@ -1,78 +1,34 @@
-"""The fit of an interaction law and a modulus to a measured curve of pressure over load."""
+"""The fit of an interaction law and a modulus to a measured curve of force over distance."""
 
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float, Int
+import numpy as np
+from jaxtyping import ArrayLike
 
-from jaxstab.calibration.least_squares import (
-    Curve,
-    Fit,
-    LeastSquares,
-    Measured,
-    Order,
-    Scale,
-    Slopes,
-    Values,
-)
-from jaxstab.calibration.model import Model, Pick, Where, values_of
-from jaxstab.calibration.starts import best_of
+from jaxstab.calibration.advice import Hints, warn_of_misfit
+from jaxstab.calibration.least_squares import Measured, Problem, directions
+from jaxstab.calibration.model import Model, Order, Pick, Where, values_of
+from jaxstab.calibration.result import ZEROS, Calibration, describe, profile_of
+from jaxstab.calibration.search import search
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import integer, is_traced, parameter, require, require_finite
 from jaxstab.core.compile import program
-from jaxstab.core.display import block
-from jaxstab.core.history import History
 from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.loop import optional_parameter
 from jaxstab.core.progress import advance, is_watched, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Scalar
-from jaxstab.core.units import PRESSURE
 from jaxstab.loads import Load, MeanPressure, require_load
 
-# Imported where it is used, since that takes a while.
-if TYPE_CHECKING:
-    import optax
-
-
-class Calibration(eqx.Module):
-    """A contact fitted to a measured curve.
-
-    Attributes:
-        contact: the contact with the parameters found.
-        parameters: these parameters, as `where` picks them.
-        standard_errors: theirs, in the same structure, from the Jacobian and the misfit. NaN where
-            the misfit does not rise around the fit as these say.
-        covariance: that of the parameters, in the order of the leaves of `parameters`.
-        mean_pressure: the fitted curve [pressure].
-        loss: half the weighted sum of squared misfits, over that of the measured pressures.
-        residual: the largest step of Gauss and Newton's method that is left, relative to each
-            parameter.
-        num_steps: steps of the optimiser, from all starts.
-        result: a member of `RESULTS`: how the fit ended.
-        history: the "residual" as it went.
-        losses: the loss that each start came to, infinite where there is none.
-        results: how each start ended; `not_computed` for those that were not needed.
-    """
-
-    contact: Contact
-    parameters: Any
-    standard_errors: Any
-    covariance: Float[Array, "parameters parameters"]
-    mean_pressure: Annotated[Curve, PRESSURE]
-    loss: Scalar
-    residual: Scalar
-    num_steps: Int[Array, ""]
-    result: RESULTS
-    history: History
-    losses: Float[Array, " starts"] | None = None
-    results: RESULTS | None = None
-
-    __repr__ = block
+# A fit that explains less of the measurements describes something else: the zero curve has 1/2.
+_LARGEST_LOSS = 0.25
+# Of a logarithm: a parameter so far from its start, or so badly known, is at its bound.
+_BOUND, _LARGEST_ERROR = np.log(1e3), 10.0
 
 
 def potential_and_modulus(contact: Contact) -> Any:
@@ -84,11 +40,13 @@ def potential_and_modulus(contact: Contact) -> Any:
 def calibrate(
     contact: Contact,
     load: Load,
-    mean_pressure: ArrayLike,
+    mean_pressure: ArrayLike | None = None,
     *,
+    forces: ArrayLike | None = None,
+    offset: bool = False,
+    baseline: bool = False,
     weights: ArrayLike | None = None,
     where: Where = potential_and_modulus,
-    optimizer: "optax.GradientTransformation | None" = None,
     order: Order = "continuation",
     starts: int | None = None,
     tolerance: ArrayLike | None = None,
@@ -96,11 +54,20 @@ def calibrate(
     progress: bool | None = None,
     throw: bool = True,
 ) -> Calibration:
-    """Return the contact whose mean pressures are nearest to measured ones.
+    """Fit the parameters of a contact to measured forces or mean pressures.
 
-    It minimises sum_i w_i (p0_i - m_i)^2. Contacts with hysteresis jump, and so does the curve as
-    parameters change: the least misfit may lie at a jump, where no method converges. It counts as
-    found if two starts agree on it within a quarter.
+    It minimises sum_i w_i (p0(load_i - offset) + baseline - m_i)^2 by the method of Levenberg and
+    Marquardt (J. SIAM 11, 431, 1963).
+
+    A work of adhesion and a range nearly replace each other, so the misfit can have several minima.
+    Therefore the parameter that the curve determines worst is then held at values up to a factor of
+    four away, the others are fitted at each, and all of them again from each minimum of this
+    profile. The least misfit of all counts.
+
+    Contacts with hysteresis jump, and so does the curve as parameters change: the least misfit may
+    lie at a jump, where no method converges. It counts as found if two fits agree on it within a
+    quarter. A load without a derivative, as beside a jump, counts in the misfit but does not direct
+    a step.
 
     A parameter that starts positive is fitted by its logarithm and stays so; others by themselves.
     Only floating-point arrays are parameters: not integers, nor Python numbers written into a
@@ -108,54 +75,80 @@ def calibrate(
 
     Arguments:
         contact: the contact with the parameters to start from.
-        load: a mean displacement or gap with one value for each measurement, in their order. A load
-            without an equilibrium fails the fit, unless its weight is zero.
-        mean_pressure: m, the measured mean pressures, positive in compression [pressure].
+        load: one value for each measurement, in their order: a displacement, a gap, or the position
+            of a spring. A load without an equilibrium fails the fit, unless its weight is zero.
+        mean_pressure: m, the measured mean pressures, positive in compression [pressure]. Values
+            that a masked array masks have no weight.
+        forces: measured forces instead, positive in compression: m times the area of the cell
+            [pressure length^2].
+        offset: fit the zero of the loads, the contact point of a measured curve.
+        baseline: fit the zero of the measurements, a constant force or pressure.
         weights: w, one over the variance of each measurement up to a common factor; all equal by
             default.
         where: picks the parameters to fit from a contact, as in `equinox.tree_at`; by default all
             of the potential and Young's modulus.
-        optimizer: any of Optax; by default Levenberg and Marquardt's method (J. SIAM 11, 431,
-            1963).
         order: as in `sweep`: "continuation" starts each load from the one before, as a
             measurement does; "independent" starts all alike, without hysteresis.
         starts: how many starts: the contact's own parameters, others within a factor of two of
             them, and as many near the best fit so far. The best fit wins. By default as many as
             it takes until one converges, up to 8.
         tolerance: the relative change of every parameter, that a step of Gauss and Newton's method
-            would make, to reach; 1e-6 by default. Of a parameter that does not start positive,
-            the change over that which would change the curve by its own size.
-        max_steps: the step limit.
+            would make, to reach; by default a hundredth of its standard error, and at least 1e-6.
+            Of a parameter that does not start positive, the change over that which would change
+            the curve by its own size.
+        max_steps: the step limit of each fit.
         progress: show a progress bar; by default after two seconds, in a terminal or notebook.
-        throw: raise an error if the fit does not converge; otherwise look at `result`.
+        throw: raise an error if the fit fails; otherwise look at `result`.
 
     Returns:
-        The fit. Standard errors are those of least squares: the misfit's variance times the
-        inverse of J^T W J, J being the Jacobian of the curve. The misfit is then looked at three
-        and five of them away. If it rises by far less than they say, the fit lies in one of many
-        small minima: it has stagnated, and its standard errors are NaN.
+        The fit. Standard errors are those of least squares, the misfit's variance times the inverse
+        of J^T W J, J being the Jacobian of the curve. Where the loss of the profile rises by less
+        than they say, they are raised to agree with it.
 
     Raises:
         ValueError: for measurements that do not match the loads, are not finite, or are not more
             than the parameters. For negative weights, an unknown order, and `starts` below 1.
         TypeError: for a load that prescribes the pressure, or a contact in single precision.
-        SolverError: if `throw` and the fit did not converge.
+        SolverError: if `throw` and the fit did not converge, or does not describe the measurements:
+            a parameter ran to its bound or is not determined, or the misfit is hardly below that of
+            the zero curve. The message names the likely cause, as a wrong sign or an outlier.
+
+    Warns:
+        FitWarning: for an outlier, and for an offset or a baseline that is not fitted although the
+            measurements have one.
     """
     _require_problem(contact, load, order)
     starts = None if starts is None else integer("starts", starts)
     if starts is not None and starts < 1:
         raise ValueError(f"starts is {starts}: give at least 1.")
-    curve = _measured(load, mean_pressure, weights)
-    _require_determined(curve, values_of(where(contact))[0].size)
+    if (mean_pressure is None) == (forces is None):
+        raise ValueError("Give the measurements once: as `forces`, or as mean pressures.")
+    is_force = mean_pressure is None
+    area = contact.area if is_force else jnp.ones(())
+    measured = _measured(load, forces if is_force else mean_pressure, weights, area, baseline)
+    pick = Pick.of(where, contact)
+    _require_determined(measured, len(pick.names) + offset + baseline)
     warn_if_coarse(contact)
-    solver = LeastSquares(optional_parameter(tolerance), max_steps, optimizer, order)
     # Compiled code reports its steps only where somebody sees them.
     is_seen = is_watched() if progress is None else progress
     bar = progress_bar(max_steps * (starts or 1), "step", shown=progress if is_seen else False)
-    # Histories end in NaN, and what was not found is NaN.
+    # What was not found is NaN.
     with bar, jax.debug_nans(False):
-        fit = _fit(contact, curve, solver, Pick.of(where, contact), starts, is_seen)
-    return throw_failure(fit.result, fit, lambda: _describe(fit), throw)
+        fit, hints = _fit(
+            contact,
+            measured,
+            area,
+            optional_parameter(tolerance),
+            max_steps,
+            where=pick,
+            zeros=(bool(offset), bool(baseline)),
+            order=order,
+            starts=starts,
+            progress=is_seen,
+        )
+    if not is_traced(fit) and fit.result == RESULTS.successful:
+        warn_of_misfit(measured, fit.mean_pressure, len(fit.names), hints)
+    return throw_failure(fit.result, fit, lambda: describe(fit, measured, hints), throw)
 
 
 def _require_problem(contact: Contact, load: Load, order: Order) -> None:
@@ -172,105 +165,102 @@ def _require_problem(contact: Contact, load: Load, order: Order) -> None:
         )
 
 
-def _measured(load: Load, mean_pressure: ArrayLike, weights: ArrayLike | None) -> Measured:
-    measured = parameter(mean_pressure)
+def _measured(
+    load: Load, given: Any, weights: ArrayLike | None, area: Scalar, has_baseline: bool
+) -> Measured:
+    mask = np.ma.getmaskarray(given) if isinstance(given, np.ma.MaskedArray) else None
+    measured = parameter(given if mask is None else given.filled(0), "The measurements")
     if load.value.ndim != 1 or measured.shape != load.value.shape:
         raise ValueError(
-            f"There are loads of shape {load.value.shape} and mean pressures of shape "
+            f"There are loads of shape {load.value.shape} and measurements of shape "
             f"{measured.shape}: give as many of one as of the other, in one dimension."
         )
-    require_finite("The measured pressure", measured)
+    require_finite("The measured curve", measured)
     w = jnp.ones_like(measured) if weights is None else parameter(weights)
     if w.shape != measured.shape:
-        raise ValueError(f"The weights have shape {w.shape}, the pressures {measured.shape}.")
+        raise ValueError(f"The weights have shape {w.shape}, the measurements {measured.shape}.")
     require("A weight", w, (w >= 0) & jnp.isfinite(w), "all must be finite and not negative.")
-    return Measured(load, measured, w)
+    w = w if mask is None else jnp.where(mask, 0, w)
+    return Measured(load, measured / area, w, bool(has_baseline))
 
 
-def _require_determined(curve: Measured, count: int) -> None:
+def _require_determined(measured: Measured, count: int) -> None:
     """Require more measurements with a weight than parameters, not all of them zero."""
-    measured, w = curve.mean_pressure, curve.weights
-    weighed = measured.size if is_traced(w) else int(jnp.sum(w > 0))
+    w = measured.weights
+    weighed = w.size if is_traced(w) else int(jnp.sum(w > 0))
     if not 0 < count < weighed:
         raise ValueError(
             f"There are {count} parameters for {weighed} measurements of any weight: take more of "
             "these, or pick other parameters with `where`."
         )
-    cure = "one with a weight must differ from zero."
-    require("The measured pressure", measured, jnp.any(w * measured != 0), cure)
+    cure = "one with a weight must differ from "
+    cure += "the others, beside a baseline." if measured.has_baseline else "zero."
+    require("A measurement", measured.mean_pressure, jnp.any(measured.deviation != 0), cure)
 
 
-@partial(program, static_argnames=("where", "starts", "progress"))
+@partial(program, static_argnames=("where", "zeros", "order", "starts", "progress"))
 def _fit(
     contact: Contact,
     measured: Measured,
-    solver: LeastSquares,
+    area: Scalar,
+    tolerance: Scalar | None,
+    max_steps: Any,
+    *,
     where: Pick,
+    zeros: tuple[bool, bool],
+    order: Order,
     starts: int | None,
     progress: bool,
-) -> Calibration:
+) -> tuple[Calibration, Hints]:
     contact, measured = refuse_derivatives((contact, measured))
     values, unravel = values_of(where(contact))
-    model = Model(contact, where, unravel)
-    pressures, jacobian = model.curve(values, measured.load, solver.order)
-    scale = Scale.of(values, measured.roots[:, None] * jacobian)
-    zero = jnp.zeros_like(values)
-    first = pressures, jacobian * scale.slopes(zero)
-
-    def curve(free: Values) -> Slopes:
-        values = scale.to_values(free)
-        pressures, jacobian = model.curve(values, measured.load, solver.order)
-        return pressures, jacobian * scale.slopes(free)
-
-    def pressures_at(free: Values) -> Curve:
-        return model.pressures(scale.to_values(free), measured.load, solver.order)
-
+    model = Model(contact, where, unravel, measured.load, order)
+    start = jnp.concatenate([values, jnp.zeros(2)])
+    is_fitted = np.array([True] * values.size + list(zeros))
+    held, is_profiled = jnp.asarray(~is_fitted), (start > 0) & is_fitted
     report = advance if progress else lambda after: None
-    fit = Fit(curve, pressures_at, measured.mean_pressure, measured.roots, first, report)
-    tried = best_of(partial(solver.run, fit), starts, zero)
-    state = tried.best.state
-    found = scale.to_values(state.free)
-    slopes = scale.slopes(state.free)
-    # Derivatives at a small minimum say nothing about the width of the valley that it lies in.
-    is_unsure = (tried.result == RESULTS.successful) & fit.is_flat(state)
-    spread = slopes[:, None] * jnp.where(is_unsure, jnp.nan, fit.covariance(state)) * slopes
-    return Calibration(
-        contact=model.contact_at(found),
-        parameters=unravel(found),
-        standard_errors=unravel(jnp.sqrt(jnp.diag(spread))),
-        covariance=spread,
-        mean_pressure=state.mean_pressure,
-        loss=state.loss,
-        residual=tried.best.residual,
-        num_steps=tried.num_steps,
-        result=RESULTS.where(is_unsure, RESULTS.stagnated, tried.result),
-        losses=tried.losses,
-        results=tried.results,
-        history=tried.best.history,
-    )
+    problem = Problem(model.curve, start, measured, tolerance, report)
+    found = search(problem, held, is_profiled, starts, max_steps)
+    best = found.best.point
 
+    units = jnp.ones(start.size).at[-1].set(area)
+    slopes = problem.slopes(best.free)
+    shown = directions(problem, best, held).covariance
+    relative = jnp.sqrt(jnp.diag(shown))
+    errors = found.errors(problem, held, relative * slopes) * units
+    factors = jnp.where(relative > 0, errors / relative, 0)
+    parameters = problem.values(best.free) * units
 
-def _describe(fit: Calibration) -> str:
-    values = ", ".join(f"{value:.6g}" for value in values_of(fit.parameters)[0])
-    missing = jnp.isnan(fit.mean_pressure)
-    if missing.any():
-        return (
-            f"The fit stopped at parameters {values}: {int(missing.sum())} of {missing.size} loads "
-            f"have no equilibrium or no derivative there, the first of them number "
-            f"{int(jnp.argmax(missing))} (give them no weight, or start elsewhere)"
-        )
-    if jnp.isnan(fit.covariance).any():
-        return (
-            f"The fit ended at parameters {values}, in one of many small minima of the misfit: it "
-            "has no standard errors. The curve does not determine all of them: fit fewer "
-            "parameters with `where`, hold the others at several values and compare the `loss`, "
-            "or take a finer grid"
-        )
-    tried = int(jnp.sum(fit.results != RESULTS.not_computed))
-    return (
-        f"The fit did not converge in {int(fit.num_steps)} steps from {tried} start"
-        f"{'s' if tried > 1 else ''}: at parameters {values} they would still change by a part of "
-        f"{float(fit.residual):.3g}. Jumps of the contact are the usual reason: give the loads in "
-        'the order of the measurement, with order="continuation", start from parameters whose '
-        "contact jumps at nearly the same loads, or give more `starts`"
+    is_bad = (jnp.abs(best.free) > _BOUND) | ~(relative < _LARGEST_ERROR)
+    constant = replace(measured, has_baseline=True).deviation
+    constant = jnp.sum(constant**2) / jnp.sum(measured.deviation**2) / 2
+    limit = jnp.minimum(_LARGEST_LOSS, constant)
+    is_bad = jnp.any(is_bad & problem.is_log & is_fitted) | (best.loss > limit)
+    is_bad |= ~jnp.all(jnp.isfinite(jnp.where(is_fitted, errors, 0)))
+    result = RESULTS.where(is_bad & jnp.isfinite(best.loss), RESULTS.no_fit, found.result)
+
+    free_of_zeros = directions(problem, best, held.at[-2:].set(False))
+    left = best.misfit - best.jacobian @ free_of_zeros.newton
+    zero_steps = -free_of_zeros.newton[-2:] * units[-2:] * held[-2:]
+    fit = Calibration(
+        contact=model.contact_at(parameters),
+        parameters=unravel(parameters[:-2]),
+        standard_errors=unravel(errors[:-2]),
+        offset=parameters[-2],
+        offset_error=errors[-2],
+        baseline=parameters[-1],
+        baseline_error=errors[-1],
+        covariance=(factors[:, None] * shown * factors)[is_fitted][:, is_fitted],
+        mean_pressure=best.mean_pressure,
+        area=contact.area,
+        loss=best.loss,
+        residual=found.best.residual,
+        num_steps=found.num_steps,
+        num_minima=found.num_minima,
+        profile=profile_of(found, problem),
+        result=result,
+        losses=found.losses[: found.num_starts],
+        results=found.results[: found.num_starts],
+        names=(*where.names, *(name for name, fits in zip(ZEROS, zeros, strict=True) if fits)),
     )
+    return fit, Hints(found.guess, zero_steps, 1 - jnp.sum(left**2) / (2 * best.loss))

@@ -1,275 +1,236 @@
-"""Nonlinear least squares: steps of a method, until a Gauss-Newton step would be small."""
+"""Nonlinear least squares by the method of Levenberg and Marquardt (J. SIAM 11, 431, 1963)."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from jaxstab.core.history import Indicators
-from jaxstab.core.loop import IterativeSolver, Loop, integer_parameter
+from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag, Scalar
 from jaxstab.loads import Load
 
-# Imported where it is used, since that takes a while.
-if TYPE_CHECKING:
-    import optax
-
-Order = Literal["continuation", "independent"]
 Values = Float[Array, " parameters"]
+Chosen = Bool[Array, " parameters"]
 Curve = Float[Array, " loads"]
-# A curve and its Jacobian.
-Slopes = tuple[Curve, Float[Array, "loads parameters"]]
+Rows = Float[Array, "loads parameters"]
 
 # Marquardt's damping: the first, and by what it falls after a step that helps and grows after one
 # that does not.
 _DAMPING = 1e-2
 _FALL, _GROWTH = 0.1, 5.0
-# The misfit is looked at so many standard errors away, and no farther than this in variables of the
-# fit. It must rise by these parts of what the derivatives say, unless the error is smaller than
-# that. A jump beside a good fit lowers it by a constant, which counts for more nearer to it.
-_CHECKED_AT, _FARTHEST = (3.0, 5.0), 0.5
-_LEAST_RISE, _SMALLEST = (0.25, 0.4), 1e-3
+# By default a Gauss-Newton step may leave this part of a standard error, within these limits.
+_PART_OF_ERROR, _FINEST, _COARSEST = 1e-2, 1e-6, 1e-2
+# A step changes a logarithm by this at most: far away, slopes say little.
+_LONGEST = 1.0
+# A parameter is determined if directions that the curve shows hold this part of it.
+_SEEN = 0.999
 
 
 class Measured(eqx.Module):
-    """A measured curve: loads, mean pressures and their weights."""
+    """A measured curve: loads, mean pressures and their weights, zero for a missing value."""
 
     load: Load
     mean_pressure: Curve
     weights: Curve
+    has_baseline: bool = eqx.field(static=True)
+
+    @property
+    def deviation(self) -> Curve:
+        """The measurements times the roots of their weights, less their mean for a baseline."""
+        mean = jnp.sum(self.weights * self.mean_pressure) / jnp.sum(self.weights)
+        return jnp.sqrt(self.weights) * (self.mean_pressure - self.has_baseline * mean)
 
     @property
     def roots(self) -> Curve:
-        """Roots of the weights, such that the measurements have a norm of 1."""
-        roots = jnp.sqrt(self.weights)
-        return roots / jnp.linalg.norm(roots * self.mean_pressure)
+        """Roots of the weights, scaled such that the zero curve has a loss of 1/2."""
+        return jnp.sqrt(self.weights) / jnp.linalg.norm(self.deviation)
 
 
-class Scale(eqx.Module):
-    """The map from fit variables to parameters, zero at the start: logarithms, or multiples."""
-
-    start: Values
-    unit: Values
-
-    @classmethod
-    def of(cls, start: Values, jacobian: Float[Array, "loads parameters"]) -> "Scale":
-        """Return the map from a start, in multiples that change the curve by its own size."""
-        sizes = jnp.linalg.norm(jacobian, axis=0)
-        return cls(start, 1 / jnp.where(sizes > 0, sizes, 1))
-
-    def to_values(self, free: Values) -> Values:
-        """Return the parameters."""
-        is_positive = self.start > 0
-        grown = self.start * jnp.exp(jnp.where(is_positive, free, 0))
-        return jnp.where(is_positive, grown, self.start + self.unit * free)
-
-    def slopes(self, free: Values) -> Values:
-        """Return the derivatives of the parameters by the variables of the fit."""
-        return jnp.where(self.start > 0, self.to_values(free), self.unit)
-
-
-class FitState(eqx.Module):
-    """Where a fit is."""
+class Point(eqx.Module):
+    """The misfit and its Jacobian at a value of the variables."""
 
     free: Values
-    # What the method remembers: its damping, or the state of an optimiser.
-    memory: Any
     mean_pressure: Curve
     misfit: Curve
-    jacobian: Float[Array, "loads parameters"]
-    # The largest change by the last step, if it was not taken; otherwise infinite.
-    reach: Scalar
+    jacobian: Rows
 
     @property
     def loss(self) -> Scalar:
         """Half the sum of squared misfits."""
         return jnp.sum(self.misfit**2) / 2
 
-    @property
-    def gradient(self) -> Values:
-        """That of the loss."""
-        return self.misfit @ self.jacobian
-
-    def principal(self) -> tuple[Values, Float[Array, "parameters parameters"]]:
-        """Return the slope of the curve along each principal axis of the variables, and these."""
-        _, sizes, axes = jnp.linalg.svd(self.jacobian, full_matrices=False)
-        return jnp.maximum(sizes, jnp.finfo(sizes.dtype).eps * jnp.max(sizes)), axes
-
-
-StateAt = Callable[[Values, Any], FitState]
-Move = Callable[[FitState], FitState]
-
 
 @dataclass(frozen=True)
-class Fit:
+class Problem:
     """The misfit between a curve and measurements.
 
+    Variables are logarithms of the parameters that start positive, and the others themselves.
+
     Attributes:
-        curve: the curve and its Jacobian.
-        pressures: the curve alone.
-        mean_pressure: the measurements.
-        roots: of their weights.
-        first: the curve at zero, which need not be evaluated again.
-        report: called at each step.
-        memory, move: the first memory of a method, and its step.
+        curve: the curve and its Jacobian as a function of the parameters.
+        start: the parameters at the start.
+        measured: the measurements.
+        tolerance: the relative change of each parameter to reach; None for a part of its error.
+        report: called at each evaluation.
     """
 
-    curve: Callable[[Values], Slopes]
-    pressures: Callable[[Values], Curve]
-    mean_pressure: Curve
-    roots: Curve
-    first: Slopes
-    report: Callable[[Array], None]
-    memory: Any = None
-    move: Move = lambda state: state
-
-    def state_of(self, free: Any, memory: Any, evaluated: Slopes) -> FitState:
-        """Return where a fit is, whose curve is known."""
-        pressure, jacobian = evaluated
-        rows = jnp.where(self.roots[:, None] > 0, self.roots[:, None] * jacobian, 0)
-        return FitState(free, memory, pressure, self.misfit(pressure), rows, jnp.array(jnp.inf))
-
-    def misfit(self, pressure: Curve) -> Curve:
-        """Return the weighted misfit of a curve; without weight it need not even be finite."""
-        return jnp.where(self.roots > 0, self.roots * (pressure - self.mean_pressure), 0)
-
-    def variance(self, state: FitState) -> Scalar:
-        """Return that of a measurement, |r|^2 / (n - p), n the loads of weight."""
-        count = jnp.sum(self.roots > 0) - len(state.free)
-        return 2 * state.loss / jnp.maximum(count, 1)
-
-    def is_flat(self, state: FitState) -> Flag:
-        """Return whether the misfit rises far less around a point than its derivatives say.
-
-        Contact points that come and go one by one make a curve with kinks. Its misfit has many
-        small minima, each narrower than the noise allows. Errors below a limit are not looked at.
-        """
-        variance, (sizes, axes) = self.variance(state), state.principal()
-        errors = jnp.sqrt(variance) / sizes
-        distances = jnp.asarray(_CHECKED_AT)[:, None]
-        reach = jnp.minimum(distances * errors, _FARTHEST)
-        moves = reach[:, :, None] * axes
-        ends = state.free + jnp.stack([moves, -moves])
-        pressures = jax.lax.map(self.pressures, ends.reshape(-1, len(state.free)))
-        misfits = jax.vmap(self.misfit)(pressures).reshape(*ends.shape[:3], -1)
-        rise = jnp.sum(misfits**2, axis=-1) / 2 - state.loss
-        # Without an equilibrium there is no misfit: that is no low one.
-        least = jnp.asarray(_LEAST_RISE)[:, None]
-        is_low = rise < least * (reach * sizes) ** 2 / 2
-        return jnp.any(is_low & (errors > _SMALLEST))
-
-    def covariance(self, state: FitState) -> Float[Array, "parameters parameters"]:
-        """Return that of the variables, the variance of a measurement times (J^T J)^-1."""
-        sizes, axes = state.principal()
-        scaled = axes / sizes[:, None]
-        return self.variance(state) * (scaled.T @ scaled)
-
-    def state_at(self, free: Any, memory: Any) -> FitState:
-        """Return where a fit is."""
-        return self.state_of(free, memory, self.curve(free))
-
-
-class LeastSquares(IterativeSolver):
-    """Levenberg and Marquardt's method, until that of Gauss and Newton would change little.
-
-    Or the steps of an optimiser of Optax, if one is given. Where the curve jumps as parameters
-    change, the least misfit may lie at the jump. It is reached where no step larger than the
-    tolerance lowers it.
-    """
-
+    curve: Callable[[Values], tuple[Curve, Rows]]
+    start: Values
+    measured: Measured
     tolerance: Scalar | None
-    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter)
-    optimizer: "optax.GradientTransformation | None" = eqx.field(static=True)
-    order: Order = eqx.field(static=True)
+    report: Callable[[Array], None]
 
-    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-6}
-    patience: ClassVar[int] = 100
+    @property
+    def is_log(self) -> Chosen:
+        """Which variables are logarithms."""
+        return self.start > 0
 
-    def prepared(self, problem: "Fit", start: Values) -> "Fit":
-        """Return the problem with the method's step."""
-        method = _marquardt if self.optimizer is None else partial(_optimised, self.optimizer)
-        memory, move = method(problem.state_at, jnp.zeros_like(start))
-        return replace(problem, memory=memory, move=move)
+    def values(self, free: Values) -> Values:
+        """Return the parameters."""
+        grown = self.start * jnp.exp(jnp.where(self.is_log, free, 0))
+        return jnp.where(self.is_log, grown, self.start + free)
 
-    def init(self, problem: "Fit", start: Values) -> FitState:
-        """Return where a fit begins."""
-        zero = jnp.zeros_like(start)
-        return jax.lax.cond(
-            jnp.any(start != zero),
-            lambda: problem.state_at(start, problem.memory),
-            lambda: problem.state_of(zero, problem.memory, problem.first),
-        )
+    def slopes(self, free: Values) -> Values:
+        """Return the derivatives of the parameters by the variables."""
+        return jnp.where(self.is_log, self.values(free), 1)
 
-    def step(self, problem: "Fit", state: FitState) -> FitState:
-        """Return where a step of the method leads."""
-        problem.report(state.misfit)
-        return problem.move(state)
+    def at(self, free: Values) -> Point:
+        """Evaluate the curve.
 
-    def measure(self, problem: "Fit", state: FitState) -> Indicators:
-        """Return the largest change by a step of Gauss and Newton's method."""
-        # Of combinations that are not determined, nothing is asked.
-        change = jnp.linalg.lstsq(state.jacobian, state.misfit)[0]
-        return {"residual": jnp.max(jnp.abs(change))}
+        A load without an equilibrium makes the loss NaN. A load without a derivative, as beside an
+        event of the contact, counts in the misfit but not in the direction of a step.
+        """
+        pressure, jacobian = self.curve(self.values(free))
+        roots = self.measured.roots
+        misfit = jnp.where(roots > 0, roots * (pressure - self.measured.mean_pressure), 0)
+        rows = roots[:, None] * jacobian * self.slopes(free)
+        has_slope = (roots > 0) & jnp.all(jnp.isfinite(rows), axis=1)
+        self.report(misfit)
+        return Point(free, pressure, misfit, jnp.where(has_slope[:, None], rows, 0))
 
-    def _is_stalled(self, loop: Loop[FitState]) -> Flag:
-        return super()._is_stalled(loop) | (loop.state.reach < self._goal(loop))
+    def variance(self, point: Point, held: Chosen) -> Scalar:
+        """Return the variance of a measurement, |r|^2 / (n - p), n being the loads of weight."""
+        count = jnp.sum(self.measured.weights > 0) - jnp.sum(~held)
+        return 2 * point.loss / jnp.maximum(count, 1)
 
 
-def _marquardt(state_at: StateAt, free: Values) -> tuple[Any, Move]:
-    """Return the first damping, and a step of Levenberg and Marquardt's method.
+class Directions(eqx.Module):
+    """The steps from a point, and the errors that its slopes give.
 
-    A step that does not lower the misfit, or leads to where there is none, is not taken: the next
-    one is shorter.
+    Attributes:
+        newton: the step of Gauss and Newton.
+        damped: the step of Levenberg and Marquardt.
+        covariance: of the variables, infinite or NaN where the curve does not determine them.
+        unit: makes changes relative: 1 for logarithms, otherwise the size of a column.
     """
 
-    def move(state: FitState) -> FitState:
-        sizes = jnp.linalg.norm(state.jacobian, axis=0)
-        rows = jnp.concatenate([state.jacobian, jnp.diag(jnp.sqrt(state.memory) * sizes)])
-        aims = jnp.concatenate([state.misfit, jnp.zeros_like(sizes)])
-        change = jnp.linalg.lstsq(rows, aims)[0]
-        tried = state_at(state.free - change, _FALL * state.memory)
-        reach = jnp.max(jnp.abs(change))
-        stays = replace(state, memory=_GROWTH * state.memory, reach=reach)
-        # Beside an event of the contact there may be no derivative to go on by.
-        is_lower = (tried.loss <= state.loss) & jnp.all(jnp.isfinite(tried.jacobian))
-        return jax.tree.map(lambda new, old: jnp.where(is_lower, new, old), tried, stays)
-
-    return jnp.asarray(_DAMPING, free.dtype), move
+    newton: Values
+    damped: Values
+    covariance: Float[Array, "parameters parameters"]
+    unit: Values
 
 
-def _optimised(
-    optimizer: "optax.GradientTransformation", state_at: StateAt, free: Values
-) -> tuple[Any, Move]:
-    """Return the first state of an optimiser of Optax, and a step of it."""
-    import optax
+def directions(problem: Problem, point: Point, held: Chosen, damping: Any = 0.0) -> Directions:
+    """Return the steps from a point that leave some variables as they are."""
+    jacobian = jnp.where(held, 0, point.jacobian)
+    norms = jnp.linalg.norm(jacobian, axis=0)
+    scale = jnp.where(norms > 0, norms, 1)
+    left, sizes, axes = jnp.linalg.svd(jacobian / scale, full_matrices=False)
+    is_there = sizes > jnp.finfo(sizes.dtype).eps * len(point.misfit) * jnp.max(sizes)
+    inverse = jnp.where(is_there, 1 / jnp.where(is_there, sizes, 1), 0)
+    along = left.T @ point.misfit
+    damped = sizes / (sizes**2 + jnp.where(sizes > 0, damping, 1))
+    spread = axes.T * inverse / scale[:, None]
+    # What no direction of the curve shows has no error.
+    is_seen = jnp.sum(jnp.where(is_there[:, None], axes, 0) ** 2, axis=0) > _SEEN
+    missing = jnp.where(is_seen | held, 0, jnp.inf)
+    covariance = problem.variance(point, held) * (spread @ spread.T) + jnp.diag(missing)
+    step = axes.T @ (damped * along) / scale
+    longest = jnp.max(jnp.abs(jnp.where(problem.is_log, step, 0)))
+    return Directions(
+        newton=axes.T @ (inverse * along) / scale,
+        damped=step * jnp.minimum(1, _LONGEST / jnp.maximum(longest, _LONGEST)),
+        covariance=covariance,
+        unit=jnp.where(problem.is_log, 1, norms),
+    )
 
-    optimizer = optax.with_extra_args_support(optimizer)
 
-    @jax.custom_jvp
-    def loss(free: Values) -> Scalar:
-        return state_at(free, None).loss
+class End(eqx.Module):
+    """Where a fit ended: the point, the relative Gauss-Newton step left, and how it ended.
 
-    @loss.defjvp
-    def _(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Array, Array]:
-        # All of the Jacobian costs one adjoint solve for each load.
-        state = state_at(*primals, None)
-        return state.loss, jnp.sum(state.gradient * tangents[0])
+    The curve at its start is `first`.
+    """
 
-    def move(state: FitState) -> FitState:
-        updates, memory = optimizer.update(
-            state.gradient,
-            state.memory,
-            state.free,
-            value=state.loss,
-            grad=state.gradient,
-            value_fn=loss,
+    first: Curve
+    point: Point
+    residual: Scalar
+    num_steps: Int[Array, ""]
+    result: RESULTS
+
+
+class _State(eqx.Module):
+    first: Curve
+    point: Point
+    tried: Values
+    damping: Scalar
+    residual: Scalar
+    num_steps: Int[Array, ""]
+    has_converged: Flag
+    has_stalled: Flag
+
+
+def minimise(problem: Problem, start: Values, held: Chosen, max_steps: Any) -> End:
+    """Step until a Gauss-Newton step would change little, or no step lowers the misfit.
+
+    Where the curve jumps as parameters change, the least misfit may lie at the jump: it is reached
+    where no step larger than the tolerance lowers it. A `max_steps` of -1 evaluates nothing.
+    """
+
+    def goes_on(state: _State) -> Flag:
+        return (state.num_steps < max_steps) & ~(state.has_converged | state.has_stalled)
+
+    def step(state: _State) -> _State:
+        new = problem.at(state.tried)
+        # A NaN is not lower.
+        is_lower = (new.loss <= state.point.loss) | (state.num_steps < 0)
+        point = jax.tree.map(lambda a, b: jnp.where(is_lower, a, b), new, state.point)
+        damping = state.damping * jnp.where(is_lower, _FALL, _GROWTH)
+        next_ = directions(problem, point, held, damping)
+        goal = problem.tolerance
+        if goal is None:
+            errors = jnp.sqrt(jnp.diag(next_.covariance)) * next_.unit
+            goal = jnp.clip(_PART_OF_ERROR * errors, _FINEST, _COARSEST)
+        left = jnp.abs(next_.newton) * next_.unit
+        change = jnp.abs(state.tried - point.free) * next_.unit
+        is_finite = jnp.isfinite(point.loss)
+        return _State(
+            first=jnp.where(state.num_steps < 0, new.mean_pressure, state.first),
+            point=point,
+            tried=point.free - next_.damped,
+            damping=damping,
+            residual=jnp.where(is_finite, jnp.max(left), jnp.inf),
+            num_steps=state.num_steps + 1,
+            has_converged=is_finite & jnp.all(left <= goal),
+            has_stalled=~is_lower & (jnp.all(change <= goal) | ~is_finite),
         )
-        moved: Any = optax.apply_updates(state.free, updates)
-        return state_at(moved, memory)
 
-    return optimizer.init(free), move
+    like = jax.eval_shape(problem.at, start)
+    nothing = Point(
+        start,
+        jnp.full(like.mean_pressure.shape, jnp.nan),
+        jnp.full(like.misfit.shape, jnp.inf),
+        jnp.zeros(like.jacobian.shape),
+    )
+    infinite, no = jnp.array(jnp.inf), jnp.array(False)
+    damping = jnp.array(_DAMPING / _FALL)
+    begin = _State(nothing.mean_pressure, nothing, start, damping, infinite, jnp.array(-1), no, no)
+    end = jax.lax.while_loop(goes_on, step, begin)
+    result = RESULTS.where(end.has_stalled, RESULTS.stagnated, RESULTS.max_steps_reached)
+    result = RESULTS.where(end.has_converged, RESULTS.successful, result)
+    is_finite = jnp.isfinite(end.point.loss)
+    result = RESULTS.where(is_finite, result, RESULTS.nonfinite)
+    return End(end.first, end.point, end.residual, jnp.maximum(end.num_steps, 0), result)

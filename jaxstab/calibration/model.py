@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
-from jaxstab.calibration.least_squares import Curve, Order, Slopes, Values
+from jaxstab.calibration.least_squares import Curve, Rows, Values
 from jaxstab.contact import Contact
 from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium import PreconditionedConjugateGradient
@@ -18,6 +18,7 @@ from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load
 
+Order = Literal["continuation", "independent"]
 Where = Callable[[Contact], Any]
 
 
@@ -31,23 +32,34 @@ class Pick:
     where: Where = field(compare=False)
     places: tuple[int, ...]
     structure: jax.tree_util.PyTreeDef
+    names: tuple[str, ...]
 
     @classmethod
     def of(cls, where: Where, contact: Contact) -> "Pick":
         """Return the parameters that a function picks from a contact."""
-        leaves, structure = jax.tree.flatten(contact)
-        opaque = [object() for _ in leaves]
+        paths, structure = jax.tree.flatten_with_path(contact)
+        opaque = [object() for _ in paths]
         try:
             picked, tree = jax.tree.flatten(where(jax.tree.unflatten(structure, opaque)))
-            return cls(where, tuple(map(opaque.index, picked)), tree)
+            places = tuple(map(opaque.index, picked))
         except (TypeError, ValueError):
             raise TypeError(
                 "`where` computes with the contact's parameters: it must only pick them."
             ) from None
+        names = (name for place in places for name in _names(*paths[place]))
+        return cls(where, places, tree, tuple(names))
 
     def __call__(self, contact: Contact) -> Any:
         """Return these parts of a contact."""
         return self.where(contact)
+
+
+def _names(path: Any, leaf: Any) -> list[str]:
+    """Return a name for each number of a leaf that can be fitted."""
+    if not eqx.is_inexact_array(leaf):
+        return []
+    name = jax.tree_util.keystr(path, simple=True, separator=".")
+    return [name] if leaf.ndim == 0 else [f"{name}[{i}]" for i in range(leaf.size)]
 
 
 def values_of(tree: Any) -> tuple[Values, Callable[[Values], Any]]:
@@ -59,44 +71,42 @@ def values_of(tree: Any) -> tuple[Values, Callable[[Values], Any]]:
 
 @dataclass(frozen=True)
 class Model:
-    """A contact, which of its parameters may change, and how they follow from a vector."""
+    """A contact, which of its parameters may change, and how they follow from a vector.
+
+    The last two numbers of the vector are the zero of the loads and that of the pressures.
+    """
 
     contact: Contact
     where: Pick
     unravel: Callable[[Values], Any]
+    loads: Load
+    order: Order
 
     def contact_at(self, values: Values) -> Contact:
         """Return the contact with other parameters."""
-        return eqx.tree_at(self.where, self.contact, self.unravel(values))
+        return eqx.tree_at(self.where, self.contact, self.unravel(values[:-2]))
 
-    def curve(self, values: Values, loads: Load, order: Order) -> Slopes:
-        """Return the mean pressures at loads and their Jacobian, NaN without an equilibrium."""
-        return self._along(jax.value_and_grad(self._pressure, has_aux=True), values, loads, order)
+    def curve(self, values: Values) -> tuple[Curve, Rows]:
+        """Return the mean pressures at the loads and their Jacobian, NaN without an equilibrium."""
+        at_load = jax.value_and_grad(self._pressure, has_aux=True)
 
-    def pressures(self, values: Values, loads: Load, order: Order) -> Curve:
-        """Return the mean pressures alone, in a fraction of the time."""
-        return self._along(lambda *inputs: (self._pressure(*inputs), None), values, loads, order)[0]
-
-    def _along(self, at_load: Callable, values: Values, loads: Load, order: Order) -> Any:
-        def independent(load: Load) -> Any:
-            (pressure, _), row = at_load(values, load, None)
-            return pressure, row
-
-        def follow(start: Array, load: Load) -> tuple[Array, Any]:
+        def follow(start: Array, load: Load) -> tuple[Array, tuple[Array, Array]]:
             (pressure, gap), row = at_load(values, load, start)
             return jnp.where(jnp.isnan(pressure), start, gap), (pressure, row)
 
-        if order == "independent":
-            return jax.vmap(independent)(loads)
-        first = jax.tree.map(lambda leaf: leaf[0], loads)
+        if self.order == "independent":
+            (pressures, _), rows = jax.vmap(lambda load: at_load(values, load, None))(self.loads)
+            return pressures, rows
+        first = jax.tree.map(lambda leaf: leaf[0], self.loads)
         start = self.contact.control(first).starting_gap(self.contact.heights)
-        return jax.lax.scan(follow, start, loads)[1]
+        return jax.lax.scan(follow, start, self.loads)[1]
 
     def _pressure(self, values: Values, load: Load, start: Array | None) -> tuple[Array, Array]:
         """Return the mean pressure at one load and the gap, from which the next one can start."""
-        method = PreconditionedConjugateGradient()
+        offset, baseline = values[-2:]
+        load = load.at(load.value - offset)
         whole, start = whole_start(self.contact_at(values), load, start)
-        inputs = jax.lax.stop_gradient((whole, load, method, start))
+        inputs = jax.lax.stop_gradient((whole, load, PreconditionedConjugateGradient(), start))
         found = with_derivatives(whole, load, find_equilibrium(*inputs)).on_surface(whole.solid)
         is_found = found.result == RESULTS.successful
-        return jnp.where(is_found, found.mean_pressure, jnp.nan), found.gap
+        return jnp.where(is_found, found.mean_pressure, jnp.nan) + baseline, found.gap

@@ -92,6 +92,11 @@ class RESULTS(Enumeration):
     too_many_modes = member(
         "there are fewer admissible directions than modes asked for. Ask for fewer (`count`)"
     )
+    no_fit = member(
+        "the curve does not describe the measurements: a parameter is at its bound or is not "
+        "determined, or the misfit is hardly less than that of a curve of zero. Look at signs, "
+        "units and outliers, plot the fitted curve beside the measurements, or fit fewer parameters"
+    )
 
 
 class SolverError(RuntimeError):

@@ -4,7 +4,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 import pytest
 from problems import rough_contact
 from programs import compilations
@@ -63,7 +62,9 @@ def test_errors_are_those_of_linear_least_squares_also_of_loads_that_tell_nothin
     noise = 5e-4 * np.random.default_rng(0).normal(size=16)
     slope = np.array([js.equilibrate(contact, load).mean_pressure for load in loads])
     assert (slope == 0).sum() >= 7
-    fit = js.calibrate(contact, loads, slope + noise, where=lambda c: c.solid.youngs_modulus)
+    fit = js.calibrate(
+        contact, loads, slope + noise, where=lambda c: c.solid.youngs_modulus, tolerance=1e-8
+    )
     modulus = 1 + noise @ slope / (slope @ slope)
     misfit = (modulus - 1) * slope - noise
     error = np.sqrt(misfit @ misfit / 15 / (slope @ slope))
@@ -79,7 +80,7 @@ def test_an_exact_curve_gives_potential_and_modulus_exactly(start, exact, order)
     found = [law.surface_energy, law.length, modulus]
     np.testing.assert_allclose(found, [GAMMA, RHO, 1.0], rtol=1e-5)
     np.testing.assert_allclose(fit.mean_pressure, exact, atol=1e-6 * abs(exact).max())
-    assert fit.residual <= 1e-6
+    assert fit.residual <= 1e-6 and fit.num_minima == 1
     assert fit.contact.solid.youngs_modulus == modulus
 
 
@@ -110,7 +111,7 @@ class Offset(eqx.Module):
 
 
 @pytest.mark.nightly
-def test_a_law_of_ones_own_is_fitted_by_any_optimiser_with_a_bar(start, exact, capsys):
+def test_a_law_of_ones_own_is_fitted_with_a_bar(start, exact, capsys):
     law = Offset(jnp.array([0.03, 0.08]), jnp.array(0.0))
     guess = eqx.tree_at(potential, start, law)
     fit = js.calibrate(
@@ -118,14 +119,11 @@ def test_a_law_of_ones_own_is_fitted_by_any_optimiser_with_a_bar(start, exact, c
         LOAD,
         exact + 0.004,
         where=potential,
-        optimizer=optax.adam(0.05),
-        tolerance=1e-3,
-        max_steps=1000,
         progress=True,
     )
-    np.testing.assert_allclose(fit.parameters.strengths, [GAMMA, RHO], rtol=3e-3)
-    np.testing.assert_allclose(fit.parameters.push, 0.004, rtol=0.02)
-    assert f"{int(fit.num_steps)}/1000" in capsys.readouterr().err
+    np.testing.assert_allclose(fit.parameters.strengths, [GAMMA, RHO], rtol=1e-5)
+    np.testing.assert_allclose(fit.parameters.push, 0.004, rtol=1e-5)
+    assert "/200" in capsys.readouterr().err
 
 
 # Of contacts that jump, on surfaces of different seeds.
@@ -213,29 +211,6 @@ def noisy(curve, seed):
 
 
 @pytest.mark.nightly
-def test_a_tip_in_a_small_minimum_of_the_misfit_has_no_standard_errors():
-    contact, loads, curve = curve_of_tip(64)
-
-    def pick(contact):
-        return contact.potential.surface_energy, contact.potential.length
-
-    def fit(seed, throw=False):
-        guess, measured = contact(0.06, 1.2), noisy(curve, seed)
-        return js.calibrate(
-            guess, loads, measured, where=pick, starts=1, tolerance=1e-3, throw=throw
-        )
-
-    # Derivatives there gave ranges of 0.91 to 1.00 with errors of 0.02 to 0.04.
-    for seed in (0, 1, 4):
-        found = fit(seed)
-        assert found.result == js.RESULTS.stagnated
-        assert np.isnan(found.standard_errors).all() and np.isnan(found.covariance).all()
-        assert abs(found.parameters[1] - 1.5) > 0.4
-    with pytest.raises(js.SolverError, match=r"many small minima.*no standard errors.*fit fewer"):
-        fit(4, throw=True)
-
-
-@pytest.mark.nightly
 def test_the_scatter_of_a_tips_work_of_adhesion_is_its_standard_error():
     contact, loads, curve = curve_of_tip(32)
 
@@ -277,6 +252,8 @@ def test_failure_is_told(start, exact):
         ({"mean_pressure": jnp.full(16, jnp.nan)}, "NaN or infinite"),
         ({"weights": -jnp.ones(16)}, "not negative"),
         ({"weights": jnp.ones(3)}, "The weights have shape"),
+        ({"forces": jnp.ones(16)}, "Give the measurements once"),
+        ({"baseline": True, "mean_pressure": jnp.ones(16)}, "differ from the others"),
         ({"order": "random"}, "choose"),
         ({"load": js.MeanGap(jnp.ones(2)), "mean_pressure": jnp.ones(2)}, "2 parameters for 2"),
         ({"weights": jnp.zeros(16).at[0].set(1)}, "2 parameters for 1"),

@@ -1,0 +1,104 @@
+"""Advice on a fit: outliers, a wrong sign, a contact point or a baseline that was not fitted."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import betainc
+from jaxtyping import Array, Float
+
+from jaxstab.calibration.least_squares import Curve, Measured
+from jaxstab.core.types import Scalar
+from jaxstab.core.warn import warn_once
+
+# The chance of a normal error, or of a lower misfit by chance, below which a warning is given.
+_CHANCE = 1e-4
+# A misfit below this part of the measurements is one of rounding.
+_SMALLEST = 1e-6
+
+
+class FitWarning(UserWarning):
+    """A fit that converged, to measurements that hint at something that was not fitted."""
+
+
+class Hints(eqx.Module):
+    """Numbers of a fit that hint at the cause of a misfit.
+
+    Attributes:
+        guess: the curve at the start [pressure].
+        zeros: offset and baseline that a Gauss-Newton step from the fit would give, zero for the
+            fitted ones [length, unit of the measurements].
+        drop: the part of the loss that this step would take away.
+    """
+
+    guess: Curve
+    zeros: Float[Array, "2"]
+    drop: Scalar
+
+
+def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) -> None:
+    """Warn of an outlier, and of an offset or a baseline that the measurements show."""
+    if outlier := _outlier(measured, fitted, count):
+        warn_once(f"{outlier}.", FitWarning, per_line=True)
+    missing = [name for name, zero in zip(("offset", "baseline"), hints.zeros, strict=True) if zero]
+    freedom = int(jnp.sum(measured.weights > 0)) - count - len(missing)
+    if not missing or freedom < 1 or _is_exact(measured, fitted):
+        return
+    chance = betainc(freedom / 2, len(missing) / 2, 1 - hints.drop)
+    if chance < _CHANCE and hints.drop > 0.5:
+        offset, baseline = hints.zeros
+        warn_once(
+            f"the misfit would fall by {float(hints.drop):.0%} if the loads had an offset of about "
+            f"{offset:.3g} and the measurements a baseline of about {baseline:.3g}: fit them with "
+            f"{', '.join(f'{name}=True' for name in missing)}.",
+            FitWarning,
+            per_line=True,
+        )
+
+
+def cause_of_failure(measured: Measured, fitted: Curve, count: int, guess: Curve) -> str:
+    """Return the likely cause of a misfit, an outlier or a wrong sign, if either is."""
+    if outlier := _outlier(measured, fitted, count):
+        return outlier
+    weights, pressure = measured.weights, measured.mean_pressure
+    weights = jnp.where(jnp.isfinite(guess), weights, 0)
+    guess = jnp.where(weights > 0, guess, 0)
+    if jnp.sum(weights * guess * pressure) < 0 and not measured.has_baseline:
+        return (
+            "the measurements have the opposite sign of the guess's curve: forces are positive in "
+            "compression, negative where the surfaces attract"
+        )
+    away = guess - jnp.sum(weights * guess) / jnp.sum(weights)
+    if jnp.sum(weights * away * pressure) < 0:
+        return (
+            "the measurements fall where the guess's curve rises: change the sign of the loads or "
+            "of the forces. Displacements are positive away from the surface, forces in compression"
+        )
+    return ""
+
+
+def _missed(measured: Measured, fitted: Curve) -> np.ndarray:
+    misfit = np.asarray(fitted - measured.mean_pressure)
+    return np.where(measured.weights > 0, np.sqrt(measured.weights) * misfit, 0)
+
+
+def _is_exact(measured: Measured, fitted: Curve) -> bool:
+    missed = np.linalg.norm(_missed(measured, fitted))
+    return bool(missed < _SMALLEST * np.linalg.norm(measured.deviation))
+
+
+def _outlier(measured: Measured, fitted: Curve, count: int) -> str:
+    """Return a sentence on the measurement of the largest misfit, if noise is not the cause."""
+    squares = _missed(measured, fitted) ** 2
+    number, weighed = int(np.argmax(squares)), int(np.sum(squares > 0))
+    freedom = weighed - count - 1
+    if freedom < 1 or _is_exact(measured, fitted) or not np.isfinite(squares).all():
+        return ""
+    share = squares[number] / squares.sum()
+    # Of a part of a sum of squares of normal errors, times the number of them (Bonferroni).
+    if weighed * betainc(freedom / 2, 0.5, 1 - share) > _CHANCE:
+        return ""
+    return (
+        f"measurement number {number}, at a load of {measured.load.value[number]:.6g}, makes "
+        f"{share:.0%} of the sum of squares. It looks like an outlier, or lies at a jump: mask it "
+        "with `numpy.ma.masked_array`, or give it weight 0"
+    )

@@ -1,0 +1,148 @@
+"""The result of a fit, its table, and the message of a fit that failed."""
+
+from typing import Annotated, Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from jaxstab.calibration.advice import Hints, cause_of_failure
+from jaxstab.calibration.least_squares import Curve, Measured, Problem
+from jaxstab.calibration.model import values_of
+from jaxstab.calibration.search import Search
+from jaxstab.contact import Contact
+from jaxstab.core.checks import is_traced
+from jaxstab.core.display import number, table
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Scalar
+from jaxstab.core.units import AREA, PRESSURE
+
+ZEROS = ("offset", "baseline")
+
+
+class Profile(eqx.Module):
+    """The least loss at fixed values of the parameter that the curve determines worst.
+
+    Attributes:
+        number: which parameter it is, in the order of the leaves of `parameters`.
+        values: of this parameter, ascending; NaN if the fit has no positive parameter.
+        losses: the loss with all others fitted; infinite without an equilibrium.
+    """
+
+    number: Int[Array, ""]
+    values: Float[Array, " values"]
+    losses: Float[Array, " values"]
+
+
+class Calibration(eqx.Module):
+    """A contact fitted to a measured curve.
+
+    Attributes:
+        contact: the contact with the parameters found.
+        parameters: these parameters, as `where` picks them.
+        standard_errors: their standard errors, in the same structure: those of the slopes of the
+            curve, or larger ones where the profile shows a wider valley.
+        offset: the zero of the loads: the contact is at load - offset [length].
+        offset_error: its standard error; zero if it was not fitted.
+        baseline: the zero of the measurements, in their unit.
+        baseline_error: its standard error; zero if it was not fitted.
+        covariance: of the parameters, in the order of their leaves, then of offset and baseline
+            where they are fitted.
+        mean_pressure: the fitted curve, with the baseline [pressure].
+        area: the area of the cell [length^2].
+        loss: half the weighted sum of squared misfits, over that of the measurements; with a
+            baseline, over that of their deviations from their mean.
+        residual: the largest Gauss-Newton step that is left, relative to each parameter.
+        num_steps: steps of all fits.
+        num_minima: how many minima of the misfit were seen. The best one counts.
+        profile: the least loss over the worst determined parameter.
+        result: a member of `RESULTS`: how the fit ended.
+        losses: the loss that each start came to, infinite where there is none.
+        results: how each start ended; `not_computed` for those that were not needed.
+        names: the names of the parameters, in the order of `covariance`.
+    """
+
+    contact: Contact
+    parameters: Any
+    standard_errors: Any
+    offset: Scalar
+    offset_error: Scalar
+    baseline: Scalar
+    baseline_error: Scalar
+    covariance: Float[Array, "parameters parameters"]
+    mean_pressure: Annotated[Curve, PRESSURE]
+    area: Annotated[Scalar, AREA]
+    loss: Scalar
+    residual: Scalar
+    num_steps: Int[Array, ""]
+    num_minima: Int[Array, ""]
+    profile: Profile
+    result: RESULTS
+    losses: Float[Array, " starts"]
+    results: RESULTS
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def force(self) -> Curve:
+        """The fitted curve, the mean pressure times the area [pressure length^2]."""
+        return self.mean_pressure * self.area
+
+    def __repr__(self) -> str:
+        if is_traced(self) or self.loss.ndim:
+            return eqx.tree_pformat(self)
+        errors = np.sqrt(np.diag(self.covariance))
+        rows = {
+            "parameter": self.names,
+            "value": [number(value) for _, value in _found(self)],
+            "standard error": [f"{error:.2g}" for error in errors],
+        }
+        minima = int(self.num_minima)
+        seen = f"{minima} {'minimum' if minima == 1 else 'minima'} seen"
+        head = f"Calibration: {self.result.name}, loss {float(self.loss):.3g}, {seen}"
+        return f"{head}\n{table(rows)}"
+
+
+def profile_of(found: Search, problem: Problem) -> Profile:
+    """Return the profile, with the best fit among its values."""
+    free = jnp.concatenate([found.free[found.along], found.best.point.free[None]])
+    at = jax.vmap(problem.values)(free)[:, found.weakest]
+    losses = jnp.append(found.losses[found.along], found.best.point.loss)
+    order = jnp.argsort(at)
+    has_any = found.results.code[found.along][0] != RESULTS.not_computed.code
+    return Profile(found.weakest, jnp.where(has_any, at[order], jnp.nan), losses[order])
+
+
+def describe(fit: Calibration, measured: Measured, hints: Hints) -> str:
+    """Return why a fit failed, and the cure."""
+    values = ", ".join(f"{name} {value:.6g}" for name, value in _found(fit))
+    missing = jnp.isnan(fit.mean_pressure)
+    if missing.any():
+        return (
+            f"The fit stopped at {values}: {int(missing.sum())} of {missing.size} loads "
+            "have no equilibrium there, the first of them number "
+            f"{int(jnp.argmax(missing))} (give them no weight, or start elsewhere)"
+        )
+    cause = cause_of_failure(measured, fit.mean_pressure, len(fit.names), hints.guess)
+    if cause or fit.result == RESULTS.no_fit:
+        cause = cause or (
+            "the guess is far from the measurements: compare its curve with them by `sweep`. Look "
+            "at the units, the order of the loads and their zero, and start nearer"
+        )
+        return f"The fit ended at {values}, with a loss of {float(fit.loss):.3g}. Likely {cause}"
+    tried = int(jnp.sum(fit.results != RESULTS.not_computed))
+    return (
+        f"The fit did not converge in {int(fit.num_steps)} steps from {tried} start"
+        f"{'s' if tried > 1 else ''}: at {values} they would still change by a part of "
+        f"{float(fit.residual):.3g}. Jumps of the contact are the usual reason: give the loads in "
+        'the order of the measurement, with order="continuation", start from parameters whose '
+        "contact jumps at nearly the same loads, or give more `starts`"
+    )
+
+
+def _found(fit: Calibration) -> list[tuple[str, float]]:
+    """Return the fitted numbers and their names."""
+    zeros = [getattr(fit, name) for name in ZEROS if name in fit.names]
+    found = [*values_of(fit.parameters)[0], *zeros]
+    return [(name, float(value)) for name, value in zip(fit.names, found, strict=True)]

@@ -1,0 +1,232 @@
+"""The search for the least misfit: several starts, and a profile along the weakest parameter."""
+
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from jaxstab.calibration.least_squares import (
+    Chosen,
+    Curve,
+    End,
+    Problem,
+    Values,
+    directions,
+    minimise,
+)
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Flag, Scalar
+
+MOST = 8
+# Logarithms: a factor of two around the first start, and nearer to the best fit so far.
+_FAR, _NEAR, _NEAREST = 0.7, 0.2, 0.02
+# Fits agree on the least misfit up to this part of it.
+_AGREEMENT = 0.25
+# Logarithms of the profile, on each side: up to a factor of four. The nearest are no farther than
+# so many standard errors, since points that detach one by one make minima beside each other.
+_DISTANCES = np.array([0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4])
+_IN_ERRORS = np.array([1, 2.5, *[np.inf] * 7])
+_SIGNS = np.repeat([-1, 1], len(_DISTANCES))
+# The others are fitted in a few steps: each value of the profile starts from the one before.
+_PROFILE_STEPS = 4
+# A minimum of the profile is fitted from if its loss is below this many times the least one.
+_WORTH = 4.0
+# Minima are apart by a standard error, within these limits.
+_SAME, _APART = 1e-3, 0.05
+# Values of the profile up to so many standard errors away say how large these are.
+_MOST_ERRORS = 5.0
+
+
+class Search(eqx.Module):
+    """The fits so far: from starts, along the profile, and from minima of the profile.
+
+    Attributes:
+        guess: the curve at the first start.
+        best: the fit of the least misfit.
+        centre: the best of the starts, around which the profile goes.
+        weakest: the number of the parameter of the largest relative error there.
+        error: this error.
+        free: the end of each fit.
+        losses: the misfit of each, infinite where there is none.
+        results: how each ended.
+        num_steps: the steps of all.
+    """
+
+    guess: Curve
+    best: End
+    centre: Values
+    weakest: Int[Array, ""]
+    error: Scalar
+    free: Float[Array, "fits parameters"]
+    losses: Float[Array, " fits"]
+    results: RESULTS
+    num_steps: Int[Array, ""]
+
+    @property
+    def num_starts(self) -> int:
+        """The number of starts, whether they were needed or not."""
+        return len(self.losses) - 2 * len(_SIGNS)
+
+    @property
+    def along(self) -> slice:
+        """Where the fits of the profile are."""
+        return slice(self.num_starts, self.num_starts + len(_SIGNS))
+
+    @property
+    def is_apart(self) -> np.ndarray:
+        """Which fits of all variables start elsewhere than at the best fit so far."""
+        numbers = np.arange(len(self.losses))
+        return (numbers < _num_far(self.num_starts)) | (numbers >= self.along.stop)
+
+    @property
+    def result(self) -> RESULTS:
+        """How the best fit ended.
+
+        Where a curve jumps, the least misfit may be at a jump, where no method converges smoothly.
+        It is found if two fits agree on it, and neither began at the other's end.
+        """
+        agreeing = self.is_apart & (self.losses <= (1 + _AGREEMENT) * self.best.point.loss)
+        is_confirmed = (self.best.result == RESULTS.stagnated) & (jnp.sum(agreeing) > 1)
+        return RESULTS.where(is_confirmed, RESULTS.successful, self.best.result)
+
+    @property
+    def num_minima(self) -> Int[Array, ""]:
+        """How many minima of the misfit were seen, apart in the weakest parameter."""
+        has_ended = (self.results == RESULTS.successful) | (self.results == RESULTS.stagnated)
+        has_ended = has_ended.at[self.along].set(False)
+        at = jnp.sort(jnp.where(has_ended, self.free[:, self.weakest], jnp.inf))
+        is_apart = at[1:] - at[:-1] > jnp.clip(self.error, _SAME, _APART)
+        return jnp.sum(is_apart & jnp.isfinite(at[1:])) + jnp.isfinite(at[0])
+
+    def errors(self, problem: Problem, held: Chosen, errors: Values) -> Values:
+        """Return standard errors of the parameters, larger where the profile shows them to be.
+
+        For a parabola the distance over the root of twice the rise, in variances, is the error.
+        """
+        variance = problem.variance(self.best.point, held)
+        rise = jnp.maximum(2 * (self.losses[self.along] - self.best.point.loss) / variance, 1)
+        values = jax.vmap(problem.values)(self.free[self.along])
+        away = jnp.abs(values - problem.values(self.best.point.free)) / jnp.sqrt(rise)[:, None]
+        away = jnp.where((rise < _MOST_ERRORS**2)[:, None], away, 0)
+        return jnp.maximum(errors, jnp.max(away, axis=0))
+
+
+def search(
+    problem: Problem, held: Chosen, is_profiled: Chosen, starts: int | None, max_steps: Any
+) -> Search:
+    """Fit from several starts, then look along the weakest parameter for lower minima.
+
+    Half of the starts lie around zero, then around the best so far; by default there are as many as
+    it takes until one converges, up to `MOST`. The profile holds the weakest parameter at values
+    around its fit, and fits the others. From each of its minima, all are fitted again.
+
+    Arguments:
+        problem: the misfit.
+        held: which variables stay as they are.
+        is_profiled: which ones the profile may go along.
+        starts: how many starts.
+        max_steps: the step limit of each fit.
+    """
+    limit = MOST if starts is None else starts
+    end_of_profile = limit + len(_SIGNS)
+    total = end_of_profile + len(_SIGNS)
+    moves = _moves(limit, held.size) * (problem.is_log & ~held)
+
+    def attempt(number: Array, so_far: Search) -> Search:
+        is_start, is_refit = number < limit, number >= end_of_profile
+        is_along = ~is_start & ~is_refit
+        place = jnp.clip(number - limit, 0) % len(_SIGNS)
+        is_first = place % len(_DISTANCES) == 0
+        near = jnp.where(number < _num_far(limit), 0, so_far.best.point.free)
+        begin = moves[jnp.minimum(number, limit - 1)] + near
+        before = jnp.where(is_first, so_far.centre, so_far.free[number - 1])
+        error = jnp.maximum(so_far.error, _SAME)
+        reach = jnp.minimum(_DISTANCES, error * _IN_ERRORS)
+        moved = so_far.centre[so_far.weakest] + (_SIGNS * jnp.tile(reach, 2))[place]
+        before = before.at[so_far.weakest].set(moved)
+        start = jnp.where(is_start, begin, before)
+        start = jnp.where(is_refit, so_far.free[limit + place], start)
+        is_needed = jnp.where(is_start, _needs_start(so_far, number, starts), can_profile(so_far))
+        is_needed &= ~is_refit | _minima(so_far)[place]
+        is_held = held | (is_along & (jnp.arange(held.size) == so_far.weakest))
+        steps = jnp.where(is_along, jnp.minimum(max_steps, _PROFILE_STEPS), max_steps)
+        end = minimise(problem, start, is_held, jnp.where(is_needed, steps, -1))
+        return _recorded(so_far, number, end, ~is_along, is_start, is_needed)
+
+    def can_profile(so_far: Search) -> Flag:
+        ended = so_far.best.result
+        has_ended = (ended == RESULTS.successful) | (ended == RESULTS.stagnated)
+        return jnp.any(is_profiled) & has_ended
+
+    def _recorded(
+        so_far: Search, number: Array, end: End, may_win: Flag, is_start: Flag, is_needed: Flag
+    ) -> Search:
+        loss = jnp.where(jnp.isfinite(end.point.loss), end.point.loss, jnp.inf)
+        # Also than one that is NaN.
+        is_lower = (loss < jnp.inf) & ~(loss >= so_far.best.point.loss)
+        is_better = (number == 0) | (may_win & is_lower)
+        best = jax.tree.map(partial(jnp.where, is_better), end, so_far.best)
+        errors = jnp.sqrt(jnp.diag(directions(problem, best.point, held).covariance))
+        weakest = jnp.argmax(jnp.where(is_profiled, errors, -1))
+        result = RESULTS.where(is_needed, end.result, RESULTS.not_computed)
+        return Search(
+            guess=jnp.where(number == 0, end.first, so_far.guess),
+            best=best,
+            centre=jnp.where(is_start, best.point.free, so_far.centre),
+            weakest=jnp.where(is_start, weakest, so_far.weakest),
+            error=jnp.where(is_start, errors[weakest], so_far.error),
+            free=so_far.free.at[number].set(end.point.free),
+            losses=so_far.losses.at[number].set(loss),
+            results=RESULTS(so_far.results.code.at[number].set(result.code)),
+            num_steps=so_far.num_steps + end.num_steps,
+        )
+
+    zero = jnp.zeros_like(problem.start)
+    like = jax.eval_shape(partial(minimise, problem, zero, held, 0))
+    nothing: Any = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
+    first = Search(
+        guess=nothing.first,
+        best=nothing,
+        centre=zero,
+        weakest=jnp.array(0),
+        error=jnp.array(0.0),
+        free=jnp.zeros((total, zero.size)),
+        losses=jnp.full(total, jnp.inf),
+        results=RESULTS(jnp.full(total, RESULTS.not_computed.code)),
+        num_steps=jnp.array(0),
+    )
+    return jax.lax.fori_loop(0, total, attempt, first)
+
+
+def _moves(limit: int, count: int) -> Float[Array, "starts parameters"]:
+    reaches = np.geomspace(_NEAR, _NEAREST, limit)
+    reaches[: _num_far(limit)] = _FAR
+    reaches[0] = 0
+    return jnp.asarray(reaches[:, None] * np.random.default_rng(0).uniform(-1, 1, (limit, count)))
+
+
+def _needs_start(so_far: Search, number: Array, starts: int | None) -> Flag:
+    if starts is not None:
+        return jnp.array(True)
+    ended = so_far.best.result
+    return (number == 0) | (ended == RESULTS.stagnated) | (ended == RESULTS.nonfinite)
+
+
+def _minima(so_far: Search) -> Array:
+    """Return which values of the profile are lower than their neighbours, and low enough."""
+    order = np.argsort(np.append(_SIGNS * np.tile(_DISTANCES, 2), 0))
+    losses = so_far.losses[so_far.along]
+    at_centre = jnp.min(so_far.losses[: so_far.num_starts])
+    sorted_ = jnp.append(losses, at_centre)[order]
+    outer = jnp.concatenate([jnp.array([jnp.inf]), sorted_, jnp.array([jnp.inf])])
+    is_low = (sorted_ <= outer[:-2]) & (sorted_ <= outer[2:])
+    is_low &= sorted_ < _WORTH * so_far.best.point.loss
+    return is_low[np.argsort(order)][:-1]
+
+
+def _num_far(number: int) -> int:
+    return number // 2 + 1

@@ -1,0 +1,273 @@
+"""Fits to curves as an instrument records them: unknown zeros, missing points, several minima."""
+
+import warnings
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import brentq, curve_fit, least_squares
+from scipy.stats import t as student
+
+import jaxstab as js
+from jaxstab.calibration.least_squares import Measured, Problem, minimise
+
+# Flat surfaces under a spring: a scalar equation, solved below without jaxstab.
+ENERGY, RANGE, STIFFNESS = 0.02, 0.1, 5.0
+OFFSET, BASELINE, SIDE = 0.03, 0.01, 2.0
+POSITIONS = np.linspace(0.5, -0.02, 24)
+TRUTH = np.array([ENERGY, RANGE, OFFSET, BASELINE])
+
+
+def forces_of(positions, energy, length, offset, baseline):
+    """Forces k (g - z) + F0 where they balance the attraction, or where the gap is closed."""
+
+    def one(position):
+        def out_of_balance(gap):
+            return STIFFNESS * (gap - position) + energy / length * np.exp(-gap / length)
+
+        if out_of_balance(0.0) > 0:
+            return -STIFFNESS * position
+        return STIFFNESS * (brentq(out_of_balance, 0, 5, xtol=1e-14) - position)
+
+    return SIDE * np.array([one(position) for position in positions - offset]) + baseline
+
+
+def flat(energy, length):
+    grid = js.Grid((4,), (SIDE,))
+    law = js.potentials.Exponential(energy, length)
+    return js.Contact(js.HalfSpace(grid, 100.0), jnp.zeros(4), law)
+
+
+def fit_flat(forces, **options):
+    options = {"where": lambda contact: contact.potential, "offset": True, "baseline": True} | (
+        options
+    )
+    return js.calibrate(flat(0.03, 0.07), js.Spring(POSITIONS, STIFFNESS), forces=forces, **options)
+
+
+def noisy(number, size=POSITIONS.size):
+    noise = 2e-3 * np.random.default_rng(number).normal(size=size)
+    return forces_of(POSITIONS, *TRUTH) + noise
+
+
+def found(fit):
+    law = fit.parameters
+    return np.array([law.surface_energy, law.length, fit.offset, fit.baseline])
+
+
+def test_offset_and_baseline_are_those_of_another_fit_of_the_closed_form():
+    forces = noisy(0)
+    fit = fit_flat(forces, tolerance=1e-8)
+    values, covariance = curve_fit(forces_of, POSITIONS, forces, p0=TRUTH, xtol=1e-12, ftol=1e-12)
+    np.testing.assert_allclose(found(fit), values, rtol=1e-4)
+    errors = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), errors, rtol=0.1)
+    np.testing.assert_allclose([fit.offset_error, fit.baseline_error], errors[2:], rtol=0.1)
+    np.testing.assert_allclose(fit.force, forces_of(POSITIONS, *values), atol=1e-6)
+    assert fit.names == ("potential.surface_energy", "potential.length", "offset", "baseline")
+    assert all(name in str(fit) for name in fit.names)
+
+
+def test_the_profile_is_that_of_fits_with_the_work_held():
+    forces = noisy(1)
+    fit = fit_flat(forces)
+    assert fit.names[int(fit.profile.number)] == "potential.surface_energy"
+    deviation = np.sum((forces - forces.mean()) ** 2)
+    for at in (6, 9, 12):
+        energy = float(fit.profile.values[at])
+
+        def misfit(others, energy=energy):
+            length, offset, baseline = others
+            return forces_of(POSITIONS, energy, length, offset, baseline) - forces
+
+        held = least_squares(misfit, [RANGE, OFFSET, BASELINE], xtol=1e-12)
+        np.testing.assert_allclose(fit.profile.losses[at], held.cost / deviation, rtol=2e-3)
+
+
+def test_errors_are_the_scatter_of_repeated_measurements():
+    curves = jnp.asarray([noisy(number) for number in range(40)])
+    fits = jax.vmap(lambda forces: fit_flat(forces, throw=False))(curves)
+    assert (fits.result == js.RESULTS.successful).all()
+    values = found(fits).T
+    errors = np.sqrt(np.diagonal(fits.covariance, axis1=1, axis2=2))
+    # Of 40 draws a standard deviation is known to 11 %.
+    scatter = values.std(axis=0, ddof=1) / np.median(errors, axis=0)
+    assert (scatter > 0.7).all() and (scatter < 1.3).all()
+    covered = abs(values - TRUTH) < student.ppf(0.975, POSITIONS.size - 4) * errors
+    assert covered.mean() > 0.9
+
+
+def test_a_zero_that_is_off_is_warned_of_and_no_longer_biases_the_work_of_adhesion():
+    forces = forces_of(POSITIONS, ENERGY, RANGE, 0.01, 0.0)
+    forces += 2e-3 * np.random.default_rng(2).normal(size=forces.size)
+    with pytest.warns(js.FitWarning, match=r"offset of about 0\.0.* baseline of .*offset=True"):
+        biased = fit_flat(forces, offset=False, baseline=False)
+    assert biased.offset == biased.baseline == biased.offset_error == 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", js.FitWarning)
+        fit = fit_flat(forces)
+    errors = np.sqrt(np.diag(fit.covariance))
+    assert (abs(found(fit) - [ENERGY, RANGE, 0.01, 0.0]) < 3 * errors).all()
+    assert abs(found(biased)[0] - ENERGY) > 5 * errors[0]
+
+
+def test_masked_forces_are_not_fitted():
+    forces = np.ma.masked_array(noisy(3), mask=np.arange(24) == 7)
+    forces.data[7] = np.nan
+    fit = fit_flat(forces, tolerance=1e-8)
+    kept = np.delete(np.arange(24), 7)
+    values, _ = curve_fit(
+        forces_of, POSITIONS[kept], forces.data[kept], p0=TRUTH, xtol=1e-12, ftol=1e-12
+    )
+    np.testing.assert_allclose(found(fit), values, rtol=1e-4)
+    as_pressures = fit_flat(None, mean_pressure=forces / SIDE, tolerance=1e-8)
+    np.testing.assert_allclose(found(as_pressures)[:3], values[:3], rtol=1e-4)
+    np.testing.assert_allclose(as_pressures.baseline * SIDE, values[3], rtol=1e-3)
+
+
+def test_forces_of_the_wrong_sign_are_refused():
+    with pytest.raises(js.SolverError, match=r"opposite sign.*negative where the surfaces attract"):
+        fit_flat(-noisy(0), offset=False, baseline=False)
+    with pytest.raises(js.SolverError, match=r"change the sign of the loads or of the forces"):
+        fit_flat(-noisy(0))
+    fit = fit_flat(-noisy(0), throw=False)
+    assert fit.result != js.RESULTS.successful
+
+
+def test_an_outlier_is_named():
+    forces = noisy(0)
+    forces[5] += 50.0
+    with pytest.raises(
+        js.SolverError, match=r"measurement number 5, at a load of 0\.386957.*outlier"
+    ):
+        fit_flat(forces, baseline=False)
+    # A small one leaves a fit, with a warning.
+    forces = noisy(0)
+    forces[5] += 0.03
+    with pytest.warns(js.FitWarning, match=r"measurement number 5.*masked_array"):
+        fit_flat(forces)
+
+
+def test_parameters_that_the_curve_does_not_tell_apart_are_refused():
+    # Under a held gap, a shift of flat surfaces is the same as another work of adhesion.
+    gaps = np.linspace(0.05, 0.4, 12)
+    forces = -SIDE * ENERGY / RANGE * np.exp(-gaps / RANGE)
+    with pytest.raises(js.SolverError, match="not determined"):
+        js.calibrate(
+            flat(0.03, 0.07),
+            js.MeanGap(gaps),
+            forces=forces + 1e-4 * np.random.default_rng(0).normal(size=12),
+            where=lambda contact: contact.potential,
+            offset=True,
+        )
+
+
+def test_a_load_without_a_derivative_counts_but_does_not_direct():
+    x, y = jnp.arange(1.0, 5.0), jnp.array([1.1, 1.9, 3.2, 9.0])
+
+    def line(values):
+        return values[0] * x, jnp.stack([jnp.where(x == 4, jnp.nan, x), 0 * x], axis=1)
+
+    measured = Measured(js.MeanGap(x), y, jnp.ones(4), has_baseline=False)
+    problem = Problem(line, jnp.array([2.0, 0.0]), measured, jnp.array(1e-8), lambda after: None)
+    end = minimise(problem, jnp.zeros(2), jnp.array([False, True]), 50)
+    expected = np.sum((problem.values(end.point.free)[0] * x - y) ** 2) / np.sum(y**2) / 2
+    np.testing.assert_allclose(end.point.loss, expected, rtol=1e-12)
+
+
+def tip(n, side, energy, length):
+    grid = js.Grid(n, (side, side))
+    law = js.potentials.Exponential(energy, length)
+    return js.Contact(js.FreeHalfSpace(grid, 0.1), js.surfaces.paraboloid(grid, 20.0), law)
+
+
+def curve_of_tip(contact, indentation, seed):
+    """Forces of a retraction, with a noise of 1 % of the pull-off."""
+    loads = js.FarDisplacement(-indentation)
+    states = js.sweep(contact, loads, order="continuation", stability=False)
+    forces = np.asarray(states.equilibrium.force)
+    return forces + 0.01 * abs(forces.min()) * np.random.default_rng(seed).normal(size=forces.size)
+
+
+def work_and_range(contact):
+    return contact.potential.surface_energy, contact.potential.length
+
+
+@pytest.mark.parametrize(
+    ("n", "side", "points", "seed", "start"),
+    [
+        (16, 40.0, 12, 0, (0.06, 4.0)),
+        pytest.param(32, 60.0, 16, 7, (0.06, 1.2), marks=pytest.mark.nightly),
+    ],
+)
+def test_of_several_minima_the_least_one_is_found(n, side, points, seed, start):
+    indentation = np.linspace(2.5, -1.0, points)
+    forces = curve_of_tip(tip(n, side, 0.05, 1.5), indentation, seed)
+    fit = js.calibrate(
+        tip(n, side, *start),
+        js.FarDisplacement(-indentation),
+        forces=forces,
+        where=work_and_range,
+    )
+    assert fit.num_minima > 1
+    errors = np.array(fit.standard_errors)
+    assert (abs(np.array(fit.parameters) - [0.05, 1.5]) < 3 * errors).all()
+    assert errors[1] < 0.1
+    # It is the least of the profile too.
+    assert (fit.loss <= fit.profile.losses).all()
+
+
+@pytest.mark.nightly
+def test_a_shifted_curve_of_a_tip_gives_its_contact_point():
+    indentation = np.linspace(2.5, -1.0, 16)
+    forces = curve_of_tip(tip(32, 60.0, 0.05, 1.5), indentation, 0)
+    loads = js.FarDisplacement(0.3 - indentation)
+
+    def fit(**options):
+        return js.calibrate(
+            tip(32, 60.0, 0.06, 1.5),
+            loads,
+            forces=forces + 0.2,
+            where=lambda contact: contact.potential.surface_energy,
+            **options,
+        )
+
+    with pytest.warns(js.FitWarning):
+        biased = fit()
+    assert abs(biased.parameters - 0.05) > 3 * biased.standard_errors
+    found = fit(offset=True, baseline=True)
+    away = np.array([found.parameters - 0.05, found.offset - 0.3, found.baseline - 0.2])
+    assert (abs(away) < 3 * np.sqrt(np.diag(found.covariance))).all()
+
+
+@pytest.mark.nightly
+def test_a_curve_of_jkr_gives_what_a_fit_of_their_closed_form_gives():
+    radius, modulus, energy = 20.0, 0.1, 0.05
+    states = js.references.jkr.curve(np.linspace(3.0, 9.0, 400), radius, modulus, energy)
+    order = np.argsort(states.displacement)
+    indentation = np.linspace(2.5, -1.0, 16)
+
+    def closed_form(x, energy, offset, baseline):
+        states = js.references.jkr.curve(np.linspace(3.0, 9.0, 400), radius, modulus, energy)
+        order = np.argsort(states.displacement)
+        at = x - offset
+        return np.interp(at, states.displacement[order], states.force[order]) + baseline
+
+    exact = np.interp(indentation, states.displacement[order], states.force[order])
+    forces = exact + 0.05 * np.random.default_rng(0).normal(size=16)
+    shifted = indentation - 0.3
+    values, covariance = curve_fit(closed_form, shifted, forces + 0.2, p0=[0.06, 0.0, 0.0])
+    fit = js.calibrate(
+        tip(64, 40.0, 0.06, 0.6),
+        js.FarDisplacement(-shifted),
+        forces=forces + 0.2,
+        where=lambda contact: contact.potential.surface_energy,
+        offset=True,
+        baseline=True,
+    )
+    errors = np.sqrt(np.diag(covariance))
+    # The range of 0.6 nm and the grid shift the contact point by a tenth of a nanometre.
+    np.testing.assert_allclose([fit.parameters, fit.baseline], values[[0, 2]], rtol=0.1)
+    np.testing.assert_allclose(fit.offset, -values[1], atol=0.15)
+    np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), errors, rtol=0.3)
