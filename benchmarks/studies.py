@@ -1,34 +1,37 @@
-"""Studies: what they cost over a plain loop, and what is left of one that is killed 20 times.
+"""Studies: what they cost over a plain loop, and what is left of one that is killed or damaged.
 
-- Cases of 50 ms, alone and in a study, to a new store; and the same study once all is done.
-- Cases that take no time, in two processes and on two workers of Dask.
+- Cases of 50 ms, alone and in a study, to a new folder; and the same study once all is done.
+- Cases that take no time, in this process and on two workers of Dask; 10 000 of them read back.
 - 200 cases in two processes, of which one, the one that deals them out, or all are killed at random
-  moments: how often each case ran, and whether the store is, bit for bit, that of a single process.
+  moments: how often each case ran, and whether the files are, bit for bit, those of one process.
+- Seven kinds of damage, each to 20 files: how many are named, and how many numbers are wrong.
 """
 
 import argparse
-import json
 import os
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+import warnings
 from collections import Counter
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+import xarray
 
 import jaxstab as js
+from jaxstab.studies.axes import read_axes
+from jaxstab.studies.folder import Folder
 
 AXES = {"seed": np.arange(20), "energy": np.linspace(0, 1, 10)}
 COST = """| | seconds | over the loop |
 |---|---|---|
 | loop | {:.2f} | |
 | study | {:.2f} | {:+.1f} % |
-| the same study again | {:.2f} | |
-| its data set in full | {:.2f} | |"""
+| the same study again | {:.2f} | |"""
 
 
 def timed_case(seed, energy):
@@ -39,7 +42,7 @@ def timed_case(seed, energy):
 
 def logged_case(seed, energy):
     with open("log", "a") as log:
-        log.write(f"c.{seed}.{round(9 * energy)}\n")
+        log.write(f"{seed} {energy}\n")
     time.sleep(0.04)
     if seed == 3:
         raise ValueError(f"no contact at {energy}")
@@ -56,19 +59,18 @@ def timed(function):
 def cost(folder):
     """Return a table of the seconds of 200 cases of 50 ms."""
     # What is imported late is no part of a case.
-    js.study(timed_case, {"seed": [0], "energy": [0.0]}, folder / "first.zarr").load()
+    js.study(timed_case, {"seed": [0], "energy": [0.0]}, folder / "first")
 
     def loop():
         for seed in AXES["seed"].tolist():
             for energy in AXES["energy"].tolist():
                 timed_case(seed, energy)
 
-    path = folder / "cost.zarr"
+    path = folder / "cost"
     plain = timed(loop)[1]
     study = timed(lambda: js.study(timed_case, AXES, path))[1]
-    dataset, again = timed(lambda: js.study(timed_case, AXES, path))
-    full = timed(dataset.load)[1]
-    return COST.format(plain, study, 100 * (study / plain - 1), again, full)
+    again = timed(lambda: js.study(timed_case, AXES, path))[1]
+    return COST.format(plain, study, 100 * (study / plain - 1), again)
 
 
 def trivial_case(seed):
@@ -76,15 +78,23 @@ def trivial_case(seed):
 
 
 def engines(folder):
-    """Return lines on 1000 cases that take no time."""
+    """Return lines on cases that take no time."""
     from distributed import Client, LocalCluster
 
     axes = {"seed": range(1000)}
+    here = timed(lambda: js.study(trivial_case, axes, folder / "here"))[1]
     # Its processes start within the time, those of Dask before.
     pool = timed(lambda: js.study(trivial_case, axes, folder / "pool", executor=2))[1]
     with LocalCluster(n_workers=2, threads_per_worker=1) as cluster, Client(cluster) as client:
         dask = timed(lambda: js.study(trivial_case, axes, folder / "dask", executor=client))[1]
-    return f"1000 cases that take no time: {pool:.1f} s in two processes, {dask:.1f} s on Dask"
+    many = {"seed": range(10_000)}
+    js.study(trivial_case, many, folder / "many")
+    study, back = timed(lambda: js.study(trivial_case, many, folder / "many"))
+    assert (study["twice"] == 2 * study["seed"]).all()
+    return [
+        f"1000 cases that take no time: {here:.1f} s in one process, {pool:.1f} s in two, "
+        f"{dask:.1f} s on Dask; 10 000 read back in {back:.1f} s",
+    ]
 
 
 def kills(folder, number):
@@ -94,7 +104,9 @@ def kills(folder, number):
     for place in (alone, killed):
         place.mkdir()
     run(alone, "--one").wait()
-    process, finished, kinds = run(killed, "--two"), {}, Counter()
+    axes = read_axes(AXES)
+    names = {Folder(killed, axes).file(x).name: f"{x['seed']} {x['energy']}" for x in axes.cases()}
+    process, finished, kinds, files = run(killed, "--two"), {}, Counter(), {}
     while kinds.total() < number:
         before = runs(killed).total()
         while runs(killed).total() < before + 4 and process.poll() is None:
@@ -113,21 +125,25 @@ def kills(folder, number):
             process.wait()
             while any(map(is_alive, workers)):
                 time.sleep(0.01)
-        done = [file.name for file in (killed / "study.zarr" / "result").glob("c.*")]
-        counts = runs(killed)
-        finished = {name: counts[name] for name in done if "part" not in name} | finished
+        done = {file.name: file.read_bytes() for file in (killed / "study").glob("*.nc")}
+        counts, files = runs(killed), done | files
+        finished = {names[name]: counts[names[name]] for name in done} | finished
         if kind != "worker":
             process = run(killed, "--two")
     process.wait()
     counts = runs(killed)
     again = sum(counts[name] > count for name, count in finished.items())
-    files = [contents(place / "study.zarr") for place in (alone, killed)]
-    are_same = "the same, bit for bit" if files[0] == files[1] else "NOT THE SAME"
+    changed = [x for x, content in files.items() if (killed / "study" / x).read_bytes() != content]
+    # To a failed case the outputs of the others are added, without values.
+    changed = [name for name in changed if not names[name].startswith("3 ")]
+    one, other = (contents(place / "study") for place in (alone, killed))
+    are_same = "the same, bit for bit" if one == other else "NOT THE SAME"
     return [
         f"{kinds.total()} kills ({kinds['worker']} of a worker, {kinds['driver']} of the driver, "
         f"{kinds['both']} of both): {len(counts)} cases, {counts.total() - len(counts)} runs more",
-        f"- of any one case at most {max(counts.values())}, of one that was done {again}",
-        f"- the files of the two stores, without times: {are_same}",
+        f"- of any one case at most {max(counts.values())}, of one that was done {again}; "
+        f"files of finished cases that changed: {len(changed)}",
+        f"- the files of the two studies, without times: {are_same}",
     ]
 
 
@@ -153,16 +169,56 @@ def is_alive(process):
     return state.stdout.strip()[:1] not in (b"", b"Z")
 
 
-def contents(store):
-    """Return the files of a store, but for what says when and how long."""
-    files = [path for path in store.rglob("c*") if path.is_file()]
-    kept = {
-        str(path.relative_to(store)): path.read_bytes()
-        for path in files
-        if path.parent.name != "seconds"
+def contents(study):
+    """Return the files of a study, without how long each case took."""
+    files = {x.name: xarray.load_dataset(x).drop_vars("seconds") for x in study.glob("*.nc")}
+    return {name: repr(dataset.to_dict()) for name, dataset in files.items()}
+
+
+def damages(folder):
+    """Return a line on each kind of damage."""
+    lines, generator = [], np.random.default_rng(1)
+
+    def flip(file, other):
+        content = bytearray(file.read_bytes())
+        content[generator.integers(len(content))] ^= 1 << generator.integers(8)
+        file.write_bytes(content)
+
+    kinds = {
+        "cut": lambda file, other: os.truncate(file, generator.integers(1, file.stat().st_size)),
+        "emptied": lambda file, other: os.truncate(file, 0),
+        "a byte changed": flip,
+        "deleted": lambda file, other: file.unlink(),
+        "another case's file": lambda file, other: file.write_bytes(other.read_bytes()),
+        "renamed": lambda file, other: file.rename(file.with_suffix(".copy.nc")),
+        "a folder in its place": lambda file, other: (file.unlink(), file.mkdir()),
     }
-    root = json.loads((store / "zarr.json").read_text())
-    return kept, root["consolidated_metadata"]
+    path, axes = folder / "damaged", {"seed": range(4), "energy": np.linspace(0, 1, 5)}
+    expected = js.study(damaged_case, axes, path).drop_vars("seconds")
+    for kind, damage in kinds.items():
+        found = wrong = 0
+        files = sorted(path.glob("*.nc"))
+        for file, other in zip(files, files[1:] + files[:1], strict=True):
+            RUNS.clear()
+            damage(file, other)
+            with warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always")
+                study = js.study(damaged_case, axes, path).drop_vars("seconds")
+            found += bool(RUNS) or any(file.name in str(x.message) for x in said)
+            wrong += not study.identical(expected)
+        lines.append(f"- {kind}: {found} of {len(files)} found, {wrong} wrong data sets")
+    return ["Damage, of which a changed byte may lie where it has no effect on any value:", *lines]
+
+
+RUNS = []
+
+
+def damaged_case(seed, energy):
+    RUNS.append(seed)
+    return {
+        "field": np.random.default_rng([seed, int(9 * energy)]).random((8, 8)),
+        "word": "stable",
+    }
 
 
 def main():
@@ -174,11 +230,19 @@ def main():
     options = parser.parse_args()
     if options.one or options.two:
         executor = 2 if options.two else None
-        js.study(logged_case, AXES, "study.zarr", executor=executor)
+        js.study(logged_case, AXES, "study", executor=executor)
         return
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        lines = [cost(folder), "", engines(folder), "", *kills(folder, options.kills)]
+        lines = [
+            cost(folder),
+            "",
+            *engines(folder),
+            "",
+            *kills(folder, options.kills),
+            "",
+            *damages(folder),
+        ]
     print(*lines, sep="\n")
     if options.output:
         options.output.write_text("\n".join(lines) + "\n")

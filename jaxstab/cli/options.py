@@ -217,8 +217,8 @@ def _add_import(parser: Parser) -> None:
 def _add_study(parser: Parser) -> None:
     help = "defines `case` and `axes`"
     parser.add_argument("file", type=existing_file, metavar="STUDY.py", help=help)
-    help = "the store of the results; made if it does not exist"
-    parser.add_argument("--path", type=Path, metavar="STUDY.zarr", required=True, help=help)
+    help = "the folder of the results; made if it does not exist"
+    parser.add_argument("--path", type=Path, metavar="FOLDER", required=True, help=help)
     help = "number of cases that run at once, by jax.vmap (default %(default)s)"
     parser.add_argument("--batch", type=whole_number(1), default=1, help=help)
     engine = parser.add_mutually_exclusive_group()
@@ -228,7 +228,9 @@ def _add_study(parser: Parser) -> None:
     engine.add_argument("--scheduler", metavar="ADDRESS", help=help)
     help = "run failed cases again"
     parser.add_argument("--retry", action="store_true", help=help)
-    help = "continue a store that was begun with another case, and record the changes"
+    help = "a word that you change with functions and values to which the case refers"
+    parser.add_argument("--version", metavar="WORD", help=help)
+    help = "go on if the case, the version or packages have changed, and record it"
     parser.add_argument("--accept-changes", action="store_true", help=help)
 
 

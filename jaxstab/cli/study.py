@@ -36,6 +36,7 @@ def run(options: argparse.Namespace) -> None:
                 options.path,
                 executor=executor,
                 batch=options.batch,
+                version=options.version,
                 retry=options.retry,
                 accept_changes=options.accept_changes,
                 progress=True,
@@ -103,7 +104,8 @@ def _described(dataset: Any, results: list[str]) -> str:
     lines.append(f"{float(dataset['seconds'].sum()):.3g} s of computation")
     if counts["failed"]:
         first = dataset[dict(zip(dataset["result"].dims, _place(dataset, results), strict=True))]
-        where = ", ".join(f"{name}={first[name].item()}" for name in first.coords)
+        own = [name for name, x in first.coords.items() if not x.ndim]
+        where = ", ".join(f"{name}={first[name].item()}" for name in own)
         lines.append(f"The first that failed, {where}: {first['error'].item()}")
         lines.append("To run failed cases again: --retry")
     return "\n".join(lines)

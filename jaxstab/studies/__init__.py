@@ -1,5 +1,6 @@
-"""Many contacts in one store; finished cases are never lost or run again."""
+"""Many contacts in one folder; finished cases are never lost or run again."""
 
-from jaxstab.studies.study import StudyInterrupted, study
+from jaxstab.studies.driver import StudyInterrupted
+from jaxstab.studies.study import study
 
 __all__ = ["StudyInterrupted", "study"]

@@ -1,151 +1,100 @@
-"""The axes of a study: what its cases are called with, and where each lies in a store."""
+"""The axes of a study, and the coordinates of its cases."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import product
-from typing import Any
+import itertools
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-# Where a case lies: a place on each axis.
-Index = tuple[int, ...]
 # The dimension of listed combinations.
 LISTED = "case"
-_KINDS = "biufU"
+WORDS, _KEYS = "words", "random keys"
+_KINDS = {"b": "booleans", "i": "integers", "u": "integers", "f": "floats", "U": WORDS}
+# The coordinates of a case by name: numbers and words of Python; random keys as words.
+Coordinates = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Axis:
-    """A dimension, and the arguments that vary along it.
+class Axes(NamedTuple):
+    """The values of a product, or of listed combinations, and their kinds, by name."""
 
-    Attributes:
-        name: the name of the dimension.
-        values: what cases are called with, by the names of their arguments.
-        columns: the same as a store holds it, where random keys are words.
-    """
+    values: dict[str, list[Any]]
+    kinds: dict[str, str]
+    is_listed: bool
 
-    name: str
-    values: Mapping[str, Any]
-    columns: Mapping[str, np.ndarray]
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """The names of the dimensions."""
+        return (LISTED,) if self.is_listed else tuple(self.values)
 
-    def __len__(self) -> int:
-        return len(next(iter(self.columns.values())))
-
-    def rows(self) -> list[tuple[Any, ...]]:
-        """Return the values that identify the places along the axis."""
-        return rows_of(self.columns)
+    def cases(self) -> list[Coordinates]:
+        """Return the coordinates of all cases, in the order of the product."""
+        columns = self.values.values()
+        rows = zip(*columns, strict=True) if self.is_listed else itertools.product(*columns)
+        return [dict(zip(self.values, row, strict=True)) for row in rows]
 
 
-def rows_of(columns: Mapping[str, np.ndarray]) -> list[tuple[Any, ...]]:
-    """Return the rows of a table of columns, as numbers and words of Python."""
-    return list(zip(*(column.tolist() for column in columns.values()), strict=True))
-
-
-def read_axes(axes: Mapping[str, Any] | Sequence[Mapping[str, Any]]) -> list[Axis]:
-    """Return the axes of a product of arrays, or the one of listed combinations.
+def read_axes(axes: Any) -> Axes:
+    """Return the axes of a product of arrays, or of listed combinations.
 
     Raises:
         ValueError: for values that are empty, repeated, not finite or not one-dimensional.
         TypeError: for values that are neither numbers, words nor random keys.
     """
-    if isinstance(axes, Mapping):
-        read = [_axis(name, {name: values}) for name, values in axes.items()]
-    elif isinstance(axes, Sequence) and all(isinstance(row, Mapping) for row in axes):
-        read = [_axis(LISTED, _columns(axes))] if axes else []
-    else:
+    is_listed = isinstance(axes, list | tuple)
+    rows = [dict(row) for row in axes] if is_listed else []
+    if not (is_listed or isinstance(axes, Mapping)) or any(
+        x.keys() != rows[0].keys() for x in rows
+    ):
         raise TypeError(
-            f"The axes are {type(axes).__name__}: give a dict of one-dimensional arrays, or a list "
-            "of dicts."
+            "The axes are neither a dict of one-dimensional arrays nor a list of dicts with the "
+            "same names."
         )
-    if not read:
+    if is_listed:
+        axes = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+    columns: dict[str, Any] = {name: _column(name, column) for name, column in axes.items()}
+    if not columns:
         raise ValueError("There is no axis: give at least one, as in {'seed': range(10)}.")
+    values, kinds = ({name: x[i] for name, x in columns.items()} for i in (0, 1))
+    read = Axes(values, kinds, is_listed)
+    [(case, number)] = Counter(tuple(x.values()) for x in read.cases()).most_common(1)
+    if number > 1:
+        raise ValueError(f"The axes give the case {case} twice: give each value once.")
     return read
 
 
-def arguments_of(axes: Sequence[Axis]) -> list[str]:
-    """Return the names of the arguments that a case is called with."""
-    return [name for axis in axes for name in axis.values]
+def arguments(cases: Sequence[Coordinates], kinds: Mapping[str, str]) -> dict[str, Any]:
+    """Return the arguments of cases: lists of numbers and words, arrays of random keys."""
+    columns = {name: [case[name] for case in cases] for name in kinds}
+    return {name: _keys(x) if kinds[name] == _KEYS else x for name, x in columns.items()}
 
 
-def places(axes: Sequence[Axis]) -> Iterator[Index]:
-    """Yield the place of each case on the axes, in the order of the product."""
-    return product(*(range(len(axis)) for axis in axes))
-
-
-def values_at(axes: Sequence[Axis], place: Index) -> dict[str, Any]:
-    """Return the arguments of a case: numbers and words of Python, and random keys."""
-    return {
-        name: values[i] if isinstance(values, jax.Array) else values[i].item()
-        for axis, i in zip(axes, place, strict=True)
-        for name, values in axis.values.items()
-    }
-
-
-def stacked_at(axes: Sequence[Axis], places: Sequence[Index]) -> dict[str, Any]:
-    """Return the arguments of several cases, as arrays with a leading axis of cases."""
-    return {
-        name: values[np.array([place[k] for place in places])]
-        for k, axis in enumerate(axes)
-        for name, values in axis.values.items()
-    }
-
-
-def _columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    names = list(rows[0])
-    for number, row in enumerate(rows):
-        if set(row) != set(names):
-            raise ValueError(
-                f"Combination {number} has {', '.join(row)}, the first {', '.join(names)}: give "
-                "each the same names."
-            )
-    return {name: _joined(name, [row[name] for row in rows]) for name in names}
-
-
-def _joined(name: str, values: list[Any]) -> Any:
-    if any(np.ndim(value) for value in values):
-        raise ValueError(f"{name} holds arrays: give a scalar in each combination.")
-    return jnp.stack(values) if all(map(_are_keys, values)) else values
-
-
-def _axis(dimension: str, values: Mapping[str, Any]) -> Axis:
-    if not values:
-        raise ValueError("The combinations are empty: give each at least one value.")
-    for name in values:
-        if not (isinstance(name, str) and name.isidentifier()):
-            raise ValueError(f"The axis {name!r} is no name of an argument.")
-    arrays = {name: _array(name, x) for name, x in values.items()}
-    columns = {name: _words(x) if _are_keys(x) else x for name, x in arrays.items()}
-    axis = Axis(dimension, arrays, columns)
-    rows = axis.rows()
-    if len(set(rows)) < len(rows):
-        twice = next(row for row in rows if rows.count(row) > 1)
-        raise ValueError(f"{dimension} has {', '.join(map(str, twice))} twice: give each once.")
-    return axis
-
-
-def _array(name: str, values: Any) -> Any:
-    array = values if _are_keys(values) else np.asarray(values)
+def _column(name: Any, values: Any) -> tuple[list[Any], str]:
+    """Return the coordinates along an axis, and their kind."""
+    if not (isinstance(name, str) and name.isidentifier()):
+        raise ValueError(f"The axis {name!r} is no name of an argument.")
+    if isinstance(values, list) and values and all(map(_are_keys, values)):
+        values = jnp.stack(values)
+    array: Any = values if _are_keys(values) else np.asarray(values)
     if array.ndim != 1 or array.size == 0:
-        raise ValueError(
-            f"{name} has shape {array.shape}: give a one-dimensional array of at least one value "
-            "(random keys as jax.random.key makes them)."
-        )
+        raise ValueError(f"{name} has shape {array.shape}: give one dimension, which is not empty.")
     if _are_keys(array):
-        return array
+        data = np.asarray(jax.random.key_data(array), ">u4")
+        return [f"{jax.random.key_impl(array)}:{row.tobytes().hex()}" for row in data], _KEYS
     if array.dtype.kind not in _KINDS:
         raise TypeError(f"{name} is {array.dtype}: give numbers, words or random keys.")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         raise ValueError(f"{name} has NaN or infinite values: leave them out.")
-    return array.astype(array.dtype.newbyteorder("="))
+    # Both zeros, which are equal, have one name.
+    return (array + 0.0 if array.dtype.kind == "f" else array).tolist(), _KINDS[array.dtype.kind]
 
 
 def _are_keys(values: Any) -> bool:
     return isinstance(values, jax.Array) and jnp.issubdtype(values.dtype, jax.dtypes.prng_key)
 
 
-def _words(keys: Any) -> np.ndarray:
-    """Return random keys as words: their generator and their data in hexadecimal digits."""
-    data = np.asarray(jax.random.key_data(keys), ">u4")
-    return np.array([f"{jax.random.key_impl(keys)}:{row.tobytes().hex()}" for row in data])
+def _keys(words: Sequence[str]) -> Any:
+    data = [np.frombuffer(bytes.fromhex(word.split(":")[1]), ">u4") for word in words]
+    return jax.random.wrap_key_data(jnp.array(data, jnp.uint32), impl=words[0].split(":")[0])

@@ -1,164 +1,94 @@
-"""The outputs of a case, as arrays that a store can hold."""
+"""The outputs of a case as variables of a file."""
 
-import math
-import struct
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import jax
 import numpy as np
 
 from jaxstab.core.checks import is_traced
 from jaxstab.core.enumeration import Enumeration
-
-# What each case has beside what it returns.
-MARKS = ("result", "seconds", "error")
-MISSING = "missing"
+from jaxstab.studies.folder import Folder
+from jaxstab.studies.netcdf import Variable, Variables
 
 
-@dataclass(frozen=True)
-class Form:
-    """The kind and the shape of an output, which are those of all cases.
-
-    Attributes:
-        dtype: the kind of numbers; that of `str` for words.
-        shape: of one case.
-    """
-
-    dtype: np.dtype
-    shape: tuple[int, ...]
-
-    def __str__(self) -> str:
-        kind = "words" if self.dtype.kind == "U" else str(self.dtype)
-        return f"{kind} of shape {self.shape}" if self.shape else kind
-
-    @property
-    def least_bytes(self) -> int:
-        """The size of a chunk; of words, which may be longer, that of empty ones."""
-        number = math.prod(self.shape)
-        return 4 + 4 * number if self.dtype.kind == "U" else number * self.dtype.itemsize
-
-    @property
-    def missing(self) -> Any:
-        """The value of missing entries: NaN, the least integer, False, or a word."""
-        kind = self.dtype.kind
-        if kind in "iu":
-            limits = np.iinfo(self.dtype)
-            return limits.min if kind == "i" else limits.max
-        return {"b": False, "U": MISSING}.get(kind, np.nan)
-
-
-def arrays_of(outputs: Any, taken: Collection[str]) -> dict[str, np.ndarray]:
-    """Return the outputs of a case as arrays, members of enumerations as words.
-
-    Arguments:
-        outputs: the outputs of the case.
-        taken: the names of the axes.
+def variables_of(outputs: Any, folder: Folder) -> Variables:
+    """Return a dict of arrays, or a data set, with the axes of the study before other dimensions.
 
     Raises:
-        TypeError: if it is not a dict, or holds something else than arrays.
+        TypeError: for outputs that are neither, or hold something else than arrays.
         ValueError: for names that are taken, or are none.
     """
-    if not isinstance(outputs, Mapping) or not outputs:
+    is_dataset, axes, variables = hasattr(outputs, "data_vars"), folder.dims, {}
+    named = outputs.variables if is_dataset else outputs
+    if not (is_dataset or isinstance(outputs, Mapping)) or not len(outputs):
         raise TypeError(
             f"The case returned {type(outputs).__name__}: return a dict of arrays, as in "
-            '{"area": equilibrium.contact_area}.'
+            '{"area": equilibrium.contact_area}, or a Dataset.'
         )
-    for name in outputs:
-        if not (isinstance(name, str) and name.isidentifier()):
-            raise ValueError(f"The case returned {name!r}: name outputs by letters and digits.")
-        if name in MARKS or name in taken:
-            raise ValueError(
-                f"The case returned `{name}`, which the study holds by itself: rename it."
-            )
-    return {name: _array(name, value) for name, value in outputs.items()}
+    for name, output in named.items():
+        values = _array(name, output.values if is_dataset else output)
+        dims = output.dims if is_dataset else tuple(f"{name}_{i}" for i in range(values.ndim))
+        for each in (name, *dims):
+            if not (isinstance(each, str) and each.isidentifier()):
+                raise ValueError(f"The case returned {each!r}: name outputs by letters and digits.")
+            if each in folder.taken:
+                raise ValueError(f"The case returned `{each}`, a name of the study: rename it.")
+        if not (is_dataset and dims == (name,)):
+            dims, values = (*axes, *dims), values[(None,) * len(axes)]
+        attrs = {key: x for key, x in getattr(output, "attrs", {}).items() if np.isscalar(x)}
+        variables[name] = Variable(dims, values, attrs)
+    used = {dimension for dims, *_ in variables.values() for dimension in dims}
+    for name, (dims, *_) in variables.items():
+        if name in used and dims != (name,):
+            raise ValueError(f"The case returned `{name}`, the name of a dimension: rename it.")
+    return variables
 
 
-def form_of(array: np.ndarray) -> Form:
-    """Return the form of an output."""
-    return Form(np.dtype(str) if array.dtype.kind == "U" else array.dtype, array.shape)
+def forms_of(case: Variables, folder: Folder) -> dict[str, str]:
+    """Return in words what each output has in common in all cases."""
+    forms = {}
+    for name, (dims, values, _) in case.items():
+        if name not in folder.taken:
+            kind = "words" if values.dtype.kind == "U" else "numbers"
+            is_output = dims[: len(folder.dims)] == folder.dims
+            own = list(zip(dims, values.shape, strict=True))[is_output * len(folder.dims) :]
+            sizes = ", ".join(f"{dimension} {size}" for dimension, size in own)
+            forms[name] = f"{kind} ({sizes})" + ("" if is_output else f" {values.tolist()}")
+    return forms
 
 
-def require_forms(arrays: Mapping[str, np.ndarray] | Exception, forms: Mapping[str, Form]) -> None:
-    """Raise `ValueError` where a case returned other outputs than those before it."""
-    if isinstance(arrays, Exception):
-        raise arrays
-    if set(arrays) != set(forms):
-        raise ValueError(
-            f"The case returned {', '.join(sorted(arrays))}, cases before it "
-            f"{', '.join(sorted(forms))}: return the same in all."
-        )
-    for name, array in arrays.items():
-        form, expected = form_of(array), forms[name]
-        if form.shape != expected.shape or not _fits(array, expected.dtype):
-            raise ValueError(
-                f"{name} is {form} in this case, {expected} in those before: return the same kind "
-                "and shape in all, padded with NaN for instance."
-            )
+def misfit(found: Mapping[str, str], forms: Mapping[str, str]) -> str:
+    """Return how the outputs of a case differ from those of others, empty if they do not."""
+    for name in sorted(found.keys() | forms.keys()):
+        here, there = found.get(name, "missing"), forms.get(name, "missing")
+        if here != there:
+            return f"{name} is {here}, in other cases {there}: return the same shapes in all."
+    return ""
 
 
-def _fits(array: np.ndarray, dtype: np.dtype) -> bool:
-    """Whether an array can be kept as a kind: a Python number in the precision of a batch too."""
-    if np.can_cast(array.dtype, dtype, "safe"):
-        return True
-    if not np.can_cast(array.dtype, dtype, "same_kind"):
-        return False
-    with np.errstate(over="ignore"):
-        cast = array.astype(dtype)
-    if array.dtype.kind in "fc":
-        return np.array_equal(np.isfinite(cast), np.isfinite(array))
-    return np.array_equal(cast.astype(array.dtype), array)
-
-
-def encoded(array: np.ndarray, form: Form) -> bytes:
-    """Return an array as the bytes of a chunk of Zarr that is not compressed."""
-    if form.dtype.kind != "U":
-        return array.astype(form.dtype.newbyteorder("<")).tobytes()
-    words = [word.encode() for word in array.ravel().tolist()]
-    return struct.pack("<I", len(words)) + b"".join(
-        struct.pack("<I", len(word)) + word for word in words
-    )
-
-
-def decoded_word(chunk: bytes) -> str:
-    """Return the word of a chunk that holds one."""
-    return chunk[8:].decode(errors="replace")
-
-
-def error_text(error: BaseException) -> str:
-    """Return the kind of an error and its message."""
-    return f"{type(error).__name__}: {error}"
+def blank_of(cases: Sequence[Variables], folder: Folder) -> dict[str, Variable]:
+    """Return the outputs of a case without values, in a kind that holds those of all cases."""
+    blank = {name: x for name, x in cases[0].items() if name not in folder.taken} if cases else {}
+    for name, (dims, values, attrs) in blank.items():
+        if dims[: len(folder.dims)] == folder.dims:
+            dtype = np.result_type(*{case[name].values.dtype for case in cases})
+            least = np.iinfo(dtype).min if dtype.kind in "iu" else np.nan
+            none = {"b": False, "U": "missing"}.get(dtype.kind, least)
+            none = np.array(none, None if dtype.kind == "U" else dtype)
+            blank[name] = Variable(dims, np.broadcast_to(none, values.shape), attrs)
+    return blank
 
 
 def _array(name: str, value: Any) -> np.ndarray:
-    if isinstance(value, Enumeration):
-        return np.asarray(value.name)
     if is_traced(value):
         raise TypeError(f"{name} is traced: call js.study outside of JAX transformations.")
-    is_list = isinstance(value, list | tuple) and not any(map(_is_tree, value))
-    is_array = is_list or np.isscalar(value) or hasattr(value, "dtype")
-    array = _without_mask(name, value) if is_array else None
-    if array is None or array.dtype.kind not in "biufcU":
-        kind = type(value).__name__ if array is None else array.dtype
-        raise TypeError(
-            f"{name} is {kind}, which is no array: return the numbers of it that you need."
-        )
+    array = np.ma.asarray(value.name if isinstance(value, Enumeration) else value)
+    if np.ma.is_masked(array) and array.dtype.kind not in "fc":
+        raise TypeError(f"{name} is a masked array of {array.dtype}, which has no NaN: fill it.")
+    array = np.asarray(array.filled(np.nan) if np.ma.is_masked(array) else array)
+    if array.dtype.kind in "OT" and array.size and all(isinstance(x, str) for x in array.flat):
+        array = array.astype(str)
+    if array.dtype.kind not in "biufcU":
+        kind = array.dtype if array.ndim else type(value).__name__
+        raise TypeError(f"{name} is {kind}: return numbers, words, or arrays of them.")
     return array
-
-
-def _without_mask(name: str, value: Any) -> np.ndarray:
-    """Return an array with NaN at masked entries."""
-    array = np.ma.asarray(value)
-    if not np.ma.is_masked(array):
-        return array.data
-    if array.dtype.kind not in "fc":
-        raise TypeError(
-            f"{name} is a masked array of {array.dtype}, which has no NaN for a masked value: "
-            "return floats, or fill it."
-        )
-    return array.filled(np.nan)
-
-
-def _is_tree(value: Any) -> bool:
-    return not (np.isscalar(value) or isinstance(value, jax.Array | np.ndarray))

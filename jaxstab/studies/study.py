@@ -1,176 +1,118 @@
 """The public function: a study, from its axes to its data set."""
 
 import inspect
-import numbers
-import signal
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 from jaxstab.core.checks import integer
 from jaxstab.core.optional_packages import require_packages
-from jaxstab.core.progress import progress_bar
-from jaxstab.core.warn import warn
-from jaxstab.studies import metadata
-from jaxstab.studies.axes import LISTED, Axis, arguments_of, places, read_axes
+from jaxstab.studies import record
+from jaxstab.studies.axes import LISTED, WORDS, Axes, read_axes
+from jaxstab.studies.dataset import dataset_of
 from jaxstab.studies.driver import Driver
-from jaxstab.studies.executors import run_on
-from jaxstab.studies.identity import identity_of, innermost, source_of
-from jaxstab.studies.lock import held
-from jaxstab.studies.outputs import MARKS
-from jaxstab.studies.store import Store
+from jaxstab.studies.folder import MARKS, Folder
 from jaxstab.studies.worker import Worker
 
 if TYPE_CHECKING:
     import xarray
 
 
-class StudyInterrupted(UserWarning):
-    """A study was interrupted; its store holds the cases done so far."""
-
-
 def study(
-    case: Callable[..., Mapping[str, Any]],
+    case: Callable[..., Any],
     axes: Mapping[str, Any] | Sequence[Mapping[str, Any]],
     path: str | Path,
     *,
     executor: Any = None,
     batch: int = 1,
+    version: str | float | None = None,
     retry: bool = False,
     accept_changes: bool = False,
-    progress: bool = False,
+    progress: bool | None = None,
 ) -> "xarray.Dataset":
-    """Run a function for each case of a study, and keep its results in a Zarr store.
+    """Run a function for each case of a study, and keep each result in a NetCDF file of its own.
 
-    Finished cases are never run again: after an end of any kind, the same call continues from
-    there. A case with a lost file is run again. Values added to an axis extend a store; values left
-    out stay in it.
-
-    One call at a time drives a store. The processes of an executor share its cases; those of a
-    process that dies are dealt again, at most twice.
+    A case is done once its file is in the folder. Finished cases never run again: after an end of
+    any kind the same call goes on. Values added to an axis extend a study. Damaged files are named
+    in a warning, and their cases run again. Several calls may run one study; a case may then run
+    twice.
 
     Arguments:
         case: the function, called by names with numbers and words of Python or random keys. It
-            returns a dict of numbers, words and arrays, the same and of the same shapes in all
-            cases; members of enumerations such as `jaxstab.VERDICTS` are kept as words, masked
-            floats as NaN. A case that raises is recorded as failed, with its message.
+            returns a dict of numbers, words and arrays, or a Dataset, of the same shapes in all
+            cases; members of enumerations such as `jaxstab.VERDICTS` become words. A case that
+            raises is recorded as failed, with its message.
         axes: one-dimensional arrays by name, whose product is run; or a list of dicts, the
             combinations to be run, which lie on the dimension `case`.
-        path: the folder of the store; made where it does not exist. All processes write to it.
-        executor: where cases run: in so many processes of this machine, or on an executor as
-            those of `concurrent.futures`, whose processes are not forked, or a Dask `Client`.
-            None: in this process, a thread to a device.
-        batch: how many cases run at once, by `jax.vmap` of the compiled function. If a
-            batch raises an error, its cases are run one by one, with a warning.
-        retry: run failed cases again; by default they count as finished.
-        accept_changes: continue a store that was begun with another case, and record the changes in
-            it.
-        progress: show a progress bar, with the number of failures.
+        path: the folder of the study, which all processes must see; made where it does not exist.
+        executor: where cases run: in this process (None), in so many processes of this machine, on
+            an executor as those of `concurrent.futures`, or on a Dask `Client`.
+        batch: how many cases run at once, by `jax.vmap` of the compiled function. If a batch raises
+            an error, its cases are run one by one, with a warning.
+        version: a number or word of yours. Change it when functions or values change to which the
+            case refers: a study itself compares the source of the case alone.
+        retry: run failed cases again; by default they count as done.
+        accept_changes: go on if the case, `version` or packages have changed; record the change.
+        progress: show a progress bar.
 
     Returns:
-        A data set of the cases in the order of the axes; numbers are read on access. Each case has
-        a `result` ("successful", "failed" or "missing"), its `seconds`, of a batch the average, and
-        the text of its `error`. Where a case has no value, there is NaN, the least integer, False
-        or "missing". `xarray.open_zarr(path)` reads the whole store.
+        A data set of the cases in the order of the axes. Each has a `result` ("successful",
+        "failed" or "missing"), its `seconds`, in a batch the average, and the text of its `error`.
+        Where there is no value, there is NaN, the least integer, False or "missing". Fields of a
+        study of more than 1 GB are read on access. Once no case is missing,
+        `xarray.open_mfdataset(f"{path}/*.nc", combine="by_coords")` reads the files as well.
 
     Raises:
-        ValueError: for a store that was begun with another case: the source of the function, all
-            that it refers to in its own module, or the versions of packages differ. For a store
-            with other axes or a damaged axis, or one that another process drives. For axes that are
-            empty or not finite. For a function without source, or, in batches, one that JAX cannot
-            trace. For a batch that does not fit into memory.
+        ValueError: for a study that was begun with another case, version, packages or axes; for
+            axes that are empty or not finite; for a batch that does not fit into memory.
         TypeError: for a function that takes other arguments, or does not return a dict of arrays.
-        OSError: if the disk is full; finished cases are kept, and the same call continues.
-        RuntimeError: if the executor takes no more cases; finished cases are kept.
-        ImportError: without xarray, zarr and filelock.
+        OSError: if the disk is full or the folder read-only; finished cases are kept.
+        RuntimeError: if the executor takes no more cases, or loses them; finished cases are kept.
+        ImportError: without the packages of the extra `studies`.
     """
-    require_packages("Studies", "studies", "xarray", "zarr", "filelock")
-    batch = integer("batch", batch)
-    if batch < 1:
-        raise ValueError(f"batch is {batch}: give at least 1.")
-    _require_executor(executor)
-    asked, path = read_axes(axes), Path(path)
-    _require_arguments(case, asked)
-    identity, source = identity_of(case), source_of(case)
-    with held(path) as holder:
-        group = metadata.begin(path, asked, identity, source, accept_changes)
-        store = Store(path.absolute(), asked, group)
-        driver = Driver(store, holder, list(places(asked)), retry)
-        _run_all(driver, Worker(case, asked, batch), executor, progress)
-        return store.dataset()
+    require_packages("Studies", "studies", "xarray", "h5netcdf", "h5py")
+    asked, path, driver = read_axes(axes), Path(path).absolute(), None
+    _require_sense(case, asked, executor, integer("batch", batch), version)
+    try:
+        asked = record.begin(path, asked, case, version, accept_changes)
+        driver = Driver(Folder(path, asked), asked.cases(), retry)
+        driver.run(Worker(case, asked.kinds, driver.folder, batch), executor, bool(progress))
+    except (OSError, RuntimeError) as error:
+        said = f"{getattr(error, 'strerror', None) or error}: {driver.stored if driver else path}. "
+        said += "Mend this, then the same call goes on."
+        number = getattr(error, "errno", None)
+        raise OSError(number, said) if isinstance(error, OSError) else RuntimeError(said) from error
+    return dataset_of(driver.folder, asked, driver.found, driver.is_large)
 
 
-def _require_executor(executor: Any) -> None:
-    if isinstance(executor, numbers.Number) and integer("executor", executor) < 1:
-        raise ValueError(f"executor is {executor}: give at least 1 process.")
-    if not (executor is None or isinstance(executor, int) or hasattr(executor, "submit")):
-        raise TypeError(
-            f"executor is of type {type(executor).__name__}: give a number of processes, an "
-            "executor as those of concurrent.futures, or a Dask Client."
-        )
-
-
-def _run_all(driver: Driver, worker: Worker, executor: Any, progress: bool) -> None:
-    with (
-        _stopped_by_interrupt(driver) as was_interrupted,
-        progress_bar(driver.num_cases, "case", shown=progress, done=driver.num_done) as bar,
+def _require_sense(case: Any, axes: Axes, executor: Any, batch: int, version: Any) -> None:
+    number = executor if type(executor) is int else 1
+    is_executor = executor is None or type(executor) is int or hasattr(executor, "submit")
+    taken = [name for name in axes.values if name in (*MARKS, LISTED)]
+    words = [name for name, kind in axes.kinds.items() if kind == WORDS and batch > 1]
+    kind = type(case).__name__
+    for is_wrong, error, message in (
+        (batch < 1, ValueError, f"batch is {batch}: give at least 1."),
+        (
+            not is_executor,
+            TypeError,
+            f"executor is {executor!r}: give a number, an executor as "
+            "those of concurrent.futures, or a Dask Client.",
+        ),
+        (number < 1, ValueError, f"executor is {executor}: give at least 1."),
+        (
+            not isinstance(version, str | int | float | None),
+            TypeError,
+            f"version is {version!r}: give a number or a word.",
+        ),
+        (not callable(case), TypeError, f"The case is of type {kind}: give a function."),
+        (taken, ValueError, f"An axis cannot be named {taken}, a name of the study: rename it."),
+        (words, ValueError, f"{words} are words, which no batch can hold: use batch=1."),
     ):
-
-        def report() -> None:
-            bar.set_postfix(failed=driver.num_failed, refresh=False)
-            bar.update(driver.num_done - bar.n)
-
-        driver.report = report
-        report()
-        try:
-            if executor is None:
-                driver.run(worker)
-            else:
-                run_on(executor, driver, worker)
-        except OSError as error:
-            cure = "Fix this, then run the same call to continue."
-            message = f"{error.strerror or error}: {driver.stored}. {cure}"
-            raise OSError(error.errno, message) from error
-    if was_interrupted() and driver.num_done < driver.num_cases:
-        message = f"The study was interrupted: {driver.stored}. Run the same call to continue."
-        warn(message, StudyInterrupted)
-
-
-@contextmanager
-def _stopped_by_interrupt(driver: Driver) -> Iterator[Callable[[], bool]]:
-    """Let Ctrl-C end the block after the cases in hand, a second one at once."""
-    count = 0
-
-    def stop(*_: object) -> None:
-        nonlocal count
-        count += 1
-        driver.stop()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    is_main = threading.current_thread() is threading.main_thread()
-    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield lambda: False
-        return
-    signal.signal(signal.SIGINT, stop)
+        if is_wrong:
+            raise error(message)
     try:
-        yield lambda: count > 0
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def _require_arguments(case: Callable[..., Any], axes: list[Axis]) -> None:
-    if not isinstance(inspect.unwrap(innermost(case)), FunctionType):
-        raise TypeError(f"The case is of type {type(case).__name__}: give a function.")
-    names = arguments_of(axes)
-    taken = [name for name in names if name in (*MARKS, LISTED)]
-    if taken:
-        raise ValueError(f"An axis cannot be named {taken[0]}, a name of the study: rename it.")
-    try:
-        inspect.signature(case).bind(**dict.fromkeys(names))
+        inspect.signature(case).bind(**axes.values)
     except TypeError as error:
-        raise TypeError(
-            f"The case takes {inspect.signature(case)}, the axes give {', '.join(names)}: {error}."
-        ) from None
+        names, signature = ", ".join(axes.values), inspect.signature(case)
+        raise TypeError(f"The case takes {signature}, the axes give {names}: {error}.") from None

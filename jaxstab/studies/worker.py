@@ -1,8 +1,7 @@
-"""The cases of a study, run one by one or in batches, here or in another process."""
+"""Runs cases, one by one or in batches, and writes their files."""
 
 import errno
-import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
@@ -11,105 +10,104 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxstab.studies.axes import LISTED, Axis, Index, arguments_of, stacked_at, values_at
-from jaxstab.studies.outputs import arrays_of, error_text
-from jaxstab.studies.store import Found
+from jaxstab.studies.axes import Coordinates, arguments
+from jaxstab.studies.folder import Folder
+from jaxstab.studies.outputs import variables_of
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
-# Returns up to so many cases, none where none is left.
-Take = Callable[[int], list[Index]]
+# A case that has ended so many processes has failed.
+_MOST_DEATHS = 3
+# A case, and an error if it returned something that no file can hold.
+Ended = tuple[Coordinates, str]
 
 
 @dataclass
 class Worker:
-    """Runs cases.
+    """Runs cases and writes their files.
 
     Attributes:
         case: the function.
-        axes: the values that it is called with.
+        kinds: of its arguments.
+        folder: of the study.
         batch: how many at once.
+        driver: the name under which other processes mark the cases that they begin, or None.
     """
 
     case: Callable[..., Any]
-    axes: Sequence[Axis]
+    kinds: Mapping[str, str]
+    folder: Folder
     batch: int
+    driver: str | None = None
 
-    def run(self, take: Take) -> Iterator[Found | str]:
-        """Yield each case as it ends, until none is left, and warnings."""
-        while places := take(self.batch):
-            yield from self._alone(places) if self.batch == 1 else self._together(places)
-
-    def _alone(self, places: Sequence[Index]) -> Iterator[Found]:
-        for place in places:
-            start = perf_counter()
+    def run(self, cases: Sequence[Coordinates]) -> tuple[list[Ended], str]:
+        """Run cases, and return how they ended and a warning, empty if there is none."""
+        # Another call may have run some in the meantime.
+        left = [case for case in cases if not self.folder.file(case).exists()]
+        ended, warning = [(case, "") for case in cases if case not in left], ""
+        # After a death one by one, to find the case that ends its process.
+        if self.batch > 1 and left and not any(map(self.num_begun, left)):
+            self._begin(left)
             try:
-                outputs = self.case(**values_at(self.axes, place))
-                outputs = jax.block_until_ready(outputs)
-            except (Exception, SystemExit) as error:
-                if isinstance(error, OSError) and error.errno in _FULL:
-                    raise
-                yield Found(place, perf_counter() - start, error=error_text(error))
-            else:
-                yield self._found(place, outputs, perf_counter() - start)
+                return ended + self._together(left), ""
+            except Exception as error:
+                reason = error_text(error).splitlines()[0]
+                if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
+                    raise ValueError(
+                        f"A batch of {self.batch} cases needs more memory than there is: give a "
+                        f"smaller `batch` ({reason})."
+                    ) from error
+                warning = f"A batch raised an error, and its cases are run one by one: {reason}"
+        return ended + [self._alone(case) for case in left], warning
 
-    def _together(self, places: Sequence[Index]) -> Iterator[Found | str]:
-        """Run cases at once; one by one where one of them raises."""
-        start = perf_counter()
-        # Of one length, copies of the last among them, they are one program.
-        stacked = self._stacked([*places, *[places[-1]] * (self.batch - len(places))])
+    def num_begun(self, case: Coordinates) -> int:
+        """Return how many processes have begun a case without an end."""
+        mark = self.folder.mark(case, self.driver)
+        return mark.stat().st_size if self.driver and mark.exists() else 0
+
+    def _alone(self, case: Coordinates) -> Ended:
+        if self.num_begun(case) >= _MOST_DEATHS:
+            return self._kept(case, {}, f"The process of this case died {_MOST_DEATHS} times.")
+        self._begin([case])
+        start, outputs, message = perf_counter(), {}, ""
         try:
-            outputs = jax.device_get(jax.block_until_ready(self._batched(stacked)))
-        except Exception as error:
-            yield from self._one_by_one(places, error)
-            return
-        seconds = (perf_counter() - start) / len(places)
-        for lane, place in enumerate(places):
-            yield self._found(place, jax.tree.map(lambda leaf, i=lane: leaf[i], outputs), seconds)
+            values = arguments([case], self.kinds)
+            outputs = jax.block_until_ready(self.case(**{name: x[0] for name, x in values.items()}))
+        except (Exception, SystemExit) as error:
+            if isinstance(error, OSError) and error.errno in _FULL:
+                raise
+            message = error_text(error)
+        return self._kept(case, outputs, message, perf_counter() - start)
 
-    def _one_by_one(self, places: Sequence[Index], error: Exception) -> Iterator[Found | str]:
-        """Run cases one by one after an error of a batch, which does not say whose."""
-        reason = _reason(error)
-        if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
-            raise ValueError(
-                f"A batch of {self.batch} cases needs more memory than there is ({reason}): use a "
-                "smaller batch."
-            ) from error
-        yield (
-            f"A batch raised an error, and its {len(places)} cases are run one by one to find "
-            f"out which failed, also in later batches that raise an error: {reason}"
-        )
-        yield from self._alone(places)
+    def _together(self, cases: Sequence[Coordinates]) -> list[Ended]:
+        start = perf_counter()
+        # Of one length, with copies of the last case, all batches are one program.
+        values = arguments([*cases, *[cases[-1]] * (self.batch - len(cases))], self.kinds)
+        stacked = {n: np.asarray(x) if isinstance(x, list) else x for n, x in values.items()}
+        outputs = jax.device_get(self._batched(stacked))
+        entries = [jax.tree.map(lambda leaf, i=i: leaf[i], outputs) for i in range(len(cases))]
+        seconds = (perf_counter() - start) / len(cases)
+        return [self._kept(case, x, "", seconds) for case, x in zip(cases, entries, strict=True)]
 
     @cached_property
     def _batched(self) -> Callable[..., Any]:
-        return jax.jit(jax.vmap(lambda values: self.case(**values)))
+        case = jax.jit(self.case)
+        return jax.jit(jax.vmap(lambda values: case(**values)))
 
-    def _stacked(self, places: Sequence[Index]) -> dict[str, Any]:
-        """Return the arguments of a batch, once it is known that the function can be traced."""
-        stacked = stacked_at(self.axes, places)
-        arrays = {name: x for name, x in stacked.items() if isinstance(x, np.ndarray)}
-        words = [name for name, x in arrays.items() if x.dtype.kind == "U"]
-        if words:
-            raise ValueError(f"{words[0]} are words, which no batch can hold: use batch=1.")
+    def _begin(self, cases: Sequence[Coordinates]) -> None:
+        for case in cases if self.driver else ():
+            with self.folder.mark(case, self.driver).open("ab") as file:
+                file.write(b".")
+
+    def _kept(self, case: Coordinates, outputs: Any, error: str, seconds: float = np.nan) -> Ended:
+        self.folder.mark(case, self.driver).unlink(missing_ok=True)
         try:
-            jax.eval_shape(self._batched, stacked)
-        except Exception as error:
-            reason = error_text(error).splitlines()[0]
-            raise ValueError(
-                f"The case cannot be run in batches, since JAX cannot trace it ({reason}). Write "
-                "it with jax.numpy, and with throw=False in calls of jaxstab; or use batch=1."
-            ) from error
-        return stacked
-
-    def _found(self, place: Index, outputs: Any, seconds: float) -> Found:
-        try:
-            arrays = arrays_of(outputs, {LISTED, *arguments_of(self.axes)})
-        except (TypeError, ValueError) as error:
-            return Found(place, seconds, type(error)(*error.args))
-        return Found(place, seconds, arrays)
+            variables = {} if error else variables_of(outputs, self.folder)
+        except (TypeError, ValueError) as unfit:
+            return case, error_text(unfit)
+        self.folder.write(case, variables, seconds, error)
+        return case, ""
 
 
-def _reason(error: Exception) -> str:
-    """Return one line: that of a function called back stands at the end of its traceback."""
-    lines = error_text(error).splitlines()
-    return [lines[0], *(line for line in lines if re.match(r"[\w.]+Error: ", line))][-1]
+def error_text(error: BaseException) -> str:
+    """Return the kind of an error and its message."""
+    return f"{type(error).__name__}: {error}"

@@ -1,13 +1,20 @@
-"""Studies: what each case returns is found where its axes say."""
+"""Studies: the outputs of each case are found where its coordinates say."""
 
 from collections import Counter
 
 import jax
 import numpy as np
+import pytest
 import xarray
 from logged_study import runs
 
 import jaxstab as js
+
+
+def read(path):
+    """Return what xarray reads without jaxstab."""
+    with xarray.open_mfdataset(str(path / "*.nc"), combine="by_coords") as dataset:
+        return dataset.load()
 
 
 def test_cases_are_those_of_a_plain_loop_with_verdicts_as_words(tmp_path):
@@ -28,19 +35,18 @@ def test_cases_are_those_of_a_plain_loop_with_verdicts_as_words(tmp_path):
         }
 
     energies = [0.005, 0.02]
-    js.study(case, {"seed": range(2), "energy": energies}, tmp_path / "study.zarr")
-    stored = xarray.open_zarr(tmp_path / "study.zarr")
-    assert (stored["result"] == "successful").all() and (stored["seconds"] > 0).all()
+    study = js.study(case, {"seed": range(2), "energy": energies}, tmp_path / "study")
+    xarray.testing.assert_equal(study, read(tmp_path / "study"))
+    assert (study["result"] == "successful").all() and (study["seconds"] > 0).all()
     for seed in range(2):
         for energy in energies:
-            one, expected = stored.sel(seed=seed, energy=energy), case(seed, energy)
+            one, expected = study.sel(seed=seed, energy=energy), case(seed, energy)
             assert one["ended"] == expected["ended"].name == "successful"
             assert one["verdict"] == expected["verdict"].name
             for name in ("gap", "touches", "steps"):
                 np.testing.assert_array_equal(one[name], expected[name])
                 assert one[name].dtype == expected[name].dtype
-    assert set(stored["verdict"].values.ravel()) == {"stable", "held_by_contact"}
-    assert "equilibrate" in stored.attrs["source"] and "jaxlib" in stored.attrs["versions"]
+    assert set(study["verdict"].values.ravel()) == {"stable", "held_by_contact"}
 
 
 def test_values_are_added_to_axes_and_left_out_and_come_in_the_order_asked_for(tmp_path):
@@ -49,30 +55,18 @@ def test_values_are_added_to_axes_and_left_out_and_come_in_the_order_asked_for(t
             file.write(f"{seed} {energy}\n")
         return {"product": seed * energy}
 
-    log, path = str(tmp_path / "log"), tmp_path / "study.zarr"
+    log, path = str(tmp_path / "log"), tmp_path / "study"
     js.study(case, {"seed": [1, 2], "energy": [0.5, 0.25]}, path)
-    dataset = js.study(case, {"seed": [3, 1], "energy": [0.25, 0.75]}, path)
+    study = js.study(case, {"energy": [0.25, 0.75], "seed": [3, 1]}, path)
     expected = ["1 0.5", "1 0.25", "2 0.5", "2 0.25", "3 0.25", "3 0.75", "1 0.75"]
     assert runs(tmp_path) == Counter(expected)
-    assert list(dataset["seed"]) == [3, 1] and list(dataset["energy"]) == [0.25, 0.75]
-    np.testing.assert_array_equal(dataset["product"], [[0.75, 2.25], [0.25, 0.75]])
-    stored = xarray.open_zarr(path)
-    assert list(stored["seed"]) == [1, 2, 3] and list(stored["energy"]) == [0.5, 0.25, 0.75]
-    assert int((stored["result"] == "missing").sum()) == 2
-    assert np.isnan(stored["product"].sel(seed=2, energy=0.75))
-
-
-def test_masked_floats_are_missing_numbers(tmp_path):
-    def case(seed):
-        field = np.ma.array([1.0, 2.0, 3.0], mask=[False, seed == 1, False])
-        whole = np.ma.array([4, 5], mask=[False, False])
-        return {"field": field, "rows": [field, field], "mean": field[1:2].mean(), "whole": whole}
-
-    dataset = js.study(case, {"seed": [0, 1]}, tmp_path / "study.zarr")
-    np.testing.assert_array_equal(dataset["field"], [[1, 2, 3], [1, np.nan, 3]])
-    np.testing.assert_array_equal(dataset["rows"][1], [[1, np.nan, 3]] * 2)
-    np.testing.assert_array_equal(dataset["mean"], [2, np.nan])
-    np.testing.assert_array_equal(dataset["whole"], [[4, 5]] * 2)
+    assert list(study["seed"]) == [3, 1] and list(study["energy"]) == [0.25, 0.75]
+    np.testing.assert_array_equal(study["product"], [[0.75, 2.25], [0.25, 0.75]])
+    # All numbers that Python tells apart are cases of their own, equal ones are not.
+    close = {"seed": [1], "energy": [0.5, np.nextafter(0.5, 1), 0.0]}
+    js.study(case, close, path)
+    js.study(case, {"seed": np.array([1], np.int8), "energy": np.array([-0.0], "f4")}, path)
+    assert sum(runs(tmp_path).values()) == 9
 
 
 def test_listed_combinations_and_random_keys_and_words_are_axes(tmp_path):
@@ -80,53 +74,186 @@ def test_listed_combinations_and_random_keys_and_words_are_axes(tmp_path):
         return {"draw": jax.random.normal(key), "length": len(law)}
 
     keys = jax.random.split(jax.random.key(7), 3)
-    rows = [{"law": law, "key": key} for law, key in zip(["a", "bb", "a"], keys, strict=True)]
-    js.study(listed, rows[:2], tmp_path / "listed.zarr")
-    dataset = js.study(listed, rows[::-1], tmp_path / "listed.zarr")
-    assert dataset["draw"].dims == ("case",) and list(dataset["law"]) == ["a", "bb", "a"]
-    np.testing.assert_array_equal(dataset["draw"], jax.vmap(jax.random.normal)(keys)[::-1])
-    assert {"law", "key"} <= set(xarray.open_zarr(tmp_path / "listed.zarr").coords)
-    product = js.study(listed, {"law": ["bb", "a"], "key": keys}, tmp_path / "product.zarr")
-    np.testing.assert_array_equal(product["draw"], [dataset["draw"][::-1]] * 2)
+    rows = [{"law": law, "key": key} for law, key in zip(["ä", "bb", "ä"], keys, strict=True)]
+    js.study(listed, rows[:2], tmp_path / "listed")
+    study = js.study(listed, rows[::-1], tmp_path / "listed")
+    assert study["draw"].dims == ("case",) and list(study["law"]) == ["ä", "bb", "ä"]
+    np.testing.assert_array_equal(study["draw"], jax.vmap(jax.random.normal)(keys)[::-1])
+    stored = read(tmp_path / "listed").sel(case=study["case"])
+    assert {"law", "key", "case"} == set(stored.coords)
+    xarray.testing.assert_equal(study, stored)
+    product = js.study(listed, {"law": ["bb", "ä"], "key": keys}, tmp_path / "product")
+    np.testing.assert_array_equal(product["draw"], [study["draw"][::-1]] * 2)
     np.testing.assert_array_equal(product["length"], [[2] * 3, [1] * 3])
-    assert len(set(product["key"].values.tolist())) == 3
+    xarray.testing.assert_equal(product, read(tmp_path / "product").sel(product.coords))
+
+
+def test_a_case_may_return_a_labelled_data_set(tmp_path):
+    def case(seed):
+        if seed == 1:
+            raise ValueError("no contact")
+        return xarray.Dataset(
+            {
+                "height": (("x", "y"), seed + np.arange(6.0).reshape(3, 2), {"units": "µm"}),
+                "name": ("x", ["a", "b", "ccc"]),
+                "load": 0.5,
+            },
+            coords={"x": ("x", [0.1, 0.2, 0.3 + (seed == 3)], {"units": "m"}), "time": 3.0},
+        )
+
+    study = js.study(case, {"seed": [0, 1, 2, 3]}, tmp_path / "study")
+    for dataset in (study, read(tmp_path / "study")):
+        assert dataset["height"].dims == ("seed", "x", "y")
+        assert dataset["height"].attrs == {"units": "µm"} and dataset["x"].attrs == {"units": "m"}
+        np.testing.assert_array_equal(dataset["x"], [0.1, 0.2, 0.3])
+        height = dataset["height"].sel(seed=2, x=0.2)
+        np.testing.assert_array_equal(height, case(2)["height"].sel(x=0.2))
+        assert np.isnan(dataset["height"].sel(seed=1)).all()
+        assert dataset["name"].values[2].tolist() == ["a", "b", "ccc"]
+        assert dataset["time"][0] == 3.0
+        assert dataset["result"].values.tolist() == ["successful", "failed", "successful", "failed"]
+    assert "x is numbers (x 3) [0.1, 0.2, 1.3], in other cases" in str(study["error"][3].values)
+
+
+def test_fields_are_read_on_access_where_the_study_is_large(tmp_path, monkeypatch):
+    def case(seed, energy):
+        if seed == 1:
+            raise ValueError("no contact")
+        return {"field": np.full((30, 20), seed + energy), "small": seed, "words": ["a"] * 300}
+
+    axes, path = {"seed": [0, 1, 2], "energy": [0.5, 0.25]}, tmp_path / "study"
+    expected = js.study(case, axes, path)
+    monkeypatch.setattr("jaxstab.studies.driver.LARGE", 20_000)
+    study = js.study(case, axes, path)
+    assert study["field"].chunks and not study["small"].chunks
+    xarray.testing.assert_identical(study.load(), expected)
+    study = js.study(case, axes, path)
+    for file in path.glob("*.nc"):
+        content = bytearray(file.read_bytes())
+        place = content.find(np.full(4, 2.5).tobytes())
+        if place > 0:
+            content[place] ^= 1
+            file.write_bytes(content)
+            break
+    assert float(study["field"].sel(seed=2, energy=0.25).mean()) == 2.25
+    with pytest.raises(OSError, match=f"{file.name}.*is damaged: js.study runs its case again"):
+        study["field"].sel(seed=2, energy=0.5).load()
+    xarray.testing.assert_equal(js.study(case, axes, path)["field"].load(), expected["field"])
 
 
 def test_a_case_that_raises_or_returns_something_else_is_recorded_and_the_rest_goes_on(tmp_path):
     def case(kind):
         if kind == "raises":
             raise RuntimeError("it broke")
+        if kind == "object":
+            return {"field": object()}
         field = np.arange(3 if kind == "longer" else 2)
         more = {"more": 1} if kind == "more" else {}
-        return {"field": field + (0.5 if kind == "fraction" else 0), "flag": True, **more}
+        field = field + 0.5 if kind == "fraction" else field
+        return {"field": field.astype(str) if kind == "words" else field, "flag": True, **more}
 
-    kinds = ["raises", "plain", "longer", "more", "fraction"]
-    dataset = js.study(case, {"kind": kinds}, tmp_path / "study.zarr")
-    assert list(dataset["result"]) == ["failed", "successful", "failed", "failed", "failed"]
-    errors = dict(zip(kinds, dataset["error"].values.tolist(), strict=True))
+    kinds = ["raises", "plain", "longer", "more", "words", "object"]
+    study = js.study(case, {"kind": kinds}, tmp_path / "study")
+    assert list(study["result"]) == ["failed", "successful", *["failed"] * 4]
+    errors = dict(zip(kinds, study["error"].values.tolist(), strict=True))
     assert errors["raises"] == "RuntimeError: it broke" and errors["plain"] == ""
-    assert "field is int64 of shape (3,) in this case, int64 of shape (2,)" in errors["longer"]
-    assert "returned field, flag, more, cases before it field, flag" in errors["more"]
-    assert "float64" in errors["fraction"]
-    np.testing.assert_array_equal(dataset["field"][1], [0, 1])
-    assert (dataset["field"][0] == np.iinfo(np.int64).min).all()
+    assert "numbers (field_0 3), in other cases numbers (field_0 2)" in errors["longer"]
+    assert "more is numbers (), in other cases missing" in errors["more"]
+    assert "field is words" in errors["words"] and "field is object" in errors["object"]
+    np.testing.assert_array_equal(study["field"][1], [0, 1])
+    assert (study["field"][0] == np.iinfo(np.int64).min).all() and not study["flag"][0]
+    assert study["flag"].dtype == bool
+    # Integers and fractions are numbers both, and missing ones are then NaN, in the files too.
+    study = js.study(case, {"kind": [*sorted(kinds), "fraction"]}, tmp_path / "study")
+    for dataset in (study, read(tmp_path / "study")):
+        field = dataset["field"].sel(kind=["fraction", "plain", "raises"])
+        np.testing.assert_array_equal(field, [[0.5, 1.5], [0, 1], [np.nan, np.nan]])
 
 
-def test_words_can_be_masked_joined_and_loaded_however_a_store_is_read(tmp_path):
-    def case(seed, law):
-        if seed == 1:
+def test_failed_cases_count_as_done_until_they_are_to_run_again(tmp_path):
+    def case(seed):
+        with open(log, "a") as file:
+            file.write(f"{seed}\n")
+        if (tmp_path / "broken").exists() and seed == 1:
             raise ValueError("no contact")
-        return {"verdict": "stable", "words": ["a", law]}
+        return {"words": ["a", str(seed)]}
 
-    path, axes = tmp_path / "study.zarr", {"seed": [0, 1, 2], "law": ["x", "yy"]}
+    log, path, axes = str(tmp_path / "log"), tmp_path / "study", {"seed": [0, 1, 2]}
+    (tmp_path / "broken").touch()
+    js.study(case, axes, path)
+    (tmp_path / "broken").unlink()
     study = js.study(case, axes, path)
-    for dataset in (study, xarray.open_zarr(path), xarray.open_zarr(path, chunks=None)):
-        assert dataset["error"].values[:, 0].tolist() == ["", "ValueError: no contact", ""]
-        done = dataset.where(dataset["result"] == "successful")
-        assert done["verdict"].fillna("-").values[:, 0].tolist() == ["stable", "-", "stable"]
-        assert dataset.load()["words"].sel(seed=2, law="yy").values.tolist() == ["a", "yy"]
-        assert dataset.reindex(seed=[2, 5])["verdict"].values[0].tolist() == ["stable", "stable"]
-        dropped = dataset.where(dataset["result"] == "successful", drop=True)
-        assert dropped.sizes["seed"] == 2
-        assert len(xarray.concat([dataset, dropped], "seed")["seed"]) == 5
-        assert (dataset["verdict"].sel(seed=1) == "missing").all()
+    assert study["error"].values.tolist() == ["", "ValueError: no contact", ""]
+    assert (study["words"][1] == "missing").all()
+    done = study.where(study["result"] == "successful")
+    assert done["words"].fillna("-").values[:, 0].tolist() == ["a", "-", "a"]
+    study = js.study(case, axes, path, retry=True)
+    assert (study["result"] == "successful").all() and (study["words"][:, 0] == "a").all()
+    assert runs(tmp_path) == {"0": 1, "1": 2, "2": 1}
+
+
+def test_masked_floats_are_missing_numbers(tmp_path):
+    def case(seed):
+        field = np.ma.array([1.0, 2.0, 3.0], mask=[False, seed == 1, False])
+        whole = np.ma.array([4, 5], mask=[False, False])
+        return {"field": field, "mean": field[1:2].mean(), "whole": whole, "none": np.zeros((0, 2))}
+
+    study = js.study(case, {"seed": [0, 1]}, tmp_path / "study")
+    np.testing.assert_array_equal(study["field"], [[1, 2, 3], [1, np.nan, 3]])
+    np.testing.assert_array_equal(study["mean"], [2, np.nan])
+    np.testing.assert_array_equal(study["whole"], [[4, 5]] * 2)
+    assert study["none"].shape == (2, 0, 2)
+
+
+@pytest.mark.parametrize(
+    ("outputs", "message"),
+    [
+        (None, "returned NoneType"),
+        ({}, "return a dict"),
+        ({"result": 1}, "`result`, a name of the study"),
+        ({"seed": 1}, "`seed`, a name of the study"),
+        ({"a": [1, 2], "a_0": 1}, "`a_0`, the name of a dimension"),
+        ({"a/b": 1}, "'a/b'"),
+        ({"a": None}, "a is NoneType"),
+        ({"a": {"b": 1}}, "a is dict"),
+        ({"a": np.ma.array([1, 2], mask=[0, 1])}, "a is a masked array of int64"),
+        (xarray.Dataset({"a": ("seed", [1])}), "`seed`, a name of the study"),
+    ],
+)
+def test_outputs_that_no_file_can_hold_are_refused_at_the_first_case(outputs, message, tmp_path):
+    def case(seed):
+        return outputs
+
+    with pytest.raises((TypeError, ValueError), match=message):
+        js.study(case, {"seed": range(3)}, tmp_path / "study")
+    assert not list((tmp_path / "study").glob("*.nc"))
+
+
+@pytest.mark.parametrize(
+    ("axes", "message"),
+    [
+        ({}, "no axis"),
+        ([], "no axis"),
+        (3, "neither a dict"),
+        ({"seed": []}, "shape (0,)"),
+        ({"seed": 3}, "shape ()"),
+        ({"seed": [[1, 2]]}, "shape (1, 2)"),
+        ({"seed": [1.0, float("nan")]}, "NaN"),
+        ({"seed": [1, 2, 1]}, "the case (1,) twice"),
+        ({"seed": [None]}, "seed is object"),
+        ({"result": [1]}, "cannot be named ['result']"),
+        ({"case": [1]}, "cannot be named ['case']"),
+        ({"energy": [1]}, "missing a required argument: 'seed'"),
+        ({"seed": [1], "energy": [1]}, "the axes give seed, energy"),
+        ([{"seed": 1}, {"energy": 1}], "the same names"),
+        ([{"seed": np.arange(2)}], "shape (1, 2)"),
+    ],
+)
+def test_axes_that_make_no_sense_are_refused_before_anything_is_written(axes, message, tmp_path):
+    def case(seed):
+        return {"a": seed}
+
+    with pytest.raises((TypeError, ValueError)) as refused:
+        js.study(case, axes, tmp_path / "study")
+    assert message in str(refused.value)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,165 @@
+"""Damage to files of a study: each is named, and its case runs again; no number is wrong."""
+
+import warnings
+
+import h5py
+import numpy as np
+import pytest
+import xarray
+from logged_study import assert_same, contents, runs
+
+import jaxstab as js
+from jaxstab.studies.axes import read_axes
+from jaxstab.studies.folder import Damaged, Folder
+from jaxstab.studies.netcdf import Variable
+
+AXES = {"seed": range(3), "law": ["a", "bb"]}
+
+
+def case_in(folder):
+    log = str(folder / "log")
+
+    def case(seed, law):
+        with open(log, "a") as file:
+            file.write(f"{seed} {law}\n")
+        return {"field": np.arange(4.0) + seed, "word": law, "flag": seed > 0}
+
+    return case
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("undisturbed")
+    js.study(case_in(folder), AXES, folder / "study")
+    return folder / "study"
+
+
+def cut(file, others):
+    file.write_bytes(file.read_bytes()[:-100])
+
+
+def empty(file, others):
+    file.write_bytes(b"")
+
+
+def flip(file, others):
+    content = bytearray(file.read_bytes())
+    content[content.index(np.arange(4.0)[2:3].tobytes()) + 7] ^= 1
+    file.write_bytes(content)
+
+
+def replace(file, others):
+    file.write_bytes(others[0].read_bytes())
+
+
+def swap(file, others):
+    mine = file.read_bytes()
+    file.write_bytes(others[0].read_bytes())
+    others[0].write_bytes(mine)
+
+
+def rename(file, others):
+    file.rename(file.with_name("copy of a case.nc"))
+
+
+def folder(file, others):
+    file.unlink()
+    file.mkdir()
+    (file / "notes").write_text("mine")
+
+
+def foreign(file, others):
+    xarray.Dataset({"field": ("x", [1.0])}).to_netcdf(file, engine="h5netcdf")
+
+
+def unchecked(file, others):
+    dataset = xarray.load_dataset(file)
+    dataset.to_netcdf(file, engine="h5netcdf")
+
+
+@pytest.mark.parametrize(
+    "damage", [cut, empty, flip, replace, swap, rename, folder, foreign, unchecked]
+)
+@pytest.mark.parametrize("number", [0, 3])
+def test_a_damaged_file_is_named_and_its_case_runs_again(damage, number, undisturbed, tmp_path):
+    case, path = case_in(tmp_path), tmp_path / "study"
+    expected = js.study(case, AXES, path).drop_vars("seconds")
+    files = sorted(path.glob("*.nc"))
+    damage(files[number], files[number + 1 :])
+    name = "copy of a case.nc" if damage is rename else files[number].name
+    with pytest.warns(UserWarning, match="are damaged") as said:
+        study = js.study(case, AXES, path).drop_vars("seconds")
+    assert name in str(said[0].message)
+    xarray.testing.assert_identical(study, expected)
+    assert_same(path, undisturbed)
+    assert sum(runs(tmp_path).values()) == 6 + (2 if damage is swap else 1)
+    # Nothing is thrown away, and the next call finds nothing.
+    assert len(list(path.glob("*.damaged"))) == (2 if damage is swap else 1)
+    with warnings.catch_warnings(action="error"):
+        js.study(case, AXES, path)
+
+
+def test_a_deleted_file_runs_again_and_files_of_others_are_left_alone(undisturbed, tmp_path):
+    case, path = case_in(tmp_path), tmp_path / "study"
+    js.study(case, AXES, path)
+    next(path.glob("*.nc")).unlink()
+    (path / "notes.txt").write_text("mine")
+    with warnings.catch_warnings(action="error"):
+        js.study(case, AXES, path)
+    assert_same(path, undisturbed)
+    assert sum(runs(tmp_path).values()) == 7 and (path / "notes.txt").read_text() == "mine"
+
+
+def test_a_file_in_use_or_unreadable_is_not_taken_for_damaged(undisturbed, tmp_path, monkeypatch):
+    case, path = case_in(tmp_path), tmp_path / "study"
+    js.study(case, AXES, path)
+    names = sorted(x.name for x in path.iterdir())
+    opened = [h5py.File(file, "r") for file in path.glob("*.nc")]
+    with warnings.catch_warnings(action="error"):
+        js.study(case, AXES, path)
+    for file in opened:
+        file.close()
+
+    def refuse(*_, **__):
+        raise OSError(24, "Too many open files")
+
+    monkeypatch.setattr("jaxstab.studies.netcdf._opened", refuse)
+    with pytest.raises(OSError, match="Too many open files"):
+        js.study(case, AXES, path)
+    assert sorted(x.name for x in path.iterdir()) == names
+
+
+@pytest.mark.parametrize("step", [97, pytest.param(1, marks=pytest.mark.nightly)])
+def test_every_changed_byte_of_a_file_is_found_or_does_not_matter(step, tmp_path):
+    folder = Folder(tmp_path, read_axes({"seed": [3], "energy": [0.5]}))
+    case, dims = {"seed": 3, "energy": 0.5}, ("seed", "energy", "x", "y")
+    outputs = {
+        "field": Variable(dims, np.random.default_rng(0).random((1, 1, 3, 4)), {"units": "µm"}),
+        "flag": Variable(dims[:2], np.array([[True]])),
+        "x": Variable(("x",), np.arange(3.0)),
+    }
+    folder.write(case, outputs, 0.25)
+    file = folder.file(case)
+    content, expected = file.read_bytes(), folder.read(file)
+    found = 0
+    for place in range(0, len(content), step):
+        file.write_bytes(
+            content[:place] + bytes([content[place] ^ 1 << place % 8]) + content[place + 1 :]
+        )
+        try:
+            variables = folder.read(file)
+        except Damaged:
+            found += 1
+            continue
+        assert variables.keys() == expected.keys()
+        for name, (dims, values, attrs) in expected.items():
+            assert variables[name].dims == dims and variables[name].attrs == attrs
+            np.testing.assert_array_equal(variables[name].values, values, strict=True)
+    assert found > 0.3 * len(content) / step
+
+
+def test_a_file_runs_no_code(undisturbed):
+    content = b"".join(file.read_bytes() for file in undisturbed.iterdir())
+    assert b"pickle" not in content and not list(undisturbed.glob("*.pkl"))
+    assert {file.suffix for file in undisturbed.iterdir()} == {".nc", ".json"}
+    assert len(contents(undisturbed)) == 6

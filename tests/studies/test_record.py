@@ -1,0 +1,164 @@
+"""`study.json`: a folder takes the cases of one function and one set of axes."""
+
+import json
+import os
+import re
+import sys
+from functools import partial
+
+import equinox as eqx
+import pytest
+from logged_study import runs
+
+import jaxstab as js
+
+AXES = {"seed": [1, 2]}
+
+
+def logged(log, factor=2):
+    def case(seed):
+        with open(log, "a") as file:
+            file.write(f"{seed}\n")
+        return {"product": factor * seed}
+
+    return case
+
+
+def changed(log):
+    def case(seed):
+        with open(log, "a") as file:
+            file.write(f"{seed}\n")
+        return {"product": 3 * seed}
+
+    return case
+
+
+def test_another_function_version_or_package_is_refused_with_the_difference(tmp_path, monkeypatch):
+    log, path = tmp_path / "log", tmp_path / "study"
+    js.study(logged(log), AXES, path, version=1)
+    before = sorted(x.read_bytes() for x in path.iterdir())
+    with pytest.raises(ValueError, match="another case") as refused:
+        js.study(changed(log), {"seed": [1, 2, 3]}, path, version=1)
+    assert (
+        '-        return {"product": factor * seed}\n+        return {"product": 3 * seed}'
+        in str(refused.value)
+    )
+    with pytest.raises(ValueError, match="version: 1, now 2\nGive another folder"):
+        js.study(logged(log), AXES, path, version=2)
+    monkeypatch.setattr("jaxstab.studies.record.version_of", lambda name: f"{name}-9")
+    with pytest.raises(ValueError, match=r"numpy: .*, now numpy-9"):
+        js.study(logged(log), AXES, path, version=1)
+    assert sorted(x.read_bytes() for x in path.iterdir()) == before
+    study = js.study(changed(log), {"seed": [1, 2, 3]}, path, version=2, accept_changes=True)
+    assert study["product"].values.tolist() == [2, 4, 9]
+    assert runs(tmp_path) == {"1": 1, "2": 1, "3": 1}
+    record = json.loads((path / "study.json").read_text())
+    assert "3 * seed" in record["source"] and record["version"] == 2
+    assert "version: 1, now 2" in record["changes"][0]["changed"]
+    # From now on it is the study of this case.
+    js.study(changed(log), AXES, path, version=2)
+
+
+def test_other_axes_are_refused_with_both_sets_of_names(tmp_path):
+    def case(seed, energy=1):
+        return {"a": seed}
+
+    path = tmp_path / "study"
+    js.study(case, AXES, path)
+    for axes, said in [
+        ({"seed": [1], "energy": [1.0]}, "seed (integers), energy (floats)"),
+        ([{"seed": 1}], "seed (integers) as a list"),
+        ({"seed": [1.0, 2.0]}, "seed (floats)"),
+    ]:
+        message = re.escape(f"has the axes seed (integers); this call has {said}. Give the same")
+        with pytest.raises(ValueError, match=message):
+            js.study(case, axes, path)
+
+
+def test_partial_functions_and_callable_modules_are_cases(tmp_path):
+    class Scaled(eqx.Module):
+        factor: float
+
+        def __call__(self, seed):
+            return {"product": self.factor * seed}
+
+    assert js.study(Scaled(2.0), AXES, tmp_path / "module")["product"].values.tolist() == [2, 4]
+
+    def case(seed, factor):
+        return {"product": factor * seed}
+
+    for call in (partial(case, factor=2), eqx.filter_jit(partial(case, factor=2))):
+        path = tmp_path / type(call).__name__
+        assert js.study(call, AXES, path)["product"].values.tolist() == [2, 4]
+    with pytest.raises(ValueError, match=r"'factor': 2.*\n.*'factor': 3"):
+        js.study(partial(case, factor=3), AXES, tmp_path / "partial")
+
+
+def test_a_function_without_source_needs_a_version(tmp_path):
+    space = {}
+    exec("def case(seed): return {'a': seed}", space)
+    with pytest.raises(ValueError, match=r"source of the case is not found.*`version`"):
+        js.study(space["case"], AXES, tmp_path / "study")
+    js.study(space["case"], AXES, tmp_path / "study", version="first")
+    with pytest.raises(ValueError, match="version: first, now second"):
+        js.study(space["case"], AXES, tmp_path / "study", version="second")
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path):
+    case = logged(tmp_path / "log")
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "mine").touch()
+    for name, said in (("file", "is a file"), ("folder", "is no study, it holds mine")):
+        with pytest.raises(ValueError, match=said):
+            js.study(case, AXES, tmp_path / name)
+    with pytest.raises(OSError, match=r"Not a directory.*Mend this"):
+        js.study(case, AXES, tmp_path / "file" / "study")
+    assert [x.name for x in (tmp_path / "folder").iterdir()] == ["mine"]
+
+
+@pytest.mark.parametrize("damage", ["lost", "empty", "cut", "folder", "other", "format"])
+def test_a_damaged_record_is_named_and_written_anew_when_asked(damage, tmp_path):
+    case, path = logged(tmp_path / "log"), tmp_path / "study"
+    js.study(case, AXES, path)
+    record = path / "study.json"
+    content = record.read_text()
+    if damage == "format":
+        record.write_text(content.replace('"format": 1', '"format": 7'))
+        with pytest.raises(ValueError, match="has format 7, this jaxstab reads 1"):
+            js.study(case, AXES, path)
+        return
+    record.unlink()
+    if damage == "folder":
+        record.mkdir()
+    elif damage != "lost":
+        record.write_text({"empty": "", "cut": content[:50], "other": "[1]"}[damage])
+    with pytest.raises(ValueError, match=r"study.json is lost or damaged.*accept_changes=True"):
+        js.study(case, AXES, path)
+    js.study(case, AXES, path, accept_changes=True)
+    assert json.loads(record.read_text()) == json.loads(content)
+    assert sum(runs(tmp_path).values()) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind", "message"),
+    [
+        ({"batch": 0}, ValueError, "batch is 0"),
+        ({"executor": 0}, ValueError, "executor is 0"),
+        ({"executor": 1.5}, TypeError, "executor is 1.5"),
+        ({"executor": "dask"}, TypeError, "executor is 'dask'"),
+        ({"version": [1]}, TypeError, r"version is \[1\]"),
+        ({"case": 3}, TypeError, "of type int: give a function"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(arguments, kind, message, tmp_path):
+    call = {"case": logged(tmp_path / "log"), "axes": AXES, "path": tmp_path / "study"}
+    with pytest.raises(kind, match=message):
+        js.study(**{**call, **arguments})
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_the_packages_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "h5netcdf", None)
+    with pytest.raises(ImportError, match=r"pip install 'jaxstab\[studies\]'"):
+        js.study(logged(os.devnull), AXES, tmp_path / "study")
