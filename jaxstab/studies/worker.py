@@ -103,7 +103,7 @@ class Worker:
         try:
             variables = {} if error else variables_of(outputs, self.folder)
         except (TypeError, ValueError) as unfit:
-            return case, error_text(unfit)
+            return case, str(unfit)
         self.folder.write(case, variables, seconds, error)
         return case, ""
 
