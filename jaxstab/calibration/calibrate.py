@@ -7,7 +7,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike
 
 from jaxstab.calibration.advice import Hints, warn_of_misfit
 from jaxstab.calibration.least_squares import Measured, Problem, directions
@@ -22,7 +21,7 @@ from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.loop import optional_parameter
 from jaxstab.core.progress import advance, is_watched, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
-from jaxstab.core.types import Scalar
+from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.loads import Load, MeanPressure, require_load
 
 # A fit that explains less of the measurements describes something else: the zero curve has 1/2.

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array
 
 from jaxstab import potentials
 from jaxstab.contact.hessian import Hessian
@@ -30,7 +30,7 @@ from jaxstab.core.checks import (
 from jaxstab.core.compile import program
 from jaxstab.core.display import block
 from jaxstab.core.grid import Grid
-from jaxstab.core.types import Field, FieldMap, Flag, Scalar
+from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Scalar
 from jaxstab.core.unit_system import Units, unit_of
 from jaxstab.core.units import LENGTH
 from jaxstab.loads import Control, Load

@@ -12,9 +12,9 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
-from jaxstab.core.types import Scalar
+from jaxstab.core.types import ArrayLike, Scalar
 
 
 def is_traced(value: Any) -> bool:

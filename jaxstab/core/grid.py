@@ -14,12 +14,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import NamedSharding
-from jaxtyping import Array, ArrayLike, Complex, Float, Shaped
+from jaxtyping import Array, Complex, Float, Shaped
 
 from jaxstab.core import fft
 from jaxstab.core.checks import array, integer, is_traced, known, parameter, require_positive
 from jaxstab.core.display import inline
-from jaxstab.core.types import Field, Mask, Scalar
+from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
 from jaxstab.core.units import LENGTH
 
 # Fewer sums are faster one by one: each addition in a pass waits for the last.

@@ -9,12 +9,12 @@ from typing import Any, ClassVar, Generic, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Int
+from jaxtyping import Array, Int
 
 from jaxstab.core.checks import array, known, parameter, require, require_positive
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Flag, Scalar
+from jaxstab.core.types import ArrayLike, Flag, Scalar
 
 State = TypeVar("State")
 Solver = TypeVar("Solver")

@@ -7,7 +7,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
@@ -19,7 +19,7 @@ from jaxstab.core.implicit import attach
 from jaxstab.core.loop import Iteration, solver_or_default
 from jaxstab.core.progress import COMPILING, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
-from jaxstab.core.types import Field, Scalar
+from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium.derivatives import changes_of_fields
 from jaxstab.equilibrium.equilibrium import (
     DIFFERENTIABLE,

@@ -7,12 +7,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from jaxstab.core.checks import cast, is_traced, known, parameter
 from jaxstab.core.display import inline
 from jaxstab.core.stack import Stackable
-from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
+from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.core.units import Dimensioned, dimensions
 from jaxstab.potentials.profile import Profile
 from jaxstab.solids import Solid

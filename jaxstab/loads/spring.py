@@ -6,11 +6,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from jaxstab.core.checks import is_traced, known, parameter, require_positive
 from jaxstab.core.grid import Grid, mean, mean_over, total
-from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
+from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.core.units import LENGTH, STIFFNESS
 from jaxstab.core.warn import warn_once
 from jaxstab.loads.load import Load, prescribed

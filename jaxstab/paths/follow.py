@@ -5,7 +5,6 @@ from functools import partial
 from typing import Any
 
 import jax
-from jaxtyping import ArrayLike
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
@@ -20,6 +19,7 @@ from jaxstab.core.checks import (
 )
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.types import ArrayLike
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrate import first_gap
 from jaxstab.equilibrium.equilibrium import State

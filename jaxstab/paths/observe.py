@@ -5,12 +5,13 @@ from typing import Annotated, Any, Literal
 
 import jax
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core import display
 from jaxstab.core.checks import is_traced
 from jaxstab.core.stack import Stackable, nothing_like, stacked
+from jaxstab.core.types import ArrayLike
 from jaxstab.core.units import AREA, LENGTH, NUMBER, SPRING_CONSTANT, VISCOSITY, VOLUME, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.observables.clusters import Neighbours

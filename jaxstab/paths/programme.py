@@ -6,12 +6,12 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Int
+from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.loop import Iteration
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Field, Scalar
+from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import concluded, started
 from jaxstab.equilibrium.solvers.base import Problem

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
@@ -20,7 +20,7 @@ from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import Stackable, first_entries, stacked
-from jaxstab.core.types import Field, Flag
+from jaxstab.core.types import ArrayLike, Field, Flag
 from jaxstab.core.units import STIFFNESS
 from jaxstab.core.warn import said_once, warn
 from jaxstab.equilibrium import (

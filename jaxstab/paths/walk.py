@@ -10,14 +10,14 @@ from typing import Any, Generic, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Int
+from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.loads import Load
 from jaxstab.paths.jump_detection import Bisection, Jumps, Progress, apply_step, next_step
 from jaxstab.paths.programme import Programme

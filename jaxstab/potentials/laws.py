@@ -5,11 +5,10 @@ from typing import Annotated
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike
 
 from jaxstab.core.checks import known, parameter, require, require_positive
 from jaxstab.core.display import in_full
-from jaxstab.core.types import Scalar
+from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, NUMBER, SURFACE_ENERGY, Dimension
 from jaxstab.potentials.sums import Law
 

@@ -1,9 +1,13 @@
 """The arguments of the closed forms: their meaning and their conditions."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+import numpy.typing
+from numpy.typing import NDArray
+from typing_extensions import TypeAliasType
 
 Array = NDArray[np.float64]
+# With a name of its own, which signatures show in place of all that it stands for.
+ArrayLike = TypeAliasType("ArrayLike", numpy.typing.ArrayLike)
 
 
 def require(name: str, value: ArrayLike, holds: ArrayLike, cure: str) -> None:

@@ -14,10 +14,9 @@ P. R. Guduru, J. Mech. Phys. Solids 55, 445 (2007); H. Kesari, A. J. Lew, J. Mec
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from jaxstab.references import jkr
-from jaxstab.references.arguments import Array, not_negative, positive
+from jaxstab.references.arguments import Array, ArrayLike, not_negative, positive
 
 
 def curve(

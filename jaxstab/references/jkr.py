@@ -15,10 +15,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from jaxstab.references.arguments import (
     Array,
+    ArrayLike,
     not_negative,
     positive,
     require,

@@ -13,9 +13,9 @@ p* = pi E* A / L as in `westergaard`.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from jaxstab.references.arguments import Array, positive, require
+from jaxstab.references.arguments import Array, ArrayLike, positive, require
 from jaxstab.references.roots import bisect
 
 

@@ -16,11 +16,11 @@ N = sqrt(c^2 - a^2) / a0 are in the units of `jkr.units`, C = hypot(A, N), t = a
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from jaxstab.references import jkr
 from jaxstab.references.arguments import (
     Array,
+    ArrayLike,
     not_negative,
     positive,
     require,

@@ -3,9 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from jaxstab.references.arguments import Array
+from jaxstab.references.arguments import Array, ArrayLike
 
 
 def bisect(function: Callable[[Array], Array], negative: ArrayLike, positive: ArrayLike) -> Array:

@@ -10,12 +10,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array
 
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid
 from jaxstab.core.linear_system import LinearSystem
-from jaxstab.core.types import Field, FieldMap, Mask, Scalar
+from jaxstab.core.types import ArrayLike, Field, FieldMap, Mask, Scalar
 from jaxstab.core.units import NUMBER, PRESSURE
 from jaxstab.solids.moduli import contact_modulus, elastic_constants
 from jaxstab.solids.solid import Solid

@@ -9,11 +9,11 @@ import math
 from typing import Annotated
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from jaxstab.core.checks import require_positive, scalar_parameter
 from jaxstab.core.grid import Grid
-from jaxstab.core.types import Scalar
+from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, NUMBER, PRESSURE
 from jaxstab.solids.moduli import elastic_constants, possible_ratio, shear_modulus
 from jaxstab.solids.spectral import SpectralSolid

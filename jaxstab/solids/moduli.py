@@ -1,10 +1,9 @@
 """The constants of isotropic elasticity: checked, and as each formula wants them."""
 
 import jax.numpy as jnp
-from jaxtyping import ArrayLike
 
 from jaxstab.core.checks import known, require, require_positive, scalar_parameter
-from jaxstab.core.types import Scalar
+from jaxstab.core.types import ArrayLike, Scalar
 
 
 def elastic_constants(

@@ -10,11 +10,11 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array
 
 from jaxstab.core.display import inline
 from jaxstab.core.grid import Grid, centred, mean, mean_over, require_grid
-from jaxstab.core.types import Field, FieldMap, Flag, Mask, Scalar
+from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 
 
 class Solid(eqx.Module):

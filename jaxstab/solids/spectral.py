@@ -7,13 +7,13 @@ from typing import Self
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from jaxstab.core.checks import require_positive
 from jaxstab.core.closures import as_pytree
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, require_grid
-from jaxstab.core.types import Field, FieldMap, Flag, Scalar
+from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Scalar
 from jaxstab.solids.solid import Solid, finite_or_zero
 
 

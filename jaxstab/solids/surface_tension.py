@@ -1,11 +1,11 @@
 """Spectral solids whose surface or whole body resists by curvature: gels and sheets."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from jaxstab.core.checks import known, require, require_positive, scalar_parameter
 from jaxstab.core.grid import Grid, require_grid
-from jaxstab.core.types import Scalar
+from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.solids.spectral import SpectralSolid
 
 

@@ -4,10 +4,10 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from jaxstab.core.checks import known, parameter, require, require_positive, scalar_parameter
-from jaxstab.core.types import Flag, Scalar
+from jaxstab.core.types import ArrayLike, Flag, Scalar
 from jaxstab.solids.solid import Solid
 
 

@@ -3,12 +3,11 @@
 from dataclasses import replace
 
 import jax.numpy as jnp
-from jaxtyping import ArrayLike
 
 from jaxstab.contact import Contact
 from jaxstab.core.checks import numbers, parameter, require, require_finite
 from jaxstab.core.results import RESULTS, throw_failure
-from jaxstab.core.types import Field, Scalar
+from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.verify import recognised

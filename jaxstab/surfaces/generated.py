@@ -6,7 +6,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Complex, Int, PRNGKeyArray
+from jaxtyping import Array, Complex, Int, PRNGKeyArray
 
 from jaxstab.core.checks import (
     integer,
@@ -18,7 +18,7 @@ from jaxstab.core.checks import (
 )
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, require_grid
-from jaxstab.core.types import Field, Scalar
+from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.surfaces.statistics import nyquist, rms_derivative
 
 

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike
 
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid
+from jaxstab.core.types import ArrayLike
 from jaxstab.surfaces import faults
 from jaxstab.surfaces.formats.arrays import read_arrays
 from jaxstab.surfaces.formats.instruments import read_instrument

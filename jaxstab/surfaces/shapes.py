@@ -6,7 +6,7 @@ On a line they are the profiles of cylinders, wedges and so on.
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from jaxstab.core.checks import (
     known,
@@ -17,7 +17,7 @@ from jaxstab.core.checks import (
     scalar_parameter,
 )
 from jaxstab.core.grid import Grid, require_grid
-from jaxstab.core.types import Field, Scalar
+from jaxstab.core.types import ArrayLike, Field, Scalar
 
 
 def paraboloid(grid: Grid, radius: ArrayLike) -> Field:

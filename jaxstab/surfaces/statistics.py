@@ -10,11 +10,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from jaxstab.core.checks import are_finite, is_traced, known, numbers, parameter, require
 from jaxstab.core.grid import Grid, require_grid
-from jaxstab.core.types import Field, Scalar
+from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.surfaces.topography import FILL, Topography, as_topography
 
 # Rounding must not decide which ring a point at its edge belongs to.

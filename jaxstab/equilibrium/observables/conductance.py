@@ -9,7 +9,6 @@ from typing import Annotated
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import ArrayLike
 
 from jaxstab.contact import Contact
 from jaxstab.core.checks import cast, is_traced, require, require_kind, scalar_parameter
@@ -19,7 +18,7 @@ from jaxstab.core.grid import Grid, total
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import SolverError
 from jaxstab.core.stack import Stackable
-from jaxstab.core.types import Field, Mask, Scalar
+from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
 from jaxstab.core.unit_system import NO_UNITS, Units
 from jaxstab.core.units import NUMBER, SPRING_CONSTANT, Dimension, Dimensioned
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of

@@ -4,13 +4,13 @@ from typing import Annotated
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact
 from jaxstab.core.checks import array, require_positive, scalar_parameter
 from jaxstab.core.display import block
 from jaxstab.core.stack import Stackable
-from jaxstab.core.types import Field, Scalar
+from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.core.unit_system import NO_UNITS, Units
 from jaxstab.core.units import LENGTH, VISCOSITY, VOLUME, Dimensioned
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of

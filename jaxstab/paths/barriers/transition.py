@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
@@ -18,7 +18,7 @@ from jaxstab.core.display import block
 from jaxstab.core.grid import mean, total
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import Stackable
-from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.units import ENERGY, LENGTH, NUMBER, Dimensioned
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient, SaddleNewton
 from jaxstab.equilibrium.equilibrate import find, initial_gap

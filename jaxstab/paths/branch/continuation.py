@@ -7,7 +7,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Int
+from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.hessian import Block
@@ -19,7 +19,7 @@ from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import stacked
-from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient, SaddleNewton
 from jaxstab.equilibrium.equilibrate import find, initial_gap

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike
 
+from jaxstab.core.types import ArrayLike
 from jaxstab.core.unit_system import converted
 
 # The relative error up to which coordinates in a file are evenly spaced.
