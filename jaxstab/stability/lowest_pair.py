@@ -16,8 +16,7 @@ from jaxstab.stability.eigenpair import Eigenpair, Minimum, measured
 from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import ConeSolver, ModesProblem, SpaceSolver
 
-# Up to so many points, each contact point that lifts alone is a start too: near full contact on
-# few points the other starts were seen to miss the smallest eigenvalue.
+# Up to so many points each one that lifts alone is a start too: near full contact others failed.
 _FEW = 24
 
 

@@ -12,7 +12,6 @@ from jaxstab.stability.solvers.base import Eigenproblem
 # The steps of each round, and the number of starts that go on to the next.
 _LENGTHS = 4, 8, 10, 15, 25, 40, 60, NO_LIMIT
 _NUM_KEPT = 12, 3, 3, 3, 3, 3, 3, 1
-# The rank of a start that is discarded.
 _DISCARDED = max(_NUM_KEPT)
 # The inner product from which two unit vectors are taken to lead to the same minimiser.
 _SAME = 0.95
@@ -27,13 +26,8 @@ def multi_start(
     """Return the iterations at their ends, and which of them is the lowest, none if all failed.
 
     After each round a start is discarded if it is nearly the same vector as a lower one, or above
-    the lowest by more than its residual, or not among the first few.
-
-    Arguments:
-        solver: its states have a `point`, with a `mode` and an `eigenvalue`.
-        problem: the operator and the cone.
-        starts: iterations before their first step, along a leading axis.
-        is_needed: the starts that take part.
+    the lowest by more than its residual, or not among the first few. States of the solver have a
+    `point`, with a `mode` and an `eigenvalue`; `starts` are iterations before their first step.
     """
     lengths, num_kept = jnp.array(_LENGTHS), jnp.array(_NUM_KEPT)
 
