@@ -117,7 +117,7 @@ def throw_failure(
     """Return `tree`, or raise if `result` is not successful and failures are thrown.
 
     Outside of JAX transformations the error is a `SolverError` that begins with `describe()` and
-    holds the tree. Inside, it is a runtime error of Equinox, raised if any lane failed.
+    holds the tree. Inside, it is a runtime error of Equinox, raised if any entry of a batch failed.
     """
     if not throw:
         return tree

@@ -111,7 +111,7 @@ def assess_stability(
     bar = searches_bar(_NUM_SEARCHES, shown=can_be_shown(progress, inputs))
     # Histories end in NaN, and what was not found is NaN.
     with jax.debug_nans(False), bar as report:
-        assess = _assess_lanes if is_traced(inputs) else partial(_assess_one, report=report)
+        assess = _assess_batch if is_traced(inputs) else partial(_assess_one, report=report)
         stability = assess(verdict_only, *inputs)
     if is_traced((contact, equilibrium)):
         stability = with_derivatives(contact, equilibrium, stability)
@@ -123,7 +123,7 @@ def assess_stability(
 
 # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
 @partial(program, static_argnums=0)
-def _assess_lanes(verdict_only: bool, *inputs: Any) -> Stability:
+def _assess_batch(verdict_only: bool, *inputs: Any) -> Stability:
     return by_entries(partial(_assess_one, verdict_only))(*inputs)
 
 
