@@ -27,9 +27,17 @@ PAGES = [
     for path in sorted(DOCS.rglob("*.md"))
     if "```python" in path.read_text()
 ]
-# A block of Python, and the block of text after it, if there is one, which is what it prints.
-BLOCK = re.compile(r"^```python\n(.*?)^```\n(?:\n^```text\n(.*?)^```)?", re.DOTALL | re.MULTILINE)
+# A block of Python, and the block of text after it, if there is one, which is what it prints. A
+# comment between them, as "% within 0.01, counts within 0.5", states how far numbers may be off,
+# relative to each: those with a point, and integers, such as numbers of steps.
+BLOCK = re.compile(
+    r"^```python\n(.*?)^```\n"
+    r"(?:\n(?:% (?:within ([^\s,]+))?(?:, )?(?:counts within (\S+))?\n)?^```text\n(.*?)^```)?",
+    re.DOTALL | re.MULTILINE,
+)
 NUMBER = re.compile(r"-{3,}|[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?")
+# By this many units of its last digit a number may be off on another machine.
+DIGITS = 2
 
 
 def test_the_readmes_examples_run_and_reach_a_verdict(capsys, tmp_path, monkeypatch):
@@ -48,19 +56,60 @@ def test_the_readmes_examples_run_and_reach_a_verdict(capsys, tmp_path, monkeypa
 def test_a_pages_blocks_run_in_order_and_print_what_it_shows(path, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     namespace = {}
-    for number, (code, shown) in enumerate(BLOCK.findall(path.read_text())):
+    for number, (code, *tolerances, shown) in enumerate(BLOCK.findall(path.read_text())):
         # With a source to be found, as that of a notebook's cell is.
         name = f"<{path.stem} {number}>"
         linecache.cache[name] = (len(code), None, code.splitlines(keepends=True), name)
         exec(compile(code, name, "exec"), namespace)
         printed = capsys.readouterr().out
-        # Digits differ between machines.
-        assert not shown or words(printed) == words(shown)
+        if shown:
+            assert words(printed) == words(shown)
+            assert not differences(printed, shown, *(float(x or 0) for x in tolerances)), printed
     plt.close("all")
 
 
 def words(text):
     return NUMBER.sub("#", text).split()
+
+
+def differences(printed, shown, tolerance=0.0, of_counts=0.0):
+    """Return the pairs of numbers that differ by more than a tolerance and the last digits.
+
+    Arguments:
+        printed, shown: two texts, with the same words between the numbers.
+        tolerance, of_counts: relative to each number with a point, and to each integer.
+    """
+    pairs = zip(*(NUMBER.findall(text) for text in (printed, shown)), strict=True)
+    numbers = [(one, other) for one, other in pairs if not other.startswith("---")]
+
+    def margin(text):
+        last = digit(text)
+        return (tolerance if last else of_counts) * abs(float(text)) + DIGITS * last
+
+    return [(x, y) for x, y in numbers if abs(float(x) - float(y)) > margin(y)]
+
+
+def digit(text):
+    """Return the size of the last digit of a number, zero for an integer."""
+    mantissa, _, exponent = text.partition("e")
+    decimals = len(mantissa.partition(".")[2])
+    return 1.01 * 10.0 ** (int(exponent or 0) - decimals) if "." in text or exponent else 0
+
+
+def test_a_page_with_another_number_is_seen():
+    assert not differences("a 1.3712 of 3\n----\n-2e-05", "a 1.3713 of 3\n-----\n-2e-05")
+    assert differences("barrier 1.40526", "barrier 1.37126") == [("1.40526", "1.37126")]
+    assert differences("4 of 5.2", "5 of 5.2", 0.2) == [("4", "5")]
+    assert differences("4 of 4.2", "5 of 5.2", 0, 0.2) == [("4.2", "5.2")]
+    assert not differences("4 of 4.2", "5 of 5.2", 0.2, 0.2)
+    block = "```python\nx\n```\n\n{}```text\n3\n```\n"
+    for comment, *tolerances in (
+        ("", "", ""),
+        ("% within 0.1\n", "0.1", ""),
+        ("% counts within 2\n", "", "2"),
+        ("% within 0.1, counts within 2\n", "0.1", "2"),
+    ):
+        assert BLOCK.findall(block.format(comment)) == [("x\n", *tolerances, "3\n")]
 
 
 def test_the_reference_has_all_that_is_public_once():

@@ -74,6 +74,17 @@ def test_a_load_of_ones_own_is_named_as_it_says_or_by_its_class(sweep):
         assert plots.stability_curve(pulled).get_xlabel() == label
 
 
+def test_logarithmic_axes_have_plain_numbers_where_these_are_short():
+    grid = js.Grid(32)
+    heights = js.surfaces.sinusoid(grid, 0.1, (1, 0)) + js.surfaces.sinusoid(grid, 0.05, (0, 2))
+    axes = plots.spectrum(js.surfaces.power_spectrum(grid, heights))
+    axes.figure.draw_without_rendering()
+    ticks = (*axes.get_xticklabels(which="both"), *axes.get_yticklabels(which="both"))
+    texts = [label.get_text() for label in ticks if label.get_text()]
+    assert "10" in texts
+    assert not any("10^{0}" in text or "10^{1}" in text for text in texts)
+
+
 def test_a_spectrum_shows_the_rings_that_hold_waves():
     grid = js.Grid(32, (1.0, 0.5))
     heights = js.surfaces.sinusoid(grid, 0.1, (3, 0)) + js.surfaces.sinusoid(grid, 0.2, (0, 4))

@@ -110,6 +110,19 @@ def test_the_contact_area_is_drawn_only_where_something_touches(loop):
         assert box.x0 >= inside.x1
 
 
+def test_the_approach_is_thinner_and_the_legend_names_jumps(loop):
+    axes = plots.path(loop, axes=plt.subplots()[1])
+    drawn = [line for line in axes.lines if line.get_marker() == "."]
+    # The first part of the loop brings the surfaces together, the second takes them apart.
+    widths = {line.get_color(): line.get_linewidth() for line in drawn}
+    (approach, thin), (retreat, thick) = widths.items()
+    assert thin < thick / 2
+    order = {line.get_color(): line.get_zorder() for line in drawn}
+    assert order[approach] > order[retreat]
+    names = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert names == ["to 1.2", "to 1.6", "jump"]
+
+
 def test_a_loop_in_metres_is_lost_in_joules(loop):
     states = replace(loop.equilibrium, units=Units("m", "Pa"))
     small = replace(loop, equilibrium=states)
