@@ -14,6 +14,8 @@ from jaxstab.core.warn import warn_once
 _CHANCE = 1e-4
 # A misfit below this part of the measurements is one of rounding.
 _SMALLEST = 1e-6
+# A misfit above this part is told of if the guess's curve runs the other way.
+_POOR = 0.1
 
 
 class FitWarning(UserWarning):
@@ -36,9 +38,12 @@ class Hints(eqx.Module):
 
 
 def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) -> None:
-    """Warn of an outlier, and of an offset or a baseline that the measurements show."""
+    """Warn of an outlier, a wrong sign, and an offset or a baseline that the measurements show."""
     if outlier := _outlier(measured, fitted, count):
         warn_once(f"{outlier}.", FitWarning, per_line=True)
+    missed = np.linalg.norm(_missed(measured, fitted)) / np.linalg.norm(measured.deviation)
+    if missed > _POOR and (sign := _wrong_sign(measured, hints.guess)):
+        warn_once(f"{sign}. The misfit is {missed:.0%} of the curve.", FitWarning, per_line=True)
     missing = [name for name, zero in zip(("offset", "baseline"), hints.zeros, strict=True) if zero]
     freedom = int(jnp.sum(measured.weights > 0)) - count - len(missing)
     if not missing or freedom < 1 or _is_exact(measured, fitted):
@@ -59,6 +64,10 @@ def cause_of_failure(measured: Measured, fitted: Curve, count: int, guess: Curve
     """Return the likely cause of a misfit, an outlier or a wrong sign, if either is."""
     if outlier := _outlier(measured, fitted, count):
         return outlier
+    return _wrong_sign(measured, guess)
+
+
+def _wrong_sign(measured: Measured, guess: Curve) -> str:
     weights, pressure = measured.weights, measured.mean_pressure
     weights = jnp.where(jnp.isfinite(guess), weights, 0)
     guess = jnp.where(weights > 0, guess, 0)
