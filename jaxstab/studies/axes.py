@@ -44,10 +44,9 @@ def read_axes(axes: Any) -> Axes:
         TypeError: for values that are neither numbers, words nor random keys.
     """
     is_listed = isinstance(axes, list | tuple)
-    rows = [dict(row) for row in axes] if is_listed else []
-    if not (is_listed or isinstance(axes, Mapping)) or any(
-        x.keys() != rows[0].keys() for x in rows
-    ):
+    rows = list(axes) if is_listed else []
+    are_rows = all(isinstance(x, Mapping) and x.keys() == rows[0].keys() for x in rows)
+    if not (is_listed or isinstance(axes, Mapping)) or not are_rows:
         raise TypeError(
             "The axes are neither a dict of one-dimensional arrays nor a list of dicts with the "
             "same names."

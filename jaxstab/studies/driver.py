@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.warn import warn
+from jaxstab.studies import record
 from jaxstab.studies.axes import Coordinates
 from jaxstab.studies.executors import run_on
 from jaxstab.studies.folder import SMALL, Damaged, Folder, is_successful
@@ -110,6 +111,9 @@ class Driver:
         for case, unfit in ended:
             file = self.folder.file(case)
             if unfit and not self._forms:
+                if not self.found:
+                    # The function, once mended, may begin the study anew.
+                    (self.folder.path / record.NAME).unlink(missing_ok=True)
                 raise TypeError(unfit)
             if unfit:
                 self.folder.write(case, {}, error=unfit)

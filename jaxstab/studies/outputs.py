@@ -27,7 +27,7 @@ def variables_of(outputs: Any, folder: Folder) -> Variables:
         )
     for name, output in named.items():
         values = _array(name, output.values if is_dataset else output)
-        dims = output.dims if is_dataset else tuple(f"{name}_{i}" for i in range(values.ndim))
+        dims = getattr(output, "dims", tuple(f"{name}_{i}" for i in range(values.ndim)))
         for each in (name, *dims):
             if not (isinstance(each, str) and each.isidentifier()):
                 raise ValueError(f"The case returned {each!r}: name outputs by letters and digits.")
@@ -82,13 +82,16 @@ def blank_of(cases: Sequence[Variables], folder: Folder) -> dict[str, Variable]:
 def _array(name: str, value: Any) -> np.ndarray:
     if is_traced(value):
         raise TypeError(f"{name} is traced: call js.study outside of JAX transformations.")
-    array = np.ma.asarray(value.name if isinstance(value, Enumeration) else value)
+    try:
+        array = np.ma.asarray(value.name if isinstance(value, Enumeration) else value)
+    except ValueError as error:
+        raise TypeError(f"{name} is no array: {error}") from None
     if np.ma.is_masked(array) and array.dtype.kind not in "fc":
         raise TypeError(f"{name} is a masked array of {array.dtype}, which has no NaN: fill it.")
     array = np.asarray(array.filled(np.nan) if np.ma.is_masked(array) else array)
     if array.dtype.kind in "OT" and array.size and all(isinstance(x, str) for x in array.flat):
         array = array.astype(str)
     if array.dtype.kind not in "biufcU":
-        kind = array.dtype if array.ndim else type(value).__name__
+        kind = type(value).__name__ if array.dtype == object else array.dtype
         raise TypeError(f"{name} is {kind}: return numbers, words, or arrays of them.")
     return array

@@ -15,6 +15,7 @@ import jax
 from jaxstab.studies.axes import Axes
 from jaxstab.studies.folder import write_whole
 
+NAME = "study.json"
 _FORMAT = 1
 _PACKAGES = ("jaxstab", "jax", "jaxlib", "equinox", "numpy")
 _MOST_LINES = 30
@@ -34,7 +35,7 @@ def begin(path: Path, axes: Axes, case: Callable[..., Any], version: Any, accept
     """
     now = {"source": _source(case, version), "version": version, "packages": packages()}
     fresh = {"format": _FORMAT, "axes": axes.kinds, "is_listed": axes.is_listed, **now}
-    file = path / "study.json"
+    file = path / NAME
     try:
         known = json.loads(file.read_bytes())
         changes = _changes(known, now)

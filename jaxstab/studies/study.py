@@ -80,8 +80,9 @@ def study(
     except (OSError, RuntimeError) as error:
         said = f"{getattr(error, 'strerror', None) or error}: {driver.stored if driver else path}. "
         said += "Mend this, then the same call goes on."
-        number = getattr(error, "errno", None)
-        raise OSError(number, said) if isinstance(error, OSError) else RuntimeError(said) from error
+        if not isinstance(error, OSError):
+            raise RuntimeError(said) from error
+        raise OSError(*[error.errno][: error.errno is not None], said) from error
     return dataset_of(driver.folder, asked, driver.found, driver.is_large)
 
 

@@ -10,7 +10,7 @@ from logged_study import assert_same, contents, runs
 
 import jaxstab as js
 from jaxstab.studies.axes import read_axes
-from jaxstab.studies.folder import Damaged, Folder
+from jaxstab.studies.folder import SMALL, Damaged, Folder
 from jaxstab.studies.netcdf import Variable
 
 AXES = {"seed": range(3), "law": ["a", "bb"]}
@@ -130,7 +130,7 @@ def test_a_file_in_use_or_unreadable_is_not_taken_for_damaged(undisturbed, tmp_p
 
 
 @pytest.mark.parametrize("step", [97, pytest.param(1, marks=pytest.mark.nightly)])
-def test_every_changed_byte_of_a_file_is_found_or_does_not_matter(step, tmp_path):
+def test_every_changed_byte_of_a_file_is_found(step, tmp_path):
     folder = Folder(tmp_path, read_axes({"seed": [3], "energy": [0.5]}))
     case, dims = {"seed": 3, "energy": 0.5}, ("seed", "energy", "x", "y")
     outputs = {
@@ -141,21 +141,21 @@ def test_every_changed_byte_of_a_file_is_found_or_does_not_matter(step, tmp_path
     folder.write(case, outputs, 0.25)
     file = folder.file(case)
     content, expected = file.read_bytes(), folder.read(file)
-    found = 0
     for place in range(0, len(content), step):
-        file.write_bytes(
-            content[:place] + bytes([content[place] ^ 1 << place % 8]) + content[place + 1 :]
-        )
+        changed = bytearray(content)
+        changed[place] ^= 1 << place % 8
+        file.write_bytes(changed)
+        with pytest.raises(Damaged, match=file.name):
+            folder.read(file)
         try:
-            variables = folder.read(file)
+            # As fields of large studies are read, by HDF5's checksums alone.
+            variables = folder.read(file, SMALL)
         except Damaged:
-            found += 1
             continue
         assert variables.keys() == expected.keys()
         for name, (dims, values, attrs) in expected.items():
             assert variables[name].dims == dims and variables[name].attrs == attrs
             np.testing.assert_array_equal(variables[name].values, values, strict=True)
-    assert found > 0.3 * len(content) / step
 
 
 def test_a_file_runs_no_code(undisturbed):
