@@ -1,8 +1,8 @@
 """Symmetric linear systems that need not be positive: MINRES.
 
-C. C. Paige and M. A. Saunders, SIAM J. Numer. Anal. 12, 617 (1975); with a preconditioner as in
-H. Elman, D. Silvester and A. Wathen, Finite Elements and Fast Iterative Solvers (2014), algorithm
-4.1.
+C. C. Paige and M. A. Saunders, SIAM Journal on Numerical Analysis 12, 617 (1975); with a
+preconditioner as in H. Elman, D. Silvester and A. Wathen, Finite Elements and Fast Iterative
+Solvers (2014), algorithm 4.1.
 """
 
 from typing import NamedTuple
