@@ -1,5 +1,6 @@
 """Progress bars, which compiled code can move too."""
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -76,7 +77,12 @@ def progress_bar(total: int, unit: str, *, shown: Shown = True, done: int = 0) -
 
 
 def is_watched() -> bool:
-    """Whether standard error is a terminal or belongs to a notebook."""
+    """Whether standard error is a terminal or belongs to a notebook.
+
+    The variable TQDM_DISABLE of the environment silences both.
+    """
+    if os.environ.get("TQDM_DISABLE"):
+        return False
     return sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
 
 

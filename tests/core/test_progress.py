@@ -1,6 +1,7 @@
 """Progress bars, as they are written to a terminal."""
 
 import inspect
+import io
 import time
 
 import jax
@@ -119,6 +120,14 @@ def test_in_a_pipe_no_bar_appears_by_itself(monkeypatch, capsys):
             time.sleep(0.3)
             bar.update(3)
     assert capsys.readouterr().err == ""
+
+
+def test_a_variable_silences_bars_in_a_terminal(monkeypatch):
+    terminal = type("Terminal", (io.StringIO,), {"isatty": lambda self: True})()
+    monkeypatch.setattr(progress.sys, "stderr", terminal)
+    assert progress.is_watched()
+    monkeypatch.setenv("TQDM_DISABLE", "1")
+    assert not progress.is_watched()
 
 
 @pytest.mark.usefixtures("watched")
