@@ -43,6 +43,7 @@ from jaxstab.potentials import (
     varying_fields,
     with_fields,
 )
+from jaxstab.potentials.jumps import law_jump, require_no_jump
 from jaxstab.potentials.profile import Profile, profile_of, require_smooth
 from jaxstab.solids import Solid, mirrored, padded, where_window
 from jaxstab.surfaces import Topography, faults
@@ -88,9 +89,10 @@ class Contact(eqx.Module):
         ValueError: for heights that are not finite or have another shape than the grid. For a
             topography with missing points, on another grid or in another unit. For dimensions of
             other names than x and y. For a unit that is not one of length, or not one of pressure.
-            For a potential that is not a scalar of a scalar, or that is piecewise linear. For a
-            potential that, or whose first two derivatives, are not finite at some gap; at zero gap
-            it may rise without bound.
+            For a potential that is not a scalar of a scalar. For one whose value or slope jumps,
+            by a thousandth of its depth or largest attraction; inside of `jax.jit` all results are
+            then `invalid_contact`. For a potential that, or whose first two derivatives, are not
+            finite at some gap; at zero gap it may rise without bound.
         TypeError: for a solid that is not one, and for a potential that JAX cannot trace. For
             heights that are complex, or neither float32 nor float64.
     """
@@ -148,6 +150,12 @@ class Contact(eqx.Module):
                 )
         self.potential = with_fields(law, list(map(solid.grid.placed, fields)))
         require_smooth(self.profile)
+        jump = law_jump(potentials.everywhere(self.potential), self.grid.lengths)
+        if is_traced(jump):
+            # No error can be raised: results say so.
+            self.heights = jnp.where(jump.is_there, jnp.nan, self.heights)
+        else:
+            require_no_jump(jump)
 
     @property
     def has_core(self) -> Flag | bool:

@@ -22,7 +22,8 @@ class RESULTS(Enumeration):
     stagnated = member(
         "the residual stopped falling before it reached the tolerance. Either the tolerance is "
         "finer than the precision allows: loosen it, or use float64. Or the solver alternates "
-        "between states: start elsewhere, for instance from a neighbouring load"
+        "between states: start elsewhere, for instance from a neighbouring load. Or the slope of "
+        "the law jumps, where a point can rest in no balance: give a smooth law"
     )
     nonfinite = member(
         "a NaN or an infinity appeared. Check that the potential and its two "
@@ -30,9 +31,10 @@ class RESULTS(Enumeration):
         "infinite at zero gap needs PreconditionedConjugateGradient"
     )
     invalid_contact = member(
-        "the heights are not finite, or a stiffness of the solid is not positive, or it is outside "
-        "the range of the precision. Use a modulus > 0, a Poisson's ratio in (-1, 0.5], or other "
-        "units"
+        "the heights are not finite, or the value or the slope of the law jumps (make the contact "
+        "outside of jax.jit to see where), or a stiffness of the solid is not positive, or it is "
+        "outside the range of the precision. Use a modulus > 0, a Poisson's ratio in (-1, 0.5], or "
+        "other units"
     )
     infeasible_load = member(
         "this contact cannot carry the load. A mean gap must be positive and finite, and a mean "

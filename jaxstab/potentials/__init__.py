@@ -14,6 +14,7 @@ from jaxstab.potentials.evaluation import (
 )
 from jaxstab.potentials.laws import (
     Capillary,
+    CutOff,
     Dugdale,
     Electrostatic,
     Exponential,
@@ -35,6 +36,7 @@ from jaxstab.potentials.varying import (
 
 __all__ = [
     "Capillary",
+    "CutOff",
     "Dugdale",
     "Electrostatic",
     "Exponential",

@@ -1,5 +1,6 @@
 """A law at the points of a field, with the derivatives that autodiff gives."""
 
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -71,8 +72,14 @@ def _derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]
             value, slope = jax.value_and_grad(law)(gap)
             return slope, value
 
-        # Nested, so that what the three share is computed once.
-        (slope, value), curvature = jax.value_and_grad(slope_and_value, has_aux=True)(gap)
+        try:
+            # Nested, so that what the three share is computed once.
+            (slope, value), curvature = jax.value_and_grad(slope_and_value, has_aux=True)(gap)
+        except (TypeError, ValueError):
+            # A loop of an unknown number of steps has derivatives in forward mode only.
+            one = (jnp.ones_like(gap),)
+            along = partial(jax.jvp, law, tangents=one)
+            (value, slope), (_, curvature) = jax.jvp(lambda gap: along((gap,)), (gap,), one)
         return value, slope, curvature
 
     value, slope, curvature = jnp.vectorize(at_point)(gap, *fields)

@@ -1,5 +1,6 @@
 """Ready-made laws: modules that map one gap to an energy per area."""
 
+from collections.abc import Callable
 from typing import Annotated
 
 import jax
@@ -234,3 +235,37 @@ class Capillary(Law):
         slope = jnp.cos(self.angle)
         reduced = gap * (1 / (2 * self.radius * slope))
         return -2 * self.tension * slope * _left(reduced, self.smoothing)
+
+
+class CutOff(Law):
+    """S(g) f(g): another law brought smoothly to zero, with S = 1 - 10 x^3 + 15 x^4 - 6 x^5.
+
+    Here x = 2 g / r - 1 runs from 0 to 1 between half of the radius r and the radius. Below, the
+    law is as it was, its work of adhesion included; beyond the radius it is zero and is not
+    evaluated. Value, slope and curvature are continuous. This is the quintic switching function of
+    molecular dynamics (van der Spoel & van Maaren, J. Chem. Theory Comput. 2, 1, 2006).
+
+    Arguments:
+        law: f, any law or function of the gap, smooth up to the radius.
+        radius: r, the gap beyond which nothing acts [length].
+
+    Raises:
+        ValueError: if the law is no function, or r is not positive.
+    """
+
+    law: Callable[[Scalar], Scalar]
+    radius: Annotated[Scalar, LENGTH]
+
+    __repr__ = in_full
+
+    def __init__(self, law: Callable[[Scalar], Scalar], radius: ArrayLike):
+        if not callable(law):
+            raise ValueError(f"The law is {law!r}: give a function of the gap.")
+        self.law, self.radius = law, parameter(radius)
+        require_positive("The radius of the cut-off", self.radius)
+
+    def __call__(self, gap: Scalar) -> Scalar:
+        """Return the energy per area at a gap [length]."""
+        x = jnp.clip(2 * gap / self.radius - 1, 0, 1)
+        switch = 1 - x**3 * (10 - 15 * x + 6 * x**2)
+        return switch * self.law(jnp.minimum(gap, self.radius))

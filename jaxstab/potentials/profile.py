@@ -22,7 +22,8 @@ _NUM_POINTS = 64
 class Profile(eqx.Module):
     """A potential at gaps from a thousand times the size of a grid to a trillionth of it, and zero.
 
-    Of one that varies over the surface, the extremes over many of its points.
+    Of one that varies over the surface, the extremes over many of its points: the least value, the
+    largest slope and the curvature of the largest magnitude.
 
     Attributes:
         gaps: from the largest to the smallest [length].
@@ -41,15 +42,13 @@ class Profile(eqx.Module):
     max_curvature: Scalar
 
     def __init__(self, potential: Potential, lengths: Float[Array, "..."]):
-        size = jnp.max(lengths)
-        # 64 to the octave.
-        octaves = np.linspace(*_OCTAVES, 50 * 64 + 1)
-        self.gaps = size * jnp.asarray(np.append(2.0**octaves, 0), size.dtype)
-        values, slopes, curvatures = derivatives(_at_some_points(potential), self.gaps)
+        self.gaps = gaps_of(lengths)
+        values, slopes, curvatures = derivatives(at_some_points(potential), self.gaps)
         attracting = jnp.abs(jnp.where(slopes >= 0, curvatures, 0))
         if values.ndim == 2:
             values, slopes = jnp.min(values, 0), jnp.max(slopes, 0)
-            curvatures = jnp.max(curvatures, 0)
+            strongest = jnp.argmax(jnp.abs(curvatures), 0)
+            curvatures = jnp.take_along_axis(curvatures, strongest[None], 0)[0]
         self.values, self.slopes, self.curvatures = values, slopes, curvatures
         finite = jnp.isfinite(self.values) & jnp.isfinite(self.slopes)
         last = jnp.max(jnp.where(finite, jnp.arange(finite.size), 0))
@@ -88,7 +87,15 @@ class Profile(eqx.Module):
 profile_of = program(Profile)
 
 
-def _at_some_points(potential: Potential) -> Potential:
+def gaps_of(lengths: Float[Array, "..."]) -> Float[Array, " gaps"]:
+    """Return gaps to look at a law, from the largest to the smallest and zero [length]."""
+    size = jnp.max(lengths)
+    # 64 to the octave.
+    octaves = np.linspace(*_OCTAVES, 50 * 64 + 1)
+    return size * jnp.asarray(np.append(2.0**octaves, 0), size.dtype)
+
+
+def at_some_points(potential: Potential) -> Potential:
     """Return a law with its fields at points spread over the surface, and where it is extreme."""
     fields = varying_fields(potential)
     if not fields:

@@ -15,7 +15,10 @@ class Law(eqx.Module):
     def __add__(self, other: Any) -> "Sum":
         return Sum((*_parts(self), *_parts(other))) if callable(other) else NotImplemented
 
-    def __radd__(self, other: Any) -> "Sum":
+    def __radd__(self, other: Any) -> "Law":
+        if isinstance(other, int) and other == 0:
+            # Where `sum` starts.
+            return self
         return Sum((*_parts(other), *_parts(self))) if callable(other) else NotImplemented
 
 

@@ -337,3 +337,12 @@ def test_before_every_jump_of_a_rough_loop_there_is_a_pass_between_both_sides():
         for side, end in zip(found.minima, (found.start, found.end), strict=True):
             np.testing.assert_allclose(side.gap, end.gap, atol=1e-6)
     assert tried >= 15
+
+
+def test_more_modes_than_moves_are_refused_by_their_name():
+    grid = js.Grid((3,), (1.0,))
+    heights = jnp.array([0.0, 0.1, 0.0])
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.02, 0.3))
+    state = js.equilibrate(contact, js.MeanGap(0.2))
+    with pytest.raises(ValueError, match="num_modes is 4: the load allows 2 independent moves"):
+        js.easiest_exit(contact, state)

@@ -9,10 +9,12 @@ from problems import lennard_jones_force
 
 import jaxstab as js
 from jaxstab.potentials import (
+    as_module,
     curvature,
     energy_density,
     slope,
 )
+from jaxstab.potentials.jumps import law_jump
 from jaxstab.potentials.profile import Profile
 
 GAPS = jnp.linspace(0.0, 3.0, 25).reshape(5, 5)
@@ -172,6 +174,134 @@ def test_a_potential_that_cannot_be_used_is_refused(potential, message):
 def test_laws_that_only_look_odd_are_accepted(law):
     assert contact_with(law).has_core == False  # noqa: E712
     assert slope(contact_with(law).potential, GAPS).dtype == GAPS.dtype
+
+
+def wall(gap):
+    return 0.002 * (0.5 * (0.05 / gap) ** 9 - 1.5 * (0.05 / gap) ** 3)
+
+
+def sticky(gap):
+    return -0.02 * jnp.exp(-gap / 0.05)
+
+
+JUMPS = {
+    "cut": (lambda gap: jnp.where(gap < 0.12, wall(gap), 0.0), "value jumps from .* gap of 0.12"),
+    "shifted": (
+        lambda gap: jnp.where(gap < 0.12, wall(gap) - wall(0.12), 0.0),
+        "slope jumps from .* gap of 0.12",
+    ),
+    "far": (lambda gap: jnp.where(gap < 0.3, sticky(gap), 0.0), "value jumps .* gap of 0.3"),
+    "well": (lambda gap: jnp.where((gap > 0.1) & (gap < 0.2), -0.01, 0.0), "value jumps"),
+    "kink": (lambda gap: sticky(jnp.abs(gap - 0.1)), "slope jumps from -0.4 to 0.4 at .* 0.1"),
+    "small": (lambda gap: sticky(gap) - 0.001 * jnp.maximum(0.08 - gap, 0), "slope jumps"),
+    "zero": (lambda gap: jnp.where(gap > 0, sticky(gap), -0.03), "slope is 0 at zero gap"),
+    "table": (
+        lambda gap: jnp.interp(gap, jnp.arange(3.0), jnp.array([-3.0, -1.0, 0.0])) + sticky(gap),
+        "slope jumps .*spline",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", JUMPS)
+def test_a_law_that_jumps_is_refused_with_the_gap(name):
+    law, message = JUMPS[name]
+    with pytest.raises(ValueError, match=message):
+        contact_with(law)
+
+
+def test_a_law_that_jumps_is_told_by_the_result_where_no_error_can_be_raised():
+    @jax.jit
+    def result(end):
+        contact = contact_with(lambda gap: jnp.where(gap < end, sticky(gap), 0.0))
+        return js.equilibrate(contact, js.MeanGap(0.2), throw=False).result
+
+    assert result(0.15) == "invalid_contact"
+    # Where nothing is left of the law it is smooth enough.
+    assert result(0.9) == "successful"
+
+
+def steep_and_smooth(energy, length):
+    laws = js.potentials
+    return {
+        "exponential": laws.Exponential(energy, length),
+        "gaussian": laws.Gaussian(energy, length),
+        "rational": laws.Rational(energy, length),
+        "dugdale": laws.Dugdale(energy, length, 1e-6),
+        "lennard_jones": laws.LennardJones(energy, length),
+        "electrostatic": laws.Electrostatic(1.0, energy * length, length / 10),
+        "capillary": laws.Capillary(energy, 0.3, length),
+        "none": laws.NoAdhesion(),
+        "morse": lambda gap: energy * jnp.expm1(1 - 5 * gap / length) ** 2 - energy,
+        "sum": laws.LennardJones(energy, length) + laws.Electrostatic(1.0, energy * length / 5),
+        "cut off": laws.CutOff(laws.LennardJones(energy, length), 3 * length),
+        "varying": laws.Varying(laws.Dugdale(energy * jnp.eye(8), length)),
+    }
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("length", [0.3, 1e-4])
+@pytest.mark.parametrize("name", steep_and_smooth(1.0, 1.0))
+def test_no_law_that_is_smooth_is_taken_for_one_that_jumps(name, length, dtype):
+    unit = 1e-6
+    law = as_module(steep_and_smooth(0.02 * unit, length * unit)[name], dtype)
+    # Rounding of half of the steepest slope of them is far below what counts.
+    assert law_jump(law, jnp.array([unit, unit], dtype)).size.max() < 1e-5
+
+
+def test_a_law_that_is_cut_off_is_zero_beyond_and_twice_differentiable():
+    whole, radius = js.potentials.Exponential(0.02, 0.05), 0.2
+    law = js.potentials.CutOff(whole, radius)
+    near, far = jnp.linspace(0, radius / 2, 9), jnp.linspace(1.001 * radius, 1, 9)
+    for derivative in (energy_density, slope, curvature):
+        np.testing.assert_allclose(derivative(law, near), derivative(whole, near), rtol=1e-12)
+        assert (derivative(law, far) == 0).all()
+    gaps, step = jnp.linspace(0.09, 0.21, 50), 1e-6
+    for lower, upper in ((energy_density, slope), (slope, curvature)):
+        difference = (lower(law, gaps + step) - lower(law, gaps - step)) / (2 * step)
+        np.testing.assert_allclose(upper(law, gaps), difference, atol=3e-5)
+    # Below its end the formula is S(x) f, beyond it is not asked.
+    x = 0.4
+    switch = 1 - 10 * x**3 + 15 * x**4 - 6 * x**5
+    np.testing.assert_allclose(law(0.14), switch * whole(0.14), rtol=1e-12)
+    table = js.potentials.CutOff(lambda gap: jnp.where(gap > radius, jnp.nan, whole(gap)), radius)
+    assert (slope(table, far) == 0).all()
+    assert contact_with(js.potentials.CutOff(wall, 0.12)).has_core
+    with pytest.raises(ValueError, match="radius of the cut-off is 0"):
+        js.potentials.CutOff(whole, 0.0)
+    with pytest.raises(ValueError, match=r"The law is 3: give a function"):
+        js.potentials.CutOff(3, 1.0)
+
+
+@pytest.mark.parametrize("kind", [js.potentials.Exponential, js.potentials.Dugdale])
+def test_a_law_may_vary_from_nothing_on(kind):
+    energies = jnp.where(jnp.arange(8) % 2 == 0, 0.02, 0.0) * jnp.ones((8, 1))
+    law = js.potentials.Varying(kind(energies, 0.07))
+    contact = js.Contact(js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), law)
+    state = js.equilibrate(contact, js.MeanGap(0.1))
+    waves = np.hypot(*np.meshgrid(*2 * [np.fft.fftfreq(8, 1 / 8)]))
+    elastic = np.fft.ifft2(np.pi * waves * np.fft.fft2(state.displacement)).real
+    attraction = np.stack(
+        [
+            jax.vmap(jax.grad(kind(energy, 0.07)))(gaps)
+            for energy, gaps in zip(energies[0], state.gap.T, strict=True)
+        ]
+    ).T
+    assert (attraction[:, 1::2] == 0).all()
+    np.testing.assert_allclose(elastic + state.mean_pressure + attraction, 0, atol=1e-9)
+
+
+def test_a_law_with_a_loop_has_its_derivatives():
+    def law(gap):
+        def further(state):
+            return state[0] + 1, state[1] * jnp.exp(-gap / 0.6)
+
+        return (
+            -0.02 * jax.lax.while_loop(lambda state: state[0] < 3, further, (0, 1.0 + 0 * gap))[1]
+        )
+
+    closed = contact_with(js.potentials.Exponential(0.02, 0.2))
+    state, expected = (js.equilibrate(x, js.MeanGap(0.1)) for x in (contact_with(law), closed))
+    np.testing.assert_allclose(state.mean_pressure, expected.mean_pressure, rtol=1e-9)
 
 
 def test_weak_and_long_ranged_laws_are_not_taken_for_piecewise_linear():

@@ -198,3 +198,10 @@ def test_only_functions_can_be_added():
         EXPONENTIAL + 1.0
     with pytest.raises(TypeError, match="unsupported operand"):
         1.0 + EXPONENTIAL
+
+
+def test_the_sum_of_a_list_of_laws_is_their_sum():
+    one, other = js.potentials.Exponential(1.0, 0.5), js.potentials.Gaussian(2.0, 0.3)
+    total = sum([one, other])
+    assert isinstance(total, js.potentials.Sum) and len(total.laws) == 2
+    assert total(0.1) == one(0.1) + other(0.1)

@@ -52,6 +52,9 @@ def easiest_exit(
         raise TypeError("easiest_exit does not run under JAX transformations: call it outside.")
     number = integer("num_modes", num_modes)
     require("num_modes", number, number >= 1, "try one mode or more.")
+    most = contact.grid.size - contact.control(equilibrium.load).fixes_mean
+    cure = f"the load allows {most} independent moves of the points: give at most that."
+    require("num_modes", number, number <= most, cure)
     modes = lowest_modes(contact, equilibrium, number, key=key, throw=False)
     cone = assess_stability(contact, equilibrium, key=key, throw=False).cone
     directions = [cone.mode, *(sign * mode for mode in modes.mode for sign in (1, -1))]

@@ -1,0 +1,113 @@
+"""Gaps at which the value or the slope of a law jumps."""
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxstab.core.compile import program
+from jaxstab.core.types import Flag
+from jaxstab.potentials import Potential, derivatives, varying_fields, with_fields
+from jaxstab.potentials.profile import at_some_points, gaps_of
+
+# Gaps, a quantity there, and its derivative.
+_Side = tuple[Array, Array, Array]
+# A smaller jump, over the depth of the law or its largest attraction, is none.
+_SMALLEST = 1e-3
+# How many of the intervals that look most like a jump are searched, for each derivative.
+_COUNT = 16
+
+
+class LawJump(eqx.Module):
+    """The largest jump of a law's value (index 0) and of its slope (index 1).
+
+    Attributes:
+        gap: where it lies [length].
+        below, above: f [energy/area] and f' [pressure] on both sides of it.
+        size: the jump over the depth of the law or its largest attraction.
+    """
+
+    gap: Float[Array, " two"]
+    below: Float[Array, " two"]
+    above: Float[Array, " two"]
+    size: Float[Array, " two"]
+
+    @property
+    def is_there(self) -> Flag:
+        """Whether value or slope jumps."""
+        return jnp.any(self.size > _SMALLEST)
+
+
+@program
+def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
+    """Return the largest jumps of a law.
+
+    On neighbouring gaps the trapezoid of the derivative predicts the change of value and slope.
+    Intervals where it fails more than on both sides are halved until only rounding divides their
+    ends. There a change that is steep has vanished, and a jump remains.
+    """
+    law, gaps = jax.lax.stop_gradient((at_some_points(potential), gaps_of(lengths)))
+    table = jnp.stack([jnp.atleast_2d(field) for field in derivatives(law, gaps)])
+    finite = jnp.where(jnp.isfinite(table), table, 0)
+    scale = jnp.stack([jnp.max(-finite[0]), jnp.max(finite[1])])
+    fields = [jnp.ravel(field) for field in varying_fields(law)]
+
+    high, low = table[..., :-1], table[..., 1:]
+    largest = jnp.maximum(jnp.abs(high[:2]), jnp.abs(low[:2]))
+    sizes = jnp.maximum(scale[:, None, None], largest)
+    missed = _missed((gaps[1:], low[:2], low[1:]), (gaps[:-1], high[:2], high[1:])) / sizes
+    missed = jnp.nan_to_num(missed, nan=0, posinf=0)
+    # A jump at a gap of the table shows on both sides of it.
+    beside = jnp.pad(missed, ((0, 0), (0, 0), (2, 2)))
+    spikes = missed - 2 * jnp.maximum(beside[..., 4:], beside[..., :-4])
+    # Of a known law XLA would sort while it compiles, which takes seconds.
+    spikes = jax.lax.optimization_barrier(spikes.reshape(2, -1))
+    chosen = jax.lax.top_k(spikes, _COUNT)[1]
+    point, interval = jnp.divmod(chosen, gaps.size - 1)
+    own = with_fields(law, [field[point] for field in fields])
+
+    def side(gap: Float[Array, "two chosen"]) -> _Side:
+        value, slope, curvature = derivatives(own, gap)
+        return gap, jnp.stack([value[0], slope[1]]), jnp.stack([slope[0], curvature[1]])
+
+    def halved(_: int, sides: tuple[_Side, _Side]) -> tuple[_Side, _Side]:
+        low, high = sides
+        middle = side((low[0] + high[0]) / 2)
+        is_low = _missed(low, middle) >= _missed(middle, high)
+        pick = partial(jax.tree.map, partial(jnp.where, is_low))
+        return pick(low, middle), pick(middle, high)
+
+    sides = tuple(map(side, (gaps[interval + 1], gaps[interval])))
+    low, high = jax.lax.fori_loop(0, jnp.finfo(gaps.dtype).nmant - 6, halved, sides)
+    steepest = jnp.maximum(jnp.abs(low[2]), jnp.abs(high[2]))
+    # A number that underflows is no jump.
+    change = jnp.abs(high[1] - low[1]) - 4 * jnp.finfo(gaps.dtype).tiny
+    change = change - 4 * steepest * (high[0] - low[0])
+    larger = jnp.maximum(scale[:, None], jnp.maximum(jnp.abs(low[1]), jnp.abs(high[1])))
+    size = jnp.nan_to_num(change / larger, nan=0, posinf=0)
+    most = jnp.arange(2), jnp.argmax(size, 1)
+    return LawJump(high[0][most], low[1][most], high[1][most], size[most])
+
+
+def _missed(low: _Side, high: _Side) -> Array:
+    """Return by how much the trapezoid of a derivative misses a change between two gaps."""
+    return jnp.abs(high[1] - low[1] - (low[2] + high[2]) / 2 * (high[0] - low[0]))
+
+
+def require_no_jump(jump: LawJump) -> None:
+    """Raise `ValueError` if the value or the slope of a law jumps."""
+    jump = jax.tree.map(np.asarray, jump)
+    if not jump.is_there:
+        return
+    # A jump of the value is one of the slope too.
+    which = int(jump.size[0] <= _SMALLEST)
+    gap, below, above = (float(side[which]) for side in (jump.gap, jump.below, jump.above))
+    raise ValueError(
+        f"The potential's {('value', 'slope')[which]} jumps from {below:.6g} to {above:.6g} at a "
+        f"gap of {gap:.6g}. Give a law with a continuous value and slope. One that is to end there "
+        f"is brought to zero smoothly by jaxstab.potentials.CutOff(law, {gap:.6g}), given the law "
+        "without its end. Of a table give a smooth fit, such as a spline of third order."
+    )
