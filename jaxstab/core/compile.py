@@ -1,7 +1,8 @@
 """Compiled programs, by compiler options that halve their cold compile time on a CPU."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache, wraps
 from typing import Any
 
@@ -26,10 +27,22 @@ def program(function: Callable[..., Any], **options: Any) -> Any:
 
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        return (inside if is_transformed((args, kwargs)) else outside())(*args, **kwargs)
+        with own_conventions():
+            return (inside if is_transformed((args, kwargs)) else outside())(*args, **kwargs)
 
     call.lower = inside.lower  # pyright: ignore[reportAttributeAccessIssue]
     return call
+
+
+@contextmanager
+def own_conventions() -> Iterator[None]:
+    """Set aside JAX's checks of the user's code: here NaN is an answer, and numbers broadcast."""
+    with (
+        jax.debug_nans(False),
+        jax.numpy_dtype_promotion("standard"),
+        jax.numpy_rank_promotion("allow"),
+    ):
+        yield
 
 
 def _compiler_options() -> dict[str, Any]:

@@ -94,7 +94,7 @@ class Grid(eqx.Module):
     @jax.jit
     def spacing(self) -> Float[Array, " sides"]:
         """Distance between neighbouring points along each side [length]."""
-        return self.lengths / jnp.array(self.shape)
+        return self.lengths / jnp.array(self.shape, self.lengths.dtype)
 
     @property
     @jax.jit
@@ -112,7 +112,10 @@ class Grid(eqx.Module):
     @jax.jit
     def coordinates(self) -> tuple[Field, ...]:
         """Coordinates of every point [length], one array for each side."""
-        sides = [jnp.arange(n) * dx for n, dx in zip(self.shape, self.spacing, strict=True)]
+        sides = [
+            jnp.arange(n, dtype=dx.dtype) * dx
+            for n, dx in zip(self.shape, self.spacing, strict=True)
+        ]
         return tuple(map(self.placed, jnp.meshgrid(*sides, indexing="ij")))
 
     def placed(self, field: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."]:

@@ -12,6 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jaxstab.core.compile import own_conventions
 from jaxstab.core.display import inline
 from jaxstab.core.grid import Grid, centred, mean, mean_over, require_grid
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
@@ -100,10 +101,12 @@ class Solid(eqx.Module):
         """
         return None
 
+    @own_conventions()
     def pressure(self, displacement: Field) -> Field:
         """Return K u (Rey & Bleyer, eq. 12) [pressure]."""
         return self.apply(displacement)
 
+    @own_conventions()
     def energy(self, displacement: Field) -> Scalar:
         """Return the elastic energy u.Ku / 2 over the surface [energy]."""
         density = displacement * self.apply(displacement) / 2

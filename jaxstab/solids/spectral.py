@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from jaxstab.core.checks import require_positive
 from jaxstab.core.closures import as_pytree
-from jaxstab.core.compile import program
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Scalar
 from jaxstab.solids.solid import Solid, finite_or_zero
@@ -85,6 +85,7 @@ class Waves(Solid):
         return replace(self, multiplier=multiplier, max_stiffness=most, min_stiffness=least)
 
 
+@own_conventions()
 def multiplied(grid: Grid, multiplier: Float[Array, " *modes"], field: Field) -> Field:
     """Return a field on a grid with its waves multiplied."""
     return grid.inverse_transform(multiplier.astype(field.dtype) * grid.transform(field))

@@ -51,7 +51,7 @@ def sinusoid(grid: Grid, amplitude: ArrayLike, waves: int | tuple[int, ...] | No
     return _sinusoid(grid, scalar_parameter(amplitude, "The amplitude"), numbers)
 
 
-@jax.jit
+@program
 def _sinusoid(grid: Grid, amplitude: Scalar, waves: Int[np.ndarray, " sides"]) -> Field:
     sides = zip(waves, grid.coordinates, grid.lengths, strict=True)
     phase = sum(2 * jnp.pi * k * x / length for k, x, length in sides)

@@ -3,7 +3,6 @@
 On a line they are the profiles of cylinders, wedges and so on.
 """
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -16,6 +15,7 @@ from jaxstab.core.checks import (
     require_positive,
     scalar_parameter,
 )
+from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import ArrayLike, Field, Scalar
 
@@ -36,7 +36,7 @@ def paraboloid(grid: Grid, radius: ArrayLike) -> Field:
     return _paraboloid(grid, _positive("The radius", radius))
 
 
-@jax.jit
+@program
 def _paraboloid(grid: Grid, radius: Scalar) -> Field:
     return -_squared_distance(grid) / (2 * radius)
 
@@ -57,7 +57,7 @@ def sphere(grid: Grid, radius: ArrayLike) -> Field:
     return _sphere(grid, _positive("The radius", radius))
 
 
-@jax.jit
+@program
 def _sphere(grid: Grid, radius: Scalar) -> Field:
     share = _squared_distance(grid) / radius**2
     is_inside = share < 1
@@ -82,7 +82,7 @@ def cone(grid: Grid, slope: ArrayLike) -> Field:
     return _cone(grid, _positive("The slope", slope))
 
 
-@jax.jit
+@program
 def _cone(grid: Grid, slope: Scalar) -> Field:
     return -slope * _distance(grid)
 
@@ -105,7 +105,7 @@ def flat_punch(grid: Grid, radius: ArrayLike, rim_radius: ArrayLike) -> Field:
     return _flat_punch(grid, *radii)
 
 
-@jax.jit
+@program
 def _flat_punch(grid: Grid, radius: Scalar, rim_radius: Scalar) -> Field:
     return -(jnp.maximum(_distance(grid) - radius, 0) ** 2) / (2 * rim_radius)
 
@@ -135,7 +135,7 @@ def wavy_sphere(
     return _wavy_sphere(grid, radius, amplitude, wavelength)
 
 
-@jax.jit
+@program
 def _wavy_sphere(grid: Grid, radius: Scalar, amplitude: Scalar, wavelength: Scalar) -> Field:
     waves = 1 - jnp.cos(2 * jnp.pi * _distance(grid) / wavelength)
     return _paraboloid(grid, radius) - amplitude * waves
@@ -177,7 +177,7 @@ def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Fie
     return _tip(grid, radii, heights)
 
 
-@jax.jit
+@program
 def _tip(grid: Grid, radii: Float[Array, " n"], heights: Float[Array, " n"]) -> Field:
     widths, secants = jnp.diff(radii), jnp.diff(heights) / jnp.diff(radii)
     before, after = secants[:-1], secants[1:]

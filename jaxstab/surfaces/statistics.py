@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.core.checks import are_finite, is_traced, known, numbers, parameter, require
+from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.surfaces.topography import FILL, Topography, as_topography
@@ -229,7 +230,7 @@ def nyquist(shape: tuple[int, ...], lengths: Any) -> Any:
     return lengths.max() * np.array(shape) / (2 * lengths)
 
 
-@partial(jax.jit, static_argnums=2)
+@partial(program, static_argnums=2)
 def rms_derivative(grid: Grid, heights: Field, order: int) -> Scalar:
     """Return the rms of |q|^order h(q), by Parseval's theorem."""
     q = grid.wavenumbers

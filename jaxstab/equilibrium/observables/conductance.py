@@ -12,7 +12,7 @@ import jax.numpy as jnp
 
 from jaxstab.contact import Contact
 from jaxstab.core.checks import cast, is_traced, require, require_kind, scalar_parameter
-from jaxstab.core.compile import program
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.display import block
 from jaxstab.core.grid import Grid, total
 from jaxstab.core.linear_system import LinearSystem
@@ -81,6 +81,7 @@ def conductance(
     return conductance_at(contact, equilibrium.in_contact, resistivities)
 
 
+@own_conventions()
 def conductance_at(
     contact: Contact, touches: Mask, resistivities: tuple[ArrayLike, ArrayLike]
 ) -> Conductance:

@@ -1,0 +1,77 @@
+"""JAX's own switches, which check the user's code: public calls pass under each."""
+
+import contextlib
+import re
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxstab as js
+
+README = Path(__file__).parents[2] / "README.md"
+SWITCHES = [
+    jax.debug_nans(True),
+    jax.numpy_dtype_promotion("strict"),
+    jax.numpy_rank_promotion("raise"),
+]
+
+
+@pytest.fixture(autouse=True)
+def switches():
+    jax.clear_caches()
+    with contextlib.ExitStack() as stack:
+        for switch in SWITCHES:
+            stack.enter_context(switch)
+        yield
+
+
+def test_the_readmes_example_runs_under_all_three(capsys):
+    example = re.search(r"```python\n(.*?)```", README.read_text(), re.DOTALL)[1]
+    # On fewer points.
+    exec(example.replace("Grid(64)", "Grid(16)").replace("k_high=16", "k_high=4"), {})
+    assert "stable: " in capsys.readouterr().out
+
+
+def test_surfaces_solids_states_and_derivatives_pass(capsys):
+    grid = js.Grid(16)
+    heights = js.surfaces.self_affine(grid, jax.random.key(3), k_high=4, rms_height=0.05)
+    js.surfaces.power_spectrum(grid, heights)
+    js.surfaces.autocorrelation(grid, heights)
+    js.surfaces.sinusoid(grid, 0.1)
+    js.surfaces.paraboloid(grid, 2.0)
+    solid = js.HalfSpace(grid, 1.0)
+    js.surfaces.effective_work_of_adhesion(solid, heights, 0.1)
+    for other in (js.Layer(grid, 1.0, 0.5, 0.2), js.FreeHalfSpace(grid, 1.0)):
+        assert np.isfinite(other.energy(heights))
+    law = js.potentials.LennardJones(0.02, 0.06)
+    state = js.equilibrate(js.Contact(solid, heights, law), js.MeanGap(0.1))
+    assert np.isfinite(state.mean_pressure)
+
+    def pressure(energy):
+        contact = js.Contact(solid, heights, js.potentials.Exponential(energy, 0.06))
+        return js.equilibrate(contact, js.MeanGap(0.1)).mean_pressure
+
+    slope = jax.grad(pressure)(0.06)
+    differences = (pressure(0.06 + 1e-5) - pressure(0.06 - 1e-5)) / 2e-5
+    np.testing.assert_allclose(slope, differences, rtol=1e-4)
+    # The user's own code is checked as before.
+    with pytest.raises(ValueError, match="rank_promotion"):
+        jnp.ones((2, 3)) + jnp.ones(3)
+
+
+@pytest.mark.nightly
+def test_pull_offs_loops_and_observables_pass():
+    grid = js.Grid(16)
+    heights = js.surfaces.self_affine(grid, jax.random.key(3), k_high=4, rms_height=0.05)
+    law = js.potentials.Exponential(0.06, 0.06)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, law)
+    state = js.equilibrate(contact, js.MeanGap(0.1))
+    js.patches(contact, state)
+    js.conductance(contact, state, (1.0, 1.0))
+    js.leakage(contact, state, 1.0)
+    js.to_dataset(contact, state)
+    assert js.pull_off(contact).mean_pressure < 0
+    js.follow(contact, js.MeanGap(jnp.array([0.3, 0.1])))
