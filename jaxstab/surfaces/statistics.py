@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.core.checks import are_finite, is_traced, known, numbers, parameter, require
-from jaxstab.core.compile import program
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.surfaces.topography import FILL, Topography, as_topography
@@ -67,6 +67,7 @@ class PowerSpectrum(eqx.Module):
     num_waves: Float[Array, " rings"]
 
 
+@own_conventions()
 def power_spectrum(grid: Grid, heights: Field | Topography) -> PowerSpectrum:
     """Return the radial power spectrum of a surface, up to the corner of its spectrum.
 
@@ -103,6 +104,7 @@ class Autocorrelation(eqx.Module):
     value: Float[Array, " rings"]
 
 
+@own_conventions()
 def autocorrelation(grid: Grid, heights: Field | Topography) -> Autocorrelation:
     """Return the radial autocorrelation <h(x) h(x + r)> of heights about their mean.
 
@@ -135,6 +137,7 @@ def autocorrelation(grid: Grid, heights: Field | Topography) -> Autocorrelation:
     return Autocorrelation(averaged(distance) / num_points, averaged(value) / num_points)
 
 
+@own_conventions()
 def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
     """Return the elastic energy of full contact per area of the cell.
 
@@ -160,6 +163,7 @@ def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
     return solid.held_by(0).energy(heights - jnp.mean(heights)) / solid.grid.area
 
 
+@own_conventions()
 def effective_work_of_adhesion(
     solid: Elastic, heights: Field | Topography, work: ArrayLike
 ) -> Scalar:
