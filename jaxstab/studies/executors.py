@@ -8,7 +8,7 @@ import threading
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, ProcessPoolExecutor
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from functools import lru_cache
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -84,7 +84,9 @@ def run_on(
         tasks.clear()
         for future, (_, task) in list(in_hand.items()):
             if not any(map(worker.num_begun, task)):
-                future.cancel()
+                # Not every executor can.
+                with suppress(NotImplementedError):
+                    future.cancel()
 
     try:
         while tasks or in_hand:
