@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -57,7 +58,9 @@ def run_on(
     others, is_own = set(multiprocessing.active_children()), isinstance(executor, int)
     # Our own processes share the caller's compilation cache.
     names = [n for n in jax.config.values if n == _X64 or (is_own and "_cache_" in n)]
-    settings = tuple((name, jax.config.values[name]) for name in names)
+    settings = {name: jax.config.values[name] for name in names}
+    # As bytes, which every executor carries.
+    order = pickle.dumps((settings, content))
     if hasattr(executor, "get_executor"):
         executor = executor.get_executor(pure=False)
     # A process of our own is a pool by itself, so that its death costs no other its case.
@@ -69,7 +72,7 @@ def run_on(
     def submit(place: int) -> None:
         while tasks and counts[place] < (_OWN_WINDOW if is_own else _WINDOW):
             try:
-                future = pools[place].submit(_run, content, settings, is_own, tasks[0])
+                future = pools[place].submit(_run, order, is_own, pickle.dumps(tasks[0]))
             except Exception as error:
                 if is_own:
                     # Its process has died, as the tasks in its hand will tell.
@@ -142,7 +145,7 @@ def _end_with_driver() -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-def _run(content: bytes, settings: tuple[Any, ...], is_own: bool, task: Task) -> Any:
+def _run(order: bytes, is_own: bool, task: bytes) -> Any:
     """Run a task in a process of an executor; return an error that ends the study."""
     is_main = threading.current_thread() is threading.main_thread()
     if multiprocessing.parent_process() and is_main:
@@ -150,7 +153,7 @@ def _run(content: bytes, settings: tuple[Any, ...], is_own: bool, task: Task) ->
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     with _busy if is_own else nullcontext():
         try:
-            return _worker(content, settings).run(task)
+            return _worker(order).run(pickle.loads(task))
         except OSError as error:
             return OSError(error.errno, error.strerror or str(error))
         except Exception as error:
@@ -158,11 +161,12 @@ def _run(content: bytes, settings: tuple[Any, ...], is_own: bool, task: Task) ->
 
 
 @lru_cache(maxsize=1)
-def _worker(content: bytes, settings: tuple[Any, ...]) -> Worker:
+def _worker(order: bytes) -> Worker:
     import cloudpickle
 
     # Arrays are unpickled in the precision that is found first.
-    for name, value in settings:
+    settings, content = pickle.loads(order)
+    for name, value in settings.items():
         jax.config.update(name, value)
     worker, versions = cloudpickle.loads(content)
     if versions != packages():

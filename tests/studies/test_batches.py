@@ -107,7 +107,7 @@ def test_the_command_line_begins_goes_on_and_sums_up(tmp_path, capsys, monkeypat
             130,
             "interrupted, 1 of 2 cases are done",
         ),
-        (None, 2, "study.py is not a Python file"),
+        (None, 2, "there is no file study.py"),
     ],
 )
 @pytest.mark.usefixtures("interruptible")
@@ -121,4 +121,4 @@ def test_the_command_line_says_in_a_line_what_is_wrong(
         main(["study", "study.py", "--path", "study"])
     assert ended.value.code == code
     last = capsys.readouterr().err.splitlines()[-1]
-    assert last.startswith("jaxstab: ") and message in last
+    assert last.startswith("jaxstab") and message in last
