@@ -15,6 +15,7 @@ from typing import Any, Protocol, Self, get_args
 import equinox as eqx
 from jaxtyping import Array, Bool, Int
 
+from jaxstab.core.compile import own_conventions
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Scalar
 
@@ -41,6 +42,7 @@ class _HasSurface(Protocol):
 class Dimensioned(eqx.Module):
     """A module whose fields declare their dimensions."""
 
+    @own_conventions()
     def in_units_of(self, pressure: Scalar) -> Self:
         """Return the same with pressures in another unit, given in the old one; lengths stay."""
         held = [name for name, kind in dimensions(type(self)).items() if kind in WITH_PRESSURE]

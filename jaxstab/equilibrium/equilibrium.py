@@ -128,7 +128,9 @@ def assembled(contact: Contact, gap: Field, net: Field, energy: Scalar) -> Field
 
 def contact_area(contact: Contact, gap: Field) -> Scalar:
     """Return the number of contact points over that of all points of the surface, NaN of NaN."""
-    return jnp.mean(contact.solid.surface(jnp.where(jnp.isnan(gap), gap, gap == 0)))
+    return jnp.mean(
+        contact.solid.surface(jnp.where(jnp.isnan(gap), gap, (gap == 0).astype(gap.dtype)))
+    )
 
 
 def equilibrium_at(

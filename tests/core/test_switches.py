@@ -73,5 +73,5 @@ def test_pull_offs_loops_and_observables_pass():
     js.conductance(contact, state, (1.0, 1.0))
     js.leakage(contact, state, 1.0)
     js.to_dataset(contact, state)
-    assert js.pull_off(contact).mean_pressure < 0
+    assert js.pull_off(contact).equilibrium.mean_pressure < 0
     js.follow(contact, js.MeanGap(jnp.array([0.3, 0.1])))
