@@ -99,6 +99,10 @@ class RESULTS(Enumeration):
         "determined, or the misfit is hardly less than that of a curve of zero. Look at signs, "
         "units and outliers, plot the fitted curve beside the measurements, or fit fewer parameters"
     )
+    long_steps = member(
+        "the steps violate 1 / tau - sigma >= beta / 2, beta the bound on |A|, from which the "
+        "iteration is known to converge. Lower `tau` or `sigma`, or leave them out"
+    )
 
 
 class SolverError(RuntimeError):

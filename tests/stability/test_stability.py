@@ -150,6 +150,20 @@ def test_histories_of_algorithm_1_show_all_indicators_falling(hertz):
     assert pair.residual <= pair.history.values["residual"][records - 1] <= 1e-7
 
 
+def test_algorithm_1_takes_the_steps_that_its_condition_allows(hertz):
+    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2))
+    # The bound on |A| is not below that of K and of D alone.
+    beta = float(hertz.solid.max_stiffness + 10)
+    halved = js.ProximalIteration(tau=0.5 / beta, sigma=beta / 2)
+    pair = js.assess_stability(hertz, equilibrium, halved).cone
+    assert pair.eigenvalue == pytest.approx(-4.5537, abs=5e-5)
+    long = js.ProximalIteration(tau=4 / beta, sigma=beta / 2)
+    with pytest.raises(js.SolverError, match=r"long_steps.*Lower `tau` or `sigma`"):
+        js.assess_stability(hertz, equilibrium, long)
+    with pytest.raises(ValueError, match=r"tau is -1\.0"):
+        js.ProximalIteration(tau=-1.0)
+
+
 def test_the_answer_does_not_depend_on_units(hertz):
     def assess(length, pressure):
         grid = js.Grid(32, length)

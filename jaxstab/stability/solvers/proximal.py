@@ -1,12 +1,15 @@
 """Algorithm 1 of Rey & Bleyer: a primal-dual proximal iteration for the cone eigenvalue.
 
-It departs from the text in six places. The eigenvalue is the Rayleigh quotient, not z, which
-multiplies the constraint of zero mean. The start is a random admissible vector, since e has no
-component in the admissible space. The loop ends on the projected residual, since neither epsilon
-nor eta measures optimality. As the problem is not convex, the answer is a local minimiser. The
-iteration can cycle where few points are free. So y and z come from one projection onto both
-constraints together, z by one Newton step of it; (36) and (37) project onto each apart. And beta
-grows from the bound on |A| to twice that in full contact. Without contact both are as in the text.
+The step is equations (34) to (37) as printed. Elsewhere the text cannot be meant, and a comment
+beside the line says what differs:
+
+- The start is a random admissible vector: e has no component in the admissible space.
+- The loop goes on while *either* indicator is above the tolerance, where the text says "and"; since
+  neither measures optimality, it ends on the projected residual.
+- The eigenvalue is the Rayleigh quotient. z, which the text calls so, is the multiplier of the mean
+  over sigma.
+
+The problem is not convex, so the result is a local minimiser.
 """
 
 from collections.abc import Mapping
@@ -17,9 +20,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Block
-from jaxstab.core.grid import total
+from jaxstab.core.checks import require_positive
+from jaxstab.core.grid import mean, total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
+from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
 from jaxstab.stability.eigenpair import Minimum, admissible_pair, descended, unit_vector
 from jaxstab.stability.solvers.base import ConeSolver, Eigenproblem
@@ -33,65 +38,88 @@ class _State(eqx.Module):
 
 
 class ProximalIteration(ConeSolver):
-    """Algorithm 1 with tau = 1 / beta and sigma = beta / 2 (Rey & Bleyer, eqs. 34 to 39).
+    """Algorithm 1 (Rey & Bleyer, eqs. 34 to 39), as printed.
+
+    Where few points are free it can cycle, and ends as `stagnated`.
 
     Arguments:
         tolerance: the projected residual |x - P(x - (A x - lambda x) / b)| b / s of a unit vector
             to reach. P is the projection onto the cone, b the bound on |A| and s its size on the
             lower modes. By default 1e-7 in float64 and 1e-5 in float32.
         max_steps: the step limit, 200 000 by default.
+        tau: the primal step [length/pressure], by default 1 / beta with beta the bound on |A|.
+        sigma: the dual step [pressure/length], by default beta / 2. The paper's condition
+            1 / tau - sigma >= beta / 2 is checked: a solve that violates it ends as `long_steps`.
+
+    Raises:
+        ValueError: if a tolerance, limit or step is not positive.
     """
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
     max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=200_000)
+    tau: Scalar | None = eqx.field(converter=optional_parameter, default=None)
+    sigma: Scalar | None = eqx.field(converter=optional_parameter, default=None)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
     patience: ClassVar[int] = 40_000
     steps_per_check: ClassVar[int] = 50
 
+    def __check_init__(self) -> None:
+        for name, step in (("tau", self.tau), ("sigma", self.sigma)):
+            if step is not None:
+                require_positive(name, step)
+
     def init(self, problem: Eigenproblem, start: Block) -> _State:
-        """Return the last of the starts alone, brought onto the cone."""
-        # One of the two signs survives the projection.
+        """Return the last of the starts alone, brought onto the cone, with y = 0 and z = 1."""
+        # x = e in the text. One of the two signs survives the projection.
         towards, away = (unit_vector(problem.domain, sign * start[-1]) for sign in (1, -1))
-        x, zero = jnp.where(jnp.any(towards != 0), towards, away), jnp.zeros((), start.dtype)
-        return _State(x, 0 * x, zero, zero)
+        x, one = jnp.where(jnp.any(towards != 0), towards, away), jnp.ones((), start.dtype)
+        return _State(x, jnp.zeros_like(x), one, one)
 
     def step(self, problem: Eigenproblem, state: _State) -> _State:
-        """Return the state after a primal and a dual step."""
+        """Return the state after equations (34) to (37)."""
         operator, cone = problem.operator, problem.domain
-        bound = operator.bound
-        beta = bound * (1 + jnp.mean(cone.one_sided, dtype=bound.dtype))
-        # tau sigma = 1/2.
-        x = state.x - operator(state.x) / beta - (state.y + state.z) / 2
-        x = x / jnp.sqrt(total(x**2))
-        pulled = state.y + 2 * x - state.x
-        z_change = cone.newton_step(pulled)
-        z = state.z + z_change
-        y = jnp.where(cone.one_sided, jnp.minimum(pulled - z_change, 0), 0)
-        return _State(x, y, z, z_change)
+        tau, sigma = self._steps(operator.bound)
+        x, y, z = state.x, state.y, state.z
+        new = x - tau * operator(x) - tau * sigma * (y + z)  # (34)
+        # On a cone of fewer points (a critical cone, a window) the others stay zero.
+        new = jnp.where(cone.is_moving, new, 0)
+        new /= jnp.sqrt(total(new**2))  # (35)
+        moved = 2 * new - x
+        y = jnp.where(cone.one_sided, jnp.minimum(y + moved, 0), 0)  # (36)
+        z_change = mean(moved) if cone.fixes_mean else jnp.zeros_like(z)  # (37)
+        return _State(new, y, z + z_change, z_change)
 
     def measure(self, problem: Eigenproblem, state: _State) -> Indicators:
-        """Return the projected residual, and the paper's epsilon and eta."""
+        """Return the projected residual, and epsilon and eta (38, 39)."""
         _, _, residual = admissible_pair(problem.operator, problem.domain, state.x)
         return {
             "residual": residual,
-            "epsilon": jnp.abs(jnp.sum(state.x)),
-            "eta": jnp.abs(state.z_change) / jnp.maximum(jnp.abs(state.z), _tiny(state.z)),
+            "epsilon": jnp.abs(total(state.x)),  # (38)
+            "eta": jnp.abs(state.z_change) / jnp.maximum(jnp.abs(state.z), _tiny(state.z)),  # (39)
         }
 
     def minimum(self, problem: Eigenproblem, found: Iteration[_State]) -> Minimum:
         """Return a minimiser of the Rayleigh quotient."""
         operator, num_steps = problem.operator, found.num_steps
-        # One projected gradient step sets to exactly zero what the contact holds.
+        # One projected gradient step sets to exactly zero the points that the contact holds.
         eigenvalue, mode, _ = admissible_pair(operator, problem.domain, found.state.x)
         eigenvalue = jnp.where(eigenvalue == jnp.inf, 0, eigenvalue)
+        tau, sigma = self._steps(operator.bound)
+        # To within the rounding of the defaults, which meet it exactly.
+        is_short = (1 / tau - sigma) * (1 + 8 * jnp.finfo(mode.dtype).eps) >= operator.bound / 2
         return Minimum(
             vector=descended(operator, mode, operator(mode), eigenvalue),
             num_steps=num_steps,
             num_applications=num_steps + 1 + num_steps // self.steps_per_check + 2,
-            result=found.result,
+            result=RESULTS.where(is_short, found.result, RESULTS.long_steps),
             history=found.history,
         )
+
+    def _steps(self, beta: Scalar) -> tuple[Scalar, Scalar]:
+        """Return tau and sigma; the choice of section 4.1 where they are not given."""
+        tau = 1 / beta if self.tau is None else self.tau.astype(beta.dtype)
+        return tau, beta / 2 if self.sigma is None else self.sigma.astype(beta.dtype)
 
 
 def _tiny(like: Array) -> float:
