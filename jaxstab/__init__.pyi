@@ -33,8 +33,7 @@ from .loads import (
     Spring,
 )
 from .paths import (
-    ENDS,
-    TURNS,
+    KINDS,
     BarrierLaw,
     Branch,
     ConductanceNumbers,
@@ -61,7 +60,6 @@ from .paths import (
     transition,
 )
 from .paths.branch_end.critical_load import CriticalLoad
-from .paths.branch_end.kind import KINDS
 from .paths.sweep import Sweep, SweepInterrupted, sweep
 from .solids import (
     CoatedHalfSpace,
@@ -95,10 +93,8 @@ from .surfaces import SurfaceWarning
 __version__: str
 
 __all__ = [
-    "ENDS",
     "KINDS",
     "RESULTS",
-    "TURNS",
     "VERDICTS",
     "Barrier",
     "BarrierLaw",

@@ -74,6 +74,10 @@ class RESULTS(Enumeration):
         "slope jumps: give a smooth one, for instance jaxstab.potentials.CutOff of the law. Or "
         "jumps are artefacts of a coarse grid: refine it"
     )
+    lost_branch = member(
+        "the branch could not be followed on by steps of the least length. Lower `min_step`, or "
+        "resolve the law better: more points, or a longer range"
+    )
     store_full = member(
         "the store is full before the end. Raise `max_states` or `max_jumps`, follow a "
         "shorter programme, or locate fewer jumps (`smallest_jump`)"

@@ -2,11 +2,11 @@
 
 from jaxstab.paths.barriers.easiest_exit import easiest_exit
 from jaxstab.paths.barriers.transition import Transition, transition
-from jaxstab.paths.branch.branch import ENDS, Branch, Turn
-from jaxstab.paths.branch.continuation import continuation
-from jaxstab.paths.branch.step import TURNS
 from jaxstab.paths.branch_end.barrier_law import BarrierLaw
 from jaxstab.paths.critical_load import critical_load
+from jaxstab.paths.curve.branch import Branch, Turn
+from jaxstab.paths.curve.continuation import continuation
+from jaxstab.paths.curve.events import KINDS
 from jaxstab.paths.evolution.evolution import Evolution
 from jaxstab.paths.evolution.evolve import evolve
 from jaxstab.paths.evolution.growth_rate import growth_rate
@@ -23,8 +23,7 @@ from jaxstab.paths.path import Jump, Path, PathState, States
 from jaxstab.paths.pull_off import pull_off
 
 __all__ = [
-    "ENDS",
-    "TURNS",
+    "KINDS",
     "BarrierLaw",
     "Branch",
     "ConductanceNumbers",

@@ -20,7 +20,7 @@ from jaxstab.equilibrium.observables.flow import Solver
 from jaxstab.equilibrium.observables.leakage import leakage_at
 from jaxstab.equilibrium.observables.patches import patches_at, require_known
 from jaxstab.loads import Load
-from jaxstab.paths.branch.branch import Branch
+from jaxstab.paths.curve.branch import Branch
 from jaxstab.paths.path import Path, States
 from jaxstab.paths.sweep import Sweep
 

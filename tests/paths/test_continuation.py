@@ -11,7 +11,7 @@ import pytest
 from scipy.optimize import fsolve
 
 import jaxstab as js
-from jaxstab.paths.branch import morse_index
+from jaxstab.paths.curve import morse_index
 from jaxstab.references import maugis
 
 HERTZ = js.Grid(32)

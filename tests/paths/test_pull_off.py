@@ -270,3 +270,30 @@ def test_a_law_that_repels_everywhere_has_no_pull_off(spring):
         js.pull_off(contact, spring=spring)
     apart = js.equilibrate(contact, js.MeanPressure(0.0), throw=False)
     assert apart.result == "pulled_off" and apart.num_steps < 20
+
+
+def test_the_point_that_lets_go_is_found_where_the_last_state_lies_before_it():
+    # The walk stops so far before the release that no reaction there is zero yet.
+    random = np.random.default_rng(100)
+    random.random(5)
+    rms = random.uniform(0.03, 0.08)
+    wave = np.fft.fftfreq(8, 1 / 8)
+    wave = np.hypot(*np.meshgrid(wave, wave, indexing="ij"))
+    filtered = np.where((wave > 0) & (wave <= 2), np.where(wave > 0, wave, 1) ** -1.8, 0)
+    heights = np.fft.ifft2(filtered * np.fft.fft2(random.normal(size=(8, 8)))).real
+    heights *= rms / heights.std()
+    moduli = (1.7524724457530134, 0.2684493121355493), (0.3202643979437919, 0.4868271975531071)
+    solid = js.CoatedHalfSpace(js.Grid(8), moduli[0], 0.17998845876104164, moduli[1])
+
+    def found(energy):
+        law = js.potentials.Exponential(energy, 0.06784180476343009)
+        return js.pull_off(js.Contact(solid, heights, law))
+
+    energy = 0.014722077623478123
+    pull = found(energy)
+    assert pull.kind == "release"
+    # By a dense Newton's method for the reaction, and its differences.
+    np.testing.assert_allclose(pull.load.value, -0.0628330269692, rtol=1e-10)
+    np.testing.assert_allclose(pull.critical.eigenvalue, -0.0869, rtol=1e-3)
+    rate = jax.grad(lambda energy: found(energy).load.value)(energy)
+    np.testing.assert_allclose(rate, -4.58231, rtol=1e-5)

@@ -27,7 +27,7 @@ from jaxstab.equilibrium.solvers.base import Problem
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_loads
 from jaxstab.paths.barriers.string import Landscape, String, StringMethod
-from jaxstab.paths.branch.morse_index import index_of, some_modes
+from jaxstab.paths.curve.morse_index import index_of, some_modes
 from jaxstab.stability.perturb import amplitude_of
 
 # Times that the string is drawn anew around its highest image.

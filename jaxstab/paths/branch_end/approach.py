@@ -26,9 +26,9 @@ from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.equilibrium import fields_of
 from jaxstab.loads import Control, Load
 from jaxstab.paths.branch_end.fold import FoldNewton
-from jaxstab.paths.branch_end.kind import KINDS
 from jaxstab.paths.branch_end.linearise import Point, linearised, point_at
 from jaxstab.paths.branch_end.locate import Limit, limit_of
+from jaxstab.paths.curve.events import KINDS
 from jaxstab.paths.energy import own_energy, smallest_loss, supply_of
 from jaxstab.stability.lowest_modes import BLOCK_SIZE, noise
 

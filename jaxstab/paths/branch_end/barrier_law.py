@@ -18,9 +18,9 @@ from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.core.units import NUMBER, Dimension, Dimensioned
 from jaxstab.equilibrium.derivatives import third_derivative
 from jaxstab.loads import Load
-from jaxstab.paths.branch_end.kind import KINDS
 from jaxstab.paths.branch_end.linearise import free_space, rates
 from jaxstab.paths.branch_end.release import opening
+from jaxstab.paths.curve.events import KINDS
 
 
 class BarrierLaw(Stackable, Dimensioned):

@@ -14,8 +14,8 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import contact_area, fields_of
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.derivatives import differentiable, differentiable_fields
-from jaxstab.paths.branch_end.kind import KINDS
 from jaxstab.paths.branch_end.locate import Limit
+from jaxstab.paths.curve.events import KINDS
 from jaxstab.stability import Eigenpair
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.derivatives import differentiable as differentiable_pair

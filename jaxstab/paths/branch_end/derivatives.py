@@ -12,10 +12,10 @@ from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium.derivatives import changing_points
 from jaxstab.equilibrium.equilibrium import Fields, fields_of
 from jaxstab.loads import Load
-from jaxstab.paths.branch_end.kind import KINDS
 from jaxstab.paths.branch_end.linearise import free_space, linearised, newton_step
 from jaxstab.paths.branch_end.locate import Limit, locate
 from jaxstab.paths.branch_end.release import first_of, first_releases, opening
+from jaxstab.paths.curve.events import KINDS
 from jaxstab.stability.derivatives import differentiable as differentiable_pair
 
 Inputs = tuple[Contact, Load]

@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
-from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.grid import mean
 from jaxstab.core.types import Field, Flag
 from jaxstab.loads import Load
+from jaxstab.paths.curve.events import KINDS
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.lowest_modes import BLOCK_SIZE, noise
 from jaxstab.stability.lowest_pair import on_space
@@ -15,14 +15,6 @@ from jaxstab.stability.solvers.davidson import Davidson
 
 # How far beyond the end of a branch, in units of how near it is known, a point may let go at it.
 _LEEWAY = 2
-
-
-class KINDS(Enumeration):
-    """Why a branch of equilibria ends."""
-
-    fold = member("the smallest eigenvalue on the free points vanishes")
-    release = member("a contact point lets go, and the energy falls as it opens")
-    touch = member("surfaces that a pull had taken apart come back together")
 
 
 def reason_of(contact: Contact, load: Load, gap: Field, releases: Field) -> tuple[KINDS, Field]:

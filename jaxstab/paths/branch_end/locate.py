@@ -10,14 +10,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
-from jaxstab.core.conditional import first_good
 from jaxstab.core.history import History
 from jaxstab.core.loop import Iteration
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.fold import FoldNewton
-from jaxstab.paths.branch_end.kind import KINDS, reason_of
+from jaxstab.paths.branch_end.kind import reason_of
 from jaxstab.paths.branch_end.linearise import Point, point_at
 from jaxstab.paths.branch_end.release import (
     Held,
@@ -27,11 +26,13 @@ from jaxstab.paths.branch_end.release import (
     horizon,
     least_open_closed,
 )
+from jaxstab.paths.curve.events import KINDS
 from jaxstab.stability.eigenpair import Eigenpair
 from jaxstab.stability.lowest_modes import BLOCK_SIZE, noise
 
 # How far from where it was seen to lie a limit may be found, over how near that is known.
 _LEEWAY = 10
+_NUM_TRIES = 4
 
 
 class Limit(eqx.Module):
@@ -63,6 +64,12 @@ class Limit(eqx.Module):
     result: RESULTS
 
     @property
+    def is_event(self) -> Flag:
+        """Whether its conditions are met: at a release the energy falls as the point opens."""
+        falls = self.critical.eigenvalue < self.critical.error
+        return self.is_exact & ((self.kind == KINDS.fold) | falls)
+
+    @property
     def is_found(self) -> Flag:
         """Whether there is one."""
         return self.result == RESULTS.successful
@@ -88,17 +95,33 @@ def limit_of(kind: KINDS, point: Mask, newton: Iteration[Point]) -> Limit:
 def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limit:
     """Return the limit of a branch from a state close to it, of whichever kind it is.
 
-    The last state of a branch may lie past its end, by no more than its residual. Then the point
-    that let go is the one that is least open.
+    It is of the kind that the state suggests, or else the release of the point that is first to let
+    go, which may lie a little further on. The last state of a branch may lie past its end, by no
+    more than its residual. Then the point that let go is the one that is least open. If the
+    conditions of none of them are met, it is the first, and not exact.
     """
 
     def limit_from(number: Array) -> Limit:
-        state = jnp.where(number == 0, gap, least_open_closed(gap))
+        state = jnp.where(number % 2 == 0, gap, least_open_closed(gap))
         releases = first_releases(contact, load, state, ahead)
         kind, _ = reason_of(contact, load, state, releases)
+        kind = KINDS.where(number < 2, kind, KINDS.release)
         return locate(contact, load, state, kind, first_of(releases), ahead)
 
-    return first_good(limit_from, lambda limit: limit.is_exact)
+    def goes_on(state: tuple[Array, Limit]) -> Flag:
+        number, limit = state
+        return (number == 0) | ((number < _NUM_TRIES) & ~limit.is_event)
+
+    def try_next(state: tuple[Array, Limit]) -> tuple[Array, Limit]:
+        number, before = state
+        found = limit_from(number)
+        is_kept = (number == 0) | found.is_event
+        return number + 1, jax.tree.map(partial(jnp.where, is_kept), found, before)
+
+    zero = jnp.array(0)
+    like = jax.eval_shape(limit_from, zero)
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
+    return jax.lax.while_loop(goes_on, try_next, (zero, nothing))[1]
 
 
 def locate(
@@ -136,6 +159,5 @@ def locate(
     result = RESULTS.where(jnp.isfinite(end.residual), RESULTS.successful, RESULTS.nonfinite)
     limit, pair = limit_of(kind, held.point, end), end.state.pair
     # Of points that let go at once, one alone may end no branch.
-    is_known = limit.is_exact & (~is_release | (pair.eigenvalue < pair.error))
-    error = jnp.where(is_known, pair.error, jnp.maximum(pair.error, jnp.abs(pair.eigenvalue)))
+    error = jnp.where(limit.is_event, pair.error, jnp.maximum(pair.error, jnp.abs(pair.eigenvalue)))
     return replace(limit, critical=replace(pair, error=error), result=result)

@@ -4,12 +4,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Field, Flag
+from jaxstab.core.types import Field, Flag, Mask
 from jaxstab.loads import Load
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.lowest_modes import noise
@@ -24,6 +24,9 @@ _TOLERANCE = {"float64": 1e-5, "float32": 1e-4}
 _CERTAIN = 0.1
 # The modes that are looked at first, and at most; one of them converges last, and does not count.
 _FEW, _MANY = 4, 20
+# Of modes that a change of the gap is compared with, and the least part of it that is one.
+_EXACT = {"float64": 1e-9, "float32": 1e-4}
+_LEAST_PART = {"float64": 1e-6, "float32": 1e-3}
 MOST, UNKNOWN = _MANY - 1, -1
 
 
@@ -59,22 +62,44 @@ def index_of(
     """
     # The last of the modes converges slowly, and only its sign is of use.
     solver, spare = (Davidson(_TOLERANCE[gap.dtype.name]), 1) if precise else (_Signs(1.0), 0)
-    index, is_known, modes = _count(contact, load, gap, modes, solver, spare)
+    is_negative, is_known, modes = _lowest(contact, load, gap, gap > 0, modes, solver, spare)
+    index = jnp.sum(is_negative)
 
     def look_on() -> Int[Array, ""]:
         many = noise(jax.random.key(1), _MANY, gap)
-        index, is_known, _ = _count(contact, load, gap, many, solver, spare)
-        return jnp.where(is_known, index, UNKNOWN)
+        is_negative, is_known, _ = _lowest(contact, load, gap, gap > 0, many, solver, spare)
+        return jnp.where(is_known, jnp.sum(is_negative), UNKNOWN)
 
     return jax.lax.cond(is_known & (index < _FEW - 1), lambda: index, look_on), modes
 
 
-def _count(
-    contact: Contact, load: Load, gap: Field, modes: Block, solver: Davidson, spare: int
-) -> tuple[Int[Array, ""], Flag, Block]:
-    """Return how many of the lowest eigenvalues are negative, whether that is known, and modes."""
+def driven_index_of(
+    contact: Contact, load: Load, gap: Field, is_free: Mask, change: Field
+) -> Int[Array, ""]:
+    """Return how many modes of negative eigenvalues have a part in a change of the gap.
+
+    Modes that break a symmetry of the contact have none. At most two count; more are `UNKNOWN`.
+    """
+    solver, some = Davidson(_EXACT[gap.dtype.name]), some_modes(gap)
+    is_negative, is_known, modes = _lowest(contact, load, gap, is_free, some, solver, 1)
+    part = jnp.stack([jnp.abs(jnp.sum(mode * change)) for mode in modes[:-1]])
+    has_part = part > _LEAST_PART[gap.dtype.name] * jnp.sqrt(jnp.sum(change**2))
+    is_all = is_known & ~jnp.all(is_negative)
+    return jnp.where(is_all, jnp.sum(is_negative & has_part), UNKNOWN)
+
+
+def _lowest(
+    contact: Contact,
+    load: Load,
+    gap: Field,
+    is_free: Mask,
+    modes: Block,
+    solver: Davidson,
+    spare: int,
+) -> tuple[Bool[Array, " modes"], Flag, Block]:
+    """Return which of the lowest eigenvalues are negative, whether that is known, and modes."""
     control = contact.control(load)
-    space = Subspace(gap > 0, control.fixes_mean)
+    space = Subspace(is_free, control.fixes_mean)
     # What has no part in those that are known: the last, and any of a larger space, are new.
     is_new = (jnp.arange(len(modes)) == len(modes) - 1) | (norms(modes) == 0)
     fresh = noise(jax.random.key(2), len(modes), gap)
@@ -83,6 +108,6 @@ def _count(
     minimum = solver.solve(hessian, space, modes, len(modes) - spare)
     found = minimum.vector
     # The Ritz values, of vectors of unit norm; zero of those beyond the dimension of the space.
-    values = [jnp.sum(mode * hessian(mode)) for mode in found[:-1]]
-    is_negative = (jnp.stack(values) < 0) & (norms(found[:-1]) > 0)
-    return jnp.sum(is_negative), minimum.result == RESULTS.successful, found
+    values = jax.lax.map(lambda mode: jnp.sum(mode * hessian(mode)), found[:-1])
+    is_negative = (values < 0) & (norms(found[:-1]) > 0)
+    return is_negative, minimum.result == RESULTS.successful, found

@@ -7,24 +7,14 @@ from jaxtyping import Array, Int
 
 from jaxstab.core import display
 from jaxstab.core.display import block, column
-from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field
 from jaxstab.core.units import NUMBER, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
-from jaxstab.paths.branch.step import TURNS
+from jaxstab.paths.curve.events import KINDS
 from jaxstab.paths.path import States
-
-
-class ENDS(Enumeration):
-    """Where a branch ends."""
-
-    load = member("at the second load")
-    loop = member("where it began: it is a closed loop")
-    states = member("at the number of states that was asked for")
-    lost = member("where no next state was found")
 
 
 class Turn(Stackable, Dimensioned):
@@ -32,14 +22,14 @@ class Turn(Stackable, Dimensioned):
 
     Attributes:
         load: the load there.
-        kind: a member of `TURNS`: a fold, a release or a touch.
+        kind: a member of `KINDS`: a fold, a release or a touch.
         equilibrium: the state.
         mode: the unit vector along which the branch goes on there.
         state: the number of the state after it, among those of the branch.
     """
 
     load: Load
-    kind: TURNS
+    kind: KINDS
     equilibrium: Equilibrium
     mode: Annotated[Field, NUMBER]
     state: Int[Array, ""]
@@ -58,7 +48,7 @@ class Branch(Dimensioned):
             its free points that the load allows. Zero where the state is a minimum; 19 stands for
             as many or more, -1 for a number that was not found.
         turns: where the load turns back, in order.
-        end: a member of `ENDS`: where the branch ends.
+        end: a member of `KINDS`: why the branch is followed no more.
         result: how the search ended.
     """
 
@@ -66,7 +56,7 @@ class Branch(Dimensioned):
     equilibrium: States
     index: Int[Array, " states"]
     turns: Turn
-    end: ENDS
+    end: KINDS
     result: RESULTS
 
     def __repr__(self) -> str:
@@ -79,7 +69,7 @@ class Branch(Dimensioned):
                 f"Branch: {type(self.load).__name__} {first} to {last} in "
                 f"{loads.size} states, {np.sum(index > 0)} of them unstable, {unknown}"
                 f"{len(self.turns)} turns; "
-                f"ends {ENDS[self.end].split(': ', 1)[1]}; {self.result.name}"
+                f"ends {KINDS[self.end].split(': ', 1)[1]}; {self.result.name}"
             ]
             table = [display.table(_rows(self.turns))] if len(self.turns) else []
             return "\n".join([*lines, *table])

@@ -5,33 +5,23 @@ unknown these are curves, which no load is a part of: a load only says where on 
 smooth where the free points stay the same, and have corners where one touches or lets go.
 """
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
-from jaxstab.contact.residual import missed_pressure
 from jaxstab.core.gmres import gmres
-from jaxstab.core.grid import mean, mean_over, total
-from jaxstab.core.history import Indicators
-from jaxstab.core.loop import IterativeSolver, integer_parameter
+from jaxstab.core.grid import mean, total
 from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.loads import Load
 from jaxstab.potentials import derivatives
 
-# How well a step of Newton's method, and a tangent, are solved, and by how many restarts at most.
-_STEP_ACCURACY = 1e-2
-_TANGENT_ACCURACY = {"float64": 1e-5, "float32": 1e-4}
+# How well a tangent is solved for, and by how many restarts of GMRES at most.
+_TANGENT_ACCURACY = {"float64": 1e-7, "float32": 1e-4}
 _MAX_RESTARTS = 10
 # Over the rms elastic pressure of full contact.
 _LEAST_SCALE = 1e-2
-# What a step leaves at least of the gap over a core.
-_LEAST_SHARE = 0.2
 
 
 class Point(eqx.Module):
@@ -55,11 +45,17 @@ class Point(eqx.Module):
 
 
 class Forces(eqx.Module):
-    """The net pressure K u + p0 + f'(g) at a point, f''(g), and the relative residual."""
+    """The pressures at a point.
+
+    Attributes:
+        net: K u + p0 + f'(g) [pressure].
+        curvature: f''(g) [pressure/length].
+        scale: the size of the pressures that balance each other [pressure].
+    """
 
     net: Field
     curvature: Field
-    residual: Scalar
+    scale: Scalar
 
 
 class Curve(eqx.Module):
@@ -112,17 +108,15 @@ class Curve(eqx.Module):
         """Return the value of the load at a point."""
         return self.load_offset + self.load_gradient.times(at)
 
-    def forces(self, at: Point) -> Forces:
-        """Return the pressures at a point, and how far they are from balance."""
+    def forces(self, at: Point, is_free: Mask) -> Forces:
+        """Return the pressures at a point with these free points."""
         contact, gap = self.contact, at.gap
         elastic = contact.solid.held_by(0).apply(gap + contact.heights)
         _, attraction, curvature = derivatives(contact.potential, gap)
         net = elastic + attraction + at.pressure
-        missed = missed_pressure(net, gap)
-        resisting = jnp.where(gap > 0, attraction + at.pressure, 0)
+        resisting = jnp.where(is_free, attraction + at.pressure, 0)
         scale = jnp.sqrt(total(elastic**2 + resisting**2) / gap.size)
-        scale = jnp.maximum(scale, self.least_scale)
-        return Forces(net, curvature, jnp.sqrt(total(missed**2) / gap.size) / scale)
+        return Forces(net, curvature, jnp.maximum(scale, self.least_scale))
 
     def net_rate(self, curvature: Field, change: Point) -> Field:
         """Return how the net pressure follows a change where f'' is this, A dg + dp0."""
@@ -145,8 +139,10 @@ class Curve(eqx.Module):
     ) -> Point:
         """Return the change with A dg + dp0 = r on the free points and a gradient's product s.
 
-        Solved by GMRES, since A need not be positive. The preconditioner is the inverse of K + c on
-        changes without a mean. The mean and the pressure are solved for together, by themselves.
+        Solved by GMRES, since A need not be positive, in numbers without a unit: pressures are over
+        the stiffness c of the softest wave, and the gradient over its size. The preconditioner is
+        the inverse of K + c + mean |f''| on changes without a mean. The mean and the pressure are
+        solved for together, by themselves.
 
         Arguments:
             curvature: f''(g).
@@ -155,44 +151,56 @@ class Curve(eqx.Module):
             right: r and s.
             accuracy: of the solution, as a part of the right-hand side.
         """
+        soft, size = self.stiffness, row.gap.size
         hessian = Hessian(self.contact.solid, curvature, None, is_free)
-        inverse = hessian.inverse(self.stiffness + total(jnp.abs(hessian.curvature)) / row.gap.size)
+        inverse = hessian.inverse(soft + total(jnp.abs(hessian.curvature)) / size)
 
         def inside(field: Field) -> Field:
             return jnp.where(is_free, field, 0)
 
-        row = Point(inside(row.gap), row.pressure)
-        uniform = inside(jnp.ones_like(row.gap))
+        # Of all numbers the pressure and the product count as much as the gaps together.
+        weight = size**0.5
+        row = Point(inside(row.gap), row.pressure * soft / weight)
+        norm = jnp.sqrt(row.times(row))
+        row = jax.tree.map(lambda part: part / jnp.where(norm > 0, norm, 1), row)
+        uniform = inside(jnp.ones_like(row.gap)) / weight
         # The mean has a stiffness of its own, often negative, that K + c does not know.
-        stiffness = mean_over(is_free, hessian(uniform))
-        along, other = total(row.gap), row.pressure * stiffness
+        share = total(uniform**2)
+        is_open = share > 0
+        share = jnp.where(is_open, share, 1)
+        stiffness = total(uniform * hessian(uniform)) / (soft * share)
+        along, other = total(row.gap * uniform), row.pressure * stiffness
         # Never a small difference, which would blow up what is left of the right-hand side.
-        size = jnp.abs(along) + jnp.abs(other)
+        least = (jnp.abs(along) + jnp.abs(other)) / 2
         along = along - other
-        along = jnp.where(jnp.abs(along) < size / 2, jnp.where(along < 0, -size, size), along)
-        along = jnp.where(size == 0, 1, along)
+        along = jnp.where(jnp.abs(along) < least, jnp.where(along < 0, -2, 2) * least, along)
+        along = jnp.where(along == 0, 1, along)
+        by_pressure = jnp.where(is_open | (row.pressure == 0), 1, row.pressure)
 
         def bordered(change: Point) -> Point:
             moved = inside(change.gap)
-            pressure = inside(hessian(moved)) + change.pressure * uniform
+            pressure = inside(hessian(moved)) / soft + change.pressure * uniform
             # What does not move is left to the identity.
             return Point(pressure + change.gap - moved, row.times(Point(moved, change.pressure)))
 
         def precondition(right: Point) -> Point:
-            level = mean_over(is_free, right.gap)
-            rest = inside(inverse(inside(right.gap - level)))
-            rest = rest - mean_over(is_free, rest) * uniform
+            level = total(uniform * right.gap) / share
+            rest = soft * inside(inverse(inside(right.gap - level * uniform)))
+            rest = rest - total(uniform * rest) / share * uniform
             missed = right.pressure - total(row.gap * rest) - row.pressure * level
             shift = missed / along
-            return Point(rest + shift * uniform, level - stiffness * shift)
+            # In full contact there is the pressure alone.
+            pressure = jnp.where(is_open, level - stiffness * shift, missed / by_pressure)
+            return Point(rest + shift * uniform, pressure)
 
+        wanted = Point(inside(right.gap) / soft, right.pressure / jnp.where(norm > 0, norm, 1))
         solution = gmres(
             lambda change: precondition(bordered(change)),
-            precondition(right),
+            precondition(wanted),
             accuracy,
             _MAX_RESTARTS,
         )
-        return Point(inside(solution.gap), solution.pressure)
+        return Point(inside(solution.gap), solution.pressure * soft / weight)
 
 
 def _value_of(contact: Contact, load: Load) -> tuple[Scalar, Point]:
@@ -211,102 +219,3 @@ def _value_of(contact: Contact, load: Load) -> tuple[Scalar, Point]:
     by_pressure = 0 * by_value if fixes_mean else -jnp.ones_like(by_value)
     row = Point(-by_mean / by_value * gap / gap.size, -by_pressure / by_value)
     return -missed(nothing, nothing) / by_value, row
-
-
-class Plane(eqx.Module):
-    """The points where a linear function has a value, which others miss by a part of a scale."""
-
-    row: Point
-    value: Scalar
-    scale: Scalar
-
-    def missed(self, curve: Curve, at: Point, forces: Forces) -> Scalar:
-        """Return by how much a point misses it."""
-        return (self.row.times(at) - self.value) / self.scale
-
-    def gradient(self, curve: Curve, at: Point, forces: Forces) -> Point:
-        """Return the gradient of that."""
-        return Point(self.row.gap / self.scale, self.row.pressure / self.scale)
-
-
-class Corner(eqx.Module):
-    """Where a contact point has lost its reaction, or a free one its gap.
-
-    Attributes:
-        point: the point.
-        opens: whether it is a contact point, that lets go.
-    """
-
-    point: Mask
-    opens: Array
-
-    def missed(self, curve: Curve, at: Point, forces: Forces) -> Scalar:
-        """Return the gap of the point, or its reaction as a length."""
-        left = jnp.where(self.opens, forces.net / curve.contact.solid.max_stiffness, at.gap)
-        return total(jnp.where(self.point, left, 0)) / curve.length(at)
-
-    def gradient(self, curve: Curve, at: Point, forces: Forces) -> Point:
-        """Return the gradient of that."""
-        lifted = self.point.astype(at.gap.dtype)
-        stiffness = curve.contact.solid.max_stiffness
-        pulled = Hessian(curve.contact.solid, forces.curvature)(lifted) / stiffness
-        by_pressure = jnp.where(self.opens, 1 / stiffness, 0)
-        gap = jnp.where(self.opens, pulled, lifted)
-        scale = curve.length(at)
-        return Point(gap / scale, by_pressure / scale)
-
-
-class Iterate(eqx.Module):
-    """A point, its pressures, and by how much it misses the condition."""
-
-    at: Point
-    forces: Forces
-    missed: Scalar
-
-
-class CurveProblem(eqx.Module):
-    """A curve, a condition, and the free points, None where they are as the pressures say."""
-
-    curve: Curve
-    condition: Any
-    is_free: Mask | None = None
-
-    def at(self, point: Point) -> Iterate:
-        """Return a point and how far it is from what is sought."""
-        forces = self.curve.forces(point)
-        return Iterate(point, forces, self.condition.missed(self.curve, point, forces))
-
-
-class CurveNewton(IterativeSolver):
-    """Newton's method for a point of the curve that meets a condition.
-
-    Points in contact that are pulled off it become free, and free points whose gap comes out
-    negative touch: the method of primal and dual active sets.
-    """
-
-    tolerance: Scalar | None = None
-    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=12)
-
-    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
-    patience: ClassVar[int] = 5
-
-    def init(self, problem: CurveProblem, start: Point) -> Iterate:
-        """Return the start and how far it is from what is sought."""
-        return problem.at(start)
-
-    def step(self, problem: CurveProblem, state: Iterate) -> Iterate:
-        """Return the point after a step, its gap cut at zero."""
-        curve, at, forces = problem.curve, state.at, state.forces
-        is_free = problem.is_free
-        if is_free is None:
-            is_free = (at.gap > 0) | (forces.net < 0)
-        row = problem.condition.gradient(curve, at, forces)
-        right = Point(-forces.net, -state.missed)
-        change = curve.solution(forces.curvature, is_free, row, right, _STEP_ACCURACY)
-        least = jnp.where(curve.contact.has_core, _LEAST_SHARE * at.gap, 0)
-        gap = jnp.maximum(at.gap + change.gap, least)
-        return problem.at(Point(gap, at.pressure + change.pressure))
-
-    def measure(self, problem: CurveProblem, state: Iterate) -> Indicators:
-        """Return how far balance and condition are from being met."""
-        return {"residual": jnp.maximum(state.forces.residual, jnp.abs(state.missed))}

@@ -1,0 +1,365 @@
+"""The branch of equilibria from one load to another, around its folds and corners."""
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
+from jaxstab.core.batching import by_entries
+from jaxstab.core.checks import (
+    integer,
+    is_traced,
+    known,
+    parameter,
+    require,
+    require_finite,
+    require_positive,
+)
+from jaxstab.core.compile import program
+from jaxstab.core.implicit import refuse_derivatives
+from jaxstab.core.progress import can_be_shown, progress_bar
+from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.stack import stacked
+from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
+from jaxstab.core.warn import warn
+from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient, SaddleNewton
+from jaxstab.equilibrium.equilibrate import find, initial_gap
+from jaxstab.equilibrium.equilibrium import State, state_at
+from jaxstab.equilibrium.window import whole_start
+from jaxstab.loads import Load, require_loads, require_same_machine
+from jaxstab.paths.curve.branch import Branch, Turn
+from jaxstab.paths.curve.curve import Curve, Point
+from jaxstab.paths.curve.events import KINDS, Place
+from jaxstab.paths.curve.morse_index import UNKNOWN, index_of, some_modes
+from jaxstab.paths.curve.step import Stride, Way, next_stride
+from jaxstab.paths.follow import PathInterrupted
+from jaxstab.paths.path import States
+from jaxstab.paths.record import Place as Recorded
+from jaxstab.paths.record import Room, Table, place_of
+
+# The longest step over the way from load to load; the first and the shortest over the longest.
+_LONGEST, _FIRST = 0.1, 0.2
+_SHORTEST = {"float64": 1e-7, "float32": 1e-4}
+# How nearly a turn is one that was passed before, over the size of its state.
+_SAME = {"float64": 1e-7, "float32": 1e-3}
+# Turns that there is room for under JAX transformations.
+_MAX_TURNS = 16
+
+
+def continuation(
+    contact: Contact,
+    load: Load,
+    *,
+    initial: ArrayLike | State | None = None,
+    fields: bool = False,
+    progress: bool | None = None,
+    max_states: int = 512,
+    max_step: ArrayLike | None = None,
+    min_step: ArrayLike | None = None,
+    throw: bool = True,
+) -> Branch:
+    """Return the branch of equilibria that begins at one load and leads on towards another.
+
+    It goes on around folds, where an eigenvalue vanishes, and around the corners where a point lets
+    go or touches, through states that are not stable: those that `follow` jumps over. Equilibria
+    are curves in the gap and the mean pressure, which pseudo-arclength follows (Keller 1977). They
+    are smooth between two corners, and each corner is taken by itself; on grids of 128 points or
+    more, one point in 64 may change sides in a step. A step that the events in it do not explain is
+    cut: where Newton's method is slow, where tangents turn, gaps or reactions do not stay positive,
+    or the number of negative eigenvalues changes otherwise than at these events. So a branch does
+    not cross to another one unseen. Pairs of turns closer than `min_step` may be passed over.
+
+    Lengths of steps are the rms change of the gap, together with the change of p0 over the
+    stiffness of the solid's softest wave.
+
+    Arguments:
+        contact: the contact problem.
+        load: two loads: where the branch begins, and where it is to end.
+        initial: an equilibrium at the first load, stable or not, or a gap to start from.
+        fields: whether to keep the gap of every state.
+        progress: show a progress bar; by default after two seconds, in a terminal or notebook.
+        max_states: the number of states after which to stop.
+        max_step: the longest step [length]; by default a tenth of the way from load to load, as the
+            branch begins.
+        min_step: the shortest step [length]; by default 1e-7 of the longest, in float32 1e-4.
+        throw: raise where the branch cannot be followed on; otherwise look at `result` and `end`.
+
+    Returns:
+        The branch; `end` says why it ends. Under JAX transformations it has `max_states` states and
+        room for 16 turns, NaN where there is none; once these are full, it ends as "store_full". It
+        cannot be differentiated, and says so; its turns are ends of stable branches whose loads
+        `critical_load` differentiates.
+
+    Raises:
+        ValueError: for other than two finite loads that differ, or machines that do; for steps that
+            are not positive.
+        SolverError: if `throw`, where there is no equilibrium at the first load, or the branch ends
+            as "uncertain" or "lost".
+    """
+    require_contact(contact)
+    cure = "give that at which the branch begins and that where it ends."
+    require_loads(load, (2,), "continuation takes two loads", cure)
+    require_finite("The load", load.value)
+    ends = known(load.value)
+    require("The load", ends[1:], ends[1:] != ends[:-1], "give two loads that differ.")
+    require_same_machine(load)
+    number = integer("max_states", max_states)
+    require("max_states", number, number >= 2, "a branch has two states at least.")
+    steps = [None if step is None else parameter(step) for step in (max_step, min_step)]
+    for name, step in zip(("max_step", "min_step"), steps, strict=True):
+        if step is not None:
+            require_positive(name, step)
+    warn_if_coarse(contact, FOR_JUMPS)
+    is_state = isinstance(getattr(initial, "equilibrium", initial), Equilibrium)
+    start = initial_gap(contact, load[0], initial)
+    whole, start = whole_start(contact, load[0], start)
+    own, unit = whole.in_own_units()
+    task = Task(own, load.in_units_of(unit), start, *steps)
+    task = refuse_derivatives(task)
+    bar = progress_bar(number, "states", shown=can_be_shown(progress, task))
+    # What was not found is NaN.
+    with jax.debug_nans(False), bar as bar:
+        if is_traced(task):
+            branch = by_entries(partial(_traced, number, fields, is_state))(task)
+        else:
+            branch = _eager(number, fields, is_state, task, bar)
+    branch = branch.in_units_of(1 / unit).on_surface(whole.solid)
+    return throw_failure(branch.result, branch, lambda: _describe(branch, load), throw)
+
+
+class Task(eqx.Module):
+    """The contact, in units of its own, the two loads, where to start, and the limits of steps."""
+
+    contact: Contact
+    loads: Load
+    start: Field | None
+    max_step: Scalar | None
+    min_step: Scalar | None
+
+    def way(self, longest: Scalar) -> Way:
+        """Return the curve, its ends, and the longest step on it."""
+        first, last = self.loads.value.astype(self.contact.heights.dtype)
+        return Way(Curve.of(self.contact, self.loads[0]), first, last, longest)
+
+
+class Walk(eqx.Module):
+    """A branch under way.
+
+    Attributes:
+        stride: the last step.
+        start: where the branch began.
+        longest: the longest step [length].
+        shortest: the shortest step [length].
+        count: the number of its states.
+        end: why it is followed no more, `KINDS.states` while it is.
+        result: that of the first equilibrium.
+    """
+
+    stride: Stride
+    start: Place
+    longest: Scalar
+    shortest: Scalar
+    count: Int[Array, ""]
+    end: KINDS
+    result: RESULTS
+
+    @property
+    def is_on(self) -> Flag:
+        """Whether it goes on."""
+        return (self.end == KINDS.states) & (self.result == RESULTS.successful)
+
+
+class Entry(eqx.Module):
+    """A state of a branch."""
+
+    place: Recorded
+    index: Int[Array, ""]
+
+
+def _begin(is_state: bool, task: Task) -> Walk:
+    """Return a branch at its first state."""
+    contact, first, values = task.contact, task.loads[0], task.loads.value
+    solver = SaddleNewton() if is_state else PreconditionedConjugateGradient()
+    found = find(contact, first, solver, task.start)
+    gap, dtype = found.gap, found.gap.dtype
+    at = Point(gap, _pressure(contact, first, gap))
+    curve = Curve.of(contact, first)
+    row = curve.load_gradient
+    span = (values[1] - values[0]).astype(dtype)
+    ahead = Point(jnp.sign(span) * row.gap, jnp.sign(span) * row.pressure)
+    here = Place(at, gap > 0, curve.tangent(at, gap > 0, ahead))
+    speed, size = jnp.abs(row.times(here.tangent)), curve.length(at)
+    longest = _LONGEST * jnp.abs(span) / jnp.where(speed > 0, speed, 1)
+    longest = jnp.where(size > 0, jnp.minimum(longest, size), longest)
+    if task.max_step is not None:
+        longest = task.max_step.astype(dtype)
+    shortest = _SHORTEST[dtype.name] * longest
+    if task.min_step is not None:
+        shortest = task.min_step.astype(dtype)
+    index, modes = index_of(contact, first, gap, some_modes(gap))
+    yes, no = jnp.array(True), jnp.array(False)
+    expected = jnp.where(index >= 0, index, UNKNOWN)
+    stride = Stride(
+        here, _FIRST * longest, index, expected, modes, at, KINDS.fold, no, no, no, yes, yes
+    )
+    one = jnp.array(1)
+    return Walk(stride, here, longest, shortest, one, KINDS.states, found.result)
+
+
+def _pressure(contact: Contact, load: Load, gap: Field) -> Scalar:
+    """Return p0 of an equilibrium, of the grid that it is solved on."""
+    gradient = contact.gradient(gap)
+    return jnp.mean(contact.control(load).net_pressure(gradient, gap) - gradient)
+
+
+def _next(way: Way, walk: Walk) -> Walk:
+    """Return a branch after a step, which may have been cut."""
+    stride = next_stride(way, walk.stride)
+    no_more = stride.length < walk.shortest
+    unclear = KINDS.where(stride.is_found, KINDS.uncertain, KINDS.lost)
+    end = KINDS.where(no_more & ~stride.is_new & ~stride.lands, unclear, KINDS.states)
+    # In full contact a load that holds the gap stays where it is, whatever the pressure.
+    is_stuck = ~jnp.any(stride.here.is_free) & (way.curve.load_gradient.pressure == 0)
+    end = KINDS.where(is_stuck, KINDS.full_contact, end)
+    is_loop = stride.is_new & _closes(way.curve, walk, stride.here.at)
+    end = KINDS.where(is_loop, KINDS.loop, end)
+    end = KINDS.where(stride.is_there, KINDS.load, end)
+    return replace(walk, stride=stride, count=walk.count + stride.is_new, end=end)
+
+
+def _closes(curve: Curve, walk: Walk, at: Point) -> Flag:
+    """Return whether the last step has come back to where the branch began."""
+    row = curve.gradient_of(walk.start.tangent)
+    before = row.times(walk.stride.here.at.minus(walk.start.at))
+    after = row.times(at.minus(walk.start.at))
+    step = curve.length(at.minus(walk.stride.here.at))
+    is_near = curve.length(at.minus(walk.start.at)) <= step
+    return (walk.count > 3) & (before < 0) & (after >= 0) & is_near
+
+
+def _entry(way: Way, walk: Walk) -> tuple[Entry, Turn]:
+    """Return the last state of a branch, and the turn before it."""
+    contact, load, stride = way.curve.contact, way.curve.load, walk.stride
+
+    def state(at: Point) -> Equilibrium:
+        return state_at(contact, load.at(way.curve.value(at)), at.gap)
+
+    here, equilibrium = stride.here, state(stride.turn)
+    entry = Entry(place_of(contact, state(here.at), way.curve.value(here.at)), stride.index)
+    size = jnp.sqrt(jnp.sum(here.tangent.gap**2))
+    mode = here.tangent.gap / jnp.where(size > 0, size, 1)
+    return entry, Turn(equilibrium.load, stride.kind, equilibrium, mode, walk.count - 1)
+
+
+def _is_same(one: Turn, other: Turn, span: Scalar) -> Flag:
+    """Return whether a turn is one of others: then the branch comes back to where it has been."""
+    gap, gaps = one.equilibrium.gap, other.equilibrium.gap
+    grid = tuple(range(-gap.ndim, 0))
+    close = _SAME[gap.dtype.name]
+    is_near = jnp.max(jnp.abs(gap - gaps), axis=grid) <= close * jnp.max(gap)
+    is_near &= jnp.abs(one.load.value - other.load.value) <= close * span
+    return jnp.any(is_near & (one.kind.code == other.kind.code))
+
+
+@partial(program, static_argnums=0)
+def _begun(is_state: bool, task: Task) -> tuple[Walk, Entry, Turn]:
+    walk = _begin(is_state, task)
+    return walk, *_entry(task.way(walk.longest), walk)
+
+
+@program
+def _gone_on(task: Task, walk: Walk) -> tuple[Walk, Entry, Turn]:
+    """Return a branch after the next new state, which it also returns, or at its end."""
+    way = task.way(walk.longest)
+    fresh = replace(walk, stride=replace(walk.stride, is_new=jnp.array(False)))
+    ended = jax.lax.while_loop(
+        lambda walk: walk.is_on & ~walk.stride.is_new, partial(_next, way), fresh
+    )
+    return ended, *_entry(way, ended)
+
+
+def _eager(number: int, fields: bool, is_state: bool, task: Task, bar: Any) -> Branch:
+    """Return a branch to its end, or until interrupted, state by state."""
+    walk, entry, like = _begun(is_state, task)
+    entries, turns = [_kept(entry, fields)], []
+    span = jnp.abs(task.loads.value[1] - task.loads.value[0])
+    try:
+        while walk.is_on and len(entries) < number:
+            walk, entry, turn = jax.block_until_ready(_gone_on(task, walk))
+            if walk.stride.is_new:
+                entries.append(_kept(entry, fields))
+                bar.update(1)
+                if walk.stride.turns:
+                    if any(_is_same(turn, other, span) for other in turns):
+                        walk = replace(walk, end=KINDS.loop)
+                    turns.append(turn)
+    except KeyboardInterrupt:
+        warn(f"The branch was interrupted after {len(entries)} states.", PathInterrupted)
+        walk = replace(walk, result=RESULTS.interrupted)
+    return _branch(task, walk, stacked(entries, entry), stacked(turns, like))
+
+
+def _kept(entry: Entry, fields: bool) -> Entry:
+    return entry if fields else replace(entry, place=replace(entry.place, gap=jnp.zeros((0,))))
+
+
+def _traced(number: int, fields: bool, is_state: bool, task: Task) -> Branch:
+    """Return a branch in room for a number of states, within a program."""
+    walk = _begin(is_state, task)
+    way = task.way(walk.longest)
+    span = jnp.abs(way.last - way.first)
+    entry, turn = _entry(way, walk)
+    states = Room(number, fields)(entry).with_entry(entry, jnp.array(True))
+    turns = Room(_MAX_TURNS)(turn)
+
+    def further(state: tuple[Walk, Table, Table]) -> tuple[Walk, Table, Table]:
+        walk, states, turns = state
+        walk = _next(way, walk)
+        entry, turn = _entry(way, walk)
+        is_turn = walk.stride.is_new & walk.stride.turns
+        is_loop = is_turn & _is_same(turn, turns.rows, span)
+        walk = replace(walk, end=KINDS.where(is_loop, KINDS.loop, walk.end))
+        states = states.with_entry(entry, walk.stride.is_new)
+        return walk, states, turns.with_entry(turn, is_turn)
+
+    def goes_on(state: tuple[Walk, Table, Table]) -> Flag:
+        return state[0].is_on & ~state[1].is_full & ~state[2].is_full
+
+    walk, states, turns = jax.lax.while_loop(goes_on, further, (walk, states, turns))
+    is_cut = walk.is_on & turns.is_full & ~states.is_full
+    walk = replace(walk, result=RESULTS.where(is_cut, RESULTS.store_full, walk.result))
+    return _branch(task, walk, states.rows, turns.rows)
+
+
+def _branch(task: Task, walk: Walk, entries: Entry, turns: Turn) -> Branch:
+    place, loads = entries.place, task.loads
+    is_unclear = (walk.end == KINDS.lost) | (walk.end == KINDS.uncertain)
+    result = RESULTS.where(is_unclear, RESULTS.lost_branch, walk.result)
+    states = States(
+        place.mean_gap,
+        place.mean_pressure,
+        place.contact_area,
+        jnp.broadcast_to(task.contact.area, place.energy.shape),
+        place.energy,
+        place.stored - place.stored[0],
+        jnp.zeros_like(place.energy),
+        place.gap if place.gap.size else None,
+        task.contact.units,
+        task.contact.solid.is_window,
+    )
+    load = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], place.value.shape), loads)
+    return Branch(load.at(place.value), states, entries.index, turns, walk.end, result)
+
+
+def _describe(branch: Branch, load: Load) -> str:
+    count, last = len(branch.load.value), float(branch.load.value[-1])
+    return (
+        f"The branch ended at {type(load).__name__}({last:.6g}) after {count} states, "
+        f"{KINDS[branch.end]}"
+    )

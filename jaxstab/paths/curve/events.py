@@ -1,0 +1,159 @@
+"""Events along a curve of equilibria, and the corner ahead of one of its points.
+
+The curve is smooth as long as the free points stay the same. At a fold its load turns back on such
+a piece. At a corner a contact point loses its reaction (release) or a free point its gap (touch).
+"""
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jaxstab.core.enumeration import Enumeration, member
+from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.paths.curve.corrector import Correction, CurveNewton, on_plane
+from jaxstab.paths.curve.curve import Curve, Point
+
+# What ties: points that change sides within this part of the distance to the first of them.
+_TIE = 1e-6
+_MAX_SECANTS = 40
+# How closely a fold is found, over the step that it lies in, and by what tangents.
+_CLOSE = {"float64": 1e-9, "float32": 1e-4}
+_FINE = {"float64": 1e-8, "float32": 1e-4}
+# How far the rate of the load may be from zero at a fold, over the larger one at the step's ends.
+_FLAT = 1e-3
+
+
+class KINDS(Enumeration):
+    """Why a stable branch ends, where the load turns back, and why a branch is followed no more."""
+
+    fold = member("the smallest eigenvalue on the free points vanishes")
+    release = member("a contact point lets go, and the energy falls as it opens")
+    touch = member("a free point comes into contact, or surfaces that a pull had taken apart do")
+    load = member("at the second load")
+    loop = member("at a state that it has passed before: it is a closed loop")
+    states = member("at the number of states that was asked for")
+    full_contact = member("in full contact, from which a load that holds the gap leads nowhere")
+    uncertain = member("where steps of the least length do not tell one branch from another")
+    lost = member("where no next state was found")
+
+
+class Place(eqx.Module):
+    """A point of the curve, its free points, and the direction in which the branch goes on."""
+
+    at: Point
+    is_free: Mask
+    tangent: Point
+
+
+class Corners(eqx.Module):
+    """The corners ahead of a place, to first order.
+
+    Attributes:
+        net: K u + p0 + f'(g) [pressure].
+        net_rate: how it changes along the tangent.
+        distances: how far ahead each point changes sides [length].
+        first: the least of them.
+        point: the point that is the first.
+        tied: the points that change sides with it.
+    """
+
+    net: Field
+    net_rate: Field
+    distances: Field
+    first: Scalar
+    point: Mask
+    tied: Mask
+
+    def within(self, length: Scalar) -> Array:
+        """Return how many points change sides within a distance."""
+        return jnp.sum(self.distances <= length)
+
+
+def corners_ahead(curve: Curve, place: Place, shortest: Scalar) -> Corners:
+    """Return the corners ahead of a place; those nearer to each other than the shortest tie."""
+    at, tangent, is_free = place.at, place.tangent, place.is_free
+    forces = curve.forces(at, is_free)
+    rate = curve.net_rate(forces.curvature, tangent)
+    # No gap over a core ever closes.
+    closes = is_free & (tangent.gap < 0) & ~jnp.asarray(curve.contact.has_core)
+    opens = ~is_free & (rate < 0)
+    gap, net = jnp.maximum(at.gap, 0), jnp.maximum(forces.net, 0)
+    distances = jnp.where(closes, gap / jnp.where(closes, -tangent.gap, 1), jnp.inf)
+    distances = jnp.where(opens, net / jnp.where(opens, -rate, 1), distances)
+    first = jnp.min(distances)
+    places = jnp.arange(distances.size).reshape(distances.shape)
+    point = places == jnp.argmin(distances)
+    tied = distances <= (1 + _TIE) * first + shortest
+    return Corners(forces.net, rate, distances, first, point, tied)
+
+
+def follow(curve: Curve, place: Place, flipped: Mask) -> Flag:
+    """Return whether points that let go open further along a tangent, or are pressed more."""
+    rate = curve.net_rate(curve.contact.curvature(place.at.gap), place.tangent)
+    return jnp.all(jnp.where(flipped, jnp.where(place.is_free, place.tangent.gap, rate) > 0, True))
+
+
+class _Bracket(eqx.Module):
+    """Two distances ahead of a place between which the load turns, and its rates there.
+
+    Attributes:
+        at: the last point that was looked at.
+        rate: of the load there.
+        is_low: whether it took the place of the nearer end.
+        count: how many points were looked at.
+    """
+
+    ends: Array
+    rates: Array
+    at: Point
+    rate: Scalar
+    is_low: Flag
+    count: Array
+
+
+def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
+    """Return where the load turns between two places of one smooth piece (Illinois method).
+
+    And whether its rate vanishes there.
+    """
+    row = curve.gradient_of(old.tangent)
+    whole = row.times(new.at.minus(old.at))
+    close, fine = _CLOSE[whole.dtype.name], _FINE[whole.dtype.name]
+
+    def rate_of(tangent: Point) -> Scalar:
+        return curve.load_gradient.times(tangent)
+
+    def goes_on(bracket: _Bracket) -> Flag:
+        is_wide = bracket.ends[1] - bracket.ends[0] > close * jnp.abs(whole)
+        is_steep = jnp.abs(bracket.rate) > close * steepest
+        return is_wide & is_steep & (bracket.count < _MAX_SECANTS)
+
+    def narrow(bracket: _Bracket) -> _Bracket:
+        (low, high), (slow, fast) = bracket.ends, bracket.rates
+        length = low - slow * (high - low) / (fast - slow)
+        start = old.at.plus(new.at.minus(old.at), length / whole)
+        plane = on_plane(row, row.times(old.at) + length, jnp.abs(whole))
+        at = CurveNewton().run(Correction(curve, plane, old.is_free, no), start).state.at
+        rate = rate_of(curve.tangent(at, old.is_free, row, fine))
+        is_low = rate * rates[0] > 0
+        # An end that stays a second time counts for half.
+        stays = jnp.where((bracket.count > 0) & (is_low == bracket.is_low), 0.5, 1)
+        ends = jnp.where(is_low, jnp.stack([length, high]), jnp.stack([low, length]))
+        halved = jnp.where(is_low, jnp.stack([rate, stays * fast]), jnp.stack([stays * slow, rate]))
+        return _Bracket(ends, halved, at, rate, is_low, bracket.count + 1)
+
+    no = jnp.array(False)
+    rates = jnp.stack([rate_of(old.tangent), rate_of(new.tangent)])
+    steepest = jnp.max(jnp.abs(rates))
+    ends = jnp.stack([jnp.zeros_like(whole), whole])
+    first = _Bracket(ends, rates, old.at, steepest, ~no, jnp.array(0))
+    found = jax.lax.while_loop(goes_on, narrow, first)
+    return found.at, jnp.abs(found.rate) < _FLAT * steepest
+
+
+def choose(condition: Flag, one: eqx.Module, other: eqx.Module) -> eqx.Module:
+    """Return one of two trees."""
+    return jax.tree.map(partial(jnp.where, condition), one, other)

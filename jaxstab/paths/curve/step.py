@@ -1,0 +1,437 @@
+"""A step along the curve of equilibria that cannot cross to another one unseen.
+
+Pseudo-arclength (Keller 1977): the next point lies on the plane across the tangent at a distance
+ahead, or at the corner ahead if that is nearer. With the free points held, the curve between is
+smooth. A step is accepted only if
+
+- Newton's method converges fast, to near the prediction, and the tangents at both ends agree;
+- the cubics through both ends, gap by gap and reaction by reaction, stay positive between them, and
+  the cubic of the load turns no more often than the rates at the ends say;
+- the number of negative eigenvalues changes as the events in the step say: by one at a fold, by one
+  at a corner where the load turns, by none elsewhere.
+
+On large grids a step may pass several corners at once, where the curve hardly bends.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from jaxstab.contact.hessian import Block
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.paths.curve.corrector import Correction, CurveNewton, at_corner, on_plane
+from jaxstab.paths.curve.curve import Curve, Point
+from jaxstab.paths.curve.events import (
+    KINDS,
+    Corners,
+    Place,
+    choose,
+    corners_ahead,
+    fold_between,
+    follow,
+)
+from jaxstab.paths.curve.morse_index import MOST, UNKNOWN, driven_index_of, index_of
+
+# The least cosine between the tangents at both ends of a step, and that from which steps grow.
+_LEAST_COSINE, _STRAIGHT = 0.95, 0.99
+_GROWTH, _CUT = 1.5, 0.4
+# How far from where it is predicted a state may be, over the step: on one smooth piece, and over
+# several corners.
+_FARTHEST, _FARTHEST_LEAP = 0.1, 0.3
+# Steps of Newton's method from which steps grow no more, and that a step may take at most.
+_EASY, _HARD = 4, 8
+# One in so many points may change sides in a step.
+_LEAP = 64
+# By how much the lines from both ends of a step to where a point changes sides may be too long.
+_FORESEEN = 3
+# Places between two ends where the cubics are looked at.
+_BETWEEN = 16
+# What of a gap or reaction below zero is none, over the size of the pressures.
+_SLACK = {"float64": 1e-8, "float32": 1e-3}
+# Steps shorter than this part of the longest may pass a bifurcation.
+_ACROSS = 1e-3
+# Nearer corners than this part of the longest step are one.
+_NEAREST = {"float64": 1e-11, "float32": 1e-6}
+
+
+class Stride(eqx.Module):
+    """What a step has led to.
+
+    Attributes:
+        here: the last state.
+        length: of the step that is tried next [length].
+        index: the number of negative eigenvalues there.
+        expected: the number with which the branch goes on, `UNKNOWN` where it may be any.
+        modes: the lowest modes there.
+        turn: the turning point passed on the way to it, if there is one.
+        kind: its kind.
+        turns: whether there is one.
+        lands: whether the next step is one to the last load.
+        is_there: whether this one was.
+        is_new: whether it is a new state; otherwise the step was cut.
+        is_found: whether a state was found at all, of this branch or not.
+    """
+
+    here: Place
+    length: Scalar
+    index: Int[Array, ""]
+    expected: Int[Array, ""]
+    modes: Block
+    turn: Point
+    kind: KINDS
+    turns: Flag
+    lands: Flag
+    is_there: Flag
+    is_new: Flag
+    is_found: Flag
+
+
+class Way(eqx.Module):
+    """A curve, the values of the load that begin and end a branch, and the longest step on it."""
+
+    curve: Curve
+    first: Scalar
+    last: Scalar
+    longest: Scalar
+
+    def rate(self, tangent: Point) -> Scalar:
+        """Return how the load changes along a tangent."""
+        return self.curve.load_gradient.times(tangent)
+
+    def is_beyond(self, at: Point) -> Flag:
+        """Return whether a point has reached the last load."""
+        return (self.curve.value(at) - self.last) * (self.first - self.last) <= 0
+
+
+class _Aim(NamedTuple):
+    """What a step is to meet.
+
+    Attributes:
+        reach: how far ahead it leads [length].
+        is_corner: whether to the first corner ahead.
+        opens: whether a contact point lets go there.
+        follows: whether the free points may change on the way.
+    """
+
+    reach: Scalar
+    is_corner: Flag
+    opens: Flag
+    follows: Flag
+
+
+class _Arrival(NamedTuple):
+    """What a step has found.
+
+    Attributes:
+        place: the point with the free points that it was found with.
+        is_found: whether it is one of some curve.
+        is_sound: whether it is one of this curve, as far as the ends of the step tell.
+        share: the part of the step to try next if this one is not taken.
+        is_easy: whether the next step may be longer.
+    """
+
+    place: Place
+    is_found: Flag
+    is_sound: Flag
+    share: Scalar
+    is_easy: Flag
+
+
+def next_stride(way: Way, stride: Stride) -> Stride:
+    """Return the state after the next step, or the same with a shorter one to try."""
+    curve, old = way.curve, stride.here
+    shortest = _NEAREST[stride.length.dtype.name] * way.longest
+    corners = corners_ahead(curve, old, shortest)
+    aim = _aim(corners, old, stride.length)
+    arrival = _arrival(way, stride, corners, aim)
+    new = arrival.place
+    turns = way.rate(old.tangent) * way.rate(new.tangent) < 0
+    beyond = way.is_beyond(new.at) & ~(stride.lands & ~aim.is_corner)
+    is_sound = arrival.is_sound & ~(turns & (aim.is_corner | stride.lands | beyond))
+    accepted = jax.lax.cond(
+        is_sound & ~beyond,
+        lambda: _accepted(way, stride, corners, aim, new, turns),
+        lambda: replace(stride, is_new=jnp.array(False)),
+    )
+    is_new = accepted.is_new
+    longer = jnp.where(arrival.is_easy & ~aim.is_corner, _GROWTH * aim.reach, stride.length)
+    longer = jnp.minimum(jnp.maximum(longer, stride.length), way.longest)
+    # It ends at the load, or it is cut to where all gaps and reactions are positive, or cut.
+    before, after = curve.value(old.at), curve.value(new.at)
+    part = (way.last - before) / jnp.where(after == before, 1, after - before)
+    lands = is_sound & beyond
+    shorter = aim.reach * jnp.where(lands, part, arrival.share)
+    return replace(
+        accepted,
+        length=jnp.where(is_new, longer, shorter),
+        lands=lands,
+        is_there=is_new & stride.lands & ~aim.is_corner,
+        is_found=arrival.is_found,
+    )
+
+
+def _aim(corners: Corners, old: Place, length: Scalar) -> _Aim:
+    """Return what the next step is to meet: a distance, or the first corner before it."""
+    most = max(corners.net.size // _LEAP, 1)
+    number = corners.within(length)
+    follows = (number > jnp.sum(corners.tied)) & (most > 1)
+    if most > 1:
+        length = jnp.minimum(length, jnp.sort(corners.distances.ravel())[most])
+    is_corner = (number > 0) & ~follows
+    opens = jnp.any(corners.point & ~old.is_free)
+    return _Aim(jnp.where(is_corner, corners.first, length), is_corner, opens, follows)
+
+
+def _arrival(way: Way, stride: Stride, corners: Corners, aim: _Aim) -> _Arrival:
+    """Return what the corrector finds, and whether it lies on the same curve."""
+    curve, old, reach = way.curve, stride.here, aim.reach
+    row = curve.gradient_of(old.tangent)
+    scale = jnp.maximum(reach, 1e-5 * way.longest)
+    ahead = on_plane(row, row.times(old.at) + reach, scale)
+    span = jnp.abs(way.last - way.first)
+    end = on_plane(curve.load_gradient, way.last - curve.load_offset, span)
+    condition = choose(stride.lands, end, ahead)
+    corner = at_corner(curve, corners.point, aim.opens, way.longest)
+    condition = choose(aim.is_corner, corner, condition)
+    predicted = Point(
+        old.at.gap + reach * old.tangent.gap, old.at.pressure + reach * old.tangent.pressure
+    )
+    least = jnp.where(jnp.asarray(curve.contact.has_core), old.at.gap / 5, -jnp.inf)
+    least = jnp.where(aim.follows, jnp.maximum(least, 0), least)
+    start = Point(jnp.maximum(predicted.gap, least), predicted.pressure)
+    newton = CurveNewton().run(Correction(curve, condition, old.is_free, aim.follows), start)
+    found = newton.state.at
+    is_found = newton.result == RESULTS.successful
+    is_free = jnp.where(aim.follows, found.gap > 0, old.is_free)
+    tangent = jax.lax.cond(
+        is_found, lambda: curve.tangent(found, is_free, row), lambda: old.tangent
+    )
+    place = Place(found, is_free, tangent)
+    length, cosine = row.times(found.minus(old.at)), curve.cosine(tangent, old.tangent)
+    farthest = jnp.where(aim.follows, _FARTHEST_LEAP, _FARTHEST)
+    is_near = curve.length(found.minus(predicted)) <= farthest * reach
+    is_straight = (length > 0) & (cosine > _LEAST_COSINE) & (newton.num_steps <= _HARD)
+    pieces = _Cubics(old, place, length, cosine)
+    forces = newton.state.forces
+    after = forces.net, curve.net_rate(forces.curvature, tangent)
+    leaps = _leaps_well(old, place, corners, after, length)
+    smooth, share = _stays(curve, pieces, corners, aim, after, forces.scale)
+    # Where gaps or reactions alone are at fault, up to where they are positive.
+    is_over = is_found & is_near & is_straight & ~aim.follows & (share < 1)
+    share = jnp.where(is_over, jnp.maximum(0.9 * share, 0.1), _CUT)
+    is_smooth = jnp.where(aim.follows, leaps, smooth & _turns_as_said(way, pieces))
+    is_easy = (newton.num_steps <= _EASY) & (cosine > _STRAIGHT)
+    return _Arrival(place, is_found, is_found & is_near & is_straight & is_smooth, share, is_easy)
+
+
+class _Cubics(NamedTuple):
+    """Two places of a curve, and the cubics between them over the distance along the first tangent.
+
+    Attributes:
+        old: the first place.
+        new: the second.
+        length: their distance along the tangent of the first.
+        cosine: between both tangents.
+    """
+
+    old: Place
+    new: Place
+    length: Scalar
+    cosine: Scalar
+
+    def between(self, value: Array, rate: Array, end: Array, end_rate: Array) -> Array:
+        """Return the values of a cubic at several places between, given values and rates."""
+        part = jnp.arange(1, _BETWEEN) / _BETWEEN
+        part = part.astype(self.length.dtype).reshape(-1, *[1] * value.ndim)
+        rest, rate, end_rate = 1 - part, self.length * rate, self.length * end_rate / self.cosine
+        first = rest**2 * ((1 + 2 * part) * value + part * rate)
+        return first + part**2 * ((1 + 2 * rest) * end - rest * end_rate)
+
+
+def _stays(
+    curve: Curve,
+    pieces: _Cubics,
+    corners: Corners,
+    aim: _Aim,
+    after: tuple[Field, Field],
+    scale: Scalar,
+) -> tuple[Flag, Scalar]:
+    """Return whether gaps and reactions stay positive between two places, and up to where."""
+    old, new = pieces.old, pieces.new
+    slack = _SLACK[scale.dtype.name] * scale
+    soft = curve.stiffness
+
+    def both(gap: Field, net: Field) -> Field:
+        # A core lets no gap close.
+        gap = jnp.where(jnp.asarray(curve.contact.has_core), jnp.maximum(gap, 0), gap)
+        return jnp.where(old.is_free, soft * gap, net)
+
+    value, rate = both(old.at.gap, corners.net), both_rates(old, corners.net_rate, soft)
+    end, end_rate = both(new.at.gap, after[0]), both_rates(new, after[1], soft)
+    # The corner itself ends the step.
+    ends = aim.is_corner & corners.tied
+    between = jnp.where(ends | ~jnp.isfinite(value), 0, pieces.between(value, rate, end, end_rate))
+    is_over = ~ends & (end < -slack)
+    dips = ~is_over & (value > slack) & (jnp.min(between, 0) < -slack)
+    share = jnp.where(is_over, value / jnp.where(is_over, value - end, 1), 1)
+    # What was at zero, and is below at the end, was above between, or only just below.
+    share = jnp.where(is_over & (value <= slack), 0.5, share)
+    share = jnp.where(dips, 0.5, share)
+    return ~jnp.any(is_over | dips), jnp.min(share)
+
+
+def both_rates(place: Place, net_rate: Field, soft: Scalar) -> Field:
+    """Return how the gaps of free points, as pressures, and the reactions of others change."""
+    return jnp.where(place.is_free, soft * place.tangent.gap, net_rate)
+
+
+def _turns_as_said(way: Way, pieces: _Cubics) -> Flag:
+    """Return whether the load turns between two places no more often than its rates say."""
+    old, new = pieces.old, pieces.new
+    value, end = way.curve.value(old.at), way.curve.value(new.at)
+    rate, end_rate = way.rate(old.tangent), way.rate(new.tangent)
+    between = pieces.between(jnp.zeros_like(value), rate, end - value, end_rate)
+    steps = jnp.diff(jnp.concatenate([jnp.zeros((1,)), between, (end - value)[None]]))
+    # What rounding of the load hides.
+    noise = 16 * jnp.finfo(value.dtype).eps * (jnp.abs(value) + jnp.abs(end))
+    signs = jnp.concatenate(
+        [rate[None], jnp.where(jnp.abs(steps) > noise, steps, 0), end_rate[None]]
+    )
+    forth, back = signs * rate > 0, signs * rate < 0
+    # Once it goes back it does not go forth again.
+    went_back = jnp.cumsum(back) > 0
+    return ~jnp.any(went_back & forth) & (jnp.any(back) == (rate * end_rate < 0))
+
+
+def _leaps_well(
+    old: Place, new: Place, corners: Corners, after: tuple[Field, Field], length: Scalar
+) -> Flag:
+    """Return whether each point that changed sides did so as the lines from both ends foresee."""
+    flipped = old.is_free != new.is_free
+    net, net_rate = after
+    value = jnp.where(new.is_free, new.at.gap, net)
+    rate = jnp.where(new.is_free, new.tangent.gap, net_rate)
+    behind = jnp.where(rate > 0, value / jnp.where(rate > 0, rate, 1), jnp.inf)
+    is_foreseen = corners.distances + behind <= _FORESEEN * length
+    most = max(net.size // _LEAP, 1)
+    return jnp.all(jnp.where(flipped, is_foreseen, True)) & (jnp.sum(flipped) <= 2 * most)
+
+
+def _accepted(
+    way: Way, stride: Stride, corners: Corners, aim: _Aim, arrived: Place, turns: Flag
+) -> Stride:
+    """Return the state that a step has led to, if the events in it explain what has changed."""
+    curve, old = way.curve, stride.here
+    gap = jnp.where(arrived.is_free, jnp.maximum(arrived.at.gap, 0), 0)
+    gap = jnp.where(aim.is_corner & corners.point, 0, gap)
+    arrived = replace(arrived, at=Point(gap, arrived.at.pressure))
+    is_clear = ~(turns & jnp.any(arrived.is_free != old.is_free))
+
+    def at_fold() -> tuple[Point, Flag]:
+        return fold_between(curve, old, arrived)
+
+    def behind_corner() -> tuple[Place, Flag]:
+        return _behind(curve, arrived, corners, aim.opens)
+
+    turn, is_flat = jax.lax.cond(turns & is_clear, at_fold, lambda: (arrived.at, jnp.array(True)))
+    new, goes_on = jax.lax.cond(aim.is_corner, behind_corner, lambda: (arrived, is_clear))
+    gap = new.at.gap
+    index, modes = index_of(curve.contact, curve.load, gap, stride.modes)
+    turns_back = way.rate(arrived.tangent) * way.rate(new.tangent) < 0
+    # At a release the point that lets go has no part in it yet.
+    touches = aim.is_corner & ~aim.opens
+    change = jnp.where(turns, 1, jnp.where(touches & turns_back, -1, 0))
+    agrees = _explains(way, stride, arrived, index, change, turns, touches)
+    flips = jnp.sum(new.is_free != arrived.is_free)
+    expected = index + (aim.is_corner & aim.opens & turns_back)
+    expected = jnp.where((flips > 1) | (index >= MOST) | (index < 0), UNKNOWN, expected)
+    kind = KINDS.where(aim.opens, KINDS.release, KINDS.touch)
+    is_good = goes_on & is_flat & agrees & ~(turns & way.is_beyond(turn))
+    taken = replace(
+        stride,
+        here=new,
+        index=index,
+        expected=expected,
+        modes=modes,
+        turn=turn,
+        kind=KINDS.where(aim.is_corner, kind, KINDS.fold),
+        turns=turns | turns_back,
+        is_new=jnp.array(True),
+    )
+    return choose(is_good, taken, replace(stride, is_new=jnp.array(False)))
+
+
+def _explains(
+    way: Way,
+    stride: Stride,
+    arrived: Place,
+    index: Int[Array, ""],
+    change: Int[Array, ""],
+    turns: Flag,
+    touches: Flag,
+) -> Flag:
+    """Return whether the number of negative eigenvalues changes as it does in such a step.
+
+    Modes that have no part in the branch, since they break a symmetry, may change as they like:
+    there other branches cross it.
+    """
+    curve, old = way.curve, stride.here
+
+    def is_as_said(before: Int[Array, ""], after: Int[Array, ""]) -> Flag:
+        is_known = (before >= 0) & (after >= 0) & (after < MOST)
+        found = jnp.where(turns, jnp.abs(after - before), after - before)
+        return ~is_known | (found == change)
+
+    def is_driven() -> Flag:
+        def driven(place: Place, is_free: Mask) -> Int[Array, ""]:
+            gap, tangent = place.at.gap, place.tangent.gap
+            return driven_index_of(curve.contact, curve.load, gap, is_free, tangent)
+
+        is_free = arrived.is_free & (~touches | (arrived.at.gap > 0))
+        places = jax.tree.map(lambda *leaves: jnp.stack(leaves), old, arrived)
+        masks = jnp.stack([old.is_free, is_free])
+        before, after = jax.lax.map(lambda pair: driven(*pair), (places, masks))
+        return (before >= 0) & (after >= 0) & is_as_said(before, after)
+
+    agrees = is_as_said(stride.expected, index)
+    # The farther from a bifurcation, the less a mode that does break the branch off has part in it.
+    is_short = stride.length <= _ACROSS * way.longest
+    return jax.lax.cond(~agrees & is_short, is_driven, lambda: agrees)
+
+
+def _behind(curve: Curve, at: Place, corners: Corners, opens: Flag) -> tuple[Place, Flag]:
+    """Return the place behind a corner, and whether the points that change sides there do so.
+
+    All points that tie change sides, or the first alone.
+    """
+
+    def flipped(number: Array) -> Mask:
+        return jnp.where(number == 0, corners.tied, corners.point)
+
+    # The first has a gap that grows, or a reaction.
+    unit = at_corner(curve, corners.point, ~opens, jnp.ones_like(at.at.pressure))
+    forces = curve.forces(at.at, at.is_free)
+    ahead = unit.gradient(curve, forces)
+
+    def beyond(number: Array) -> tuple[Place, Flag]:
+        flips = flipped(number)
+        gap = jnp.where(flips, 0, at.at.gap)
+        is_free = at.is_free ^ flips
+        point = Point(gap, at.at.pressure)
+        place = Place(point, is_free, curve.tangent(point, is_free, ahead))
+        return place, follow(curve, place, flips)
+
+    def goes_on(state: tuple[Array, Place, Flag]) -> Flag:
+        number, _, is_good = state
+        return (number < 2) & ~is_good
+
+    def try_next(state: tuple[Array, Place, Flag]) -> tuple[Array, Place, Flag]:
+        return state[0] + 1, *beyond(state[0])
+
+    start = jnp.array(0), at, jnp.array(False)
+    return jax.lax.while_loop(goes_on, try_next, start)[1:]
