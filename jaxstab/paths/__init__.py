@@ -6,12 +6,12 @@ from jaxstab.paths.branch_end.barrier_law import BarrierLaw
 from jaxstab.paths.critical_load import critical_load
 from jaxstab.paths.curve.branch import Branch, Turn
 from jaxstab.paths.curve.continuation import continuation
-from jaxstab.paths.curve.events import KINDS
 from jaxstab.paths.evolution.evolution import Evolution
 from jaxstab.paths.evolution.evolve import evolve
 from jaxstab.paths.evolution.growth_rate import growth_rate
 from jaxstab.paths.evolution.step import Internal
 from jaxstab.paths.follow import PathInterrupted, follow
+from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.observe import (
     ConductanceNumbers,
     LeakageNumbers,

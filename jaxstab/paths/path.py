@@ -18,7 +18,7 @@ from jaxstab.core.units import AREA, ENERGY, LENGTH, NUMBER, PRESSURE, Dimension
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.barrier_law import BarrierLaw
-from jaxstab.paths.curve.events import KINDS
+from jaxstab.paths.kinds import KINDS
 
 
 class States(Stackable, Dimensioned):

@@ -20,8 +20,8 @@ from jaxstab.loads import Load
 from jaxstab.paths.branch_end.barrier_law import BarrierLaw, barrier_law, no_barrier_law
 from jaxstab.paths.branch_end.kind import reason_of
 from jaxstab.paths.branch_end.release import first_of, first_releases
-from jaxstab.paths.curve.events import KINDS
 from jaxstab.paths.jump_detection import Progress
+from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.path import Jump, Path, States
 from jaxstab.paths.record import Event, Table
 

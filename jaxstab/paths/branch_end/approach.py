@@ -28,8 +28,8 @@ from jaxstab.loads import Control, Load
 from jaxstab.paths.branch_end.fold import FoldNewton
 from jaxstab.paths.branch_end.linearise import Point, linearised, point_at
 from jaxstab.paths.branch_end.locate import Limit, limit_of
-from jaxstab.paths.curve.events import KINDS
 from jaxstab.paths.energy import own_energy, smallest_loss, supply_of
+from jaxstab.paths.kinds import KINDS
 from jaxstab.stability.lowest_modes import BLOCK_SIZE, noise
 
 # The part that a step goes of the way to where the fold is foreseen.

@@ -20,7 +20,7 @@ from jaxstab.equilibrium.derivatives import third_derivative
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.linearise import free_space, rates
 from jaxstab.paths.branch_end.release import opening
-from jaxstab.paths.curve.events import KINDS
+from jaxstab.paths.kinds import KINDS
 
 
 class BarrierLaw(Stackable, Dimensioned):

@@ -15,7 +15,7 @@ from jaxstab.equilibrium.equilibrium import contact_area, fields_of
 from jaxstab.loads import Load
 from jaxstab.paths.branch_end.derivatives import differentiable, differentiable_fields
 from jaxstab.paths.branch_end.locate import Limit
-from jaxstab.paths.curve.events import KINDS
+from jaxstab.paths.kinds import KINDS
 from jaxstab.stability import Eigenpair
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.derivatives import differentiable as differentiable_pair

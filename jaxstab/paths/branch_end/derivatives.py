@@ -15,7 +15,7 @@ from jaxstab.loads import Load
 from jaxstab.paths.branch_end.linearise import free_space, linearised, newton_step
 from jaxstab.paths.branch_end.locate import Limit, locate
 from jaxstab.paths.branch_end.release import first_of, first_releases, opening
-from jaxstab.paths.curve.events import KINDS
+from jaxstab.paths.kinds import KINDS
 from jaxstab.stability.derivatives import differentiable as differentiable_pair
 
 Inputs = tuple[Contact, Load]

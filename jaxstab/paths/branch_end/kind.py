@@ -7,7 +7,7 @@ from jaxstab.contact import Contact
 from jaxstab.core.grid import mean
 from jaxstab.core.types import Field, Flag
 from jaxstab.loads import Load
-from jaxstab.paths.curve.events import KINDS
+from jaxstab.paths.kinds import KINDS
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.lowest_modes import BLOCK_SIZE, noise
 from jaxstab.stability.lowest_pair import on_space

@@ -26,7 +26,7 @@ from jaxstab.paths.branch_end.release import (
     horizon,
     least_open_closed,
 )
-from jaxstab.paths.curve.events import KINDS
+from jaxstab.paths.kinds import KINDS
 from jaxstab.stability.eigenpair import Eigenpair
 from jaxstab.stability.lowest_modes import BLOCK_SIZE, noise
 

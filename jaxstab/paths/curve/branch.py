@@ -13,7 +13,7 @@ from jaxstab.core.types import Field
 from jaxstab.core.units import NUMBER, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
-from jaxstab.paths.curve.events import KINDS
+from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.path import States
 
 

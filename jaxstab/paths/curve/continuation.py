@@ -35,10 +35,11 @@ from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_loads, require_same_machine
 from jaxstab.paths.curve.branch import Branch, Turn
 from jaxstab.paths.curve.curve import Curve, Point
-from jaxstab.paths.curve.events import KINDS, Place
+from jaxstab.paths.curve.events import Place
 from jaxstab.paths.curve.morse_index import UNKNOWN, index_of, some_modes
 from jaxstab.paths.curve.step import Stride, Way, next_stride
 from jaxstab.paths.follow import PathInterrupted
+from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.path import States
 from jaxstab.paths.record import Place as Recorded
 from jaxstab.paths.record import Room, Table, place_of

@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.paths.curve.corrector import Correction, CurveNewton, on_plane
 from jaxstab.paths.curve.curve import Curve, Point
@@ -24,20 +23,6 @@ _CLOSE = {"float64": 1e-9, "float32": 1e-4}
 _FINE = {"float64": 1e-8, "float32": 1e-4}
 # How far the rate of the load may be from zero at a fold, over the larger one at the step's ends.
 _FLAT = 1e-3
-
-
-class KINDS(Enumeration):
-    """Why a stable branch ends, where the load turns back, and why a branch is followed no more."""
-
-    fold = member("the smallest eigenvalue on the free points vanishes")
-    release = member("a contact point lets go, and the energy falls as it opens")
-    touch = member("a free point comes into contact, or surfaces that a pull had taken apart do")
-    load = member("at the second load")
-    loop = member("at a state that it has passed before: it is a closed loop")
-    states = member("at the number of states that was asked for")
-    full_contact = member("in full contact, from which a load that holds the gap leads nowhere")
-    uncertain = member("where steps of the least length do not tell one branch from another")
-    lost = member("where no next state was found")
 
 
 class Place(eqx.Module):

@@ -27,7 +27,6 @@ from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.paths.curve.corrector import Correction, CurveNewton, at_corner, on_plane
 from jaxstab.paths.curve.curve import Curve, Point
 from jaxstab.paths.curve.events import (
-    KINDS,
     Corners,
     Place,
     choose,
@@ -36,6 +35,7 @@ from jaxstab.paths.curve.events import (
     follow,
 )
 from jaxstab.paths.curve.morse_index import MOST, UNKNOWN, driven_index_of, index_of
+from jaxstab.paths.kinds import KINDS
 
 # The least cosine between the tangents at both ends of a step, and that from which steps grow.
 _LEAST_COSINE, _STRAIGHT = 0.95, 0.99
