@@ -212,7 +212,7 @@ def single_start(state: Any) -> Any:
     return held
 
 
-def equilibrium_of(contact: Contact, state: State) -> Equilibrium:
+def equilibrium_of(contact: Contact, state: State | None) -> Equilibrium:
     """Return the one equilibrium that a state is or holds, on the contact's grid.
 
     Raises:

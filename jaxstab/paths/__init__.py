@@ -9,6 +9,7 @@ from jaxstab.paths.curve.continuation import continuation
 from jaxstab.paths.evolution.evolution import Evolution
 from jaxstab.paths.evolution.evolve import evolve
 from jaxstab.paths.evolution.growth_rate import growth_rate
+from jaxstab.paths.evolution.lifetime import lifetime
 from jaxstab.paths.evolution.step import Internal
 from jaxstab.paths.follow import PathInterrupted, follow
 from jaxstab.paths.kinds import KINDS
@@ -45,6 +46,7 @@ __all__ = [
     "evolve",
     "follow",
     "growth_rate",
+    "lifetime",
     "observe",
     "pull_off",
     "transition",

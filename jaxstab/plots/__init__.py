@@ -7,6 +7,7 @@ a path.
 from jaxstab.plots.animation import animation
 from jaxstab.plots.branches import branch, transition
 from jaxstab.plots.curves import convergence, force, potential, spectrum, stability_curve
+from jaxstab.plots.evolutions import evolution
 from jaxstab.plots.fields import contact_map, gap, mode, mode_cut, pressure, surface
 from jaxstab.plots.observables import distribution, flow, patches
 from jaxstab.plots.paths import path
@@ -19,6 +20,7 @@ __all__ = [
     "contact_map",
     "convergence",
     "distribution",
+    "evolution",
     "flow",
     "force",
     "gap",

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -56,9 +56,17 @@ _ROUNDING = 1e3
 _DOUBT = 10
 
 
+@runtime_checkable
+class HasInstant(Protocol):
+    """A state in time: the contact as it answers at once, and its equilibrium."""
+
+    @property
+    def instant(self) -> tuple[Contact, Equilibrium]: ...  # noqa: D102
+
+
 def assess_stability(
-    contact: Contact,
-    equilibrium: State,
+    contact: Contact | HasInstant,
+    equilibrium: State | None = None,
     solver: ConeSolver | None = None,
     *,
     key: PRNGKeyArray | None = None,
@@ -82,8 +90,10 @@ def assess_stability(
     modes on different faces of the cone are equally low, the derivative is that of the mode found.
 
     Arguments:
-        contact: the contact problem.
-        equilibrium: one of its equilibria, or what holds it: an entry of a sweep, a fold.
+        contact: the contact problem; or one state of an `Evolution`, judged by the glassy solid,
+            which answers at once.
+        equilibrium: one of its equilibria, or what holds it: an entry of a sweep, a fold; none for
+            a state of an evolution.
         solver: the algorithm for the cone, `ProjectedLOBPCG()` by default. Its tolerance is that
             of all three numbers.
         key: the random key of the vectors to start from, `jax.random.key(0)` by default.
@@ -101,6 +111,8 @@ def assess_stability(
         TypeError: if the solver is not one for cones, or the key not a random one.
         SolverError: if `throw`, for an equilibrium or an eigenvalue that did not converge.
     """
+    if isinstance(contact, HasInstant):
+        contact, equilibrium = contact.instant
     equilibrium = equilibrium_of(contact, equilibrium)
     warn_if_coarse(contact)
     solver = solver_or_default(solver, ConeSolver, ProjectedLOBPCG)

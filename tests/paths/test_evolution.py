@@ -247,3 +247,27 @@ def test_nothing_grows_on_a_relaxed_minimum_and_a_glassy_instability_is_immediat
     contact = js.Contact(solid, jnp.zeros(grid.shape), law)
     found = js.evolve(contact, js.MeanGap(jnp.full(2, 0.02)), jnp.array([0.0, 1e-9]))
     assert js.growth_rate(found[-1]) == expected
+
+
+def test_verdicts_of_a_state_in_time_are_those_of_the_glassy_solid():
+    # Relaxed it is unstable, glassy it is stable: K(0) = 1, K(infinity) = 4, |f''| = 2 in between.
+    grid = js.Grid(8)
+    law = js.potentials.Exponential(2 * np.pi * 0.02**2 * np.e, 0.02)
+    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), RATIOS, TIMES)
+    contact = js.Contact(solid, jnp.zeros(grid.shape), law)
+    found = js.evolve(contact, js.MeanGap(jnp.full(2, 0.02)), jnp.array([0.0, 1e-9]))
+    stability = js.assess_stability(found[-1])
+    assert stability.verdict == "stable"
+    assert stability.cone.eigenvalue == pytest.approx((4 - 2) * np.pi, rel=1e-6)
+
+
+def test_lifetime_ends_between_the_relaxed_and_the_glassy_pull_off():
+    contact = viscoelastic(energy=0.001)
+    relaxed = js.Contact(contact.solid.relaxed, contact.heights, contact.potential)
+    pull = js.pull_off(relaxed)
+    strength = float(pull.load.value)
+    assert strength < 0
+    assert js.lifetime(contact, js.MeanPressure(0.99 * strength)) == np.inf
+    times = [js.lifetime(contact, js.MeanPressure(part * strength)) for part in (1.001, 1.01, 1.1)]
+    assert times[0] > 2 * times[1] > 4 * times[2] > 0
+    assert js.lifetime(contact, js.MeanPressure(100 * strength)) == 0

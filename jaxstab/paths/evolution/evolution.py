@@ -14,7 +14,7 @@ from jaxstab.contact import Contact
 from jaxstab.core import display
 from jaxstab.core.display import column
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Field
+from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load
@@ -56,6 +56,7 @@ class Evolution(Totals):
         times: the times [time].
         fields: gap and memory at each time; None without `fields`.
         last: gap and memory of the last state.
+        reached: the time of the last state that was found [time].
         jump_times: when the contact jumped; under JAX transformations the end of each step [time].
         dissipation: the energy lost in each jump; under JAX transformations in each step [energy].
         num_steps: the number of steps that led to each state from the one before.
@@ -67,6 +68,7 @@ class Evolution(Totals):
     times: Float[Array, "..."]
     fields: Internal | None
     last: Internal | None
+    reached: Scalar
     jump_times: Float[Array, " jumps"]
     dissipation: Float[Array, " jumps"]
     num_steps: Int[Array, "..."]

@@ -60,7 +60,7 @@ def evolve(
     initial: ArrayLike | Equilibrium | Evolution | None = None,
     rtol: ArrayLike = 1e-3,
     fields: bool = False,
-    progress: bool = False,
+    progress: bool | None = None,
     max_steps: int = 2000,
     throw: bool = True,
 ) -> Evolution:
@@ -87,7 +87,7 @@ def evolve(
         rtol: the error of a step, in deformation and in the balance of energies, over the largest
             ones so far.
         fields: whether to keep gap and memory at each time, for verdicts and growth rates.
-        progress: show a progress bar.
+        progress: show a progress bar; by default after two seconds, in a terminal or notebook.
         max_steps: how many steps there is room for in all.
         throw: raise an error if the end is not reached; otherwise look at `result`.
 
@@ -114,7 +114,8 @@ def evolve(
     if is_traced((contact, load, times)):
         inputs = medium, load, instants, moment
         totals, last = attach(_changes, (totals, last), (steps, entries.number), inputs)
-    jumps = _times_of(steps, constant[2]), steps.lost
+    ends = _times_of(steps, constant[2])
+    jumps = ends, steps.lost
     if not is_transformed(constant):
         has_jumped = np.asarray(steps.lost) > 0
         jumps = tuple(jnp.asarray(np.asarray(column)[has_jumped]) for column in jumps)
@@ -125,6 +126,7 @@ def evolve(
         times=instants,
         fields=entries.internal,
         last=last,
+        reached=jnp.where(steps.number > 0, ends[steps.number - 1], constant[2][0]),
         jump_times=jumps[0],
         dissipation=jumps[1],
         num_steps=jnp.diff(entries.number, prepend=0),
@@ -133,14 +135,19 @@ def evolve(
     return throw_failure(entries.result[-1], evolution, lambda: _describe(evolution), throw)
 
 
-def _checked(contact: Contact, load: Load, times: ArrayLike) -> Medium:
-    require_contact(contact)
-    require_load(load)
+def require_viscoelastic(contact: Contact) -> None:
+    """Raise `TypeError` for a contact whose solid has no relaxation times."""
     if not isinstance(contact.solid, Viscoelastic):
         raise TypeError(
             f"The solid is a {type(contact.solid).__name__}, which has no relaxation times: give "
             "the contact a Viscoelastic(solid, ratios, times)."
         )
+
+
+def _checked(contact: Contact, load: Load, times: ArrayLike) -> Medium:
+    require_contact(contact)
+    require_load(load)
+    require_viscoelastic(contact)
     given = known(parameter(times, "The times"))
     if given.ndim != 1 or given.size < 2 or load.value.shape != given.shape:
         raise ValueError(

@@ -1,0 +1,106 @@
+"""How long a viscoelastic contact lasts under a held load."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxstab.contact import Contact, require_contact
+from jaxstab.core.checks import parameter
+from jaxstab.core.results import RESULTS, SolverError
+from jaxstab.core.types import ArrayLike
+from jaxstab.equilibrium import Equilibrium, equilibrate
+from jaxstab.loads import Load, MeanPressure, require_loads
+from jaxstab.paths.evolution.evolution import Evolution, relaxed_contact
+from jaxstab.paths.evolution.evolve import evolve, require_viscoelastic
+
+# When to look first, over the shortest relaxation time; until when, over the longest.
+_FIRST, _LAST = 1e-4, 1e3
+_PER_DECADE, _PER_LEG = 4, 8
+
+
+def lifetime(
+    contact: Contact,
+    load: Load,
+    *,
+    initial: Equilibrium | Evolution | None = None,
+    until: ArrayLike | None = None,
+    rtol: float = 1e-3,
+) -> float:
+    """Return the time to detachment under a load that is applied at once, and then held.
+
+    The contact has detached where a dead load has pulled the surfaces apart, or where no point is
+    in contact.
+
+    Arguments:
+        contact: the contact, of a `Viscoelastic` solid.
+        load: the load, a single value.
+        initial: a state in contact before, as in `evolve`; by default relaxed, without a load.
+        until: how long to follow the contact [time]; by default a thousand times the longest
+            relaxation time.
+        rtol: the error of a step, as in `evolve`, and of a time where points lose contact smoothly.
+
+    Returns:
+        The time [time]: zero if it detaches at once, infinite if the relaxed solid has an
+        equilibrium in contact where the contact has come to rest.
+
+    Raises:
+        TypeError: for a solid that is not viscoelastic.
+        ValueError: for an array of loads, and an initial state without contact.
+        SolverError: where an equilibrium is not found for another reason than detachment, and for a
+            contact that has not come to rest.
+    """
+    require_contact(contact)
+    require_viscoelastic(contact)
+    require_loads(load, (), "lifetime takes one load", "use a loop.")
+    if initial is None:
+        initial = equilibrate(relaxed_contact(contact), MeanPressure(0.0))
+    if not np.asarray(initial.contact_area).flat[-1] > 0:
+        raise ValueError(
+            "The initial state has no point in contact, so that nothing can detach: give "
+            "`initial`, a state in contact."
+        )
+    solid: Any = contact.solid
+    end = _LAST * solid.times[-1] if until is None else parameter(until)
+    first = jnp.minimum(_FIRST * solid.times[0], end / 2)
+    count = int(_PER_DECADE * np.log10(float(end / first))) + 2
+    times = jnp.concatenate([jnp.zeros(1), jnp.geomspace(first, end, count)])
+    found = _held(contact, load, times, initial, rtol)
+    while found.result[-1] == RESULTS.successful:
+        touches = np.asarray(found.contact_area) > 0
+        if touches[-1]:
+            return _forever(contact, load, found)
+        place = int(np.argmin(touches))
+        before, after = (float(found.times[i]) for i in (max(place - 1, 0), place))
+        if place == 0 or after - before <= rtol * after:
+            return after
+        times = jnp.linspace(before, after, _PER_LEG + 1)
+        found = _held(contact, load, times, found[place - 1], rtol)
+    if found.result[-1] != RESULTS.pulled_off:
+        raise SolverError(f"The contact could not be followed: {RESULTS[found.result[-1]]}.", found)
+    return float(found.reached)
+
+
+def _held(
+    contact: Contact,
+    load: Load,
+    times: Float[Array, " times"],
+    initial: Equilibrium | Evolution,
+    rtol: float,
+) -> Evolution:
+    held = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, times.shape), load)
+    return evolve(contact, held, times, initial=initial, rtol=rtol, fields=True, throw=False)
+
+
+def _forever(contact: Contact, load: Load, found: Evolution) -> float:
+    """Return infinity, if the relaxed solid has an equilibrium in contact near the last state."""
+    rest = equilibrate(relaxed_contact(contact), load, initial=found.gap, throw=False)
+    if rest.result == RESULTS.successful and rest.contact_area > 0:
+        return np.inf
+    raise SolverError(
+        f"The contact still holds at {float(found.times[-1]):.6g}, where the relaxed solid has no "
+        "equilibrium: raise `until`.",
+        found,
+    )

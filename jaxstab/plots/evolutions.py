@@ -1,0 +1,65 @@
+"""Viscoelastic contacts in time."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from jaxstab.core.checks import require_kind
+from jaxstab.paths import Evolution
+from jaxstab.plots.style import (
+    add_legend,
+    axes_or_new,
+    label_axes,
+    load_label,
+    plain_decades,
+    quantity_label,
+)
+
+Quantity = Literal["mean_gap", "mean_pressure", "force", "contact_area"]
+
+
+def evolution(
+    *evolutions: Evolution,
+    x: Literal["load", "time"] = "load",
+    y: Quantity | None = None,
+    labels: Sequence[str] | None = None,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw contacts in time: pressure or force over the load, or over the logarithm of time.
+
+    Arguments:
+        evolutions: one or more of the same contact, for instance at several speeds.
+        x: "load", or "time" on a logarithmic axis without the first state.
+        y: a quantity of the states; by default the mean pressure, or on a window the force.
+        labels: one for each evolution, for a legend.
+        axes: where to draw.
+
+    Raises:
+        TypeError: for something that is not an evolution.
+        ValueError: for a quantity that cannot be drawn, and another number of labels.
+    """
+    for each in evolutions:
+        require_kind(each, Evolution, "no evolution: give what jaxstab.evolve returned.")
+    contact = evolutions[0].contact
+    y = y or ("force" if contact.solid.is_window else "mean_pressure")
+    if x not in ("load", "time") or y not in Quantity.__args__:
+        raise ValueError(
+            f"x is {x!r} and y {y!r}: x is load or time, y one of {', '.join(Quantity.__args__)}."
+        )
+    if labels is not None and len(labels) != len(evolutions):
+        raise ValueError(f"There are {len(labels)} labels for {len(evolutions)} evolutions.")
+    axes = axes_or_new(axes)
+    for each, label in zip(evolutions, labels or [None] * len(evolutions), strict=True):
+        across = each.times if x == "time" else each.load.value
+        shown = slice(1, None) if x == "time" else slice(None)
+        axes.plot(np.asarray(across)[shown], np.asarray(getattr(each, y))[shown], ".-", label=label)
+    time = "time" if x == "time" else load_label(evolutions[0].load)
+    label_axes(axes, time, quantity_label(y), contact.units)
+    if x == "time":
+        axes.set_xscale("log")
+        plain_decades(axes.xaxis)
+    if labels is not None:
+        add_legend(axes)
+    return axes

@@ -1,0 +1,38 @@
+"""Figures of viscoelastic contacts in time."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxstab as js
+
+
+@pytest.fixture(scope="module")
+def run():
+    grid = js.Grid((16,))
+    heights = 0.02 * jnp.cos(2 * jnp.pi * jnp.arange(16) / 16)
+    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), (2.0,), (0.1,))
+    contact = js.Contact(
+        solid, heights, js.potentials.Exponential(0.001, 0.02), unit="µm", pressure_unit="MPa"
+    )
+    times = jnp.array([0.0, 0.1, 1.0, 10.0])
+    return js.evolve(contact, js.MeanDisplacement(jnp.full(4, 0.02).at[0].set(0.05)), times)
+
+
+def test_quantities_are_drawn_over_load_or_time_with_their_units(run):
+    axes = js.plots.evolution(run, run, labels=["a", "b"])
+    assert axes.get_ylabel().endswith("[MPa]") and axes.get_xlabel().endswith("[µm]")
+    assert np.array(axes.lines[0].get_ydata()) == pytest.approx(np.array(run.mean_pressure))
+    axes = js.plots.evolution(run, x="time", y="contact_area")
+    assert axes.get_xscale() == "log" and axes.get_ylabel() == "contact area"
+    # Zero has no place on a logarithmic axis.
+    assert np.array(axes.lines[0].get_xdata()) == pytest.approx([0.1, 1.0, 10.0])
+
+
+def test_mistakes_are_named(run):
+    with pytest.raises(TypeError, match=r"what jaxstab\.evolve returned"):
+        js.plots.evolution(run.contact)
+    with pytest.raises(ValueError, match="y 'energy': x is load or time"):
+        js.plots.evolution(run, y="energy")
+    with pytest.raises(ValueError, match="1 labels for 2 evolutions"):
+        js.plots.evolution(run, run, labels=["a"])
