@@ -3,7 +3,6 @@
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar
 
 import equinox as eqx
@@ -56,30 +55,6 @@ class Iteration(eqx.Module, Generic[State]):
     residual: Scalar
     num_steps: Int[Array, ""]
     result: RESULTS
-    history: History
-
-
-class Loop(eqx.Module, Generic[State]):
-    """A loop that is under way, from which it can go on.
-
-    Attributes:
-        state: where it is.
-        residual: the residual there.
-        num_steps: the steps taken since it began or was resumed.
-        num_before: those taken before.
-        first: the indicators where it began.
-        best: the least that each indicator was at a step that made progress.
-        best_step: that step.
-        history: the indicators on record.
-    """
-
-    state: State
-    residual: Scalar
-    num_steps: Int[Array, ""]
-    num_before: Int[Array, ""]
-    first: Indicators
-    best: Indicators
-    best_step: Int[Array, ""]
     history: History
 
 
@@ -147,86 +122,67 @@ class IterativeSolver(eqx.Module):
             max_steps: the number of steps after which to stop: none where nothing is sought.
         """
         problem = self.prepared(problem, start)
-        return self.outcome(self.advance(problem, self.begin(problem, start), max_steps))
-
-    def begin(self, problem: Any, start: Any) -> Loop[Any]:
-        """Return the loop from a start before its first step; the problem is prepared."""
         state, zero = self.init(problem, start), jnp.zeros((), int)
         first = self.measure(problem, state)
         history = History.empty(first, first["residual"].dtype).record(zero, zero, first)
-        return Loop(state, first["residual"], zero, zero, first, first, zero, history)
+        begin = Iteration(state, first["residual"], zero, RESULTS.max_steps_reached, history)
+        return self._iterate(problem, begin, first, max_steps)
 
-    def resumed(self, before: Iteration[State]) -> Loop[State]:
-        """Return a loop that goes on from an iteration, from which progress counts anew.
+    def resume(
+        self, problem: Any, before: Iteration[State], max_steps: ArrayLike
+    ) -> Iteration[State]:
+        """Go on from an iteration by at most so many steps, from which progress counts anew.
 
-        Its steps and history count too. It is for solvers that measure the residual alone.
+        It is for solvers that measure the residual alone; the problem is prepared.
         """
-        zero, residual = jnp.zeros_like(before.num_steps), before.residual
-        first = {"residual": residual}
-        return Loop(
-            before.state, residual, zero, before.num_steps, first, first, zero, before.history
-        )
+        return self._iterate(problem, before, {"residual": before.residual}, max_steps)
 
-    def advance(
-        self, problem: Any, loop: Loop[State], max_steps: ArrayLike = NO_LIMIT
-    ) -> Loop[State]:
-        """Return a loop after at most `max_steps` steps more; pauses change nothing."""
-        limit = jnp.minimum(max_steps, NO_LIMIT - loop.num_steps) + loop.num_steps
-        step = partial(self.step, problem)
+    def _iterate(
+        self, problem: Any, before: Iteration[State], first: Indicators, max_steps: ArrayLike
+    ) -> Iteration[State]:
+        begin, tolerance = before.num_steps, self.tolerance_in(before.residual.dtype)
+        limit = jnp.minimum(begin + jnp.minimum(max_steps, NO_LIMIT - begin), self.max_steps)
 
-        def further(loop: Loop[State]) -> Loop[State]:
-            state = loop.state
+        def concluded(iteration: Iteration[State], best_step: Int[Array, ""]) -> Iteration[State]:
+            is_stalled = iteration.num_steps - begin > self.patience + 2 * (best_step - begin)
+            result = RESULTS.where(is_stalled, RESULTS.stagnated, RESULTS.max_steps_reached)
+            result = RESULTS.where(iteration.residual <= tolerance, RESULTS.successful, result)
+            result = RESULTS.where(jnp.isfinite(iteration.residual), result, RESULTS.nonfinite)
+            return replace(iteration, result=result)
+
+        def goes_on(carry: tuple[Iteration[State], Indicators, Int[Array, ""]]) -> Flag:
+            iteration, *_ = carry
+            is_open = iteration.result == RESULTS.max_steps_reached
+            return is_open & (iteration.num_steps < limit)
+
+        def further(carry: tuple[Iteration[State], Indicators, Int[Array, ""]]) -> tuple:
+            old, best, best_step = carry
+            state = old.state
             if self.steps_per_check == 1:
-                state = step(state)
+                state = self.step(problem, state)
             else:
-                state = jax.lax.fori_loop(0, self.steps_per_check, lambda _, s: step(s), state)
-            num_steps = loop.num_steps + self.steps_per_check
-            indicators = self.measure(problem, state)
-            improved = _is_progress(loop, indicators)
-            steps = loop.num_before + num_steps
-            return replace(
-                loop,
-                state=state,
-                residual=indicators["residual"],
-                num_steps=num_steps,
-                best={
-                    name: jnp.where(improved, jnp.minimum(best, indicators[name]), best)
-                    for name, best in loop.best.items()
-                },
-                best_step=jnp.where(improved, num_steps, loop.best_step),
-                history=loop.history.record(steps // self.steps_per_check, steps, indicators),
-            )
+                state = jax.lax.fori_loop(
+                    0, self.steps_per_check, lambda _, s: self.step(problem, s), state
+                )
+            steps = old.num_steps + self.steps_per_check
+            new = self.measure(problem, state)
+            history = old.history.record(steps // self.steps_per_check, steps, new)
+            is_better = _is_progress(first, best, new)
+            best = {
+                name: jnp.where(is_better, jnp.minimum(least, new[name]), least)
+                for name, least in best.items()
+            }
+            best_step = jnp.where(is_better, steps, best_step)
+            iteration = Iteration(state, new["residual"], steps, old.result, history)
+            return concluded(iteration, best_step), best, best_step
 
         # By default accelerators multiply float32 matrices to three digits.
         with jax.default_matmul_precision("highest"):
-            return jax.lax.while_loop(
-                lambda loop: ~self.is_over(loop) & (loop.num_steps < limit), further, loop
-            )
-
-    def is_over(self, loop: Loop[Any]) -> Flag:
-        """Return whether a loop has come to its end."""
-        unfinished = (loop.residual > self._goal(loop)) & jnp.isfinite(loop.residual)
-        has_steps = loop.num_steps < self.max_steps - loop.num_before
-        return ~(unfinished & has_steps & ~self._is_stalled(loop))
-
-    def outcome(self, loop: Loop[State]) -> Iteration[State]:
-        """Return the state of a loop, at its end or at a pause."""
-        stalled = self._is_stalled(loop)
-        result = RESULTS.where(stalled, RESULTS.stagnated, RESULTS.max_steps_reached)
-        result = RESULTS.where(loop.residual <= self._goal(loop), RESULTS.successful, result)
-        result = RESULTS.where(jnp.isfinite(loop.residual), result, RESULTS.nonfinite)
-        num_steps = loop.num_before + loop.num_steps
-        return Iteration(loop.state, loop.residual, num_steps, result, loop.history)
-
-    def _goal(self, loop: Loop[Any]) -> Scalar | float:
-        return self.tolerance_in(loop.residual.dtype)
-
-    def _is_stalled(self, loop: Loop[Any]) -> Flag:
-        return loop.num_steps > self.patience + 2 * loop.best_step
+            start = concluded(before, begin), first, begin
+            return jax.lax.while_loop(goes_on, further, start)[0]
 
 
-def _is_progress(loop: Loop[Any], new: Indicators) -> Flag:
-    first, best = loop.first, loop.best
+def _is_progress(first: Indicators, best: Indicators, new: Indicators) -> Flag:
     progress = new["residual"] < _STALL_FACTOR * best["residual"]
     if "energy" in new:
         fall = first["energy"] - best["energy"]

@@ -92,21 +92,28 @@ def test_falls_count_where_they_are_more_than_rounding(dtype, fall, level, is_pr
     assert iteration.result == ("max_steps_reached" if is_progress else "stagnated")
 
 
-@pytest.mark.parametrize("ends_at", [500, 10])
-def test_pauses_change_nothing(ends_at):
+def test_an_iteration_that_is_resumed_ends_like_one_without_pauses():
     def measure(step):
-        residual = jnp.where(step < 300, 1.0 + step, 1e-4)
-        return {"residual": residual, "energy": 100.0 - jnp.minimum(step, ends_at)}
+        return {"residual": 0.97**step}
 
     solver = Counter()
-    whole = solver.run(measure, jnp.array(0.0))
-    loop = solver.begin(measure, jnp.array(0.0))
-    assert solver.outcome(loop).num_steps == 0
-    for count in range(1, 100):
-        if solver.is_over(loop):
-            break
-        loop = solver.advance(measure, loop, 7)
-        assert solver.outcome(loop).num_steps == min(7 * count, whole.num_steps)
-    found = solver.outcome(loop)
-    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(whole), strict=True):
+    whole, part = solver.run(measure, jnp.array(0.0)), solver.run(measure, jnp.array(0.0), 0)
+    assert part.num_steps == 0
+    for count in range(1, 40):
+        part = solver.resume(measure, part, 7)
+        assert part.num_steps == min(7 * count, whole.num_steps)
+    assert whole.num_steps == 227
+    for one, other in zip(jax.tree.leaves(part), jax.tree.leaves(whole), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_a_resumed_iteration_stops_at_the_limits_of_the_whole():
+    def measure(step):
+        return {"residual": 1.0 + 0.0 * step}
+
+    stalled = Counter().run(measure, jnp.array(0.0))
+    assert stalled.result == js.RESULTS.stagnated
+    again = Counter().resume(measure, stalled, 1000)
+    assert again.num_steps == 2 * stalled.num_steps
+    limited = Counter(max_steps=25)
+    assert limited.resume(measure, limited.run(measure, jnp.array(0.0), 15), 1000).num_steps == 25

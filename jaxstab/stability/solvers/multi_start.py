@@ -1,5 +1,7 @@
 """Multi-start with successive halving: of many starts the lowest few go on to convergence."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -47,14 +49,12 @@ def _advanced(
     solver: IterativeSolver, problem: Eigenproblem, found: Iteration, limits: Int[Array, " starts"]
 ) -> Iteration:
     """Return iterations after at most so many steps more, one after another on a CPU."""
-
-    def advance(iteration: Iteration, limit: Int[Array, ""]) -> Iteration:
-        return solver.outcome(solver.advance(problem, solver.resumed(iteration), limit))
+    resume = partial(solver.resume, problem)
 
     def advance_next(state: tuple[Iteration, Array]) -> tuple[Iteration, Array]:
         found, left = state
         i = jnp.argmax(left)
-        entry = advance(entry_of(found, i), entry_of(left, i))
+        entry = resume(entry_of(found, i), entry_of(left, i))
         return with_entry(state, i, (entry, jnp.zeros((), left.dtype)))
 
     def one_by_one(found: Iteration, limits: Int[Array, " starts"]) -> Iteration:
@@ -62,7 +62,7 @@ def _advanced(
         begin = found, limits
         return jax.lax.while_loop(lambda state: jnp.any(state[1] > 0), advance_next, begin)[0]
 
-    return on_platform(one_by_one, jax.vmap(advance), found, limits)
+    return on_platform(one_by_one, jax.vmap(resume), found, limits)
 
 
 def _ranks(
