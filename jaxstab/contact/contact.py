@@ -12,47 +12,25 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from jaxstab import potentials
 from jaxstab.contact.hessian import Hessian
+from jaxstab.contact.inputs import law_on, relative_heights, suspicions, unit_of_lengths
 from jaxstab.contact.residual import Balance, balance_of, conforming_pressure
-from jaxstab.core.checks import (
-    array,
-    cast,
-    is_spread,
-    is_traced,
-    known,
-    numbers,
-    require_finite,
-    require_kind,
-)
-from jaxstab.core.compile import program
+from jaxstab.contact.window import continued_surface
+from jaxstab.core.checks import array, cast, is_traced, numbers, require_finite, require_kind
 from jaxstab.core.display import block
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Scalar
-from jaxstab.core.unit_system import Units, unit_of
+from jaxstab.core.unit_system import Units
 from jaxstab.core.units import LENGTH
 from jaxstab.loads import Control, Load
-from jaxstab.potentials import (
-    Potential,
-    as_module,
-    curvature,
-    energy_density,
-    slope,
-    varying_fields,
-    with_fields,
-)
+from jaxstab.potentials import Potential, curvature, energy_density, slope
 from jaxstab.potentials.jumps import law_jump, require_no_jump
 from jaxstab.potentials.profile import Profile, profile_of, require_smooth
-from jaxstab.solids import Solid, mirrored, padded, where_window
+from jaxstab.solids import Solid
 from jaxstab.surfaces import Topography, faults
 from jaxstab.surfaces.topography import FILL, as_topography
-
-# Over the range of the heights: a constant in them that costs digits.
-_LARGE = 16.0
-# How far below a surface that ends the solid may sink beyond it, over the surface's depth.
-_DEPTH = 2
 
 
 class Contact(eqx.Module):
@@ -130,25 +108,19 @@ class Contact(eqx.Module):
                 f"heights have shape {given.shape}, the solid's grid {solid.grid.shape}: "
                 "build both on the same grid."
             )
-        relative, datum = _relative(given)
+        relative, datum = relative_heights(given)
         self.heights = solid.grid.placed(relative)
         dtype = self.heights.dtype
         self.datum = datum.astype(dtype) if isinstance(datum, jax.Array) else array(datum, dtype)
         if dtype not in (jnp.float32, jnp.float64):
             raise TypeError(f"heights are {dtype}: give them in float32 or float64.")
         require_finite("heights", self.heights, FILL)
-        faults.warn(_suspicions(solid, given, topography))
+        faults.warn(suspicions(solid, given, topography))
         self.solid = cast(solid, dtype)
-        self.unit, self.pressure_unit, _ = Units.checked(_unit(topography, unit), pressure_unit)
-        law = as_module(potential, dtype)
-        fields = varying_fields(law)
-        for field in fields:
-            if field.shape != self.heights.shape:
-                raise ValueError(
-                    f"A parameter of the law varies over points of shape {field.shape}, the "
-                    f"heights have shape {self.heights.shape}: give one for each point."
-                )
-        self.potential = with_fields(law, list(map(solid.grid.placed, fields)))
+        self.unit, self.pressure_unit, _ = Units.checked(
+            unit_of_lengths(topography, unit), pressure_unit
+        )
+        self.potential = law_on(solid.grid, potential, dtype)
         require_smooth(self.profile)
         jump = law_jump(potentials.everywhere(self.potential), self.grid.lengths)
         if is_traced(jump):
@@ -168,7 +140,10 @@ class Contact(eqx.Module):
     def whole(self) -> "Contact":
         """The same contact on the grid that it is solved on: on a window a larger one."""
         solid = self.solid.whole
-        return self if solid is self.solid else _continued(self, solid)
+        if solid is self.solid:
+            return self
+        continued = solid, *continued_surface(solid, self.heights, self.potential)
+        return eqx.tree_at(lambda c: (c.solid, c.heights, c.potential), self, continued)
 
     @property
     def profile(self) -> Profile:
@@ -289,44 +264,6 @@ def require_contact(contact: Any) -> None:
     require_kind(contact, Contact, f"no contact: {cure}")
 
 
-def _relative(heights: Array | np.ndarray) -> tuple[Array | np.ndarray, Array | np.ndarray]:
-    """Return heights less a constant that would cost them digits, and this constant."""
-    values = known(heights)
-    xp = np if isinstance(values, np.ndarray) else jnp
-    constant = jax.lax.stop_gradient(values) if xp is jnp else values
-    first = constant[(0,) * values.ndim]
-    is_large = xp.abs(first) / _LARGE > xp.max(xp.abs(constant - first))
-    datum = xp.where(is_large, first, 0).astype(values.dtype)
-    return (heights if xp is np and datum == 0 else values - datum), datum
-
-
-def _unit(topography: Topography | None, given: str | None) -> str | None:
-    """Return the unit of lengths: that of a topography if it has one, else that given."""
-    own = topography.unit if topography else None
-    unit = own if given is None else unit_of(given)
-    if own not in (None, unit):
-        raise ValueError(
-            f"The unit is {unit}, the topography is in {own}: leave out `unit`, or convert the "
-            f'topography by `.in_unit("{unit}")` and give lengths in {unit}.'
-        )
-    return unit
-
-
-def _suspicions(
-    solid: Solid, heights: Array | np.ndarray, topography: Topography | None
-) -> list[str]:
-    """Return what looks wrong with heights on a solid: on a window edges need not meet."""
-    if topography and solid.is_window:
-        return [*topography.wrong_scale, *topography.spread]
-    if topography:
-        return topography.suspicions
-    if is_traced((heights, solid.grid.lengths)) or is_spread(heights):
-        return []
-    values = np.asarray(heights)
-    marks = faults.marks_missing(values, known(solid.grid.lengths))
-    return marks if marks or solid.is_window else faults.looks_wrong(values)
-
-
 def _power_of_two_above(value: Scalar) -> Scalar:
     """Return the least power of two above a number, made of the bits of its exponent.
 
@@ -338,23 +275,3 @@ def _power_of_two_above(value: Scalar) -> Scalar:
     bits = jax.lax.bitcast_convert_type(value, kind) & np.asarray(exponent, kind)
     is_normal = (value >= limits.tiny) & (value <= limits.max / 2)
     return jnp.where(is_normal, 2 * jax.lax.bitcast_convert_type(bits, value.dtype), 1)
-
-
-@program
-def _continued(contact: Contact, solid: Solid) -> Contact:
-    """Return a contact with its solid on a larger grid, on which there is no surface elsewhere."""
-    heights, law = contact.heights, contact.potential
-    lowest, spread = jnp.min(heights), jnp.max(heights) - jnp.min(heights)
-    # Not deeper than need be, as digits are lost to it.
-    depth = _DEPTH * spread + jnp.max(solid.grid.spacing).astype(heights.dtype)
-    fields = [mirrored(field) for field in varying_fields(law)]
-    is_there = solid.grid.placed(where_window(heights))
-    return eqx.tree_at(
-        lambda contact: (contact.solid, contact.heights, contact.potential),
-        contact,
-        (
-            solid,
-            padded(heights, lowest - depth),
-            potentials.Within(potentials.with_fields(law, fields), is_there),
-        ),
-    )

@@ -1,0 +1,22 @@
+"""A surface that ends, continued on the larger grid that its contact is solved on."""
+
+import jax.numpy as jnp
+
+from jaxstab.core.compile import program
+from jaxstab.core.types import Field
+from jaxstab.potentials import Potential, Within, varying_fields, with_fields
+from jaxstab.solids import Solid, mirrored, padded, where_window
+
+# How far below a surface that ends the solid may sink beyond it, over the surface's depth.
+_DEPTH = 2
+
+
+@program
+def continued_surface(solid: Solid, heights: Field, law: Potential) -> tuple[Field, Potential]:
+    """Return heights and law on the grid of a solid, on which there is no surface elsewhere."""
+    lowest, spread = jnp.min(heights), jnp.max(heights) - jnp.min(heights)
+    # Not deeper than need be, as digits are lost to it.
+    depth = _DEPTH * spread + jnp.max(solid.grid.spacing).astype(heights.dtype)
+    fields = [mirrored(field) for field in varying_fields(law)]
+    is_there = solid.grid.placed(where_window(heights))
+    return padded(heights, lowest - depth), Within(with_fields(law, fields), is_there)
