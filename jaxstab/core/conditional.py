@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from itertools import chain
 from typing import Any, TypeVar
 
 import jax
@@ -23,29 +24,27 @@ def if_needed(is_needed: Any, compute: Callable[[], Out], otherwise: Out) -> Out
     return compute() if is_needed else otherwise
 
 
-def first_good(compute: Callable[[Any], Out], is_good: Callable[[Out], Array]) -> Out:
-    """Return `compute(0)` if it is good, or else `compute(1)`, or the first if neither is.
+def first_good(compute: Callable[[Any], Out], is_good: Callable[[Out], Array], number: int) -> Out:
+    """Return the first good one of `compute(0)` to `compute(number - 1)`, or the first if none is.
 
-    In a trace `compute` is traced once; outside of one, the second is computed only if needed.
+    In a trace `compute` is traced once; outside of one, no more are computed than needed.
     """
     if not is_transformed(()):
         first = compute(0)
-        if is_good(first):
-            return first
-        second = compute(1)
-        return second if is_good(second) else first
+        others = map(compute, range(1, number))
+        return next(filter(is_good, chain([first], others)), first)
 
-    def is_needed(state: tuple[Array, Out]) -> Array:
-        number, found = state
-        return (number == 0) | ((number == 1) & ~is_good(found))
+    def goes_on(state: tuple[Array, Out]) -> Array:
+        count, found = state
+        return (count == 0) | ((count < number) & ~is_good(found))
 
-    def look(state: tuple[Array, Out]) -> tuple[Array, Out]:
-        number, first = state
-        found = compute(number)
-        is_told_of = (number == 0) | is_good(found)
-        return number + 1, jax.tree.map(partial(jnp.where, is_told_of), found, first)
+    def try_next(state: tuple[Array, Out]) -> tuple[Array, Out]:
+        count, first = state
+        found = compute(count)
+        is_kept = (count == 0) | is_good(found)
+        return count + 1, jax.tree.map(partial(jnp.where, is_kept), found, first)
 
     zero = jnp.array(0)
     like = jax.eval_shape(compute, zero)
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
-    return jax.lax.while_loop(is_needed, look, (zero, nothing))[1]
+    return jax.lax.while_loop(goes_on, try_next, (zero, nothing))[1]

@@ -112,7 +112,7 @@ def _find(contact: Contact, bracket: Load, starts: Starts, report: Report = unse
         report(end)
         return end
 
-    return first_good(end_of, lambda limit: limit.is_found)
+    return first_good(end_of, lambda limit: limit.is_found, 2)
 
 
 # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
+from jaxstab.core.conditional import first_good
 from jaxstab.core.history import History
 from jaxstab.core.loop import Iteration
 from jaxstab.core.results import RESULTS
@@ -108,20 +109,7 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
         kind = KINDS.where(number < 2, kind, KINDS.release)
         return locate(contact, load, state, kind, first_of(releases), ahead)
 
-    def goes_on(state: tuple[Array, Limit]) -> Flag:
-        number, limit = state
-        return (number == 0) | ((number < _NUM_TRIES) & ~limit.is_event)
-
-    def try_next(state: tuple[Array, Limit]) -> tuple[Array, Limit]:
-        number, before = state
-        found = limit_from(number)
-        is_kept = (number == 0) | found.is_event
-        return number + 1, jax.tree.map(partial(jnp.where, is_kept), found, before)
-
-    zero = jnp.array(0)
-    like = jax.eval_shape(limit_from, zero)
-    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
-    return jax.lax.while_loop(goes_on, try_next, (zero, nothing))[1]
+    return first_good(limit_from, lambda limit: limit.is_event, _NUM_TRIES)
 
 
 def locate(
