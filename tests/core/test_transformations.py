@@ -185,19 +185,31 @@ def test_a_bare_function_of_traced_values_does_not_compile_again(solid, heights)
     assert len({float(value) for value in values}) == 3
 
 
-def test_a_bare_function_written_anew_does_not_compile_again(solid, heights):
-    def pressures(energies):
-        def pressure(energy):
-            contact = js.Contact(solid, heights, bare_law(energy))
-            return js.equilibrate(contact, LOAD, throw=False).mean_pressure
+def test_a_bare_function_written_anew_compiles_anew_once(solid, heights):
+    def pressure(law, gap):
+        return js.equilibrate(js.Contact(solid, heights, law), js.MeanGap(gap)).mean_pressure
 
-        return jax.vmap(pressure)(energies)
+    for energy in (0.01, 0.02):
+        law = bare_law(energy)
+        with compilations() as compiled:
+            found = pressure(law, 0.1)
+        assert any("find" in name for name in compiled), compiled
+        with compilations() as compiled:
+            again = pressure(law, 0.2)
+        assert compiled == []
+        expected = [pressure(named_law(energy), gap) for gap in (0.1, 0.2)]
+        np.testing.assert_allclose([found, again], expected, rtol=1e-9)
 
-    first, more = pressures(ENERGIES), 2 * ENERGIES
-    with compilations() as compiled:
-        second = pressures(more)
-    assert compiled == []
-    assert not np.allclose(first, second)
+
+def test_a_bare_function_of_a_value_is_mapped_and_differentiated_by_it(solid, heights):
+    def pressure(make, energy):
+        return js.equilibrate(js.Contact(solid, heights, make(energy)), LOAD).mean_pressure
+
+    found = jax.vmap(jax.value_and_grad(lambda energy: pressure(bare_law, energy)))(ENERGIES[:2])
+    expected = [pressure(named_law, energy) for energy in ENERGIES[:2]]
+    np.testing.assert_allclose(found[0], expected, rtol=1e-7)
+    sides = [pressure(named_law, energy) for energy in (0.00999, 0.01001)]
+    np.testing.assert_allclose(found[1][1], (sides[1] - sides[0]) / 2e-5, rtol=1e-4)
 
 
 def test_a_function_that_reads_a_changed_value_is_computed_anew(solid, heights):
