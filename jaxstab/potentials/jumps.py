@@ -38,7 +38,7 @@ class LawJump(eqx.Module):
     @property
     def is_there(self) -> Flag:
         """Whether value or slope jumps."""
-        return jnp.any(self.size > _SMALLEST)
+        return (self.size > _SMALLEST).any()
 
 
 @program

@@ -26,6 +26,8 @@ def classes(kind=Dimensioned):
 
 
 def test_every_field_of_a_result_has_a_dimension():
+    # Its modules are imported on first use.
+    assert all(hasattr(js, name) for name in js.__all__)
     own = {kind for kind in classes() if kind.__module__.startswith("jaxstab.")}
     assert {"Path", "Stability", "CriticalLoad", "Spring"} <= {kind.__name__ for kind in own}
     known = {kind.__name__: dimensions(kind) for kind in own}

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import jaxstab as js
+from jaxstab.calibration.result import Profile
 
 NUM_LOADS = 4
 
@@ -213,9 +214,10 @@ def test_contacts_print_their_numbers(contact):
     assert repr(contact.grid) == "Grid(shape=(8, 6), lengths=[2, 3])"
     assert "youngs_modulus=12.5, poisson_ratio=0)" in repr(contact.solid)
     lines = repr(contact).splitlines()
-    assert len(lines) == 4
+    assert len(lines) == 5
     assert "float64[8, 6] from -0.25 to 0.25" in lines[2]
-    assert lines[3].endswith("Exponential(surface_energy=0.0625, length=0.5)")
+    assert lines[3].split() == ["datum", "0"]
+    assert lines[4].endswith("Exponential(surface_energy=0.0625, length=0.5)")
 
 
 def test_states_print_numbers_shapes_and_words(sweep):
@@ -253,22 +255,33 @@ def test_folds_and_fits_print_what_they_found(sweep, contact):
     assert "Equilibrium(load=MeanGap(value=1), mean_pressure=1, " in equilibrium
     assert "Eigenpair(eigenvalue=1, " in critical and "no_fold" in result
 
+    zero, none = jnp.array(0.0), jnp.zeros(0)
     fit = js.Calibration(
         contact=contact,
         parameters=(contact.potential, contact.solid.youngs_modulus),
-        standard_errors={"energy": jnp.array(0.03125), "other": None},
-        covariance=jnp.eye(3),
+        standard_errors=(contact.potential, zero),
+        offset=zero,
+        offset_error=zero,
+        baseline=zero,
+        baseline_error=zero,
+        covariance=jnp.diag(jnp.array([0.03125, 2.0, 0.5]) ** 2),
         mean_pressure=jnp.linspace(-1, 1, 5),
+        area=jnp.array(6.0),
         loss=jnp.array(2.5e-7),
         residual=jnp.array(1e-7),
         num_steps=jnp.array(12),
+        num_minima=jnp.array(2),
+        profile=Profile(jnp.array(0), none, none),
         result=js.RESULTS.successful,
-        history=state.equilibrium.history,
+        losses=none,
+        results=js.RESULTS.successful,
+        names=("surface_energy", "length", "modulus"),
     )
-    rows = dict(line.split(maxsplit=1) for line in repr(fit).splitlines()[1:])
-    assert rows["parameters"] == "(Exponential(surface_energy=0.0625, length=0.5), 12.5)"
-    assert rows["standard_errors"] == "{'energy': 0.03125, 'other': None}"
-    assert rows["loss"] == "2.5e-07" and rows["num_steps"] == "12"
+    head, *_, energy, length, modulus = repr(fit).splitlines()
+    assert head == "Calibration: successful, loss 2.5e-07, 2 minima seen"
+    assert energy.split() == ["surface_energy", "0.0625", "0.031"]
+    assert length.split() == ["length", "0.5", "2"]
+    assert modulus.split() == ["modulus", "12.5", "0.5"]
 
 
 def test_a_sweep_prints_as_a_table(sweep):
