@@ -12,22 +12,16 @@ import jax
 from jax.extend.backend import backends
 from jaxtyping import Array, Int
 
-In = TypeVar("In")
 Out = TypeVar("Out")
 Tree = TypeVar("Tree")
 
 
-def map_entries(function: Callable[[In], Out], batch: In) -> Out:
-    """Return the results of a function on each entry, along the leading axis of all arrays.
+def by_entries(function: Callable[..., Out]) -> Callable[..., Out]:
+    """Return `function`, of arrays in pytrees, such that `jax.vmap` runs entries in this way.
 
     A program that is made for another platform runs them together, unless JAX finds nothing but
     the CPU.
     """
-    return on_platform(partial(jax.lax.map, function), jax.vmap(function), batch)
-
-
-def by_entries(function: Callable[..., Out]) -> Callable[..., Out]:
-    """Return `function`, of arrays in pytrees, such that `jax.vmap` runs it as `map_entries`."""
     alone = jax.custom_batching.custom_vmap(function)
 
     @alone.def_vmap

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
-from jaxstab.core.batching import entry_of, map_entries
+from jaxstab.core.batching import by_entries, entry_of
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
@@ -115,7 +115,7 @@ class ProjectedLOBPCG(ConeSolver):
         """Return the lowest minimiser that the starts lead to."""
         problem = Eigenproblem(operator, cone)
         is_needed = jnp.broadcast_to(is_needed & ~cone.is_trivial, len(starts))
-        begin = map_entries(partial(_begin, cone), starts)
+        begin = jax.vmap(by_entries(_begin), (None, 0))(cone, starts)
         found, wins = multi_start(self, problem, begin, is_needed)
         best = entry_of(found, jnp.argmax(wins))
         # All starts may lead to zero.
