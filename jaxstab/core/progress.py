@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Timer
 from time import time
@@ -12,11 +12,8 @@ import jax
 from jaxtyping import Array
 from tqdm import tqdm
 
-from jaxstab.core.checks import is_transformed
+from jaxstab.core.checks import is_traced, is_transformed
 from jaxstab.core.warn import warn
-
-# Takes what was computed last.
-Report = Callable[[Any], object]
 
 # Work that takes longer shows a bar by itself, where somebody sees it [s].
 _DELAY = 2.0
@@ -95,21 +92,11 @@ def can_be_shown(progress: bool | None, inputs: Any) -> Shown:
     return COMPILING if progress is None else False
 
 
-def unseen(after: Any) -> None:
-    """Report nothing, as inside of a trace, where nothing is known yet."""
-
-
-@contextmanager
-def searches_bar(total: int, *, shown: Shown) -> Iterator[Report]:
-    """Show a bar of searches one after another; to its end it takes that not all are needed."""
-    with progress_bar(total, "search", shown=shown) as bar:
-
-        def report(after: Any) -> None:
-            jax.block_until_ready(after)
-            bar.update()
-
-        yield report
-        bar.update(total - bar.n)
+def advance_if_known(after: Any) -> None:
+    """Move the bar by one unit once `after` is computed; inside of a trace do nothing."""
+    if _bars and not is_traced(after):
+        jax.block_until_ready(after)
+        _bars[-1].update()
 
 
 def advance(after: Array) -> None:

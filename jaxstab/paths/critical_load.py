@@ -18,7 +18,7 @@ from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
 from jaxstab.core.conditional import first_good, if_needed
-from jaxstab.core.progress import Report, can_be_shown, searches_bar, unseen
+from jaxstab.core.progress import advance_if_known, can_be_shown, progress_bar
 from jaxstab.core.results import throw_failure
 from jaxstab.core.types import ArrayLike, Field
 from jaxstab.equilibrium.equilibrate import first_gap
@@ -87,17 +87,19 @@ def critical_load(
     own, unit = whole.in_own_units()
     loads = bracket.in_units_of(unit)
     inputs = jax.lax.stop_gradient((own, loads, starts))
-    bar = searches_bar(_NUM_SEARCHES, shown=can_be_shown(progress, inputs))
+    bar = progress_bar(_NUM_SEARCHES, "search", shown=can_be_shown(progress, inputs))
     # Histories end in NaN, and what was not found is NaN.
-    with jax.debug_nans(False), bar as report:
+    with jax.debug_nans(False), bar as bar:
         # Outside of a trace nothing is compiled for a search that is not needed.
-        limit = _find_lanes(*inputs) if is_traced(inputs) else _find(*inputs, report)
+        limit = _find_lanes(*inputs) if is_traced(inputs) else _find(*inputs)
+        # Not all searches are needed.
+        bar.update(_NUM_SEARCHES - bar.n)
     found = critical_load_at(limit, own, loads[0]).in_units_of(1 / unit)
     found = found.on_surface(whole.solid)
     return throw_failure(found.result, found, lambda: _describe(bracket, found), throw)
 
 
-def _find(contact: Contact, bracket: Load, starts: Starts, report: Report = unseen) -> Limit:
+def _find(contact: Contact, bracket: Load, starts: Starts) -> Limit:
     """Return the end of the branch from the first load, or else of that from the second.
 
     If there is neither, the message is about the first.
@@ -107,9 +109,9 @@ def _find(contact: Contact, bracket: Load, starts: Starts, report: Report = unse
         there = bracket, starts[0]
         way = contact, *if_needed(number == 1, lambda: (bracket[::-1], starts[1]), there)
         fold = _fold(*way)
-        report(fold)
+        advance_if_known(fold)
         end = if_needed(~fold.is_found, lambda: _jump(*way, fold), fold)
-        report(end)
+        advance_if_known(end)
         return end
 
     return first_good(end_of, lambda limit: limit.is_found, 2)

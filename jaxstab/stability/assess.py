@@ -18,7 +18,7 @@ from jaxstab.core.checks import is_traced, require_key
 from jaxstab.core.compile import program
 from jaxstab.core.grid import total
 from jaxstab.core.loop import solver_or_default
-from jaxstab.core.progress import Report, can_be_shown, searches_bar, unseen
+from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.equilibrium import Equilibrium
@@ -120,11 +120,13 @@ def assess_stability(
     require_key(key)
     contact, equilibrium = whole_state(contact, equilibrium)
     inputs = jax.lax.stop_gradient((contact, equilibrium, solver, key))
-    bar = searches_bar(_NUM_SEARCHES, shown=can_be_shown(progress, inputs))
+    bar = progress_bar(_NUM_SEARCHES, "search", shown=can_be_shown(progress, inputs))
     # Histories end in NaN, and what was not found is NaN.
-    with jax.debug_nans(False), bar as report:
-        assess = _assess_batch if is_traced(inputs) else partial(_assess_one, report=report)
+    with jax.debug_nans(False), bar as bar:
+        assess = _assess_batch if is_traced(inputs) else _assess_one
         stability = assess(verdict_only, *inputs)
+        # Not all searches are needed.
+        bar.update(_NUM_SEARCHES - bar.n)
     if is_traced((contact, equilibrium)):
         stability = with_derivatives(contact, equilibrium, stability)
     stability = stability.on_surface(contact.solid)
@@ -168,7 +170,6 @@ def _assess_one(
     equilibrium: Equilibrium,
     solver: ConeSolver,
     key: PRNGKeyArray,
-    report: Report = unseen,
 ) -> Stability:
     problems, state = _problems(contact, equilibrium, key)
     found = smallest_eigenpairs(
@@ -176,7 +177,6 @@ def _assess_one(
         solver,
         Davidson(solver.tolerance_in(equilibrium.gap.dtype)),
         verdict_only=verdict_only,
-        report=report,
     )
     return _stability(equilibrium, state, found)
 

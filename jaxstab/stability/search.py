@@ -14,7 +14,7 @@ from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.core.checks import known
 from jaxstab.core.compile import program
 from jaxstab.core.conditional import if_needed
-from jaxstab.core.progress import Report, unseen
+from jaxstab.core.progress import advance_if_known
 from jaxstab.stability.certificate import certified
 from jaxstab.stability.coarse_start import is_large, lowest_by_coarser, space_starts
 from jaxstab.stability.cones import AdmissibleCone
@@ -32,7 +32,6 @@ def smallest_eigenpairs(
     spaces: SpaceSolver,
     *,
     verdict_only: bool,
-    report: Report = unseen,
 ) -> Found:
     """Return the smallest eigenpairs of A on all perturbations and on both cones.
 
@@ -41,7 +40,6 @@ def smallest_eigenpairs(
         solver: for V0+.
         spaces: the solver for linear spaces.
         verdict_only: stop at a number that proves the verdict.
-        report: takes each result, outside of a trace.
     """
     hessian, random = problems.hessian, problems.random
     touches, is_doubtful = known(problems.touches), known(problems.is_doubtful)
@@ -50,7 +48,7 @@ def smallest_eigenpairs(
 
     # All perturbations that the load allows: the linear space around the cone.
     around = _lowest_on_hull(spaces, hessian, problems.cone, random)
-    report(around)
+    advance_if_known(around)
     is_proved = verdict_only & (known(around.sign) > 0)
 
     # The critical cone: a linear space, unless some point touches without pressing.
@@ -60,7 +58,7 @@ def smallest_eigenpairs(
     )
     is_weak = is_open & known(problems.is_weak)
     critical = _lowest_on_cone(fast, spaces, hessian, cone, hull, random, is_weak)
-    report(critical)
+    advance_if_known(critical)
     is_decided = is_proved | (verdict_only & (known(critical.sign) < 0))
 
     # The cone V0+; a solver that the caller has chosen always runs.
@@ -74,7 +72,7 @@ def smallest_eigenpairs(
     lowest = if_needed(
         is_open & lacks_proof, lambda: certified(spaces, hessian, cone, lowest, around), lowest
     )
-    report(lowest)
+    advance_if_known(lowest)
 
     found = Found(around.pair, lowest.pair, critical.pair, hull.pair, is_proved, is_decided)
     return if_needed(is_doubtful, lambda: covering_doubt(problems, found), found)
