@@ -65,7 +65,7 @@ def programs(n, count):
     hessian, space = Hessian(contact.solid, heights), Subspace(heights > 0)
     starts = jnp.stack(BLOCK_SIZE * [heights])
     lowered = {
-        "equilibrium": find.lower(contact, load, solver, heights, False),
+        "equilibrium": jax.jit(find, static_argnums=4).lower(contact, load, solver, heights, False),
         "lowest modes": search.lower(js.Davidson(1e-7), hessian, space, starts),
     }
     return {name: program.compile() for name, program in lowered.items()}

@@ -87,7 +87,7 @@ def programs(grid):
     search = jax.jit(on_space)
     hessian, space = Hessian(contact.solid, heights), Subspace(heights > 0)
     lowered = [
-        find.lower(contact, *load_and_solver(), heights, False),
+        jax.jit(find, static_argnums=4).lower(contact, *load_and_solver(), heights, False),
         search.lower(js.Davidson(1e-7), hessian, space, jnp.stack(4 * [heights])),
     ]
     return {"programs": [program.compile().as_text() for program in lowered]}

@@ -42,12 +42,7 @@ def as_pytree(name: str, function: Any, argument: jax.ShapeDtypeStruct, cure: st
     if isinstance(function, eqx.Module) and _is_argument_of_jit(function):
         return function
     captured = list(map(jnp.asarray, closed.consts))
-    return _Function(captured, Formula(function, argument, closed.jaxpr))
-
-
-def is_bare(value: Any) -> bool:
-    """Whether `value` is what `as_pytree` made of a bare function."""
-    return isinstance(value, _Function)
+    return BareFunction(captured, Formula(function, argument, closed.jaxpr))
 
 
 class Formula:
@@ -79,7 +74,7 @@ class Formula:
         return Formula, (self.function, self.argument)
 
 
-class _Function(eqx.Module):
+class BareFunction(eqx.Module):
     """A bare function: its formula, and the arrays that it closes over as leaves."""
 
     captured: list[Array]
@@ -89,7 +84,8 @@ class _Function(eqx.Module):
         return getattr(self.formula.function, "__name__", repr(self.formula.function))
 
     def __call__(self, argument: Any) -> Any:
-        # In the precision of the formula, from which those of its holder and argument may differ.
+        """Return the value, in the precision of the argument."""
+        # Evaluated in the precision of the formula.
         jaxpr = self.formula.jaxpr
         avals: list[Any] = [variable.aval for variable in (*jaxpr.constvars, *jaxpr.invars)]
         inputs = zip([*self.captured, argument], avals, strict=True)

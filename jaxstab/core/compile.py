@@ -1,8 +1,7 @@
 """Compiled programs, by compiler options that halve their cold compile time on a CPU."""
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache, wraps
 from typing import Any
 
@@ -11,6 +10,7 @@ import jax
 from jaxstab.core.batching import has_accelerator
 from jaxstab.core.checks import is_transformed
 from jaxstab.core.memory_mappings import require_memory_mappings
+from jaxstab.core.switches import own_conventions
 
 
 def program(function: Callable[..., Any], **options: Any) -> Any:
@@ -26,23 +26,11 @@ def program(function: Callable[..., Any], **options: Any) -> Any:
     outside = cache(lambda: jax.jit(traced, compiler_options=_compiler_options(), **options))
 
     @wraps(function)
+    @own_conventions()
     def call(*args: Any, **kwargs: Any) -> Any:
-        with own_conventions():
-            return (inside if is_transformed((args, kwargs)) else outside())(*args, **kwargs)
+        return (inside if is_transformed((args, kwargs)) else outside())(*args, **kwargs)
 
-    call.lower = inside.lower  # pyright: ignore[reportAttributeAccessIssue]
     return call
-
-
-@contextmanager
-def own_conventions() -> Iterator[None]:
-    """Set aside JAX's checks of the user's code: here NaN is an answer, and numbers broadcast."""
-    with (
-        jax.debug_nans(False),
-        jax.numpy_dtype_promotion("standard"),
-        jax.numpy_rank_promotion("allow"),
-    ):
-        yield
 
 
 def _compiler_options() -> dict[str, Any]:

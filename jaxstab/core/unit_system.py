@@ -28,8 +28,12 @@ class Units(NamedTuple):
             ValueError: for a name of no unit of length, or of no unit of pressure.
         """
         unit = None if length is None else unit_of(length)
-        in_metres = "Pa" if unit == "m" else None
-        return cls(unit, in_metres if pressure is None else pressure_unit_of(pressure), sides)
+        if pressure is None:
+            return cls(unit, "Pa" if unit == "m" else None, sides)
+        if not isinstance(pressure, str) or pressure not in PRESSURES:
+            known = ", ".join(PRESSURES)
+            raise ValueError(f"the unit of pressure is {pressure!r}: choose one of {known}.")
+        return cls(unit, pressure, sides)
 
 
 NO_UNITS = Units()
@@ -83,17 +87,6 @@ def converted(value: np.ndarray, unit: str, other: str) -> np.ndarray:
     """Return lengths in another unit, rounded once: units are whole powers of ten apart."""
     exponent = LENGTHS[unit] - LENGTHS[other]
     return value * 10.0**exponent if exponent >= 0 else value / 10.0**-exponent
-
-
-def pressure_unit_of(name: object) -> str:
-    """Return the symbol of a unit of pressure.
-
-    Raises:
-        ValueError: for any other text.
-    """
-    if not isinstance(name, str) or name not in PRESSURES:
-        raise ValueError(f"the unit of pressure is {name!r}: choose one of {', '.join(PRESSURES)}.")
-    return name
 
 
 def unit_symbol(units: Units, dimension: str) -> str:

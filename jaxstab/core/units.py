@@ -15,8 +15,8 @@ from typing import Any, Protocol, Self, get_args
 import equinox as eqx
 from jaxtyping import Array, Bool, Int
 
-from jaxstab.core.compile import own_conventions
 from jaxstab.core.stack import Stackable
+from jaxstab.core.switches import own_conventions
 from jaxstab.core.types import Scalar
 
 

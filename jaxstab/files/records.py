@@ -15,7 +15,7 @@ import jax
 import numpy as np
 
 from jaxstab.core.checks import is_traced
-from jaxstab.core.closures import is_bare
+from jaxstab.core.closures import BareFunction
 from jaxstab.core.enumeration import Enumeration
 from jaxstab.core.history import History
 from jaxstab.core.unit_system import Units
@@ -109,7 +109,8 @@ class Recorder:
             parts = {key: self.structure(x, (*path, key), axes) for key, x in value.items()}
             return {"dict": parts}
         if not _has_import_path(value):
-            return {"function": repr(value) if is_bare(value) else type(value).__qualname__}
+            is_bare = isinstance(value, BareFunction)
+            return {"function": repr(value) if is_bare else type(value).__qualname__}
         contents = {
             field.name: self.structure(
                 getattr(value, field.name),
@@ -205,7 +206,8 @@ def _module(path: str, contents: dict[str, Structure], arrays: Mapping[str, np.n
 
 def _has_import_path(value: Any) -> bool:
     is_local = "<locals>" in type(value).__qualname__
-    return isinstance(value, eqx.Module) and not is_bare(value) and not is_local
+    is_module = isinstance(value, eqx.Module) and not isinstance(value, BareFunction)
+    return is_module and not is_local
 
 
 def lost_classes(structure: Structure) -> list[str]:

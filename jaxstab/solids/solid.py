@@ -12,9 +12,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxstab.core.compile import own_conventions
 from jaxstab.core.display import inline
 from jaxstab.core.grid import Grid, centred, mean, mean_over, require_grid
+from jaxstab.core.switches import own_conventions
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 
 

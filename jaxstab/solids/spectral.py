@@ -11,8 +11,9 @@ from jaxtyping import Array, Float
 
 from jaxstab.core.checks import require_positive
 from jaxstab.core.closures import as_pytree
-from jaxstab.core.compile import own_conventions, program
+from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, require_grid
+from jaxstab.core.switches import own_conventions
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Scalar
 from jaxstab.solids.solid import Solid, finite_or_zero
 
