@@ -127,7 +127,9 @@ def all_equilibria(mean_gap):
 def test_what_it_passes_at_a_load_is_among_all_equilibria_there():
     solid = js.HalfSpace(LINE, youngs_modulus=1.0, poisson_ratio=0.0)
     contact = js.Contact(solid, PROFILE, js.potentials.Exponential(STRENGTH, RANGE))
-    branch = js.continuation(contact, js.MeanGap(jnp.array([0.6, 0.01])), fields=True)
+    loads = js.MeanGap(jnp.array([0.6, 0.01]))
+    steps = {"max_step": 0.004, "max_states": 4096}
+    branch = js.continuation(contact, loads, fields=True, **steps)
     assert branch.end == "load"
     assert np.max(branch.index) == 2
     value, loads = 0.05, np.asarray(branch.load.value)
@@ -227,8 +229,8 @@ def test_under_any_load_and_in_single_precision_it_is_the_same_curve(load):
 @pytest.mark.nightly
 def test_under_jit_it_is_the_same():
     contact, loads = hertz(), js.MeanDisplacement(jnp.array([1.6, 1.0]))
-    alone = js.continuation(contact, loads, max_states=12)
-    within = jax.jit(lambda c: js.continuation(c, loads, max_states=12, throw=False))(contact)
+    alone = js.continuation(contact, loads, max_states=24)
+    within = jax.jit(lambda c: js.continuation(c, loads, max_states=24, throw=False))(contact)
     np.testing.assert_allclose(within.load.value, alone.load.value, rtol=1e-8)
     np.testing.assert_array_equal(within.index, alone.index)
     np.testing.assert_allclose(within.turns.load.value[0], alone.turns.load.value[0], rtol=1e-9)

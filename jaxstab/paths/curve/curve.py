@@ -108,6 +108,10 @@ class Curve(eqx.Module):
         """Return the value of the load at a point."""
         return self.load_offset + self.load_gradient.times(at)
 
+    def rate(self, tangent: Point) -> Scalar:
+        """Return how the value of the load changes along a tangent."""
+        return self.load_gradient.times(tangent)
+
     def forces(self, at: Point, is_free: Mask) -> Forces:
         """Return the pressures at a point with these free points."""
         contact, gap = self.contact, at.gap

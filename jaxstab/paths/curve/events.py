@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jaxstab.core.types import Field, Flag, Mask, Scalar
-from jaxstab.paths.curve.corrector import Correction, CurveNewton, on_plane
+from jaxstab.paths.curve.corrector import Correction, CurveNewton, at_corner, on_plane
 from jaxstab.paths.curve.curve import Curve, Point
 
 # What ties: points that change sides within this part of the distance to the first of them.
@@ -81,6 +81,39 @@ def follow(curve: Curve, place: Place, flipped: Mask) -> Flag:
     return jnp.all(jnp.where(flipped, jnp.where(place.is_free, place.tangent.gap, rate) > 0, True))
 
 
+def behind(curve: Curve, at: Place, corners: Corners, opens: Flag) -> tuple[Place, Flag]:
+    """Return the place behind a corner, and whether the points that change sides there do so.
+
+    All points that tie change sides, or the first alone.
+    """
+
+    def flipped(number: Array) -> Mask:
+        return jnp.where(number == 0, corners.tied, corners.point)
+
+    # The first has a gap that grows, or a reaction.
+    unit = at_corner(curve, corners.point, ~opens, jnp.ones_like(at.at.pressure))
+    forces = curve.forces(at.at, at.is_free)
+    ahead = unit.gradient(curve, forces)
+
+    def beyond(number: Array) -> tuple[Place, Flag]:
+        flips = flipped(number)
+        gap = jnp.where(flips, 0, at.at.gap)
+        is_free = at.is_free ^ flips
+        point = Point(gap, at.at.pressure)
+        place = Place(point, is_free, curve.tangent(point, is_free, ahead))
+        return place, follow(curve, place, flips)
+
+    def goes_on(state: tuple[Array, Place, Flag]) -> Flag:
+        number, _, is_good = state
+        return (number < 2) & ~is_good
+
+    def try_next(state: tuple[Array, Place, Flag]) -> tuple[Array, Place, Flag]:
+        return state[0] + 1, *beyond(state[0])
+
+    start = jnp.array(0), at, jnp.array(False)
+    return jax.lax.while_loop(goes_on, try_next, start)[1:]
+
+
 class _Bracket(eqx.Module):
     """Two distances ahead of a place between which the load turns, and its rates there.
 
@@ -108,9 +141,6 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
     whole = row.times(new.at.minus(old.at))
     close, fine = _CLOSE[whole.dtype.name], _FINE[whole.dtype.name]
 
-    def rate_of(tangent: Point) -> Scalar:
-        return curve.load_gradient.times(tangent)
-
     def goes_on(bracket: _Bracket) -> Flag:
         is_wide = bracket.ends[1] - bracket.ends[0] > close * jnp.abs(whole)
         is_steep = jnp.abs(bracket.rate) > close * steepest
@@ -122,7 +152,7 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
         start = old.at.plus(new.at.minus(old.at), length / whole)
         plane = on_plane(row, row.times(old.at) + length, jnp.abs(whole))
         at = CurveNewton().run(Correction(curve, plane, old.is_free, no), start).state.at
-        rate = rate_of(curve.tangent(at, old.is_free, row, fine))
+        rate = curve.rate(curve.tangent(at, old.is_free, row, fine))
         is_low = rate * rates[0] > 0
         # An end that stays a second time counts for half.
         stays = jnp.where((bracket.count > 0) & (is_low == bracket.is_low), 0.5, 1)
@@ -131,7 +161,7 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
         return _Bracket(ends, halved, at, rate, is_low, bracket.count + 1)
 
     no = jnp.array(False)
-    rates = jnp.stack([rate_of(old.tangent), rate_of(new.tangent)])
+    rates = jnp.stack([curve.rate(old.tangent), curve.rate(new.tangent)])
     steepest = jnp.max(jnp.abs(rates))
     ends = jnp.stack([jnp.zeros_like(whole), whole])
     first = _Bracket(ends, rates, old.at, steepest, ~no, jnp.array(0))

@@ -24,6 +24,8 @@ _TOLERANCE = {"float64": 1e-5, "float32": 1e-4}
 _CERTAIN = 0.1
 # The modes that are looked at first, and at most; one of them converges last, and does not count.
 _FEW, _MANY = 4, 20
+# The modes of which it is known whether they have a part in a change, and one more.
+_SOME = 12
 # Of modes that a change of the gap is compared with, and the least part of it that is one.
 _EXACT = {"float64": 1e-9, "float32": 1e-4}
 _LEAST_PART = {"float64": 1e-6, "float32": 1e-3}
@@ -78,9 +80,9 @@ def driven_index_of(
 ) -> Int[Array, ""]:
     """Return how many modes of negative eigenvalues have a part in a change of the gap.
 
-    Modes that break a symmetry of the contact have none. At most two count; more are `UNKNOWN`.
+    Modes that break a symmetry of the contact have none. Ten are counted; more are `UNKNOWN`.
     """
-    solver, some = Davidson(_EXACT[gap.dtype.name]), some_modes(gap)
+    solver, some = Davidson(_EXACT[gap.dtype.name]), noise(jax.random.key(3), _SOME, gap)
     is_negative, is_known, modes = _lowest(contact, load, gap, is_free, some, solver, 1)
     part = jnp.stack([jnp.abs(jnp.sum(mode * change)) for mode in modes[:-1]])
     has_part = part > _LEAST_PART[gap.dtype.name] * jnp.sqrt(jnp.sum(change**2))

@@ -23,16 +23,23 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Block
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.core.types import Flag, Mask, Scalar
+from jaxstab.paths.curve.between import (
+    Cubics,
+    leaps_as_foreseen,
+    most_changes,
+    stays_positive,
+    turns_as_said,
+)
 from jaxstab.paths.curve.corrector import Correction, CurveNewton, at_corner, on_plane
 from jaxstab.paths.curve.curve import Curve, Point
 from jaxstab.paths.curve.events import (
     Corners,
     Place,
+    behind,
     choose,
     corners_ahead,
     fold_between,
-    follow,
 )
 from jaxstab.paths.curve.morse_index import MOST, UNKNOWN, driven_index_of, index_of
 from jaxstab.paths.kinds import KINDS
@@ -45,18 +52,10 @@ _GROWTH, _CUT = 1.5, 0.4
 _FARTHEST, _FARTHEST_LEAP = 0.1, 0.3
 # Steps of Newton's method from which steps grow no more, and that a step may take at most.
 _EASY, _HARD = 4, 8
-# One in so many points may change sides in a step.
-_LEAP = 64
-# By how much the lines from both ends of a step to where a point changes sides may be too long.
-_FORESEEN = 3
-# Places between two ends where the cubics are looked at.
-_BETWEEN = 16
-# What of a gap or reaction below zero is none, over the size of the pressures.
-_SLACK = {"float64": 1e-8, "float32": 1e-3}
 # Steps shorter than this part of the longest may pass a bifurcation.
 _ACROSS = 1e-3
 # Nearer corners than this part of the longest step are one.
-_NEAREST = {"float64": 1e-11, "float32": 1e-6}
+_NEAREST = {"float64": 1e-8, "float32": 1e-5}
 
 
 class Stride(eqx.Module):
@@ -98,10 +97,6 @@ class Way(eqx.Module):
     first: Scalar
     last: Scalar
     longest: Scalar
-
-    def rate(self, tangent: Point) -> Scalar:
-        """Return how the load changes along a tangent."""
-        return self.curve.load_gradient.times(tangent)
 
     def is_beyond(self, at: Point) -> Flag:
         """Return whether a point has reached the last load."""
@@ -150,7 +145,7 @@ def next_stride(way: Way, stride: Stride) -> Stride:
     aim = _aim(corners, old, stride.length)
     arrival = _arrival(way, stride, corners, aim)
     new = arrival.place
-    turns = way.rate(old.tangent) * way.rate(new.tangent) < 0
+    turns = curve.rate(old.tangent) * curve.rate(new.tangent) < 0
     beyond = way.is_beyond(new.at) & ~(stride.lands & ~aim.is_corner)
     is_sound = arrival.is_sound & ~(turns & (aim.is_corner | stride.lands | beyond))
     accepted = jax.lax.cond(
@@ -177,7 +172,7 @@ def next_stride(way: Way, stride: Stride) -> Stride:
 
 def _aim(corners: Corners, old: Place, length: Scalar) -> _Aim:
     """Return what the next step is to meet: a distance, or the first corner before it."""
-    most = max(corners.net.size // _LEAP, 1)
+    most = most_changes(corners.net.size)
     number = corners.within(length)
     follows = (number > jnp.sum(corners.tied)) & (most > 1)
     if most > 1:
@@ -216,110 +211,17 @@ def _arrival(way: Way, stride: Stride, corners: Corners, aim: _Aim) -> _Arrival:
     farthest = jnp.where(aim.follows, _FARTHEST_LEAP, _FARTHEST)
     is_near = curve.length(found.minus(predicted)) <= farthest * reach
     is_straight = (length > 0) & (cosine > _LEAST_COSINE) & (newton.num_steps <= _HARD)
-    pieces = _Cubics(old, place, length, cosine)
+    pieces = Cubics(old, place, length, cosine)
     forces = newton.state.forces
     after = forces.net, curve.net_rate(forces.curvature, tangent)
-    leaps = _leaps_well(old, place, corners, after, length)
-    smooth, share = _stays(curve, pieces, corners, aim, after, forces.scale)
+    leaps = leaps_as_foreseen(old, place, corners, after, length)
+    smooth, share = stays_positive(curve, pieces, corners, aim.is_corner, after, forces.scale)
     # Where gaps or reactions alone are at fault, up to where they are positive.
     is_over = is_found & is_near & is_straight & ~aim.follows & (share < 1)
     share = jnp.where(is_over, jnp.maximum(0.9 * share, 0.1), _CUT)
-    is_smooth = jnp.where(aim.follows, leaps, smooth & _turns_as_said(way, pieces))
+    is_smooth = jnp.where(aim.follows, leaps, smooth & turns_as_said(curve, pieces))
     is_easy = (newton.num_steps <= _EASY) & (cosine > _STRAIGHT)
     return _Arrival(place, is_found, is_found & is_near & is_straight & is_smooth, share, is_easy)
-
-
-class _Cubics(NamedTuple):
-    """Two places of a curve, and the cubics between them over the distance along the first tangent.
-
-    Attributes:
-        old: the first place.
-        new: the second.
-        length: their distance along the tangent of the first.
-        cosine: between both tangents.
-    """
-
-    old: Place
-    new: Place
-    length: Scalar
-    cosine: Scalar
-
-    def between(self, value: Array, rate: Array, end: Array, end_rate: Array) -> Array:
-        """Return the values of a cubic at several places between, given values and rates."""
-        part = jnp.arange(1, _BETWEEN) / _BETWEEN
-        part = part.astype(self.length.dtype).reshape(-1, *[1] * value.ndim)
-        rest, rate, end_rate = 1 - part, self.length * rate, self.length * end_rate / self.cosine
-        first = rest**2 * ((1 + 2 * part) * value + part * rate)
-        return first + part**2 * ((1 + 2 * rest) * end - rest * end_rate)
-
-
-def _stays(
-    curve: Curve,
-    pieces: _Cubics,
-    corners: Corners,
-    aim: _Aim,
-    after: tuple[Field, Field],
-    scale: Scalar,
-) -> tuple[Flag, Scalar]:
-    """Return whether gaps and reactions stay positive between two places, and up to where."""
-    old, new = pieces.old, pieces.new
-    slack = _SLACK[scale.dtype.name] * scale
-    soft = curve.stiffness
-
-    def both(gap: Field, net: Field) -> Field:
-        # A core lets no gap close.
-        gap = jnp.where(jnp.asarray(curve.contact.has_core), jnp.maximum(gap, 0), gap)
-        return jnp.where(old.is_free, soft * gap, net)
-
-    value, rate = both(old.at.gap, corners.net), both_rates(old, corners.net_rate, soft)
-    end, end_rate = both(new.at.gap, after[0]), both_rates(new, after[1], soft)
-    # The corner itself ends the step.
-    ends = aim.is_corner & corners.tied
-    between = jnp.where(ends | ~jnp.isfinite(value), 0, pieces.between(value, rate, end, end_rate))
-    is_over = ~ends & (end < -slack)
-    dips = ~is_over & (value > slack) & (jnp.min(between, 0) < -slack)
-    share = jnp.where(is_over, value / jnp.where(is_over, value - end, 1), 1)
-    # What was at zero, and is below at the end, was above between, or only just below.
-    share = jnp.where(is_over & (value <= slack), 0.5, share)
-    share = jnp.where(dips, 0.5, share)
-    return ~jnp.any(is_over | dips), jnp.min(share)
-
-
-def both_rates(place: Place, net_rate: Field, soft: Scalar) -> Field:
-    """Return how the gaps of free points, as pressures, and the reactions of others change."""
-    return jnp.where(place.is_free, soft * place.tangent.gap, net_rate)
-
-
-def _turns_as_said(way: Way, pieces: _Cubics) -> Flag:
-    """Return whether the load turns between two places no more often than its rates say."""
-    old, new = pieces.old, pieces.new
-    value, end = way.curve.value(old.at), way.curve.value(new.at)
-    rate, end_rate = way.rate(old.tangent), way.rate(new.tangent)
-    between = pieces.between(jnp.zeros_like(value), rate, end - value, end_rate)
-    steps = jnp.diff(jnp.concatenate([jnp.zeros((1,)), between, (end - value)[None]]))
-    # What rounding of the load hides.
-    noise = 16 * jnp.finfo(value.dtype).eps * (jnp.abs(value) + jnp.abs(end))
-    signs = jnp.concatenate(
-        [rate[None], jnp.where(jnp.abs(steps) > noise, steps, 0), end_rate[None]]
-    )
-    forth, back = signs * rate > 0, signs * rate < 0
-    # Once it goes back it does not go forth again.
-    went_back = jnp.cumsum(back) > 0
-    return ~jnp.any(went_back & forth) & (jnp.any(back) == (rate * end_rate < 0))
-
-
-def _leaps_well(
-    old: Place, new: Place, corners: Corners, after: tuple[Field, Field], length: Scalar
-) -> Flag:
-    """Return whether each point that changed sides did so as the lines from both ends foresee."""
-    flipped = old.is_free != new.is_free
-    net, net_rate = after
-    value = jnp.where(new.is_free, new.at.gap, net)
-    rate = jnp.where(new.is_free, new.tangent.gap, net_rate)
-    behind = jnp.where(rate > 0, value / jnp.where(rate > 0, rate, 1), jnp.inf)
-    is_foreseen = corners.distances + behind <= _FORESEEN * length
-    most = max(net.size // _LEAP, 1)
-    return jnp.all(jnp.where(flipped, is_foreseen, True)) & (jnp.sum(flipped) <= 2 * most)
 
 
 def _accepted(
@@ -336,18 +238,19 @@ def _accepted(
         return fold_between(curve, old, arrived)
 
     def behind_corner() -> tuple[Place, Flag]:
-        return _behind(curve, arrived, corners, aim.opens)
+        return behind(curve, arrived, corners, aim.opens)
 
     turn, is_flat = jax.lax.cond(turns & is_clear, at_fold, lambda: (arrived.at, jnp.array(True)))
     new, goes_on = jax.lax.cond(aim.is_corner, behind_corner, lambda: (arrived, is_clear))
     gap = new.at.gap
     index, modes = index_of(curve.contact, curve.load, gap, stride.modes)
-    turns_back = way.rate(arrived.tangent) * way.rate(new.tangent) < 0
+    turns_back = curve.rate(arrived.tangent) * curve.rate(new.tangent) < 0
     # At a release the point that lets go has no part in it yet.
     touches = aim.is_corner & ~aim.opens
     change = jnp.where(turns, 1, jnp.where(touches & turns_back, -1, 0))
-    agrees = _explains(way, stride, arrived, index, change, turns, touches)
     flips = jnp.sum(new.is_free != arrived.is_free)
+    # Points that tie, by symmetry, take modes with them that break it.
+    agrees = (flips > 1) | _explains(way, stride, arrived, index, change, turns, touches)
     expected = index + (aim.is_corner & aim.opens & turns_back)
     expected = jnp.where((flips > 1) | (index >= MOST) | (index < 0), UNKNOWN, expected)
     kind = KINDS.where(aim.opens, KINDS.release, KINDS.touch)
@@ -402,36 +305,3 @@ def _explains(
     # The farther from a bifurcation, the less a mode that does break the branch off has part in it.
     is_short = stride.length <= _ACROSS * way.longest
     return jax.lax.cond(~agrees & is_short, is_driven, lambda: agrees)
-
-
-def _behind(curve: Curve, at: Place, corners: Corners, opens: Flag) -> tuple[Place, Flag]:
-    """Return the place behind a corner, and whether the points that change sides there do so.
-
-    All points that tie change sides, or the first alone.
-    """
-
-    def flipped(number: Array) -> Mask:
-        return jnp.where(number == 0, corners.tied, corners.point)
-
-    # The first has a gap that grows, or a reaction.
-    unit = at_corner(curve, corners.point, ~opens, jnp.ones_like(at.at.pressure))
-    forces = curve.forces(at.at, at.is_free)
-    ahead = unit.gradient(curve, forces)
-
-    def beyond(number: Array) -> tuple[Place, Flag]:
-        flips = flipped(number)
-        gap = jnp.where(flips, 0, at.at.gap)
-        is_free = at.is_free ^ flips
-        point = Point(gap, at.at.pressure)
-        place = Place(point, is_free, curve.tangent(point, is_free, ahead))
-        return place, follow(curve, place, flips)
-
-    def goes_on(state: tuple[Array, Place, Flag]) -> Flag:
-        number, _, is_good = state
-        return (number < 2) & ~is_good
-
-    def try_next(state: tuple[Array, Place, Flag]) -> tuple[Array, Place, Flag]:
-        return state[0] + 1, *beyond(state[0])
-
-    start = jnp.array(0), at, jnp.array(False)
-    return jax.lax.while_loop(goes_on, try_next, start)[1:]

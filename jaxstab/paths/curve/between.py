@@ -1,0 +1,122 @@
+"""Checks of a step along a curve: what the values and rates at its ends say of the points between.
+
+On one smooth piece cubics go through both ends. No gap and no reaction may become negative between
+them, and the load may turn once at most. Over several corners each point must change sides where
+the lines from both ends say.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.paths.curve.curve import Curve
+from jaxstab.paths.curve.events import Corners, Place
+
+# One in so many points may change sides in a step.
+_LEAP = 64
+# By how much the lines from both ends of a step to where a point changes sides may be too long.
+_FORESEEN = 3
+# Places between two ends where the cubics are looked at.
+_BETWEEN = 16
+# What of a gap or reaction below zero is none, over the size of the pressures.
+_SLACK = {"float64": 1e-8, "float32": 1e-3}
+
+
+def most_changes(size: int) -> int:
+    """Return how many of so many points may change sides in a step."""
+    return max(size // _LEAP, 1)
+
+
+class Cubics(NamedTuple):
+    """Two places of a curve, and the cubics between them over the distance along the first tangent.
+
+    Attributes:
+        old: the first place.
+        new: the second.
+        length: their distance along the tangent of the first.
+        cosine: between both tangents.
+    """
+
+    old: Place
+    new: Place
+    length: Scalar
+    cosine: Scalar
+
+    def between(self, value: Array, rate: Array, end: Array, end_rate: Array) -> Array:
+        """Return the values of a cubic at several places between, given values and rates."""
+        part = jnp.arange(1, _BETWEEN) / _BETWEEN
+        part = part.astype(self.length.dtype).reshape(-1, *[1] * value.ndim)
+        rest, rate, end_rate = 1 - part, self.length * rate, self.length * end_rate / self.cosine
+        first = rest**2 * ((1 + 2 * part) * value + part * rate)
+        return first + part**2 * ((1 + 2 * rest) * end - rest * end_rate)
+
+
+def stays_positive(
+    curve: Curve,
+    pieces: Cubics,
+    corners: Corners,
+    is_corner: Flag,
+    after: tuple[Field, Field],
+    scale: Scalar,
+) -> tuple[Flag, Scalar]:
+    """Return whether gaps and reactions stay positive between two places, and up to where."""
+    old, new = pieces.old, pieces.new
+    slack = _SLACK[scale.dtype.name] * scale
+    soft = curve.stiffness
+
+    def both(gap: Field, net: Field) -> Field:
+        # A core lets no gap close.
+        gap = jnp.where(jnp.asarray(curve.contact.has_core), jnp.maximum(gap, 0), gap)
+        return jnp.where(old.is_free, soft * gap, net)
+
+    value, rate = both(old.at.gap, corners.net), _both_rates(old, corners.net_rate, soft)
+    end, end_rate = both(new.at.gap, after[0]), _both_rates(new, after[1], soft)
+    # The corner itself ends the step.
+    ends = is_corner & corners.tied
+    between = jnp.where(ends | ~jnp.isfinite(value), 0, pieces.between(value, rate, end, end_rate))
+    is_over = ~ends & (end < -slack)
+    dips = ~is_over & (value > slack) & (jnp.min(between, 0) < -slack)
+    share = jnp.where(is_over, value / jnp.where(is_over, value - end, 1), 1)
+    # What was at zero, and is below at the end, was above between, or only just below.
+    share = jnp.where(is_over & (value <= slack), 0.5, share)
+    share = jnp.where(dips, 0.5, share)
+    return ~jnp.any(is_over | dips), jnp.min(share)
+
+
+def _both_rates(place: Place, net_rate: Field, soft: Scalar) -> Field:
+    """Return how the gaps of free points, as pressures, and the reactions of others change."""
+    return jnp.where(place.is_free, soft * place.tangent.gap, net_rate)
+
+
+def turns_as_said(curve: Curve, pieces: Cubics) -> Flag:
+    """Return whether the load turns between two places no more often than its rates say."""
+    old, new = pieces.old, pieces.new
+    value, end = curve.value(old.at), curve.value(new.at)
+    rate, end_rate = curve.rate(old.tangent), curve.rate(new.tangent)
+    between = pieces.between(jnp.zeros_like(value), rate, end - value, end_rate)
+    steps = jnp.diff(jnp.concatenate([jnp.zeros((1,)), between, (end - value)[None]]))
+    # What rounding of the load hides.
+    noise = 16 * jnp.finfo(value.dtype).eps * (jnp.abs(value) + jnp.abs(end))
+    signs = jnp.concatenate(
+        [rate[None], jnp.where(jnp.abs(steps) > noise, steps, 0), end_rate[None]]
+    )
+    forth, back = signs * rate > 0, signs * rate < 0
+    # Once it goes back it does not go forth again.
+    went_back = jnp.cumsum(back) > 0
+    return ~jnp.any(went_back & forth) & (jnp.any(back) == (rate * end_rate < 0))
+
+
+def leaps_as_foreseen(
+    old: Place, new: Place, corners: Corners, after: tuple[Field, Field], length: Scalar
+) -> Flag:
+    """Return whether each point that changed sides did so as the lines from both ends foresee."""
+    flipped = old.is_free != new.is_free
+    net, net_rate = after
+    value = jnp.where(new.is_free, new.at.gap, net)
+    rate = jnp.where(new.is_free, new.tangent.gap, net_rate)
+    behind = jnp.where(rate > 0, value / jnp.where(rate > 0, rate, 1), jnp.inf)
+    is_foreseen = corners.distances + behind <= _FORESEEN * length
+    most = most_changes(net.size)
+    return jnp.all(jnp.where(flipped, is_foreseen, True)) & (jnp.sum(flipped) <= 2 * most)

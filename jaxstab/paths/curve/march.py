@@ -1,0 +1,163 @@
+"""The march along a branch of equilibria: its first state, its next one, and its end."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from jaxstab.contact import Contact
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient, SaddleNewton
+from jaxstab.equilibrium.equilibrate import find
+from jaxstab.equilibrium.equilibrium import state_at
+from jaxstab.loads import Load
+from jaxstab.paths.curve.branch import Turn
+from jaxstab.paths.curve.curve import Curve, Point
+from jaxstab.paths.curve.events import Place
+from jaxstab.paths.curve.morse_index import UNKNOWN, index_of, some_modes
+from jaxstab.paths.curve.step import Stride, Way, next_stride
+from jaxstab.paths.kinds import KINDS
+from jaxstab.paths.record import Place as Recorded
+from jaxstab.paths.record import place_of
+
+# The longest step over the way from load to load; the first and the shortest over the longest.
+_LONGEST, _FIRST = 0.1, 0.2
+_SHORTEST = {"float64": 1e-7, "float32": 1e-4}
+# How nearly a turn is one that was passed before, over the size of its state.
+_SAME = {"float64": 1e-7, "float32": 1e-3}
+
+
+class Task(eqx.Module):
+    """The contact, in units of its own, the two loads, where to start, and the limits of steps."""
+
+    contact: Contact
+    loads: Load
+    start: Field | None
+    max_step: Scalar | None
+    min_step: Scalar | None
+
+    def way(self, longest: Scalar) -> Way:
+        """Return the curve, its ends, and the longest step on it."""
+        first, last = self.loads.value.astype(self.contact.heights.dtype)
+        return Way(Curve.of(self.contact, self.loads[0]), first, last, longest)
+
+
+class Walk(eqx.Module):
+    """A branch under way.
+
+    Attributes:
+        stride: the last step.
+        start: where the branch began.
+        longest: the longest step [length].
+        shortest: the shortest step [length].
+        count: the number of its states.
+        end: why it is followed no more, `KINDS.states` while it is.
+        result: that of the first equilibrium.
+    """
+
+    stride: Stride
+    start: Place
+    longest: Scalar
+    shortest: Scalar
+    count: Int[Array, ""]
+    end: KINDS
+    result: RESULTS
+
+    @property
+    def is_on(self) -> Flag:
+        """Whether it goes on."""
+        return (self.end == KINDS.states) & (self.result == RESULTS.successful)
+
+
+class Entry(eqx.Module):
+    """A state of a branch."""
+
+    place: Recorded
+    index: Int[Array, ""]
+
+
+def begin(is_state: bool, task: Task) -> Walk:
+    """Return a branch at its first state."""
+    contact, first, values = task.contact, task.loads[0], task.loads.value
+    solver = SaddleNewton() if is_state else PreconditionedConjugateGradient()
+    found = find(contact, first, solver, task.start)
+    gap, dtype = found.gap, found.gap.dtype
+    at = Point(gap, _pressure(contact, first, gap))
+    curve = Curve.of(contact, first)
+    row = curve.load_gradient
+    span = (values[1] - values[0]).astype(dtype)
+    ahead = Point(jnp.sign(span) * row.gap, jnp.sign(span) * row.pressure)
+    here = Place(at, gap > 0, curve.tangent(at, gap > 0, ahead))
+    speed, size = jnp.abs(row.times(here.tangent)), curve.length(at)
+    longest = _LONGEST * jnp.abs(span) / jnp.where(speed > 0, speed, 1)
+    longest = jnp.where(size > 0, jnp.minimum(longest, size), longest)
+    if task.max_step is not None:
+        longest = task.max_step.astype(dtype)
+    shortest = _SHORTEST[dtype.name] * longest
+    if task.min_step is not None:
+        shortest = task.min_step.astype(dtype)
+    index, modes = index_of(contact, first, gap, some_modes(gap))
+    yes, no = jnp.array(True), jnp.array(False)
+    expected = jnp.where(index >= 0, index, UNKNOWN)
+    stride = Stride(
+        here, _FIRST * longest, index, expected, modes, at, KINDS.fold, no, no, no, yes, yes
+    )
+    one = jnp.array(1)
+    return Walk(stride, here, longest, shortest, one, KINDS.states, found.result)
+
+
+def _pressure(contact: Contact, load: Load, gap: Field) -> Scalar:
+    """Return p0 of an equilibrium, of the grid that it is solved on."""
+    gradient = contact.gradient(gap)
+    return jnp.mean(contact.control(load).net_pressure(gradient, gap) - gradient)
+
+
+def next_walk(way: Way, walk: Walk) -> Walk:
+    """Return a branch after a step, which may have been cut."""
+    stride = next_stride(way, walk.stride)
+    no_more = stride.length < walk.shortest
+    unclear = KINDS.where(stride.is_found, KINDS.uncertain, KINDS.lost)
+    end = KINDS.where(no_more & ~stride.is_new & ~stride.lands, unclear, KINDS.states)
+    # In full contact a load that holds the gap stays where it is, whatever the pressure.
+    is_stuck = ~jnp.any(stride.here.is_free) & (way.curve.load_gradient.pressure == 0)
+    end = KINDS.where(is_stuck, KINDS.full_contact, end)
+    is_loop = stride.is_new & _closes(way.curve, walk, stride.here.at)
+    end = KINDS.where(is_loop, KINDS.loop, end)
+    end = KINDS.where(stride.is_there, KINDS.load, end)
+    return replace(walk, stride=stride, count=walk.count + stride.is_new, end=end)
+
+
+def _closes(curve: Curve, walk: Walk, at: Point) -> Flag:
+    """Return whether the last step has come back to where the branch began."""
+    row = curve.gradient_of(walk.start.tangent)
+    before = row.times(walk.stride.here.at.minus(walk.start.at))
+    after = row.times(at.minus(walk.start.at))
+    step = curve.length(at.minus(walk.stride.here.at))
+    is_near = curve.length(at.minus(walk.start.at)) <= step
+    return (walk.count > 3) & (before < 0) & (after >= 0) & is_near
+
+
+def entry_of(way: Way, walk: Walk) -> tuple[Entry, Turn]:
+    """Return the last state of a branch, and the turn before it."""
+    contact, load, stride = way.curve.contact, way.curve.load, walk.stride
+
+    def state(at: Point) -> Equilibrium:
+        return state_at(contact, load.at(way.curve.value(at)), at.gap)
+
+    here, equilibrium = stride.here, state(stride.turn)
+    entry = Entry(place_of(contact, state(here.at), way.curve.value(here.at)), stride.index)
+    size = jnp.sqrt(jnp.sum(here.tangent.gap**2))
+    mode = here.tangent.gap / jnp.where(size > 0, size, 1)
+    return entry, Turn(equilibrium.load, stride.kind, equilibrium, mode, walk.count - 1)
+
+
+def is_same(one: Turn, other: Turn, span: Scalar) -> Flag:
+    """Return whether a turn is one of others: then the branch comes back to where it has been."""
+    gap, gaps = one.equilibrium.gap, other.equilibrium.gap
+    grid = tuple(range(-gap.ndim, 0))
+    close = _SAME[gap.dtype.name]
+    is_near = jnp.max(jnp.abs(gap - gaps), axis=grid) <= close * jnp.max(gap)
+    is_near &= jnp.abs(one.load.value - other.load.value) <= close * span
+    return jnp.any(is_near & (one.kind.code == other.kind.code))
