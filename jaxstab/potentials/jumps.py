@@ -50,7 +50,7 @@ def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
     ends. There a change that is steep has vanished, and a jump remains.
     """
     law, gaps = jax.lax.stop_gradient((at_some_points(potential), gaps_of(lengths)))
-    table = jnp.stack([jnp.atleast_2d(field) for field in derivatives(law, gaps)])
+    table = jnp.stack([jnp.atleast_2d(field) for field in _where_defined(law, gaps)])
     finite = jnp.where(jnp.isfinite(table), table, 0)
     scale = jnp.stack([jnp.max(-finite[0]), jnp.max(finite[1])])
     fields = [jnp.ravel(field) for field in varying_fields(law)]
@@ -70,7 +70,7 @@ def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
     own = with_fields(law, [field[point] for field in fields])
 
     def side(gap: Float[Array, "two chosen"]) -> _Side:
-        value, slope, curvature = derivatives(own, gap)
+        value, slope, curvature = _where_defined(own, gap)
         return gap, jnp.stack([value[0], slope[1]]), jnp.stack([slope[0], curvature[1]])
 
     def halved(_: int, sides: tuple[_Side, _Side]) -> tuple[_Side, _Side]:
@@ -90,6 +90,12 @@ def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
     size = jnp.nan_to_num(change / larger, nan=0, posinf=0)
     most = jnp.arange(2), jnp.argmax(size, 1)
     return LawJump(high[0][most], low[1][most], high[1][most], size[most])
+
+
+def _where_defined(law: Potential, gaps: Array) -> tuple[Array, ...]:
+    """Return f, f' and f'', all NaN where f is: there a derivative may still be a number."""
+    fields = derivatives(law, gaps)
+    return tuple(jnp.where(jnp.isnan(fields[0]), jnp.nan, field) for field in fields)
 
 
 def _missed(low: _Side, high: _Side) -> Array:
