@@ -56,7 +56,8 @@ def begin_at(
     span = jnp.max(turns) - jnp.min(turns)
     none, zero = jnp.array(0), jnp.zeros_like(span)
     place, result = first
-    is_endless = (result == RESULTS.successful) & ~jnp.isfinite(span)
+    is_passable = jnp.isfinite(span) & (programme.resolution > 0)
+    is_endless = (result == RESULTS.successful) & ~is_passable
     here = PathPoint(place, zero)
     return Progress(
         here=here,
@@ -67,7 +68,7 @@ def begin_at(
         is_apart=jnp.array(False),
         states=states(here).with_entry(here, jnp.array(True)),
         jumps=jumps(Event(place, place, zero, none, jnp.array(False))),
-        # Towards a load that is no number no step would ever end.
+        # Towards a load that is no number, or from zero to zero, no step would ever end.
         result=RESULTS.where(is_endless, RESULTS.infeasible_load, result),
     )
 

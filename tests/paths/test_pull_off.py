@@ -297,3 +297,12 @@ def test_the_point_that_lets_go_is_found_where_the_last_state_lies_before_it():
     np.testing.assert_allclose(pull.critical.eigenvalue, -0.0869, rtol=1e-3)
     rate = jax.grad(lambda energy: found(energy).load.value)(energy)
     np.testing.assert_allclose(rate, -4.58231, rtol=1e-5)
+
+
+@pytest.mark.parametrize("spring", [None, 1.0])
+def test_flat_surfaces_without_attraction_have_no_pull_off(spring):
+    # Unlike a rough surface it has an equilibrium at zero pressure, from zero to zero pressure.
+    law = js.potentials.Exponential(0.0, 0.06)
+    flat = js.Contact(js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), law)
+    with pytest.raises(js.SolverError, match=r"No pull-off found .* the law attracts nowhere"):
+        js.pull_off(flat, spring=spring)
