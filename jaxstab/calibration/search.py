@@ -181,7 +181,7 @@ def search(
             error=jnp.where(is_start, errors[weakest], so_far.error),
             free=so_far.free.at[number].set(end.point.free),
             losses=so_far.losses.at[number].set(loss),
-            results=RESULTS(so_far.results.code.at[number].set(result.code)),
+            results=RESULTS(jnp.asarray(so_far.results.code).at[number].set(result.code)),
             num_steps=so_far.num_steps + end.num_steps,
         )
 

@@ -10,7 +10,8 @@ from jaxstab.solids.spectral import SpectralSolid
 
 
 class SurfaceTension(SpectralSolid):
-    """A solid with surface tension, such as a gel: K + s q^2 (Style et al., Nat. Commun. 2013).
+    """A solid with surface tension, such as a gel: K + s q^2 (Style et al., Nature
+    Communications 4, 2013).
 
     The tension outweighs elasticity for waves shorter than the elastocapillary length s / E*.
 

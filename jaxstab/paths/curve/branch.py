@@ -69,7 +69,7 @@ class Branch(Dimensioned):
                 f"Branch: {type(self.load).__name__} {first} to {last} in "
                 f"{loads.size} states, {np.sum(index > 0)} of them unstable, {unknown}"
                 f"{len(self.turns)} turns; "
-                f"ends {KINDS[self.end].split(': ', 1)[1]}; {self.result.name}"
+                f"ends {str(KINDS[self.end]).split(': ', 1)[1]}; {self.result.name}"
             ]
             table = [display.table(_rows(self.turns))] if len(self.turns) else []
             return "\n".join([*lines, *table])

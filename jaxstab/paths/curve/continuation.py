@@ -110,8 +110,7 @@ def continuation(
     start = initial_gap(contact, load[0], initial)
     whole, start = whole_start(contact, load[0], start)
     own, unit = whole.in_own_units()
-    task = Task(own, load.in_units_of(unit), start, *steps)
-    task = refuse_derivatives(task)
+    task: Any = refuse_derivatives(Task(own, load.in_units_of(unit), start, *steps))
     bar = progress_bar(number, "states", shown=can_be_shown(progress, task))
     # What was not found is NaN.
     with jax.debug_nans(False), bar as bar:

@@ -5,6 +5,7 @@ a piece. At a corner a contact point loses its reaction (release) or a free poin
 """
 
 from functools import partial
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -14,6 +15,8 @@ from jaxtyping import Array
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.paths.curve.corrector import Correction, CurveNewton, at_corner, on_plane
 from jaxstab.paths.curve.curve import Curve, Point
+
+Tree = TypeVar("Tree")
 
 # What ties: points that change sides within this part of the distance to the first of them.
 _TIE = 1e-6
@@ -169,6 +172,6 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
     return found.at, jnp.abs(found.rate) < _FLAT * steepest
 
 
-def choose(condition: Flag, one: eqx.Module, other: eqx.Module) -> eqx.Module:
+def choose(condition: Flag, one: Tree, other: Tree) -> Tree:
     """Return one of two trees."""
     return jax.tree.map(partial(jnp.where, condition), one, other)
