@@ -206,8 +206,7 @@ def _module(path: str, contents: dict[str, Structure], arrays: Mapping[str, np.n
 
 def _has_import_path(value: Any) -> bool:
     is_local = "<locals>" in type(value).__qualname__
-    is_module = isinstance(value, eqx.Module) and not isinstance(value, BareFunction)
-    return is_module and not is_local
+    return isinstance(value, eqx.Module) and not isinstance(value, BareFunction) and not is_local
 
 
 def lost_classes(structure: Structure) -> list[str]:
