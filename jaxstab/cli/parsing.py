@@ -29,16 +29,23 @@ class Parser(argparse.ArgumentParser):
         # That of argparse knows no exponents: it takes -1e-3 for an option.
         self._negative_number_matcher = _NEGATIVE
 
-    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def parse_args(self, args: Any, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return the options; an argument that is none ends the command and names the nearest."""
+        # argparse would first take the value of an option that is none for a file.
+        for name in (text.partition("=")[0] for text in args if text.startswith("--")):
+            self._require_option(name)
         options, unknown = self.parse_known_args(args, namespace)
         if unknown:
             name = unknown[0].partition("=")[0]
-            if not name.startswith("-"):
-                self.error(f"unrecognized argument: {name}")
+            if name.startswith("-"):
+                self._require_option(name)
+            self.error(f"unrecognized argument: {name}")
+        return options
+
+    def _require_option(self, name: str) -> None:
+        if name != "--" and name not in self._option_string_actions:
             close = nearest(name, self._option_string_actions)
             self.error(f"there is no option {name}; the nearest is {close}.")
-        return options
 
     @property
     def options(self) -> list[str]:
