@@ -20,6 +20,7 @@ SLOW = (
     "model",
     "scan",
     "studies",
+    "time",
     "units",
 )
 PAGES = [
