@@ -12,7 +12,8 @@ from jaxstab.solids.spectral import SpectralSolid
 class SurfaceTension(SpectralSolid):
     """A solid with surface tension, such as a gel: K + s q^2.
 
-    Style et al., Nature Communications 4, 2728 (2013). The tension outweighs elasticity for waves shorter than the elastocapillary length s / E*.
+    Style et al., Nature Communications 4, 2728 (2013). The tension outweighs elasticity for waves
+    shorter than the elastocapillary length s / E*.
 
     Arguments:
         solid: the elastic solid below, with a stiffness for every wavenumber.

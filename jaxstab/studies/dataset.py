@@ -63,7 +63,8 @@ def _lazy(
             folder.set_aside(file)
             raise Damaged(f"{error} is damaged: js.study runs its case again.") from error
 
-    number = dask.array.arange(len(files), chunks=(1,) * len(files)).reshape(shape)
+    each: Any = (1,) * len(files)
+    number = dask.array.arange(len(files), chunks=each).reshape(shape)
     chunks = (*number.chunks, *((length,) for length in none.shape[len(shape) :]))
     axes, meta = range(len(shape), none.ndim), np.empty((0,) * none.ndim, none.dtype)
     return dask.array.map_blocks(load, number, chunks=chunks, new_axis=axes, meta=meta)

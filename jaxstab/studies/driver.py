@@ -63,7 +63,7 @@ class Driver:
         """How much is done, in words."""
         return f"{len(self.found)} of {len(self._cases)} cases are in {self.folder.path}"
 
-    def run(self, worker: Worker, executor: Any, progress: bool) -> None:
+    def run(self, worker: Worker, executor: Any, progress: bool | None) -> None:
         """Run the cases that are left, until all are done or Ctrl-C stops it."""
         left = [case for file, case in self._cases.items() if file not in self.found]
         shown = {"shown": progress, "done": len(self.found)}

@@ -76,7 +76,7 @@ def study(
     try:
         asked = record.begin(path, asked, case, version, accept_changes)
         driver = Driver(Folder(path, asked), asked.cases(), retry)
-        driver.run(Worker(case, asked.kinds, driver.folder, batch), executor, bool(progress))
+        driver.run(Worker(case, asked.kinds, driver.folder, batch), executor, progress)
     except (OSError, RuntimeError) as error:
         said = f"{getattr(error, 'strerror', None) or error}: {driver.stored if driver else path}. "
         said += "Mend this, then the same call goes on."
