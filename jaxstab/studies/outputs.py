@@ -89,7 +89,8 @@ def _array(name: str, value: Any) -> np.ndarray:
     if np.ma.is_masked(array) and array.dtype.kind not in "fc":
         raise TypeError(f"{name} is a masked array of {array.dtype}, which has no NaN: fill it.")
     array = np.asarray(array.filled(np.nan) if np.ma.is_masked(array) else array)
-    if array.dtype.kind in ("O", "T") and array.size and all(isinstance(x, str) for x in array.flat):
+    holds_objects = array.dtype.kind in ("O", "T") and array.size
+    if holds_objects and all(isinstance(x, str) for x in array.flat):
         array = array.astype(str)
     if array.dtype.kind not in "biufcU":
         kind = type(value).__name__ if array.dtype == object else array.dtype
