@@ -242,3 +242,18 @@ def test_a_tolerance_that_rounding_hides_spoils_no_mode(seed, strength):
     np.testing.assert_allclose(np.sum(mode**2), 1, atol=1e-4)
     quotient = np.sum(mode * np.asarray(exact(jnp.asarray(mode)))) / np.sum(mode**2)
     np.testing.assert_allclose(quotient, expected, atol=1e-5 * strength)
+
+
+def test_algorithm_1_without_a_fixed_mean_has_no_multiplier_of_it():
+    # Under a pressure the mean may move; without contact the least eigenvalue is found.
+    contact = rough_contact(8, lambda gap: 3 * gap**2)
+    operator = Hessian(contact.solid, jnp.full((8, 8), 6.0).at[2, 3].set(2.0))
+    cone = AdmissibleCone(jnp.zeros((8, 8), bool), fixes_mean=False)
+    found = js.ProximalIteration().solve(
+        operator, cone, jax.random.normal(jax.random.key(0), (1, 8, 8))
+    )
+    dense = jax.vmap(operator)(jnp.eye(64).reshape(64, 8, 8)).reshape(64, 64)
+    lowest = np.linalg.eigvalsh(dense)[0]
+    pair = measured(operator, cone, found, found.vector)
+    assert found.result == js.RESULTS.successful
+    assert pair.eigenvalue == pytest.approx(lowest, rel=1e-6)

@@ -70,11 +70,14 @@ class ProximalIteration(ConeSolver):
                 require_positive(name, step)
 
     def init(self, problem: Eigenproblem, start: Block) -> _State:
-        """Return the last of the starts alone, brought onto the cone, with y = 0 and z = 1."""
+        """Return the last of the starts alone, brought onto the cone, with y = 0 and z = 1.
+
+        A cone without the constraint of zero mean has no multiplier of it: there z = 0.
+        """
         # x = e in the text. One of the two signs survives the projection.
         towards, away = (unit_vector(problem.domain, sign * start[-1]) for sign in (1, -1))
         x, one = jnp.where(jnp.any(towards != 0), towards, away), jnp.ones((), start.dtype)
-        return _State(x, jnp.zeros_like(x), one, one)
+        return _State(x, jnp.zeros_like(x), one * problem.domain.fixes_mean, one)
 
     def step(self, problem: Eigenproblem, state: _State) -> _State:
         """Return the state after equations (34) to (37)."""
