@@ -248,9 +248,9 @@ def _leg_by_leg(
     report: Callable[[], object],
 ) -> tuple[_Entry, Moment, Steps]:
     """Return the same by a program for each leg, so that it can be watched and interrupted."""
-    entries = [_Entry.of(moment, steps, fields)]
+    entries, legs = [_Entry.of(moment, steps, fields)], _legs(load, times)
     for i in range(times.size - 1):
-        leg = jax.tree.map(lambda leaf, i=i: leaf[i], _legs(load, times))
+        leg = jax.tree.map(lambda leaf, i=i: leaf[i], legs)
         moment, steps = _march_alone(medium, load[0], rtol, moment, steps, leg)
         entries.append(_Entry.of(moment, steps, fields))
         report()
