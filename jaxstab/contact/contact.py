@@ -6,6 +6,7 @@ K u + f'(g) and its Hessian A = K + D with D = diag f''(g).
 """
 
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Annotated, Any
 
 import equinox as eqx
@@ -262,6 +263,27 @@ def require_contact(contact: Any) -> None:
     """Raise `TypeError` for anything but a contact."""
     cure = "give that first, as made by jaxstab.Contact(solid, heights, potential)."
     require_kind(contact, Contact, f"no contact: {cure}")
+
+
+def require_same_contact(contact: Contact, other: Contact, owner: str) -> None:
+    """Raise `ValueError` that names the fields in which the contact of a result is another one."""
+    pairs = {
+        field.name: [getattr(c, field.name) for c in (contact, other)] for field in fields(Contact)
+    }
+    differing = [name for name, pair in pairs.items() if not _are_same(*pair)]
+    if differing:
+        raise ValueError(
+            f"{owner} has another {' and another '.join(differing)} than the contact: give the "
+            "contact that it came from."
+        )
+
+
+def _are_same(one: Any, other: Any) -> bool:
+    """Return whether two pytrees are equal, as far as their numbers are known."""
+    if jax.tree.structure(one) != jax.tree.structure(other):
+        return False
+    leaves = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+    return all(is_traced(pair) or np.array_equal(*pair) for pair in leaves)
 
 
 def _power_of_two_above(value: Scalar) -> Scalar:

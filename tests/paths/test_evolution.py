@@ -225,6 +225,27 @@ def test_mistakes_are_named():
         _ = found[3].internal
 
 
+@pytest.mark.parametrize(
+    ("other", "differing"),
+    [
+        ({"energy": 0.003}, "potential"),
+        ({"ratios": (2.0, 1.5)}, "solid"),
+        ({"ratios": 3.0, "times": 1.0}, "solid"),
+        ({"n": 16}, "solid and another heights"),
+    ],
+)
+def test_an_initial_evolution_of_another_contact_is_refused(other, differing):
+    times, values = cycle(3)
+    load = js.MeanDisplacement(values)
+    found = js.evolve(viscoelastic(), load, times, rtol=ANY)
+    with pytest.raises(ValueError, match=f"another {differing} than the contact"):
+        js.evolve(viscoelastic(**other), load, times, rtol=ANY, initial=found)
+    # One that is built anew is the same.
+    assert (
+        js.evolve(viscoelastic(), load, times, rtol=ANY, initial=found).result[-1] == "successful"
+    )
+
+
 @pytest.mark.parametrize("rate", [0.03, 2.0, 40.0])
 def test_a_flat_film_grows_at_the_rate_of_its_longest_wave(rate):
     # K(s) = |f''| for the wave of the whole cell, the softest.

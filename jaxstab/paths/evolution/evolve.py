@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxstab.contact import Contact, require_contact
+from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import (
@@ -96,7 +96,8 @@ def evolve(
 
     Raises:
         TypeError: for a solid that is not viscoelastic, and something that is not a load.
-        ValueError: for times that do not increase, and a load with another number of values.
+        ValueError: for times that do not increase, a load with another number of values, and an
+            initial evolution of another contact.
         SolverError: if `throw`, where an equilibrium is not found, or there is no room left.
     """
     medium = _checked(contact, load, times)
@@ -165,6 +166,7 @@ def _start(contact: Contact, medium: Medium, load: Load, initial: Any) -> Moment
     """Return the state at the first time."""
     whole, relaxed = medium.contact, relaxed_contact(contact)
     if isinstance(initial, Evolution):
+        require_same_contact(contact, initial.contact, "The initial evolution")
         internal = initial.internal
     elif isinstance(initial, Equilibrium):
         internal = _relaxed(medium, whole_state(relaxed, equilibrium_of(relaxed, initial))[1])
