@@ -1,5 +1,7 @@
 """Viscoelastic contacts in time, against elastic limits, a hereditary integral and closed forms."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -258,6 +260,44 @@ def test_a_flat_film_grows_at_the_rate_of_its_longest_wave(rate):
     held = js.MeanGap(jnp.full(2, 0.02))
     state = js.evolve(contact, held, jnp.array([0.0, 1e-9]))[-1]
     assert js.growth_rate(state) == pytest.approx(rate, rel=1e-8)
+
+
+@pytest.mark.parametrize("gap", [0.03, 0.04])
+def test_a_rough_contact_departs_along_its_mode_at_the_growth_rate(gap):
+    grid = js.Grid((64,))
+    heights = js.surfaces.self_affine(grid, jax.random.key(1), k_high=8, rms_height=0.02)
+    law = js.potentials.Exponential(0.004, 0.02)
+    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), RATIOS, TIMES)
+    contact = js.Contact(solid, heights, law)
+    relaxed = js.Contact(solid.relaxed, heights, law)
+    # Stable while the gap is held, unstable under the same load held dead.
+    rest = js.equilibrate(relaxed, js.MeanGap(gap))
+    held = js.MeanPressure(jnp.full(61, rest.mean_pressure))
+    start = js.evolve(contact, held[:2], jnp.array([0.0, 1e-9]), initial=rest, fields=True)[0]
+    rate = float(js.growth_rate(start))
+    assert rate > 0
+    parts = np.array(RATIOS), np.array(TIMES)
+    turns = rate * parts[1] / (1 + rate * parts[1])
+    q = 2 * np.pi * np.abs(np.fft.fftfreq(64, 1 / 64))
+    K = np.fft.ifft(np.diag(q / 2) @ np.fft.fft(np.eye(64), axis=0), axis=0).real
+    curvature = -10 * np.exp(-np.array(start.gap) / 0.02)
+    is_free = np.array(start.gap > 0)
+    A = (K * (1 + parts[0] @ turns) + np.diag(curvature))[np.ix_(is_free, is_free)]
+    mode = np.zeros(64)
+    mode[is_free] = 1e-6 * 0.02 * np.linalg.eigh(A)[1][:, 0]
+
+    def departure(sign):
+        rest, move = start.internal, sign * mode
+        moved = js.Internal(
+            rest.gap + move, rest.deformation + move, rest.branches + turns[:, None] * move
+        )
+        times = jnp.linspace(0, 3 / rate, 61)
+        initial = replace(start, last=moved)
+        found = js.evolve(contact, held, times, initial=initial, rtol=ANY, fields=True)
+        return np.array(found.fields.gap) @ mode
+
+    growth = departure(1) - departure(-1)
+    assert np.log(growth[-1] / growth[20]) / 2 == pytest.approx(1, rel=0.01)
 
 
 @pytest.mark.parametrize(("part", "expected"), [(0.9, 0.0), (4.1, np.inf)])
