@@ -162,7 +162,7 @@ def test_a_solver_of_ones_own_finds_equilibria_in_every_call(contact):
     released = js.release(contact, found, mode, solver=solver)
     np.testing.assert_allclose(released.gap, expected.gap, atol=1e-6)
     lanes = jax.vmap(lambda value: js.equilibrate(contact, js.MeanGap(value), solver, throw=False))
-    # To the last bit only as users compile it: see lanes_as_users_run_them.py.
+    # To the last bit only as users compile it: see batches_as_users_run_them.py.
     together = lanes(jnp.array([0.08, 0.1])).gap
     np.testing.assert_allclose(together, swept.equilibrium.gap, rtol=1e-12, atol=1e-15)
     short = js.equilibrate(contact, load, Descent(max_steps=3), throw=False)

@@ -47,7 +47,7 @@ class RESULTS(Enumeration):
     )
     pulled_off = member(
         "no equilibrium was found, since nothing holds the surfaces together at this load: they "
-        "separate. Pull less, start from a state in contact, or prescribe the mean gap instead"
+        "separate. Pull less or press, start from a state in contact, or prescribe the mean gap"
     )
     no_equilibrium = member(
         "there was no converged equilibrium to assess. Look at the result of the equilibrium"

@@ -16,7 +16,7 @@ import jaxstab as js
 from jaxstab.paths.sweep import _padded
 
 LOADS = jnp.linspace(1e-5, 2.0, 32)
-SCRIPT = Path(__file__).parents[1] / "lanes_as_users_run_them.py"
+SCRIPT = Path(__file__).parents[1] / "batches_as_users_run_them.py"
 
 
 # First here, where a single solve is all that has been compiled.

@@ -2,12 +2,14 @@
 
 import heapq
 import itertools
+import warnings
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from brute_force import dense_hessian
+from problems import rough_contact
 
 import jaxstab as js
 from jaxstab.references import maugis
@@ -165,6 +167,16 @@ def test_the_easiest_exit_is_the_one_that_a_nearby_jump_takes_or_lower(detachmen
     assert found.end.contact_area > 0
     # In contact some points can let go before all of them do.
     assert 0 < js.easiest_exit(contact, at.end).barrier.there < 1.001 * at.barrier.back
+
+
+@pytest.mark.nightly
+def test_the_easiest_exit_warns_of_a_coarse_grid_once():
+    contact = rough_contact(8, js.potentials.Exponential(0.02, 0.02))
+    state = js.equilibrate(contact, js.MeanGap(0.15))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        js.easiest_exit(contact, state, num_modes=1, throw=False)
+    assert len([w for w in caught if w.category is js.ResolutionWarning]) == 1
 
 
 def sphere_on_a_half_space(parameter, window, smoothing):

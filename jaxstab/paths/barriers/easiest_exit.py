@@ -1,10 +1,13 @@
 """The lowest pass out of a state that pushes along its modes find."""
 
+import warnings
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact import Contact
+from jaxstab.contact.resolution import FOR_JUMPS, ResolutionWarning, warn_if_coarse
 from jaxstab.core.checks import integer, is_traced, require
 from jaxstab.core.results import RESULTS, SolverError
 from jaxstab.core.types import Field
@@ -55,29 +58,32 @@ def easiest_exit(
     most = contact.grid.size - contact.control(equilibrium.load).fixes_mean
     cure = f"the load allows {most} independent moves of the points: give at most that."
     require("num_modes", number, number <= most, cure)
-    modes = lowest_modes(contact, equilibrium, number, key=key, throw=False)
-    cone = assess_stability(contact, equilibrium, key=key, throw=False).cone
-    directions = [cone.mode, *(sign * mode for mode in modes.mode for sign in (1, -1))]
-    ends: list[Equilibrium] = []
-    for direction in directions:
-        end = _state_beyond(contact, equilibrium, direction)
-        if end is not None and all(_are_apart(end, other) for other in ends):
-            ends.append(end)
-    ways = [transition(contact, equilibrium.load, equilibrium, end, throw=False) for end in ends]
+    warn_if_coarse(contact, FOR_JUMPS)
+    with warnings.catch_warnings():
+        # Said once for all of the solves below.
+        warnings.simplefilter("ignore", ResolutionWarning)
+        modes = lowest_modes(contact, equilibrium, number, key=key, throw=False)
+        cone = assess_stability(contact, equilibrium, key=key, throw=False).cone
+        directions = [cone.mode, *(sign * mode for mode in modes.mode for sign in (1, -1))]
+        ends: list[Equilibrium] = []
+        for direction in directions:
+            end = _state_beyond(contact, equilibrium, direction)
+            if end is not None and all(_are_apart(end, other) for other in ends):
+                ends.append(end)
+        # Without another state, from the state to itself: its result says so.
+        ways = [
+            transition(contact, equilibrium.load, equilibrium, end, throw=False)
+            for end in ends or [equilibrium]
+        ]
     found = [way for way in ways if way.result == RESULTS.successful]
     if found:
         return min(found, key=lambda way: float(way.there))
-    way = (
-        ways[0]
-        if ways
-        else transition(contact, equilibrium.load, equilibrium, equilibrium, throw=False)
-    )
     if not throw:
-        return way
+        return ways[0]
     raise SolverError(
         f"None of {len(directions)} pushes led over a pass to another state; {len(ends)} other "
         "states were found. Try more modes (`num_modes`), or give another state to `transition`.",
-        way,
+        ways[0],
     )
 
 

@@ -1,4 +1,4 @@
-"""Solves in lanes against each alone, to the last bit: a script, which a test starts.
+"""Solves in a batch against each alone, to the last bit: a script, which a test starts.
 
 In a process of its own, for programs that are compiled as a user's are and not as the tests' are.
 """
@@ -28,8 +28,8 @@ def check_springs():
     contact = rough_contact(16, js.potentials.Exponential(0.01, 0.1))
     springs = js.Spring(jnp.linspace(0.0, 0.3, 4), 2.0)
     swept = js.sweep(contact, springs, stability=False)
-    lanes = jax.vmap(lambda load: js.equilibrate(contact, load, throw=False))(springs)
-    np.testing.assert_array_equal(lanes.gap, swept.equilibrium.gap)
+    batch = jax.vmap(lambda load: js.equilibrate(contact, load, throw=False))(springs)
+    np.testing.assert_array_equal(batch.gap, swept.equilibrium.gap)
 
 
 def check_a_solver_of_ones_own():
@@ -37,12 +37,12 @@ def check_a_solver_of_ones_own():
     contact, solver = rough_contact(16, js.potentials.Exponential(0.01, 0.1)), Descent()
     loads = js.MeanGap(jnp.array([0.08, 0.1]))
     swept = js.sweep(contact, loads, equilibrium_solver=solver, stability=False)
-    lanes = jax.vmap(lambda load: js.equilibrate(contact, load, solver, throw=False))(loads)
-    np.testing.assert_array_equal(lanes.gap, swept.equilibrium.gap)
+    batch = jax.vmap(lambda load: js.equilibrate(contact, load, solver, throw=False))(loads)
+    np.testing.assert_array_equal(batch.gap, swept.equilibrium.gap)
 
 
 def check_an_accelerators_sweep():
-    """All lanes in one program, as on an accelerator, give what each load gives alone."""
+    """All entries in one program, as on an accelerator, give what each load gives alone."""
     contact = rough_contact(32, js.potentials.Exponential(1e-2, 1.0), youngs_modulus=1e-3)
     loads = js.MeanGap(jnp.linspace(1e-5, 2.0, 32)[:5])
     alone = js.sweep(contact, loads, stability=False)
