@@ -7,6 +7,7 @@ K u + f'(g) and its Hessian A = K + D with D = diag f''(g).
 
 from collections.abc import Callable
 from dataclasses import fields
+from functools import partial
 from typing import Annotated, Any
 
 import equinox as eqx
@@ -19,6 +20,7 @@ from jaxstab.contact.hessian import Hessian
 from jaxstab.contact.inputs import law_on, relative_heights, suspicions, unit_of_lengths
 from jaxstab.contact.residual import Balance, balance_of, conforming_pressure
 from jaxstab.contact.window import continued_surface
+from jaxstab.core import model
 from jaxstab.core.checks import array, cast, is_traced, numbers, require_finite, require_kind
 from jaxstab.core.display import block
 from jaxstab.core.grid import Grid
@@ -210,27 +212,22 @@ class Contact(eqx.Module):
 
     def gap(self, displacement: Field) -> Field:
         """Return g = u - h (Rey & Bleyer, eq. 2) [length]."""
-        return displacement - self.datum - self.heights
+        return model.gap_of(displacement - self.datum, self.heights)
 
     def displacement(self, gap: Field) -> Field:
         """Return u = g + h [length]."""
-        return gap + self.heights + self.datum
+        return model.displacement_of(gap, self.heights) + self.datum
 
     def energy(self, gap: Field) -> Scalar:
         """Return the potential energy of the surface (Rey & Bleyer, eq. 5) [energy]."""
-        elastic = self.solid.held_by(0).energy(gap + self.heights)
-        adhesive = jnp.sum(energy_density(self.potential, gap)) * self.grid.cell_area
-        return elastic + adhesive
+        K, f = self.solid.held_by(0).apply, partial(energy_density, self.potential)
+        return model.energy(K, f, self.heights, gap) * self.grid.cell_area
 
     @property
     def gradient(self) -> FieldMap:
         """The map from a gap to K u + f'(g) [pressure], K prepared once, here."""
-        solid = self.solid.held_by(0)
-
-        def gradient(gap: Field) -> Field:
-            return solid.apply(gap + self.heights) + slope(self.potential, gap)
-
-        return gradient
+        K, f_prime = self.solid.held_by(0).apply, partial(slope, self.potential)
+        return partial(model.gradient, K, f_prime, self.heights)
 
     def curvature(self, gap: Field) -> Field:
         """Return f''(g), the diagonal of D (Rey & Bleyer, eq. 24) [pressure/length]."""

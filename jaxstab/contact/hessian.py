@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxstab.core import model
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, FieldMap, Mask, Scalar
 from jaxstab.solids import Solid, apart_from_mean
@@ -73,7 +74,7 @@ class Hessian(SymmetricOperator):
 
     def __call__(self, field: Field) -> Field:
         """Return A x, at the price of one application of K."""
-        return self.solid.apply(field) + self.curvature * field
+        return model.hessian(self.solid.apply, self.curvature, field)
 
     def restricted(self, mask: Mask) -> "Hessian":
         """Return an operator that does the same to fields which vanish outside the mask, there."""

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax.numpy as jnp
 
+from jaxstab.core import model
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads import Control
@@ -73,7 +74,7 @@ def balance_of(
         elastic = held.apply(displacement)
         density, attraction, curvature = derivatives(potential, gap)
         net = control.net_pressure(elastic + attraction, gap)
-        missed = missed_pressure(net, gap)
+        missed = model.imbalance(net, gap)
         # Between flat surfaces only attraction and p0 tell how much is little.
         whole = jnp.abs(attraction) + jnp.abs(net - elastic - attraction)
         resisting = control.resisting(attraction, gap)
@@ -95,7 +96,7 @@ def balance_of(
         return Balance(
             net=net,
             curvature=curvature,
-            elastic_energy=total(displacement * elastic) / 2,
+            elastic_energy=model.elastic_energy(displacement, elastic),
             adhesion=total(density),
             residual=jnp.maximum(residual, imbalance),
             has_escaped=control.has_escaped(gap, escape),
@@ -109,8 +110,3 @@ def conforming_pressure(solid: Solid, heights: Field) -> Scalar:
     heights = solid.flush(heights)
     pressure = solid.held_by(0).apply(heights - jnp.mean(heights))
     return jnp.sqrt(jnp.mean(pressure**2))
-
-
-def missed_pressure(net: Field, gap: Field) -> Field:
-    """Return what of the net pressure is out of balance [pressure]."""
-    return jnp.where(gap > 0, net, jnp.minimum(net, 0))

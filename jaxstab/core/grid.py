@@ -238,8 +238,3 @@ def mean_over(mask: Mask, field: Field) -> Scalar:
     """Return the mean of a field over a mask, zero over none."""
     count = jnp.maximum(total(mask.astype(field.dtype)), 1)
     return total(jnp.where(mask, field, 0)) / count
-
-
-def centred(field: Field, mask: Mask) -> Field:
-    """Return the field less its mean over the mask, zero outside the mask."""
-    return jnp.where(mask, field - mean_over(mask, field), 0)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
-from jaxstab.contact.residual import missed_pressure
+from jaxstab.core import model
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import finite, pushed
 from jaxstab.core.linear_system import LinearSystem
@@ -33,7 +33,7 @@ def changes_of_fields(
     is_free = gap > 0
     control = contact.control(load)
     net = fields["pressure"] + slope(contact.potential, gap)
-    missed = missed_pressure(net, gap)
+    missed = model.imbalance(net, gap)
     sharpness = jnp.max(jnp.abs(jnp.where(is_free, third_derivative(contact, gap), 0)))
 
     def is_sound(moved: Field, right_side: Field) -> Flag:
@@ -80,5 +80,5 @@ def changing_points(net: Field, gap: Field, solid: Solid) -> Mask:
 def pressure_noise(net: Field, gap: Field) -> Scalar:
     """Return the least pressure above the residual and rounding."""
     eps = jnp.finfo(gap.dtype).eps
-    squares = 1e2 * missed_pressure(net, gap) ** 2 + (1e3 * eps * net) ** 2
+    squares = 1e2 * model.imbalance(net, gap) ** 2 + (1e3 * eps * net) ** 2
     return jnp.sqrt(total(squares) / gap.size)

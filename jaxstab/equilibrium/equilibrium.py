@@ -8,6 +8,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.residual import Balance
+from jaxstab.core import model
 from jaxstab.core.display import block
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
@@ -115,7 +116,7 @@ def assembled(contact: Contact, gap: Field, net: Field, energy: Scalar) -> Field
     Where its gap is NaN, so are they.
     """
     attraction = slope(contact.potential, gap)
-    reaction = jnp.where(gap > 0, 0, net)
+    reaction = model.reaction(net, gap)
     return {
         "displacement": contact.displacement(gap),
         "gap": gap,

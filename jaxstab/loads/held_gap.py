@@ -6,7 +6,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxstab.core.grid import centred, mean, mean_over, total
+from jaxstab.core import model
+from jaxstab.core.grid import mean
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.core.units import LENGTH
 from jaxstab.loads.load import Control, Load, prescribed
@@ -35,7 +36,7 @@ class GapControl(Control):
 
     def restore(self, gap: Field) -> Field:
         """Return the gap scaled to its mean."""
-        return gap * (self.mean_gap * gap.size / total(gap))
+        return model.onto_load(gap, self.mean_gap)
 
     def admissible(self, gap: Field) -> Field:
         """Return the gap cut at zero, and scaled to its mean."""
@@ -52,11 +53,11 @@ class GapControl(Control):
 
     def net_pressure(self, gradient: Field, gap: Field) -> Field:
         """Return the gradient less its mean over the free points, which is -p0."""
-        return gradient - mean_over(gap > 0, gradient)
+        return gradient + model.held_mean_pressure(gradient, gap)
 
     def resisting(self, attraction: Field, gap: Field) -> Field:
         """Return the attraction of the free points less its mean, which p0 balances."""
-        return centred(attraction, gap > 0)
+        return model.onto_space(attraction, gap > 0)
 
     def mean_imbalance(self, missed: Field, attraction: Field, gap: Field) -> Scalar:
         """Return zero: p0 is whatever balances the mean."""
@@ -64,7 +65,7 @@ class GapControl(Control):
 
     def project(self, field: Field, is_moving: Mask) -> Field:
         """Return the field less its mean over the moving points, zero elsewhere."""
-        return centred(field, is_moving)
+        return model.onto_space(field, is_moving)
 
 
 class MeanDisplacement(Load):

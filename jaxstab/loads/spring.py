@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxstab.core import model
 from jaxstab.core.checks import is_traced, known, parameter, require_positive
 from jaxstab.core.grid import Grid, mean, mean_over, total
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
@@ -66,7 +67,7 @@ class SpringControl(PressingControl):
         pressure = self.pressure(gap)
         lengths = jnp.abs(self.relaxed_gap) + mean(gap)
         rounding = _ROUNDING * jnp.finfo(gap.dtype).eps * self.constant * lengths
-        missed = pressure + mean_over(gap > 0, gradient)
+        missed = pressure - model.held_mean_pressure(gradient, gap)
         open_part = jax.lax.stop_gradient(jnp.clip(missed, -rounding, rounding))
         return gradient + (pressure - open_part)
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jaxstab.core import model
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid
 from jaxstab.core.linear_system import LinearSystem
@@ -19,7 +20,7 @@ from jaxstab.core.types import ArrayLike, Field, FieldMap, Mask, Scalar
 from jaxstab.core.units import NUMBER, PRESSURE
 from jaxstab.solids.moduli import contact_modulus, elastic_constants
 from jaxstab.solids.solid import Solid
-from jaxstab.solids.spectral import Waves, multiplied
+from jaxstab.solids.spectral import Waves
 
 
 class Padded(Waves):
@@ -43,7 +44,7 @@ class Padded(Waves):
 
     def under(self, pressure: Field) -> Field:
         """Return G p on all of the grid, the displacement under a pressure on the window."""
-        return multiplied(self.grid, 1 / self.multiplier, padded(pressure, 0))
+        return model.filtered(self.grid, 1 / self.multiplier, padded(pressure, 0))
 
     def flush(self, heights: Field) -> Field:
         """Return the surface continued by its mirror images, as no edge of it is."""

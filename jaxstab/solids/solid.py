@@ -12,8 +12,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jaxstab.core import model
 from jaxstab.core.display import inline
-from jaxstab.core.grid import Grid, centred, mean, mean_over, require_grid
+from jaxstab.core.grid import Grid, mean, mean_over, require_grid
 from jaxstab.core.switches import own_conventions
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 
@@ -109,8 +110,8 @@ class Solid(eqx.Module):
     @own_conventions()
     def energy(self, displacement: Field) -> Scalar:
         """Return the elastic energy u.Ku / 2 over the surface [energy]."""
-        density = displacement * self.apply(displacement) / 2
-        return jnp.sum(density) * self.grid.cell_area.astype(density.dtype)
+        energy = model.elastic_energy(displacement, self.apply(displacement))
+        return energy * self.grid.cell_area.astype(energy.dtype)
 
 
 def finite_or_zero(stiffness: Scalar) -> Scalar:
@@ -133,7 +134,9 @@ def apart_from_mean(
     is_stiff = stiffness > softest
     level, share = mean_over(mask, field), mean(mask.astype(field.dtype))
     moved = inverse(jnp.where(mask & is_stiff, field - level, field))
-    apart = centred(moved, mask) + jnp.where(mask, level / (stiffness * share + softest), 0)
+    apart = model.onto_space(moved, mask) + jnp.where(
+        mask, level / (stiffness * share + softest), 0
+    )
     return jnp.where(is_stiff, apart, moved)
 
 

@@ -9,11 +9,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxstab.core import model
 from jaxstab.core.checks import require_positive
 from jaxstab.core.closures import as_pytree
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, require_grid
-from jaxstab.core.switches import own_conventions
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Scalar
 from jaxstab.solids.solid import Solid, finite_or_zero
 
@@ -52,12 +52,12 @@ class Waves(Solid):
 
     def apply(self, displacement: Field) -> Field:
         """Return K u [pressure], at the price of one pair of Fourier transforms."""
-        return multiplied(self.grid, self.multiplier, displacement)
+        return model.filtered(self.grid, self.multiplier, displacement)
 
     def precondition(self, shift: Scalar) -> FieldMap:
         """Return the inverse of K + shift."""
         inverse = 1 / (self.multiplier + shift)
-        return lambda field: multiplied(self.grid, inverse, field)
+        return lambda field: model.filtered(self.grid, inverse, field)
 
     def held_by(self, stiffness: ArrayLike) -> "Waves":
         """Return the same solid with another multiplier at q = 0."""
@@ -69,7 +69,7 @@ class Waves(Solid):
         first = (0,) * self.multiplier.ndim
         lack = jnp.maximum(level - self.multiplier, 0).at[first].set(0)
         on_point = self.grid.inverse_transform(lack).ravel()[0]
-        return lambda field: multiplied(self.grid, lack, field), on_point
+        return lambda field: model.filtered(self.grid, lack, field), on_point
 
     def coarser(self) -> "Waves | None":
         """Return the solid with the waves of the grid of every other point, if there is one."""
@@ -84,12 +84,6 @@ class Waves(Solid):
         stiffnesses = self.multiplier, self.max_stiffness, self.min_stiffness
         multiplier, most, least = (factor * stiffness for stiffness in stiffnesses)
         return replace(self, multiplier=multiplier, max_stiffness=most, min_stiffness=least)
-
-
-@own_conventions()
-def multiplied(grid: Grid, multiplier: Float[Array, " *modes"], field: Field) -> Field:
-    """Return a field on a grid with its waves multiplied."""
-    return grid.inverse_transform(multiplier.astype(field.dtype) * grid.transform(field))
 
 
 class SpectralSolid(Solid):
@@ -156,10 +150,7 @@ class SpectralSolid(Solid):
 
         Where the far side moves along, it has zero mean.
         """
-        multiplier = self.waves.multiplier
-        moves = multiplier > 0
-        compliance = jnp.where(moves, 1 / jnp.where(moves, multiplier, 1), 0)
-        return multiplied(self.grid, compliance, pressure)
+        return model.filtered(self.grid, model.compliance(self.waves.multiplier), pressure)
 
 
 class Spectral(SpectralSolid):

@@ -11,8 +11,8 @@ from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
-from jaxstab.contact.residual import missed_pressure
 from jaxstab.contact.resolution import warn_if_coarse
+from jaxstab.core import model
 from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced, require_key
 from jaxstab.core.compile import program
@@ -234,7 +234,7 @@ def _problems(
     in_contact &= is_found
     curvature = jnp.where(is_found, balance.curvature, 0)
     hessian = Hessian(contact.solid, curvature, control.stiffness)
-    imbalance = jnp.sqrt(total(missed_pressure(balance.net, gap) ** 2))
+    imbalance = jnp.sqrt(total(model.imbalance(balance.net, gap) ** 2))
     scale = pressure_scale(contact, gap, equilibrium.pressure)
     # By how much the net pressure of a point may be wrong.
     error = imbalance + _ROUNDING * jnp.finfo(gap.dtype).eps * scale

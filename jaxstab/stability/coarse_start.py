@@ -13,13 +13,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.core import model
 from jaxstab.core.compile import program
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import admissible_pair
 from jaxstab.stability.lowest_modes import BLOCK_SIZE
 from jaxstab.stability.lowest_pair import Lowest, cone_starts, on_cone, on_space
-from jaxstab.stability.ritz import scaled_to_unit
 from jaxstab.stability.solvers.base import Eigensolver, SpaceSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 
@@ -170,7 +170,7 @@ def _refined(field: Float[Array, " *coarse"]) -> Field:
     """Return a mode of the coarser grid at all points, a unit vector again."""
     for axis in range(field.ndim):
         field = jnp.repeat(field, 2, axis=axis)
-    return scaled_to_unit(field)
+    return model.onto_sphere(field)
 
 
 def _on_sublattices(random: Block) -> Block:

@@ -6,11 +6,10 @@ contact presses, since lifting off there costs energy at first order.
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-from jaxtyping import Array
 
-from jaxstab.core.grid import centred, total
+from jaxstab.core import model
+from jaxstab.core.grid import total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 
 
@@ -33,7 +32,7 @@ class Subspace(eqx.Module):
     def project(self, field: Field) -> Field:
         """Return the nearest field of the space."""
         if self.fixes_mean:
-            return centred(field, self.is_moving)
+            return model.onto_space(field, self.is_moving)
         return jnp.where(self.is_moving, field, 0)
 
 
@@ -78,45 +77,10 @@ class AdmissibleCone(eqx.Module):
     def project(self, field: Field) -> Field:
         """Return the nearest field of the cone.
 
-        It is x - s, cut at zero where one-sided, with the shift s that makes its mean zero: the
-        root of a convex, decreasing, piecewise linear function. The first step of Newton's method,
-        from no shift, leads to the left of it. The others climb to it without passing it, and reach
-        it when no more points are cut. Where the mean is free, s is zero.
+        Where its mean is free, the field is only cut at zero.
         """
-        if not self.fixes_mean:
-            return self._cut(field)
-
-        def climb(state: tuple[Array, ...]) -> tuple[Array, ...]:
-            shift, last, _, is_first = state
-            shift += self._step(field - shift, last)
-            # Each set holds the next: as many points are the same ones.
-            number = self._num_uncut(field - shift)
-            goes_on = (number < last) | (is_first & (number > last))
-            return shift, number, goes_on, jnp.array(False)
-
-        yes = jnp.array(True)
-        start = jnp.zeros((), field.dtype), self._num_uncut(field), yes, yes
-        shift, *_ = jax.lax.while_loop(lambda state: state[2], climb, start)
-        return self._cut(field - shift)
-
-    def newton_step(self, field: Field) -> Scalar:
-        """Return the first Newton step towards the shift that projects a field."""
-        if not self.fixes_mean:
-            return jnp.zeros((), field.dtype)
-        return self._step(field, self._num_uncut(field))
-
-    def _step(self, field: Field, num_uncut: Array) -> Array:
-        return total(jnp.where(self._is_uncut(field), field, 0)) / jnp.maximum(num_uncut, 1)
-
-    def _num_uncut(self, field: Field) -> Array:
-        return total(self._is_uncut(field).astype(field.dtype))
-
-    def _is_uncut(self, field: Field) -> Mask:
-        return self.is_moving & ((field > 0) | ~self.one_sided)
-
-    def _cut(self, field: Field) -> Field:
-        cut = jnp.where(self.one_sided, jnp.maximum(field, 0), field)
-        return cut if self.held is None else jnp.where(self.held, 0, cut)
+        project = model.onto_cone if self.fixes_mean else model.onto_one_sided
+        return project(field, self.one_sided, self.is_moving)
 
 
 def _count(mask: Mask) -> Scalar:

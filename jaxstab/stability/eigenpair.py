@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxstab.contact.hessian import SymmetricOperator
+from jaxstab.core import model
 from jaxstab.core.display import block
 from jaxstab.core.grid import total
 from jaxstab.core.history import History
@@ -16,7 +17,6 @@ from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.core.units import NUMBER, STIFFNESS, Dimensioned
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.ritz import scaled_to_unit
 
 Admissible = Subspace | AdmissibleCone
 
@@ -148,7 +148,7 @@ def admissible_pair(
     """
     mode = unit_vector(cone, vector)
     product = operator(mode)
-    quotient = total(mode * product)
+    quotient = model.rayleigh_quotient(mode, product)
     moved = cone.project(descended(operator, mode, product, quotient))
     residual = projected_residual(operator, mode, moved)
     return jnp.where(jnp.any(mode != 0), quotient, jnp.inf), mode, residual
@@ -175,7 +175,7 @@ def projected_residual(operator: SymmetricOperator, mode: Field, moved: Field) -
 
 def unit_vector(cone: Admissible, vector: Field) -> Field:
     """Return the cone's unit vector nearest to this one, or zero where there is none."""
-    return scaled_to_unit(jnp.where(cone.is_trivial, 0, cone.project(vector)))
+    return model.onto_sphere(jnp.where(cone.is_trivial, 0, cone.project(vector)))
 
 
 def _error(operator: SymmetricOperator, residual: Scalar) -> Scalar:

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from jaxstab.contact.hessian import Block
 from jaxstab.core.batching import on_platform
-from jaxstab.core.grid import total, totals
+from jaxstab.core.grid import totals
 from jaxstab.core.types import Field
 
 
@@ -37,12 +37,6 @@ def combinations(parts: Float[Array, "block count"], *blocks: Block) -> tuple[Bl
 def norms(block: Block | Sequence[Field]) -> Float[Array, " block"]:
     """Return the Euclidean norms of the vectors of a block."""
     return jnp.sqrt(totals([vector**2 for vector in block]))
-
-
-def scaled_to_unit(vector: Field) -> Field:
-    """Return a vector scaled to unit length, zero if it is zero."""
-    norm = jnp.sqrt(total(vector**2))
-    return vector / jnp.where(norm == 0, 1, norm)
 
 
 def rayleigh_ritz(

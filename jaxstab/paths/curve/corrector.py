@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
-from jaxstab.contact.residual import missed_pressure
+from jaxstab.core import model
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import IterativeSolver, integer_parameter
@@ -89,7 +89,7 @@ class Correction(eqx.Module):
         forces = self.curve.forces(point, jnp.where(follows, gap > 0, self.is_free))
         net = forces.net
         missed = jnp.where(self.is_free, net, 0)
-        missed = jnp.where(follows, missed_pressure(net, gap), missed)
+        missed = jnp.where(follows, model.imbalance(net, gap), missed)
         imbalance = jnp.sqrt(total(missed**2) / gap.size) / forces.scale
         return Iterate(point, forces, imbalance, self.condition.missed(point, forces))
 

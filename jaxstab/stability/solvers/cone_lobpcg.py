@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
+from jaxstab.core import model
 from jaxstab.core.batching import by_entries, entry_of
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import History, Indicators
@@ -18,11 +19,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpair import Minimum, descended, projected_residual
-from jaxstab.stability.ritz import (
-    combination,
-    rayleigh_ritz,
-    scaled_to_unit,
-)
+from jaxstab.stability.ritz import combination, rayleigh_ritz
 from jaxstab.stability.solvers.base import ConeSolver, Eigenproblem
 from jaxstab.stability.solvers.multi_start import multi_start
 
@@ -86,7 +83,7 @@ class ProjectedLOBPCG(ConeSolver):
         operator, cone, old = problem.operator, problem.domain, state.point
         point = jax.lax.cond(
             state.is_stuck,
-            lambda: _Point.at(operator, scaled_to_unit(state.descended)),
+            lambda: _Point.at(operator, model.onto_sphere(state.descended)),
             lambda: old,
         )
         trial = _lower(operator, cone, point, state)
@@ -201,7 +198,7 @@ def _lower(
         is_new = is_rough | jnp.any(cone.one_sided & (vector < 0))
 
         def projected() -> tuple[Array, Array]:
-            mode = scaled_to_unit(cone.project(vector))
+            mode = model.onto_sphere(cone.project(vector))
             return mode, operator(mode)
 
         mode, product = jax.lax.cond(
