@@ -12,7 +12,7 @@ from jaxstab.cli.result import loaded
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.files.dataset import Result
-from jaxstab.paths import Branch, Transition
+from jaxstab.paths import Branch, Evolution, Transition
 from jaxstab.paths import Path as Followed
 from jaxstab.paths.observe import Observed
 from jaxstab.paths.sweep import Sweep
@@ -45,6 +45,8 @@ def _figure(contact: Contact, result: Result) -> Figure | Axes:
         return plots.path(result)
     if isinstance(result, Branch):
         return plots.branch(result)
+    if isinstance(result, Evolution):
+        return plots.evolution(result)
     if isinstance(result, Transition):
         return plots.transition(contact, result)
     if isinstance(result, Stability):

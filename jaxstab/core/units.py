@@ -25,7 +25,7 @@ class Dimension(str):
 
 
 NUMBER, LENGTH, AREA = Dimension("1"), Dimension("length"), Dimension("length^2")
-VOLUME = Dimension("length^3")
+VOLUME, TIME = Dimension("length^3"), Dimension("time")
 # Those that a pressure is a factor of.
 PRESSURE, ENERGY, STIFFNESS = map(Dimension, ("pressure", "energy", "pressure/length"))
 FORCE, VISCOSITY = Dimension("force"), Dimension("pressure time")

@@ -3,6 +3,7 @@
 import json
 import platform
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import version
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jaxstab.contact import Contact, require_contact
+from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.core.checks import is_traced
 from jaxstab.core.display import text
 from jaxstab.core.optional_packages import require_packages
@@ -24,7 +25,7 @@ from jaxstab.files.labels import long_name
 from jaxstab.files.records import NamedArray, Recorder, Structure, indicators
 from jaxstab.files.tabulated_law import law_variables
 from jaxstab.loads import Load
-from jaxstab.paths import Branch, Path, States, Transition
+from jaxstab.paths import Branch, Evolution, Path, States, Transition
 from jaxstab.paths.observe import Observed
 from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
@@ -33,7 +34,7 @@ from jaxstab.stability import Stability
 if TYPE_CHECKING:
     import xarray
 
-Result = Equilibrium | Stability | Sweep | Path | Branch | Transition | Observed
+Result = Equilibrium | Stability | Sweep | Path | Branch | Evolution | Transition | Observed
 
 # The number of the format, to be raised when this version could not read files of the next.
 FORMAT = 2
@@ -44,6 +45,7 @@ _STATES = {"load": ("state",), "equilibrium": ("state",)}
 _OWN_AXES: Mapping[type, Mapping[str, tuple[str, ...]]] = {
     Path: {**_STATES, "jumps": ("jump",)},
     Branch: {**_STATES, "index": ("state",), "turns": ("turn",)},
+    Evolution: {"last": (), "reached": (), "jump_times": ("jump",), "dissipation": ("jump",)},
     Transition: {"minima": ("minimum",), "images": ("image",), "energies": ("image",)},
 }
 
@@ -61,7 +63,7 @@ def to_dataset(
     Arguments:
         contact: the contact problem.
         result: a result of `equilibrate`, `assess_stability`, `sweep`, `follow`, `continuation`,
-            `transition` or `observe` for it.
+            `transition`, `evolve` or `observe` for it.
         solver: the algorithm, where it was not the default, to be named in the attributes.
         fields: whether to keep the fields and histories, without which `jaxstab.load` cannot give
             the result back.
@@ -83,9 +85,11 @@ def to_dataset(
     axes = _axes(contact, result)
     _require_own(contact, result)
     recorder = Recorder(contact.grid.shape)
+    # Its contact is written once.
+    alone = replace(result, contact=None) if isinstance(result, Evolution) else result
     structure = {
         "contact": recorder.structure(contact, ("contact",)),
-        "result": recorder.structure(result, (), *axes),
+        "result": recorder.structure(alone, (), *axes),
     }
     records = recorder.records
     if not fields:
@@ -105,11 +109,16 @@ def _axes(contact: Contact, result: Result) -> tuple[tuple[str, ...], Mapping[st
     if not isinstance(result, Result):
         raise TypeError(
             f"{type(result).__name__} is no result of equilibrate, assess_stability, sweep, "
-            "follow, continuation, transition or observe. If it holds an equilibrium, give that, "
-            "as pull.equilibrium."
+            "follow, continuation, transition, evolve or observe. If it holds an equilibrium, give "
+            "that, as pull.equilibrium."
         )
     own = _OWN_AXES.get(type(result), {})
     axes: tuple[str, ...] = ()
+    if isinstance(result, Evolution):
+        if result.times.ndim > 1:
+            raise ValueError("These are several evolutions: choose one of them by jax.tree.map.")
+        require_same_contact(contact, result.contact, "The evolution")
+        return ("state",)[: result.times.ndim], own
     if isinstance(result, Path | Branch):
         if result.result.code.ndim:
             kind = "paths" if isinstance(result, Path) else "branches"
@@ -148,7 +157,7 @@ def _load_of(result: Result) -> Load | None:
 
 def _require_own(contact: Contact, result: Result) -> None:
     """Raise `ValueError` where the first or the last state found is none of this contact."""
-    if isinstance(result, Path | Branch):
+    if isinstance(result, Path | Branch | Evolution):
         return
     states = _main_states(result)
     if not isinstance(states, Equilibrium) or is_traced(states):

@@ -4,6 +4,7 @@ import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from jaxstab.core.warn import warn
 from jaxstab.files.dataset import FORMAT, Result, to_dataset
 from jaxstab.files.records import LostFunction, Structure, functions_of, lost_classes, restored
 from jaxstab.files.tabulated_law import require_same_law
+from jaxstab.paths import Evolution
 from jaxstab.potentials import Potential, as_module
 
 # How a NetCDF file begins.
@@ -86,8 +88,8 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
         potential: the law, where the file has values of it only, or its class is not imported.
 
     Returns:
-        The contact, and the equilibrium, stability, sweep, path, branch or transition. Without
-        its law the contact serves for figures; a solver that needs the law raises an error.
+        The contact, and the equilibrium, stability, sweep, path, branch, evolution or transition.
+        Without its law the contact serves for figures; a solver that needs the law raises an error.
 
     Raises:
         ValueError: for a file of another kind, of another format or without fields. For a file in
@@ -114,7 +116,8 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
     object.__setattr__(contact, "potential", law)
     if not isinstance(law, LostFunction):
         require_same_law(contact, arrays, path)
-    return contact, restored(structure["result"], arrays)
+    result = restored(structure["result"], arrays)
+    return contact, replace(result, contact=contact) if isinstance(result, Evolution) else result
 
 
 def attributes_of(path: str | Path) -> dict[str, Any] | None:

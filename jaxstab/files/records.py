@@ -26,7 +26,7 @@ Structure = Any
 # Parts of a path that a name is clear without.
 _SILENT = {"contact", "equilibrium", "stability", "value", "table", "code"}
 _SINGULAR = {"jumps": "jump", "turns": "turn", "minima": "minimum"}
-# Of a whole path, beside those up to each of its states.
+# Of a whole path, beside those up to each of its states, without an axis.
 _TOTALS = {("work",), ("dissipation",)}
 # The modules by whose names files know the classes of this package, so that inner modules can move.
 _PACKAGE = __name__.partition(".")[0]
@@ -131,7 +131,7 @@ class Recorder:
             raise TypeError("JAX is tracing the result, without numbers: save it outside of jit.")
         values = np.asarray(array)
         words = [_SINGULAR.get(word, word) for word in path]
-        words = ["total", *words] if path in _TOTALS else words
+        words = ["total", *words] if path in _TOTALS and not axes else words
         name = "_".join([word for word in words if word not in _SILENT]) or path[-1]
         record = NamedArray(
             values, (*axes, *self._own_dims(name, path, values.shape[len(axes) :])), path, **about
@@ -146,8 +146,10 @@ class Recorder:
     ) -> tuple[str, ...]:
         if path[-2:] == ("history", "table"):
             return ("record", f"{name}_indicator")
-        if shape == self.grid_shape:
-            return ("x", "y")[: len(shape)]
+        sides = len(self.grid_shape)
+        if shape[-sides:] == self.grid_shape:
+            own = tuple(f"{name}_{i}" for i in range(len(shape) - sides))
+            return (*own, *("x", "y")[:sides])
         if path[-2:] == ("grid", "lengths") and len(shape) == 1:
             return ("side",)
         return tuple(f"{name}_{i}" for i in range(len(shape)))

@@ -1,12 +1,17 @@
 """Spectral solids whose surface or whole body resists by curvature: gels and sheets."""
 
+from typing import Annotated
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxstab.core.checks import known, require, require_positive, scalar_parameter
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import ArrayLike, Scalar
+from jaxstab.core.units import Dimension
 from jaxstab.solids.spectral import SpectralSolid
+
+_TENSION = Dimension("pressure length")
 
 
 class SurfaceTension(SpectralSolid):
@@ -25,7 +30,7 @@ class SurfaceTension(SpectralSolid):
     """
 
     solid: SpectralSolid
-    tension: Scalar
+    tension: Annotated[Scalar, _TENSION]
 
     def __init__(self, solid: SpectralSolid, tension: ArrayLike):
         if not isinstance(solid, SpectralSolid):
@@ -65,8 +70,8 @@ class Sheet(SpectralSolid):
     """
 
     grid: Grid
-    bending_stiffness: Scalar
-    tension: Scalar
+    bending_stiffness: Annotated[Scalar, Dimension("pressure length^3")]
+    tension: Annotated[Scalar, _TENSION]
 
     def __init__(self, grid: Grid, bending_stiffness: ArrayLike, tension: ArrayLike = 0.0):
         require_grid(grid)

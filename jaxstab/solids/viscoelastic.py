@@ -1,6 +1,6 @@
 """Linear viscoelastic solids: a Prony series on an elastic solid."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from jaxstab.core.checks import known, parameter, require, require_positive, scalar_parameter
 from jaxstab.core.types import ArrayLike, Flag, Scalar
+from jaxstab.core.units import NUMBER, TIME
 from jaxstab.solids.solid import Solid
 
 
@@ -35,8 +36,8 @@ class Viscoelastic(Solid):
     """
 
     solid: Solid
-    ratios: Float[Array, " terms"]
-    times: Float[Array, " terms"]
+    ratios: Annotated[Float[Array, " terms"], NUMBER]
+    times: Annotated[Float[Array, " terms"], TIME]
 
     def __init__(self, solid: Solid, ratios: ArrayLike, times: ArrayLike):
         if not isinstance(solid, Solid) or isinstance(solid, Viscoelastic):

@@ -27,6 +27,10 @@ KNOWN = [
     (js.references.johnson, ["Johnson"], "1995"),
     (js.references.guduru, ["Guduru"], "2007"),
     (js.references.guduru, ["Kesari", "Lew"], "2011"),
+    (js.evolve, ["Lee", "Radok"], "1960"),
+    (js.Viscoelastic, ["Williams"], "1964"),
+    (js.SurfaceTension, ["Style", "Hyland", "Boltyanskiy", "Wettlaufer", "Dufresne"], "2013"),
+    (js.references.persson_brener, ["Persson", "Brener"], "2005"),
     (js.references.hertz, ["Hertz"], "1882"),
     (js.references.westergaard, ["Westergaard"], "1939"),
 ]

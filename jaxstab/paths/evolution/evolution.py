@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import equinox as eqx
 import jax
@@ -15,6 +15,7 @@ from jaxstab.core import display
 from jaxstab.core.display import column
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
+from jaxstab.core.units import ENERGY, LENGTH, NUMBER, PRESSURE, TIME
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load
@@ -35,13 +36,13 @@ class Totals(eqx.Module):
         lost: in jumps, since the start [energy].
     """
 
-    mean_gap: Float[Array, "..."]
-    mean_pressure: Float[Array, "..."]
-    contact_area: Float[Array, "..."]
-    stored: Float[Array, "..."]
-    work: Float[Array, "..."]
-    dissipated: Float[Array, "..."]
-    lost: Float[Array, "..."]
+    mean_gap: Annotated[Float[Array, "..."], LENGTH]
+    mean_pressure: Annotated[Float[Array, "..."], PRESSURE]
+    contact_area: Annotated[Float[Array, "..."], NUMBER]
+    stored: Annotated[Float[Array, "..."], ENERGY]
+    work: Annotated[Float[Array, "..."], ENERGY]
+    dissipated: Annotated[Float[Array, "..."], ENERGY]
+    lost: Annotated[Float[Array, "..."], ENERGY]
 
 
 class Evolution(Totals):
@@ -65,12 +66,12 @@ class Evolution(Totals):
 
     contact: Contact
     load: Load
-    times: Float[Array, "..."]
+    times: Annotated[Float[Array, "..."], TIME]
     fields: Internal | None
     last: Internal | None
-    reached: Scalar
-    jump_times: Float[Array, " jumps"]
-    dissipation: Float[Array, " jumps"]
+    reached: Annotated[Scalar, TIME]
+    jump_times: Annotated[Float[Array, " jumps"], TIME]
+    dissipation: Annotated[Float[Array, " jumps"], ENERGY]
     num_steps: Int[Array, "..."]
     result: RESULTS
 
@@ -149,16 +150,11 @@ def medium_of(contact: Contact) -> Medium:
 
 
 def _columns(evolution: Evolution) -> dict[str, list[str]]:
-    energies = {
-        name: column(getattr(evolution, name), "{:+.4e}".format)
-        for name in ("work", "stored", "dissipated", "lost")
-    }
-    return {
-        "time": column(evolution.times, "{:.6g}".format),
-        type(evolution.load).__name__: column(evolution.load.value, "{:.6g}".format),
-        "mean pressure": column(evolution.mean_pressure, "{:+.4e}".format),
-        "contact area": column(evolution.contact_area, lambda part: f"{100 * part:.2f} %"),
-        **energies,
-        "steps": column(evolution.num_steps, str),
-        "result": column(evolution.result.name, str),
-    }
+    units, columns = evolution.contact.units, {"time": column(evolution.times, "{:.6g}".format)}
+    columns |= display.load_column(evolution.load, units, ".6g")
+    columns |= display.measured_column("mean pressure", evolution.mean_pressure, units, PRESSURE)
+    columns["contact area"] = column(evolution.contact_area, lambda part: f"{100 * part:.2f} %")
+    for name in ("work", "stored", "dissipated", "lost"):
+        columns |= display.measured_column(name, getattr(evolution, name), units, ENERGY)
+    columns["steps"] = column(evolution.num_steps, str)
+    return columns | {"result": column(evolution.result.name, str)}

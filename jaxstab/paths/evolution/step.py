@@ -11,6 +11,8 @@ m = sum r_k (e_k v_k - b_k w) / (1 + sum r_k b_k). A step is the elastic equilib
 the surface h + m, exact for any dt if w is linear in it, of second order otherwise.
 """
 
+from typing import Annotated
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -20,6 +22,7 @@ from jaxtyping import Array, Float
 from jaxstab.contact import Contact
 from jaxstab.core.grid import mean, total
 from jaxstab.core.types import Field, Scalar
+from jaxstab.core.units import LENGTH
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
 from jaxstab.loads import Load, MeanDisplacement
@@ -39,9 +42,9 @@ class Internal(eqx.Module):
         branches: v_k, the elastic displacement of each branch [length].
     """
 
-    gap: Field
-    deformation: Field
-    branches: Float[Array, " terms_and_grid"]
+    gap: Annotated[Field, LENGTH]
+    deformation: Annotated[Field, LENGTH]
+    branches: Annotated[Float[Array, " terms_and_grid"], LENGTH]
 
 
 class Medium(eqx.Module):

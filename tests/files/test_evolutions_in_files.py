@@ -1,0 +1,62 @@
+"""Evolutions of viscoelastic contacts in files."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from saved import assert_same_bits
+
+import jaxstab as js
+
+
+def contact_of(energy=0.001):
+    grid = js.Grid((12, 8))
+    heights = 0.02 * jnp.cos(2 * jnp.pi * sum(grid.coordinates))
+    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), (2.0, 1.0), (0.1, 1.0))
+    law = js.potentials.Exponential(energy, 0.02)
+    return js.Contact(solid, heights, law, unit="µm", pressure_unit="MPa")
+
+
+@pytest.fixture(scope="module")
+def evolution():
+    load = js.MeanDisplacement(jnp.array([0.04, 0.01, 0.02, 0.05]))
+    return js.evolve(contact_of(), load, jnp.arange(4.0), fields=True)
+
+
+def test_an_evolution_comes_back_to_the_last_bit_and_goes_on(evolution, tmp_path):
+    contact = evolution.contact
+    for name, result in {"all": evolution, "one": evolution[2], "some": evolution[:2]}.items():
+        saved = js.save(tmp_path / f"{name}.nc", contact, result)
+        assert_same_bits((contact, result), js.load(saved))
+    _, state = js.load(tmp_path / "one.nc")
+    load = js.MeanDisplacement(jnp.array([0.02, 0.05]))
+    gaps = [js.evolve(contact, load, jnp.array([2.0, 3.0]), initial=state).gap]
+    gaps.append(evolution.gap)
+    # Steps of the whole evolution are not begun anew.
+    np.testing.assert_allclose(*gaps, atol=1e-3 * 0.02)
+
+
+def test_its_data_set_says_what_everything_is(evolution):
+    dataset = js.to_dataset(evolution.contact, evolution)
+    assert dataset.fields_gap.dims == ("state", "x", "y")
+    assert dataset.fields_branches.dims == ("state", "fields_branches_0", "x", "y")
+    assert dataset.work.dims == dataset.times.dims == ("state",)
+    assert dataset.dissipation.dims == ("jump",)
+    np.testing.assert_array_equal(dataset.work, evolution.work)
+    np.testing.assert_array_equal(dataset.solid_times, evolution.contact.solid.times)
+    units = {name: dataset[name].attrs["units"] for name in ("times", "work", "solid_times")}
+    assert units == {"times": "time", "work": "pJ", "solid_times": "time"}
+    assert dataset.solid_times.attrs["long_name"] == "relaxation times"
+    for name, array in dataset.data_vars.items():
+        assert "long_name" in array.attrs, name
+        assert array.dtype.kind != "f" or "units" in array.attrs, name
+    scalars = js.to_dataset(evolution.contact, evolution, fields=False)
+    assert not {"x", "y"} & set(scalars.dims)
+
+
+def test_an_evolution_of_another_contact_or_several_are_refused(evolution):
+    with pytest.raises(ValueError, match="another potential than the contact"):
+        js.to_dataset(contact_of(0.002), evolution)
+    several = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), evolution)
+    with pytest.raises(ValueError, match="several evolutions"):
+        js.to_dataset(evolution.contact, several)
