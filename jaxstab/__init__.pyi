@@ -6,6 +6,7 @@ from .contact.resolution import ResolutionWarning
 from .core.grid import Grid
 from .core.history import History
 from .core.results import RESULTS, SolverError
+from .core.taylor_test import TaylorTest, check_derivative
 from .equilibrium import (
     Equilibrium,
     EquilibriumSolver,
@@ -153,12 +154,14 @@ __all__ = [
     "SurfaceWarning",
     "Sweep",
     "SweepInterrupted",
+    "TaylorTest",
     "Transition",
     "Turn",
     "Viscoelastic",
     "WindowWarning",
     "assess_stability",
     "calibrate",
+    "check_derivative",
     "cite",
     "conductance",
     "continuation",

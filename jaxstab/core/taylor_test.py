@@ -1,0 +1,248 @@
+"""A Taylor test of derivatives: do the remainders fall as Taylor's theorem says?
+
+As `taylor_test` of pyadjoint (Farrell, Ham, Funke and Rognes 2013) does, with steps of both signs,
+whose second differences tell a wrong derivative from a kink and from noise.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxstab.core import display
+from jaxstab.core.checks import is_traced
+
+_NUM_STEPS = 12
+# Of the rates 1 and 2, with which remainders fall along a line of steps.
+_LEAST_RATE = 1.8
+# Remainders count where they are so many times the noise, and the fewest steps that give a rate.
+_ABOVE_NOISE = 5
+_FEWEST = 3
+# A rate is that of the last so many of them.
+_WINDOW = 4
+# Where too few count, the remainders of a linear function are this part of its differences.
+_LINEAR = 1e-4
+# The rates of second differences below which these are noise, and those of a kink.
+_FLAT, _SMOOTH = 0.5, 1.7
+# A rounding unit above this is not of double precision; a smaller error has another cause.
+_DOUBLE, _SMALL_ERROR = 1e-12, 0.005
+_SEED = 0
+
+_NONFINITE_VALUE = (
+    "The function is NaN or infinite at the point or near it: choose a point inside of its domain, "
+    "or give a smaller direction."
+)
+_NONFINITE_DERIVATIVE = (
+    "The derivative is NaN or infinite: it does not exist at the point, as where a state has not "
+    "converged, or a branch that jnp.where does not take is not finite."
+)
+_KINK = (
+    "The function has a kink at or near the point: its slopes to both sides differ, or its "
+    "curvature is infinite."
+)
+_SINGLE = "single precision is not enough, use float64."
+_LOOSE = "set a tighter tolerance in the solver behind them, or give a larger direction."
+_INEXACT = "it is inexact, as if a solver behind it stops at a loose tolerance."
+_WRONG = "its rule is wrong."
+
+
+@dataclass(frozen=True)
+class TaylorTest:
+    """The remainders of a Taylor test, and whether they fall at the right rates.
+
+    Norms are Euclidean, and the larger one of steps forwards and backwards. In brackets are the
+    powers of the step with which they fall if the derivative is right.
+
+    Attributes:
+        steps: h, multiples of the direction, from the largest.
+        differences: |f(x + h v) - f(x)|, at each step (1).
+        remainders: |f(x + h v) - f(x) - h f'(x) v|, at each step (2).
+        rates: the two powers, over the smallest steps above the noise; NaN where there are too few.
+        noise: the size of rounding, or of other jumps of the function from step to step.
+        success: whether the derivative is right to within the noise.
+        message: the likely cause of a failure, else an empty text.
+    """
+
+    steps: np.ndarray
+    differences: np.ndarray
+    remainders: np.ndarray
+    rates: tuple[float, float]
+    noise: float
+    success: bool
+    message: str
+
+    def __repr__(self) -> str:
+        def rate(power: float) -> str:
+            return f"{power:.2f}" if np.isfinite(power) else ""
+
+        first, second = map(self._rates_of, (self.differences, self.remainders))
+        table = display.table(
+            {
+                "step": display.column(self.steps, "{:.1e}".format),
+                "difference": display.column(self.differences, "{:.2e}".format),
+                "rate": display.column(first, rate),
+                "remainder": display.column(self.remainders, "{:.2e}".format),
+                "rate ": display.column(second, rate),
+            }
+        )
+        text = "The derivative passes." if self.success else self.message
+        rates = f"rates {self.rates[0]:.2f} and {self.rates[1]:.2f}, noise {self.noise:.1e}"
+        return f"{table}\n{rates}. {text}"
+
+    def _rates_of(self, sizes: np.ndarray) -> np.ndarray:
+        """Return the powers of the step between each size and the one before."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            powers = np.diff(np.log(sizes)) / np.diff(np.log(self.steps))
+        return np.append(np.nan, powers)
+
+
+def check_derivative(
+    function: Callable[[Any], Any],
+    point: Any,
+    direction: Any = None,
+    *,
+    mode: Literal["fwd", "rev"] = "rev",
+) -> TaylorTest:
+    """Test the derivative of a function along a direction, by its Taylor remainders.
+
+    By Taylor's theorem |f(x + h v) - f(x)| = O(h) and |f(x + h v) - f(x) - h f'(x) v| = O(h^2).
+    Where the derivative is wrong, or the function is not smooth, the second falls more slowly.
+
+    Arguments:
+        function: maps a pytree to one array, or a scalar. A law, the pressure of a solid, a result.
+        point: x, a pytree with floating-point leaves; leaves of other kinds are held.
+        direction: v, a pytree like `point`. By default a random one: to each entry of a leaf a
+            normal number, times the leaf's rms value. Twelve steps h are tried, from eps^(1/8) to
+            eps^(2/5), with eps the rounding unit.
+        mode: the derivative to test, by reverse mode ("rev", as `jax.grad`) or forward mode
+            ("fwd", as `jax.jvp`). Reverse mode tests the product of an array with a random one.
+
+    Returns:
+        A `TaylorTest`: print it for the table. Nothing is raised if the derivative is wrong.
+
+    Raises:
+        ValueError: if a leaf is zero everywhere, so that its scale is unknown: give a direction.
+        TypeError: under a JAX transformation, or if the point has no floating-point leaf.
+    """
+    if is_traced(point):
+        raise TypeError(
+            "check_derivative compares numbers: call it outside of JAX transformations."
+        )
+    moving, held = eqx.partition(point, eqx.is_inexact_array_like)
+    moving = jax.tree.map(jnp.asarray, moving)
+    leaves = jax.tree.leaves(moving)
+    if not leaves:
+        raise TypeError(f"The point is {point!r}: give at least one floating-point number.")
+    if direction is None:
+        direction = _random_direction(moving)
+    else:
+        direction, _ = eqx.partition(direction, eqx.is_inexact_array_like)
+        direction = jax.tree.map(lambda v, x: jnp.asarray(v, x.dtype), direction, moving)
+
+    def objective(moved: Any) -> Any:
+        return jnp.asarray(function(eqx.combine(moved, held)))
+
+    if mode == "rev":
+        array, objective = objective, lambda moved: _projected(array(moved))
+        gradient = jax.grad(objective)(moving)
+        products = jax.tree.map(jnp.vdot, gradient, direction)
+        value, tangent = objective(moving), sum(jax.tree.leaves(products))
+    else:
+        value, tangent = jax.jvp(objective, (moving,), (direction,))
+
+    def change(step: float) -> np.ndarray:
+        moved = jax.tree.map(lambda x, v: x + jnp.asarray(step, x.dtype) * v, moving, direction)
+        return np.asarray(objective(moved), np.float64) - np.asarray(value, np.float64)
+
+    eps = max(float(jnp.finfo(x.dtype).eps) for x in (*leaves, value))
+    steps = np.geomspace(eps ** (1 / 8), eps ** (2 / 5), _NUM_STEPS)
+    forward, backward = (np.array([change(sign * h) for h in steps]) for sign in (1, -1))
+    return _judged(steps, np.asarray(value), np.asarray(tangent), forward, backward, eps)
+
+
+def _projected(value: Array) -> Array:
+    """Return the product of an array with a random one, and a scalar as it is."""
+    key = jax.random.key(_SEED + 1)
+    return (
+        jnp.vdot(jax.random.normal(key, value.shape, value.dtype), value) if value.ndim else value
+    )
+
+
+def _random_direction(point: Any) -> Any:
+    leaves, structure = jax.tree.flatten(point)
+    keys = jax.random.split(jax.random.key(_SEED), len(leaves))
+    scales = [jnp.sqrt(jnp.mean(leaf**2)) for leaf in leaves]
+    for (path, leaf), scale in zip(jax.tree.leaves_with_path(point), scales, strict=True):
+        if scale == 0:
+            name = jax.tree_util.keystr(path) or "The point"
+            raise ValueError(
+                f"{name} is 0, {leaf.shape}: give a direction, for its scale is unknown."
+            )
+    moves = [
+        scale * jax.random.normal(key, leaf.shape, leaf.dtype)
+        for key, leaf, scale in zip(keys, leaves, scales, strict=True)
+    ]
+    return jax.tree.unflatten(structure, moves)
+
+
+def _judged(
+    steps: np.ndarray,
+    value: np.ndarray,
+    tangent: np.ndarray,
+    forward: np.ndarray,
+    backward: np.ndarray,
+    eps: float,
+) -> TaylorTest:
+    """Return the test, from the changes of the value at steps forwards and backwards."""
+
+    def norms(fields: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(fields.reshape(len(fields), -1), axis=1)
+
+    h = steps.reshape(-1, *[1] * value.ndim)
+    differences = np.maximum(norms(forward), norms(backward))
+    remainders = np.maximum(norms(forward - h * tangent), norms(backward + h * tangent))
+    # The derivative cancels in these: they tell how smooth the function is.
+    curvatures = forward + backward
+    seconds = norms(curvatures)
+    rounding = 8 * eps * float(np.linalg.norm(value) + np.linalg.norm(tangent))
+    # Smooth ones shrink as the squares of the steps.
+    rough = norms(curvatures[1:] / h[1:] ** 2 - curvatures[:-1] / h[:-1] ** 2)
+    noise = max(rounding, *(rough * steps[1:] ** 2)[-3:].tolist())
+    first, second, bend = (_rate(steps, x, noise) for x in (differences, remainders, seconds))
+    is_constant = differences.max() <= rounding and not tangent.any()
+    is_hidden = noise > _LINEAR * differences[0] and not is_constant
+    if np.isnan(second):
+        success = not is_hidden and remainders[0] <= max(_LINEAR * differences[0], rounding)
+    else:
+        success = second > _LEAST_RATE
+    is_noise = bend < _FLAT or (is_hidden and (np.isnan(bend) or np.isnan(second)))
+    message = ""
+    if not (np.isfinite(value).all() and np.isfinite(differences).all()):
+        message = _NONFINITE_VALUE
+    elif not np.isfinite(tangent).all():
+        message = _NONFINITE_DERIVATIVE
+    elif not success and is_noise:
+        message = f"The values jump by {noise:.1e} from step to step: "
+        message += _SINGLE if eps > _DOUBLE else _LOOSE
+    elif not success and bend < _SMOOTH:
+        message = _KINK
+    elif not success:
+        quotients = (forward - backward) / (2 * h)
+        error = float(np.min(norms(quotients - tangent) / norms(quotients)))
+        message = f"The derivative differs from central differences by {100 * error:.2g} %: "
+        message += _INEXACT if error < _SMALL_ERROR else _WRONG
+    rates = first, second
+    return TaylorTest(steps, differences, remainders, rates, noise, not message, message)
+
+
+def _rate(steps: np.ndarray, sizes: np.ndarray, noise: float) -> float:
+    """Return the power with which sizes fall, over the smallest steps where they count."""
+    counts = np.flatnonzero(sizes > _ABOVE_NOISE * noise)[-_WINDOW:]
+    if counts.size < _FEWEST:
+        return np.nan
+    return float(np.polyfit(np.log(steps[counts]), np.log(sizes[counts]), 1)[0])
