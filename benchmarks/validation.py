@@ -2,7 +2,7 @@
 
 Each row computes a number by the public interface and compares it with one that a source gives.
 `--quick` leaves out all that takes more than a few seconds, `--large` adds grids of 2048² and 4096²
-points.
+points. `--challenge FILE` runs the contact-mechanics challenge alone, on a file of its surface.
 """
 
 import argparse
@@ -14,6 +14,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+from challenge import challenge_rows
 from closed_forms import state_at, wave
 from rough_contacts import ROUGH
 from rows import HEAD, Row
@@ -307,11 +308,23 @@ def main():
     parser.add_argument("--large", action="store_true", help="add the largest cases")
     parser.add_argument("--output", type=Path)
     parser.add_argument("--figures", type=Path, help="a folder for the figures")
+    parser.add_argument("--challenge", type=Path, help="the challenge's surface, a file of it")
+    parser.add_argument(
+        "--reference", type=Path, help="its published numbers, as challenge.py says"
+    )
+    parser.add_argument("--points", type=int, help="points a side, for its Fourier coefficients")
+    parser.add_argument("--invert", action="store_true", help="if low points touch first")
     options = parser.parse_args()
     lines = list(HEAD)
     print("\n".join(lines), flush=True)
     start = time.perf_counter()
-    for row in rows(options.quick, options.large, options.figures):
+    if options.challenge:
+        chosen = challenge_rows(
+            options.challenge, options.reference, options.points, options.invert
+        )
+    else:
+        chosen = rows(options.quick, options.large, options.figures)
+    for row in chosen:
         lines.append(str(row))
         print(row, flush=True)
     print(f"{time.perf_counter() - start:.0f} s")
