@@ -132,7 +132,7 @@ def pull_offs(is_quick: bool) -> Iterator[Row]:
 
 def dugdale_sphere(
     solid: type, size: int, width: float, parameter: float, smoothing: float
-) -> tuple[js.Contact, tuple[float, ...], jkr.Units]:
+) -> tuple[js.Contact, tuple[float, ...], jkr.Scales]:
     """Return a sphere on a cell so many JKR radii wide, and the terms and units of its theory."""
     work = 1e-4
     unit = jkr.units(1.0, 1.0, work)

@@ -33,6 +33,7 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
 import jax
 import matplotlib
 import pytest
+from hypothesis import settings
 
 import jaxstab as js
 
@@ -40,6 +41,9 @@ jax.config.update("jax_enable_x64", True)
 # A trace makes many objects that live on, and looking for garbage among them takes a twentieth.
 gc.set_threshold(100_000, 20, 20)
 matplotlib.use("Agg")
+# The same examples each time, and no limit on the time of one, which may be compiled for.
+settings.register_profile("few", max_examples=20, derandomize=True, deadline=None, database=None)
+settings.load_profile("few")
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -8,8 +8,30 @@ import jaxstab as js
 from jaxstab import potentials
 from jaxstab.core.history import History
 
-# For what is compared with finite differences.
+# For comparisons with finite differences.
 TIGHT = js.PreconditionedConjugateGradient(tolerance=1e-12)
+
+
+class Waves(eqx.Module):
+    """The law -strength cos(number g), whose curvature has either sign."""
+
+    strength: jax.Array
+    number: jax.Array
+
+    def __init__(self, strength, number=1.0):
+        self.strength, self.number = jnp.asarray(strength), jnp.asarray(number)
+
+    def __call__(self, gap):
+        return -self.strength * jnp.cos(self.number * gap)
+
+
+class Parabola(eqx.Module):
+    """The law -stiffness g^2 / 2."""
+
+    stiffness: jax.Array = eqx.field(converter=jnp.asarray)
+
+    def __call__(self, gap):
+        return -self.stiffness * gap**2 / 2
 
 
 def rough_contact(n, potential, youngs_modulus=1.0, seed=0, rms_height=0.1):

@@ -2,6 +2,6 @@
 
 from jaxstab.calibration.advice import FitWarning
 from jaxstab.calibration.calibrate import calibrate
-from jaxstab.calibration.result import Calibration, Profile
+from jaxstab.calibration.result import Calibration, LossProfile
 
-__all__ = ["Calibration", "FitWarning", "Profile", "calibrate"]
+__all__ = ["Calibration", "FitWarning", "LossProfile", "calibrate"]

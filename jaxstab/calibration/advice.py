@@ -12,14 +12,14 @@ from jaxstab.core.warn import warn_once
 
 # The chance of a normal error, or of a lower misfit by chance, below which a warning is given.
 _CHANCE = 1e-4
-# A misfit below this part of the measurements is one of rounding.
+# A misfit below this fraction of the measurements is rounding.
 _SMALLEST = 1e-6
-# A misfit above this part is told of if the guess's curve runs the other way.
+# Above this misfit a warning is given if the guess's curve runs the other way.
 _POOR = 0.1
 
 
 class FitWarning(UserWarning):
-    """A fit that converged, to measurements that hint at something that was not fitted."""
+    """A fit converged, but the measurements show an outlier, an offset or a baseline."""
 
 
 class Hints(eqx.Module):
@@ -29,7 +29,7 @@ class Hints(eqx.Module):
         guess: the curve at the start [pressure].
         zeros: offset and baseline that a Gauss-Newton step from the fit would give, zero for the
             fitted ones [length, unit of the measurements].
-        drop: the part of the loss that this step would take away.
+        drop: the fraction of the loss that this step would remove.
     """
 
     guess: Curve
@@ -61,7 +61,7 @@ def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) 
 
 
 def cause_of_failure(measured: Measured, fitted: Curve, count: int, guess: Curve) -> str:
-    """Return the likely cause of a misfit, an outlier or a wrong sign, if either is."""
+    """Return a sentence on the likely cause of a misfit, an outlier or a wrong sign, or none."""
     if outlier := _outlier(measured, fitted, count):
         return outlier
     return _wrong_sign(measured, guess)
@@ -103,7 +103,7 @@ def _outlier(measured: Measured, fitted: Curve, count: int) -> str:
     if freedom < 1 or _is_exact(measured, fitted) or not np.isfinite(squares).all():
         return ""
     share = squares[number] / squares.sum()
-    # Of a part of a sum of squares of normal errors, times the number of them (Bonferroni).
+    # The chance of such a fraction of a sum of squares, times the number of terms (Bonferroni).
     if weighed * betainc(freedom / 2, 0.5, 1 - share) > _CHANCE:
         return ""
     return (

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxstab.calibration.advice import Hints, warn_of_misfit
-from jaxstab.calibration.least_squares import Measured, Problem, directions
+from jaxstab.calibration.least_squares import FitProblem, Measured, directions
 from jaxstab.calibration.model import Model, Order, Pick, Where, values_of
 from jaxstab.calibration.result import ZEROS, Calibration, describe, profile_of
 from jaxstab.calibration.search import search
@@ -24,9 +24,9 @@ from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.loads import Load, MeanPressure, require_load
 
-# A fit that explains less of the measurements describes something else: the zero curve has 1/2.
+# A fit with a larger loss does not describe the measurements; a zero curve has a loss of 1/2.
 _LARGEST_LOSS = 0.25
-# Of a logarithm: a parameter so far from its start, or so badly known, is at its bound.
+# A parameter is at its bound if its logarithm is so far from its start, or its error so large.
 _BOUND, _LARGEST_ERROR = np.log(1e3), 10.0
 
 
@@ -58,17 +58,17 @@ def calibrate(
     It minimises sum_i w_i (p0(load_i - offset) + baseline - m_i)^2 by the method of Levenberg and
     Marquardt (J. SIAM 11, 431, 1963).
 
-    A work of adhesion and a range nearly replace each other, so the misfit can have several minima.
-    Therefore the parameter that the curve determines worst is then held at values up to a factor of
-    four away, the others are fitted at each, and all of them again from each minimum of this
-    profile. The least misfit of all counts.
+    Work of adhesion and range are nearly exchangeable, so the misfit can have several minima.
+    Therefore the worst determined parameter is held at values up to a factor of four away, the
+    others are fitted at each, and all of them again from each minimum of this profile. The least
+    misfit of all is returned.
 
     Contacts with hysteresis jump, and so does the curve as parameters change: the least misfit may
-    lie at a jump, where no method converges. It counts as found if two fits agree on it within a
-    quarter. A load without a derivative, as beside a jump, counts in the misfit but does not direct
-    a step.
+    lie at a jump, where no method converges. It is accepted if two fits agree on it within a
+    quarter. A load without a derivative, as beside a jump, contributes to the misfit but not to
+    the direction of a step.
 
-    A parameter that starts positive is fitted by its logarithm and stays so; others by themselves.
+    A parameter that starts positive is fitted by its logarithm, and stays positive.
     Only floating-point arrays are parameters: not integers, nor Python numbers written into a
     function.
 
@@ -93,24 +93,23 @@ def calibrate(
             it takes until one converges, up to 8.
         tolerance: the relative change of every parameter, that a step of Gauss and Newton's method
             would make, to reach; by default a hundredth of its standard error, and at least 1e-6.
-            Of a parameter that does not start positive, the change over that which would change
-            the curve by its own size.
+            For a parameter that does not start positive, the change is relative to one that would
+            change the curve by its own size.
         max_steps: the step limit of each fit.
         progress: show a progress bar; by default after two seconds, in a terminal or notebook.
         throw: raise an error if the fit fails; otherwise look at `result`.
 
     Returns:
-        The fit. Standard errors are those of least squares, the misfit's variance times the inverse
-        of J^T W J, J being the Jacobian of the curve. Where the loss of the profile rises by less
-        than they say, they are raised to agree with it.
+        The fit. Standard errors follow from the misfit's variance times the inverse of J^T W J,
+        with the Jacobian J of the curve. They are raised if the loss of the profile rises by less.
 
     Raises:
         ValueError: for measurements that do not match the loads, are not finite, or are not more
             than the parameters. For negative weights, an unknown order, and `starts` below 1.
         TypeError: for a load that prescribes the pressure, or a contact in single precision.
         SolverError: if `throw` and the fit did not converge, or does not describe the measurements:
-            a parameter ran to its bound or is not determined, or the misfit is hardly below that of
-            the zero curve. The message names the likely cause, as a wrong sign or an outlier.
+            a parameter ran to its bound or is not determined, or the misfit is hardly less than a
+            curve of zero has. The message names the likely cause, as a wrong sign or an outlier.
 
     Warns:
         FitWarning: for an outlier, and for an offset or a baseline that is not fitted although the
@@ -128,10 +127,10 @@ def calibrate(
     pick = Pick.of(where, contact)
     _require_determined(measured, len(pick.names) + offset + baseline)
     warn_if_coarse(contact)
-    # Compiled code reports its steps only where somebody sees them.
+    # Compiled code reports its steps only if the bar is visible.
     is_seen = is_watched() if progress is None else progress
     bar = progress_bar(max_steps * (starts or 1), "step", shown=progress if is_seen else False)
-    # What was not found is NaN.
+    # Curves without an equilibrium are NaN.
     with bar, jax.debug_nans(False):
         fit, hints = _fit(
             contact,
@@ -218,7 +217,7 @@ def _fit(
     is_fitted = np.array([True] * values.size + list(zeros))
     held, is_profiled = jnp.asarray(~is_fitted), (start > 0) & is_fitted
     report = advance if progress else lambda after: None
-    problem = Problem(model.curve, start, measured, tolerance, report)
+    problem = FitProblem(model.curve, start, measured, tolerance, report)
     found = search(problem, held, is_profiled, starts, max_steps)
     best = found.best.point
 

@@ -18,15 +18,14 @@ Chosen = Bool[Array, " parameters"]
 Curve = Float[Array, " loads"]
 Rows = Float[Array, "loads parameters"]
 
-# Marquardt's damping: the first, and by what it falls after a step that helps and grows after one
-# that does not.
+# Marquardt's damping: its start, and its factors after a successful and a failed step.
 _DAMPING = 1e-2
 _FALL, _GROWTH = 0.1, 5.0
-# By default a Gauss-Newton step may leave this part of a standard error, within these limits.
+# The default tolerance is this fraction of a standard error, within these limits.
 _PART_OF_ERROR, _FINEST, _COARSEST = 1e-2, 1e-6, 1e-2
-# A step changes a logarithm by this at most: far away, slopes say little.
+# The longest step in a logarithm, since slopes hold nearby only.
 _LONGEST = 1.0
-# A parameter is determined if directions that the curve shows hold this part of it.
+# A parameter is determined if this part of it lies in the row space of the Jacobian.
 _SEEN = 0.999
 
 
@@ -50,7 +49,7 @@ class Measured(eqx.Module):
         return jnp.sqrt(self.weights) / jnp.linalg.norm(self.deviation)
 
 
-class Point(eqx.Module):
+class Evaluation(eqx.Module):
     """The misfit and its Jacobian at a value of the variables."""
 
     free: Values
@@ -65,7 +64,7 @@ class Point(eqx.Module):
 
 
 @dataclass(frozen=True)
-class Problem:
+class FitProblem:
     """The misfit between a curve and measurements.
 
     Variables are logarithms of the parameters that start positive, and the others themselves.
@@ -98,7 +97,7 @@ class Problem:
         """Return the derivatives of the parameters by the variables."""
         return jnp.where(self.is_log, self.values(free), 1)
 
-    def at(self, free: Values) -> Point:
+    def at(self, free: Values) -> Evaluation:
         """Evaluate the curve.
 
         A load without an equilibrium makes the loss NaN. A load without a derivative, as beside an
@@ -110,9 +109,9 @@ class Problem:
         rows = roots[:, None] * jacobian * self.slopes(free)
         has_slope = (roots > 0) & jnp.all(jnp.isfinite(rows), axis=1)
         self.report(misfit)
-        return Point(free, pressure, misfit, jnp.where(has_slope[:, None], rows, 0))
+        return Evaluation(free, pressure, misfit, jnp.where(has_slope[:, None], rows, 0))
 
-    def variance(self, point: Point, held: Chosen) -> Scalar:
+    def variance(self, point: Evaluation, held: Chosen) -> Scalar:
         """Return the variance of a measurement, |r|^2 / (n - p), n being the loads of weight."""
         count = jnp.sum(self.measured.weights > 0) - jnp.sum(~held)
         return 2 * point.loss / jnp.maximum(count, 1)
@@ -134,8 +133,10 @@ class Directions(eqx.Module):
     unit: Values
 
 
-def directions(problem: Problem, point: Point, held: Chosen, damping: Any = 0.0) -> Directions:
-    """Return the steps from a point that leave some variables as they are."""
+def directions(
+    problem: FitProblem, point: Evaluation, held: Chosen, damping: Any = 0.0
+) -> Directions:
+    """Return the steps from a point with some variables held."""
     jacobian = jnp.where(held, 0, point.jacobian)
     norms = jnp.linalg.norm(jacobian, axis=0)
     scale = jnp.where(norms > 0, norms, 1)
@@ -145,7 +146,7 @@ def directions(problem: Problem, point: Point, held: Chosen, damping: Any = 0.0)
     along = left.T @ point.misfit
     damped = sizes / (sizes**2 + jnp.where(sizes > 0, damping, 1))
     spread = axes.T * inverse / scale[:, None]
-    # What no direction of the curve shows has no error.
+    # A variable that the curve does not determine has an infinite error.
     is_seen = jnp.sum(jnp.where(is_there[:, None], axes, 0) ** 2, axis=0) > _SEEN
     missing = jnp.where(is_seen | held, 0, jnp.inf)
     covariance = problem.variance(point, held) * (spread @ spread.T) + jnp.diag(missing)
@@ -160,21 +161,21 @@ def directions(problem: Problem, point: Point, held: Chosen, damping: Any = 0.0)
 
 
 class End(eqx.Module):
-    """Where a fit ended: the point, the relative Gauss-Newton step left, and how it ended.
+    """The end of a fit: the curve at its start (`first`), the last point, and how it ended.
 
-    The curve at its start is `first`.
+    The residual is the remaining Gauss-Newton step, relative.
     """
 
     first: Curve
-    point: Point
+    point: Evaluation
     residual: Scalar
     num_steps: Int[Array, ""]
     result: RESULTS
 
 
-class _State(eqx.Module):
+class _Progress(eqx.Module):
     first: Curve
-    point: Point
+    point: Evaluation
     tried: Values
     damping: Scalar
     residual: Scalar
@@ -183,17 +184,17 @@ class _State(eqx.Module):
     has_stalled: Flag
 
 
-def minimise(problem: Problem, start: Values, held: Chosen, max_steps: Any) -> End:
-    """Step until a Gauss-Newton step would change little, or no step lowers the misfit.
+def minimise(problem: FitProblem, start: Values, held: Chosen, max_steps: Any) -> End:
+    """Minimize the misfit until a Gauss-Newton step is small, or no step lowers the misfit.
 
-    Where the curve jumps as parameters change, the least misfit may lie at the jump: it is reached
-    where no step larger than the tolerance lowers it. A `max_steps` of -1 evaluates nothing.
+    The least misfit of a curve that jumps as parameters change may lie at a jump; it is reached
+    when no step longer than the tolerance lowers it. A `max_steps` of -1 evaluates nothing.
     """
 
-    def goes_on(state: _State) -> Flag:
+    def goes_on(state: _Progress) -> Flag:
         return (state.num_steps < max_steps) & ~(state.has_converged | state.has_stalled)
 
-    def step(state: _State) -> _State:
+    def step(state: _Progress) -> _Progress:
         new = problem.at(state.tried)
         # A NaN is not lower.
         is_lower = (new.loss <= state.point.loss) | (state.num_steps < 0)
@@ -207,7 +208,7 @@ def minimise(problem: Problem, start: Values, held: Chosen, max_steps: Any) -> E
         left = jnp.abs(next_.newton) * next_.unit
         change = jnp.abs(state.tried - point.free) * next_.unit
         is_finite = jnp.isfinite(point.loss)
-        return _State(
+        return _Progress(
             first=jnp.where(state.num_steps < 0, new.mean_pressure, state.first),
             point=point,
             tried=point.free - next_.damped,
@@ -219,7 +220,7 @@ def minimise(problem: Problem, start: Values, held: Chosen, max_steps: Any) -> E
         )
 
     like = jax.eval_shape(problem.at, start)
-    nothing = Point(
+    nothing = Evaluation(
         start,
         jnp.full(like.mean_pressure.shape, jnp.nan),
         jnp.full(like.misfit.shape, jnp.inf),
@@ -227,7 +228,9 @@ def minimise(problem: Problem, start: Values, held: Chosen, max_steps: Any) -> E
     )
     infinite, no = jnp.array(jnp.inf), jnp.array(False)
     damping = jnp.array(_DAMPING / _FALL)
-    begin = _State(nothing.mean_pressure, nothing, start, damping, infinite, jnp.array(-1), no, no)
+    begin = _Progress(
+        nothing.mean_pressure, nothing, start, damping, infinite, jnp.array(-1), no, no
+    )
     end = jax.lax.while_loop(goes_on, step, begin)
     result = RESULTS.where(end.has_stalled, RESULTS.stagnated, RESULTS.max_steps_reached)
     result = RESULTS.where(end.has_converged, RESULTS.successful, result)

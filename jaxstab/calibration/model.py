@@ -24,9 +24,9 @@ Where = Callable[[Contact], Any]
 
 @dataclass(frozen=True)
 class Pick:
-    """A function that picks parts of a contact, equal to another that picks the same.
+    """A function that picks parameters of a contact, equal to another that picks the same ones.
 
-    Functions that are written anew, as with each run of a cell, would be compiled anew.
+    So a function that is defined again, as by another run of a cell, is not compiled again.
     """
 
     where: Where = field(compare=False)
@@ -44,13 +44,13 @@ class Pick:
             places = tuple(map(opaque.index, picked))
         except (TypeError, ValueError):
             raise TypeError(
-                "`where` computes with the contact's parameters: it must only pick them."
+                "`where` computes with the contact's parameters: it may only pick them."
             ) from None
         names = (name for place in places for name in _names(*paths[place]))
         return cls(where, places, tree, tuple(names))
 
     def __call__(self, contact: Contact) -> Any:
-        """Return these parts of a contact."""
+        """Return these parameters of a contact."""
         return self.where(contact)
 
 
@@ -63,7 +63,7 @@ def _names(path: Any, leaf: Any) -> list[str]:
 
 
 def values_of(tree: Any) -> tuple[Values, Callable[[Values], Any]]:
-    """Return the floating-point leaves of a pytree as a vector, and the way back."""
+    """Return the floating-point leaves of a pytree as a vector, and the inverse function."""
     leaves, rest = eqx.partition(tree, eqx.is_inexact_array)
     values, unravel = ravel_pytree(leaves)
     return values, lambda values: eqx.combine(unravel(values), rest)
@@ -71,9 +71,9 @@ def values_of(tree: Any) -> tuple[Values, Callable[[Values], Any]]:
 
 @dataclass(frozen=True)
 class Model:
-    """A contact, which of its parameters may change, and how they follow from a vector.
+    """A contact as a function of a vector of parameters.
 
-    The last two numbers of the vector are the zero of the loads and that of the pressures.
+    The last two numbers of the vector are the zeros of the loads and of the pressures.
     """
 
     contact: Contact
@@ -102,7 +102,7 @@ class Model:
         return jax.lax.scan(follow, start, self.loads)[1]
 
     def _pressure(self, values: Values, load: Load, start: Array | None) -> tuple[Array, Array]:
-        """Return the mean pressure at one load and the gap, from which the next one can start."""
+        """Return the mean pressure at one load, and the gap, the start of the next load."""
         offset, baseline = values[-2:]
         load = load.at(load.value - offset)
         whole, start = whole_start(self.contact_at(values), load, start)

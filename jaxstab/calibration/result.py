@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxstab.calibration.advice import Hints, cause_of_failure
-from jaxstab.calibration.least_squares import Curve, Measured, Problem
+from jaxstab.calibration.least_squares import Curve, FitProblem, Measured
 from jaxstab.calibration.model import values_of
 from jaxstab.calibration.search import Search
 from jaxstab.contact import Contact
@@ -22,11 +22,11 @@ from jaxstab.core.units import AREA, PRESSURE
 ZEROS = ("offset", "baseline")
 
 
-class Profile(eqx.Module):
-    """The least loss at fixed values of the parameter that the curve determines worst.
+class LossProfile(eqx.Module):
+    """The profile of the loss: its minimum at fixed values of the worst determined parameter.
 
     Attributes:
-        number: which parameter it is, in the order of the leaves of `parameters`.
+        number: the index of the parameter among the leaves of `parameters`.
         values: of this parameter, ascending; NaN if the fit has no positive parameter.
         losses: the loss with all others fitted; infinite without an equilibrium.
     """
@@ -42,8 +42,8 @@ class Calibration(eqx.Module):
     Attributes:
         contact: the contact with the parameters found.
         parameters: these parameters, as `where` picks them.
-        standard_errors: their standard errors, in the same structure: those of the slopes of the
-            curve, or larger ones where the profile shows a wider valley.
+        standard_errors: their standard errors, in the same structure, from the slopes of the
+            curve, or larger ones from the profile if it is wider.
         offset: the zero of the loads: the contact is at load - offset [length].
         offset_error: its standard error; zero if it was not fitted.
         baseline: the zero of the measurements, in their unit.
@@ -52,15 +52,15 @@ class Calibration(eqx.Module):
             where they are fitted.
         mean_pressure: the fitted curve, with the baseline [pressure].
         area: the area of the cell [length^2].
-        loss: half the weighted sum of squared misfits, over that of the measurements; with a
-            baseline, over that of their deviations from their mean.
-        residual: the largest Gauss-Newton step that is left, relative to each parameter.
+        loss: half the weighted sum of squared misfits over the sum of squared measurements, or,
+            with a baseline, of squared deviations from their mean.
+        residual: the largest remaining Gauss-Newton step, relative to each parameter.
         num_steps: steps of all fits.
-        num_minima: how many minima of the misfit were seen. The best one counts.
+        num_minima: the number of minima of the misfit that were found.
         profile: the least loss over the worst determined parameter.
         result: a member of `RESULTS`: how the fit ended.
-        losses: the loss that each start came to, infinite where there is none.
-        results: how each start ended; `not_computed` for those that were not needed.
+        losses: the final loss of each start, infinite if there is none.
+        results: how each start ended; `not_computed` if it was not needed.
         names: the names of the parameters, in the order of `covariance`.
     """
 
@@ -78,7 +78,7 @@ class Calibration(eqx.Module):
     residual: Scalar
     num_steps: Int[Array, ""]
     num_minima: Int[Array, ""]
-    profile: Profile
+    profile: LossProfile
     result: RESULTS
     losses: Float[Array, " starts"]
     results: RESULTS
@@ -104,18 +104,18 @@ class Calibration(eqx.Module):
         return f"{head}\n{table(rows)}"
 
 
-def profile_of(found: Search, problem: Problem) -> Profile:
+def profile_of(found: Search, problem: FitProblem) -> LossProfile:
     """Return the profile, with the best fit among its values."""
     free = jnp.concatenate([found.free[found.along], found.best.point.free[None]])
     at = jax.vmap(problem.values)(free)[:, found.weakest]
     losses = jnp.append(found.losses[found.along], found.best.point.loss)
     order = jnp.argsort(at)
     has_any = found.results.code[found.along][0] != RESULTS.not_computed.code
-    return Profile(found.weakest, jnp.where(has_any, at[order], jnp.nan), losses[order])
+    return LossProfile(found.weakest, jnp.where(has_any, at[order], jnp.nan), losses[order])
 
 
 def describe(fit: Calibration, measured: Measured, hints: Hints) -> str:
-    """Return why a fit failed, and the cure."""
+    """Describe the failure of a fit, with its cause and the cure."""
     values = ", ".join(f"{name} {value:.6g}" for name, value in _found(fit))
     missing = jnp.isnan(fit.mean_pressure)
     if missing.any():

@@ -13,7 +13,7 @@ from jaxstab.calibration.least_squares import (
     Chosen,
     Curve,
     End,
-    Problem,
+    FitProblem,
     Values,
     directions,
     minimise,
@@ -24,20 +24,20 @@ from jaxstab.core.types import Flag, Scalar
 MOST = 8
 # Logarithms: a factor of two around the first start, and nearer to the best fit so far.
 _FAR, _NEAR, _NEAREST = 0.7, 0.2, 0.02
-# Fits agree on the least misfit up to this part of it.
+# Fits agree on the least misfit within this fraction of it.
 _AGREEMENT = 0.25
-# Logarithms of the profile, on each side: up to a factor of four. The nearest are no farther than
-# so many standard errors, since points that detach one by one make minima beside each other.
+# Logarithms of the profile on each side, up to a factor of four. The nearest are at most so many
+# standard errors away, since points that detach one by one make minima beside each other.
 _DISTANCES = np.array([0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4])
 _IN_ERRORS = np.array([1, 2.5, *[np.inf] * 7])
 _SIGNS = np.repeat([-1, 1], len(_DISTANCES))
-# The others are fitted in a few steps: each value of the profile starts from the one before.
+# A few steps are enough for the other parameters, which start from the profile's value before.
 _PROFILE_STEPS = 4
-# A minimum of the profile is fitted from if its loss is below this many times the least one.
+# All parameters are fitted from a minimum of the profile below so many times the least loss.
 _WORTH = 4.0
-# Minima are apart by a standard error, within these limits.
+# Minima are distinct if a standard error apart, within these limits.
 _SAME, _APART = 1e-3, 0.05
-# Values of the profile up to so many standard errors away say how large these are.
+# Values of the profile up to so many standard errors away may raise the errors.
 _MOST_ERRORS = 5.0
 
 
@@ -47,13 +47,13 @@ class Search(eqx.Module):
     Attributes:
         guess: the curve at the first start.
         best: the fit of the least misfit.
-        centre: the best of the starts, around which the profile goes.
-        weakest: the number of the parameter of the largest relative error there.
+        centre: the best of the starts, the centre of the profile.
+        weakest: the index of the parameter with the largest relative error there.
         error: this error.
         free: the end of each fit.
-        losses: the misfit of each, infinite where there is none.
-        results: how each ended.
-        num_steps: the steps of all.
+        losses: the loss of each fit, infinite if there is none.
+        results: how each fit ended.
+        num_steps: the steps of all fits.
     """
 
     guess: Curve
@@ -73,12 +73,12 @@ class Search(eqx.Module):
 
     @property
     def along(self) -> slice:
-        """Where the fits of the profile are."""
+        """The slice of the fits along the profile."""
         return slice(self.num_starts, self.num_starts + len(_SIGNS))
 
     @property
     def is_apart(self) -> np.ndarray:
-        """Which fits of all variables start elsewhere than at the best fit so far."""
+        """The mask of fits of all variables that do not start near the best fit so far."""
         numbers = np.arange(len(self.losses))
         return (numbers < _num_far(self.num_starts)) | (numbers >= self.along.stop)
 
@@ -86,8 +86,8 @@ class Search(eqx.Module):
     def result(self) -> RESULTS:
         """How the best fit ended.
 
-        Where a curve jumps, the least misfit may be at a jump, where no method converges smoothly.
-        It is found if two fits agree on it, and neither began at the other's end.
+        The least misfit of a curve with jumps may lie at a jump, where no method converges. It is
+        accepted if two fits agree on it, and neither started at the other's end.
         """
         agreeing = self.is_apart & (self.losses <= (1 + _AGREEMENT) * self.best.point.loss)
         is_confirmed = (self.best.result == RESULTS.stagnated) & (jnp.sum(agreeing) > 1)
@@ -95,17 +95,17 @@ class Search(eqx.Module):
 
     @property
     def num_minima(self) -> Int[Array, ""]:
-        """How many minima of the misfit were seen, apart in the weakest parameter."""
+        """The number of minima of the misfit, distinct in the weakest parameter."""
         has_ended = (self.results == RESULTS.successful) | (self.results == RESULTS.stagnated)
         has_ended = has_ended.at[self.along].set(False)
         at = jnp.sort(jnp.where(has_ended, self.free[:, self.weakest], jnp.inf))
         is_apart = at[1:] - at[:-1] > jnp.clip(self.error, _SAME, _APART)
         return jnp.sum(is_apart & jnp.isfinite(at[1:])) + jnp.isfinite(at[0])
 
-    def errors(self, problem: Problem, held: Chosen, errors: Values) -> Values:
-        """Return standard errors of the parameters, larger where the profile shows them to be.
+    def errors(self, problem: FitProblem, held: Chosen, errors: Values) -> Values:
+        """Return standard errors of the parameters, raised to the errors of the profile.
 
-        For a parabola the distance over the root of twice the rise, in variances, is the error.
+        A parabola's error is the distance over the root of twice the rise, in variances.
         """
         variance = problem.variance(self.best.point, held)
         rise = jnp.maximum(2 * (self.losses[self.along] - self.best.point.loss) / variance, 1)
@@ -116,19 +116,19 @@ class Search(eqx.Module):
 
 
 def search(
-    problem: Problem, held: Chosen, is_profiled: Chosen, starts: int | None, max_steps: Any
+    problem: FitProblem, held: Chosen, is_profiled: Chosen, starts: int | None, max_steps: Any
 ) -> Search:
     """Fit from several starts, then look along the weakest parameter for lower minima.
 
-    Half of the starts lie around zero, then around the best so far; by default there are as many as
-    it takes until one converges, up to `MOST`. The profile holds the weakest parameter at values
+    Half of the starts lie around zero, the others around the best fit so far; by default starts are
+    added until one converges, up to `MOST`. The profile holds the weakest parameter at values
     around its fit, and fits the others. From each of its minima, all are fitted again.
 
     Arguments:
         problem: the misfit.
-        held: which variables stay as they are.
-        is_profiled: which ones the profile may go along.
-        starts: how many starts.
+        held: the mask of fixed variables.
+        is_profiled: the mask of variables that may be profiled.
+        starts: the number of starts.
         max_steps: the step limit of each fit.
     """
     limit = MOST if starts is None else starts
@@ -166,7 +166,7 @@ def search(
         so_far: Search, number: Array, end: End, may_win: Flag, is_start: Flag, is_needed: Flag
     ) -> Search:
         loss = jnp.where(jnp.isfinite(end.point.loss), end.point.loss, jnp.inf)
-        # Also than one that is NaN.
+        # A finite loss is lower than NaN.
         is_lower = (loss < jnp.inf) & ~(loss >= so_far.best.point.loss)
         is_better = (number == 0) | (may_win & is_lower)
         best = jax.tree.map(partial(jnp.where, is_better), end, so_far.best)
@@ -217,7 +217,7 @@ def _needs_start(so_far: Search, number: Array, starts: int | None) -> Flag:
 
 
 def _minima(so_far: Search) -> Array:
-    """Return which values of the profile are lower than their neighbours, and low enough."""
+    """Return the mask of minima of the profile with a low enough loss."""
     order = np.argsort(np.append(_SIGNS * np.tile(_DISTANCES, 2), 0))
     losses = so_far.losses[so_far.along]
     at_centre = jnp.min(so_far.losses[: so_far.num_starts])

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 _SOFTWARE = "jaxstab"
 _METHOD = "rey_bleyer_2018"
-# Fields of an entry that are ours alone.
+# Fields of an entry that are not BibTeX's.
 _OURS = ("behind", "role")
 # Addresses stay whole.
 _UNBROKEN: Any = {"break_long_words": False, "break_on_hyphens": False}
@@ -30,7 +30,7 @@ class Source(NamedTuple):
 
     @property
     def behind(self) -> list[str]:
-        """The public names that it is behind."""
+        """The public names that rest on the source."""
         return re.findall(r"[\w.]+", self.fields.get("behind", ""))
 
     @property
@@ -58,7 +58,7 @@ class Source(NamedTuple):
 
 
 class Citations:
-    """The sources to cite, each with the names that it is behind; `print` shows them as text."""
+    """The sources to cite, each with the public names that rest on it; `print` shows them."""
 
     def __init__(self, reasons: dict[str, list[str]]):
         self.reasons = reasons
@@ -83,8 +83,8 @@ def cite(*objects: Any) -> Citations:
 
     Arguments:
         objects: functions (`js.equilibrate`), classes (`js.potentials.Dugdale`), modules
-            (`js.references.jkr`), or their results. A result stands for its class and those of its
-            parts. Without any, the software and the paper whose method it implements.
+            (`js.references.jkr`), or their results, whose classes and parts are cited. None for the
+            software and the paper whose method it implements.
 
     Returns:
         The citations: `print` them, or write `.bibtex` to a file.
@@ -99,8 +99,8 @@ def cite(*objects: Any) -> Citations:
         parts = list(_parts(item))
         if not parts:
             raise ValueError(
-                f"{item!r} is not of jaxstab: cite takes its functions, classes and modules, such "
-                "as jaxstab.equilibrate or jaxstab.references.jkr, and their results."
+                f"{item!r} is not of jaxstab: cite takes its functions, classes and modules, as "
+                "jaxstab.equilibrate or jaxstab.references.jkr, and their results."
             )
         for source in _sources().values():
             targets = [attrgetter(name)(sys.modules[_SOFTWARE]) for name in source.behind]

@@ -10,7 +10,7 @@ from pathlib import Path
 import jax
 import jaxlib.version
 
-# A larger cache is begun anew [bytes].
+# A larger cache is deleted [bytes].
 _MAX_SIZE = 1_000_000_000
 
 
@@ -24,7 +24,7 @@ def use_compilation_cache() -> None:
     folder = _user_caches() / "jaxstab" / f"{jaxlib.version.__version__}-{_processor()}"
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        # Another user's folder refuses this.
+        # This fails for another user's folder.
         folder.chmod(0o700)
         if sum(file.stat().st_size for file in folder.iterdir()) > _MAX_SIZE:
             shutil.rmtree(folder)

@@ -17,7 +17,7 @@ from jaxstab.cli.parsing import (
     whole_number,
 )
 
-# A command, and the words on it. Without a command: run.
+# Commands and their descriptions; the default is `run`.
 COMMANDS = {
     "run": """\
 Load and unload a rough contact with an adhesive elastic half space, and locate every jump; or
@@ -55,7 +55,7 @@ GENERATED: dict[str, Any] = {
     "k_high": 32.0,
     "rms_height": 0.1,
 }
-# What a file of a surface may leave to say.
+# Options for statements that a surface file may lack.
 OF_A_FILE = ("lengths", "unit", "channel")
 _MEASURED: dict[str, Any] = {**dict.fromkeys(OF_A_FILE), "detrend": 1, "periodic": None}
 # Defaults of the paper's example, which suit the generated surface.
@@ -68,12 +68,12 @@ _STUDIES: dict[str, dict[str, Any]] = {
 }
 
 
-# Advice of the library, and the same for the command line.
+# The library's advice, and its equivalent on the command line.
 _ADVICE = (
     (r"`js\.surfaces\.read\(path, lengths=\(3\.0, 1\.4\)\)`", "--lengths 3 1.4"),
-    (r"`Topography\.detrended\(\)` takes", "--detrend 1 takes"),
+    (r"`Topography\.detrended\(\)`", "--detrend 1"),
     (r'`Topography\.periodic\("window"\)` or "mirror"', "--periodic window or --periodic mirror"),
-    (r", and fill them by `Topography\.filled\(\)`|, as by `js\.surfaces\.Topo[^`]*`", ""),
+    (r" and fill them by `Topography\.filled\(\)`|, as by `js\.surfaces\.Topo[^`]*`", ""),
     (r"use float64", "use --precision float64"),
     (r"A grid of (\d+) x \1 would do", r"--size \1 would do"),
     (r"or give the option (--import)", r"or give \1"),
@@ -82,7 +82,7 @@ _ADVICE = (
 
 
 def in_options(message: str) -> str:
-    """Return a message on one line, with its advice in the form of the command line."""
+    """Return a message on one line, with its advice as options of the command line."""
     for pattern, advice in _ADVICE:
         message = re.sub(pattern, advice, message)
     names = {name for parser in _parsers()[1].values() for name in parser.options}
@@ -111,7 +111,7 @@ def read(arguments: list[str]) -> tuple[str, argparse.Namespace]:
 
 
 def _parsers() -> tuple[Parser, dict[str, Parser]]:
-    description = "Equilibrium and stability of adhesive rough contacts. Without a command: run."
+    description = "Equilibrium and stability of adhesive rough contacts. The default is run."
     parser = Parser(prog="jaxstab", description=description)
     text = f"%(prog)s {version('jaxstab')}"
     parser.add_argument("--version", action="version", version=text)
@@ -270,7 +270,7 @@ def _public_name(text: str) -> str:
 def _checked_run(
     parser: Parser, arguments: list[str], options: argparse.Namespace
 ) -> argparse.Namespace:
-    """Return the options of a run, those of a configuration file before those given, checked."""
+    """Return the checked options of a run; the command line overrides a configuration file."""
     if options.config is not None:
         options = parser.parse_args([*from_config(parser, options.config), *arguments])
     _settle(parser, options)

@@ -22,7 +22,7 @@ from jaxstab.solids import HalfSpace
 def surface_of(path: Path, options: argparse.Namespace) -> surfaces.Topography:
     """Return the surface of a file as it is."""
     lengths, unit, channel = (getattr(options, name) for name in OF_A_FILE)
-    # One length is that of all sides.
+    # A single length applies to all sides.
     return surfaces.read(
         path, lengths[0] if lengths and len(lengths) == 1 else lengths, unit, channel
     )
@@ -48,8 +48,8 @@ def topography_of(options: argparse.Namespace) -> surfaces.Topography:
     """Return the surface of a file, without gaps and trend."""
     topography = surface_of(options.surface, options)
     if topography.num_missing:
-        share = topography.num_missing / topography.heights.size
-        warn(f"{100 * share:.3g} % of the points were missing and have been filled.")
+        fraction = topography.num_missing / topography.heights.size
+        warn(f"{100 * fraction:.3g} % of the points were missing and have been filled.")
         topography = topography.filled()
     topography = topography.detrended(options.detrend)
     return topography.periodic(options.periodic) if options.periodic else topography
@@ -67,7 +67,7 @@ def _potential(options: argparse.Namespace) -> potentials.Potential:
 def loads_of(options: argparse.Namespace, contact: Contact, shares: Any) -> loads.Load:
     """Return loads at shares of the way from the first to the last."""
     rms = float(np.std(contact.heights))
-    # Inside of a core pressures know no bounds.
+    # Pressures inside of a core are unbounded.
     innermost = innermost_gap(contact.profile)
     first = innermost + 1e-4 * rms if options.first is None else options.first
     last = first + 20 * rms if options.last is None else options.last

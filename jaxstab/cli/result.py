@@ -1,4 +1,4 @@
-"""Results of files."""
+"""Results from files."""
 
 import argparse
 from importlib import import_module

@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> None:
         complaint = _loop if options.study == "loop" else _unloading
         complaint = complaint(options, contact, folder)
     finally:
-        # What was not begun leaves nothing.
+        # A run that fails at once leaves no folder.
         if not any(folder.iterdir()):
             folder.rmdir()
     print(f"\nThe results are in {folder.resolve()}")
@@ -110,7 +110,7 @@ def _draw(result: Sweep, path: Path) -> None:
     for axes, quantity in zip(np.atleast_1d(panels), quantities, strict=True):
         stability_curve(result, quantity, axes=axes)
     for axes in figure.axes[:-1]:
-        # That of the last is beside it.
+        # The legend of the last panel is enough.
         legend = axes.get_legend()
         assert legend is not None
         legend.remove()

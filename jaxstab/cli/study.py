@@ -17,7 +17,7 @@ from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended
 from jaxstab.core.optional_packages import require_packages
 from jaxstab.studies import StudyInterrupted
 
-# What the file is imported as: no name that another module may have.
+# The name of the imported file, which no other module has.
 _MODULE = "__study__"
 
 
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> None:
 
 @contextmanager
 def _executor(options: argparse.Namespace, module: Any) -> Iterator[Any]:
-    """Yield where cases are to run, as `jaxstab.study` takes it."""
+    """Yield the executor of the cases, for `jaxstab.study`."""
     if options.workers is None and options.scheduler is None:
         yield None
         return
@@ -82,7 +82,7 @@ def _imported(path: Path) -> Any:
     if not path.is_file() or spec is None or spec.loader is None:
         raise ValueError(f"{path} is not a Python file.")
     module = module_from_spec(spec)
-    # As a script, it can import what lies beside it.
+    # It can import modules beside it, as a script can.
     sys.path.insert(0, str(path.resolve().parent))
     sys.modules[_MODULE] = module
     try:
@@ -112,5 +112,5 @@ def _described(dataset: Any, results: list[str]) -> str:
 
 
 def _place(dataset: Any, results: list[str]) -> tuple[np.intp, ...]:
-    """Return where the first case lies that failed."""
+    """Return the index of the first case that failed."""
     return np.unravel_index(results.index("failed"), dataset["result"].shape)

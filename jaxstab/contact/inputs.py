@@ -46,7 +46,7 @@ def suspicions(
 ) -> list[str]:
     """Return what looks wrong with heights on a solid: on a window edges need not meet."""
     if topography and solid.is_window:
-        return [*topography.wrong_scale, *topography.spread]
+        return [*topography.wrong_scale, *topography.edge_faults]
     if topography:
         return topography.suspicions
     if is_traced((heights, solid.grid.lengths)) or is_spread(heights):

@@ -1,7 +1,7 @@
-"""How batches run: one entry after another on a CPU, all together elsewhere.
+"""Batches: entries run one after another on a CPU, all together elsewhere.
 
 The CPU gains nothing from wide arrays. There no entry waits for the slowest, and each gives the
-same as alone, to the last bit.
+same result as alone, bit for bit.
 """
 
 from collections.abc import Callable
@@ -17,10 +17,10 @@ Tree = TypeVar("Tree")
 
 
 def by_entries(function: Callable[..., Out]) -> Callable[..., Out]:
-    """Return `function`, of arrays in pytrees, such that `jax.vmap` runs entries in this way.
+    """Return `function` of pytrees of arrays, such that `jax.vmap` runs entries in this way.
 
-    A program that is made for another platform runs them together, unless JAX finds nothing but
-    the CPU.
+    A program that is lowered for another platform runs them together, unless JAX finds the CPU
+    alone.
     """
     alone = jax.custom_batching.custom_vmap(function)
 
@@ -35,7 +35,7 @@ def by_entries(function: Callable[..., Out]) -> Callable[..., Out]:
             merged = [next(rest) if m else leaf for leaf, m in zip(leaves, is_mapped, strict=True)]
             return callee(*jax.tree.unflatten(tree, merged))
 
-        # One after another, entries may be batches of their own.
+        # An entry may be a batch itself.
         one_by_one = partial(jax.lax.map, partial(call, alone))
         out = on_platform(one_by_one, jax.vmap(partial(call, function)), mapped)
         return out, jax.tree.map(lambda _: True, out)
@@ -44,7 +44,7 @@ def by_entries(function: Callable[..., Out]) -> Callable[..., Out]:
 
 
 def entry_of(batch: Tree, i: Int[Array, ""]) -> Tree:
-    """Return one entry of a batch, whose number is not checked."""
+    """Return one entry of a batch; the index is not checked."""
 
     def entry(leaf: Array) -> Array:
         return jax.lax.dynamic_index_in_dim(leaf, i, keepdims=False, allow_negative_indices=False)
@@ -53,7 +53,7 @@ def entry_of(batch: Tree, i: Int[Array, ""]) -> Tree:
 
 
 def with_entry(batch: Tree, i: Int[Array, ""], entry: Tree) -> Tree:
-    """Return a batch with one of its entries replaced, whose number is not checked."""
+    """Return a batch with one entry replaced; the index is not checked."""
 
     def replaced(leaf: Array, new: Array) -> Array:
         new = jax.numpy.asarray(new, leaf.dtype)
@@ -63,9 +63,9 @@ def with_entry(batch: Tree, i: Int[Array, ""], entry: Tree) -> Tree:
 
 
 def on_platform(on_cpu: Callable[..., Out], elsewhere: Callable[..., Out], *args: Any) -> Out:
-    """Return the result of one function on a CPU, and of another elsewhere."""
+    """Evaluate one function on a CPU, and another elsewhere."""
     if not has_accelerator():
-        # Most of the time to trace would go into a branch that cannot run here.
+        # Tracing the other branch would take time, and it cannot run here.
         return on_cpu(*args)
     return jax.lax.platform_dependent(*args, cpu=on_cpu, default=elsewhere)
 

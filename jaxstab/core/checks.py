@@ -1,7 +1,7 @@
 """Checks of input, wherever its value is known: eagerly always, under a JAX trace never.
 
-Known values are checked with NumPy, to avoid compiling. Those spread over several devices are
-checked where they lie.
+Known values are checked with NumPy, to avoid compiling. Values sharded over several devices are
+checked there.
 """
 
 import operator
@@ -28,13 +28,13 @@ def is_transformed(inputs: Any) -> bool:
 
 
 def is_spread(value: Any) -> bool:
-    """Whether `value` is an array of which several devices hold parts."""
+    """Whether `value` is an array sharded over several devices."""
     is_known = isinstance(value, jax.Array) and not is_traced(value)
     return is_known and not value.is_fully_replicated
 
 
 def known(value: ArrayLike) -> Any:
-    """Return `value` as an array of NumPy, or as it is where it is traced or spread."""
+    """Return `value` as a NumPy array; a traced or sharded one is returned unchanged."""
     return value if is_traced(value) or is_spread(value) else np.asarray(value)
 
 
@@ -57,13 +57,13 @@ def numbers(value: Any, name: str) -> Float[Array | np.ndarray, "..."]:
             "with `numpy.ma.filled(values, number)`."
         )
     if type(value) in (bool, int, float):
-        # As a number of Python's, without a precision of its own.
+        # A number of Python stays weakly typed.
         return jax.device_put(float(value))
     if is_traced(value):
         value = jnp.asarray(value)
     elif not isinstance(value, jax.Array):
         value = np.asarray(value)
-        # As files have them, bytes may come in an order that JAX refuses.
+        # Arrays from files may have a byte order that JAX refuses.
         value = value.astype(value.dtype.newbyteorder("="), copy=False)
     if jnp.issubdtype(value.dtype, jnp.floating):
         return cast(value, value.dtype) if isinstance(value, jax.Array) and value.ndim else value
@@ -83,7 +83,7 @@ def scalar_parameter(value: Any, name: str) -> Scalar:
 def cast(tree: Any, dtype: Any) -> Any:
     """Return `tree` with its floating-point leaves in `dtype`.
 
-    They have it as their own, for JAX compiles again for values without a precision of their own.
+    The result is never weakly typed, since JAX compiles anew for weakly typed values.
     """
 
     def cast_leaf(leaf: Any) -> Any:
@@ -128,8 +128,8 @@ def require_positive(name: str, value: Float[Array, "..."]) -> None:
 
 
 def are_finite(value: Float[Array | np.ndarray, "..."]) -> Any:
-    """Return where a value that is known is neither NaN nor infinite."""
-    # A comparison works also on what is spread.
+    """Return the mask of finite entries of a known value."""
+    # A comparison also works on sharded arrays.
     return abs(known(value)) < np.inf
 
 

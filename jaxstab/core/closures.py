@@ -1,4 +1,4 @@
-"""Python functions as pytrees, so that their holders can cross any JAX transformation."""
+"""Python functions as pytrees of the arrays they close over, for use in any JAX transformation."""
 
 import re
 from functools import cached_property
@@ -15,19 +15,19 @@ _NEEDS_A_VALUE = (
     jax.errors.TracerArrayConversionError,
     jax.errors.TracerIntegerConversionError,
 )
-# Arrays that the text of a jaxpr does not show: literals, and constants of a function within.
+# A jaxpr's text omits some arrays: literals, and constants of a nested function.
 _HIDDEN = re.compile(r"\[\.\.\.\]|\{ lambda \w")
 
 
 def as_pytree(name: str, function: Any, argument: jax.ShapeDtypeStruct, cure: str) -> Any:
-    """Return a `function` of one array as a pytree of arrays: itself, if it is a module of them.
+    """Convert a `function` of one array to a pytree of arrays; an Equinox module of arrays is kept.
 
     The arrays that a bare function closes over, traced ones too, become leaves.
 
     Raises:
-        TypeError: if it needs the value of its argument.
-        ValueError: naming the `cure`, if it does not return one real array, of the argument's shape
-            or scalar.
+        TypeError: if the function needs the value of its argument.
+        ValueError: with the `cure`, if it does not return one real array, a scalar or of the
+            argument's shape.
     """
     try:
         closed, value = _traced(function, argument)
@@ -46,9 +46,9 @@ def as_pytree(name: str, function: Any, argument: jax.ShapeDtypeStruct, cure: st
 
 
 class Formula:
-    """A traced function, equal to another trace of the same function object, as in `jax.jit`.
+    """A traced function, equal to another trace of the same function object with the same jaxpr.
 
-    Unlike there, it is another formula where a number that the function reads has changed.
+    `jax.jit` compares function objects alone, and misses a changed number that the function reads.
     """
 
     def __init__(self, function: Any, argument: jax.ShapeDtypeStruct, jaxpr: Jaxpr | None = None):
@@ -57,7 +57,7 @@ class Formula:
 
     @cached_property
     def text(self) -> str:
-        """What the function computes, as JAX prints it."""
+        """The jaxpr as JAX prints it."""
         return str(self.jaxpr)
 
     def __eq__(self, other: object) -> bool:
@@ -70,12 +70,12 @@ class Formula:
         return id(self.function)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The function is copied, or found by its name; a jaxpr cannot be pickled.
+        # A jaxpr cannot be pickled; the function is pickled, or imported by its name.
         return Formula, (self.function, self.argument)
 
 
 class BareFunction(eqx.Module):
-    """A bare function: its formula, and the arrays that it closes over as leaves."""
+    """A bare function as a pytree; its leaves are the arrays that it closes over."""
 
     captured: list[Array]
     formula: Formula = eqx.field(static=True)
@@ -84,8 +84,7 @@ class BareFunction(eqx.Module):
         return getattr(self.formula.function, "__name__", repr(self.formula.function))
 
     def __call__(self, argument: Any) -> Any:
-        """Return the value, in the precision of the argument."""
-        # Evaluated in the precision of the formula.
+        """Evaluate the function in the precision it was traced in; return the argument's."""
         jaxpr = self.formula.jaxpr
         avals: list[Any] = [variable.aval for variable in (*jaxpr.constvars, *jaxpr.invars)]
         inputs = zip([*self.captured, argument], avals, strict=True)

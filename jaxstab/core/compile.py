@@ -1,4 +1,4 @@
-"""Compiled programs, by compiler options that halve their cold compile time on a CPU."""
+"""Compiled programs, with compiler options that halve the cold compile time on a CPU."""
 
 import os
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from jaxstab.core.switches import own_conventions
 
 
 def program(function: Callable[..., Any], **options: Any) -> Any:
-    """Return `jax.jit(function, **options)`, compiled faster where it is called outside a trace."""
+    """Return `jax.jit(function, **options)`, with these compiler options outside of a trace."""
 
     @wraps(function)
     def traced(*args: Any, **kwargs: Any) -> Any:
@@ -41,6 +41,6 @@ def _compiler_options() -> dict[str, Any]:
     if jax.__version_info__ < (0, 11):
         # Later versions accept it for a whole process only.
         options["xla_cpu_use_fusion_emitters"] = False
-    # Flags of the user stand.
+    # The user's own flags take precedence.
     flags = os.environ.get("XLA_FLAGS", "")
     return {name: value for name, value in options.items() if name not in flags}

@@ -1,4 +1,4 @@
-"""Parts of a computation that are needed only sometimes, traced or not."""
+"""Conditional computation, traced or not."""
 
 from collections.abc import Callable
 from functools import partial
@@ -15,9 +15,9 @@ Out = TypeVar("Out")
 
 
 def if_needed(is_needed: Any, compute: Callable[[], Out], otherwise: Out) -> Out:
-    """Return the value of `compute()` if it is needed, else `otherwise`.
+    """Return `compute()` if it is needed, else `otherwise`.
 
-    If `is_needed` is concrete, a part that is not needed is neither traced nor compiled.
+    If `is_needed` is concrete, a computation that is not needed is neither traced nor compiled.
     """
     if is_traced(is_needed):
         return jax.lax.cond(is_needed, compute, lambda: otherwise)
@@ -25,9 +25,9 @@ def if_needed(is_needed: Any, compute: Callable[[], Out], otherwise: Out) -> Out
 
 
 def first_good(compute: Callable[[Any], Out], is_good: Callable[[Out], Array], number: int) -> Out:
-    """Return the first good one of `compute(0)` to `compute(number - 1)`, or the first if none is.
+    """Return the first good result of `compute(0)` to `compute(number - 1)`, else the first one.
 
-    In a trace `compute` is traced once; outside of one, no more are computed than needed.
+    In a trace `compute` is traced once; outside of a trace, no more are computed than needed.
     """
     if not is_transformed(()):
         first = compute(0)

@@ -27,11 +27,11 @@ from jaxstab.core.unit_system import (
 )
 from jaxstab.core.units import NUMBER, declared
 
-# What reading raises where JAX traces, or where a transformation left no numbers or other ones.
+# Reading a field raises these where JAX traces, or where a transformation replaced the leaves.
 UNREADABLE = (AttributeError, IndexError, TypeError, ValueError, RuntimeError)
 # A table of more rows is shortened in its middle to this many.
 _MOST_ROWS = 60
-# Where the text of one field is cut.
+# A field's text is cut at this length.
 _LONGEST_TEXT = 120
 
 
@@ -75,7 +75,7 @@ def history(self: Any) -> str:
 
 
 def times(sides: Iterable[Any], form: str = "") -> str:
-    """Return the numbers of all sides in a form, as in 256 x 256."""
+    """Join the numbers of all sides, as in 256 x 256."""
     return " x ".join(f"{side:{form}}" for side in sides)
 
 
@@ -138,7 +138,7 @@ def described(value: Any) -> str:
 
 
 def _named(module: Any, with_grids: bool) -> Iterator[tuple[str, Any]]:
-    """Yield the fields of a module; what lives on a grid has more axes than its numbers."""
+    """Yield the fields of a module; fields on a grid have more axes than scalars."""
     shown = [f.name for f in fields(module) if f.repr and hasattr(module, f.name)]
     values = {name: getattr(module, name) for name in shown}
     axes = {name: value.ndim for name, value in values.items() if _is_array(value)}
@@ -150,7 +150,7 @@ def _named(module: Any, with_grids: bool) -> Iterator[tuple[str, Any]]:
 
 
 def units_of(module: Any) -> Units:
-    """Return the units of a contact or a result: its own, or those of a state that it holds."""
+    """Return the units of a contact or a result: its own, or its state's."""
     holders = [module, *(getattr(module, field.name, None) for field in fields(module))]
     return next((x.units for x in holders if hasattr(x, "units")), NO_UNITS)
 
@@ -210,7 +210,7 @@ def _range(numbers: Any) -> str:
     missing = f"with {numbers.size - finite.sum()} not finite"
     if not finite.any():
         return missing
-    # Of a negative zero nothing is to be read.
+    # Adding zero turns a negative zero into zero.
     least, most = (
         float(reduce(numbers + 0.0, where=finite, initial=far)) + 0.0
         for reduce, far in ((xp.min, np.inf), (xp.max, -np.inf))
@@ -223,7 +223,7 @@ def _is_readable(leaf: Any) -> bool:
     if isinstance(leaf, jax.core.Tracer) or not isinstance(leaf, np.ndarray | jax.Array):
         return False
     if isinstance(leaf, jax.Array):
-        # What other processes hold they would have to be asked for at the same time.
+        # Reading other processes' shards needs their participation.
         is_here = leaf.is_fully_addressable or leaf.is_fully_replicated
         if leaf.is_deleted() or not is_here:
             return False

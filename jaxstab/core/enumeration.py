@@ -89,13 +89,13 @@ class Enumeration(Stackable):
 
     def _compared(self, other: Any, compare: Callable[[Any, Any], Any]) -> Bool[Array, "..."]:
         code = np.int32(-1) if other is None else type(self).promote(other).code
-        # Also inside of jit, what is known stays known.
+        # Within a trace, too, known values stay known.
         with jax.ensure_compile_time_eval():
             found = compare(known(self.code), known(code))
             return found if isinstance(found, jax.Array) else array(found)
 
     def __hash__(self) -> int:
-        # That of the name, which it equals.
+        # A member equals its name, so their hashes must agree.
         return hash(self.name)
 
     def __format__(self, spec: str) -> str:

@@ -1,9 +1,9 @@
-"""Fourier transforms of real fields, on one device or spread over several by rows.
+"""Fourier transforms of real fields, on one device or sharded over several by rows.
 
-On several devices, each transforms rows of the field. It gets columns of the spectrum from the
-others by one `all_to_all`, and transforms these. No device holds a whole field. The half spectrum
-keeps its axes swapped, so that it is spread along its first axis as fields are. Extra rows, which
-stand for no wave, make it fill all devices.
+Each device transforms its rows of the field, exchanges them for columns of the spectrum by one
+`all_to_all`, and transforms these. No device holds a whole field. The half spectrum has its axes
+swapped, so that it is sharded along its first axis as fields are. It is padded to a multiple of the
+number of devices.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from jaxstab.core.types import Field
 
 
 def transform(field: Field, sharding: NamedSharding | None) -> Complex[Array, " *modes"]:
-    """Return the half spectrum of a field, of which the devices hold rows if it is spread."""
+    """Return the half spectrum of a field, sharded by rows if the field is."""
     if sharding is None:
         return jnp.fft.rfftn(field)
     axis = sharding.spec[0]
@@ -34,7 +34,7 @@ def transform(field: Field, sharding: NamedSharding | None) -> Complex[Array, " 
 def inverse_transform(
     modes: Complex[Array, " *modes"], shape: tuple[int, ...], sharding: NamedSharding | None
 ) -> Field:
-    """Return the field of a shape from its half spectrum."""
+    """Return the field of a given shape from its half spectrum."""
     if sharding is None:
         return jnp.fft.irfftn(modes, s=shape)
     axis = sharding.spec[0]
@@ -47,18 +47,23 @@ def inverse_transform(
 
 
 def num_waves(num_points: int, sharding: NamedSharding | None) -> int:
-    """Return how many waves along the last side a half spectrum holds."""
+    """Return the number of modes along the last side of a half spectrum, padding included."""
     count = 1 if sharding is None else sharding.mesh.shape[sharding.spec[0]]
     return -(-(num_points // 2 + 1) // count) * count
 
 
 def with_leading_axes(leading: int, sharding: NamedSharding) -> NamedSharding:
-    """Return the sharding of a stack of fields, with a number of axes before theirs."""
+    """Return the sharding of a stack of fields with a number of leading axes."""
     return NamedSharding(sharding.mesh, PartitionSpec(*(None,) * leading, *sharding.spec))
 
 
 def checked(sharding: Any, shape: tuple[int, ...]) -> NamedSharding:
-    """Return the sharding of fields of a shape, left to the compiler outside of transforms."""
+    """Return the sharding of fields of a shape, on axes that the compiler propagates.
+
+    Raises:
+        TypeError: for anything but a `NamedSharding` on a mesh of devices.
+        ValueError: for a line, another spec, or a first side that the devices do not divide.
+    """
     if not isinstance(sharding, NamedSharding) or isinstance(sharding.mesh, AbstractMesh):
         raise TypeError(
             f"The sharding is {sharding!r}: give a jax.sharding.NamedSharding on a mesh of devices."
@@ -76,7 +81,7 @@ def checked(sharding: Any, shape: tuple[int, ...]) -> NamedSharding:
             f"{shape[0]} points along the first side cannot be divided among {count} devices: give "
             "a multiple."
         )
-    # On explicit axes every operation would have to say how its result is spread.
+    # With explicit axes every operation would have to state the sharding of its result.
     mesh = Mesh(sharding.mesh.devices, sharding.mesh.axis_names)
     return NamedSharding(mesh, PartitionSpec(first))
 

@@ -1,7 +1,7 @@
 """Periodic grids in one and two dimensions.
 
-Points lie at x_i = i L / n, wave vectors at q = 2 pi k / L; fields are real, so only the
-half spectrum of `rfftn` is kept. Fields may be spread over several devices.
+Points lie at x_i = i L / n, wave vectors at q = 2 pi k / L. Fields are real, so only the half
+spectrum of `rfftn` is stored. Fields may be sharded over several devices.
 """
 
 import math
@@ -22,7 +22,7 @@ from jaxstab.core.display import inline
 from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
 from jaxstab.core.units import LENGTH
 
-# Fewer sums are faster one by one: each addition in a pass waits for the last.
+# Fewer sums are faster one by one, since each addition in a pass waits for the last.
 _LEAST_IN_A_PASS = 5
 
 
@@ -119,12 +119,12 @@ class Grid(eqx.Module):
         return tuple(map(self.placed, jnp.meshgrid(*sides, indexing="ij")))
 
     def placed(self, field: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."]:
-        """Return a field or several, or a spectrum, where those of the grid lie."""
+        """Put a field, a stack of fields or a spectrum on the grid's devices."""
         if self.sharding is None:
             return array(field) if isinstance(field, np.ndarray) else field
         sharding = fft.with_leading_axes(field.ndim - len(self.shape), self.sharding)
         if isinstance(field, np.ndarray):
-            # Each process fills its own devices, with no word to the others.
+            # Each process fills its own devices, without communication.
             return jax.make_array_from_callback(
                 field.shape, sharding, lambda part: field[part].copy()
             )
@@ -133,9 +133,9 @@ class Grid(eqx.Module):
         return jax.device_put(field, sharding)
 
     def transform(self, field: Field) -> Complex[Array, " *modes"]:
-        """Return the half spectrum of a field: that of `rfftn`.
+        """Return the half spectrum of a field, as `rfftn` does.
 
-        On several devices its axes are swapped, and last come waves that do not count.
+        On several devices its axes are swapped and padded with modes of multiplicity zero.
         """
         return fft.transform(field, self.sharding)
 
@@ -154,11 +154,11 @@ class Grid(eqx.Module):
     @jax.jit
     def wavenumbers(self) -> Float[Array, " *modes"]:
         """Norm |q| = 2 pi |k / L| of every wave vector of `transform` [1/length]."""
-        # In waves per longest side, whose squares stay in range in any unit.
+        # Squares of waves per longest side stay in range in any unit.
         longest = jax.lax.stop_gradient(jnp.max(self.lengths))
         sides = zip(self.waves, longest / self.lengths, strict=True)
         squared = sum((k.astype(ratio.dtype) * ratio) ** 2 for k, ratio in sides)
-        # Two `where`s keep the derivative of the root at zero out of those of the lengths.
+        # Two `where`s keep the infinite derivative of the root at zero out of the gradient.
         norm = jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)
         return self.placed(2 * jnp.pi / longest * norm)
 
@@ -174,7 +174,7 @@ class Grid(eqx.Module):
     @property
     @jax.jit
     def mode_multiplicity(self) -> Float[Array, " *modes"]:
-        """How many modes of the full spectrum each mode of `transform` stands for: 1, 2, or 0."""
+        """The number of modes of the full spectrum that each mode stands for: 1, 2, or 0."""
         half = self.shape[-1]
         column = np.full(half // 2 + 1, 2.0)
         column[0] = 1
@@ -186,7 +186,7 @@ class Grid(eqx.Module):
         return self.placed(jnp.broadcast_to(column[:, None], (column.size, self.shape[0])))
 
     def _filled_up(self, column: np.ndarray, mode: Any) -> np.ndarray:
-        """Return what waves along the last side have, and those that do not count."""
+        """Pad a column of values along the last side to the stored number of modes."""
         count = fft.num_waves(self.shape[-1], self.sharding)
         return np.pad(column, (0, count - column.size), mode)
 
@@ -202,7 +202,7 @@ def resample(field: Field, shape: tuple[int, ...]) -> Float[Array, " *finer"]:
         modes = jnp.fft.rfft(field, axis=axis)
         modes = jax.lax.slice_in_dim(modes, 0, min(n, before) // 2 + 1, axis=axis)
         if n != before and min(n, before) % 2 == 0:
-            # One of two waves k and -k where there are more points, but both where it is the last.
+            # On the finer grid half of it is the wave -k; on the coarser the two waves are one.
             modes = modes.at[(slice(None),) * axis + (-1,)].multiply(0.5 if n > before else 2)
         field = jnp.fft.irfft(modes, n, axis=axis)
     return scale * field
@@ -210,14 +210,14 @@ def resample(field: Field, shape: tuple[int, ...]) -> Float[Array, " *finer"]:
 
 @partial(jax.jit, inline=True)
 def total(field: Field) -> Scalar:
-    """Return the sum of a field; by products with ones, which on the CPU is the fastest way."""
+    """Return the sum of a field, by products with ones, the fastest way on a CPU."""
     for length in field.shape[::-1]:
         field = jnp.matmul(field, jnp.ones(length, field.dtype), precision="highest")
     return field
 
 
 def totals(fields: Sequence[Field]) -> Float[Array, " fields"]:
-    """Return the sums of several fields, which may be products; of many, in one pass over all."""
+    """Return the sums of several fields, in one pass over all where there are many."""
     if len(fields) < _LEAST_IN_A_PASS:
         return jnp.stack([total(field) for field in fields])
 

@@ -1,4 +1,4 @@
-"""The history of a solver: its indicators, at a bounded number of its steps."""
+"""The history of a solver: indicators at a bounded number of steps."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -22,7 +22,7 @@ _HISTORY_LENGTH = 512
 
 
 class History(Stackable, Dimensioned):
-    """Indicators of a solver at a bounded number of its steps: all at first, then ever fewer.
+    """Indicators of a solver at a bounded number of steps: all at first, then ever sparser.
 
     Attributes:
         table: a row for each record, NaN where unused: the step, and the indicators by name.
@@ -56,7 +56,7 @@ class History(Stackable, Dimensioned):
         return {name: self.table[..., 1 + i] for i, name in enumerate(self.names)}
 
     def in_units_of(self, pressure: Scalar) -> "History":
-        """Return the history with pressures in another unit; of indicators the energy has one."""
+        """Convert the energy among the indicators to another unit of pressure."""
         if "energy" not in self.names:
             return self
         is_energy = np.array([name == "energy" for name in ("step", *self.names)])
@@ -66,8 +66,8 @@ class History(Stackable, Dimensioned):
     def record(self, count: Int[Array, ""], step: Int[Array, ""], new: Indicators) -> "History":
         """Return the history with the `count`-th measurement, taken at `step`, added.
 
-        The first 256 have a row each. Then the rows of each doubling of the count are 32, and each
-        keeps the last of those that share it.
+        The first 256 measurements have a row each. Each further doubling of the count has 32 rows,
+        and a row keeps the last of the measurements that share it.
         """
         octave = jnp.maximum(23 - jax.lax.clz(count.astype(jnp.int32)), 0)
         shared = 224 + 32 * octave + (count >> (octave + 3))

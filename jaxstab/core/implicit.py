@@ -22,21 +22,21 @@ from jaxtyping import Array
 from jaxstab.core.types import Flag
 
 Tree = TypeVar("Tree")
-# Maps values, what is known of them, inputs and changes of these (None for none) to the changes of
-# the values, linearly, and to whether these are undefined: one flag for all of them or for each.
+# A rule maps values, constants, inputs and tangents of the inputs (None for a zero one) to the
+# tangents of the values, linearly, and to flags of undefined derivatives: one for all or for each.
 Rule = Callable[[Any, Any, Any, Any], tuple[Any, Any]]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def attach(rule: Rule, values: Tree, known: Any, inputs: Any) -> Tree:
-    """Return values that a solver found, as differentiable functions of its inputs.
+    """Attach derivatives to the solution of a solver, as a function of the solver's inputs.
 
     Arguments:
-        rule: their changes. Its numbers are finite also without a solution, since zero times an
-            infinite one is NaN.
+        rule: the tangents of the values. They must be finite also without a solution, since zero
+            times infinity is NaN.
         values: the solution, floating-point arrays.
-        known: what else the rule needs, constants.
-        inputs: the values are functions of these.
+        known: constants of the rule.
+        inputs: the arguments that the values depend on.
     """
     return values
 
@@ -51,7 +51,7 @@ def _differentiate(rule: Rule, primals: tuple, tangents: tuple) -> tuple[Tree, T
     return values, _changes(rule, values, known, inputs, changes)
 
 
-# Compiled apart, so that few programs run where derivatives are taken outside of `jax.jit`.
+# A program of its own, so that few programs run where derivatives are taken outside of `jax.jit`.
 @partial(jax.jit, static_argnums=0)
 def _changes(rule: Rule, values: Tree, known: Any, inputs: Any, changes: Any) -> Tree:
     moved, is_undefined = rule(values, known, inputs, changes)
@@ -60,7 +60,7 @@ def _changes(rule: Rule, values: Tree, known: Any, inputs: Any, changes: Any) ->
         def cause(change: Array | None, leaf: Array) -> Array | None:
             if change is None:
                 return None
-            # With a factor that moves with the input, so that second derivatives are NaN too.
+            # The factor depends on the input, so that second derivatives are NaN too.
             factor = jnp.where(jnp.isfinite(leaf), leaf, 0)
             return jnp.sum(_nan_if(undefined, change) * factor)
 
@@ -76,13 +76,13 @@ def _changes(rule: Rule, values: Tree, known: Any, inputs: Any, changes: Any) ->
 
 
 def nan_where(is_undefined: Flag, cause: Array, effect: Array) -> Array:
-    """Return an effect, linear in its cause, or NaN if it is undefined and the cause not zero."""
+    """Return an effect, linear in its cause, or NaN if undefined and the cause is nonzero."""
     return jnp.where(is_undefined & jnp.any(cause != 0), jnp.nan, effect)
 
 
 def _nan_if(is_undefined: Flag, change: Array) -> Array:
-    """Return a change, or NaN if it is undefined and not zero; also a cotangent in its place."""
-    # To JAX a linear function that is its own transpose.
+    """Return a tangent or a cotangent, or NaN if it is undefined and nonzero."""
+    # JAX takes this for a linear function that is its own transpose.
     return jax.lax.custom_linear_solve(
         lambda x: x, change, lambda _, b: nan_where(is_undefined, b, b), symmetric=True
     )
@@ -90,7 +90,7 @@ def _nan_if(is_undefined: Flag, change: Array) -> Array:
 
 @jax.custom_jvp
 def refuse_derivatives(tree: Tree) -> Tree:
-    """Return `tree`, for a loop whose derivatives would be of its steps, not of its answer."""
+    """Return `tree`, and raise where its derivatives are taken."""
     return tree
 
 
@@ -104,7 +104,7 @@ def _refuse(primals: tuple[Tree], tangents: tuple[Tree]) -> tuple[Tree, Tree]:
 
 
 def pushed(function: Callable[..., Tree], inputs: tuple, changes: tuple) -> Tree:
-    """Return how a function changes with its inputs, of which those without a change are None."""
+    """Return the tangent of a function, given tangents of its inputs, None for a zero one."""
     is_moving = jax.tree.map(lambda change: change is not None, changes, is_leaf=_is_none)
     moving, still = eqx.partition(inputs, is_moving)
     return jax.jvp(lambda moved: function(*eqx.combine(moved, still)), (moving,), (changes,))[1]
@@ -115,9 +115,9 @@ def _is_none(leaf: Any) -> bool:
 
 
 def finite(is_found: Flag, tree: Tree) -> Tree:
-    """Return a tree as it is, or where nothing was found other floating-point numbers.
+    """Return a tree unchanged, or with placeholders for its numbers if there is no solution.
 
-    These are sound as parameters of a law or a solid too, and as a field without symmetry.
+    The placeholders are valid parameters of a law or a solid, and a field without symmetry.
     """
 
     def choose(leaf: Array) -> Array:

@@ -11,18 +11,18 @@ from jaxstab.core.grid import total
 from jaxstab.core.implicit import nan_where
 from jaxstab.core.types import Field, FieldMap, Flag, Scalar
 
-# Residuals over the right-hand side: where to stop, and from where on the system is unsolved.
+# Residuals over the right-hand side: the tolerance, and the largest one of a solved system.
 _TOLERANCE = {"float64": 1e-12, "float32": 1e-6}
 _LIMIT = {"float64": 1e-7, "float32": 1e-2}
 _MAX_STEPS = 2000
 
 
 class LinearSystem(eqx.Module):
-    """P A x = P b, for the x of a space.
+    """The linear system P A x = P b for x in a subspace.
 
     Attributes:
         operator: A, symmetric, and not singular on the space.
-        precondition: roughly its inverse, symmetric and positive.
+        precondition: an approximate inverse of A, symmetric and positive.
         project: P, the orthogonal projection onto the space.
     """
 
@@ -42,7 +42,7 @@ class LinearSystem(eqx.Module):
 
         def apply(field: Field) -> Field:
             inside = self.project(field)
-            # What lies outside is left to the identity.
+            # Outside of the space the operator is the identity.
             return self.project(self.operator(inside)) + field - inside
 
         def solve(_: FieldMap, b: Field) -> Field:
@@ -56,9 +56,9 @@ class LinearSystem(eqx.Module):
     def solution(self, right_side: Field) -> tuple[Field, Flag]:
         """Return x by preconditioned conjugate gradients, and whether it solves the system.
 
-        Where A is not positive the method may break down, and says so.
+        The method may break down if A is not positive; then the flag is false.
         """
-        # JAX's own takes up to 1.4 times as long, at 256 x 256 points on the CPU.
+        # jax.scipy's takes up to 1.4 times as long, at 256 x 256 points on the CPU.
         b = self.project(right_side)
         tolerance = _TOLERANCE[b.dtype.name] ** 2 * total(b**2)
 

@@ -19,7 +19,7 @@ State = TypeVar("State")
 Solver = TypeVar("Solver")
 
 _STALL_FACTOR = 0.99
-# What counts as progress: of the fall of the energy so far, and in units of the precision.
+# The least fall of the energy that is progress, over its fall so far, and in units of rounding.
 _LEAST_FALL = 1e-9
 _ROUNDING = 10
 NO_LIMIT = 2**31 - 1
@@ -36,7 +36,11 @@ def integer_parameter(value: ArrayLike) -> Int[Array, ""]:
 
 
 def solver_or_default(solver: Any, kind: type, default: type[Solver]) -> Solver:
-    """Return the solver that was given, or one of the default's class where there is none."""
+    """Return the given solver, or an instance of the default class for None.
+
+    Raises:
+        TypeError: for anything but a solver of this kind, and for a class.
+    """
     if solver is None:
         return default()
     if isinstance(solver, kind):
@@ -44,7 +48,7 @@ def solver_or_default(solver: Any, kind: type, default: type[Solver]) -> Solver:
     is_class = isinstance(solver, type)
     given = f"the class {solver.__name__}" if is_class else f"of type {type(solver).__name__}"
     raise TypeError(
-        f"The solver is {given}: give an instance of {kind.__name__}, such as {default.__name__}()."
+        f"The solver is {given}: give an instance of {kind.__name__}, as {default.__name__}()."
     )
 
 
@@ -92,11 +96,11 @@ class IterativeSolver(eqx.Module):
         require("max_steps", self.max_steps, known(self.max_steps) > 0, "it must be positive.")
 
     def prepared(self, problem: Any, start: Any) -> Any:
-        """Return a problem with all that is the same at every step from a start."""
+        """Return the problem with precomputed quantities that are the same at every step."""
         return problem
 
     def init(self, problem: Any, start: Any) -> Any:
-        """Return the state before the first step; the start itself where nothing else is said."""
+        """Return the state before the first step, by default the start itself."""
         return start
 
     @abstractmethod
@@ -105,7 +109,7 @@ class IterativeSolver(eqx.Module):
 
     @abstractmethod
     def measure(self, problem: Any, state: Any) -> Indicators:
-        """Return the indicators of a state, of which "residual" decides."""
+        """Return the indicators of a state, "residual" among them, which the tolerance bounds."""
 
     def tolerance_in(self, dtype: jnp.dtype) -> Scalar | float:
         """Return the residual to reach in a precision."""
@@ -114,12 +118,12 @@ class IterativeSolver(eqx.Module):
         return self.default_tolerance.get(dtype.name, max(self.default_tolerance.values()))
 
     def run(self, problem: Any, start: Any, max_steps: ArrayLike = NO_LIMIT) -> Iteration[Any]:
-        """Go from a start until the tolerance is reached, or say why it is not.
+        """Iterate from a start until the tolerance is reached, or report why it is not.
 
         Arguments:
-            problem: what `step` and `measure` are given, once it is `prepared`.
-            start: what `init` is given.
-            max_steps: the number of steps after which to stop: none where nothing is sought.
+            problem: the argument of `step` and `measure`, before it is `prepared`.
+            start: the argument of `init`.
+            max_steps: a step limit beside the solver's own, traced or not; zero takes no step.
         """
         problem = self.prepared(problem, start)
         state, zero = self.init(problem, start), jnp.zeros((), int)
@@ -131,9 +135,9 @@ class IterativeSolver(eqx.Module):
     def resume(
         self, problem: Any, before: Iteration[State], max_steps: ArrayLike
     ) -> Iteration[State]:
-        """Go on from an iteration by at most so many steps, from which progress counts anew.
+        """Continue an iteration by at most `max_steps`; stagnation counts from here.
 
-        It is for solvers that measure the residual alone; the problem is prepared.
+        For solvers that measure the residual alone, with a prepared problem.
         """
         return self._iterate(problem, before, {"residual": before.residual}, max_steps)
 

@@ -16,9 +16,9 @@ from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.types import Field, Flag, Scalar
 
 
-class _State(NamedTuple):
+class _Lanczos(NamedTuple):
     solution: Field
-    # Of the Lanczos process the last two vectors, and the last with the preconditioner applied.
+    # The last two Lanczos vectors, and the preconditioner applied to the last.
     vectors: tuple[Field, Field]
     preconditioned: Field
     directions: tuple[Field, Field]
@@ -31,7 +31,7 @@ class _State(NamedTuple):
 
 
 def minres(system: LinearSystem, right_side: Field, accuracy: float, max_steps: int) -> Field:
-    """Return x with P A x = P b, as well as it is found.
+    """Solve P A x = P b, or return the last iterate at the step limit.
 
     Arguments:
         system: A, which need not be positive; its preconditioner must be.
@@ -47,10 +47,10 @@ def minres(system: LinearSystem, right_side: Field, accuracy: float, max_steps: 
     b = system.project(right_side)
     image, size = preconditioned(b)
 
-    def goes_on(state: _State) -> Flag:
+    def goes_on(state: _Lanczos) -> Flag:
         return (jnp.abs(state.residual) > accuracy * size) & (state.num_steps < max_steps)
 
-    def step(state: _State) -> _State:
+    def step(state: _Lanczos) -> _Lanczos:
         (before, last), (norm_before, norm) = state.vectors, state.norms
         (cosine_before, cosine), (sine_before, sine) = state.cosines, state.sines
         unit = state.preconditioned / norm
@@ -66,7 +66,7 @@ def minres(system: LinearSystem, right_side: Field, accuracy: float, max_steps: 
         cosines, sines = (cosine, pivot / length), (sine, new_norm / length)
         older, old = state.directions
         direction = (unit - sine_before * norm * older - above * old) / length
-        return _State(
+        return _Lanczos(
             state.solution + cosines[1] * state.residual * direction,
             (last, vector),
             image,
@@ -79,7 +79,7 @@ def minres(system: LinearSystem, right_side: Field, accuracy: float, max_steps: 
         )
 
     nothing, zero, one = jnp.zeros_like(b), jnp.zeros_like(size), jnp.ones_like(size)
-    start = _State(
+    start = _Lanczos(
         nothing,
         (nothing, b),
         image,

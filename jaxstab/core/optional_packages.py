@@ -1,19 +1,19 @@
-"""Packages that do not come with jaxstab, but with one of its extras."""
+"""Optional packages, which extras of jaxstab install."""
 
 from importlib import import_module
 from importlib.util import find_spec
 
-# The second comes without the third.
+# h5netcdf does not install h5py.
 NETCDF = ("xarray", "h5netcdf", "h5py")
 
 
 def are_installed(*packages: str) -> bool:
-    """Return whether all of some packages are."""
+    """Whether all of the packages are installed."""
     return all(find_spec(name) for name in packages)
 
 
 def require_packages(purpose: str, extra: str, *packages: str) -> None:
-    """Raise `ImportError` that names the extra, unless all of some packages can be imported."""
+    """Import all of the packages, or raise `ImportError` with the extra that installs them."""
     try:
         for name in packages:
             import_module(name)

@@ -50,15 +50,15 @@ class RESULTS(Enumeration):
         "separate. Pull less or press, start from a state in contact, or prescribe the mean gap"
     )
     no_equilibrium = member(
-        "there was no converged equilibrium to assess. Look at the result of the equilibrium"
+        "there was no converged equilibrium to assess. See the `result` of the equilibrium"
     )
     other_contact = member(
         "the state is not an equilibrium of this contact: its pressures are out of balance. Use "
         "the contact and the load that it came from"
     )
     no_fold = member(
-        "between the two loads the critical eigenvalue does not vanish and no contact point lets "
-        "go in a jump. Follow a path between them by jaxstab.follow, and narrow the bracket"
+        "between the two loads the critical eigenvalue does not vanish and no contact point is "
+        "released in a jump. Follow a path between them by jaxstab.follow, and narrow the bracket"
     )
     no_jump = member(
         "the surfaces separate without a jump, since the machine is stiff. Take the largest "
@@ -82,9 +82,9 @@ class RESULTS(Enumeration):
         "the store is full before the end. Raise `max_states` or `max_jumps`, follow a "
         "shorter programme, or locate fewer jumps (`smallest_jump`)"
     )
-    interrupted = member("it was interrupted; the states up to there are kept")
+    interrupted = member("it was interrupted; the states before are kept")
     same_state = member(
-        "both states relax to the same one at this load. Give two separate states, such as the two "
+        "both states relax to the same one at this load. Give two separate states, as the two "
         "sides of a jump at a load just before it"
     )
     no_pass = member(
@@ -96,11 +96,11 @@ class RESULTS(Enumeration):
         "another number already proves the verdict. Assess without `verdict_only`"
     )
     too_many_modes = member(
-        "there are fewer admissible directions than modes asked for. Ask for fewer (`count`)"
+        "there are fewer admissible directions than requested modes. Lower `count`"
     )
     no_fit = member(
         "the curve does not describe the measurements: a parameter is at its bound or is not "
-        "determined, or the misfit is hardly less than that of a curve of zero. Look at signs, "
+        "determined, or the misfit is hardly less than a curve of zero has. Look at signs, "
         "units and outliers, plot the fitted curve beside the measurements, or fit fewer parameters"
     )
     long_steps = member(

@@ -16,7 +16,7 @@ Entry = TypeVar("Entry")
 class Stackable:
     """A pytree that is a sequence where its arrays have a leading axis, as after `jax.vmap`.
 
-    One number at least, of those that each entry has, must be a scalar of its own.
+    At least one leaf of a single entry must be a scalar.
     """
 
     @property
@@ -32,7 +32,7 @@ class Stackable:
         if isinstance(index, list):
             index = np.asarray(index)
         if not is_traced(index):
-            # NumPy refuses what lies beyond the end; JAX would take the last entry.
+            # NumPy refuses an index beyond the end; JAX would take the last entry.
             _ = np.broadcast_to(False, shape)[index]
         return jax.tree.map(lambda leaf: _entry(leaf, index), self)
 
@@ -52,17 +52,17 @@ def _entry(leaf: Any, index: Any) -> Array:
         and {device.platform for device in leaf.devices()} == {"cpu"}
         and len(leaf.devices()) == 1
     )
-    # By NumPy, since JAX would compile for every shape.
+    # NumPy indexes it, since JAX would compile for every shape.
     return jax.device_put(np.asarray(leaf)[index]) if is_at_hand else leaf[index]
 
 
 def stacked(entries: Sequence[Entry], like: Entry) -> Entry:
-    """Return results along a leading axis, also none of them; `like` has their shapes."""
+    """Stack results along a leading axis; `like` gives the shapes where there are none."""
 
     def stack(one: Any, *leaves: Array) -> Array:
         if leaves and is_spread(leaves[0]):
             return jnp.stack(leaves)
-        # By NumPy, since JAX would compile for every number.
+        # NumPy stacks them, since JAX would compile for every number of entries.
         empty = np.zeros((0, *one.shape), one.dtype)
         return jax.device_put(np.stack(leaves) if leaves else empty)
 
@@ -75,7 +75,7 @@ def nothing_like(leaf: Array) -> Array:
 
 
 def first_entries(tree: Entry, number: int) -> Entry:
-    """Return the first entries of a stack whose values are known."""
+    """Return the first entries of a stack with known values."""
     return jax.tree.map(lambda leaf: jax.device_put(known(leaf)[:number]), tree)
 
 

@@ -6,7 +6,7 @@ import jaxtyping
 from jaxtyping import Array, Bool, Float
 from typing_extensions import TypeAliasType
 
-# With a name of its own, which signatures show in place of all that it stands for.
+# A named alias, which signatures show in place of the union that it stands for.
 ArrayLike = TypeAliasType("ArrayLike", jaxtyping.ArrayLike)
 Scalar = Float[Array, ""]
 Flag = Bool[Array, ""]

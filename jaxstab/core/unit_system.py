@@ -13,7 +13,7 @@ import numpy as np
 class Units(NamedTuple):
     """The units of length and of pressure, None where unknown, and the sides of the grid.
 
-    On a line, which has one side, energies, forces and areas are those per length of the other.
+    On a line, which has one side, energies, forces and areas are per length of the other side.
     """
 
     length: str | None = None
@@ -22,7 +22,7 @@ class Units(NamedTuple):
 
     @classmethod
     def checked(cls, length: str | None, pressure: str | None, sides: int = 2) -> "Units":
-        """Return units by their names; those of pressure are pascals where lengths are in metres.
+        """Return units by their names; pressures are in Pa by default if lengths are in metres.
 
         Raises:
             ValueError: for a name of no unit of length, or of no unit of pressure.
@@ -40,7 +40,7 @@ NO_UNITS = Units()
 
 LENGTHS = {"km": 3, "m": 0, "mm": -3, "µm": -6, "nm": -9, "Å": -10, "pm": -12}
 PRESSURES = {"Pa": 0, "kPa": 3, "MPa": 6, "GPa": 9, "TPa": 12}
-# With the Greek letter, the micro sign, or neither; and the angstrom sign beside the letter.
+# Micro is written as a Greek letter, as a sign, or as u; the angstrom as a letter or a sign.
 _SPELLINGS = {
     "um": "µm",
     "\u03bcm": "µm",

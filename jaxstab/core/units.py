@@ -26,10 +26,10 @@ class Dimension(str):
 
 NUMBER, LENGTH, AREA = Dimension("1"), Dimension("length"), Dimension("length^2")
 VOLUME, TIME = Dimension("length^3"), Dimension("time")
-# Those that a pressure is a factor of.
+# These dimensions contain a pressure.
 PRESSURE, ENERGY, STIFFNESS = map(Dimension, ("pressure", "energy", "pressure/length"))
 FORCE, VISCOSITY = Dimension("force"), Dimension("pressure time")
-# Stiffness of a machine, or of a solid under one contact, that sinks by a length under a force.
+# The stiffness of a machine: force over displacement.
 SPRING_CONSTANT = Dimension("force/length")
 SURFACE_ENERGY = Dimension("energy/area")
 WITH_PRESSURE = PRESSURE, ENERGY, STIFFNESS, FORCE, VISCOSITY, SPRING_CONSTANT
@@ -44,12 +44,12 @@ class Dimensioned(eqx.Module):
 
     @own_conventions()
     def in_units_of(self, pressure: Scalar) -> Self:
-        """Return the same with pressures in another unit, given in the old one; lengths stay."""
+        """Convert pressures to another unit, given in the old one; lengths keep theirs."""
         held = [name for name, kind in dimensions(type(self)).items() if kind in WITH_PRESSURE]
         return self._changed(held, lambda x: x / pressure, lambda x: x.in_units_of(pressure))
 
     def on_surface(self, solid: _HasSurface) -> Self:
-        """Return the same with the part of its fields that has a surface opposite to it."""
+        """Restrict the fields to the part of a padded grid where the surface is."""
         return self._changed(_on_grid(type(self)), solid.surface, lambda x: x.on_surface(solid))
 
     def _changed(
@@ -73,7 +73,11 @@ def is_own(module: str) -> bool:
 
 @cache
 def dimensions(module: type[Dimensioned]) -> dict[str, Dimension]:
-    """Return the dimension of each field that has one; all those of this package must."""
+    """Return the dimension of each field that has one.
+
+    Raises:
+        TypeError: for a field of this package without one.
+    """
     found = declared(module)
     for field in fields(module):
         is_exempt = field.metadata.get("static") or all(map(_needs_none, _parts(field.type)))
@@ -87,7 +91,7 @@ def dimensions(module: type[Dimensioned]) -> dict[str, Dimension]:
 
 @cache
 def declared(module: type) -> dict[str, tuple[Dimension, ...]]:
-    """Return the dimension of each field that declares one; of a tuple those of its parts."""
+    """Return the declared dimensions of each field, several for a tuple."""
     parts = {field.name: _parts(field.type) for field in fields(module)}
     found = {
         name: tuple(part for part in parts[name] if isinstance(part, Dimension)) for name in parts

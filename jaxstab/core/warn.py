@@ -13,7 +13,7 @@ import equinox
 import jax
 import jaxlib
 
-# Whose frames lie between the caller's line and ours.
+# Frames of these packages lie between the caller's line and ours.
 _INSIDE = tuple(
     f"{folder}{os.sep}"
     for folder in (
@@ -21,16 +21,16 @@ _INSIDE = tuple(
         *(Path(package.__file__ or "").parent for package in (jax, jaxlib, equinox)),
     )
 )
-# What was said, under which filters: filters may be changed so that it is said again.
+# Warnings given so far, with the filters then: a change of the filters repeats them.
 _said: dict[Hashable, list[object]] = {}
 _said_in_block: ContextVar[set[Hashable] | None] = ContextVar("_said_in_block", default=None)
 
 
 def warn_once(message: str, category: type[Warning], *, per_line: bool = False) -> None:
-    """Warn once of the same thing, unless Python's filters say "always".
+    """Warn once for each message, unless Python's filters are "always".
 
-    With `per_line` other numbers in the message, at the same line of the caller's, are the same
-    thing too, as at each step of a fit.
+    With `per_line`, once for each line of the caller, whatever numbers the message has, as at each
+    step of a fit.
     """
     frame = _caller()
     line = (category, frame.f_code.co_filename, frame.f_lineno)
@@ -58,7 +58,7 @@ def said_once() -> Iterator[None]:
 
 
 def warn(message: str, category: type[Warning] = UserWarning) -> bool:
-    """Warn each time, of the innermost line that is neither this package's nor JAX's.
+    """Warn each time, at the innermost line outside of this package and JAX.
 
     Return whether the filters let the same warning be given once only.
     """
@@ -71,7 +71,7 @@ def warn(message: str, category: type[Warning] = UserWarning) -> bool:
         module=frame.f_globals.get("__name__"),
         registry=registry,
     )
-    # Python notes under a tuple what it would not give again.
+    # Python registers a warning that it will not repeat under a tuple.
     return any(isinstance(key, tuple) for key in registry)
 
 

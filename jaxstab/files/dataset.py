@@ -30,7 +30,7 @@ from jaxstab.paths.observe import Observed
 from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
 
-# Imported where it is used, since that takes a while and few need it.
+# Xarray is imported where it is used, since its import is slow.
 if TYPE_CHECKING:
     import xarray
 
@@ -39,7 +39,7 @@ Result = Equilibrium | Stability | Sweep | Path | Branch | Evolution | Transitio
 # The number of the format, to be raised when this version could not read files of the next.
 FORMAT = 2
 _PACKAGES = ("jaxstab", "jax", "jaxlib", "equinox", "numpy")
-# The order of those that a coated half space holds of a material.
+# The order of a material's moduli in a coated half space.
 _MODULI = ("youngs_modulus", "poisson_ratio")
 _STATES = {"load": ("state",), "equilibrium": ("state",)}
 _OWN_AXES: Mapping[type, Mapping[str, tuple[str, ...]]] = {
@@ -55,16 +55,16 @@ def to_dataset(
 ) -> "xarray.Dataset":
     """Return a result as a data set with named dimensions, coordinates, units and long names.
 
-    Fields lie on the dimensions x and y. The states of a sweep lie on `load`, those of a path or a
-    branch on `state`, jumps on `jump`, turns on `turn`. Images of a transition lie on `image`, the
-    minima beside its saddle on `minimum`. Beside the result it holds every parameter of contact,
-    law and solid, the law itself at many gaps, and the versions of the packages.
+    Fields have the dimensions x and y. The states of a sweep have the dimension `load`, the states
+    of a path or a branch `state`, jumps `jump`, turns `turn`, images of a transition `image`, and
+    the minima beside its saddle `minimum`. Beside the result the data set holds every parameter of
+    contact, law and solid, the law at many gaps, and the versions of the packages.
 
     Arguments:
         contact: the contact problem.
         result: a result of `equilibrate`, `assess_stability`, `sweep`, `follow`, `continuation`,
             `transition`, `evolve` or `observe` for it.
-        solver: the algorithm, where it was not the default, to be named in the attributes.
+        solver: the algorithm if it was not the default, for the attributes.
         fields: whether to keep the fields and histories, without which `jaxstab.load` cannot give
             the result back.
 
@@ -105,7 +105,7 @@ def to_dataset(
 
 
 def _axes(contact: Contact, result: Result) -> tuple[tuple[str, ...], Mapping[str, Any]]:
-    """Return the names of a result's leading axes, and those of its fields that have others."""
+    """Return the names of a result's leading axes, and of fields with other leading axes."""
     if not isinstance(result, Result):
         raise TypeError(
             f"{type(result).__name__} is no result of equilibrate, assess_stability, sweep, "
@@ -142,7 +142,7 @@ def _axes(contact: Contact, result: Result) -> tuple[tuple[str, ...], Mapping[st
 def _main_states(
     result: Equilibrium | Stability | Sweep | Transition | Observed,
 ) -> Equilibrium | Stability | States:
-    """Return the states that stand for a result."""
+    """Return the states by which a result is checked."""
     if isinstance(result, Sweep | Observed):
         return result.equilibrium
     return result.start if isinstance(result, Transition) else result
@@ -156,7 +156,7 @@ def _load_of(result: Result) -> Load | None:
 
 
 def _require_own(contact: Contact, result: Result) -> None:
-    """Raise `ValueError` where the first or the last state found is none of this contact."""
+    """Raise `ValueError` if the first or the last state found is no equilibrium of the contact."""
     if isinstance(result, Path | Branch | Evolution):
         return
     states = _main_states(result)
@@ -187,7 +187,7 @@ def _label(record: NamedArray, contact: Contact, result: Result) -> tuple[str, s
     else:
         if holders[-1:] in (["layer"], ["base"]):
             field = _MODULI[int(field)]
-        # The meaning of a name in a class of the user is not known.
+        # A field of a user's class keeps its name.
         name = long_name(field, holders) if record.is_known else field.replace("_", " ")
     silent = ("equilibrium", "stability", "load", "solid", "grid", "potential")
     words = [word.replace("_", " ") for word in holders if word not in silent]

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-# By the name of the field, unless that says it.
+# The long name by the name of the field, unless the name says it.
 _NAMES = {
     "angle": "contact angle, in radians",
     "area": "area of the cell",
@@ -20,14 +20,14 @@ _NAMES = {
     "dielectric": "thickness of the dielectric over its relative permittivity",
     "displacement": "displacement u",
     "eigenvalue": "smallest eigenvalue",
-    "end": "why the branch goes no further",
+    "end": "end of the branch",
     "energies": "energy of the images and the load, above the start",
     "energy": "elastic and adhesive energy",
     "error": "error of the eigenvalue",
     "factor": "factor of the law",
     "gap": "gap g",
     "heights": "height h of the rigid surface",
-    "history": "indicators of the solver as it went",
+    "history": "indicators of the solver at its steps",
     "images": "gap along the string",
     "in_contact": "whether the surfaces touch",
     "incremental_stiffness": "force over a small approach",
@@ -41,7 +41,7 @@ _NAMES = {
     "mode": "mode of unit norm",
     "num_applications": "applications of the Hessian",
     "num_steps": "steps of the solver",
-    "percolates": "whether a patch goes on without end",
+    "percolates": "whether a patch percolates",
     "perimeter": "length of the interface",
     "permeability": "permeability k",
     "poisson_ratio": "Poisson's ratio",
@@ -61,10 +61,10 @@ _NAMES = {
     "thickness": "thickness of the layer",
     "true_area": "area corrected for the grid",
     "verdict": "verdict on the stability",
-    "work": "work done by what is prescribed",
+    "work": "work of the load",
     "youngs_modulus": "Young's modulus",
 }
-# By the names of the field and of its holder, where it is another thing there.
+# The long name by the names of the holder and of the field.
 _NAMES_IN = {
     ("solid", "tension"): "surface tension of the solid",
     ("solid", "times"): "relaxation times",

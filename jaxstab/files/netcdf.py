@@ -21,7 +21,7 @@ from jaxstab.files.tabulated_law import require_same_law
 from jaxstab.paths import Evolution
 from jaxstab.potentials import Potential, as_module
 
-# How a NetCDF file begins.
+# The first bytes of a NetCDF file.
 _MAGIC = b"\x89HDF"
 # Arrays of more numbers are compressed.
 _LARGE = 1000
@@ -37,8 +37,8 @@ def save(
 ) -> Path:
     """Write a contact and a result as NetCDF: the data set of `to_dataset`.
 
-    A law that is a module comes back by the path of its class and its numbers. Of a bare function
-    the file keeps values only, and a warning says so.
+    A law that is a module is restored from the path of its class and its numbers. A bare function
+    is kept as a table of its values only, and a warning says so.
 
     Arguments:
         path: the file; it must not exist yet.
@@ -92,9 +92,9 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
         Without its law the contact serves for figures; a solver that needs the law raises an error.
 
     Raises:
-        ValueError: for a file of another kind, of another format or without fields. For a file in
-            double precision while JAX is set to single. For a law with other values than that of
-            the file. For a class that is not imported, or of another version than the file.
+        ValueError: for a file of another kind, of another format or without fields; for a file in
+            double precision while JAX is set to single; for a law that disagrees with the file; for
+            a class that is not imported, or of another version.
         FileNotFoundError: if there is no such file.
         ImportError: without xarray, h5netcdf and h5py.
     """

@@ -21,12 +21,12 @@ from jaxstab.core.history import History
 from jaxstab.core.unit_system import Units
 from jaxstab.core.units import declared, is_own
 
-# JSON, as Python has it.
+# A structure is JSON, as Python objects.
 Structure = Any
-# Parts of a path that a name is clear without.
+# These parts of a path are left out of names.
 _SILENT = {"contact", "equilibrium", "stability", "value", "table", "code"}
 _SINGULAR = {"jumps": "jump", "turns": "turn", "minima": "minimum"}
-# Of a whole path, beside those up to each of its states, without an axis.
+# Totals of a path get the prefix "total", beside the sums up to each state.
 _TOTALS = {("work",), ("dissipation",)}
 # The modules by whose names files know the classes of this package, so that inner modules can move.
 _PACKAGE = __name__.partition(".")[0]
@@ -83,13 +83,13 @@ class Recorder:
         dimensions: Sequence[str] = (),
         is_known: bool = True,
     ) -> Structure:
-        """Record the arrays of a pytree, to which a path of fields leads, and return its structure.
+        """Record the arrays of a pytree at a path of fields, and return its structure.
 
-        All of its arrays have these leading axes, but for fields of its own that have others.
+        All of its arrays have the given leading axes, except for the given fields.
         """
         about = {"dimension": (*dimensions, "")[0], "is_known": is_known}
         if value is None or isinstance(value, jax.sharding.Sharding):
-            # What is restored lies on one device.
+            # Restored arrays lie on one device.
             return None
         if isinstance(value, Enumeration):
             return {"members": type(value).__name__, **self._array(value.name, path, axes, **about)}
@@ -212,7 +212,7 @@ def _has_import_path(value: Any) -> bool:
 
 
 def lost_classes(structure: Structure) -> list[str]:
-    """Return the classes of a structure that are not there."""
+    """Return the classes of a structure that cannot be found."""
     lost = []
     for path in [part["class"] for part in _parts(structure) if "class" in part]:
         try:
@@ -240,7 +240,7 @@ def _class(path: str) -> type:
         )
     found: Any = _public(path) if is_own(module) else sys.modules[module]
     for part in [] if is_own(module) else name.split("."):
-        # What `getattr` finds may be imported by it.
+        # `getattr` may import, a look-up in `__dict__` cannot.
         found = getattr(found, "__dict__", {}).get(part)
     if found is None:
         raise ValueError(f"The class {path} of the file is not found: define it.")
@@ -272,13 +272,13 @@ def _coded(words: np.ndarray, codes: Mapping[str, int]) -> np.ndarray:
 
 
 def _is_same(one: NamedArray, other: NamedArray) -> bool:
-    # The load of a sweep is that of its equilibria.
+    # A sweep and its equilibria hold the same load.
     same_kind = one.dims == other.dims and one.values.dtype == other.values.dtype
     return "load" in one.path and same_kind and one.values.tobytes() == other.values.tobytes()
 
 
 def functions_of(structure: Structure) -> list[str]:
-    """Return the names of the functions of which a structure has no formula."""
+    """Return the names of the bare functions in a structure."""
     return [part["function"] for part in _parts(structure) if set(part) == {"function"}]
 
 
@@ -296,7 +296,7 @@ def indicators(structure: Structure) -> dict[str, list[str]]:
 
 
 def _parts(structure: Structure) -> Iterator[dict[str, Any]]:
-    """Yield a structure and all that it is made of."""
+    """Yield a structure and its nested structures."""
     if isinstance(structure, dict):
         yield structure
         for part in structure.values():

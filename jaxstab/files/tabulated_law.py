@@ -1,4 +1,4 @@
-"""The values of a law that a file keeps beside its parameters, and by which it is known again."""
+"""The table of a law in a file, by which the law is checked when the file is read."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,9 +11,9 @@ from jaxstab.core.display import text
 from jaxstab.core.unit_system import unit_symbol
 from jaxstab.core.units import LENGTH, PRESSURE, SURFACE_ENERGY
 
-# Every how many points of a law's profile are kept.
+# Every 16th point of a law's profile is kept.
 _EVERY = 16
-# How far a law may be from its values, over these and its depth.
+# The tolerance of a law's values, over the values and the law's depth.
 _TOLERANCE = {"float32": 1e-4, "float64": 1e-9}
 
 
@@ -40,7 +40,7 @@ def law_variables(contact: Contact) -> dict[str, Any]:
 
 
 def require_same_law(contact: Contact, arrays: Mapping[str, np.ndarray], path: Path) -> None:
-    """Raise `ValueError` where the law of a contact is not the one that a file has values of."""
+    """Raise `ValueError` if the law of a contact disagrees with the table of a file."""
     gaps, expected = arrays["law_gap"], arrays["law_energy"]
     energies = law_variables(contact)["law_energy"][1]
     is_finite = np.isfinite(expected)

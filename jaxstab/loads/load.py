@@ -72,7 +72,7 @@ class Control(eqx.Module):
 
     @abstractmethod
     def mean_imbalance(self, missed: Field, attraction: Field, gap: Field) -> Scalar:
-        """Return the mean of the pressures out of balance, over that of those that balance."""
+        """Return the mean imbalance of pressures over the mean of the pressures in balance."""
 
     @abstractmethod
     def project(self, field: Field, is_moving: Mask) -> Field:
@@ -121,11 +121,11 @@ class Load(Stackable, Dimensioned):
         """Return the condition of the load on the gap between this solid and this surface."""
 
     def at(self, value: Array) -> "Load":
-        """Return the same load at another value."""
+        """Return this load with another value."""
         return eqx.tree_at(lambda load: load.value, self, value)
 
     def relative_to(self, datum: Scalar) -> "Load":
-        """Return the same load on heights that are relative to a datum [length]."""
+        """Return this load for heights relative to a datum [length]."""
         if not self.is_position:
             return self
         dtype = jnp.promote_types(self.value.dtype, datum.dtype)
@@ -137,7 +137,7 @@ def require_load(load: Load) -> None:
     if not isinstance(load, Load):
         given = load if isinstance(load, int | float) else f"a {type(load).__name__}"
         raise TypeError(
-            f"The load is {given}: say what it prescribes, with MeanDisplacement, MeanGap, "
+            f"The load is {given}: give the prescribed quantity, by MeanDisplacement, MeanGap, "
             "MeanPressure, FarDisplacement or Spring."
         )
 
@@ -156,7 +156,7 @@ def require_same_machine(load: Load) -> None:
     for leaf in jax.tree.leaves(eqx.tree_at(lambda load: load.value, load, None)):
         if not is_traced(leaf) and np.any(known(leaf) != known(leaf).flat[0]):
             raise ValueError(
-                f"The load is {load!r}: its values must be those of one machine, so give one "
+                f"The load is {load!r}: its values must belong to one machine, so give one "
                 "stiffness for all of them."
             )
 

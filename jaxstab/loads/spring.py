@@ -19,9 +19,9 @@ from jaxstab.loads.pressure import PressingControl
 from jaxstab.potentials.profile import Profile
 from jaxstab.solids import Solid, apart_from_mean
 
-# In units of the precision: by what part of itself the mean of a gap may be off.
+# The relative rounding error of a mean gap, in units of the precision.
 _ROUNDING = 4
-# Over the solid's softest wave: softer than this no cantilever is against any solid.
+# The least stiffness of a real cantilever, over the stiffness of the solid's softest wave.
 _SOFT = 1e-8
 
 
@@ -44,7 +44,7 @@ class SpringControl(PressingControl):
 
     @property
     def is_stiff(self) -> Flag:
-        """Whether it is stiffer than the softest wave, and rather holds the gap than presses."""
+        """Whether it is stiffer than the softest wave, and so holds the gap rather than presses."""
         return self.constant > self.softest
 
     @property
@@ -63,7 +63,7 @@ class SpringControl(PressingControl):
         return self.constant * (mean(gap) - self.relaxed_gap)
 
     def net_pressure(self, gradient: Field, gap: Field) -> Field:
-        """Return the gradient plus p0: of what rounding of the gap leaves open, the best."""
+        """Return the gradient plus p0, less the imbalance that rounding of the gap explains."""
         pressure = self.pressure(gap)
         lengths = jnp.abs(self.relaxed_gap) + mean(gap)
         rounding = _ROUNDING * jnp.finfo(gap.dtype).eps * self.constant * lengths
@@ -72,7 +72,7 @@ class SpringControl(PressingControl):
         return gradient + (pressure - open_part)
 
     def starting_gap(self, heights: Field) -> Field:
-        """Return that of a held mean gap for a stiff spring, that of a held pressure for others."""
+        """Return the start under a held mean gap for a stiff spring, else under a held pressure."""
         mean_gap = jnp.where(self.is_stiff, jnp.maximum(self.relaxed_gap, 0), 0)
         return mean_gap + jnp.mean(heights) - heights
 
@@ -96,12 +96,12 @@ class SpringControl(PressingControl):
         return cut * jnp.where(is_scaled, before / jnp.where(is_scaled, after, 1), 1)
 
     def moving(self, gap: Field, net: Field) -> Mask:
-        """Return the same; of a stiff spring, which points are pulled once it has relaxed."""
+        """Return the mask of points that may move; a stiff spring relaxes first."""
         level = mean_over(gap > 0, net)
         return (gap > 0) | (net < jnp.where(self.is_stiff, level, 0))
 
     def precondition(self, inverse: FieldMap, force: Field, is_moving: Mask) -> Field:
-        """Return the move, under a stiff spring apart for the mean."""
+        """Apply the preconditioner; a stiff spring takes the mean apart."""
         return apart_from_mean(inverse, force, is_moving, self.constant, self.softest)
 
     def energy(self, mean_gap: Array) -> Array:
@@ -112,26 +112,26 @@ class SpringControl(PressingControl):
 class Spring(Load):
     """A machine in series: p0 = k (far - position), a spring of stiffness k behind the solid.
 
-    The displacement far of the far side is mean(u) of a half space. Of a solid that has a uniform
-    stiffness k_s, as layers and windows have, it is mean(u) - p0 / k_s: there p0 = k_e (mean(u) -
+    The displacement `far` of the far side is mean(u) for a half space. For a solid with a uniform
+    stiffness k_s, as layers and windows have, it is mean(u) - p0 / k_s; then p0 = k_e (mean(u) -
     position) with 1 / k_e = 1 / k + 1 / k_s.
 
-    At a large stiffness its limit is `MeanDisplacement`, or `FarDisplacement` where the solid has a
-    far side. At a small one it is `MeanPressure`, with a position of -p0 / k. For a spring more
-    than a million times stiffer than the waves use that limit: with the spring the search of the
-    cone stagnates.
+    The limit of a large stiffness is `MeanDisplacement`, or `FarDisplacement` for a solid with a
+    far side. The limit of a small one is `MeanPressure`, with a position of -p0 / k. Use the limit
+    for a spring more than a million times stiffer than the waves: with the spring the search of
+    the cone stagnates.
 
-    This k is per area of the cell: `Spring.cantilever` takes one in force per length, as N/m.
+    This k is per area of the cell; `Spring.cantilever` takes a force per length, as N/m.
 
     Arguments:
-        position: where the far end of the spring is held [length]: one, or an array for a sweep.
+        position: the position of the spring's far end [length]: one, or an array for a sweep.
         stiffness: k [pressure/length]; one, or one for each position.
 
     Raises:
         ValueError: if a stiffness is not positive.
 
     Warns:
-        MachineWarning: where it meets a contact whose softest wave is 1e8 times as stiff.
+        MachineWarning: for a contact whose softest wave is 1e8 times as stiff.
     """
 
     quantity: ClassVar[str] = "position of the spring"
@@ -146,14 +146,14 @@ class Spring(Load):
 
     @classmethod
     def cantilever(cls, position: ArrayLike, constant: ArrayLike, grid: Grid) -> "Spring":
-        """Return the spring of a cantilever, whose constant is a force per length: k = c / area.
+        """Return the spring of a cantilever with a constant c in force per length: k = c / area.
 
-        One of 1 N/m over a cell of 1 µm by 1 µm has a stiffness of 1e12 Pa/m.
+        A cantilever of 1 N/m over a cell of 1 µm by 1 µm has a stiffness of 1e12 Pa/m.
 
         Arguments:
-            position: where its far end is held [length].
-            constant: c, as in N/m where pressures are in Pa and lengths in m, or in MPa and µm
-                [force/length]; on a line that of a strip of unit width [pressure].
+            position: the position of its far end [length].
+            constant: c, in N/m for pressures in Pa and lengths in m, and also for MPa and µm
+                [force/length]; on a line, the constant for a strip of unit width [pressure].
             grid: the grid of the contact, `contact.grid`, whose area the force acts on.
 
         Raises:
@@ -165,14 +165,14 @@ class Spring(Load):
 
     @property
     def position(self) -> Float[Array, "..."]:
-        """Where the far end is held [length]: the value of this load."""
+        """The position of the far end [length]: the value of this load."""
         return self.value
 
     def control(self, solid: Solid, heights: Field) -> SpringControl:
         """Press with the stiffness of the spring and the solid's far side in series."""
         stiffness = solid.share * self.stiffness.astype(heights.dtype)
         far = solid.uniform_stiffness
-        # A half space gives way at its far side like the spring itself; others add to it.
+        # A half space has no uniform stiffness; others act in series with the spring.
         held = stiffness / (1 + stiffness / jnp.where(far > 0, far, jnp.inf))
         return _spring(self.value, held, solid, heights)
 
@@ -195,9 +195,9 @@ class FarDisplacement(Load):
 
 
 def warn_if_soft(load: Load, solid: Solid) -> None:
-    """Warn, once for each, of a spring that is softer than any cantilever against a solid.
+    """Warn once of a spring that is softer than any real cantilever against a solid.
 
-    It does not warn inside of `jax.jit` and `jax.vmap`, where values are not known yet.
+    Inside of `jax.jit` and `jax.vmap` values are not known, and nothing is warned of.
     """
     if not isinstance(load, Spring) or is_traced((load.stiffness, solid)):
         return
@@ -205,8 +205,8 @@ def warn_if_soft(load: Load, solid: Solid) -> None:
     if stiffness >= _SOFT * softest:
         return
     warn_once(
-        f"the stiffness of the spring is {stiffness:.3g} [pressure/length], that of the solid's "
-        f"softest wave {softest:.3g}: the machine is so soft that it hardly presses. "
+        f"the stiffness of the spring is {stiffness:.3g} [pressure/length], the stiffness of the "
+        f"solid's softest wave {softest:.3g}: the machine is so soft that it hardly presses. "
         "If the number is a force per length, write Spring.cantilever(position, "
         f"{stiffness:.3g}, contact.grid): that divides it by the cell's area of "
         f"{known(solid.grid.area):.3g}. For a dead load give a MeanPressure.",
@@ -221,6 +221,6 @@ def _spring(position: Scalar, stiffness: Scalar, solid: Solid, heights: Field) -
 
 
 def _alike(*values: Array) -> list[Array]:
-    """Return arrays in the shape that they share, without compiling anything if it is theirs."""
+    """Broadcast arrays to their common shape, without compiling anything where they have it."""
     shape = np.broadcast_shapes(*(value.shape for value in values))
     return [value if value.shape == shape else jnp.broadcast_to(value, shape) for value in values]

@@ -1,4 +1,4 @@
-"""A film of a path: the gap of its states beside the curve of their pressure."""
+"""Animations of a path: the gap beside the curve of the pressure."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -34,7 +34,7 @@ def animation(
     *,
     seconds: float = 10,
 ) -> Path:
-    """Write a film of a path: left its gap, with the contact in black, right its pressure.
+    """Write an animation of a path: left its gap, with the contact in black, right its pressure.
 
     The colours of the gap, or on a line its scale, are the same throughout. Frames are spread
     evenly over the states, at most 15 a second.
@@ -42,8 +42,8 @@ def animation(
     Arguments:
         contact: the contact problem.
         path: its path, followed with `fields=True`.
-        file: where to, a .gif or an .mp4; it must not exist yet.
-        seconds: how long the film lasts, about: a GIF counts in hundredths of a second.
+        file: the path of a new .gif or .mp4 file.
+        seconds: the duration, rounded in a GIF, whose frames last whole hundredths of a second.
 
     Returns:
         The path of the file.
@@ -53,7 +53,7 @@ def animation(
         ValueError: for a path without fields or of another contact, several paths, another
             ending, or a time that is not positive.
         FileExistsError: if the file exists.
-        ImportError: for an .mp4 where there is no ffmpeg.
+        ImportError: for an .mp4 without ffmpeg.
     """
     gaps = _gaps(contact, path)
     target = new_file(file, _WRITERS)
@@ -69,7 +69,7 @@ def animation(
         left.set_title(f"contact area {100 * np.mean(gaps[state] == 0):.1f} %, in black")
         show_place(state)
 
-    # What moves must not move the panels.
+    # The layout of the first frame is kept for all frames.
     show(0)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -99,7 +99,7 @@ def _gaps(contact: Contact, path: paths.Path) -> np.ndarray:
 
 def _map(axes: Axes, contact: Contact, gaps: np.ndarray) -> Callable[[np.ndarray], None]:
     """Draw a map of the first gap, and return the function that shows another."""
-    # No more colours than a GIF has room for beside those of the rest.
+    # A GIF has 256 colours for the map and everything else.
     colours = plt.get_cmap("viridis", 128).with_extremes(bad=BLACK)
     most = gaps.max() or 1
     image = draw_map(axes, contact, gaps[0], cmap=colours, vmin=0, vmax=most)

@@ -27,7 +27,7 @@ from jaxstab.plots.style import (
 
 _STABLE: dict[str, Any] = {"color": BLUE, "label": "stable"}
 _UNSTABLE: dict[str, Any] = {"color": VERMILION, "linestyle": (0, (3, 1.5)), "label": "unstable"}
-# Shape alone tells the turns apart.
+# The turns differ by shape.
 _TURNS: dict[str, dict[str, Any]] = {
     "fold": {"marker": "o", "facecolors": "white"},
     "release": {"marker": "^", "facecolors": ORANGE},
@@ -49,22 +49,22 @@ def branch(
 
     Arguments:
         branch: the branch.
-        x: what to draw over: the load, or a field of `States` that is one number for each.
-        y: what to draw, of the same kind, by default the mean pressure, or on a window the force;
-            under a dead load the mean gap says more than its own pressure.
-        axes: where to draw.
+        x: the quantity of the horizontal axis: the load, or a scalar field of `States`.
+        y: the quantity of the vertical axis: by default the mean pressure, or on a window the
+            force; under a dead load choose the mean gap.
+        axes: the axes to draw on; new ones by default.
 
     Raises:
         TypeError: for something that is not a branch.
         ValueError: for a quantity that cannot be drawn, and for several branches at once.
     """
-    require_kind(branch, Branch, "not a branch: give what jaxstab.continuation returned.")
+    require_kind(branch, Branch, "not a branch: give a result of jaxstab.continuation.")
     x, y = quantities_or_default(branch, x, y)
     if branch.load.value.ndim != 1:
         raise ValueError("These are several branches: draw one of them, chosen by jax.tree.map.")
     axes = axes_or_new(axes)
     there, across = (_with_turns(branch, quantity) for quantity in (x, y))
-    # Between two states it is stable if both are known to be; a turn lies on the verge of either.
+    # A segment is stable if both of its ends are; a turn counts as stable.
     index = np.insert(np.asarray(branch.index), _after(branch), 0)
     is_unstable = (index[1:] != 0) | (index[:-1] != 0)
     ends = np.flatnonzero(np.diff(is_unstable)) + 1
@@ -116,8 +116,8 @@ def transition(
 
     Arguments:
         contact: the contact problem.
-        transition: what `jaxstab.transition` returned for it.
-        figure: where to draw.
+        transition: a result of `jaxstab.transition` for it.
+        figure: the figure to draw in; a new one by default.
 
     Returns:
         The figure.
@@ -127,7 +127,7 @@ def transition(
         ValueError: for several transitions at once, or one on another grid.
     """
     require_contact(contact)
-    cure = "give what jaxstab.transition returned."
+    cure = "give a result of jaxstab.transition."
     require_kind(transition, Transition, f"not a transition: {cure}")
     require_single(transition)
     figure = figure_or_new(figure, (11, 3.2))

@@ -42,10 +42,10 @@ def potential(
 
     Arguments:
         laws: one or more functions of the gap.
-        gaps: where to draw them [length].
-        labels: their names, by default those of their classes.
+        gaps: the gaps to draw them at [length].
+        labels: their names, by default the names of their classes.
         unit, pressure_unit: the units of length and of pressure, as in `Contact`.
-        axes: where to draw.
+        axes: the axes to draw on; new ones by default.
     """
     label = "energy per area f(g) [energy/area]"
     units = Units.checked(unit, pressure_unit)
@@ -86,15 +86,15 @@ def stability_curve(
     *,
     axes: Axes | None = None,
 ) -> Axes:
-    """Draw a quantity over the load, with filled markers where it is stable (Rey & Bleyer, 12).
+    """Draw a quantity over the load, with filled markers for stable states (Rey & Bleyer, fig. 12).
 
-    No line joins the states, as a jump may lie between two. Diamonds are stable as far as found.
+    No line joins the states, as a jump may lie between two. Diamonds are stable, but not proved.
 
     Arguments:
         sweep: the states.
         quantity: a field of `Equilibrium` that is one number for each load; by default the mean
             pressure, or on a window the force.
-        axes: where to draw.
+        axes: the axes to draw on; new ones by default.
 
     Raises:
         ValueError: for a quantity that cannot be drawn, a single state, or a sweep without
@@ -104,8 +104,8 @@ def stability_curve(
         raise ValueError(f"quantity is {quantity!r}: choose one of {', '.join(_OF_A_SWEEP)}.")
     if not isinstance(sweep, Sweep) or len(sweep.stack_shape) != 1:
         raise ValueError(
-            "stability_curve draws a whole sweep over one axis of loads: give it what "
-            "jaxstab.sweep returned, not a state of it."
+            "stability_curve draws a whole sweep over one axis of loads: give a result of "
+            "jaxstab.sweep, not a state of it."
         )
     if sweep.stability is None:
         raise ValueError("This sweep left stability out: run it with stability=True.")
@@ -135,24 +135,23 @@ def spectrum(
     Rings without waves are left out, and those whose density is zero but for rounding.
 
     Arguments:
-        spectrum: one or more of what `jaxstab.surfaces.power_spectrum` returned.
+        spectrum: one or more results of `jaxstab.surfaces.power_spectrum`.
         labels: their names, shown in a legend.
         unit: the unit of length, as `topography.unit`.
-        axes: where to draw.
+        axes: the axes to draw on; new ones by default.
 
     Raises:
-        TypeError: for what is not a spectrum.
-        ValueError: for a stack of spectra, a spectrum that is zero, and for as many labels as
-            there are not spectra.
+        TypeError: for anything but spectra.
+        ValueError: for a stack of spectra, a spectrum that is zero, and another number of labels.
     """
     spectra = [spectrum] if isinstance(spectrum, PowerSpectrum) else list(spectrum)
     names = [None] * len(spectra) if labels is None else labels
     axes = axes_or_new(axes)
     for each, name in zip(spectra, names, strict=True):
         axes.loglog(*_rings(each), ".-", label=name)
-    # Of the others labels would overlap.
+    # Labels of other ticks would overlap.
     axes.xaxis.set_minor_locator(LogLocator(subs=(2, 5)))
-    # On a line a ring holds a wave and its mirror image.
+    # A ring on a line holds a wave and its mirror image.
     power = 3 if all(np.asarray(each.num_waves).max() <= 2 for each in spectra) else 4
     density = f"power spectral density [length^{power}]"
     label_axes(axes, "wavenumber q [1/length]", density, Units.checked(unit, None))
@@ -165,7 +164,7 @@ def spectrum(
 
 def _rings(spectrum: PowerSpectrum) -> tuple[np.ndarray, np.ndarray]:
     """Return wavenumber and density of the rings that can be drawn."""
-    cure = "give what jaxstab.surfaces.power_spectrum returned."
+    cure = "give a result of jaxstab.surfaces.power_spectrum."
     require_kind(spectrum, PowerSpectrum, f"not a spectrum: {cure}")
     density = np.asarray(spectrum.density)
     if density.ndim != 1:

@@ -34,14 +34,14 @@ def evolution(
         x: "load", or "time" on a logarithmic axis without the first state.
         y: a quantity of the states; by default the mean pressure, or on a window the force.
         labels: one for each evolution, for a legend.
-        axes: where to draw.
+        axes: the axes to draw on; new ones by default.
 
     Raises:
         TypeError: for something that is not an evolution.
         ValueError: for a quantity that cannot be drawn, and another number of labels.
     """
     for each in evolutions:
-        require_kind(each, Evolution, "no evolution: give what jaxstab.evolve returned.")
+        require_kind(each, Evolution, "no evolution: give a result of jaxstab.evolve.")
     contact = evolutions[0].contact
     y = y or ("force" if contact.solid.is_window else "mean_pressure")
     if x not in ("load", "time") or y not in Quantity.__args__:

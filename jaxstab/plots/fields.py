@@ -17,7 +17,7 @@ from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.plots.style import add_legend, axes_or_new, draw_zero, label_axes, label_axis
 from jaxstab.stability import Eigenpair
 
-# Without its symbol x, which is a side of the surface as well.
+# The symbol x of a mode is left out, since x is a side of the surface too.
 _MODE = "mode of unit norm"
 
 
@@ -70,10 +70,10 @@ def mode(
         contact: the contact problem.
         pair: the eigenpair whose mode to draw.
         equilibrium: outlines the contact if given, or shades it on a line.
-        axes: where to draw.
+        axes: the axes to draw on; new ones by default.
 
     Raises:
-        TypeError: for anything but an eigenpair, such as `stability.cone`.
+        TypeError: for anything but an eigenpair, for instance `stability.cone`.
         ValueError: for a stack of modes, or one on another grid than the contact's.
     """
     _require_mode(contact, pair)
@@ -112,7 +112,7 @@ def mode_cut(
         pair: the eigenpair whose mode to draw.
         equilibrium: shades the points in contact if given.
         row: index along y, by default the middle of the cell (Rey & Bleyer, fig. 4b).
-        axes: where to draw.
+        axes: the axes to draw on; new ones by default.
 
     Raises:
         TypeError: as `mode`.
@@ -137,8 +137,8 @@ def mode_cut(
 
 
 def require_pair(pair: Eigenpair) -> None:
-    """Raise `TypeError` for what is not an eigenpair, and `ValueError` for a stack of them."""
-    cure = "give one of a stability, such as stability.cone."
+    """Raise `TypeError` for anything but an eigenpair, and `ValueError` for a stack."""
+    cure = "give one of a stability, for instance `stability.cone`."
     require_kind(pair, Eigenpair, f"not an eigenpair: {cure}")
     require_single(pair)
 
@@ -184,7 +184,7 @@ def _field(
         axes.plot(np.asarray(contact.grid.coordinates[0]), values)
         label_axes(axes, "x [length]", label, contact.units)
         return axes
-    # Of a closed gap there is no negative part to show.
+    # A closed gap is zero everywhere, and gets the range from 0 to 1.
     most = np.abs(values).max() if centred else values.max() if values.any() else 1
     least = -most if centred else values.min()
     image = draw_map(axes, contact, values, cmap=colours, vmin=least, vmax=most)

@@ -1,4 +1,4 @@
-"""What a contact does: patches, flow through the gap, distributions of pressures and gaps."""
+"""Observables of a contact: patches, flow through the gap, distributions of pressures and gaps."""
 
 from typing import Literal
 
@@ -23,7 +23,7 @@ from jaxstab.plots.style import (
     plain_decades,
 )
 
-# How far below the largest flux the colours reach.
+# The lower end of the colours, over the largest flux.
 _FAINTEST = 1e-4
 _SIDES = "xy"
 
@@ -35,20 +35,20 @@ def patches(
     neighbours: Neighbours = 4,
     axes: Axes | None = None,
 ) -> Axes:
-    """Draw the patches of a contact, each in a colour, the largest first in those of curves.
+    """Draw the patches of a contact, coloured in the order of their areas.
 
     Arguments:
         contact: the contact problem.
         equilibrium: one of its states.
         neighbours: as in `jaxstab.patches`.
-        axes: where to draw.
+        axes: the axes to draw on; new ones by default.
     """
     found = observables.patches(contact, equilibrium, neighbours=neighbours)
     axes = axes_or_new(axes)
     labels = np.asarray(found.labels)
     x, *y = (np.asarray(side) for side in contact.grid.coordinates)
     colours = PALETTE[:-1]
-    # From 1 on, over and over.
+    # Colours repeat when there are more patches.
     numbers = np.where(labels > 0, (labels - 1) % len(colours) + 1, 0)
     if y:
         norm = BoundaryNorm(np.arange(len(colours) + 2) - 0.5, len(colours) + 1)
@@ -77,21 +77,21 @@ def flow(
     along: Literal["x", "y"] = "x",
     axes: Axes | None = None,
 ) -> Axes:
-    """Draw what flows through the gap: a map of the flux with its lines, or drops on a line.
+    """Draw the flow through the gap: a map of the flux with streamlines, or drops on a line.
 
     Arguments:
         contact: the contact problem.
-        leakage: what `jaxstab.leakage` returned for it.
+        leakage: a result of `jaxstab.leakage` for it.
         equilibrium: fills the contact if given, or shades it on a line.
         along: the side along which the pressure falls.
-        axes: where to draw.
+        axes: the axes to draw on; new ones by default.
 
     Raises:
-        TypeError: for what is no leakage.
-        ValueError: for a stack of them, one of another grid, and a side that does not exist.
+        TypeError: for anything but a leakage.
+        ValueError: for a stack, a leakage on another grid, and a side that does not exist.
     """
     require_contact(contact)
-    require_kind(leakage, Leakage, "no leakage: give what jaxstab.leakage returned.")
+    require_kind(leakage, Leakage, "no leakage: give a result of jaxstab.leakage.")
     require_single(leakage)
     shape = contact.grid.shape
     if leakage.drop.shape[1:] != shape:
@@ -120,7 +120,7 @@ def flow(
 
 
 def _at_points(flux: np.ndarray) -> np.ndarray:
-    """Return the flux at points, the mean of that through the two faces along each side."""
+    """Return the flux at points, the mean over the two faces along each side."""
     return np.stack([(x + np.roll(x, 1, side)) / 2 for side, x in enumerate(flux)])
 
 
@@ -136,7 +136,7 @@ def _draw_flux(axes: Axes, contact: Contact, flux: np.ndarray) -> None:
     add_colour_bar(axes, image, "flux x viscosity / gradient of pressure [length^3]", contact.units)
     limits = axes.get_xlim(), axes.get_ylim()
     x, y = (np.asarray(side) for side in contact.grid.coordinates)
-    # Where hardly anything flows, lines would go astray.
+    # Streamlines are left out where the flux is negligible.
     u, v = (np.where(size > _FAINTEST * most, part, np.nan).T for part in flux)
     axes.streamplot(x[:, 0], y[0], u, v, color="black", linewidth=0.6, arrowsize=0.7, density=1.5)
     axes.set(xlim=limits[0], ylim=limits[1])
@@ -153,21 +153,20 @@ def distribution(
 ) -> Axes:
     """Draw the distribution of pressures or gaps over the points of a surface.
 
-    Densities are over all points: that of the pressures in contact has the contact area as its
-    integral, that of the gaps what is left of one. Points apart without attraction have no
-    pressure, and are left out. With attraction the densities of pressures are on a logarithmic
-    axis.
+    Densities are over all points: the integral over pressures in contact is the contact area, the
+    integral over gaps one less the contact area. Points apart without attraction have no pressure,
+    and are left out. With attraction the densities of pressures are on a logarithmic axis.
 
     Arguments:
         contact: the contact problem.
         equilibrium: one of its states.
         quantity: "pressure", the elastic one, or "gap".
-        bins: how many.
+        bins: the number of bins.
         theory: whether to draw Persson's distribution of the pressure (2001). For a randomly rough
             surface without adhesion it is P(p) = (N(p - p0) - N(p + p0)), N the normal distribution
-            with the variance that full contact takes. By default where nothing attracts, in a
-            periodic cell.
-        axes: where to draw.
+            with the variance of the pressure in full contact. By default it is drawn for a law
+            without attraction in a periodic cell.
+        axes: the axes to draw on; new ones by default.
 
     Raises:
         ValueError: for another quantity, less than one bin, and a theory of gaps or of adhesion.
@@ -181,8 +180,8 @@ def distribution(
     is_known = quantity == "pressure" and not attracts and not contact.solid.is_window
     if theory and not is_known:
         raise ValueError(
-            "No theory is known here: Persson's is of pressures, without adhesion, in a periodic "
-            "cell. Leave out `theory`."
+            "Persson's theory is for pressures without adhesion in a periodic cell: leave out "
+            "`theory`."
         )
     axes = axes_or_new(axes)
     touches = np.asarray(equilibrium.in_contact)
@@ -204,7 +203,7 @@ def distribution(
     dimension = {"pressure": "pressure", "gap": "length"}[quantity]
     label_axes(axes, f"{names[quantity]} [{dimension}]", f"density [1/{dimension}]", contact.units)
     if quantity == "pressure" and "apart" in parts:
-        # Most points are apart, at pressures that differ little.
+        # Most points are apart, at nearly equal pressures.
         axes.set_yscale("log")
         plain_decades(axes.yaxis)
     else:

@@ -25,7 +25,7 @@ from jaxstab.plots.style import (
 Quantity = Literal["mean_gap", "mean_pressure", "force", "contact_area", "energy", "load"]
 _Curve = Path | Branch
 
-# Over the largest compression: less is rounding, or nothing to look at.
+# The least tension that is shown, over the largest compression.
 _LEAST_TENSION = 1e-3
 # Points.
 _SHORTEST_ARROW = 8
@@ -45,16 +45,17 @@ def path(
 ) -> Axes:
     """Draw the states along a path, its jumps as arrows, and the energy lost around a loop.
 
-    The approach is a thinner line, seen where the surfaces come apart along it. A compression above
-    the largest tension is cut off, so that adhesion is seen. Without `axes`, the contact area is
-    drawn beside it where surfaces touch.
+    The approach is a thinner line on top of the retreat. A compression above the largest tension is
+    cut off, so that adhesion is seen. If `axes` is None and the surfaces touch, the contact area is
+    drawn beside it.
 
     Arguments:
         path: the path.
-        x: what to draw over: a field of `States` that is one number for each, "force" or "load".
-            By default the mean gap, or on a window the displacement of the load.
-        y: what to draw, of the same kind; by default the mean pressure, or on a window the force.
-        axes: where to draw.
+        x: the quantity of the horizontal axis: a scalar field of `States`, "force" or "load"; by
+            default the mean gap, or on a window the displacement of the load.
+        y: the quantity of the vertical axis: by default the mean pressure, or on a window the
+            force.
+        axes: the axes to draw on; new ones by default.
 
     Raises:
         TypeError: for something that is not a path.
@@ -71,8 +72,8 @@ def path(
 
 
 def require_path(path: Path) -> None:
-    """Raise `TypeError` for what is not a path, `ValueError` for several or one without a curve."""
-    cure = "give what jaxstab.follow returned. A sweep is drawn by jaxstab.plots.stability_curve."
+    """Raise `TypeError` for anything but a path, `ValueError` for several or a single state."""
+    cure = "give a result of jaxstab.follow. A sweep is drawn by jaxstab.plots.stability_curve."
     require_kind(path, Path, f"not a path: {cure}")
     if path.load.value.ndim != 1:
         raise ValueError("These are several paths: draw one of them, chosen by jax.tree.map.")
@@ -112,7 +113,7 @@ def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
     divisor, _ = _load_label(path)
     for i, j in sorted(set(zip(part, branch, strict=True))):
         chosen = np.flatnonzero((part == i) & (branch == j))
-        # From the state before, unless a jump lies between.
+        # The line starts at the state before, unless a jump lies between.
         before = chosen[0] - 1
         if before >= 0 and branch[before] == j:
             chosen = np.concatenate([[before], chosen])
@@ -160,7 +161,7 @@ def scale(axis: Any, path: _Curve, quantity: Quantity) -> None:
 
 
 def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -> None:
-    # Of surfaces that a tension pulls apart no state is left.
+    # A jump to separation has no state after it, and its dissipation is NaN.
     dissipation, last = np.asarray(path.jumps.dissipation), np.asarray(path.jumps.state)
     gone, kept = last[np.isnan(dissipation)], last[np.isfinite(dissipation)]
     if gone.size:

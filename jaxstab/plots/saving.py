@@ -1,4 +1,4 @@
-"""Figures on disk, as journals print them."""
+"""Figures as files, at the sizes that journals print."""
 
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
@@ -45,7 +45,7 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
 
     Arguments:
         figure: the figure, or axes of it.
-        file: where to; it must not exist yet. Its ending says the format: .pdf, .svg, .png, ...
+        file: the path of a new file. Its ending is the format: .pdf, .svg, .png, ...
         width: "single" for a column of 90 mm, "double" for a page of 190 mm, or a number [mm]. By
             default a column, or a page for a figure that is wider than a column.
 
@@ -53,8 +53,8 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
         The path of the file.
 
     Raises:
-        TypeError: for what is neither a figure nor axes.
-        ValueError: for a width that is none, and an ending that Matplotlib does not know.
+        TypeError: for anything but a figure or axes.
+        ValueError: for an invalid width, and an ending that Matplotlib does not know.
         FileExistsError: if the file exists.
     """
     require_kind(figure, Figure | Axes, "no figure: give a figure, or axes of one.")
@@ -73,7 +73,7 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
 
 
 def new_file(file: str | Path, endings: Collection[str]) -> Path:
-    """Return a path at which nothing exists yet, and whose ending is one of some."""
+    """Return the path of a new file, whose ending must be one of some."""
     path = Path(file)
     if path.suffix[1:].lower() not in endings:
         known = ", ".join(f".{ending}" for ending in sorted(endings))
@@ -103,7 +103,7 @@ def _millimetres(width: Width | None, figure: Figure) -> float:
 
 @contextmanager
 def _as_printed(figure: Figure, width: float) -> Iterator[None]:
-    """Have a figure as it is printed at a width [inch] for the time of a `with` block."""
+    """Resize a figure to a printed width [inch] within a `with` block."""
     with ExitStack() as afterwards:
 
         def put(artist: Artist, **properties: Any) -> None:
@@ -145,7 +145,7 @@ def _lay_out(figure: Figure, afterwards: ExitStack) -> None:
 
 
 def _texts_at_ticks(figure: Figure) -> set[Text]:
-    """Return the labels of all ticks, and what is beside an axis for all of its ticks."""
+    """Return the labels of all ticks, and the offset texts of an axis."""
     ticks: list[Any] = figure.findobj(Tick)
     axes: list[Any] = figure.findobj(Axis)
     labels = {text for tick in ticks for text in (tick.label1, tick.label2)}

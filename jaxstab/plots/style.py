@@ -1,4 +1,4 @@
-"""What all figures share: colours, markers, the names of quantities, and units."""
+"""The style of all figures: colours, markers, the names of quantities, and units."""
 
 from typing import Any
 
@@ -13,12 +13,12 @@ from jaxstab.core.units import FORCE, NUMBER, dimensions
 from jaxstab.loads import Load
 from jaxstab.paths import States
 
-# Okabe & Ito's, told apart by all kinds of colour vision; their yellow is too pale for a line.
+# Okabe & Ito's palette is distinct for all kinds of colour vision; their yellow is too pale.
 BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 SKY, PURPLE, BLACK = "#56B4E9", "#CC79A7", "#000000"
 PALETTE = (BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE, BLACK)
 
-# Shape and fill alone tell verdicts apart; filled where the cone's eigenvalue is positive.
+# Verdicts differ by shape and fill; a filled marker means a positive eigenvalue of the cone.
 VERDICT_MARKERS: dict[str, dict[str, Any]] = {
     "stable": {"marker": "o", "facecolors": BLUE, "edgecolors": BLUE},
     "stable, locally": {"marker": "D", "facecolors": SKY, "edgecolors": BLUE},
@@ -44,7 +44,7 @@ def quantity_label(quantity: str) -> str:
 
 
 def load_label(load: Load) -> str:
-    """Return the quantity of a load; of one of the user's own, the name of its class."""
+    """Return the quantity of a load, or the name of its class if it has none."""
     return f"{load.quantity} [{load.unit}]" if load.quantity else type(load).__name__
 
 
@@ -57,7 +57,7 @@ def figure_or_new(figure: Figure | None, size: tuple[float, float]) -> Figure:
 
 
 def axes_or_new(axes: Axes | None) -> Axes:
-    """Return the axes given or new ones, whose curves, if they are the first, have our colours."""
+    """Return the given axes or new ones; empty axes get the palette."""
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes
     if not axes.has_data():
         axes.set_prop_cycle(color=PALETTE)
@@ -78,7 +78,7 @@ class _Prefixed(Formatter):
         self.divisor = divisor
 
     def __call__(self, x: float, pos: int | None = None) -> str:
-        # Ticks near zero are off it by rounding.
+        # Rounding moves ticks off zero.
         return self.fix_minus(f"{round(x / self.divisor, 9) + 0.0:g}")
 
 
@@ -89,13 +89,13 @@ class _Plain(LogFormatterSciNotation):
 
 
 def plain_decades(axis: Axis) -> None:
-    """Label a logarithmic axis by plain numbers, as 6 and not 6×10⁰, where they are short."""
+    """Label a logarithmic axis by plain numbers, as 6 and not 6×10⁰, if they are short."""
     axis.set_major_formatter(_Plain())
     axis.set_minor_formatter(_Plain(labelOnlyBase=False))
 
 
 def label_axis(axis: Axis, label: str, units: Units) -> None:
-    """Label an axis; its unit gets the prefix that suits its limits, and its ticks go with it."""
+    """Label an axis and its ticks in a unit with a prefix that suits its limits."""
     divisor, text = scaled_label(units, label, max(map(abs, axis.get_view_interval())))
     axis.set_label_text(text)
     if divisor != 1:
@@ -116,7 +116,7 @@ def draw_zero(axes: Axes) -> None:
 
 
 def add_legend(axes: Axes, **options: Any) -> None:
-    """Add a legend beside the axes, where the layout makes room for it, or else inside."""
+    """Add a legend beside the axes if the layout makes room for it, else inside."""
     figure = axes.get_figure(root=True)
     if figure is not None and figure.get_layout_engine() is not None:
         options = {"loc": "upper left", "bbox_to_anchor": (1, 1), **options}

@@ -1,4 +1,4 @@
-"""A state at a glance."""
+"""The summary of a state in one figure."""
 
 from typing import Any
 
@@ -36,8 +36,8 @@ def summary(
     Arguments:
         contact: the contact problem.
         equilibrium: the state; an entry of a sweep holds its stability too.
-        stability: what `assess_stability` returned for it.
-        figure: where to draw.
+        stability: a result of `assess_stability` for it.
+        figure: the figure to draw in; a new one by default.
 
     Returns:
         The figure.
@@ -53,7 +53,7 @@ def summary(
             "The stability of this state is missing: give it, as in summary(contact, equilibrium, "
             "jaxstab.assess_stability(contact, equilibrium))."
         )
-    cure = "give what jaxstab.assess_stability returned."
+    cure = "give a result of jaxstab.assess_stability."
     require_kind(known, Stability, f"not a stability: {cure}")
     require_single(known)
     figure = figure_or_new(figure, (11, 5.2))
@@ -74,7 +74,7 @@ def _numbers(state: Equilibrium, stability: Stability) -> list[tuple[str, str]]:
     divisor, stiffness = readable_unit(units, "pressure/length", largest)
     verdict = "stable, locally" if stability.is_local else stability.verdict.name.replace("_", " ")
     value = float(load.value)
-    # Without the symbol, whose index would shift the lines below.
+    # The symbol is left out, since its index would shift the lines below.
     quantity = load_label(load).partition(" [")[0].split(" $")[0]
     text = measured(units, value, load.unit, digits=4) if load.unit else f"{value:.4g}"
     lines = [(quantity, text)]
@@ -103,7 +103,7 @@ def _numbers(state: Equilibrium, stability: Stability) -> list[tuple[str, str]]:
 
 
 def _value(pair: Eigenpair, divisor: float) -> str:
-    """Return an eigenvalue with its error over a divisor, or why it has none."""
+    """Return the text of an eigenvalue with its error over a divisor, or of its failure."""
     if pair.result != "successful":
         return pair.result.name.replace("_", " ")
     value, error = float(pair.eigenvalue) / divisor, float(pair.error) / divisor

@@ -2,7 +2,7 @@
 
 Derivatives are taken by automatic differentiation only, so that a law is one formula. The argument
 `surface_energy` of a law is the work of adhesion w: the energy per area that it takes to separate
-the surfaces. Of two equal surfaces it is twice the surface energy gamma of each.
+the surfaces, twice the surface energy gamma of each if they are alike.
 """
 
 from jaxstab.potentials.evaluation import (

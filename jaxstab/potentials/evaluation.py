@@ -1,4 +1,4 @@
-"""A law at the points of a field, with the derivatives that autodiff gives."""
+"""Evaluation of a law and its derivatives, by automatic differentiation, on a field of gaps."""
 
 from functools import partial
 from typing import Any
@@ -16,7 +16,7 @@ from jaxstab.potentials.varying import Potential, averaged_laws, by_points, vary
 
 
 def as_module(potential: Potential, dtype: Any) -> Potential:
-    """Return `potential` as a pytree of arrays that acts on gaps of `dtype`.
+    """Convert a potential to a pytree of arrays that acts on gaps of `dtype`.
 
     Raises:
         ValueError: if it does not map a scalar gap to a real scalar, or hides that it varies over
@@ -26,7 +26,7 @@ def as_module(potential: Potential, dtype: Any) -> Potential:
     if not callable(potential):
         raise ValueError(f"The potential is {potential!r}: give a function of the gap.")
     if isinstance(potential, Sum):
-        # Each by itself, so that parameters beside those of a function keep their names.
+        # Each law alone, so that parameters of modules keep their names beside a bare function.
         return Sum(tuple(as_module(law, dtype) for law in potential.laws))
     if isinstance(potential, eqx.Module):
         potential = cast(potential, dtype)
@@ -49,7 +49,7 @@ def as_module(potential: Potential, dtype: Any) -> Potential:
 def derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]:
     """Return f(g) [energy/area], f'(g) [pressure] and f''(g) [pressure/length] at every point."""
     if all(map(eqx.is_array, jax.tree.leaves(potential))):
-        # A program needs them in many places.
+        # Programs evaluate the law in many places, and trace it once.
         return _traced_once(potential, gap)
     return _derivatives(potential, gap)
 
@@ -73,10 +73,10 @@ def _derivatives(potential: Potential, gap: Field) -> tuple[Field, Field, Field]
             return slope, value
 
         try:
-            # Nested, so that what the three share is computed once.
+            # Nested derivatives compute their common parts once.
             (slope, value), curvature = jax.value_and_grad(slope_and_value, has_aux=True)(gap)
         except (TypeError, ValueError):
-            # A loop of an unknown number of steps has derivatives in forward mode only.
+            # A loop of an unknown number of steps has forward-mode derivatives only.
             one = (jnp.ones_like(gap),)
             along = partial(jax.jvp, law, tangents=one)
             (value, slope), (_, curvature) = jax.jvp(lambda gap: along((gap,)), (gap,), one)

@@ -15,9 +15,9 @@ from jaxstab.potentials.profile import at_some_points, gaps_of
 
 # Gaps, a quantity there, and its derivative.
 _Side = tuple[Array, Array, Array]
-# A smaller jump, over the depth of the law or its largest attraction, is none.
+# The smallest jump that counts, over the depth of the law or its largest attraction.
 _SMALLEST = 1e-3
-# How many of the intervals that look most like a jump are searched, for each derivative.
+# The number of intervals that are searched, the likeliest first, for value and slope each.
 _COUNT = 16
 
 
@@ -25,7 +25,7 @@ class LawJump(eqx.Module):
     """The largest jump of a law's value (index 0) and of its slope (index 1).
 
     Attributes:
-        gap: where it lies [length].
+        gap: the gap of the jump [length].
         below, above: f [energy/area] and f' [pressure] on both sides of it.
         size: the jump over the depth of the law or its largest attraction.
     """
@@ -43,11 +43,11 @@ class LawJump(eqx.Module):
 
 @program
 def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
-    """Return the largest jumps of a law.
+    """Locate the largest jumps of a law's value and slope.
 
     On neighbouring gaps the trapezoid of the derivative predicts the change of value and slope.
     Intervals where it fails more than on both sides are halved until only rounding divides their
-    ends. There a change that is steep has vanished, and a jump remains.
+    ends. A steep change has vanished by then, a jump remains.
     """
     law, gaps = jax.lax.stop_gradient((at_some_points(potential), gaps_of(lengths)))
     table = jnp.stack([jnp.atleast_2d(field) for field in _where_defined(law, gaps)])
@@ -63,7 +63,7 @@ def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
     # A jump at a gap of the table shows on both sides of it.
     beside = jnp.pad(missed, ((0, 0), (0, 0), (2, 2)))
     spikes = missed - 2 * jnp.maximum(beside[..., 4:], beside[..., :-4])
-    # Of a known law XLA would sort while it compiles, which takes seconds.
+    # Without a barrier XLA sorts a constant law's intervals while it compiles, for seconds.
     spikes = jax.lax.optimization_barrier(spikes.reshape(2, -1))
     chosen = jax.lax.top_k(spikes, _COUNT)[1]
     point, interval = jnp.divmod(chosen, gaps.size - 1)
@@ -93,13 +93,13 @@ def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
 
 
 def _where_defined(law: Potential, gaps: Array) -> tuple[Array, ...]:
-    """Return f, f' and f'', all NaN where f is: there a derivative may still be a number."""
+    """Return f, f' and f'', all NaN where f is, since a derivative may be a number there."""
     fields = derivatives(law, gaps)
     return tuple(jnp.where(jnp.isnan(fields[0]), jnp.nan, field) for field in fields)
 
 
 def _missed(low: _Side, high: _Side) -> Array:
-    """Return by how much the trapezoid of a derivative misses a change between two gaps."""
+    """Return the error of the trapezoidal rule between two gaps."""
     return jnp.abs(high[1] - low[1] - (low[2] + high[2]) / 2 * (high[0] - low[0]))
 
 
@@ -115,5 +115,5 @@ def require_no_jump(jump: LawJump) -> None:
         f"The potential's {('value', 'slope')[which]} jumps from {below:.6g} to {above:.6g} at a "
         f"gap of {gap:.6g}. Give a law with a continuous value and slope. One that is to end there "
         f"is brought to zero smoothly by jaxstab.potentials.CutOff(law, {gap:.6g}), given the law "
-        "without its end. Of a table give a smooth fit, such as a spline of third order."
+        "without its end. In place of a table give a smooth fit, as a spline of third order."
     )

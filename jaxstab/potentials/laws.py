@@ -31,7 +31,7 @@ class _RangedLaw(Law):
         require_positive("The length of the potential", self.length)
 
     def _reduced(self, gap: Scalar) -> Scalar:
-        # By a product: over a whole field, a quotient takes longer than all the rest.
+        # A product, since a quotient over a field takes longer than the rest of the law.
         return gap * (1 / self.length)
 
 
@@ -136,7 +136,7 @@ class LennardJones(_RangedLaw):
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
         attraction = 1 / self._reduced(gap) ** 3
-        # In this form infinite, not undefined, at zero gap.
+        # This form is infinite at zero gap, others are undefined.
         return self.surface_energy / 2 * attraction * (attraction**2 - 3)
 
 
@@ -151,8 +151,8 @@ class NoAdhesion(Law):
 class Electrostatic(Law):
     """f(g) = -eps V^2 / (2 (g + d)): two electrodes at a fixed voltage, a dielectric between them.
 
-    The dielectric keeps the energy finite where the surfaces touch. Without one, d = 0, the law can
-    only be used in a sum with one that has a core, such as `LennardJones`.
+    The dielectric keeps the energy finite where the surfaces touch. With d = 0 the law needs a sum
+    with a law that has a core, as `LennardJones`.
 
     Arguments:
         voltage: V [voltage].
@@ -182,7 +182,7 @@ class Electrostatic(Law):
         require("The dielectric", thickness, finite, "it must be finite and not negative.")
 
     def __call__(self, gap: Scalar) -> Scalar:
-        """Return the energy per area at a gap [length], that of the source of voltage included."""
+        """Return the energy per area at a gap [length], the voltage source's work included."""
         return -self.permittivity / 2 * self.voltage**2 / (gap + self.dielectric)
 
 
@@ -190,7 +190,7 @@ class Capillary(Law):
     """f' = gamma / r up to a gap 2 r cos(theta), then none: menisci at a fixed humidity.
 
     The attraction is the Laplace pressure of the liquid, over gaps that its meniscus of radius r
-    can bridge. Its work is f(0) = -2 gamma cos(theta). The edge is smoothed as that of `Dugdale`.
+    can bridge. Its work is f(0) = -2 gamma cos(theta). The edge is smoothed as in `Dugdale`.
 
     Arguments:
         tension: gamma, the surface tension of the liquid [energy/area].

@@ -1,4 +1,4 @@
-"""The values of a law over all gaps, and a check that it can be solved with."""
+"""A law over all gaps, and the check that it is smooth enough to be solved."""
 
 import equinox as eqx
 import jax
@@ -13,24 +13,24 @@ from jaxstab.potentials import Potential, derivatives, varying_fields, with_fiel
 
 # From the largest gap to the smallest, as multiples of the size of the grid.
 _OCTAVES = (10, -40)
-# By what part a slope at zero may differ from that right above it, for rounding.
+# The relative difference of the slopes at zero gap and right above it that counts as a jump.
 _JUMP = 0.25
-# At how many points a law that varies is looked at, beside its extremes.
+# The number of surface points at which a varying law is evaluated, beside its extremes.
 _NUM_POINTS = 64
 
 
 class Profile(eqx.Module):
     """A potential at gaps from a thousand times the size of a grid to a trillionth of it, and zero.
 
-    Of one that varies over the surface, the extremes over many of its points: the least value, the
-    largest slope and the curvature of the largest magnitude.
+    A law that varies over the surface is represented by extremes over many of its points: the least
+    value, the largest slope and the curvature of the largest magnitude.
 
     Attributes:
         gaps: from the largest to the smallest [length].
         values: f [energy/area].
         slopes: f' [pressure].
         curvatures: f'' [pressure/length].
-        has_core: whether f is not finite at zero gap, and positive and repulsive where it last is.
+        has_core: whether f is infinite at zero gap, and positive and repulsive at small gaps.
         max_curvature: the largest |f''| where f attracts [pressure/length].
     """
 
@@ -63,7 +63,7 @@ class Profile(eqx.Module):
 
     @property
     def range(self) -> Scalar:
-        """The length over which the attraction changes by itself, infinite of none [length]."""
+        """The length over which the attraction varies, infinite without attraction [length]."""
         is_curved = (self.max_attraction > 0) & (self.max_curvature > 0)
         return jnp.where(
             is_curved, self.max_attraction / jnp.where(is_curved, self.max_curvature, 1), jnp.inf
@@ -88,15 +88,14 @@ profile_of = program(Profile)
 
 
 def gaps_of(lengths: Float[Array, "..."]) -> Float[Array, " gaps"]:
-    """Return gaps to look at a law, from the largest to the smallest and zero [length]."""
+    """Return gaps at which to evaluate a law, 64 an octave in falling order, and zero [length]."""
     size = jnp.max(lengths)
-    # 64 to the octave.
     octaves = np.linspace(*_OCTAVES, 50 * 64 + 1)
     return size * jnp.asarray(np.append(2.0**octaves, 0), size.dtype)
 
 
 def at_some_points(potential: Potential) -> Potential:
-    """Return a law with its fields at points spread over the surface, and where it is extreme."""
+    """Return a varying law at a sample of points of the surface and at its extremes."""
     fields = varying_fields(potential)
     if not fields:
         return potential
@@ -111,16 +110,16 @@ def at_some_points(potential: Potential) -> Potential:
 
 
 def innermost_gap(profile: Profile) -> float:
-    """Return the gap at which a law with a core is least, zero for any other law [length]."""
+    """Return the gap of least energy of a law with a core, zero for any other law [length]."""
     return float(profile.gaps[np.nanargmin(profile.values)]) if profile.has_core else 0.0
 
 
 def require_smooth(profile: Profile) -> None:
-    """Raise `ValueError` if a law, where it is known, cannot be solved with.
+    """Raise `ValueError` if a known law is not smooth enough to be solved.
 
-    The law and its first two derivatives must be finite at gaps up to the size of the grid. The
-    inside of a core is excepted. A law whose slope jumps at zero gap, where contact points are, is
-    not smooth. Neither is one that is piecewise linear.
+    The law and its first two derivatives must be finite at gaps up to the size of the grid, except
+    inside of a core. A slope that jumps at zero gap, where contact points are, is refused, and so
+    is a piecewise linear law.
     """
     if is_traced(profile):
         return
@@ -146,7 +145,7 @@ def require_smooth(profile: Profile) -> None:
                 "range where its value does not: use float64, or write it by ratios of lengths."
             )
 
-    # More than a curvature that underflows would change it.
+    # A change of the slope below these may be a curvature that underflows.
     steps = -np.diff(profile.gaps) * np.finfo(profile.gaps.dtype).tiny
     jumps = not profile.curvatures.any() and np.abs(np.diff(profile.slopes)) > steps
     if np.any(jumps):
@@ -154,7 +153,7 @@ def require_smooth(profile: Profile) -> None:
             "The potential is piecewise linear: its curvature is zero at every gap, while its "
             "slope jumps, from "
             f"{profile.slopes.min():.6g} to {profile.slopes.max():.6g}. Give a smooth fit of it, "
-            "such as a spline of third order."
+            "as a spline of third order."
         )
 
     above, at_zero = profile.slopes[-2:]

@@ -17,7 +17,7 @@ class Law(eqx.Module):
 
     def __radd__(self, other: Any) -> "Law":
         if isinstance(other, int) and other == 0:
-            # Where `sum` starts.
+            # `sum` starts with zero.
             return self
         return Sum((*_parts(other), *_parts(self))) if callable(other) else NotImplemented
 

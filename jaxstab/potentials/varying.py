@@ -1,4 +1,4 @@
-"""Laws made of another: one that varies over the surface, is not everywhere, or is scaled."""
+"""Laws made of other laws: varying over the surface, restricted to a mask, or scaled."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -39,7 +39,7 @@ class Varying(Law):
     __repr__ = in_full
 
     def __check_init__(self) -> None:
-        # Of a function it is not known which of its arrays vary: it would be their mean everywhere.
+        # A bare function does not say which of its arrays vary, and would be the mean everywhere.
         if not all(hasattr(leaf, "shape") for leaf in jax.tree.leaves(self.law)):
             raise TypeError(
                 "The law that varies holds more than arrays: give one of jaxstab.potentials, or an "
@@ -57,7 +57,7 @@ class Varying(Law):
 
 @contextmanager
 def averaged_laws() -> Iterator[list[Varying]]:
-    """Collect the laws of which the mean over the surface is taken."""
+    """Collect the varying laws that are evaluated as their mean over the surface."""
     laws: list[Varying] = []
     outer = _averaged.set(laws)
     try:
@@ -67,11 +67,11 @@ def averaged_laws() -> Iterator[list[Varying]]:
 
 
 class Within(eqx.Module):
-    """A law between surfaces of which one is not everywhere; elsewhere nothing acts.
+    """A law that acts on the part of the grid with a surface, and is zero elsewhere.
 
     Arguments:
-        law: the law; what varies in it does so over all points.
-        is_there: where the surface is.
+        law: the law; its fields have values at all points.
+        is_there: the mask of the surface.
     """
 
     law: Potential
@@ -83,12 +83,12 @@ class Within(eqx.Module):
 
 
 class Scaled(eqx.Module):
-    """A law whose energy is that of another one times a factor.
+    """A multiple of a law.
 
     Attributes:
-        law: the other one.
+        law: the law.
         factor: the factor.
-        has_core: whether they have a core, None if that is not known.
+        has_core: whether the law has a core, None if unknown.
     """
 
     law: Potential
@@ -96,12 +96,12 @@ class Scaled(eqx.Module):
     has_core: bool | None = eqx.field(static=True, default=None)
 
     def __call__(self, gap: Scalar) -> Scalar:
-        """Return the other energy per area at a gap [length], times the factor."""
+        """Return the energy per area at a gap [length], times the factor."""
         return self.factor * self.law(gap)
 
 
 def everywhere(potential: Potential) -> Potential:
-    """Return a law as it is where there is a surface."""
+    """Return a law without its restriction to a mask."""
     return jax.tree.map(
         lambda node: node.law if isinstance(node, Within) else node,
         potential,
@@ -115,7 +115,7 @@ def varying_fields(potential: Potential) -> list[Array]:
 
 
 def with_fields(potential: Potential, fields: Sequence[Array]) -> Potential:
-    """Return a law with others in place of its `varying_fields`."""
+    """Return a law with its `varying_fields` replaced."""
     return by_points(potential)[1](fields)
 
 

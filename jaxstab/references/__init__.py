@@ -1,4 +1,4 @@
-"""Closed-form solutions that the numerical ones are held against; NumPy only."""
+"""Closed-form solutions for comparison with numerical ones, in NumPy."""
 
 from jaxstab.references import (
     guduru,

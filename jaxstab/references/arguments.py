@@ -6,12 +6,12 @@ from numpy.typing import NDArray
 from typing_extensions import TypeAliasType
 
 Array = NDArray[np.float64]
-# With a name of its own, which signatures show in place of all that it stands for.
+# A named alias, which signatures show in place of the union that it stands for.
 ArrayLike = TypeAliasType("ArrayLike", numpy.typing.ArrayLike)
 
 
 def require(name: str, value: ArrayLike, holds: ArrayLike, cure: str) -> None:
-    """Refuse `value`, named by its first entry for which `holds` is false."""
+    """Raise `ValueError` with the first entry of `value` for which `holds` is false."""
     value, holds = np.broadcast_arrays(value, holds)
     if not holds.all():
         raise ValueError(f"The {name.replace('_', ' ')} is {value[~holds][0]:g}: give {cure}.")

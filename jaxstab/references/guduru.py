@@ -2,8 +2,8 @@
 
 A rigid surface r^2 / (2 R) + A (1 - cos(2 pi r / L)) on an elastic half space of contact modulus
 E*, in contact everywhere up to the radius a. Outside nothing acts. Opening the contact costs w per
-area. The contact is whole after enough pressing. It is whole at once where the profile rises
-everywhere, 4 pi^2 A R / L^2 < 4.603. That it is so is assumed, not checked.
+area. The contact is connected after enough pressing, and at once if the profile rises everywhere,
+4 pi^2 A R / L^2 < 4.603. A connected contact is assumed, not checked.
 
 Signs: forces are positive in compression; displacements count the approach of the bodies from
 where the undeformed ones would touch in the middle, positive into contact. Numbers may be arrays,
@@ -26,7 +26,7 @@ def curve(
     work_of_adhesion: ArrayLike,
     amplitude: ArrayLike,
     length: ArrayLike,
-) -> jkr.State:
+) -> jkr.SphereState:
     """Return the state of JKR's sphere, and the contribution of the waves.
 
     F = F_JKR + (2 pi^2 E* A a^2 / L) (H0(q) - H1(q) / q) and d = d_JKR + (pi^2 A a / L) H0(q),
@@ -49,7 +49,7 @@ def curve(
     depth = steepness * smooth.contact_radius
     h0, difference = _struve(2 * np.pi * smooth.contact_radius / length)
     force = 2 * np.asarray(contact_modulus) * smooth.contact_radius * depth * difference
-    return jkr.State(
+    return jkr.SphereState(
         smooth.force + force, smooth.displacement + depth * h0, smooth.contact_radius + 0 * depth
     )
 
@@ -85,7 +85,7 @@ def envelope(
     work_of_adhesion: ArrayLike,
     amplitude: ArrayLike,
     length: ArrayLike,
-) -> jkr.State:
+) -> jkr.SphereState:
     """Return the lower envelope of `curve` for short waves, L << a: JKR's with `envelope_work`.
 
     Touched, not crossed, wherever contact opens (Kesari & Lew 2011).
@@ -103,7 +103,7 @@ def envelope(
     """
     work = envelope_work(contact_modulus, work_of_adhesion, amplitude, length)
     smooth = jkr.curve(contact_radius, radius, contact_modulus, work)
-    # The mean of the waves lies A behind the crest in the middle: H0 has a mean of 2 / (pi q).
+    # The mean of the waves lies A below the central crest, since H0 has a mean of 2 / (pi q).
     return smooth._replace(displacement=smooth.displacement + np.asarray(amplitude))
 
 
@@ -113,8 +113,8 @@ def envelope_pull_off(
     work_of_adhesion: ArrayLike,
     amplitude: ArrayLike,
     length: ArrayLike,
-) -> jkr.State:
-    """Return where `envelope` is lowest: F = -(3/2) pi w R (1 + 1 / (sqrt(pi) alpha))^2.
+) -> jkr.SphereState:
+    """Return the lowest state of `envelope`: F = -(3/2) pi w R (1 + 1 / (sqrt(pi) alpha))^2.
 
     The pull-off under dead load for short waves, L << a (Kesari & Lew 2011).
 
@@ -139,7 +139,7 @@ def _struve(argument: Array) -> tuple[Array, Array]:
     (2 / pi) times the integrals, over a quarter of a turn, of sin(q s) and s^2 sin(q s), where s is
     the sine: Sneddon's, of a profile whose slope is a sine.
     """
-    # Sixteen points of Gauss resolve the two waves that each panel spans at most.
+    # Sixteen Gauss points resolve the two waves that a panel spans at most.
     nodes, weights = np.polynomial.legendre.leggauss(16)
     panels = int(np.max(argument, initial=0) / 8) + 1
     width = np.pi / 2 / panels

@@ -28,7 +28,7 @@ from jaxstab.references.roots import bisect
 _SQRT_6 = np.sqrt(6)
 
 
-class State(NamedTuple):
+class SphereState(NamedTuple):
     """One equilibrium, or as many as the arrays have entries.
 
     Attributes:
@@ -42,8 +42,8 @@ class State(NamedTuple):
     contact_radius: Array
 
 
-class Units(NamedTuple):
-    """The units in which the curve is the same for all spheres.
+class Scales(NamedTuple):
+    """Characteristic quantities, in units of which all spheres have one curve.
 
     Attributes:
         force: F0 = pi w R [force].
@@ -57,18 +57,18 @@ class Units(NamedTuple):
 
 
 class Barriers(NamedTuple):
-    """How high the pass between contact and none is, at a held displacement.
+    """Energy barriers between contact and separation at a held displacement.
 
     Attributes:
-        detach: the energy of the pass above that of the contact [energy].
-        jump_in: the same above that of the bodies apart, which is zero [energy].
+        detach: the energy of the pass less the energy of the contact [energy].
+        jump_in: the energy of the pass less the energy of the separated bodies, zero [energy].
     """
 
     detach: Array
     jump_in: Array
 
 
-def units(radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike) -> Units:
+def units(radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike) -> Scales:
     """Return F0, d0 and a0, with K = 4 E* / 3 (D. Maugis, J. Colloid Interface Sci. 150, 1992).
 
     Arguments:
@@ -83,7 +83,7 @@ def units(radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: Array
         radius=radius, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion
     )
     contact_radius = np.cbrt(np.pi * work * radius**2 / (4 / 3 * contact_modulus))
-    return Units(np.pi * work * radius, contact_radius**2 / radius, contact_radius)
+    return Scales(np.pi * work * radius, contact_radius**2 / radius, contact_radius)
 
 
 def force(
@@ -133,8 +133,8 @@ def curve(
     radius: ArrayLike,
     contact_modulus: ArrayLike,
     work_of_adhesion: ArrayLike,
-) -> State:
-    """Return `force` and `displacement` together, of all equilibria, stable and unstable ones.
+) -> SphereState:
+    """Return force and displacement of all equilibria, stable and unstable.
 
     Arguments:
         contact_radius: a [length].
@@ -152,7 +152,7 @@ def curve(
         work_of_adhesion=work_of_adhesion,
     )
     hertz = 4 * contact_modulus * a**3 / (3 * radius)
-    return State(
+    return SphereState(
         hertz - np.sqrt(8 * np.pi * work * contact_modulus * a**3),
         a**2 / radius - np.sqrt(2 * np.pi * work * a / contact_modulus),
         a,
@@ -195,8 +195,8 @@ def held_energy(
 ) -> Array:
     """Return U = E* (d^2 a - 2 d a^3 / (3 R) + a^5 / (5 R^2)) - pi w a^2 at a held displacement.
 
-    That of any contact radius, in equilibrium or not; where it is in equilibrium, it is `energy`.
-    From none to a contact it rises to the pass and falls [energy].
+    The contact radius is arbitrary; in equilibrium the energy is `energy`. From zero radius to the
+    contact it rises to the pass and falls [energy].
 
     Arguments:
         contact_radius: a [length].
@@ -224,7 +224,7 @@ def held(
     radius: ArrayLike,
     contact_modulus: ArrayLike,
     work_of_adhesion: ArrayLike,
-) -> tuple[State, State]:
+) -> tuple[SphereState, SphereState]:
     """Return the stable contact at a held displacement, and the unstable one, the pass.
 
     They lie between pull-off and first touch, d = -0.90856 d0 and 0; elsewhere both are NaN.
@@ -252,7 +252,7 @@ def held(
     states = []
     for root in (large, small):
         found = curve(np.where(is_between, root, 1) ** 2 * unit.contact_radius, *sphere)
-        states.append(State(*(np.where(is_between, value, np.nan) for value in found)))
+        states.append(SphereState(*(np.where(is_between, value, np.nan) for value in found)))
     return states[0], states[1]
 
 
@@ -287,10 +287,12 @@ def barriers(
     return Barriers(top - contact, top)
 
 
-def maxwell(radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike) -> State:
-    """Return the contact whose energy is that of the bodies apart: d = -0.802116 d0.
+def maxwell(
+    radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike
+) -> SphereState:
+    """Return the contact with the energy of the separated bodies, zero: d = -0.802116 d0.
 
-    There both barriers are the same.
+    There both barriers are equal.
 
     Arguments:
         radius: R of the paraboloid [length].
@@ -312,7 +314,7 @@ def pull_off(
     contact_modulus: ArrayLike,
     work_of_adhesion: ArrayLike,
     stiffness: ArrayLike = 0.0,
-) -> State:
+) -> SphereState:
     """Return the state where contact is lost: dF/dd = -k, pulled through a spring.
 
     Under dead load, k = 0, F = -(3/2) pi w R (Johnson, Kendall & Roberts 1971); under held
@@ -327,7 +329,7 @@ def pull_off(
     Raises:
         ValueError: if k is negative, or another argument not positive and finite.
     """
-    # d(F + k d)/dA, where root = A^(3/2), without a positive factor.
+    # The functions are d(F + k d)/dA of root = A^(3/2), up to a positive factor.
     return _where_zero(
         lambda root: 1.5 * np.cbrt(root**2) * (2 * root - _SQRT_6),
         lambda root: 2 * root - _SQRT_6 / 3,
@@ -342,11 +344,11 @@ def jump_in(
     contact_modulus: ArrayLike,
     work_of_adhesion: ArrayLike,
     stiffness: ArrayLike = np.inf,
-) -> State:
+) -> SphereState:
     """Return the state into which surfaces jump when they first touch, at d = 0: F + k d = 0.
 
-    Without range, nothing acts before. Under held displacement F = -(4/3) pi w R and
-    a^3 = 2 pi w R^2 / E*; under dead load F = 0 (Johnson, Kendall & Roberts 1971).
+    Adhesion of no range does not act before contact. Under held displacement F = -(4/3) pi w R
+    and a^3 = 2 pi w R^2 / E*; under dead load F = 0 (Johnson, Kendall & Roberts 1971).
 
     Arguments:
         radius: R of the paraboloid [length].
@@ -357,7 +359,7 @@ def jump_in(
     Raises:
         ValueError: if k is negative, or another argument not positive and finite.
     """
-    # F + k d, where root = A^(3/2).
+    # The functions are F + k d of root = A^(3/2).
     return _where_zero(
         lambda root: root * (root - _SQRT_6),
         lambda root: np.cbrt(root) * (root - 2 * _SQRT_6 / 3),
@@ -373,7 +375,7 @@ def loop_loss(
     work_of_adhesion: ArrayLike,
     stiffness: ArrayLike = np.inf,
 ) -> Array:
-    """Return the energy lost from `jump_in` to `pull_off` and back, what both jumps let go.
+    """Return the energy dissipated by both jumps of a loop, `jump_in` and `pull_off`.
 
     Under held displacement 7.0922 (w^5 R^4 / E*^2)^(1/3), the difference of `energy`; a spring of
     stiffness k adds the difference of its F^2 / (2 k) [energy].
@@ -395,10 +397,10 @@ def loop_loss(
     return contact + (leaving.force**2 - entering.force**2) / (2 * stiffness)
 
 
-def spring_weights(stiffness: ArrayLike, unit: Units) -> tuple[Array, Array]:
-    """Return 1 / (1 + k) and k / (1 + k), what F and d weigh, for k in units of `Units`.
+def spring_weights(stiffness: ArrayLike, unit: Scales) -> tuple[Array, Array]:
+    """Return 1 / (1 + k) and k / (1 + k), the weights of F and d, for k in units of `Scales`.
 
-    That of a spring, which may be infinite, but is never negative.
+    The stiffness may be infinite.
     """
     stiffness = not_negative("stiffness", stiffness) * unit.displacement / unit.force
     return 1 / (1 + stiffness), 1 - 1 / (1 + stiffness)
@@ -410,8 +412,8 @@ def _where_zero(
     between: tuple[float, float],
     sphere: tuple[ArrayLike, ArrayLike, ArrayLike],
     stiffness: ArrayLike,
-) -> State:
-    """Return the state where f + k d is zero, both functions of A^(3/2) in units of `Units`."""
+) -> SphereState:
+    """Return the state where f + k d is zero, both functions of A^(3/2) in units of `Scales`."""
     unit = units(*sphere)
     dead, held = spring_weights(stiffness, unit)
     root = bisect(lambda root: dead * f(root) + held * d(root), *between)

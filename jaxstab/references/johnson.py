@@ -19,7 +19,7 @@ from jaxstab.references.arguments import Array, ArrayLike, positive, require
 from jaxstab.references.roots import bisect
 
 
-class State(NamedTuple):
+class WavyState(NamedTuple):
     """One equilibrium, or as many as the arrays have entries.
 
     Attributes:
@@ -38,7 +38,7 @@ def adhesion_parameter(
 ) -> Array:
     """Return alpha = sqrt(2 w L / (pi^2 E* A^2)) (Johnson 1995) [1].
 
-    That is the energy that adhesion gives over the one that flattening costs.
+    It compares the energy of adhesion with the elastic energy of flattening.
 
     Arguments:
         amplitude: A [length].
@@ -64,7 +64,7 @@ def curve(
     length: ArrayLike,
     contact_modulus: ArrayLike,
     work_of_adhesion: ArrayLike,
-) -> State:
+) -> WavyState:
     """Return the state p / p* = sin(theta)^2 - alpha sqrt(tan(theta)), stable or not.
 
     Westergaard's pressure and the tension of periodic flat punches whose energy release rate is w
@@ -94,12 +94,12 @@ def curve(
     theta = np.pi / 2 * contact_fraction
     ratio = np.sin(theta) ** 2 - alpha * np.sqrt(np.tan(theta))
     gap = amplitude * (np.cos(theta) ** 2 + 2 * ratio * np.log(np.sin(theta)))
-    return State(np.pi * contact_modulus * amplitude / length * ratio, gap, contact_fraction)
+    return WavyState(np.pi * contact_modulus * amplitude / length * ratio, gap, contact_fraction)
 
 
 def pull_off(
     amplitude: ArrayLike, length: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike
-) -> State:
+) -> WavyState:
     """Return the state of the largest mean tension before contact is lost, where dp/da = 0.
 
     The smaller root of 4 sin(theta)^(3/2) cos(theta)^(5/2) = alpha (Johnson 1995).
@@ -119,7 +119,7 @@ def pull_off(
 
 def jump_to_full_contact(
     amplitude: ArrayLike, length: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike
-) -> State:
+) -> WavyState:
     """Return the state of the largest mean pressure that leaves gaps, where dp/da = 0.
 
     The larger root of 4 sin(theta)^(3/2) cos(theta)^(5/2) = alpha (Johnson 1995).
@@ -155,7 +155,7 @@ def is_full_by_itself(
     return alpha > 3**0.75 / 4
 
 
-# Where 4 sin^(3/2) cos^(5/2) is largest: on either side lies one fold.
+# The angle at which 4 sin^(3/2) cos^(5/2) is largest; one fold lies on either side.
 _MIDDLE = np.arctan(np.sqrt(3 / 5))
 
 
@@ -170,7 +170,7 @@ def _fold(
     length: ArrayLike,
     contact_modulus: ArrayLike,
     work_of_adhesion: ArrayLike,
-) -> State:
+) -> WavyState:
     """Return the fold between `end` and the middle."""
     alpha = adhesion_parameter(amplitude, length, contact_modulus, work_of_adhesion)
     largest = _fold_parameter(_MIDDLE)

@@ -1,4 +1,4 @@
-"""Maugis (1992): an elastic sphere with adhesion as Dugdale has it, between JKR's and DMT's limits.
+"""Maugis (1992): an elastic sphere with Dugdale's adhesion, between the JKR and the DMT limit.
 
 A rigid paraboloid r^2 / (2 R) on an elastic half space of contact modulus E*, in contact up to the
 radius a. From there to the outer radius c, where the gap is w / s, a constant tension s acts. The
@@ -9,7 +9,7 @@ where the undeformed ones would touch in a point, positive into contact. Numbers
 shapes that broadcast.
 
 D. Maugis, J. Colloid Interface Sci. 150, 243 (1992); K. L. Johnson, J. A. Greenwood, J. Colloid
-Interface Sci. 192, 326 (1997), for what happens without contact. In the equations A = a / a0 and
+Interface Sci. 192, 326 (1997), for states without contact. In the equations A = a / a0 and
 N = sqrt(c^2 - a^2) / a0 are in the units of `jkr.units`, C = hypot(A, N), t = arctan(N / A).
 """
 
@@ -27,12 +27,13 @@ from jaxstab.references.arguments import (
 )
 from jaxstab.references.roots import bisect
 
-# ln(N / A), from nearly JKR to nearly no contact; of folds, short of where rounding blurs them.
+# The range of ln(N / A), from nearly JKR to nearly no contact, and the range for folds, which ends
+# before rounding blurs them.
 _WIDTHS = (-40.0, 40.0)
 _FOLDS = (-20.0, 20.0)
 
 
-class State(NamedTuple):
+class DugdaleState(NamedTuple):
     """One equilibrium, or as many as the arrays have entries.
 
     Attributes:
@@ -79,10 +80,10 @@ def curve(
     contact_modulus: ArrayLike,
     work_of_adhesion: ArrayLike,
     strength: ArrayLike,
-) -> State:
+) -> DugdaleState:
     """Return the state F / F0 = A^3 - lambda (A N + C^2 t), d / d0 = A^2 - (4/3) lambda N.
 
-    Where the gap at c is w / s, which is (Maugis 1992):
+    The gap at c is w / s (Maugis 1992):
     (lambda/2) (A N + (C^2 - 2 A^2) t) + (4/3) lambda^2 (N t - C + A) = 1.
 
     Arguments:
@@ -108,14 +109,14 @@ def without_contact(
     contact_modulus: ArrayLike,
     work_of_adhesion: ArrayLike,
     strength: ArrayLike,
-) -> State:
+) -> DugdaleState:
     """Return the state F = -pi s c^2, d = c^2 / (2 R) - 4 s c / (pi E*) - w / s without contact.
 
-    The gap at c is w / s (Johnson & Greenwood 1997). Where the middle touches, `first_touch`,
-    `curve` goes on.
+    The gap at c is w / s (Johnson & Greenwood 1997). At `first_touch`, where the middle touches,
+    `curve` takes over.
 
     Arguments:
-        outer_radius: c, at most that of `first_touch` [length].
+        outer_radius: c, at most the outer radius of `first_touch` [length].
         radius: R of the paraboloid [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
@@ -127,13 +128,13 @@ def without_contact(
     c = not_negative("outer_radius", outer_radius)
     unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
     largest = _first_outer(parameter) * unit.contact_radius
-    require("outer_radius", c, c <= largest, "at most that of first_touch")
+    require("outer_radius", c, c <= largest, "at most the outer radius of first_touch")
     return _with_units(unit, *_without_contact(c / unit.contact_radius, parameter))
 
 
 def first_touch(
     radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike, strength: ArrayLike
-) -> State:
+) -> DugdaleState:
     """Return the state between `without_contact` and `curve`: a = 0, and no gap in the middle.
 
     lambda pi C^2 / 4 + (4/3) lambda^2 (pi/2 - 1) C = 1 (the equation of `curve` for A = 0).
@@ -157,8 +158,8 @@ def pull_off(
     work_of_adhesion: ArrayLike,
     strength: ArrayLike,
     stiffness: ArrayLike = 0.0,
-) -> State:
-    """Return the state where the sphere lets go: dF/dd = -k, pulled through a spring.
+) -> DugdaleState:
+    """Return the state of detachment under a spring: dF/dd = -k.
 
     The least F under dead load, k = 0 (Maugis 1992), and the least d under held displacement, k
     infinite; for lambda < 0.938 the latter comes after contact has been lost, at
@@ -179,7 +180,7 @@ def pull_off(
     width = bisect(lambda width: -_slope(*_radii(width, parameter), parameter, dead, held), *_FOLDS)
     in_contact = _in_contact(*_radii(width, parameter), parameter)
 
-    # Without contact F + k d is a parabola in c, whose lowest point is the fold if it gets there.
+    # F + k d without contact is a parabola in c; its lowest point is the fold if it is reached.
     curvature = held - np.pi * parameter * dead
     bends_up = curvature > 0
     outer = held * 8 * parameter / (3 * np.pi) / np.where(bends_up, curvature, 1)
@@ -190,8 +191,8 @@ def pull_off(
 
 def _scales(
     radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike, strength: ArrayLike
-) -> tuple[jkr.Units, Array]:
-    """Return the units, and lambda, which alone decides the curve in them."""
+) -> tuple[jkr.Scales, Array]:
+    """Return the characteristic quantities, and lambda, the curve's only parameter in them."""
     sphere = radius, contact_modulus, work_of_adhesion
     return jkr.units(*sphere), transition_parameter(*sphere, strength)
 
@@ -226,18 +227,18 @@ def _slope(ratio: Array, n: Array, parameter: Array, dead: Array, held: Array) -
     return along_contact * by_width - along_width * by_contact
 
 
-def _in_contact(ratio: Array, n: Array, parameter: Array) -> State:
+def _in_contact(ratio: Array, n: Array, parameter: Array) -> DugdaleState:
     """Return the state of given A and N, in units."""
     c, t = np.hypot(ratio, n), np.arctan2(n, ratio)
     force = ratio**3 - parameter * (ratio * n + c**2 * t)
-    return State(force, ratio**2 - 4 / 3 * parameter * n, ratio, c)
+    return DugdaleState(force, ratio**2 - 4 / 3 * parameter * n, ratio, c)
 
 
-def _without_contact(c: Array, parameter: Array) -> State:
+def _without_contact(c: Array, parameter: Array) -> DugdaleState:
     """Return the state of given C, also where surfaces would overlap, in units."""
     bulge = 8 / (3 * np.pi) * parameter * c
     displacement = c**2 / 2 - bulge - 2 / (np.pi * parameter)
-    return State(-np.pi / 2 * parameter * c**2, displacement, 0 * c, c)
+    return DugdaleState(-np.pi / 2 * parameter * c**2, displacement, 0 * c, c)
 
 
 def _first_outer(parameter: Array) -> Array:
@@ -245,8 +246,8 @@ def _first_outer(parameter: Array) -> Array:
     return _positive_root(np.pi / 4 * parameter, 4 / 3 * parameter**2 * (np.pi / 2 - 1))
 
 
-def _with_units(unit: jkr.Units, *numbers: Array) -> State:
+def _with_units(unit: jkr.Scales, *numbers: Array) -> DugdaleState:
     """Return a state whose fields are given in units."""
     fields = zip(numbers, (*unit, unit.contact_radius), strict=True)
     fields = np.broadcast_arrays(*(number * scale for number, scale in fields))
-    return State(*(field.copy() for field in fields))
+    return DugdaleState(*(field.copy() for field in fields))

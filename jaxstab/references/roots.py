@@ -1,4 +1,4 @@
-"""Where a function of one variable changes sign, for arrays of such functions at once."""
+"""Roots of arrays of functions of one variable."""
 
 from collections.abc import Callable
 
@@ -8,13 +8,13 @@ from jaxstab.references.arguments import Array, ArrayLike
 
 
 def bisect(function: Callable[[Array], Array], negative: ArrayLike, positive: ArrayLike) -> Array:
-    """Return the root of `function` between points where it is negative and where it is positive.
+    """Find the root of a continuous function between a negative and a positive value, by bisection.
 
-    That is continuous, entry by entry. Where the sign never changes, it is the end to which the
-    only sign there is points.
+    The function acts entry by entry. For an entry without a change of sign the result is the end
+    that its sign points to.
     """
     below, above = np.asarray(negative, np.float64), np.asarray(positive, np.float64)
-    # A hundred halvings leave nothing of any interval but rounding.
+    # A hundred halvings reach rounding from any interval.
     for _ in range(100):
         middle = (below + above) / 2
         is_negative = function(middle) < 0

@@ -1,7 +1,7 @@
 """The elastic half space under a single contact, which is not repeated.
 
-Pressures on a window act on it by real-space coefficients, wrapped on a grid of twice the points a
-side. There K is their inverse. Outside of the surface the pressure is zero by equilibrium.
+Pressures on a window act by real-space coefficients, wrapped on a grid of twice the points a side,
+where K is their inverse. Outside of the surface the pressure is zero by equilibrium.
 """
 
 from typing import Annotated, ClassVar, NoReturn
@@ -24,7 +24,7 @@ from jaxstab.solids.spectral import Waves
 
 
 class Padded(Waves):
-    """A solid on a grid of twice the points a side, of which the first are the window."""
+    """A solid on a grid of twice the points a side, whose first half is the window."""
 
     is_window: ClassVar[bool] = True
 
@@ -35,7 +35,7 @@ class Padded(Waves):
 
     @property
     def share(self) -> float:
-        """The part of the grid that the window is."""
+        """The window's fraction of the grid."""
         return 0.5 ** len(self.grid.shape)
 
     def surface(self, field: Array) -> Array:
@@ -47,23 +47,23 @@ class Padded(Waves):
         return model.filtered(self.grid, 1 / self.multiplier, padded(pressure, 0))
 
     def flush(self, heights: Field) -> Field:
-        """Return the surface continued by its mirror images, as no edge of it is."""
+        """Return the surface continued by its mirror images, without a step at its edges."""
         return mirrored(self.surface(heights))
 
 
 class FreeHalfSpace(Solid):
     """An isotropic elastic half space that is free of pressure outside of a window.
 
-    The displacement of the window is u = d + G p, d that of the far side (`FarDisplacement`), with
-    Love's coefficients G of a uniform pressure on each cell (Johnson, Contact Mechanics, 1985, eq.
-    3.25; Liu, Wang & Liu, Wear 243, 2000). On a line nothing is at rest far away: there d is the
-    displacement at a distance L, the window's length, from a single line of force, and G
-    that of ln(r / L).
+    The displacement of the window is u = d + G p, with the displacement d of the far side
+    (`FarDisplacement`) and Love's coefficients G of a uniform pressure on each cell (Johnson,
+    Contact Mechanics, 1985, eq. 3.25; Liu, Wang & Liu, Wear 243, 2000). On a line nothing is at
+    rest far away: d is the displacement at a distance L, the window's length, from a line of
+    force, and G is the integral of -2 / pi ln(r / L).
 
     Computations run on twice the points a side (`Contact.whole`, which also has the energy and the
-    Hessian of a gap); results show the window only. Eigenvalues are those of all displacements,
-    also outside of the window, and modes have unit norm there. The energy of equilibria leaves out
-    that of a uniform pressure on twice the window.
+    Hessian of a gap); results show the window only. Eigenvalues and the unit norm of modes include
+    displacements outside of the window. The energy of equilibria leaves out the energy of a uniform
+    pressure on twice the window.
 
     Arguments:
         grid: the window. It is not periodic.
@@ -92,7 +92,7 @@ class FreeHalfSpace(Solid):
 
     @property
     def whole(self) -> Padded:
-        """The same solid on the padded grid."""
+        """This solid on the padded grid."""
         return _whole(self.grid, self.contact_modulus)
 
     @property
@@ -102,12 +102,12 @@ class FreeHalfSpace(Solid):
 
     @property
     def min_stiffness(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """That of its softest wave but for q = 0 [pressure/length]."""
+        """The stiffness of its softest wave except q = 0 [pressure/length]."""
         return self.whole.min_stiffness
 
     @property
     def uniform_stiffness(self) -> Scalar:
-        """That of a uniform pressure on the padded grid [pressure/length]."""
+        """A uniform pressure on the padded grid over its displacement [pressure/length]."""
         return self.whole.uniform_stiffness
 
     @property
@@ -121,10 +121,10 @@ class FreeHalfSpace(Solid):
         return eqx.tree_at(lambda solid: solid.youngs_modulus, self, factor * modulus)
 
     def held_by(self, stiffness: ArrayLike) -> NoReturn:
-        """Raise: the displacement that is the same everywhere takes a pressure that is not."""
+        """Raise `TypeError`: here a uniform displacement takes a pressure that is not uniform."""
         raise TypeError(
-            "Energies, gradients, Hessians and balances of a contact on a FreeHalfSpace are those "
-            "of twice its points a side: use `contact.whole`."
+            "Energies, gradients, Hessians and balances of a contact on a FreeHalfSpace live on "
+            "twice its points a side: use `contact.whole`."
         )
 
     @program
@@ -135,7 +135,7 @@ class FreeHalfSpace(Solid):
 
     @program
     def apply(self, displacement: Field) -> Field:
-        """Return the pressure of a displacement of the whole window; NaN if it is not found."""
+        """Return the pressure of a displacement of the window; NaN if it is not found."""
         whole = self.whole
 
         def precondition(field: Field) -> Field:
@@ -152,17 +152,17 @@ class FreeHalfSpace(Solid):
 
 
 def padded(field: Field, value: ArrayLike) -> Field:
-    """Return a field on the window on twice the points a side, a value outside."""
+    """Pad a field on the window to twice the points a side by a value."""
     return jnp.pad(field, [(0, n) for n in field.shape], constant_values=value)
 
 
 def where_window(field: Field) -> Mask:
-    """Return where on twice the points a side the window of a field is."""
+    """Return the mask of a field's window on twice the points a side."""
     return padded(jnp.ones_like(field, bool), False)
 
 
 def mirrored(field: Field) -> Field:
-    """Return a field on the window on twice the points a side, continued by its mirror images."""
+    """Pad a field on the window to twice the points a side by its mirror images."""
     return jnp.pad(field, [(0, n) for n in field.shape], mode="symmetric")
 
 
@@ -176,7 +176,7 @@ def _whole(grid: Grid, modulus: Scalar) -> Padded:
     doubled = tuple(2 * n for n in grid.shape)
     whole = Grid(doubled, 2 * grid.lengths, sharding=grid.sharding)
     compliance = whole.transform(whole.placed(_coefficients(grid, doubled))).real
-    # Those that stand for no wave are to be like one.
+    # Padding modes get the compliance of a wave.
     compliance = jnp.where(whole.mode_multiplicity > 0, compliance, compliance.ravel()[1])
     return Padded.of(whole, modulus / compliance)
 

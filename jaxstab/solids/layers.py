@@ -22,7 +22,7 @@ Waves = Float[Array, " *modes"]
 # Young's modulus and Poisson's ratio of one material.
 Moduli = tuple[Annotated[Scalar, PRESSURE], Annotated[Scalar, NUMBER]]
 
-# Below it, differences are summed as series, of as many terms as double precision has digits for.
+# Differences are summed as series below this argument, by as many terms as double precision needs.
 _SMALL = 2.0
 _NUM_TERMS = 12
 
@@ -33,9 +33,9 @@ class Layer(SpectralSolid):
     K = (E* q / 2) ((3 - 4 nu) cosh 2x + 2x^2 + 5 - 12 nu + 8 nu^2) / ((3 - 4 nu) sinh 2x - 2x) with
     x = q h (Johnson, Contact Mechanics, 1985, sec. 5.8). At q = 0, where the base stays,
     K = E (1 - nu) / ((1 + nu) (1 - 2 nu) h): `FarDisplacement` holds the base, and a `Spring` pulls
-    at it. An incompressible layer, nu = 0.5, keeps its volume. Its mean displacement is then that
-    of its base, which `MeanDisplacement` holds. The derivative by nu under a `Spring` leaves out
-    how the volume begins to give.
+    at it. An incompressible layer, nu = 0.5, keeps its volume, so that its mean displacement is its
+    base's, which `MeanDisplacement` holds. The derivative by nu under a `Spring` there leaves out
+    the change of the volume.
 
     Arguments:
         grid: the grid of its surface.
@@ -165,7 +165,7 @@ def _coated(
         D = A (2B (cosh 2x - 1 - 2x^2) + 4 c1 x^2) t + c1 t (c2 m (1 - t) + c1)
         N = A (2B (sinh 2x - 2x) + 8x (m + 1 - 2 nu1)) t + c1 c2 m t^2
 
-    that is Burmister's solution (1945) for a bonded layer. A rigid base is m = 0.
+    Burmister's solution (1945) for a bonded layer; a rigid base is m = 0.
     """
     m, nu, g = shear_ratio, possible_ratio(layer[1]), shear_modulus(*layer)
     x = wavenumbers * _possible_thickness(thickness)

@@ -1,4 +1,4 @@
-"""The constants of isotropic elasticity: checked, and as each formula wants them."""
+"""The constants of isotropic elasticity, with their checks."""
 
 import jax.numpy as jnp
 

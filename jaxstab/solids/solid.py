@@ -1,8 +1,7 @@
 """The interface of elastic solids: an operator K from displacement to pressure.
 
-A displacement that is the same everywhere takes no pressure where the far side moves along, as that
-of a half space does (Rey & Bleyer, eq. 12). The load holds the far side and determines its
-stiffness (`Solid.held_by`).
+A uniform displacement takes no pressure if the far side moves along, as for a half space (Rey &
+Bleyer, eq. 12). The load holds the far side and determines its stiffness (`Solid.held_by`).
 """
 
 from abc import abstractmethod
@@ -22,9 +21,8 @@ from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 class Solid(eqx.Module):
     """An elastic solid: a symmetric positive operator K on the displacement of its surface.
 
-    A subclass gives the attributes, `apply` and `precondition`; the rest follows from these, and
-    may be replaced by something faster. A displacement that is the same everywhere must take a
-    pressure that is.
+    A subclass gives the attributes, `apply` and `precondition`; it may override the other methods
+    by faster ones. A uniform displacement must take a uniform pressure.
 
     Attributes:
         grid: the grid of its surface.
@@ -37,7 +35,7 @@ class Solid(eqx.Module):
     max_stiffness: eqx.AbstractVar[Scalar]
     min_stiffness: eqx.AbstractVar[Scalar]
 
-    # Whether there is solid beyond the grid too, which no load can hold in the mean.
+    # A window's solid extends beyond the grid, and no load holds its mean displacement.
     is_window: ClassVar[bool] = False
 
     __repr__ = inline
@@ -47,12 +45,12 @@ class Solid(eqx.Module):
 
     @property
     def whole(self) -> "Solid":
-        """The solid on the grid that it is solved on: that of a window is larger than this."""
+        """The solid on the grid of the computation, which is larger than a window's grid."""
         return self
 
     @property
     def share(self) -> float:
-        """The part of the grid with a surface opposite to it."""
+        """The fraction of the grid with a surface opposite to it."""
         return 1.0
 
     def surface(self, field: Array) -> Array:
@@ -69,11 +67,11 @@ class Solid(eqx.Module):
 
     @abstractmethod
     def precondition(self, shift: Scalar) -> FieldMap:
-        """Return roughly the inverse of K + shift, for a positive shift: symmetric and positive."""
+        """Return an approximate inverse of K + shift, symmetric and positive, for shift > 0."""
 
     @property
     def uniform_stiffness(self) -> Scalar:
-        """The pressure over a displacement that is the same everywhere [pressure/length]."""
+        """The pressure per uniform displacement [pressure/length]."""
         return self.apply(jnp.ones(self.grid.shape, self.max_stiffness.dtype)).ravel()[0]
 
     @property
@@ -83,22 +81,21 @@ class Solid(eqx.Module):
         return (least >= jnp.finfo(least.dtype).tiny) & jnp.isfinite(most)
 
     def held_by(self, stiffness: ArrayLike) -> "Solid":
-        """Return the same solid with another uniform stiffness, prepared to be applied often."""
+        """Return this solid with another uniform stiffness, prepared to be applied often."""
         return Altered(self, jnp.ones_like(self.max_stiffness), stiffness)
 
     def scaled(self, factor: Scalar) -> "Solid":
-        """Return a solid whose stiffness is this one's times a factor."""
+        """Return this solid with its stiffness times a factor."""
         return Altered(self, factor, factor * self.uniform_stiffness)
 
     def coarser(self) -> "Solid | None":
-        """Return the same solid on every other point, where the coarser grid's waves are known."""
+        """Return this solid on every other point, or None if that is not known."""
         return None
 
     def lacking(self, level: Scalar) -> tuple[FieldMap, Scalar] | None:
         """Return the operator that K lacks to reach a stiffness, and its diagonal entry.
 
-        For each wave that is max(0, level - K), where the solid is one that has waves, as a
-        `SpectralSolid`; of others it is not known.
+        For a `SpectralSolid` it is max(0, level - K) for each wave; for other solids None.
         """
         return None
 
@@ -126,10 +123,10 @@ def apart_from_mean(
     stiffness: Scalar,
     softest: Scalar,
 ) -> Field:
-    """Return roughly the inverse of K on the points of a mask, which a spring holds, times a field.
+    """Apply an approximate inverse of K to a field on the points of a mask that a spring holds.
 
-    If that is stiffer than the softest wave, the mean and the rest of the field are taken apart.
-    Otherwise any move of the rest would stretch the spring.
+    Under a spring stiffer than the softest wave, the mean is inverted apart from the rest of the
+    field, which otherwise would stretch the spring.
     """
     is_stiff = stiffness > softest
     level, share = mean_over(mask, field), mean(mask.astype(field.dtype))
@@ -141,7 +138,7 @@ def apart_from_mean(
 
 
 class Altered(Solid):
-    """A solid whose stiffness is that of another one times a factor, but for the uniform one."""
+    """A multiple of a solid's stiffness, with a uniform stiffness of its own."""
 
     grid: Grid
     max_stiffness: Scalar
@@ -160,17 +157,17 @@ class Altered(Solid):
 
     @property
     def uniform_stiffness(self) -> Scalar:
-        """That which was given [pressure/length]."""
+        """The given uniform stiffness [pressure/length]."""
         return self.uniform
 
     def apply(self, displacement: Field) -> Field:
-        """Return K of the other solid times a field; the mean has a stiffness of its own."""
+        """Apply the scaled K of the solid to a field; the mean has the uniform stiffness."""
         rigid = mean(displacement)
         level = finite_or_zero(self.uniform) * rigid
         return self.factor * self.solid.apply(displacement - rigid) + level
 
     def precondition(self, shift: Scalar) -> FieldMap:
-        """Return that of the other solid, exact for the mean."""
+        """Return the solid's scaled preconditioner, exact for the mean."""
         inverse = self.solid.precondition(shift / self.factor)
 
         def apply(field: Field) -> Field:

@@ -1,4 +1,4 @@
-"""Solids that are the same everywhere: K multiplies each wave by a stiffness of its own."""
+"""Translation-invariant solids: K multiplies each Fourier mode by its stiffness."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -19,11 +19,11 @@ from jaxstab.solids.solid import Solid, finite_or_zero
 
 
 class Waves(Solid):
-    """A solid that is the same everywhere, by its multiplier in Fourier space.
+    """A translation-invariant solid, by its multiplier in Fourier space.
 
     Attributes:
         multiplier: K on the half spectrum of the grid [pressure/length].
-        has_range: whether all waves are positive and numbers of full precision in the user's units.
+        has_range: whether all stiffnesses are positive, finite and no subnormal numbers.
     """
 
     grid: Grid
@@ -47,11 +47,11 @@ class Waves(Solid):
 
     @property
     def is_valid(self) -> Flag:
-        """Whether every wave's stiffness was positive, and a number of full precision."""
+        """Whether every wave's stiffness is positive, finite and no subnormal number."""
         return self.has_range
 
     def apply(self, displacement: Field) -> Field:
-        """Return K u [pressure], at the price of one pair of Fourier transforms."""
+        """Return K u [pressure], by one pair of Fourier transforms."""
         return model.filtered(self.grid, self.multiplier, displacement)
 
     def precondition(self, shift: Scalar) -> FieldMap:
@@ -60,12 +60,12 @@ class Waves(Solid):
         return lambda field: model.filtered(self.grid, inverse, field)
 
     def held_by(self, stiffness: ArrayLike) -> "Waves":
-        """Return the same solid with another multiplier at q = 0."""
+        """Return this solid with another multiplier at q = 0."""
         first = (0,) * self.multiplier.ndim
         return replace(self, multiplier=self.multiplier.at[first].set(stiffness))
 
     def lacking(self, level: Scalar) -> tuple[FieldMap, Scalar]:
-        """Return max(0, level - K), the mean left out, and what it is on a point itself."""
+        """Return max(0, level - K) without its mean, and its diagonal entry."""
         first = (0,) * self.multiplier.ndim
         lack = jnp.maximum(level - self.multiplier, 0).at[first].set(0)
         on_point = self.grid.inverse_transform(lack).ravel()[0]
@@ -87,7 +87,7 @@ class Waves(Solid):
 
 
 class SpectralSolid(Solid):
-    """A solid that is the same everywhere, by its stiffness for every wavenumber."""
+    """A translation-invariant solid, by its stiffness for every wavenumber."""
 
     @abstractmethod
     def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
@@ -96,7 +96,7 @@ class SpectralSolid(Solid):
     @property
     @program
     def waves(self) -> Waves:
-        """The same solid by its multiplier."""
+        """This solid by its multiplier."""
         q = self.grid.wavenumbers
         # The second `where` keeps a formula that is singular at q = 0 out of the derivatives.
         stiffness = self.stiffness_at(jnp.where(q > 0, q, jnp.max(q)))
@@ -119,7 +119,7 @@ class SpectralSolid(Solid):
 
     @property
     def is_valid(self) -> Flag:
-        """Whether every wave's stiffness is positive, and a number of full precision."""
+        """Whether every wave's stiffness is positive, finite and no subnormal number."""
         return self.waves.is_valid
 
     def apply(self, displacement: Field) -> Field:
@@ -134,21 +134,21 @@ class SpectralSolid(Solid):
         return self.waves.precondition(shift)
 
     def held_by(self, stiffness: ArrayLike) -> Waves:
-        """Return the same solid by its multiplier, another one at q = 0."""
+        """Return this solid by its multiplier, with another one at q = 0."""
         return self.waves.held_by(stiffness)
 
     def scaled(self, factor: Scalar) -> Waves:
-        """Return the same solid by its multiplier, times a factor."""
+        """Return this solid by its multiplier, times a factor."""
         return self.waves.scaled(factor)
 
     def lacking(self, level: Scalar) -> tuple[FieldMap, Scalar]:
-        """Return max(0, level - K), the mean left out, and what it is on a point itself."""
+        """Return max(0, level - K) without its mean, and its diagonal entry."""
         return self.waves.lacking(level)
 
     def displacement(self, pressure: Field) -> Field:
         """Return the displacement under a pressure (Rey & Bleyer, eq. 11) [length].
 
-        Where the far side moves along, it has zero mean.
+        It has zero mean if the far side moves along.
         """
         return model.filtered(self.grid, model.compliance(self.waves.multiplier), pressure)
 

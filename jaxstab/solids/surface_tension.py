@@ -1,4 +1,4 @@
-"""Spectral solids whose surface or whole body resists by curvature: gels and sheets."""
+"""Spectral solids that resist curvature: gels with surface tension, and sheets."""
 
 from typing import Annotated
 
@@ -15,7 +15,7 @@ _TENSION = Dimension("pressure length")
 
 
 class SurfaceTension(SpectralSolid):
-    """A solid with surface tension, such as a gel: K + s q^2.
+    """A solid with surface tension, for instance a gel: K + s q^2.
 
     Style et al., Nature Communications 4, 2728 (2013). The tension outweighs elasticity for waves
     shorter than the elastocapillary length s / E*.
@@ -25,7 +25,7 @@ class SurfaceTension(SpectralSolid):
         tension: s >= 0 [pressure length].
 
     Raises:
-        TypeError: for a solid without a stiffness for every wavenumber, as that of a window.
+        TypeError: for a solid without a stiffness for every wavenumber, as a `FreeHalfSpace`.
         ValueError: if the tension is negative.
     """
 

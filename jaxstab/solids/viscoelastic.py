@@ -13,7 +13,7 @@ from jaxstab.solids.solid import Solid
 
 
 def _of_relaxed(name: str) -> Any:
-    """Return a property that is the one of the relaxed solid."""
+    """Return a property that forwards to the relaxed solid."""
     return property(lambda self: getattr(self.solid, name), doc=f"`{name}` of the relaxed solid.")
 
 
@@ -21,8 +21,8 @@ class Viscoelastic(Solid):
     """A solid whose stress relaxes, all waves alike: K(t) = K (1 + sum r_k exp(-t / t_k)).
 
     K is the stiffness of the relaxed solid, r_k = E_k / E_relaxed, t_k the relaxation times: a
-    generalised Maxwell (Wiechert) solid of constant Poisson's ratio. Everything that knows no time,
-    as `equilibrate` and `follow`, takes it as relaxed; `jaxstab.evolve` follows it in time.
+    generalised Maxwell (Wiechert) solid of constant Poisson's ratio. Functions without time,
+    as `equilibrate` and `follow`, use the relaxed solid; `jaxstab.evolve` follows it in time.
 
     Arguments:
         solid: the relaxed solid, with the long-time modulus.
@@ -42,7 +42,7 @@ class Viscoelastic(Solid):
     def __init__(self, solid: Solid, ratios: ArrayLike, times: ArrayLike):
         if not isinstance(solid, Solid) or isinstance(solid, Viscoelastic):
             raise TypeError(
-                f"The relaxed solid is a {type(solid).__name__}: give an elastic solid, such as "
+                f"The relaxed solid is a {type(solid).__name__}: give an elastic solid, as "
                 "HalfSpace(grid, ...)."
             )
         self.solid = solid
@@ -113,11 +113,11 @@ class Viscoelastic(Solid):
         require_positive("The exponent", n)
         require_positive("The time", t_0)
         step = np.log(10) / terms_per_decade
-        # From shorter than t_0, where exp(-u) cuts the spectrum off, to beyond the range.
+        # Times range from below t_0, where exp(-u) cuts the spectrum off, to beyond `decades`.
         logs = np.arange(-np.log(40), (decades + 1) * np.log(10), step)
         u = np.exp(-logs)
         weights = jnp.exp(n * jnp.log(u) - u)
-        # The tail of longer times relaxes beyond the range; the sum is that of the law at t = 0.
+        # Longer times relax beyond the range; weights add up to the law's value at t = 0.
         weights = weights / jnp.sum(weights)
         found = cls(solid, ratio * weights, t_0 * np.exp(logs))
         x = np.concatenate([[0.0], np.logspace(-2, decades, 40 * int(decades + 2))])
@@ -135,7 +135,7 @@ class Viscoelastic(Solid):
         return self.solid.scaled(1 + jnp.sum(self.ratios))
 
     def step(self, dt: ArrayLike) -> Solid:
-        """Return the elastic solid of a time step: K (1 + sum r_k b_k), b_k as `ramp` says."""
+        """Return the elastic solid of a time step: K (1 + sum r_k b_k), with b_k of `ramp`."""
         return self.solid.scaled(1 + jnp.sum(self.ratios * ramp(dt, self.times)))
 
     def storage_and_loss(self, frequency: ArrayLike) -> tuple[Array, Array]:
@@ -152,16 +152,16 @@ class Viscoelastic(Solid):
 
     @property
     def whole(self) -> Solid:
-        """The solid on the grid that it is solved on: relaxed, where that is a larger one."""
+        """The solid on the grid of the computation; relaxed, if that grid is larger."""
         return self if self.solid.whole is self.solid else self.solid.whole
 
     @property
     def is_valid(self) -> Flag:
-        """Whether the relaxed solid is a possible one, and the series too."""
+        """Whether the relaxed solid and the series are valid."""
         is_series = jnp.all((self.ratios >= 0) & jnp.isfinite(self.ratios) & (self.times > 0))
         return self.solid.is_valid & is_series
 
-    # Calls that know no time are answered by the relaxed solid.
+    # Functions without time use the relaxed solid.
     grid = _of_relaxed("grid")
     is_window = _of_relaxed("is_window")
     share = _of_relaxed("share")  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -181,11 +181,11 @@ class Viscoelastic(Solid):
 
 
 def decay(dt: ArrayLike, times: Array) -> Array:
-    """Return e_k = exp(-dt / t_k): the part of a branch's strain that a step leaves."""
+    """Return e_k = exp(-dt / t_k): the part of a branch's strain that remains after a step."""
     return jnp.exp(-jnp.asarray(dt) / times)
 
 
 def ramp(dt: ArrayLike, times: Array) -> Array:
-    """Return b_k = (1 - e_k) t_k / dt: the part of a ramp that a branch keeps; 1 at dt = 0."""
+    """Return b_k = (1 - e_k) t_k / dt: the part of a ramp that remains in a branch; 1 at dt = 0."""
     x = jnp.asarray(dt) / times
     return jnp.where(x > 0, -jnp.expm1(-x) / jnp.where(x > 0, x, 1), 1)

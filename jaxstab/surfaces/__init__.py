@@ -1,8 +1,8 @@
 """Rough surfaces, generated and measured, and their statistics.
 
 A surface is an array of heights on a grid [length]; summits point towards the elastic solid. A
-measured surface is a `Topography`, which `read` makes of a file. It knows its grid and its unit.
-Its methods make it fit for a contact.
+measured surface is a `Topography`, which `read` makes of a file, with its grid, its unit and
+methods to prepare it for a contact.
 """
 
 from jaxstab.surfaces.faults import SurfaceWarning

@@ -9,21 +9,21 @@ from jaxstab.core.display import times
 from jaxstab.core.warn import warn_once
 from jaxstab.surfaces.processing import trend
 
-# Jumps across an edge above so many rms steps between neighbours are none of a periodic surface.
+# Edges do not meet if the rms jump across them exceeds so many rms increments inside.
 _JUMP = 4.0
-# A tilt above the roughness jumps by more than this, since it does by sqrt(7) on white noise.
+# A tilt above the roughness exceeds this ratio; on white noise it is sqrt(7).
 _TILT_JUMP = 2.5
-# The steepest flank of a clean surface may lie at its edge, but is not so much steeper there.
+# The steepest flank of a periodic surface may lie at its edge, but no steeper by this factor.
 _ABOVE_LARGEST = 1.5
-# Of fewer points along a side nothing can be told.
+# The least number of points along a side for these checks.
 _FEWEST = 32
 _SLOPES = 1e-5, 10.0
-# Over the range of the others: how far off a number is that stands for missing points.
+# A mark of missing points is farther from the heights than so many times their range.
 _FAR_OFF = 100.0
 
 
 class SurfaceWarning(UserWarning):
-    """Heights look as if a contact of them would not be the one that was meant."""
+    """The heights of a surface look wrong: tilted, not periodic, or in another unit."""
 
 
 def warn(sentences: list[str]) -> None:
@@ -33,10 +33,9 @@ def warn(sentences: list[str]) -> None:
 
 
 def looks_wrong(heights: np.ndarray) -> list[str]:
-    """Return the faults of heights on a periodic grid, a sentence for each: tilt and edges.
+    """Return a sentence for each fault of heights on a periodic grid: tilt, and edges.
 
-    The edges of a surface with a tilt above the roughness do not meet. They are checked again
-    without the tilt.
+    The edges are checked without a tilt above the roughness, which would part them.
     """
     if min(heights.shape) < _FEWEST:
         return []
@@ -44,23 +43,23 @@ def looks_wrong(heights: np.ndarray) -> list[str]:
     if tilt is not None:
         heights = heights - tilt
         sentences.append(
-            f"the surface is tilted: the rms of its best plane is {rms(tilt):.3g}, that of the "
-            f"roughness left {rms(heights):.3g}. `Topography.detrended()` takes the tilt off."
+            f"the surface is tilted: the rms of its best plane is {rms(tilt):.3g}, the rms of the "
+            f"remaining roughness {rms(heights):.3g}. Use `Topography.detrended()`."
         )
     for axis, name in enumerate("xy"[: heights.ndim]):
-        steps = Steps.along(heights, axis)
-        if steps.jump_over(_JUMP):
+        increments = Increments.along(heights, axis)
+        if increments.has_edge_jump(_JUMP):
             sentences.append(
                 f"opposite edges do not meet along {name}: the rms jump across the periodic edge "
-                f"is {steps.jump:.3g}, {steps.jump / steps.rms:.3g} times that between neighbours "
-                f"({steps.rms:.3g}). Make it periodic by "
+                f"is {increments.jump:.3g}, {increments.jump / increments.rms:.3g} times the rms "
+                f"increment between neighbours ({increments.rms:.3g}). Make it periodic by "
                 '`Topography.periodic("window")` or "mirror".'
             )
     return sentences
 
 
 def has_wrong_scale(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
-    """Return a sentence if heights and lengths are in scales that cannot belong together."""
+    """Return a sentence if the rms slope shows that heights and lengths differ in unit."""
     slope = rms_slope(heights, lengths)
     if slope == 0 or _SLOPES[0] <= slope <= _SLOPES[1]:
         return []
@@ -72,7 +71,7 @@ def has_wrong_scale(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
 
 
 def marks_missing(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
-    """Return a sentence if the least or the largest height looks like a mark of missing points."""
+    """Return a sentence if the least or the largest height seems to mark missing points."""
     heights = heights.astype(float)
     present = heights[np.isfinite(heights)]
     for mark in (present.min(), present.max()):
@@ -84,27 +83,28 @@ def marks_missing(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
             if is_far and rms_slope(heights, lengths) > _SLOPES[1]:
                 return [
                     f"{count} of {heights.size} heights are {mark:.6g}, while all others lie "
-                    f"within {extent:.3g}: where this number marks missing points, write nan for "
-                    "it, and fill them by `Topography.filled()`."
+                    f"within {extent:.3g}: if this number marks missing points, replace it by nan "
+                    "and fill them by `Topography.filled()`."
                 ]
     return []
 
 
 def rms_slope(heights: np.ndarray, lengths: np.ndarray) -> float:
-    """Return the rms slope between neighbours that are both there, none across an edge."""
+    """Return the rms slope between neighbours inside of the map, missing points left out."""
     spacing = lengths / heights.shape
-    squares = [(Steps.along(heights, axis).rms / dx) ** 2 for axis, dx in enumerate(spacing)]
+    squares = [(Increments.along(heights, axis).rms / dx) ** 2 for axis, dx in enumerate(spacing)]
     return float(np.sqrt(sum(squares)))
 
 
 @dataclass(frozen=True)
-class Steps:
-    """Steps between neighbours along a side.
+class Increments:
+    """Height increments between neighbours along a side.
 
     Attributes:
-        rms, largest: that of all steps inside, and of one line across the side.
+        rms: the rms of the increments inside.
+        largest: the largest rms on one line across the side.
         jump: the rms across the periodic edge.
-        rounding: what a step of nothing may be.
+        rounding: the bound on rounding errors of an increment.
     """
 
     rms: float
@@ -113,8 +113,8 @@ class Steps:
     rounding: float
 
     @classmethod
-    def along(cls, heights: np.ndarray, axis: int) -> "Steps":
-        """Return those along an axis."""
+    def along(cls, heights: np.ndarray, axis: int) -> "Increments":
+        """Return the increments along an axis."""
         lines = np.moveaxis(heights, axis, 0).reshape(heights.shape[axis], -1)
         squares, counts = _squares(np.diff(lines, axis=0))
         jump, present = _squares(lines[:1] - lines[-1:])
@@ -125,8 +125,8 @@ class Steps:
             rounding=_rounding(heights),
         )
 
-    def jump_over(self, ratio: float) -> bool:
-        """Whether the edge is a step above the others: by a ratio, and above all of them.
+    def has_edge_jump(self, ratio: float) -> bool:
+        """Whether the jump at the edge exceeds the rms by a ratio, and the largest increment.
 
         A pattern with steep walls may have one of them at the edge.
         """
@@ -134,7 +134,7 @@ class Steps:
 
 
 def _squares(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sum of squares of each line, and of how many steps that are there."""
+    """Return the sum of squares of each line, missing points left out, and the number of terms."""
     is_there = np.isfinite(steps)
     if is_there.all():
         return np.einsum("ij,ij->i", steps, steps), np.full(len(steps), steps.shape[1])
@@ -143,7 +143,7 @@ def _squares(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _tilt(heights: np.ndarray) -> np.ndarray | None:
-    """Return the best plane about its mean if it is a tilt above the roughness."""
+    """Return the best plane less its mean if it is a tilt above the roughness."""
     plane = trend(heights, 1)
     plane -= plane.mean()
     if rms(plane) <= max(rms(heights - plane), _rounding(heights)):
@@ -151,11 +151,11 @@ def _tilt(heights: np.ndarray) -> np.ndarray | None:
     # A single long wave fits a plane as well, but meets itself at the edge.
     rises = [np.take(plane, -1, axis).flat[0] - plane.flat[0] for axis in range(plane.ndim)]
     axis = int(np.argmax(np.abs(rises)))
-    return plane if Steps.along(heights, axis).jump_over(_TILT_JUMP) else None
+    return plane if Increments.along(heights, axis).has_edge_jump(_TILT_JUMP) else None
 
 
 def rms(heights: np.ndarray) -> float:
-    """Return the rms about the mean of the points there are."""
+    """Return the rms about the mean, missing points left out."""
     present = heights[np.isfinite(heights)] if np.isnan(heights).any() else heights.ravel()
     about_mean = present - present.mean()
     return math.sqrt(about_mean @ about_mean / present.size)

@@ -1,4 +1,4 @@
-"""Rough surfaces made to order: waves and self-affine surfaces."""
+"""Generated rough surfaces: waves and self-affine surfaces."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -76,13 +76,13 @@ def self_affine(
     k_low <= k <= k_rolloff, C (k / k_rolloff)^-s up to k_high, and 0 elsewhere. k is the number of
     waves per longest side of the cell. C follows from the given one of `rms_height` and
     `rms_slope`, which this surface has exactly. The noise belongs to the waves, not to the
-    points: one key gives the same surface on every grid that resolves it. With JAX's double
-    precision off, its random numbers are others, and so is the surface: to compute with one surface
-    in both precisions, draw it in double precision and cast it, `heights.astype(jnp.float32)`.
+    points: one key gives the same surface on every grid that resolves it. JAX's random numbers
+    differ in single precision, and so does the surface: to compute with one surface in both
+    precisions, draw it in double precision and cast it, `heights.astype(jnp.float32)`.
 
     Arguments:
         grid: the grid.
-        key: the random key that decides the surface.
+        key: the random key.
         hurst: H, the Hurst exponent, in [0, 1].
         k_low, k_rolloff, k_high: cut-offs of the spectrum [waves per side]; `k_rolloff` is `k_low`
             by default.
@@ -98,7 +98,7 @@ def self_affine(
         ValueError: unless exactly one of `rms_height` and `rms_slope` is given. If cut-offs are not
             ordered or too fine for the grid, or no wave lies between them. For arrays in place of
             numbers.
-        TypeError: for a key that is not one.
+        TypeError: for anything but a random key.
     """
     require_grid(grid)
     require_key(key)
@@ -146,7 +146,7 @@ def _filtered_noise(
     exponent: str,
     order: int,
 ) -> tuple[Field, Int[Array, ""]]:
-    """Return a surface, the rms of its derivative of an order as asked for, and how many waves."""
+    """Return a surface with a target rms of its derivative of an order, and its number of waves."""
     k_low, k_rolloff, k_high = cutoffs
     k = grid.wavenumbers * jnp.max(grid.lengths) / (2 * jnp.pi)
     passes = (k >= k_low * (1 - _ROUNDING)) & (k <= k_high * (1 + _ROUNDING))
@@ -158,12 +158,12 @@ def _filtered_noise(
 
 
 def _wave_noise(grid: Grid, key: PRNGKeyArray) -> Complex[Array, " *modes"]:
-    """Return complex normal noise that each wave of a half spectrum has on every grid alike."""
+    """Return complex normal noise on the half spectrum, equal for a wave on every grid."""
     *across, along = (jnp.asarray(k, jnp.int32) for k in grid.waves)
     k = across[0] if across else jnp.zeros_like(along)
-    # Of the waves k and -k the half spectrum keeps both only where `along` is zero.
+    # The half spectrum keeps both of the waves k and -k only if `along` is zero.
     is_conjugate = (along == 0) & (k < 0)
-    # On a line waves of more than 16 bits go where those across would be.
+    # On a line the high bits of a wave take the place of the wave across.
     rest = 0 if across else along >> 16
     label = grid.placed((jnp.where(is_conjugate, -k, k) & 0xFFFF) | (along << 16) | rest)
     keys = jax.vmap(jax.random.fold_in, (None, 0))(key, label.ravel().astype(jnp.uint32))

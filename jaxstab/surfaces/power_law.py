@@ -8,17 +8,16 @@ from jaxstab.core.checks import require_kind
 from jaxstab.surfaces import faults
 from jaxstab.surfaces.statistics import PowerSpectrum
 
-# Rings below this share of the largest density hold rounding and no waves.
+# Rings below this fraction of the largest density hold rounding and no waves.
 _NOTHING = 1e-20
-# Below the first wave and beyond a cut-off a window leaves less than this share.
+# The leakage of a window below the first wave and beyond a cut-off is less than this fraction.
 _LEAKAGE = 0.1
-# A ring may be so far off the law beside its chance, and outside of it costs as much as one that
-# is off by this number of squared standard deviations.
+# The systematic deviation of a ring's logarithm from the law, beside its statistical error.
 _OFF_THE_LAW = 0.1
+# The cost of a ring outside of the band, in squared standard deviations.
 _COST_OUTSIDE = 3.0
-# What a self-affine band needs: rings, a factor between its ends, an error of H, and scatter above
-# chance or off the law below these. H may seem so far outside of [0, 1], and farther as it is
-# sought.
+# A self-affine band has at least so many rings, such a factor between its ends, an error of H and a
+# scatter or misfit below these, and H at most so far outside of [0, 1], farther during the search.
 _FEWEST_RINGS = 3
 _LEAST_SPAN = 2.5
 _LARGEST_ERROR = 0.25
@@ -34,15 +33,13 @@ class PowerLaw:
 
     Attributes:
         hurst: H of the power -(d + 2 H) on a d-dimensional grid, as fitted, also outside of [0, 1].
-        rolloff: q_r, the ring where the plateau ends [1/length]; the lowest ring with waves where
-            there is no plateau.
-        cutoff: the last ring that holds waves of the power law [1/length]; the last of all where
-            it has no end.
-        density: C, that of the power law at the roll-off [length^4 on a surface, length^3 on a
-            line].
+        rolloff: q_r, the ring where the plateau ends [1/length]; without a plateau, the lowest
+            ring with waves.
+        cutoff: the last ring that holds waves of the power law [1/length].
+        density: C, the density at the roll-off [length^4 on a surface, length^3 on a line].
         hurst_error: standard error of H, by chance and by the scatter about the law. A window
             blurs the spectrum, which moves H by up to 0.03 more.
-        density_error: that of C [as density].
+        density_error: standard error of C, in the unit of the density.
     """
 
     hurst: float
@@ -56,14 +53,14 @@ class PowerLaw:
 def power_law(spectrum: PowerSpectrum) -> PowerLaw:
     """Fit C up to q_r and C (q / q_r)^-(d + 2 H) from there to a cut-off to a spectrum.
 
-    Beyond the cut-off the spectrum may be anything, such as the leakage of a window. Roll-off and
-    cut-off are those rings between which most rings agree with the law, by least squares of the
+    Beyond the cut-off the spectrum may be anything, for instance the leakage of a window. Roll-off
+    and cut-off are the ends of the band that agrees best with the law, by least squares of the
     logarithm. H and C then follow by maximum likelihood from the rings between them: on a Gaussian
     surface each wave is exponentially distributed about the spectrum (Whittle, 1953). Noise of the
-    instrument adds to the spectrum, and flattens a law before it ends it.
+    instrument flattens the spectrum at large wavenumbers.
 
     Arguments:
-        spectrum: what `power_spectrum` returns; one ring holds at most two waves on a line.
+        spectrum: a result of `power_spectrum`.
 
     Raises:
         TypeError: for anything but a spectrum.
@@ -77,7 +74,7 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
     dimension, largest = (1 if count.max() <= 2 else 2), density.max()
     first = int(np.argmax((count > 0) & (density > _LEAKAGE * largest)))
     used = np.flatnonzero(count[first:] > 0) + first
-    # Of the two waves q and -q one is that of the other.
+    # A real field's waves q and -q are complex conjugates.
     q, pairs = q[used], count[used] / 2
     x, y = np.log(q), np.log(np.maximum(density[used] / largest, _NOTHING))
     (start, end), likely = _bands(x, y, pairs, dimension)
@@ -89,7 +86,7 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
     hurst, hurst_error = (line.power - dimension) / 2, line.power_error / 2
     cutoff = end
     if end + 1 < x.size and np.log(_LEAKAGE) < y[end + 1] - line.at(x[end + 1]) < 0:
-        # It lies inside of a ring, of which a share is left.
+        # The cut-off lies inside of a ring, part of which is left.
         cutoff += 1
     law = PowerLaw(
         hurst=float(hurst),
@@ -114,7 +111,7 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
 
 def _rings(spectrum: PowerSpectrum) -> list[np.ndarray]:
     """Return wavenumber, density and number of waves of all rings, checked."""
-    cure = "give what jaxstab.surfaces.power_spectrum returned."
+    cure = "give a result of jaxstab.surfaces.power_spectrum."
     require_kind(spectrum, PowerSpectrum, f"no spectrum: {cure}")
     parts = spectrum.wavenumber, spectrum.density, spectrum.num_waves
     q, density, count = (np.asarray(part, float) for part in parts)
@@ -129,7 +126,7 @@ def _rings(spectrum: PowerSpectrum) -> list[np.ndarray]:
 def _bands(
     x: np.ndarray, y: np.ndarray, pairs: np.ndarray, dimension: int
 ) -> tuple[tuple[int, int], tuple[int, int] | None]:
-    """Return first and last ring of the law with most rings, and of that with H near [0, 1]."""
+    """Return first and last ring of the best law, and of the best one with H near [0, 1]."""
     # The variance of the logarithm of a mean of exponentials, to 3 %.
     weight = 1 / (1 / pairs + 0.64 / pairs**2 + _OFF_THE_LAW**2)
     outside = _COST_OUTSIDE * np.arange(x.size)[::-1]
@@ -148,7 +145,7 @@ def _bands(
 def _broken_lines(
     x: np.ndarray, y: np.ndarray, weight: np.ndarray, start: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fit y = a - b max(x - x[start], 0) to the points up to each: what is left, and b."""
+    """Fit y = a - b max(x - x[start], 0) to the points up to each; return sums of squares and b."""
     z = np.maximum(x - x[start], 0)
     w, wz, wzz, wy, wzy, wyy = (
         np.cumsum(weight * factor) for factor in (np.ones_like(z), z, z * z, y, z * y, y * y)
@@ -163,7 +160,7 @@ def _broken_lines(
 
 @dataclass(frozen=True)
 class _Line:
-    """A line y = height - power (x - middle), of which the two numbers are not correlated."""
+    """A line y = height - power (x - middle), whose two parameters are uncorrelated."""
 
     middle: float
     height: float
@@ -198,9 +195,9 @@ class _Line:
         return cls(float(middle), height, power, *errors, is_straight=is_straight)
 
     def at(self, x: float) -> float:
-        """Return y at a place."""
+        """Return y at x."""
         return self.height - self.power * (x - self.middle)
 
     def error_at(self, x: float) -> float:
-        """Return its standard error there."""
+        """Return the standard error of y at x."""
         return float(np.hypot(self.height_error, self.power_error * (x - self.middle)))

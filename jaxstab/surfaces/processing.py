@@ -10,15 +10,12 @@ from typing import Any
 import numpy as np
 
 Heights = np.ndarray
-# A stencil: weights of neighbouring points, by how many points they lie further along each side.
+# A stencil: the weights of neighbouring points, by their offsets along each side.
 Stencil = dict[tuple[int, int], float]
 
 
 def trend(heights: Heights, order: int) -> Heights:
-    """Return the polynomial of an order (0, 1 or 2) that fits best the points there are.
-
-    Moments of the points take products with a few vectors each, also where points are missing.
-    """
+    """Fit a polynomial of order 0, 1 or 2 to the points that are not missing; return its values."""
     field = np.atleast_2d(heights.T).T
     is_present = np.isfinite(field)
     x, y = (np.linspace(-1, 1, n) if n > 1 else np.zeros(1) for n in field.shape)
@@ -36,10 +33,10 @@ def trend(heights: Heights, order: int) -> Heights:
 
 
 def filled(heights: Heights, spacing: Sequence[float], order: int) -> Heights:
-    """Return heights with missing points such that squared derivatives of an order sum to least.
+    """Fill missing points by minimizing the sum of squared derivatives of an order.
 
-    For the first order that is the discrete Laplace equation (harmonic). For the second, with hxx,
-    hxy and hyy, it is the biharmonic one. Natural conditions hold at the edges of the map.
+    The first order gives the discrete Laplace equation (harmonic); the second, with hxx, hxy and
+    hyy, the biharmonic equation. Natural conditions hold at the edges of the map.
     """
     from scipy.sparse import csr_array, hstack
     from scipy.sparse.linalg import splu
@@ -48,8 +45,8 @@ def filled(heights: Heights, spacing: Sequence[float], order: int) -> Heights:
     about_first = places - places[0]
     if order == 2 and np.linalg.matrix_rank(about_first.T @ about_first) < heights.ndim:
         raise ValueError(
-            "the points there are lie on one line, and do not decide the slope of a plate: fill by "
-            '"harmonic".'
+            "the points that are not missing lie on one line, which leaves the slope of a plate "
+            'open: fill by "harmonic".'
         )
     field = np.atleast_2d(heights.T).T
     is_missing = np.isnan(field)
@@ -61,7 +58,7 @@ def filled(heights: Heights, spacing: Sequence[float], order: int) -> Heights:
         targets.append(target)
     least_squares = hstack([csr_array(matrix.T) for matrix in rows], format="csr")
     right_side = least_squares @ np.concatenate(targets)
-    # As is usual for symmetric matrices.
+    # These options are usual for symmetric matrices.
     factors = splu(
         (least_squares @ least_squares.T).tocsc(),
         permc_spec="MMD_AT_PLUS_A",
@@ -84,13 +81,13 @@ def _stencils(spacing: Sequence[float], order: int) -> Iterator[Stencil]:
     yield {(0, 0): 1 / dx**2, (1, 0): -2 / dx**2, (2, 0): 1 / dx**2}
     if len(spacing) > 1:
         yield {(0, 0): 1 / dy**2, (0, 1): -2 / dy**2, (0, 2): 1 / dy**2}
-        # hxy stands twice among the squares.
+        # The sum of squares contains hxy twice.
         mixed = math.sqrt(2) / (dx * dy)
         yield {(0, 0): mixed, (1, 0): -mixed, (0, 1): -mixed, (1, 1): mixed}
 
 
 def _equations(field: Heights, number: np.ndarray, stencil: Stencil) -> tuple[Any, np.ndarray]:
-    """Return the equations that a stencil is zero wherever it holds a missing point."""
+    """Return the equations that a stencil is zero wherever it covers a missing point."""
     from scipy.sparse import csr_array
 
     size = number.max() + 1
@@ -114,7 +111,7 @@ def _equations(field: Heights, number: np.ndarray, stencil: Stencil) -> tuple[An
 
 
 def taper(shape: tuple[int, ...], share: float) -> np.ndarray:
-    """Return a window that rises from the edges over a share of each side as a cosine does."""
+    """Return a window that rises as a cosine over a fraction of each side at the edges."""
     window = np.ones(())
     for n in shape:
         place = (np.arange(n) + 0.5) / n
@@ -124,7 +121,7 @@ def taper(shape: tuple[int, ...], share: float) -> np.ndarray:
 
 
 def area_average(heights: Heights, shape: tuple[int, ...]) -> Heights:
-    """Return the mean over each of the equal tiles of another number, of the points that are there.
+    """Return the means over the tiles of another number of points, missing points left out.
 
     A point stands for the tile of which it is the corner with the least coordinates.
     """
@@ -140,7 +137,7 @@ def area_average(heights: Heights, shape: tuple[int, ...]) -> Heights:
 
 
 def _overlap(n: int, other: int) -> np.ndarray:
-    """Return the share of each of n equal parts of a side in each of another number of them."""
+    """Return the overlaps of n equal parts of a side with `other` equal parts."""
     edges, others = np.arange(n + 1) * other, np.arange(other + 1) * n
     low = np.maximum(edges[None, :-1], others[:-1, None])
     high = np.minimum(edges[None, 1:], others[1:, None])
@@ -148,7 +145,7 @@ def _overlap(n: int, other: int) -> np.ndarray:
 
 
 def band_passed(heights: Heights, waves: np.ndarray, low: float, high: float) -> Heights:
-    """Return heights with those of their waves from one number to another, and their mean."""
+    """Return the mean of heights and their waves between two wavenumbers."""
     modes = np.fft.rfftn(heights)
     passes = (waves >= low) & (waves <= high) | (waves == 0)
     return np.fft.irfftn(np.where(passes, modes, 0), s=heights.shape, axes=range(heights.ndim))

@@ -142,10 +142,10 @@ def _wavy_sphere(grid: Grid, radius: Scalar, amplitude: Scalar, wavelength: Scal
 
 
 def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Field:
-    """Return the tip that a measured profile describes, the same all around.
+    """Return an axisymmetric tip of a measured profile, by monotone cubic interpolation.
 
-    Between the radii it is cubic, with a continuous slope, and never beyond the heights beside it
-    (Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5, 300, 1984); at r = 0 its slope is zero.
+    F. N. Fritsch and J. Butland, SIAM J. Sci. Stat. Comput. 5, 300 (1984); the slope at r = 0 is
+    zero.
 
     Arguments:
         grid: the grid.
@@ -203,7 +203,7 @@ def _squared_distance(grid: Grid) -> Field:
 
 
 def _distance(grid: Grid) -> Field:
-    """Return the distance from the middle; its derivatives by the lengths are zero there."""
+    """Return the distance from the middle, with zero derivatives by the lengths there."""
     squared = _squared_distance(grid)
     return jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)
 

@@ -1,6 +1,6 @@
-"""Statistics of surfaces, all of them exact in Fourier space.
+"""Statistics of surfaces, computed in Fourier space.
 
-Heights are an array or a `Topography`, whose grid is then the one to give.
+Heights are an array, or a `Topography` with its own grid.
 """
 
 from functools import partial
@@ -24,7 +24,7 @@ _ROUNDING = 1e-3
 
 
 class Elastic(Protocol):
-    """What is asked of a solid here."""
+    """The attributes of a solid that statistics need."""
 
     @property
     def grid(self) -> Grid: ...  # noqa: D102
@@ -78,7 +78,7 @@ def power_spectrum(grid: Grid, heights: Field | Topography) -> PowerSpectrum:
 
     Raises:
         ValueError: for heights of another shape than the grid, or not finite.
-        TypeError: for a grid that is none.
+        TypeError: for anything but a grid.
     """
     heights = _heights_on(grid, heights)
     lengths = np.asarray(grid.lengths)
@@ -118,7 +118,7 @@ def autocorrelation(grid: Grid, heights: Field | Topography) -> Autocorrelation:
 
     Raises:
         ValueError: for heights of another shape than the grid, or not finite.
-        TypeError: for a grid that is none.
+        TypeError: for anything but a grid.
     """
     heights = _heights_on(grid, heights)
     lengths = np.asarray(grid.lengths)
@@ -126,7 +126,7 @@ def autocorrelation(grid: Grid, heights: Field | Topography) -> Autocorrelation:
     num_rings = int(lengths.max() / (2 * width) + _ROUNDING) + 1
     sides = zip(grid.coordinates, grid.lengths, strict=True)
     distance = jnp.sqrt(sum(jnp.minimum(x, length - x) ** 2 for x, length in sides))
-    # What lies farther than the last ring is dropped, as is usual in JAX beyond an array's end.
+    # JAX drops indices beyond the last ring.
     ring = jnp.ceil(distance / width - _ROUNDING).astype(int)
     power = jnp.abs(grid.transform(heights - jnp.mean(heights))) ** 2
     value = grid.inverse_transform(power) / grid.size
@@ -140,12 +140,10 @@ def autocorrelation(grid: Grid, heights: Field | Topography) -> Autocorrelation:
 
 @own_conventions()
 def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
-    """Return the elastic energy of full contact per area of the cell.
+    """Return the elastic energy of full contact per area of the cell [energy/area].
 
-    That is u.Ku / 2 with u = h, for a half space E*/4 sum |q| |h(q)|^2 (Persson & Tosatti, J. Chem.
-    Phys. 115, 2001).
-
-    It counts from that of the solid moved as a whole [energy/area].
+    The energy is u.Ku / 2 with u = h, for a half space E*/4 sum |q| |h(q)|^2 (Persson & Tosatti, J.
+    Chem. Phys. 115, 2001), less the energy of the solid in a rigid displacement.
 
     Arguments:
         solid: the solid, of any kind.
@@ -153,11 +151,11 @@ def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
 
     Raises:
         ValueError: for heights of another shape than the grid, or not finite.
-        TypeError: for a solid that is none.
+        TypeError: for anything but a solid.
     """
     heights = _heights_on(_grid_of(solid), heights)
     if solid.is_window:
-        # Moved as a whole, it stores the least where it takes no force.
+        # A rigid displacement stores the least energy if it takes no force.
         pressure, level = solid.apply(heights), solid.apply(jnp.ones_like(heights))
         rigid = jnp.sum(pressure) / jnp.sum(level)
         return jnp.mean((heights - rigid) * (pressure - rigid * level)) / 2
@@ -168,10 +166,11 @@ def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
 def effective_work_of_adhesion(
     solid: Elastic, heights: Field | Topography, work: ArrayLike
 ) -> Scalar:
-    """Return w A / A0 - U / A0, what closing the rough interface gains (Persson & Tosatti, 2001).
+    """Return the effective work of adhesion w A / A0 - U / A0 [energy/area].
 
-    A / A0 is the mean of sqrt(1 + |grad h|^2), with the gradient of the Fourier series. Below zero
-    the surfaces do not stay in full contact [energy/area].
+    Persson & Tosatti, J. Chem. Phys. 115 (2001). A / A0 is the mean of sqrt(1 + |grad h|^2), with
+    the gradient of the Fourier series, and U the energy of full contact. If it is negative, the
+    surfaces do not stay in full contact.
 
     Arguments:
         solid: the solid, of any kind.
@@ -181,7 +180,7 @@ def effective_work_of_adhesion(
     Raises:
         ValueError: for heights of another shape than the grid, or not finite, and for work that is
             negative or not finite.
-        TypeError: for a solid that is none.
+        TypeError: for anything but a solid.
     """
     heights = _heights_on(_grid_of(solid), heights)
     given = known(parameter(work, "The work of adhesion"))
@@ -214,7 +213,7 @@ def _heights_on(grid: Grid, heights: Any) -> Field:
 
 
 def _complete(heights: Any) -> Float[Array | np.ndarray, " *grid"]:
-    """Return heights as an array, which where it is known must be finite."""
+    """Return heights as an array, which must be finite if known."""
     given = heights.heights if isinstance(heights, Topography) else heights
     heights = numbers(given, "The array of heights")
     if not is_traced(heights) and (missing := int((~are_finite(heights)).sum())):
@@ -225,13 +224,13 @@ def _complete(heights: Any) -> Float[Array | np.ndarray, " *grid"]:
 def _gradient(grid: Grid, heights: Field) -> list[Field]:
     modes = grid.transform(heights)
     sides = zip(grid.waves, grid.shape, grid.lengths, strict=True)
-    # The wave of two points is a cosine on the points, whose slope there is zero.
+    # The Nyquist wave is a cosine on the points, where its slope is zero.
     factors = [2j * jnp.pi / L * np.where(2 * abs(k) == n, 0, k) for k, n, L in sides]
     return [grid.inverse_transform(factor * modes) for factor in factors]
 
 
 def nyquist(shape: tuple[int, ...], lengths: Any) -> Any:
-    """Return the most waves per longest side that points along each side resolve."""
+    """Return the Nyquist wavenumber along each side, in waves per longest side."""
     return lengths.max() * np.array(shape) / (2 * lengths)
 
 

@@ -18,7 +18,7 @@ FILL = "fill them, as by `js.surfaces.Topography(grid, heights).filled()`."
 _TAPER = 0.1
 _TRENDS = ("its mean", "its best plane", "its best quadric")
 _FILLINGS = {"harmonic": 1, "biharmonic": 2}
-# Rounding must not decide whether a point or a wave at a limit belongs to what is kept.
+# Rounding must not decide whether a point or a wave at a limit is kept.
 _ROUNDING = 1e-5
 
 
@@ -31,13 +31,13 @@ class Topography:
             to be periodic.
         heights: h at its points [length], the first index along x; NaN where points are missing, or
             masked in the input. Kept as float64 of NumPy. An array of xarray with dimensions x and
-            y, in either order, or a surface of SurfaceTopography brings its unit, and its side
-            lengths must be those of the grid.
-        unit: that of heights and lengths, from pm to km, or None.
-        remarks: its processing, in words.
+            y, in either order, or a surface of SurfaceTopography brings its unit and its side
+            lengths, which must agree with the grid.
+        unit: the unit of heights and lengths, from pm to km, or None.
+        remarks: the history of its processing.
         is_periodic: whether opposite edges are known to meet.
-        spread: what looked wrong with its edges when a Fourier series, which rings there, spread it
-            over the surface.
+        edge_faults: faults of the edges when the surface was resampled or filtered by its Fourier
+            series, which rings there.
 
     Raises:
         ValueError: for heights of another shape than the grid, infinite, or missing altogether.
@@ -50,7 +50,7 @@ class Topography:
     unit: str | None = None
     remarks: tuple[str, ...] = ()
     is_periodic: bool = False
-    spread: tuple[str, ...] = ()
+    edge_faults: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         require_grid(self.grid)
@@ -78,13 +78,13 @@ class Topography:
             object.__setattr__(self, "unit", unit_of(self.unit))
 
     def _take(self, scan: Scan) -> None:
-        """Take heights with lengths and a unit of their own, which must agree with those given."""
+        """Set heights, lengths and unit from a scan, which must agree with the arguments."""
         lengths, unit = known(self.grid.lengths), self.unit and unit_of(self.unit)
         if scan.lengths is not None and not is_traced(lengths):
             own = np.broadcast_to(scan.lengths, lengths.shape)
             if not np.allclose(own, lengths, _ROUNDING, 0):
                 raise ValueError(
-                    f"lengths are {times(lengths, '.10g')}, but those of the heights are "
+                    f"lengths are {times(lengths, '.10g')}, but the heights come with lengths of "
                     f"{times(own, '.10g')}{f' {scan.unit}' if scan.unit else ''}: use these."
                 )
         if unit not in (None, scan.unit) and scan.unit:
@@ -107,7 +107,7 @@ class Topography:
 
     @property
     def num_missing(self) -> int:
-        """How many points are missing."""
+        """The number of missing points."""
         return int(np.isnan(self.heights).sum())
 
     @property
@@ -116,7 +116,7 @@ class Topography:
 
         Tilt and edges are checked from 32 points along a side on; fewer are too few.
         """
-        return [*self.wrong_scale, *self.spread, *self._wrong_edges]
+        return [*self.wrong_scale, *self.edge_faults, *self._wrong_edges]
 
     @property
     def _wrong_edges(self) -> list[str]:
@@ -124,7 +124,7 @@ class Topography:
 
     @property
     def wrong_scale(self) -> list[str]:
-        """A sentence if heights and lengths are in scales that cannot belong together."""
+        """A sentence if the rms slope shows that heights and lengths differ in unit."""
         return faults.has_wrong_scale(self.heights, self.lengths)
 
     def __repr__(self) -> str:
@@ -141,7 +141,7 @@ class Topography:
         return "\n".join(["Topography", *(f"  {name:<11}  {text}" for name, text in rows)])
 
     def require_complete(self, purpose: str) -> None:
-        """Raise `ValueError` if points are missing, and say what needs them."""
+        """Raise `ValueError`, with the purpose, if points are missing."""
         if missing := self.num_missing:
             raise ValueError(
                 f"{purpose} needs all heights, of which {missing} of {self.grid.size} are missing: "
@@ -161,20 +161,20 @@ class Topography:
         )
         if not is_same:
             raise ValueError(
-                f"The grid has {_described(grid)}, that of the topography {_described(self.grid)}: "
+                f"The grid has {_described(grid)}, the topography {_described(self.grid)}: "
                 "give the topography's own, as in HalfSpace(topography.grid, ...)."
             )
         return self.heights
 
     def filled(self, method: Literal["harmonic", "biharmonic"] = "harmonic") -> "Topography":
-        """Return the surface with missing points filled from the others.
+        """Fill missing points from the others.
 
         Arguments:
             method: "harmonic", like a membrane through the points around (the least squared
                 gradient), or "biharmonic", like a thin plate, which carries slopes on.
 
         Raises:
-            ValueError: for another method, and where the points there are do not decide.
+            ValueError: for another method, and if the points lie on one line for "biharmonic".
         """
         order = _FILLINGS[_choice("method", method, _FILLINGS)]
         if not (missing := self.num_missing):
@@ -184,10 +184,10 @@ class Topography:
         return self._changed(share, heights=heights)
 
     def detrended(self, order: int = 1) -> "Topography":
-        """Return heights less the polynomial that fits the points there are best.
+        """Subtract the polynomial that fits the points that are not missing best.
 
         Arguments:
-            order: 0 takes off the mean, 1 the best plane, 2 the best quadric.
+            order: 0 subtracts the mean, 1 the best plane, 2 the best quadric.
 
         Raises:
             ValueError: for another order.
@@ -198,14 +198,14 @@ class Topography:
         return self._changed(f"{_TRENDS[order]} off", heights=heights, is_periodic=is_periodic)
 
     def in_unit(self, unit: str) -> "Topography":
-        """Return the surface with lengths and heights in another unit of length.
+        """Convert lengths and heights to another unit of length.
 
         Raises:
-            ValueError: if the unit of the surface is unknown, or the other one is none of length.
+            ValueError: if the unit of the surface is unknown, or the other is no unit of length.
         """
         if self.unit is None:
             raise ValueError(
-                "The unit of this topography is unknown: say it first, by `unit=` in "
+                "The unit of this topography is unknown: give it first, by `unit=` in "
                 "`js.surfaces.read` or `Topography(grid, heights, unit)`."
             )
         unit = unit_of(unit)
@@ -214,11 +214,11 @@ class Topography:
         return replace(self, grid=Grid(self.grid.shape, lengths), heights=heights, unit=unit)
 
     def cropped(self, x: tuple[float, float], y: tuple[float, float] | None = None) -> "Topography":
-        """Return the part with x0 <= x < x1, y0 <= y < y1 of the points.
+        """Crop the surface to the points with x0 <= x < x1, y0 <= y < y1.
 
         Arguments:
             x: x0 and x1 [length].
-            y: y0 and y1 [length]; all of that side by default.
+            y: y0 and y1 [length]; the full side by default.
 
         Raises:
             ValueError: unless two numbers are given, if fewer than two points are left along a
@@ -228,7 +228,7 @@ class Topography:
         if len(intervals) > len(self.grid.shape):
             raise ValueError("y is given, but the surface is a line.")
         spacing, kept = self.lengths / self.grid.shape, []
-        # In points, that of the lengths, where far from the origin it is the larger one.
+        # The rounding in points; far from the origin the rounding of the lengths is the larger.
         precision = float(np.finfo(self.grid.lengths.dtype).eps)
         rounding = max(_ROUNDING, 4 * precision * max(self.grid.shape))
         for name, n, dx, interval in zip("xy", self.grid.shape, spacing, intervals, strict=False):
@@ -253,7 +253,7 @@ class Topography:
     def resampled(
         self, shape: int | Sequence[int], method: Literal["spectral", "area"] = "spectral"
     ) -> "Topography":
-        """Return the surface on another number of points.
+        """Resample the surface on another number of points.
 
         Arguments:
             shape: number of points along each side; one integer counts for all sides.
@@ -262,7 +262,7 @@ class Topography:
                 points are left out of the mean.
 
         Raises:
-            ValueError: for another method, and where the Fourier series misses points.
+            ValueError: for another method, and if points are missing for "spectral".
         """
         _choice("method", method, ("spectral", "area"))
         numbers: Any = shape if np.ndim(shape) else (shape,) * len(self.grid.shape)
@@ -271,24 +271,24 @@ class Topography:
         grid = Grid(numbers, self.lengths)
         if grid.shape == self.grid.shape:
             return self
-        spread = self.spread
+        edge_faults = self.edge_faults
         if method == "area":
             heights = processing.area_average(self.heights, grid.shape)
         else:
-            spread = self._spread_by("resampled")
+            edge_faults = self._edge_faults_before("resampled")
             self.require_complete('`.resampled(method="spectral")`')
-            # In double precision, whatever that of the contact is to be.
+            # It is computed in double precision, also for a contact in single precision.
             with jax.enable_x64(True):
                 heights = np.asarray(resample(jax.device_put(self.heights), grid.shape))
         remark = f"resampled from {times(self.grid.shape)} points ({method})"
-        return self._changed(remark, grid=grid, heights=heights, spread=spread)
+        return self._changed(remark, grid=grid, heights=heights, edge_faults=edge_faults)
 
     def filtered(self, k_low: float | None = None, k_high: float | None = None) -> "Topography":
-        """Return the waves from k_low to k_high, sharply cut, and the mean.
+        """Keep the waves from k_low to k_high, sharply cut, and the mean.
 
         Arguments:
-            k_low, k_high: numbers of waves per longest side, as in `self_affine`; all the waves
-                below or above where there is none.
+            k_low, k_high: numbers of waves per longest side, as in `self_affine`; None for no
+                limit.
 
         Raises:
             ValueError: if no cut-off is given, they are not positive and in order, or points miss.
@@ -305,16 +305,16 @@ class Topography:
         margin = 1 + _ROUNDING
         heights = processing.band_passed(self.heights, waves, low / margin, high * margin)
         remark = f"waves from {low:g} to {high:g} per longest side"
-        spread = self._spread_by("filtered")
-        return self._changed(remark, heights=heights, spread=spread)
+        edge_faults = self._edge_faults_before("filtered")
+        return self._changed(remark, heights=heights, edge_faults=edge_faults)
 
     def periodic(self, how: Literal["window", "mirror", "as_is"]) -> "Topography":
-        """Return a surface whose opposite edges meet.
+        """Make opposite edges meet.
 
         Arguments:
             how: "window" multiplies heights about their mean by a window that falls to zero as a
-                cosine over the outer tenth of each side. "mirror" adds the mirror images, twice as
-                long along each side. "as_is" keeps the heights and declares that they meet.
+                cosine over the outer tenth of each side. "mirror" appends the mirror images, which
+                doubles each side. "as_is" keeps the heights and declares that edges meet.
 
         Raises:
             ValueError: for another way, and for a window where points are missing.
@@ -335,15 +335,16 @@ class Topography:
             remark = "mirrored, twice as long along each side"
         return self._changed(remark, grid=grid, heights=heights, is_periodic=True)
 
-    def _spread_by(self, change: str) -> tuple[str, ...]:
-        return (*self.spread, *(f"before it was {change}, {what}" for what in self._wrong_edges))
+    def _edge_faults_before(self, change: str) -> tuple[str, ...]:
+        new = (f"before it was {change}, {sentence}" for sentence in self._wrong_edges)
+        return (*self.edge_faults, *new)
 
     def _changed(self, remark: str, **fields: Any) -> "Topography":
         return replace(self, remarks=(*self.remarks, remark), **fields)
 
 
 def as_topography(heights: Any, grid: Grid) -> Topography | None:
-    """Return a surface with a unit, named axes or masked points; None for a plain array."""
+    """Convert heights with a unit, named axes or masked points; return None for a plain array."""
     if isinstance(heights, Topography):
         return heights
     scan: Any = heights if np.ma.is_masked(heights) else scan_of(heights)
@@ -358,7 +359,7 @@ def _choice(name: str, value: Any, choices: Any) -> Any:
 
 
 def _real(value: Any) -> float:
-    """Return a number, and NaN for what is none."""
+    """Convert to a number; NaN for anything that is not a number."""
     try:
         return np.nan if isinstance(value, str) else float(value)
     except (TypeError, ValueError):

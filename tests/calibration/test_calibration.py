@@ -290,7 +290,7 @@ def test_a_pick_that_is_written_anew_is_not_compiled_anew(start, exact):
         )
     assert compiled == []
     np.testing.assert_array_equal(again.covariance, fit.covariance)
-    with pytest.raises(TypeError, match="must only pick"):
+    with pytest.raises(TypeError, match="may only pick"):
         js.calibrate(start, LOAD, exact, where=lambda contact: 2 * contact.potential.length)
 
 

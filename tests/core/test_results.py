@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import jaxstab as js
-from jaxstab.calibration.result import Profile
+from jaxstab.calibration.result import LossProfile
 
 NUM_LOADS = 4
 
@@ -271,7 +271,7 @@ def test_folds_and_fits_print_what_they_found(sweep, contact):
         residual=jnp.array(1e-7),
         num_steps=jnp.array(12),
         num_minima=jnp.array(2),
-        profile=Profile(jnp.array(0), none, none),
+        profile=LossProfile(jnp.array(0), none, none),
         result=js.RESULTS.successful,
         losses=none,
         results=js.RESULTS.successful,

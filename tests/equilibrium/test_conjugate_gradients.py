@@ -8,6 +8,8 @@ from problems import rough_contact
 import jaxstab as js
 from jaxstab.references import westergaard
 
+# One size for most tests, so that they share programs.
+N = 20
 SOLVER = js.PreconditionedConjugateGradient()
 LAWS = [
     js.potentials.NoAdhesion(),
@@ -22,7 +24,7 @@ CORE = js.potentials.LennardJones(0.01, 0.1)
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
 @pytest.mark.parametrize("mean_gap", [1e-3, 0.1, 1.0])
 def test_it_finds_the_state_that_the_reference_solver_finds(law, mean_gap):
-    contact, load = rough_contact(32, law), js.MeanGap(mean_gap)
+    contact, load = rough_contact(N, law), js.MeanGap(mean_gap)
     equilibrium = js.equilibrate(contact, load, SOLVER)
     reference = js.equilibrate(contact, load, js.PolonskyKeerRey())
     assert equilibrium.num_steps <= reference.num_steps
@@ -36,7 +38,7 @@ def random_problem(seed):
     """Return a contact and a load: any law, strengths over four decades, from closed to apart."""
     random = np.random.default_rng(seed)
     rms_height = 10 ** random.uniform(-2.5, -0.5)
-    contact = rough_contact(20, js.potentials.NoAdhesion(), seed=seed, rms_height=rms_height)
+    contact = rough_contact(N, js.potentials.NoAdhesion(), seed=seed, rms_height=rms_height)
     stress = float(contact.conforming_pressure) * 10 ** random.uniform(-2, 2)
     length = rms_height * 10 ** random.uniform(-1, 1)
     names = ("Exponential", "Gaussian", "Rational", "Dugdale", "LennardJones")
@@ -94,7 +96,7 @@ def test_si_units_take_the_same_steps_to_the_same_fields(load):
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
 def test_pressure_control_returns_to_the_state_that_gap_control_found(law):
-    contact = rough_contact(32, law)
+    contact = rough_contact(N, law)
     by_gap = js.equilibrate(contact, js.MeanGap(0.05), SOLVER)
     near = by_gap.gap * (1 + 0.02 * jnp.cos(2 * jnp.pi * contact.grid.coordinates[0]))
     load = js.MeanPressure(by_gap.mean_pressure)
@@ -118,14 +120,14 @@ def test_a_sinusoid_closes_at_westergaards_pressure():
 
 
 def test_a_load_past_pull_off_is_announced():
-    contact = rough_contact(32, js.potentials.Exponential(0.01, 0.1))
+    contact = rough_contact(N, js.potentials.Exponential(0.01, 0.1))
     strongest = 0.01 / 0.1
     with pytest.raises(js.SolverError, match=r"MeanPressure\(-0.11\).*pulled_off.*Pull less"):
         js.equilibrate(contact, js.MeanPressure(-1.1 * strongest))
     held = js.equilibrate(contact, js.MeanPressure(-0.01 * strongest))
     assert held.in_contact.any()
     assert held.mean_pressure == pytest.approx(-0.001, rel=1e-6)
-    adhesionless = rough_contact(32, js.potentials.NoAdhesion())
+    adhesionless = rough_contact(N, js.potentials.NoAdhesion())
     apart = js.equilibrate(adhesionless, js.MeanPressure(-1e-6), throw=False)
     assert apart.result == js.RESULTS.pulled_off
 
@@ -155,13 +157,13 @@ def test_what_a_law_holds_further_out_is_not_announced_as_pulled_off():
     ],
 )
 def test_what_no_law_can_hold_is_pulled_off_in_few_steps(law, pressure):
-    apart = js.equilibrate(rough_contact(16, law), js.MeanPressure(pressure), throw=False)
+    apart = js.equilibrate(rough_contact(N, law), js.MeanPressure(pressure), throw=False)
     assert apart.result == js.RESULTS.pulled_off
     assert apart.num_steps < 20
 
 
 def test_full_contact_is_a_start_for_the_next_pressure():
-    contact = rough_contact(16, js.potentials.NoAdhesion())
+    contact = rough_contact(N, js.potentials.NoAdhesion())
     full = js.equilibrate(contact, js.MeanPressure(50.0))
     assert full.in_contact.all()
     eased = js.equilibrate(contact, js.MeanPressure(0.5), initial=full)
@@ -170,14 +172,17 @@ def test_full_contact_is_a_start_for_the_next_pressure():
 
 
 def test_the_reference_solver_refuses_a_pressure():
-    contact = rough_contact(16, js.potentials.NoAdhesion())
+    contact = rough_contact(N, js.potentials.NoAdhesion())
     with pytest.raises(ValueError, match="PreconditionedConjugateGradient"):
         js.equilibrate(contact, js.MeanPressure(0.1), js.PolonskyKeerRey())
     coded = js.equilibrate(contact, js.MeanPressure(jnp.nan), throw=False)
     assert coded.result == js.RESULTS.infeasible_load
 
 
-def test_under_a_pressure_perturbations_need_no_zero_mean(hertz):
+def test_under_a_pressure_perturbations_need_no_zero_mean():
+    grid = js.Grid(N)
+    heights = js.surfaces.paraboloid(grid, radius=2.0)
+    hertz = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(10.0, 1.0))
     by_gap = js.equilibrate(hertz, js.MeanDisplacement(1.302))
     load = js.MeanPressure(by_gap.mean_pressure)
     held = js.equilibrate(hertz, load, initial=by_gap, throw=False)
@@ -186,7 +191,7 @@ def test_under_a_pressure_perturbations_need_no_zero_mean(hertz):
     assert not held.in_contact.any()
     assert pair.eigenvalue == pytest.approx(exact, rel=1e-6)
 
-    stiff = rough_contact(16, js.potentials.Exponential(1e-3, 0.5))
+    stiff = rough_contact(N, js.potentials.Exponential(1e-3, 0.5))
     state = js.equilibrate(stiff, js.MeanPressure(-1e-3 / 0.5 / 50))
     pair = js.assess_stability(stiff, state).cone
     assert pair.mode[np.asarray(state.in_contact)].min(initial=0) >= 0
@@ -194,7 +199,7 @@ def test_under_a_pressure_perturbations_need_no_zero_mean(hertz):
 
 
 def test_loads_of_pressure_can_be_swept():
-    contact = rough_contact(32, js.potentials.Exponential(0.01, 0.1))
+    contact = rough_contact(N, js.potentials.Exponential(0.01, 0.1))
     loads = js.MeanPressure(jnp.array([0.05, 0.01, 0.0, -1.0]))
     quick = js.ProximalIteration(1e-4)
     for order in ("independent", "continuation"):

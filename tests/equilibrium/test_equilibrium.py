@@ -128,12 +128,10 @@ PAPERS_CASES = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("solver", "n"), [(js.PolonskyKeerRey(), 128), (js.PreconditionedConjugateGradient(), 256)]
-)
+@pytest.mark.parametrize("solver", [js.PolonskyKeerRey(), js.PreconditionedConjugateGradient()])
 @pytest.mark.parametrize(("potential", "displacement"), PAPERS_CASES)
-def test_the_papers_rough_cases_converge(potential, displacement, solver, n):
-    contact = rough_contact(n, potential)
+def test_the_papers_rough_cases_converge(potential, displacement, solver):
+    contact = rough_contact(128, potential)
     equilibrium = js.equilibrate(contact, js.MeanDisplacement(displacement), solver)
     assert equilibrium.residual <= 1e-8
     check_optimality(contact, equilibrium, 1e-7)
@@ -157,7 +155,7 @@ def test_a_coarser_solution_is_a_good_start():
         heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=16, rms_height=0.02)
         return js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(1e-3, 0.02))
 
-    load, fine = js.MeanGap(0.02), contact_on(256)
+    load, fine = js.MeanGap(0.02), contact_on(128)
     coarse = js.equilibrate(contact_on(64), load)
     warm = js.equilibrate(fine, load, initial=coarse)
     cold = js.equilibrate(fine, load)

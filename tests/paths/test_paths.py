@@ -294,9 +294,9 @@ def test_what_cannot_be_followed_is_told(hertz):
     assert len(told.value.found.load.value) > 8
     with pytest.raises(ValueError, match=r"The load has 1 NaN or infinite values, the first at"):
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, jnp.nan])))
-    with pytest.raises(ValueError, match="must be those of one machine"):
+    with pytest.raises(ValueError, match="must belong to one machine"):
         js.follow(hertz, js.Spring(jnp.array([1.6, 1.2]), jnp.array([1.0, 2.0])))
-    with pytest.raises(ValueError, match="must be those of one machine"):
+    with pytest.raises(ValueError, match="must belong to one machine"):
         js.critical_load(hertz, js.Spring(jnp.array([1.6, 1.2]), jnp.array([1.0, 2.0])))
     with pytest.raises(ValueError, match=r"The load is 1.3: a turning point is that of the one"):
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.3, 1.3])))

@@ -30,7 +30,7 @@ def test_quantities_are_drawn_over_load_or_time_with_their_units(run):
 
 
 def test_mistakes_are_named(run):
-    with pytest.raises(TypeError, match=r"what jaxstab\.evolve returned"):
+    with pytest.raises(TypeError, match=r"result of jaxstab\.evolve"):
         js.plots.evolution(run.contact)
     with pytest.raises(ValueError, match="y 'energy': x is load or time"):
         js.plots.evolution(run, y="energy")

@@ -133,7 +133,7 @@ def test_what_cannot_be_drawn_is_said(rough, adhesive, line):
         plots.distribution(contact, state, "reaction")
     with pytest.raises(ValueError, match="bins is 0"):
         plots.distribution(contact, state, bins=0)
-    with pytest.raises(ValueError, match="No theory is known here"):
+    with pytest.raises(ValueError, match="Persson's theory is for pressures"):
         plots.distribution(*adhesive, theory=True)
     with pytest.raises(TypeError, match="Equilibrium is no leakage"):
         plots.flow(contact, state)

@@ -72,7 +72,7 @@ def test_the_cone_problem_with_a_closed_form(a, bc2):
     localises = diffusion < bc2
     exact = diffusion ** (1 / 3) * bc2 ** (2 / 3) if localises else bc2
     errors = []
-    for points in (50, 100, 200):
+    for points in (50, 200):
         free, pair = smallest_damage_modes(damage_operator(points, a, bc2))
         assert free.eigenvalue == pytest.approx(min(bc2, diffusion), rel=0.01)
         errors.append(abs(float(pair.eigenvalue) / exact - 1))
@@ -103,7 +103,7 @@ def test_on_a_line_without_a_fixed_mean_the_cone_costs_nothing(seed):
 
 
 @pytest.mark.parametrize("space", ["lower_bound", "critical"])
-@pytest.mark.parametrize("count", [1, 5, 12])
+@pytest.mark.parametrize("count", [1, 12])
 def test_the_lowest_modes_equal_those_of_a_dense_eigensolver(unloading, space, count):
     equilibrium = js.equilibrate(unloading, js.MeanGap(0.5))
     pairs = js.lowest_modes(unloading, equilibrium, count, space=space)

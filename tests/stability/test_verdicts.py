@@ -11,17 +11,13 @@ from brute_force import (
     smallest_on_critical_cone,
     smallest_on_zero_mean,
 )
-from problems import state_of
+from problems import Parabola, Waves, state_of
 
 import jaxstab as js
 
 SHAPE = 5, 6
 # A law whose curvature takes any value between -1 and 1 times its strength.
 STRENGTH = 10.0
-
-
-def wavy(gap):
-    return -STRENGTH * jnp.cos(gap)
 
 
 def random_problems(number):
@@ -39,7 +35,7 @@ def random_problems(number):
 @pytest.fixture(scope="module", params=[150, pytest.param(500, marks=pytest.mark.nightly)])
 def faces(request):
     grid = js.Grid(SHAPE, (1.0, 1.2))
-    contact = js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(SHAPE), wavy)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(SHAPE), Waves(STRENGTH))
     gaps = random_problems(request.param)
     states = jax.vmap(lambda gap: state_of(contact, gap))(gaps)
     assess = jax.vmap(lambda state: js.assess_stability(*state, throw=False))
@@ -191,9 +187,7 @@ def quadratic():
     grid = js.Grid(8)
 
     def law(stiffness):
-        return js.Contact(
-            js.HalfSpace(grid, 1.0), jnp.zeros((8, 8)), lambda gap: -stiffness * gap**2 / 2
-        )
+        return js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros((8, 8)), Parabola(stiffness))
 
     return law
 
@@ -262,12 +256,14 @@ def test_a_few_stiff_points_do_not_hide_a_soft_one():
     """Against the stiffest point every residual is small, against the others not."""
     grid = js.Grid(16)
     curvature = jnp.full((16, 16), 10.0).at[3, 4].set(-1.0)
+
+    def law(gap):
+        # Its curvature, g - 5, is set by the gap.
+        return gap**3 / 6 - 5 * gap**2 / 2
+
     for stiff in (1e4, 1e7, 1e9):
         diagonal = curvature.at[9, 9].set(stiff)
-        # f'' = gap - 5 lets the gap set the curvature.
-        contact = js.Contact(
-            js.HalfSpace(grid, 1e-3), jnp.zeros((16, 16)), lambda gap: gap**3 / 6 - 5 * gap**2 / 2
-        )
+        contact = js.Contact(js.HalfSpace(grid, 1e-3), jnp.zeros((16, 16)), law)
         contact, state = state_of(contact, diagonal + 5)
         stability = js.assess_stability(contact, state, throw=False)
         exact = smallest_on_critical_cone(contact, state)

@@ -122,7 +122,7 @@ def test_lengths_and_units_are_asked_for_and_not_contradicted(tmp_path):
             js.surfaces.read(tmp_path / "a.npy", wrong)
     with pytest.raises(ValueError, match="the unit is 'inch': choose one of"):
         js.surfaces.read(tmp_path / "a.npy", SIDES, "inch")
-    with pytest.raises(ValueError, match=r"those of the heights are 3e-06 x 1\.4e-06 m"):
+    with pytest.raises(ValueError, match=r"heights come with lengths of 3e-06 x 1\.4e-06 m"):
         js.surfaces.read(tmp_path / "a.gwy", SIDES)
     with pytest.raises(ValueError, match=r"'um', but the heights are in 'm'.*\.in_unit\(\"um\"\)"):
         js.surfaces.read(tmp_path / "a.gwy", unit="um")

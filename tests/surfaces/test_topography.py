@@ -370,5 +370,5 @@ def test_what_looks_wrong_is_still_said_once_a_fourier_series_has_spread_it():
         solid = js.FreeHalfSpace(changed.grid, 1.0)
         with pytest.warns(js.surfaces.SurfaceWarning, match="before it was"):
             js.Contact(solid, changed, js.potentials.NoAdhesion())
-        assert not change(tilted.detrended(1).periodic("window")).spread
-    assert not tilted.resampled((32, 24), "area").spread
+        assert not change(tilted.detrended(1).periodic("window")).edge_faults
+    assert not tilted.resampled((32, 24), "area").edge_faults
