@@ -107,6 +107,6 @@ def balance_of(
 
 def conforming_pressure(solid: Solid, heights: Field) -> Scalar:
     """Return the rms elastic pressure that full contact takes, |K h| [pressure]."""
-    heights = solid.flush(heights)
+    heights = solid.conforming(heights)
     pressure = solid.held_by(0).apply(heights - jnp.mean(heights))
     return jnp.sqrt(jnp.mean(pressure**2))

@@ -46,7 +46,7 @@ class Padded(Waves):
         """Return G p on all of the grid, the displacement under a pressure on the window."""
         return model.filtered(self.grid, 1 / self.multiplier, padded(pressure, 0))
 
-    def flush(self, heights: Field) -> Field:
+    def conforming(self, heights: Field) -> Field:
         """Return the surface continued by its mirror images, without a step at its edges."""
         return mirrored(self.surface(heights))
 

@@ -57,7 +57,7 @@ class Solid(eqx.Module):
         """Return the part of one field or several that has a surface opposite to it."""
         return field
 
-    def flush(self, heights: Field) -> Field:
+    def conforming(self, heights: Field) -> Field:
         """Return the displacement that full contact takes."""
         return heights
 

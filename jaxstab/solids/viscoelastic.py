@@ -173,7 +173,7 @@ class Viscoelastic(Solid):
     apply = _of_relaxed("apply")
     precondition = _of_relaxed("precondition")
     surface = _of_relaxed("surface")
-    flush = _of_relaxed("flush")
+    conforming = _of_relaxed("conforming")
     held_by = _of_relaxed("held_by")
     scaled = _of_relaxed("scaled")
     coarser = _of_relaxed("coarser")
