@@ -92,7 +92,7 @@ class Solid(eqx.Module):
         """Return this solid on every other point, or None if that is not known."""
         return None
 
-    def lacking(self, level: Scalar) -> tuple[FieldMap, Scalar] | None:
+    def stiffness_deficit(self, level: Scalar) -> tuple[FieldMap, Scalar] | None:
         """Return the operator that K lacks to reach a stiffness, and its diagonal entry.
 
         For a `SpectralSolid` it is max(0, level - K) for each wave; for other solids None.

@@ -64,7 +64,7 @@ class Waves(Solid):
         first = (0,) * self.multiplier.ndim
         return replace(self, multiplier=self.multiplier.at[first].set(stiffness))
 
-    def lacking(self, level: Scalar) -> tuple[FieldMap, Scalar]:
+    def stiffness_deficit(self, level: Scalar) -> tuple[FieldMap, Scalar]:
         """Return max(0, level - K) without its mean, and its diagonal entry."""
         first = (0,) * self.multiplier.ndim
         lack = jnp.maximum(level - self.multiplier, 0).at[first].set(0)
@@ -141,9 +141,9 @@ class SpectralSolid(Solid):
         """Return this solid by its multiplier, times a factor."""
         return self.waves.scaled(factor)
 
-    def lacking(self, level: Scalar) -> tuple[FieldMap, Scalar]:
+    def stiffness_deficit(self, level: Scalar) -> tuple[FieldMap, Scalar]:
         """Return max(0, level - K) without its mean, and its diagonal entry."""
-        return self.waves.lacking(level)
+        return self.waves.stiffness_deficit(level)
 
     def displacement(self, pressure: Field) -> Field:
         """Return the displacement under a pressure (Rey & Bleyer, eq. 11) [length].

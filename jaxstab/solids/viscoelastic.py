@@ -177,7 +177,7 @@ class Viscoelastic(Solid):
     held_by = _of_relaxed("held_by")
     scaled = _of_relaxed("scaled")
     coarser = _of_relaxed("coarser")
-    lacking = _of_relaxed("lacking")
+    stiffness_deficit = _of_relaxed("stiffness_deficit")
 
 
 def decay(dt: ArrayLike, times: Array) -> Array:

@@ -86,10 +86,10 @@ def _stiffened(hessian: Hessian, cone: AdmissibleCone, aim: Scalar) -> _Stiffene
     size = jnp.maximum(total(contact.astype(aim.dtype)), 1)
     adhesion = total(jnp.where(contact, hessian.curvature, 0)) / size
     level = aim - adhesion
-    lacking = restricted.solid.lacking(level)
-    if lacking is None:
+    deficit = restricted.solid.stiffness_deficit(level)
+    if deficit is None:
         return None
-    lack, on_point = lacking
+    lack, on_point = deficit
     largest = restricted.bound + jnp.maximum(level, 0) + on_point * size
     return _Stiffened(
         bound=largest,
