@@ -166,7 +166,7 @@ class Contact(eqx.Module):
     @property
     def area(self) -> Scalar:
         """That of the surface [length^2]; on a line its length [length]."""
-        return (self.grid.area * self.solid.share).astype(self.heights.dtype)
+        return (self.grid.area * self.solid.area_fraction).astype(self.heights.dtype)
 
     @property
     def resolution(self) -> Scalar:

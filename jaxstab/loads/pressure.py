@@ -111,4 +111,4 @@ class MeanPressure(Load):
 
     def control(self, solid: Solid, heights: Field) -> PressureControl:
         """Hold the mean pressure at the value."""
-        return PressureControl(solid.share * self.value.astype(heights.dtype))
+        return PressureControl(solid.area_fraction * self.value.astype(heights.dtype))

@@ -168,7 +168,7 @@ def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array
     spread = jnp.max(surface) - jnp.min(surface)
     # The far side of the solid, where it has one, gives way too.
     control = Spring(0.0, stiffness).control(contact.solid, contact.heights)
-    give = contact.solid.share / control.constant
+    give = contact.solid.area_fraction / control.constant
     first = mean_displacement - give * pressure
     last = jnp.where(deepest > 0, mean_displacement + give * deepest + reach + spread, first)
     return Spring(jax.lax.stop_gradient(jnp.stack([first, last])), stiffness)

@@ -34,7 +34,7 @@ class Padded(Waves):
         return tuple(n // 2 for n in self.grid.shape)
 
     @property
-    def share(self) -> float:
+    def area_fraction(self) -> float:
         """The window's fraction of the grid."""
         return 0.5 ** len(self.grid.shape)
 

@@ -49,7 +49,7 @@ class Solid(eqx.Module):
         return self
 
     @property
-    def share(self) -> float:
+    def area_fraction(self) -> float:
         """The fraction of the grid with a surface opposite to it."""
         return 1.0
 

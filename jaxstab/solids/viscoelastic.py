@@ -164,7 +164,7 @@ class Viscoelastic(Solid):
     # Functions without time use the relaxed solid.
     grid = _of_relaxed("grid")
     is_window = _of_relaxed("is_window")
-    share = _of_relaxed("share")  # pyright: ignore[reportIncompatibleMethodOverride]
+    area_fraction = _of_relaxed("area_fraction")  # pyright: ignore[reportIncompatibleMethodOverride]
     max_stiffness = _of_relaxed("max_stiffness")
     min_stiffness = _of_relaxed("min_stiffness")
     uniform_stiffness = _of_relaxed(  # pyright: ignore[reportIncompatibleMethodOverride]
