@@ -220,13 +220,13 @@ class Contact(eqx.Module):
 
     def energy(self, gap: Field) -> Scalar:
         """Return the potential energy of the surface (Rey & Bleyer, eq. 5) [energy]."""
-        K, f = self.solid.held_by(0).apply, partial(energy_density, self.potential)
+        K, f = self.solid.with_uniform_stiffness(0).apply, partial(energy_density, self.potential)
         return model.energy(K, f, self.heights, gap) * self.grid.cell_area
 
     @property
     def gradient(self) -> FieldMap:
         """The map from a gap to K u + f'(g) [pressure], K prepared once, here."""
-        K, f_prime = self.solid.held_by(0).apply, partial(slope, self.potential)
+        K, f_prime = self.solid.with_uniform_stiffness(0).apply, partial(slope, self.potential)
         return partial(model.gradient, K, f_prime, self.heights)
 
     def curvature(self, gap: Field) -> Field:

@@ -60,7 +60,7 @@ class Hessian(SymmetricOperator):
         stiffness: Scalar | None = None,
         mask: Mask | None = None,
     ):
-        self.solid = solid.held_by(0 if stiffness is None else stiffness)
+        self.solid = solid.with_uniform_stiffness(0 if stiffness is None else stiffness)
         self.curvature = curvature if mask is None else jnp.where(mask, curvature, 0)
         self.stiffness = stiffness
         self.mask = mask

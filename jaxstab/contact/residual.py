@@ -60,7 +60,7 @@ def balance_of(
     escape: Scalar,
 ) -> Callable[[Field], Balance]:
     """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
-    held, stiffest = solid.held_by(0), solid.max_stiffness
+    held, stiffest = solid.with_uniform_stiffness(0), solid.max_stiffness
     conforming = conforming_pressure(solid, heights)
     # What a hundredth of the elastic pressures hides moves no point by a part of the heights.
     smallest_scale = conforming * max(1e-2, 1e6 * float(jnp.finfo(heights.dtype).eps))
@@ -108,5 +108,5 @@ def balance_of(
 def conforming_pressure(solid: Solid, heights: Field) -> Scalar:
     """Return the rms elastic pressure that full contact takes, |K h| [pressure]."""
     heights = solid.conforming(heights)
-    pressure = solid.held_by(0).apply(heights - jnp.mean(heights))
+    pressure = solid.with_uniform_stiffness(0).apply(heights - jnp.mean(heights))
     return jnp.sqrt(jnp.mean(pressure**2))

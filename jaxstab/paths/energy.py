@@ -36,7 +36,9 @@ def own_energy(contact: Contact) -> Scalar:
     values = contact.profile.values
     deepest = -jnp.min(jnp.where(jnp.isfinite(values), values, 0))
     solid = contact.solid
-    elastic = solid.area_fraction * solid.held_by(0).energy(solid.conforming(contact.heights))
+    elastic = solid.area_fraction * solid.with_uniform_stiffness(0).energy(
+        solid.conforming(contact.heights)
+    )
     return elastic + contact.area * deepest
 
 

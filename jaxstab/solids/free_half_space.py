@@ -120,7 +120,7 @@ class FreeHalfSpace(Solid):
         modulus = self.youngs_modulus
         return eqx.tree_at(lambda solid: solid.youngs_modulus, self, factor * modulus)
 
-    def held_by(self, stiffness: ArrayLike) -> NoReturn:
+    def with_uniform_stiffness(self, stiffness: ArrayLike) -> NoReturn:
         """Raise `TypeError`: here a uniform displacement takes a pressure that is not uniform."""
         raise TypeError(
             "Energies, gradients, Hessians and balances of a contact on a FreeHalfSpace live on "

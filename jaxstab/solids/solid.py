@@ -1,7 +1,7 @@
 """The interface of elastic solids: an operator K from displacement to pressure.
 
 A uniform displacement takes no pressure if the far side moves along, as for a half space (Rey &
-Bleyer, eq. 12). The load holds the far side and determines its stiffness (`Solid.held_by`).
+Bleyer, eq. 12). The load holds the far side and sets this `uniform_stiffness`.
 """
 
 from abc import abstractmethod
@@ -80,7 +80,7 @@ class Solid(eqx.Module):
         least, most = self.min_stiffness, self.max_stiffness
         return (least >= jnp.finfo(least.dtype).tiny) & jnp.isfinite(most)
 
-    def held_by(self, stiffness: ArrayLike) -> "Solid":
+    def with_uniform_stiffness(self, stiffness: ArrayLike) -> "Solid":
         """Return this solid with another uniform stiffness, prepared to be applied often."""
         return Altered(self, jnp.ones_like(self.max_stiffness), stiffness)
 

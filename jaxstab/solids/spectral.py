@@ -59,7 +59,7 @@ class Waves(Solid):
         inverse = 1 / (self.multiplier + shift)
         return lambda field: model.filtered(self.grid, inverse, field)
 
-    def held_by(self, stiffness: ArrayLike) -> "Waves":
+    def with_uniform_stiffness(self, stiffness: ArrayLike) -> "Waves":
         """Return this solid with another multiplier at q = 0."""
         first = (0,) * self.multiplier.ndim
         return replace(self, multiplier=self.multiplier.at[first].set(stiffness))
@@ -127,15 +127,17 @@ class SpectralSolid(Solid):
 
         A solid that keeps its volume moves in the mean with its far side, at no pressure.
         """
-        return self.held_by(finite_or_zero(self.uniform_stiffness)).apply(displacement)
+        return self.with_uniform_stiffness(finite_or_zero(self.uniform_stiffness)).apply(
+            displacement
+        )
 
     def precondition(self, shift: Scalar) -> FieldMap:
         """Return the inverse of K + shift."""
         return self.waves.precondition(shift)
 
-    def held_by(self, stiffness: ArrayLike) -> Waves:
+    def with_uniform_stiffness(self, stiffness: ArrayLike) -> Waves:
         """Return this solid by its multiplier, with another one at q = 0."""
-        return self.waves.held_by(stiffness)
+        return self.waves.with_uniform_stiffness(stiffness)
 
     def scaled(self, factor: Scalar) -> Waves:
         """Return this solid by its multiplier, times a factor."""

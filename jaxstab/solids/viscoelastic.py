@@ -174,7 +174,7 @@ class Viscoelastic(Solid):
     precondition = _of_relaxed("precondition")
     surface = _of_relaxed("surface")
     conforming = _of_relaxed("conforming")
-    held_by = _of_relaxed("held_by")
+    with_uniform_stiffness = _of_relaxed("with_uniform_stiffness")
     scaled = _of_relaxed("scaled")
     coarser = _of_relaxed("coarser")
     stiffness_deficit = _of_relaxed("stiffness_deficit")

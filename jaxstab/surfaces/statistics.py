@@ -31,7 +31,7 @@ class Elastic(Protocol):
     @property
     def is_window(self) -> bool: ...  # noqa: D102
     def apply(self, displacement: Array, /) -> Array: ...  # noqa: D102
-    def held_by(self, stiffness: ArrayLike, /) -> Any: ...  # noqa: D102
+    def with_uniform_stiffness(self, stiffness: ArrayLike, /) -> Any: ...  # noqa: D102
 
 
 def rms_height(heights: Field | Topography) -> Scalar:
@@ -159,7 +159,7 @@ def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
         pressure, level = solid.apply(heights), solid.apply(jnp.ones_like(heights))
         rigid = jnp.sum(pressure) / jnp.sum(level)
         return jnp.mean((heights - rigid) * (pressure - rigid * level)) / 2
-    return solid.held_by(0).energy(heights - jnp.mean(heights)) / solid.grid.area
+    return solid.with_uniform_stiffness(0).energy(heights - jnp.mean(heights)) / solid.grid.area
 
 
 @own_conventions()

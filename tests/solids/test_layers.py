@@ -224,7 +224,7 @@ def test_an_incompressible_layer_presses_on_a_wave_alone():
     grid = js.Grid(32)
     layer = js.Layer(grid, 1.0, 0.5, 0.2)
     wave, stiffness = jnp.cos(2 * jnp.pi * grid.coordinates[0]), 12.0047777296957
-    for solid in (layer, js.Solid.held_by(layer, jnp.inf)):
+    for solid in (layer, js.Solid.with_uniform_stiffness(layer, jnp.inf)):
         for displacement in (wave, wave + 3):
             pressure = solid.pressure(displacement)
             # By Johnson's formula in 60 digits.

@@ -113,7 +113,7 @@ def test_a_start_that_is_not_needed_takes_no_step():
 
 def test_the_coarser_solid_has_the_long_waves_of_the_fine_one():
     grid = js.Grid((12, 8), (3.0, 2.0))
-    solid = js.HalfSpace(grid, 2.0).held_by(0.5)
+    solid = js.HalfSpace(grid, 2.0).with_uniform_stiffness(0.5)
     coarser = solid.coarser()
     assert coarser.grid.shape == (6, 4)
     np.testing.assert_array_equal(coarser.grid.lengths, grid.lengths)
@@ -121,4 +121,4 @@ def test_the_coarser_solid_has_the_long_waves_of_the_fine_one():
     wave = jnp.cos(2 * jnp.pi * (x / 3 - y / 2)) + 0.3
     fine = jnp.cos(2 * jnp.pi * (grid.coordinates[0] / 3 - grid.coordinates[1] / 2)) + 0.3
     np.testing.assert_allclose(coarser.apply(wave), solid.apply(fine)[::2, ::2], atol=1e-12)
-    assert js.HalfSpace(js.Grid((7, 8)), 1.0).held_by(0).coarser() is None
+    assert js.HalfSpace(js.Grid((7, 8)), 1.0).with_uniform_stiffness(0).coarser() is None

@@ -83,7 +83,9 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
     def prepared(self, problem: Problem, start: Field) -> "_Prepared":
         """Return the problem with its preconditioner, made for a start."""
         contact, control = problem.contact, problem.control
-        solid = contact.solid.held_by(0 if control.stiffness is None else control.stiffness)
+        solid = contact.solid.with_uniform_stiffness(
+            0 if control.stiffness is None else control.stiffness
+        )
         return _Prepared(
             contact,
             control,

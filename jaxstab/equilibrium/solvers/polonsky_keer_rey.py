@@ -66,7 +66,7 @@ class PolonskyKeerRey(EquilibriumSolver):
 
     def step(self, problem: Problem, state: _State) -> _State:
         """Return the state after a step along the direction of conjugate gradients."""
-        solid = problem.contact.solid.held_by(0)
+        solid = problem.contact.solid.with_uniform_stiffness(0)
         is_free, net = state.gap > 0, state.balance.net
         curvature = state.balance.curvature
         free_norm = total(jnp.where(is_free, net, 0) ** 2)

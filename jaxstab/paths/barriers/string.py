@@ -118,7 +118,9 @@ def _descended(problem: Landscape, gap: Field) -> Field:
     is_moving = control.moving(gap, net)
     force = control.project(net, is_moving)
     curvature = contact.curvature(gap)
-    solid = contact.solid.held_by(0 if control.stiffness is None else control.stiffness)
+    solid = contact.solid.with_uniform_stiffness(
+        0 if control.stiffness is None else control.stiffness
+    )
     inverse = partial(preconditioner_of(contact, solid, gap), curvature)
     move = control.project(control.precondition(inverse, force, is_moving), is_moving)
     bend = total(move * (solid.apply(move) + curvature * move))

@@ -115,7 +115,7 @@ class Curve(eqx.Module):
     def forces(self, at: Point, is_free: Mask) -> Forces:
         """Return the pressures at a point with these free points."""
         contact, gap = self.contact, at.gap
-        elastic = contact.solid.held_by(0).apply(gap + contact.heights)
+        elastic = contact.solid.with_uniform_stiffness(0).apply(gap + contact.heights)
         _, attraction, curvature = derivatives(contact.potential, gap)
         net = elastic + attraction + at.pressure
         resisting = jnp.where(is_free, attraction + at.pressure, 0)

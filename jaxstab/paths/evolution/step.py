@@ -69,7 +69,7 @@ class Medium(eqx.Module):
     def pressure_of(self, field: Field) -> Field:
         """Return K of a displacement relative to the far side [pressure]."""
         level = mean(field)
-        waves = self.contact.solid.held_by(0).apply(field - level)
+        waves = self.contact.solid.with_uniform_stiffness(0).apply(field - level)
         return waves + self.uniform_stiffness * level
 
     def moved(self, memory: Internal, dt: Scalar) -> Contact:
