@@ -102,7 +102,7 @@ def conductance_at(
             "The conductance was not found: its linear system was not solved to the precision. "
             "Use float64."
         )
-    force, is_whole = total(pressure), jnp.all(touches) & ~solid.is_window
+    force, is_whole = total(pressure), jnp.all(touches) & (not solid.is_window)
     # Of E* = 1.
     stiffness = jnp.where(is_whole, jnp.inf, force * contact.grid.cell_area.astype(dtype))
     current = jnp.where(is_whole, 1 / pressure.size, pressure / jnp.where(force > 0, force, 1))
