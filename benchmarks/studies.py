@@ -23,8 +23,7 @@ import numpy as np
 import xarray
 
 import jaxstab as js
-from jaxstab.studies.axes import read_axes
-from jaxstab.studies.folder import Folder
+from jaxstab.studies.cases import Cases
 
 AXES = {"seed": np.arange(20), "energy": np.linspace(0, 1, 10)}
 COST = """| | seconds | over the loop |
@@ -104,8 +103,8 @@ def kills(folder, number):
     for place in (alone, killed):
         place.mkdir()
     run(alone, "--one").wait()
-    axes = read_axes(AXES)
-    names = {Folder(killed, axes).file(x).name: f"{x['seed']} {x['energy']}" for x in axes.cases()}
+    files = Cases(killed, tuple(AXES), tuple(AXES)).files({n: x.tolist() for n, x in AXES.items()})
+    names = {file.name: f"{x['seed']} {x['energy']}" for file, x in files.items()}
     process, finished, kinds, files = run(killed, "--two"), {}, Counter(), {}
     while kinds.total() < number:
         before = runs(killed).total()

@@ -1,10 +1,18 @@
-"""Optional packages, which extras of jaxstab install."""
+"""Versions of packages, and optional packages, which extras of jaxstab install."""
 
 from importlib import import_module
+from importlib.metadata import version
 from importlib.util import find_spec
 
 # h5netcdf does not install h5py.
 NETCDF = ("xarray", "h5netcdf", "h5py")
+# On these numbers depend.
+_PACKAGES = ("jaxstab", "jax", "jaxlib", "equinox", "numpy")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the packages on which numbers depend."""
+    return {name: version(name) for name in _PACKAGES}
 
 
 def are_installed(*packages: str) -> bool:

@@ -4,7 +4,6 @@ import json
 import platform
 from collections.abc import Mapping
 from dataclasses import replace
-from importlib.metadata import version
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ import numpy as np
 from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.core.checks import is_traced
 from jaxstab.core.display import text
-from jaxstab.core.optional_packages import require_packages
+from jaxstab.core.optional_packages import require_packages, versions
 from jaxstab.core.results import RESULTS
 from jaxstab.core.unit_system import unit_symbol
 from jaxstab.core.units import LENGTH
@@ -38,7 +37,6 @@ Result = Equilibrium | Stability | Sweep | Path | Branch | Evolution | Transitio
 
 # The number of the format, to be raised when this version could not read files of the next.
 FORMAT = 2
-_PACKAGES = ("jaxstab", "jax", "jaxlib", "equinox", "numpy")
 # The order of a material's moduli in a coated half space.
 _MODULI = ("youngs_modulus", "poisson_ratio")
 _STATES = {"load": ("state",), "equilibrium": ("state",)}
@@ -211,12 +209,11 @@ def _coordinates(contact: Contact, structure: Structure, dataset: Any) -> dict[s
 def _attributes(
     contact: Contact, result: Result, solver: eqx.Module | None, structure: Structure
 ) -> dict[str, Any]:
-    versions = {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()}
     attributes = {
         "title": f"{type(result).__name__} of an adhesive contact, by jaxstab",
         "solid": text(contact.solid, contact.units),
         "law": text(contact.potential, contact.units),
-        "versions": json.dumps(versions),
+        "versions": json.dumps(versions() | {"python": platform.python_version()}),
         "format": FORMAT,
     }
     if (load := _load_of(result)) is not None:

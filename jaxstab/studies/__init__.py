@@ -1,6 +1,5 @@
 """Many contacts in one folder; finished cases are never lost or run again."""
 
-from jaxstab.studies.driver import StudyInterrupted
-from jaxstab.studies.study import study
+from jaxstab.studies.study import StudyInterrupted, study
 
 __all__ = ["StudyInterrupted", "study"]

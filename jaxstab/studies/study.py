@@ -1,21 +1,42 @@
 """The public function: a study, from its axes to its data set."""
 
+import difflib
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+import json
+import math
+import signal
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
-from jaxstab.core.checks import integer
-from jaxstab.core.optional_packages import require_packages
-from jaxstab.studies import record
-from jaxstab.studies.axes import LISTED, WORDS, Axes, read_axes
-from jaxstab.studies.dataset import dataset_of
-from jaxstab.studies.driver import Driver
-from jaxstab.studies.folder import MARKS, Folder
-from jaxstab.studies.worker import Worker
+import jax
+import numpy as np
+
+from jaxstab.core.checked_netcdf import Damaged, Variable, Variables, read, write_whole
+from jaxstab.core.checks import integer, require
+from jaxstab.core.optional_packages import require_packages, versions
+from jaxstab.core.progress import progress_bar
+from jaxstab.core.warn import said_once, warn, warn_once
+from jaxstab.studies.cases import LISTED, MARKS, RECORD, Case, Cases, read_axes
+from jaxstab.studies.running import Worker, run_all
 
 if TYPE_CHECKING:
     import xarray
+
+# Fields of more bytes, in all cases, are read on access.
+LARGE = 2**30
+# Seconds after which an unfinished file is that of a process that was killed.
+_STALE = 3600
+
+
+class StudyInterrupted(UserWarning):
+    """A study was interrupted; its folder holds the cases done so far."""
 
 
 def study(
@@ -25,7 +46,7 @@ def study(
     *,
     executor: Any = None,
     batch: int = 1,
-    version: str | float | None = None,
+    version: Any = None,
     retry: bool = False,
     accept_changes: bool = False,
     progress: bool | None = None,
@@ -38,10 +59,9 @@ def study(
     twice.
 
     Arguments:
-        case: the function, called by names with numbers and words of Python or random keys. It
-            returns a dict of numbers, words and arrays, or a Dataset, of the same shapes in all
-            cases; members of enumerations such as `jaxstab.VERDICTS` become words. A case that
-            raises is recorded as failed, with its message.
+        case: the function, called by names with numbers and words of Python. It returns a dict of
+            numbers, words and arrays, or a Dataset, of the same shapes in all cases; members of
+            enumerations such as `jaxstab.VERDICTS` become words. A case that raises has failed.
         axes: one-dimensional arrays by name, whose product is run; or a list of dicts, the
             combinations to be run, which lie on the dimension `case`.
         path: the folder of the study, which all processes must see; made where it does not exist.
@@ -58,8 +78,8 @@ def study(
     Returns:
         A data set of the cases in the order of the axes. Each has a `result` ("successful",
         "failed" or "missing"), its `seconds`, in a batch the average, and the text of its `error`.
-        Where there is no value, there is NaN, the least integer, False or "missing". Fields of a
-        study of more than 1 GB are read on access. Once no case is missing,
+        Where there is no value, there is NaN, the least integer, False or "missing". Fields of more
+        than 1 GB are read on access. Once no case is missing,
         `xarray.open_mfdataset(f"{path}/*.nc", combine="by_coords")` reads the files as well.
 
     Raises:
@@ -70,50 +90,208 @@ def study(
         RuntimeError: if the executor takes no more cases, or loses them; finished cases are kept.
         ImportError: without the packages of the extra `studies`.
     """
-    require_packages("Studies", "studies", "xarray", "h5netcdf", "h5py")
-    asked, path, driver = read_axes(axes), Path(path).absolute(), None
-    _require_sense(case, asked, executor, integer("batch", batch), version)
+    require_packages("Studies", "studies", "xarray", "h5netcdf", "h5py", "cloudpickle")
+    values, is_listed = read_axes(axes)
+    require("batch", integer("batch", batch), batch > 0, "give at least 1.")
+    is_fit = hasattr(executor, "submit") or (isinstance(executor, int) and executor > 0)
+    cure = "give a number, an executor as those of concurrent.futures, or a Dask Client."
+    require("executor", repr(executor), executor is None or is_fit, cure)
     try:
-        asked = record.begin(path, asked, case, version, accept_changes)
-        driver = Driver(Folder(path, asked), asked.cases(), retry)
-        driver.run(Worker(case, asked.kinds, driver.folder, batch), executor, progress)
-    except (OSError, RuntimeError) as error:
-        said = f"{getattr(error, 'strerror', None) or error}: {driver.stored if driver else path}. "
-        said += "Mend this, then the same call goes on."
-        if not isinstance(error, OSError):
-            raise RuntimeError(said) from error
-        raise OSError(*[error.errno][: error.errno is not None], said) from error
-    return dataset_of(driver.folder, asked, driver.found, driver.is_large)
-
-
-def _require_sense(case: Any, axes: Axes, executor: Any, batch: int, version: Any) -> None:
-    number = executor if type(executor) is int else 1
-    is_executor = executor is None or type(executor) is int or hasattr(executor, "submit")
-    taken = [name for name in axes.values if name in (*MARKS, LISTED)]
-    words = [name for name, kind in axes.kinds.items() if kind == WORDS and batch > 1]
-    kind = type(case).__name__
-    for is_wrong, error, message in (
-        (batch < 1, ValueError, f"batch is {batch}: give at least 1."),
-        (
-            not is_executor,
-            TypeError,
-            f"executor is {executor!r}: give a number, an executor as "
-            "those of concurrent.futures, or a Dask Client.",
-        ),
-        (number < 1, ValueError, f"executor is {executor}: give at least 1."),
-        (
-            not isinstance(version, str | int | float | None),
-            TypeError,
-            f"version is {version!r}: give a number or a word.",
-        ),
-        (not callable(case), TypeError, f"The case is of type {kind}: give a function."),
-        (taken, ValueError, f"An axis cannot be named {taken}, a name of the study: rename it."),
-        (words, ValueError, f"{words} are words, which no batch can hold: use batch=1."),
-    ):
-        if is_wrong:
-            raise error(message)
-    try:
-        inspect.signature(case).bind(**axes.values)
+        inspect.signature(case).bind(**values)
     except TypeError as error:
-        names, signature = ", ".join(axes.values), inspect.signature(case)
-        raise TypeError(f"The case takes {signature}, the axes give {names}: {error}.") from None
+        raise TypeError(f"The axes give the case {', '.join(values)}: {error}.") from None
+    names = tuple(values)
+    cases = Cases(Path(path).absolute(), names, (LISTED,) if is_listed else names)
+    files, is_stopped = cases.files(values), threading.Event()
+
+    def stop(*_: object) -> None:
+        is_stopped.set()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    is_main = threading.current_thread() is threading.main_thread()
+    is_ours = is_main and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    try:
+        cases = _begin(cases, case, version, accept_changes)
+        files = cases.files(values)
+        before = _read(sorted(cases.path.iterdir()), files)
+        for file in [x for x in before if retry and not _is_successful(before[x])]:
+            file.unlink(missing_ok=True)
+            del before[file]
+        left = [x for file, x in files.items() if file not in before]
+        worker = Worker(case, cases, batch, uuid4().hex[:8])
+        if is_ours:
+            signal.signal(signal.SIGINT, stop)
+        shown = {"shown": progress, "done": len(before)}
+        with said_once(), progress_bar(len(files), "case", **shown) as bar:
+            for number, warning in run_all(executor, worker, left, is_stopped.is_set):
+                bar.update(number)
+                if warning:
+                    warn_once(warning, UserWarning, per_line=True)
+        found = before | _read([x for x in files if x not in before], files)
+        blank = _agreed(cases, files, found, before)
+    except (OSError, RuntimeError) as error:
+        done = f"{sum(file.exists() for file in files)} of {len(files)} cases are in {cases.path}"
+        said = f"{getattr(error, 'strerror', None) or error}: {done}. Mend this, then call again."
+        number = getattr(error, "errno", None)
+        raise OSError(number, said) if number else RuntimeError(said) from error
+    finally:
+        if is_ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+    if len(found) < len(files):
+        done = f"{len(found)} of {len(files)} cases are in {cases.path}"
+        warn(f"The study was interrupted: {done}. The same call goes on.", StudyInterrupted)
+    return _dataset(cases, values, {file: found.get(file) for file in files}, blank)
+
+
+def _begin(cases: Cases, case: Any, version: Any, accept: bool) -> Cases:
+    """Write `study.json`, or compare it with a call; return the cases with axes in its order."""
+    path, file = cases.path, cases.path / RECORD
+    path.mkdir(parents=True, exist_ok=True)
+    names = [x.name for x in path.iterdir() if x.suffix not in (".part", ".begun")]
+    if names and not any(name == RECORD or name.endswith(".nc") for name in names):
+        raise ValueError(f"{path} is no study, it holds {min(names)}: give a new folder.")
+    text = file.read_text() if file.exists() else ""
+    try:
+        known = dict(json.loads(text))
+    except (ValueError, TypeError):
+        known = {}
+    axes, dims = known.get("axes", cases.names), known.get("dims", cases.dims)
+    if ({*axes}, {*dims}) != ({*cases.names}, {*cases.dims}):
+        asked = f"{', '.join(cases.names)} on {', '.join(cases.dims)}: give another folder."
+        raise ValueError(f"{path} has axes {', '.join(axes)} on {', '.join(dims)}, not {asked}")
+    now = {"axes": axes, "dims": dims, "version": version, "packages": versions()}
+    now |= {"double": jax.config.values["jax_enable_x64"], "source": _source(case, version)}
+    now |= {"changes": known.get("changes", [])}
+    lines = text.splitlines(), json.dumps(now, indent=1).splitlines()
+    changes = [*difflib.unified_diff(*lines, RECORD, "this call", n=0, lineterm="")]
+    if changes and names and not accept:
+        listed = "\n".join(changes[:40])
+        raise ValueError(
+            f"{path} was begun with another case, or {RECORD} is damaged.\n{listed}\nGive another "
+            "folder; or, if its cases stay valid, accept_changes=True records the change."
+        )
+    if changes:
+        now["changes"] += [{"when": time.ctime(), "changed": changes}] if names else []
+        write_whole(file, json.dumps(now, indent=1).encode())
+    return cases._replace(names=tuple(axes), dims=tuple(dims))
+
+
+def _source(case: Any, version: Any) -> list[str]:
+    """Return the text of a function, or of the class of another callable."""
+    lines = []
+    while isinstance(case := inspect.unwrap(case), partial):
+        lines.append(f"# with {case.args}, {case.keywords}")
+        case = case.func
+    try:
+        text = inspect.getsource(case if inspect.isroutine(case) else type(case))
+    except (OSError, TypeError):
+        if version is None:
+            raise ValueError("The source of the case is not found: give a `version`.") from None
+        text = ""
+    return lines + text.splitlines()
+
+
+def _read(paths: Iterable[Path], files: Mapping[Path, Case]) -> dict[Path, Variables]:
+    """Return the cases of some files; rename damaged ones, and remove those of dead processes."""
+    found, damaged = {}, []
+    for path in paths:
+        # Another call may rename or remove it.
+        with suppress(FileNotFoundError):
+            if path.suffix == ".nc":
+                try:
+                    found[path] = read(path, LARGE // len(files))
+                except Damaged as error:
+                    damaged.append(str(error))
+                    path.rename(f"{path}.{uuid4().hex[:8]}.damaged")
+            elif path.suffix in (".part", ".begun") and time.time() - path.stat().st_mtime > _STALE:
+                path.unlink()
+    if damaged:
+        listed = "\n".join(damaged)
+        warn(f"These files are damaged. Their cases run again; .damaged files keep them.\n{listed}")
+    return {path: found[path] for path in files if path in found}
+
+
+def _agreed(
+    cases: Cases, files: Mapping[Path, Case], found: dict[Path, Variables], before: Iterable[Path]
+) -> Variables:
+    """Fail cases with unusual outputs; give failed ones and return those without values."""
+    done = {path: case for path, case in found.items() if _is_successful(case)}
+    errors = {path: x["error"].values.item() for path, x in found.items() if path not in done}
+    forms = {
+        path: {name: _form(name, x) for name, x in case.items() if name not in cases.taken}
+        for path, case in done.items()
+    }
+    counts = Counter(json.dumps(forms[x]) for x in [x for x in done if x in before] or done)
+    usual = json.loads(max(counts, key=lambda text: counts[text], default="{}"))
+    for path, form in forms.items():
+        for name in sorted(x for x in form.keys() | usual if form.get(x) != usual.get(x)):
+            here, there = form.get(name, "missing"), usual.get(name, "missing")
+            errors[path] = f"{name} is {here}, in other cases {there}: return the same in all."
+    fit = [case for path, case in done.items() if path not in errors]
+    blank = {name: _blank(name, [case[name] for case in fit]) for name in usual}
+    kinds = {name: x.values.dtype.kind for name, x in blank.items()}
+    for path, error in errors.items():
+        own = {name: x.values.dtype.kind for name, x in found[path].items() if name in blank}
+        if path in done or own != kinds:
+            cases.write(files[path], blank, found[path]["seconds"].values.item(), error)
+            found[path] = read(path)
+    return blank
+
+
+def _form(name: str, variable: Variable) -> str:
+    dims, values, _ = variable
+    kind = "words" if values.dtype.kind == "U" else "numbers"
+    sizes = ", ".join(f"{n} {size}" for n, size in zip(dims, values.shape, strict=True))
+    return f"{kind} ({sizes})" + (f" {values.tolist()}" if dims == (name,) else "")
+
+
+def _blank(name: str, variables: Sequence[Variable]) -> Variable:
+    """Return an output without values, in a kind that holds the values of all cases."""
+    dims, values, attrs = variables[0]
+    dtype = np.result_type(*{x.values.dtype for x in variables})
+    least = np.iinfo(dtype).min if dtype.kind in "iu" else math.nan
+    none = {"b": False, "U": "missing"}.get(dtype.kind, least)
+    full = np.full(values.shape, none, None if dtype.kind == "U" else dtype)
+    return Variable(dims, values if dims == (name,) else full, attrs)
+
+
+def _dataset(
+    cases: Cases, axes: Mapping[str, Any], found: Mapping[Path, Variables | None], blank: Variables
+) -> Any:
+    """Return the cases in the order of the axes; large fields are read on access."""
+    import dask.array
+    import xarray
+    from dask.delayed import delayed
+
+    dims, is_listed = cases.dims, cases.dims == (LISTED,)
+    coordinates = {name: (dims if is_listed else name, axes[name]) for name in cases.names}
+    coordinates |= {LISTED: (dims, [path.stem for path in found])} if is_listed else {}
+    dataset = xarray.Dataset(coords=coordinates)
+    shape = [dataset.sizes[name] for name in dims]
+    marks = zip(MARKS, ("missing", math.nan, ""), strict=True)
+    none = {name: Variable(dims, np.array(x)[(None,) * len(dims)]) for name, x in marks}
+    for name, (own, value, attrs) in (none | blank).items():
+        if own == (name,):
+            dataset.coords[name] = own, value, attrs
+            continue
+        is_large = value.nbytes > LARGE // len(found) and value.dtype.kind != "U"
+        parts = []
+        for path, case in found.items():
+            if case is None or not (name in MARKS or _is_successful(case)):
+                parts.append(value)
+            elif is_large:
+                part = delayed(_values)(path, name, value.dtype)
+                parts.append(dask.array.from_delayed(part, value.shape, value.dtype))
+            else:
+                parts.append(case[name].values)
+        values = (dask.array if is_large else np).concatenate(parts)
+        dataset[name] = own, values.reshape(*shape, *value.shape[len(shape) :]), attrs
+    return dataset
+
+
+def _values(path: Path, name: str, dtype: Any) -> np.ndarray:
+    return read(path)[name].values.astype(dtype)
+
+
+def _is_successful(case: Variables) -> bool:
+    return case["result"].values.item() == "successful"

@@ -9,9 +9,7 @@ import xarray
 from logged_study import assert_same, contents, runs
 
 import jaxstab as js
-from jaxstab.studies.axes import read_axes
-from jaxstab.studies.folder import SMALL, Damaged, Folder
-from jaxstab.studies.netcdf import Variable
+from jaxstab.core.checked_netcdf import Damaged, Variable, read, write
 
 AXES = {"seed": range(3), "law": ["a", "bb"]}
 
@@ -123,7 +121,7 @@ def test_a_file_in_use_or_unreadable_is_not_taken_for_damaged(undisturbed, tmp_p
     def refuse(*_, **__):
         raise OSError(24, "Too many open files")
 
-    monkeypatch.setattr("jaxstab.studies.netcdf._opened", refuse)
+    monkeypatch.setattr("pathlib.Path.read_bytes", refuse)
     with pytest.raises(OSError, match="Too many open files"):
         js.study(case, AXES, path)
     assert sorted(x.name for x in path.iterdir()) == names
@@ -131,31 +129,42 @@ def test_a_file_in_use_or_unreadable_is_not_taken_for_damaged(undisturbed, tmp_p
 
 @pytest.mark.parametrize("step", [97, pytest.param(1, marks=pytest.mark.nightly)])
 def test_every_changed_byte_of_a_file_is_found(step, tmp_path):
-    folder = Folder(tmp_path, read_axes({"seed": [3], "energy": [0.5]}))
-    case, dims = {"seed": 3, "energy": 0.5}, ("seed", "energy", "x", "y")
-    outputs = {
-        "field": Variable(dims, np.random.default_rng(0).random((1, 1, 3, 4)), {"units": "µm"}),
-        "flag": Variable(dims[:2], np.array([[True]])),
+    file, dims = tmp_path / "case.nc", ("seed", "x", "y")
+    variables = {
+        "field": Variable(dims, np.random.default_rng(0).random((1, 3, 4)), {"units": "µm"}),
+        "flag": Variable(dims[:1], np.array([True])),
+        "word": Variable(dims[:2], np.array([["ä", "", "ccc"]])),
         "x": Variable(("x",), np.arange(3.0)),
     }
-    folder.write(case, outputs, 0.25)
-    file = folder.file(case)
-    content, expected = file.read_bytes(), folder.read(file)
+    write(file, variables)
+    content, found = file.read_bytes(), read(file)
+    assert found.keys() == variables.keys()
+    for name, (dims, values, attrs) in variables.items():
+        assert found[name].dims == dims and found[name].attrs == attrs
+        np.testing.assert_array_equal(found[name].values, values, strict=True)
     for place in range(0, len(content), step):
         changed = bytearray(content)
         changed[place] ^= 1 << place % 8
         file.write_bytes(changed)
         with pytest.raises(Damaged, match=file.name):
-            folder.read(file)
-        try:
-            # As fields of large studies are read, by HDF5's checksums alone.
-            variables = folder.read(file, SMALL)
-        except Damaged:
-            continue
-        assert variables.keys() == expected.keys()
-        for name, (dims, values, attrs) in expected.items():
-            assert variables[name].dims == dims and variables[name].attrs == attrs
-            np.testing.assert_array_equal(variables[name].values, values, strict=True)
+            read(file)
+
+
+def test_hdf5_itself_finds_a_changed_number_of_any_variable(undisturbed, tmp_path):
+    content = next(undisturbed.glob("*.nc")).read_bytes()
+    file, places = tmp_path / "case.nc", {}
+    file.write_bytes(content)
+    with h5py.File(file) as opened:
+        for name, variable in opened.items():
+            if variable.id.get_storage_size():
+                places[name] = variable.id.get_chunk_info(0).byte_offset
+    assert {"field", "word", "flag", "seed", "law", "result", "seconds", "error"} == set(places)
+    for name, place in places.items():
+        changed = bytearray(content)
+        changed[place] ^= 1
+        file.write_bytes(changed)
+        with h5py.File(file) as opened, pytest.raises(OSError, match=r"fletcher32|filter"):
+            opened[name][()]
 
 
 def test_a_file_runs_no_code(undisturbed):

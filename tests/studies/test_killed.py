@@ -116,7 +116,7 @@ def test_a_full_disk_or_a_read_only_one_leaves_nothing_torn(code, tmp_path, monk
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", flush_if_there_is_room)
-        message = rf"{os.strerror(code)}: 2 of 5 cases are in .*study. Mend this, then the same"
+        message = rf"{os.strerror(code)}: 2 of 5 cases are in .*study. Mend this, then call"
         with pytest.raises(OSError, match=message):
             js.study(case, {"seed": range(5)}, path)
     assert {file.suffix for file in path.iterdir()} == {".nc", ".json"}

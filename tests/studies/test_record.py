@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import sys
 from functools import partial
 
@@ -37,24 +36,24 @@ def test_another_function_version_or_package_is_refused_with_the_difference(tmp_
     log, path = tmp_path / "log", tmp_path / "study"
     js.study(logged(log), AXES, path, version=1)
     before = sorted(x.read_bytes() for x in path.iterdir())
-    with pytest.raises(ValueError, match="another case") as refused:
-        js.study(changed(log), {"seed": [1, 2, 3]}, path, version=1)
-    assert (
-        '-        return {"product": factor * seed}\n+        return {"product": 3 * seed}'
-        in str(refused.value)
-    )
-    with pytest.raises(ValueError, match="version: 1, now 2\nGive another folder"):
-        js.study(logged(log), AXES, path, version=2)
-    monkeypatch.setattr("jaxstab.studies.record.version_of", lambda name: f"{name}-9")
-    with pytest.raises(ValueError, match=r"numpy: .*, now numpy-9"):
-        js.study(logged(log), AXES, path, version=1)
+    for case, version, said in [
+        (changed(log), 1, '-  "        return {\\"product\\": factor * seed}"\n+  "  '),
+        (logged(log), 2, '- "version": 1,\n+ "version": 2,\nGive another folder'),
+    ]:
+        with pytest.raises(ValueError, match="begun with another case") as refused:
+            js.study(case, {"seed": [1, 2, 3]}, path, version=version)
+        assert said in str(refused.value)
+    with monkeypatch.context() as patch:
+        patch.setattr("jaxstab.core.optional_packages.version", lambda name: f"{name}-9")
+        with pytest.raises(ValueError, match=r'\+  "numpy": "numpy-9"'):
+            js.study(logged(log), AXES, path, version=1)
     assert sorted(x.read_bytes() for x in path.iterdir()) == before
     study = js.study(changed(log), {"seed": [1, 2, 3]}, path, version=2, accept_changes=True)
     assert study["product"].values.tolist() == [2, 4, 9]
     assert runs(tmp_path) == {"1": 1, "2": 1, "3": 1}
     record = json.loads((path / "study.json").read_text())
-    assert "3 * seed" in record["source"] and record["version"] == 2
-    assert "version: 1, now 2" in record["changes"][0]["changed"]
+    assert "3 * seed" in record["source"][-1] and record["version"] == 2
+    assert '+ "version": 2,' in record["changes"][0]["changed"]
     # From now on it is the study of this case.
     js.study(changed(log), AXES, path, version=2)
 
@@ -66,13 +65,12 @@ def test_other_axes_are_refused_with_both_sets_of_names(tmp_path):
     path = tmp_path / "study"
     js.study(case, AXES, path)
     for axes, said in [
-        ({"seed": [1], "energy": [1.0]}, "seed (integers), energy (floats)"),
-        ([{"seed": 1}], "seed (integers) as a list"),
-        ({"seed": [1.0, 2.0]}, "seed (floats)"),
+        ({"seed": [1], "energy": [1.0]}, "seed, energy on seed, energy"),
+        ([{"seed": 1}], "seed on case"),
     ]:
-        message = re.escape(f"has the axes seed (integers); this call has {said}. Give the same")
+        message = f"has axes seed on seed, not {said}: give another folder"
         with pytest.raises(ValueError, match=message):
-            js.study(case, axes, path)
+            js.study(case, axes, path, accept_changes=True)
 
 
 def test_partial_functions_and_callable_modules_are_cases(tmp_path):
@@ -90,7 +88,7 @@ def test_partial_functions_and_callable_modules_are_cases(tmp_path):
     for call in (partial(case, factor=2), eqx.filter_jit(partial(case, factor=2))):
         path = tmp_path / type(call).__name__
         assert js.study(call, AXES, path)["product"].values.tolist() == [2, 4]
-    with pytest.raises(ValueError, match=r"'factor': 2.*\n.*'factor': 3"):
+    with pytest.raises(ValueError, match=r"'factor': 2.*\n\+.*'factor': 3"):
         js.study(partial(case, factor=3), AXES, tmp_path / "partial")
 
 
@@ -100,7 +98,7 @@ def test_a_function_without_source_needs_a_version(tmp_path):
     with pytest.raises(ValueError, match=r"source of the case is not found.*`version`"):
         js.study(space["case"], AXES, tmp_path / "study")
     js.study(space["case"], AXES, tmp_path / "study", version="first")
-    with pytest.raises(ValueError, match="version: first, now second"):
+    with pytest.raises(ValueError, match=r'"version": "first",\n\+ "version": "second"'):
         js.study(space["case"], AXES, tmp_path / "study", version="second")
 
 
@@ -109,34 +107,27 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path):
     (tmp_path / "file").write_text("mine")
     (tmp_path / "folder").mkdir()
     (tmp_path / "folder" / "mine").touch()
-    for name, said in (("file", "is a file"), ("folder", "is no study, it holds mine")):
-        with pytest.raises(ValueError, match=said):
-            js.study(case, AXES, tmp_path / name)
-    with pytest.raises(OSError, match=r"Not a directory.*Mend this"):
-        js.study(case, AXES, tmp_path / "file" / "study")
+    with pytest.raises(ValueError, match="is no study, it holds mine"):
+        js.study(case, AXES, tmp_path / "folder")
+    for path, said in ((tmp_path / "file", "File exists"), (tmp_path / "file/study", "Not a dir")):
+        with pytest.raises(OSError, match=said):
+            js.study(case, AXES, path)
     assert [x.name for x in (tmp_path / "folder").iterdir()] == ["mine"]
 
 
-@pytest.mark.parametrize("damage", ["lost", "empty", "cut", "folder", "other", "format"])
+@pytest.mark.parametrize("damage", ["lost", "empty", "cut", "other"])
 def test_a_damaged_record_is_named_and_written_anew_when_asked(damage, tmp_path):
     case, path = logged(tmp_path / "log"), tmp_path / "study"
     js.study(case, AXES, path)
     record = path / "study.json"
     content = record.read_text()
-    if damage == "format":
-        record.write_text(content.replace('"format": 1', '"format": 7'))
-        with pytest.raises(ValueError, match="has format 7, this jaxstab reads 1"):
-            js.study(case, AXES, path)
-        return
     record.unlink()
-    if damage == "folder":
-        record.mkdir()
-    elif damage != "lost":
+    if damage != "lost":
         record.write_text({"empty": "", "cut": content[:50], "other": "[1]"}[damage])
-    with pytest.raises(ValueError, match=r"study.json is lost or damaged.*accept_changes=True"):
+    with pytest.raises(ValueError, match=r"study.json is damaged(.*\n)*.*accept_changes=True"):
         js.study(case, AXES, path)
     js.study(case, AXES, path, accept_changes=True)
-    assert json.loads(record.read_text()) == json.loads(content)
+    assert {**json.loads(record.read_text()), "changes": []} == json.loads(content)
     assert sum(runs(tmp_path).values()) == 2
 
 
@@ -145,10 +136,9 @@ def test_a_damaged_record_is_named_and_written_anew_when_asked(damage, tmp_path)
     [
         ({"batch": 0}, ValueError, "batch is 0"),
         ({"executor": 0}, ValueError, "executor is 0"),
-        ({"executor": 1.5}, TypeError, "executor is 1.5"),
-        ({"executor": "dask"}, TypeError, "executor is 'dask'"),
-        ({"version": [1]}, TypeError, r"version is \[1\]"),
-        ({"case": 3}, TypeError, "of type int: give a function"),
+        ({"executor": 1.5}, ValueError, "executor is 1.5"),
+        ({"executor": "dask"}, ValueError, "executor is 'dask'"),
+        ({"case": 3}, TypeError, "3 is not a callable object"),
     ],
 )
 def test_arguments_that_make_no_sense_are_refused(arguments, kind, message, tmp_path):

@@ -1,0 +1,120 @@
+"""NetCDF files in which every changed byte is found when they are read."""
+
+import hashlib
+import io
+import json
+import math
+import os
+from collections.abc import Mapping
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+from uuid import uuid4
+
+import numpy as np
+
+# The bytes of a digest of the whole file and its name, behind those that HDF5 reads.
+_DIGEST = 16
+
+
+class Damaged(OSError):
+    """A file that is not, or no longer, the one that was written under its name."""
+
+
+class Variable(NamedTuple):
+    """An array with the names of its dimensions and its attributes, its unit for instance."""
+
+    dims: tuple[str, ...]
+    values: np.ndarray
+    attrs: Mapping[str, Any] = {}
+
+
+Variables = dict[str, Variable]
+
+
+def write(path: Path, variables: Variables) -> None:
+    """Write variables to a file; one that is named as its dimension is its coordinate."""
+    h5py, stored, layout = _h5py(), {}, {}
+    for name, (dims, values, attrs) in variables.items():
+        if values.dtype.kind == "b":
+            values, attrs = values.astype("i1"), {**attrs, "dtype": "bool"}
+        if values.dtype.kind == "U":
+            # Words of fixed length have checksums; few lengths are few layouts.
+            words = np.char.encode(values, "utf-8")
+            values = words.astype(f"S{(words.itemsize // 32 + 1) * 32}")
+            attrs = {**attrs, "_Encoding": "utf-8"}
+        stored[name] = np.ascontiguousarray(values)
+        layout[name] = dims, values.shape, values.dtype.str, attrs
+    image = h5py.h5f.open_file_image(_empty(json.dumps(layout)), h5py.h5f.ACC_RDWR)
+    for name, values in stored.items():
+        if values.size:
+            h5py.h5d.open(image, name.encode()).write(h5py.h5s.ALL, h5py.h5s.ALL, values)
+    h5py.h5f.flush(image)
+    content = image.get_file_image()
+    write_whole(path, content + _digest(path, content))
+
+
+def read(path: Path, largest: float = math.inf) -> Variables:
+    """Return the variables of a file, arrays of more bytes as zeros that take no memory.
+
+    Raises:
+        Damaged: if it is not as `write` wrote it.
+        OSError: if it is not there, or cannot be read for another reason.
+    """
+    h5py, variables = _h5py(), {}
+    content = b"" if path.is_dir() else path.read_bytes()
+    image, digest = content[:-_DIGEST], content[-_DIGEST:]
+    if _digest(path, image) != digest:
+        raise Damaged(f"{path} is damaged, renamed or of another kind: its digest differs.")
+    with h5py.File(h5py.h5f.open_file_image(image)) as file:
+        for name, (dims, shape, dtype, attrs) in json.loads(file.attrs["layout"]).items():
+            values: Any = np.broadcast_to(np.zeros((), dtype), shape)
+            if values.size and (values.nbytes <= largest or "S" in dtype or dims == [name]):
+                values = np.empty(shape, dtype)
+                h5py.h5d.open(file.id, name.encode()).read(h5py.h5s.ALL, h5py.h5s.ALL, values)
+            if attrs.pop("_Encoding", ""):
+                values = np.char.decode(values, "utf-8")
+            values = values.astype(attrs.pop("dtype", values.dtype), copy=False)
+            variables[name] = Variable(tuple(dims), values, attrs)
+    return variables
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file under another name, flush it, and rename it."""
+    part = path.with_name(f".{path.name}.{uuid4().hex}.part")
+    try:
+        with part.open("xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+@lru_cache(maxsize=64)
+def _empty(layout: str) -> bytes:
+    """Return a file with its structure, most of the work, and without its numbers."""
+    import h5netcdf
+
+    variables, image, text = json.loads(layout), io.BytesIO(), layout.encode()
+    pairs = [zip(dims, shape, strict=True) for dims, shape, *_ in variables.values()]
+    # The first format with checksums of all but the numbers, for which there is Fletcher-32.
+    with h5netcdf.File(image, "w", libver=("v110", "v110")) as file:
+        file.dimensions = {name: size for pair in pairs for name, size in pair}
+        file.attrs["layout"] = np.array(text, _h5py().string_dtype("utf-8", len(text)))
+        for name, (dims, shape, dtype, attrs) in variables.items():
+            is_one = math.prod(shape) * np.dtype(dtype).itemsize < 2**28
+            chunks = {"chunks": tuple(shape) if is_one else True, "fletcher32": True}
+            options = chunks if 0 not in shape else {}
+            file.create_variable(name, dims, np.dtype(dtype), **options).attrs.update(attrs)
+    return image.getvalue()
+
+
+def _h5py() -> Any:
+    return import_module("h5py")
+
+
+def _digest(path: Path, content: bytes) -> bytes:
+    return hashlib.blake2b(content, key=path.name.encode()[:64], digest_size=_DIGEST).digest()

@@ -1,0 +1,114 @@
+"""The cases of a study: their coordinates, outputs and files."""
+
+import hashlib
+import itertools
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxstab.core.checked_netcdf import Variable, Variables, write
+from jaxstab.core.enumeration import Enumeration
+
+# The dimension of listed combinations; what each case has beside its outputs; the record.
+LISTED, MARKS, RECORD = "case", ("result", "seconds", "error"), "study.json"
+# The coordinates of a case by name: numbers and words of Python.
+Case = dict[str, Any]
+
+
+class Cases(NamedTuple):
+    """The cases of a study in a folder, with named axes and dimensions of their results."""
+
+    path: Path
+    names: tuple[str, ...]
+    dims: tuple[str, ...]
+
+    @property
+    def taken(self) -> set[str]:
+        """The names that no output can have."""
+        return {*self.dims, *self.names, *MARKS}
+
+    def files(self, axes: Mapping[str, Sequence[Any]]) -> dict[Path, Case]:
+        """Return all cases by their files, in the order of the product or the list."""
+        files: dict[Path, Case] = {}
+        combine = zip if self.dims == (LISTED,) else itertools.product
+        for row in combine(*(axes[name] for name in self.names)):
+            case = dict(zip(self.names, row, strict=True))
+            if files.setdefault(self.file(case), case) is not case:
+                raise ValueError(f"The axes give the case {case} twice: give each value once.")
+        return files
+
+    def file(self, case: Case) -> Path:
+        """Return the file of a case, named by its coordinates; equal numbers have one name."""
+        words = {n: x if isinstance(x, str) or x != int(x) else int(x) for n, x in case.items()}
+        text = json.dumps(words, sort_keys=True).encode()
+        return self.path / f"{hashlib.blake2b(text, digest_size=10).hexdigest()}.nc"
+
+    def write(self, case: Case, outputs: Variables, seconds: float, error: str) -> None:
+        """Write the file of a case, of a failed one with its error."""
+        own, is_listed = {}, self.dims == (LISTED,)
+        # By the coordinate of the list xarray combines the files.
+        places = {LISTED: self.file(case).stem, **case} if is_listed else case
+        attrs = {"coordinates": " ".join(places)} if is_listed else {}
+        for name, x in places.items():
+            own[name] = Variable(self.dims if is_listed else (name,), np.array([x]))
+        marks = "failed" if error else "successful", seconds, error
+        for name, x in zip(MARKS, marks, strict=True):
+            own[name] = Variable(self.dims, np.array(x)[(None,) * len(self.dims)], attrs)
+        write(self.file(case), own | outputs)
+
+    def outputs_of(self, returned: Any) -> Variables:
+        """Return a dict of arrays, or a data set, with the axes before other dimensions."""
+        if not isinstance(returned, Mapping) or not returned:
+            kind = type(returned).__name__
+            raise TypeError(f"The case returned {kind}: return a dict of arrays, or a Dataset.")
+        given, outputs, dataset = {}, {}, getattr(returned, "variables", None)
+        for name, x in (returned if dataset is None else dataset).items():
+            values = _array(name, x if dataset is None else x.values)
+            named = tuple(f"{name}_{i}" for i in range(values.ndim))
+            dims, attrs = (named, {}) if dataset is None else (x.dims, x.attrs)
+            given[name] = Variable(dims, values, attrs)
+        for name, (dims, values, attrs) in given.items():
+            for each in (name, *dims):
+                is_clash = each in given and each in dims and given[each].dims != (each,)
+                if each in self.taken or is_clash or not str(each).isidentifier():
+                    raise ValueError(f"The case returned {each!r}: choose another name.")
+            attrs = {key: np.array(x).item() for key, x in attrs.items() if np.isscalar(x)}
+            if dims != (name,):
+                dims, values = (*self.dims, *dims), values[(None,) * len(self.dims)]
+            outputs[name] = Variable(dims, values, attrs)
+        return outputs
+
+
+def read_axes(axes: Any) -> tuple[dict[str, list[Any]], bool]:
+    """Return values by name, and whether they are listed combinations, not a product."""
+    is_listed = isinstance(axes, list | tuple)
+    rows: Any = axes if is_listed else [axes]
+    if not rows or any(not isinstance(x, Mapping) or not x or {*x} != {*rows[0]} for x in rows):
+        raise TypeError("The axes are neither a dict of arrays nor dicts with the same names.")
+    values = {n: np.asarray([row[n] for row in rows] if is_listed else axes[n]) for n in rows[0]}
+    for name, x in values.items():
+        is_number = x.dtype.kind in "biuf" and np.isfinite(x).all()
+        if x.ndim != 1 or not x.size or not (is_number or x.dtype.kind == "U"):
+            raise ValueError(f"{name} is {x!r}: give words or finite numbers in one dimension.")
+        if name in (*MARKS, LISTED):
+            raise ValueError(f"{name!r} is a name of the study itself: rename the axis.")
+    return {name: x.tolist() for name, x in values.items()}, is_listed
+
+
+def _array(name: Any, value: Any) -> np.ndarray:
+    value = value.name if isinstance(value, Enumeration) else value
+    try:
+        # A missing number is NaN, which integers do not have.
+        array = np.asarray(value.filled(math.nan) if np.ma.is_masked(value) else value)
+        is_text = array.dtype.kind in "OT" and all(isinstance(x, str) for x in array.flat)
+        array = array.astype(str) if is_text and array.size else array
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{name} is no array of numbers or words: {error}") from None
+    if array.dtype.kind not in "biufcU":
+        kind = type(value).__name__ if array.dtype == object else array.dtype
+        raise TypeError(f"{name} is {kind}: return numbers, words, or arrays of them.")
+    return array
