@@ -1,5 +1,9 @@
-"""The documentation site: `sphinx-build -W docs docs/_build`, without a network."""
+"""The documentation site: `sphinx-build -W docs docs/_build`, without a network.
 
+Links to the documentation of other packages need one, and are made where Read the Docs builds.
+"""
+
+import os
 import sys
 from pathlib import Path
 
@@ -21,6 +25,16 @@ copyright = author
 version = release = jaxstab.__version__
 
 extensions = ["myst_nb", "sphinx_design", "api", "mathml"]
+if "READTHEDOCS" in os.environ:
+    extensions.append("sphinx.ext.intersphinx")
+intersphinx_mapping = {
+    "python": ("https://docs.python.org/3", None),
+    "numpy": ("https://numpy.org/doc/stable", None),
+    "jax": ("https://docs.jax.dev/en/latest", None),
+    "equinox": ("https://docs.kidger.site/equinox", None),
+    "xarray": ("https://docs.xarray.dev/en/stable", None),
+    "matplotlib": ("https://matplotlib.org/stable", None),
+}
 exclude_patterns = ["_build", "_notebooks/cards.md"]
 # Notebooks show the outputs that they are stored with.
 nb_execution_mode = "off"
