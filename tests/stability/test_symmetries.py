@@ -22,19 +22,26 @@ def contact_of(heights, work, length, side, modulus):
 
 
 @jax.jit
-def solve(heights, work, length, gap, side=1.0, modulus=1.0):
-    contact = contact_of(heights, work, length, jnp.asarray(side), modulus)
+def solved(heights, work, length, gap, side, modulus):
+    contact = contact_of(heights, work, length, side, modulus)
     return js.equilibrate(contact, js.MeanGap(gap), js.PreconditionedConjugateGradient(1e-12))
 
 
+def solve(heights, work, length, gap, side=1.0, modulus=1.0):
+    return solved(heights, *map(jnp.float64, (work, length, gap, side, modulus)))
+
+
 @jax.jit
-def assess(gap, reaction, curvature, length=1.0, pressure=1.0):
+def assessed(gap, reaction, curvature, length, pressure):
     """Assess a state with any gap and any curvature of the law."""
-    grid = js.Grid(N, jnp.stack([jnp.asarray(length), jnp.asarray(length)]))
+    grid = js.Grid(N, jnp.stack([length, length]))
     law = js.potentials.Varying(js.potentials.Exponential(curvature, jnp.ones((N, N)) * length))
-    solid = js.HalfSpace(grid, jnp.asarray(pressure))
-    contact = js.Contact(solid, jnp.zeros((N, N)), law)
+    contact = js.Contact(js.HalfSpace(grid, pressure), jnp.zeros((N, N)), law)
     return js.assess_stability(*state_of(contact, gap, reaction), throw=False)
+
+
+def assess(gap, reaction, curvature, length=1.0, pressure=1.0):
+    return assessed(gap, reaction, curvature, jnp.float64(length), jnp.float64(pressure))
 
 
 def rough(seed):
