@@ -115,7 +115,7 @@ def _readers(
     text = _decoded(content)
     yield partial(read_text, text, channel)
     yield partial(read_instrument, BytesIO(text.encode()), channel)
-    # Its comments say nothing to an instrument's reader.
+    # A header that no instrument's reader understands is a comment.
     yield partial(read_table, text, channel)
 
 
@@ -130,14 +130,14 @@ def _decoded(content: bytes) -> str:
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        # In text of older programs, only units and comments are not ASCII.
+        # Older programs write units and comments in Latin-1.
         return content.decode("latin-1")
 
 
 def _topography(
     scan: Scan, lengths: Sequence[float] | ArrayLike | None, unit: str | None
 ) -> Topography:
-    """Return a surface of the statements of a file and its user, which must agree."""
+    """Return the surface of a scan, with the user's lengths and unit, which must agree with it."""
     points, sides = times(scan.heights.shape), scan.lengths if lengths is None else lengths
     if sides is None:
         raise ValueError(

@@ -9,7 +9,7 @@ from jaxstab.core.batching import by_entries
 
 
 def iterate(start, factor):
-    """A loop whose length depends on the lane, with a result that depends on its rounding."""
+    """A loop whose length depends on the entry, with a result that depends on its rounding."""
 
     def step(carry):
         value, count = carry
@@ -29,7 +29,7 @@ def assert_equal(left, right):
 
 
 @pytest.mark.parametrize("transform", [lambda f: f, jax.jit])
-def test_lanes_give_what_they_give_alone(transform):
+def test_an_entry_has_the_same_result_as_alone(transform):
     solve = transform(jax.jit(by_entries(iterate)))
     apart = [jax.jit(iterate)(start, FACTORS[1]) for start in STARTS]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *apart)
@@ -37,7 +37,7 @@ def test_lanes_give_what_they_give_alone(transform):
     assert_equal(jax.vmap(lambda start: solve(start, FACTORS[1]))(STARTS), stacked)
 
 
-def test_lanes_nest_in_lanes():
+def test_batches_nest():
     solve = by_entries(iterate)
     nested = jax.vmap(lambda f: jax.vmap(lambda s: solve(s, f))(STARTS))(FACTORS)
     plain = jax.vmap(lambda f: jax.vmap(lambda s: iterate(s, f))(STARTS))(FACTORS)
@@ -45,9 +45,9 @@ def test_lanes_nest_in_lanes():
     np.testing.assert_allclose(nested["value"], plain["value"], rtol=1e-12)
 
 
-@pytest.mark.parametrize(("platform", "loops"), [("cuda", 1), ("cpu", 2)])
-def test_only_on_the_cpu_is_there_a_loop_over_lanes(platform, loops):
+def test_a_program_has_a_loop_over_entries_on_the_cpu_alone():
     solve = jax.jit(jax.vmap(by_entries(iterate), in_axes=(0, None)))
     with beside_an_accelerator():
-        program = jax.export.export(solve, platforms=[platform])(STARTS, FACTORS[1]).mlir_module()
-    assert program.count("stablehlo.while") == loops
+        for platform, loops in (("cuda", 1), ("cpu", 2)):
+            program = jax.export.export(solve, platforms=[platform])(STARTS, FACTORS[1])
+            assert program.mlir_module().count("stablehlo.while") == loops

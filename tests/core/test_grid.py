@@ -2,36 +2,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scipy.signal
 
 import jaxstab as js
 from jaxstab.core.grid import resample
-
-SHAPES = [(8,), (9,), (8, 8), (9, 7), (6, 9), (7, 4)]
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_wavenumbers_differentiate_a_plane_wave(shape):
-    lengths = tuple(1.0 + 0.3 * i for i in range(len(shape)))
-    grid = js.Grid(shape, lengths)
-    waves = [1, 2][: len(shape)]
-    phase = sum(
-        2 * jnp.pi * k * x / length
-        for k, x, length in zip(waves, grid.coordinates, lengths, strict=True)
-    )
-    field = jnp.sin(phase)
-    laplacian = jnp.fft.irfftn(-(grid.wavenumbers**2) * jnp.fft.rfftn(field), s=shape)
-    squared = sum((2 * np.pi * k / length) ** 2 for k, length in zip(waves, lengths, strict=True))
-    np.testing.assert_allclose(laplacian, -squared * field, atol=1e-9 * squared)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_mode_multiplicity_counts_every_mode_of_the_full_spectrum(shape):
-    grid = js.Grid(shape)
-    assert grid.mode_multiplicity.sum() == grid.size
-    field = np.random.default_rng(0).normal(size=shape)
-    parseval = np.sum(grid.mode_multiplicity * np.abs(np.fft.rfftn(field)) ** 2) / grid.size
-    np.testing.assert_allclose(parseval, np.sum(field**2))
 
 
 def test_coordinates_and_cell_area_of_a_rectangle():
@@ -89,34 +62,8 @@ def test_wavenumbers_can_be_differentiated_by_the_lengths():
     np.testing.assert_allclose(jax.grad(fifth)(jnp.array([a, b])), expected)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("other", [(12, 12), (11, 13), (5, 6)])
-def test_resampling_keeps_what_both_grids_can_carry(shape, other):
-    other = other[: len(shape)]
-
-    def sample(shape):
-        x = [2 * jnp.pi * x for x in js.Grid(shape).coordinates]
-        return (
-            0.7
-            + sum(jnp.cos(x_i + 0.3) for x_i in x)
-            + jnp.prod(jnp.stack(jnp.sin(jnp.array(x))), 0)
-        )
-
-    np.testing.assert_allclose(resample(sample(shape), other), sample(other), atol=1e-12)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("other", [(12, 12), (11, 13), (5, 6), (4, 4)])
-def test_resampling_of_every_wave_is_that_of_scipy(shape, other):
-    field = np.random.default_rng(0).normal(size=shape)
-    expected = field
-    for axis, n in enumerate(other[: len(shape)]):
-        expected = scipy.signal.resample(expected, n, axis=axis)
-    np.testing.assert_allclose(resample(field, other[: len(shape)]), expected, atol=1e-14)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_resampling_onto_more_points_keeps_those_given(shape):
+@pytest.mark.parametrize("shape", [(8,), (9, 6)])
+def test_resampling_onto_more_points_keeps_the_given_ones(shape):
     field = np.random.default_rng(0).normal(size=shape)
     finer = resample(field, tuple(3 * n for n in shape))
     np.testing.assert_allclose(finer[(slice(None, None, 3),) * len(shape)], field, atol=1e-14)

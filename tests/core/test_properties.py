@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jaxstab as js
-from jaxstab.core.grid import centred, mean_over, resample, total
+from jaxstab.core.grid import mean_over, resample, total
 from jaxstab.core.unit_system import (
     LENGTHS,
     PRESSURES,
@@ -52,9 +52,6 @@ def test_sums_and_means(field, data):
     assert total(field) == pytest.approx(field.sum(), abs=1e-12)
     expected = field[mask].mean() if mask.any() else 0
     assert mean_over(jnp.asarray(mask), field) == pytest.approx(expected, abs=1e-12)
-    np.testing.assert_allclose(
-        centred(field, jnp.asarray(mask)), np.where(mask, field - expected, 0), atol=1e-12
-    )
 
 
 def _mask(seed, shape):
@@ -62,14 +59,12 @@ def _mask(seed, shape):
     return random.random(shape) < random.choice([0.0, 0.2, 0.8, 1.0])
 
 
-@given(fields((6, 8)), st.sampled_from([(6, 8), (12, 12), (5, 6), (4, 11)]))
+@given(fields(), st.sampled_from([(12, 12), (5, 6), (4, 11)]))
 def test_resampling(field, shape):
-    expected = scipy.signal.resample(scipy.signal.resample(field, shape[0]), shape[1], axis=1)
-    found = resample(field, shape)
-    np.testing.assert_allclose(found, expected, atol=1e-12)
-    assert np.mean(found) == pytest.approx(field.mean(), abs=1e-12)
-    if min(shape) >= 8:
-        np.testing.assert_allclose(resample(found, field.shape), field, atol=1e-12)
+    expected, shape = field, shape[: field.ndim]
+    for axis, n in enumerate(shape):
+        expected = scipy.signal.resample(expected, n, axis=axis)
+    np.testing.assert_allclose(resample(field, shape), expected, atol=1e-12)
 
 
 @given(st.floats(-1e6, 1e6), st.sampled_from([*LENGTHS]), st.sampled_from([*LENGTHS]))

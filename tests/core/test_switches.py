@@ -19,7 +19,7 @@ SWITCHES = [
 ]
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def switches():
     jax.clear_caches()
     with contextlib.ExitStack() as stack:

@@ -350,11 +350,12 @@ def test_a_pressure_over_a_nearly_flat_surface_is_carried_by_the_law(dtype, pres
     contact = js.Contact(js.HalfSpace(grid, jnp.array(1.0, dtype)), heights.astype(dtype), law)
     load = js.MeanPressure(jnp.array(pressure, dtype))
     found = js.equilibrate(contact, load, throw=False)
-    if found.result == "successful":
-        carried = 4.5 * attraction * ((length / found.gap) ** 10 - (length / found.gap) ** 4)
-        assert abs(carried.mean() / pressure - 1) < 1e-2
-    else:
-        assert dtype == "float32"
+    carried = 4.5 * attraction * ((length / found.gap) ** 10 - (length / found.gap) ** 4)
+    off = abs(carried.mean() / pressure - 1)
+    # Single precision resolves the attraction less well than the pressure, and then says so.
+    is_found = bool(found.result == "successful")
+    assert off < (1e-2 if is_found else 0.5)
+    assert is_found or (dtype == "float32" and found.result == "stagnated")
 
 
 @pytest.mark.parametrize("dtype, most_off", [("float64", 1e-15), ("float32", 1e-6)])

@@ -11,9 +11,9 @@ from jaxstab.core.optional_packages import require_packages
 from jaxstab.core.unit_system import unit_of
 from jaxstab.surfaces.formats.scan import Scan, UnknownContent, chosen, on_a_side_or_two
 
-# The readers of these formats take files of any kind.
+# The readers of these formats accept files of any kind.
 _UNMARKED = {"hgt", "nms", "h5"}
-# By these a header of text says that a matrix follows.
+# A header of text with one of these keys announces a matrix.
 _OF_A_MATRIX = {
     *("nb_grid_pts_x", "nb_grid_pts_y", "physical_size_x", "physical_size_y"),
     *("xfac", "yfac", "wyko_pixel_size"),
@@ -24,10 +24,7 @@ _UNKNOWN = "the file is damaged or of an unknown kind."
 
 
 def read_instrument(source: str | BytesIO, channel: str | None) -> Scan:
-    """Return the heights in an instrument's file, as SurfaceTopography orients them.
-
-    Of several channels that is the first of heights, unless one is requested.
-    """
+    """Return the requested or the first channel of heights, as SurfaceTopography orients it."""
     require_packages("Files of instruments", "surfaces", "SurfaceTopography.IO")
     from SurfaceTopography.IO import open_topography
 
@@ -57,9 +54,9 @@ def scan_of_topography(
 
 
 def _require_mark(reader: Any) -> None:
-    """Raise `UnknownContent` where a format that any file may have is only guessed."""
+    """Raise `UnknownContent` if the format is guessed and accepts files of any kind."""
     metadata = [one.info.get("raw_metadata", ()) for one in reader.channels]
-    # Text has a header of sides or points, columns have a unit in their titles.
+    # A header of text states sides or points, titles of columns state a unit.
     is_known = {
         "asc": all(_OF_A_MATRIX & set(said) for said in metadata),
         "xyz": all(one.unit is not None for one in reader.channels),
@@ -69,7 +66,7 @@ def _require_mark(reader: Any) -> None:
 
 
 def _scan_of(reader: Any, channel: str | None) -> Scan:
-    # Where sides have a unit and values have none of length, some readers give a pair of units.
+    # Some readers give a pair of units if values have no unit of length.
     channels = {
         one.channel_id: one
         for one in reader.height_channels
@@ -80,7 +77,7 @@ def _scan_of(reader: Any, channel: str | None) -> Scan:
     name, remarks = chosen(channels, channel, next(iter(channels)))
     one = channels[name]
     says_lengths = one.physical_sizes is not None
-    # Where the file says no lengths its reader asks for some.
+    # A reader needs sizes if the file states none.
     sizes = {} if says_lengths else {"physical_sizes": one.nb_grid_pts}
     return scan_of_topography(_asked(one.topography, **sizes), remarks, says_lengths)
 
@@ -93,7 +90,7 @@ def _asked(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any
     except Exception as error:
         reason = str(error)
         if type(error).__name__ == "CannotDetectFileFormat":
-            # It lists the errors of all readers; any text gets as far as this one.
+            # It lists the errors of all readers, of which the reader of text is useful.
             of_text = _OF_TEXT.search(reason)
             reason = of_text[1] if of_text else _UNKNOWN
         raise ValueError(f"SurfaceTopography: {reason}") from None

@@ -18,13 +18,11 @@ from jaxstab.surfaces.formats.scan import (
 
 def read_netcdf(content: bytes, channel: str | None) -> Scan:
     """Return the heights of a data set in a file, classic or on HDF5."""
-    is_classic = content.startswith(b"CDF")
-    require_packages("NetCDF files", "data", *(("xarray", "scipy") if is_classic else NETCDF))
+    require_packages("NetCDF files", "data", *NETCDF)
     import xarray
 
-    engine = "scipy" if is_classic else "h5netcdf"
     try:
-        data = xarray.load_dataset(BytesIO(content), engine=engine, decode_times=False)
+        data = xarray.load_dataset(BytesIO(content), decode_times=False)
     except Exception as error:
         raise UnknownContent(f"this NetCDF file is truncated or damaged ({error}).") from None
     return scan_of_dataset(data, channel)

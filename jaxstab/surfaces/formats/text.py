@@ -13,16 +13,15 @@ from jaxstab.surfaces.formats.scan import (
     on_a_side_or_two,
 )
 
-# The error, in steps, up to which coordinates lie on a lattice, and the share of the extent that is
-# noise.
+# The tolerance of coordinates on a lattice, in steps, and the part of the extent that is noise.
 _OFF_LATTICE = 0.05
 _NO_GAP = 1e-5
-# Longer tables of three columns are points, those on no lattice are an error.
+# Longer tables of three columns are points; points on no lattice are an error.
 _LONGEST_OF_THREE = 50
-# In smaller tables heights may rise evenly by chance.
+# Heights of smaller tables may rise evenly by chance.
 _FEWEST_WITH_COORDINATES = 5
 _COMMENTS = "#", "%"
-# Comments with a number or a unit of length, as `Width: 3 µm` and `w = 12`.
+# A header has a comment with a number or a unit of length, as `Width: 3 µm` and `w = 12`.
 _HEADER = re.compile(
     r"^\s*[#%].*\w\s*[:=\uff1a]\s*(\d\S*|(?:\d\S*\s*)?[kmnpµu\u03bc]?m)\s*$", re.MULTILINE
 )
@@ -33,13 +32,13 @@ def read_text(text: str, channel: str | None) -> Scan:
     if header := _HEADER.search(text):
         raise UnknownContent(
             f"its comment {header[0].strip()!r} looks like an instrument's header: leave it out "
-            "where a line stands for each x."
+            "if each line stands for an x."
         )
     return read_table(text, channel)
 
 
 def read_table(text: str, channel: str | None) -> Scan:
-    """Return the surface in a text, a line for each row of numbers, whatever its comments are.
+    """Return the surface in a text, a line for each row of numbers; comments are ignored.
 
     Blanks, commas or semicolons separate them; # and % begin comments; nan marks a missing point.
     Three columns in more than 50 rows are points x, y, z, never a matrix.
@@ -112,7 +111,7 @@ def _of_points(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> Scan | None:
 
 
 def _on_lattice(values: np.ndarray) -> tuple[np.ndarray, int, float] | None:
-    """Return places on an even lattice, how many of them there are, and their spacing."""
+    """Return indices on an even lattice, the number of its places, and their spacing."""
     extent = np.ptp(values)
     if not 0 < extent < np.inf:
         return None
