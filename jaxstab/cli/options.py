@@ -31,14 +31,8 @@ Run or continue the study that a Python file describes: the file defines the fun
     "state.",
     "cite": "Print the sources to cite: the software, and the papers behind its functions.",
 }
-# By their names on the command line, the names of laws and loads in the library.
-LAWS = {
-    "exponential": "Exponential",
-    "gaussian": "Gaussian",
-    "rational": "Rational",
-    "dugdale": "Dugdale",
-    "lennard-jones": "LennardJones",
-}
+# Laws by the names of their classes in lower case.
+LAWS = ("exponential", "gaussian", "rational", "dugdale", "lennard-jones")
 LOADS = {
     "gap": "MeanGap",
     "displacement": "MeanDisplacement",
@@ -113,21 +107,14 @@ def read(arguments: list[str]) -> tuple[str, argparse.Namespace]:
 def _parsers() -> tuple[Parser, dict[str, Parser]]:
     description = "Equilibrium and stability of adhesive rough contacts. The default is run."
     parser = Parser(prog="jaxstab", description=description)
-    text = f"%(prog)s {version('jaxstab')}"
-    parser.add_argument("--version", action="version", version=text)
+    parser.add_argument("--version", action="version", version=f"%(prog)s {version('jaxstab')}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
-    adders = {
-        "run": _add_run,
-        "study": _add_study,
-        "info": _add_info,
-        "plot": _add_plot,
-        "cite": _add_cite,
-    }
+    adders = (_add_run, _add_study, _add_info, _add_plot, _add_cite)
     parsers = {}
-    for name, description in COMMANDS.items():
+    for (name, description), add in zip(COMMANDS.items(), adders, strict=True):
         help = description.partition(":")[0].partition(";")[0].replace("\n", " ")
         parsers[name] = commands.add_parser(name, help=help, description=description)
-        adders[name](parsers[name])
+        add(parsers[name])
     return parser, parsers
 
 

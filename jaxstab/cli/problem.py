@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxstab import loads, potentials, surfaces
-from jaxstab.cli.options import GENERATED, LAWS, LOADS, OF_A_FILE
+from jaxstab.cli.options import GENERATED, LOADS, OF_A_FILE
 from jaxstab.contact import Contact
 from jaxstab.core.display import amount, times
 from jaxstab.core.grid import Grid
@@ -61,7 +61,7 @@ def _potential(options: argparse.Namespace) -> potentials.Potential:
     parameters = [options.surface_energy, options.range]
     if options.smoothing is not None:
         parameters.append(options.smoothing)
-    return getattr(potentials, LAWS[options.potential])(*parameters)
+    return getattr(potentials, options.potential.title().replace("-", ""))(*parameters)
 
 
 def loads_of(options: argparse.Namespace, contact: Contact, shares: Any) -> loads.Load:

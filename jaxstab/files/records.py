@@ -108,8 +108,8 @@ class Recorder:
         if isinstance(value, dict):
             parts = {key: self.structure(x, (*path, key), axes) for key, x in value.items()}
             return {"dict": parts}
-        if not _has_import_path(value):
-            is_bare = isinstance(value, BareFunction)
+        is_bare, is_local = isinstance(value, BareFunction), "<locals>" in type(value).__qualname__
+        if is_bare or is_local or not isinstance(value, eqx.Module):
             return {"function": repr(value) if is_bare else type(value).__qualname__}
         contents = {
             field.name: self.structure(
@@ -199,16 +199,10 @@ def _module(path: str, contents: dict[str, Structure], arrays: Mapping[str, np.n
             f"{', '.join(contents)}: it was written with another version of the class."
         )
     module = object.__new__(found)
-    for name, default in absent.items():
-        object.__setattr__(module, name, default)
-    for name, part in contents.items():
-        object.__setattr__(module, name, restored(part, arrays))
+    found_fields = {name: restored(part, arrays) for name, part in contents.items()}
+    for name, value in {**absent, **found_fields}.items():
+        object.__setattr__(module, name, value)
     return module
-
-
-def _has_import_path(value: Any) -> bool:
-    is_local = "<locals>" in type(value).__qualname__
-    return isinstance(value, eqx.Module) and not isinstance(value, BareFunction) and not is_local
 
 
 def lost_classes(structure: Structure) -> list[str]:
@@ -251,9 +245,8 @@ def _class(path: str) -> type:
 
 def _name_of(kind: type) -> str:
     """Return "module:name" of a class: where it is public, or where it lies."""
-    names = [f"{module}:{kind.__qualname__}" for module in _PUBLIC]
-    name = next((name for name in names if _public(name) is kind), None)
-    return name or f"{kind.__module__}:{kind.__qualname__}"
+    names = [f"{module}:{kind.__qualname__}" for module in (*_PUBLIC, kind.__module__)]
+    return next((name for name in names if _public(name) is kind), names[-1])
 
 
 def _public(path: str) -> Any:

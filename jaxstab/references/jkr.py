@@ -5,7 +5,7 @@ the contact, which has the radius a. Opening it costs w per area.
 
 Signs: forces are positive in compression; displacements count the approach of the bodies from
 where the undeformed ones would touch in a point, positive into contact. Numbers may be arrays, of
-shapes that broadcast.
+shapes that broadcast. A `ValueError` names an argument that is not positive and finite.
 
 K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. A 324, 301 (1971); D. Maugis, M. Barquins,
 J. Phys. D 11, 1989 (1978), for contact through a spring.
@@ -16,13 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxstab.references.arguments import (
-    Array,
-    ArrayLike,
-    not_negative,
-    positive,
-    require,
-)
+from jaxstab.references.arguments import Array, ArrayLike, not_negative, positive, require
 from jaxstab.references.roots import bisect
 
 _SQRT_6 = np.sqrt(6)
@@ -75,57 +69,12 @@ def units(radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: Array
         radius: R of the paraboloid [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
     """
     radius, contact_modulus, work = positive(
         radius=radius, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion
     )
     contact_radius = np.cbrt(np.pi * work * radius**2 / (4 / 3 * contact_modulus))
     return Scales(np.pi * work * radius, contact_radius**2 / radius, contact_radius)
-
-
-def force(
-    contact_radius: ArrayLike,
-    radius: ArrayLike,
-    contact_modulus: ArrayLike,
-    work_of_adhesion: ArrayLike,
-) -> Array:
-    """Return F = 4 E* a^3 / (3 R) - sqrt(8 pi w E* a^3) (Johnson, Kendall & Roberts 1971) [force].
-
-    Hertz's force, less a flat punch's whose energy release rate is w.
-
-    Arguments:
-        contact_radius: a [length].
-        radius: R of the paraboloid [length].
-        contact_modulus: E* [pressure].
-        work_of_adhesion: w [energy/area].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
-    """
-    return curve(contact_radius, radius, contact_modulus, work_of_adhesion).force
-
-
-def displacement(
-    contact_radius: ArrayLike,
-    radius: ArrayLike,
-    contact_modulus: ArrayLike,
-    work_of_adhesion: ArrayLike,
-) -> Array:
-    """Return d = a^2 / R - sqrt(2 pi w a / E*) (Maugis & Barquins 1978) [length].
-
-    Arguments:
-        contact_radius: a [length].
-        radius: R of the paraboloid [length].
-        contact_modulus: E* [pressure].
-        work_of_adhesion: w [energy/area].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
-    """
-    return curve(contact_radius, radius, contact_modulus, work_of_adhesion).displacement
 
 
 def curve(
@@ -141,9 +90,6 @@ def curve(
         radius: R of the paraboloid [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
     """
     a, radius, contact_modulus, work = positive(
         contact_radius=contact_radius,
@@ -175,48 +121,12 @@ def energy(
         radius: R of the paraboloid [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
     """
     (a,) = positive(contact_radius=contact_radius)
     unit = units(radius, contact_modulus, work_of_adhesion)
     ratio = a / unit.contact_radius
     number = 2 / 5 * ratio**5 - 2 * _SQRT_6 / 3 * ratio**3.5 + ratio**2
     return unit.force * unit.displacement * number
-
-
-def held_energy(
-    contact_radius: ArrayLike,
-    displacement: ArrayLike,
-    radius: ArrayLike,
-    contact_modulus: ArrayLike,
-    work_of_adhesion: ArrayLike,
-) -> Array:
-    """Return U = E* (d^2 a - 2 d a^3 / (3 R) + a^5 / (5 R^2)) - pi w a^2 at a held displacement.
-
-    The contact radius is arbitrary; in equilibrium the energy is `energy`. From zero radius to the
-    contact it rises to the pass and falls [energy].
-
-    Arguments:
-        contact_radius: a [length].
-        displacement: d, the approach, positive into contact [length].
-        radius: R of the paraboloid [length].
-        contact_modulus: E* [pressure].
-        work_of_adhesion: w [energy/area].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
-    """
-    a, radius, contact_modulus, work = positive(
-        contact_radius=contact_radius,
-        radius=radius,
-        contact_modulus=contact_modulus,
-        work_of_adhesion=work_of_adhesion,
-    )
-    d = np.asarray(displacement)
-    elastic = d**2 * a - 2 * d * a**3 / (3 * radius) + a**5 / (5 * radius**2)
-    return contact_modulus * elastic - np.pi * work * a**2
 
 
 def held(
@@ -234,9 +144,6 @@ def held(
         radius: R of the paraboloid [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
     """
     sphere = radius, contact_modulus, work_of_adhesion
     unit = units(*sphere)
@@ -272,9 +179,6 @@ def barriers(
         radius: R of the paraboloid [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
     """
     sphere = radius, contact_modulus, work_of_adhesion
     unit = units(*sphere)
@@ -285,28 +189,6 @@ def barriers(
         heights.append(np.where(is_one, energy(safe, *sphere), np.nan))
     contact, top = heights
     return Barriers(top - contact, top)
-
-
-def maxwell(
-    radius: ArrayLike, contact_modulus: ArrayLike, work_of_adhesion: ArrayLike
-) -> SphereState:
-    """Return the contact with the energy of the separated bodies, zero: d = -0.802116 d0.
-
-    There both barriers are equal.
-
-    Arguments:
-        radius: R of the paraboloid [length].
-        contact_modulus: E* [pressure].
-        work_of_adhesion: w [energy/area].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
-    """
-    sphere = radius, contact_modulus, work_of_adhesion
-    unit = units(*sphere)
-    # Energy over A^2, where root = A^(3/2): a quadratic, of which the larger root is stable.
-    root = (2 * _SQRT_6 / 3 - np.sqrt(8 / 3 - 8 / 5)) / (4 / 5)
-    return curve(np.cbrt(root**2) * unit.contact_radius, *sphere)
 
 
 def pull_off(
@@ -398,10 +280,7 @@ def loop_loss(
 
 
 def spring_weights(stiffness: ArrayLike, unit: Scales) -> tuple[Array, Array]:
-    """Return 1 / (1 + k) and k / (1 + k), the weights of F and d, for k in units of `Scales`.
-
-    The stiffness may be infinite.
-    """
+    """Return the weights 1 / (1 + k) of F and k / (1 + k) of d; k in `Scales` may be infinite."""
     stiffness = not_negative("stiffness", stiffness) * unit.displacement / unit.force
     return 1 / (1 + stiffness), 1 - 1 / (1 + stiffness)
 

@@ -4,7 +4,8 @@ h = A cos(2 pi x / L), so that peak and valley are 2 A apart. Around each crest 
 over a width 2 a; outside nothing acts, and opening the contact costs w per area.
 
 Signs: pressures are positive in compression; the mean gap is A where the half space is flat and
-touches the crests, and 0 in full contact. Numbers may be arrays, of shapes that broadcast.
+touches the crests, and 0 in full contact. Numbers may be arrays, of
+shapes that broadcast. A `ValueError` names an argument that is not positive and finite.
 
 K. L. Johnson, Int. J. Solids Struct. 32, 423 (1995). In the equations theta = pi a / L, and
 p* = pi E* A / L as in `westergaard`.
@@ -45,9 +46,6 @@ def adhesion_parameter(
         length: the period L [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
     """
     amplitude, length, contact_modulus, work = positive(
         amplitude=amplitude,
@@ -147,9 +145,6 @@ def is_full_by_itself(
         length: the period L [length].
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
     """
     alpha = adhesion_parameter(amplitude, length, contact_modulus, work_of_adhesion)
     return alpha > 3**0.75 / 4

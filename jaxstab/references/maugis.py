@@ -6,7 +6,7 @@ branch of equilibria goes on without contact, a = 0, until c = 0 at d = -w / s.
 
 Signs: forces are positive in compression; displacements count the approach of the bodies from
 where the undeformed ones would touch in a point, positive into contact. Numbers may be arrays, of
-shapes that broadcast.
+shapes that broadcast. A `ValueError` names an argument that is not positive and finite.
 
 D. Maugis, J. Colloid Interface Sci. 150, 243 (1992); K. L. Johnson, J. A. Greenwood, J. Colloid
 Interface Sci. 192, 326 (1997), for states without contact. In the equations A = a / a0 and
@@ -61,9 +61,6 @@ def transition_parameter(
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
         strength: s, the tension [pressure].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
     """
     radius, contact_modulus, work, strength = positive(
         radius=radius,
@@ -92,9 +89,6 @@ def curve(
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
         strength: s, the tension [pressure].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
     """
     (contact_radius,) = positive(contact_radius=contact_radius)
     unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
@@ -144,9 +138,6 @@ def first_touch(
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
         strength: s, the tension [pressure].
-
-    Raises:
-        ValueError: if an argument is not positive and finite.
     """
     unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
     return _with_units(unit, *_without_contact(_first_outer(parameter), parameter))

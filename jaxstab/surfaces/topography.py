@@ -7,19 +7,26 @@ from typing import Any, Literal
 import jax
 import numpy as np
 
-from jaxstab.core.checks import is_traced, known
+from jaxstab.core.checks import known
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid, require_grid, resample
 from jaxstab.core.unit_system import converted, unit_of
 from jaxstab.surfaces import faults, processing
+from jaxstab.surfaces.arguments import (
+    ROUNDING,
+    checked_band,
+    checked_heights,
+    choice,
+    points_between,
+    require_agreement,
+    require_same_grid,
+)
 from jaxstab.surfaces.formats import Scan, scan_of
 
 FILL = "fill them, as by `js.surfaces.Topography(grid, heights).filled()`."
 _TAPER = 0.1
 _TRENDS = ("its mean", "its best plane", "its best quadric")
 _FILLINGS = {"harmonic": 1, "biharmonic": 2}
-# Rounding must not decide whether a point or a wave at a limit is kept.
-_ROUNDING = 1e-5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,45 +63,16 @@ class Topography:
         require_grid(self.grid)
         if (scan := scan_of(self.heights)) is not None:
             self._take(scan)
-        heights = np.ma.asarray(self.heights)
-        if heights.dtype.kind not in "fiub":
-            raise TypeError(f"The array of heights is {heights.dtype}: give real numbers.")
-        heights = np.ma.filled(heights.astype(float), np.nan)
-        if heights.shape != self.grid.shape:
-            raise ValueError(
-                f"heights have shape {heights.shape}, the grid {self.grid.shape}: they must agree."
-            )
-        if np.isnan(heights).all():
-            raise ValueError("all heights are missing.")
-        if (infinite := np.isinf(heights)).any():
-            index = tuple(int(i) for i in np.argwhere(infinite)[0])
-            raise ValueError(
-                f"{infinite.sum()} heights are infinite, the first at {index}: mark missing points "
-                "by nan."
-            )
-        heights.flags.writeable = False
-        object.__setattr__(self, "heights", heights)
+        object.__setattr__(self, "heights", checked_heights(self.heights, self.grid.shape))
         if self.unit is not None:
             object.__setattr__(self, "unit", unit_of(self.unit))
 
     def _take(self, scan: Scan) -> None:
         """Set heights, lengths and unit from a scan, which must agree with the arguments."""
-        lengths, unit = known(self.grid.lengths), self.unit and unit_of(self.unit)
-        if scan.lengths is not None and not is_traced(lengths):
-            own = np.broadcast_to(scan.lengths, lengths.shape)
-            if not np.allclose(own, lengths, _ROUNDING, 0):
-                raise ValueError(
-                    f"lengths are {times(lengths, '.10g')}, but the heights come with lengths of "
-                    f"{times(own, '.10g')}{f' {scan.unit}' if scan.unit else ''}: use these."
-                )
-        if unit not in (None, scan.unit) and scan.unit:
-            raise ValueError(
-                f"the unit is {self.unit!r}, but the heights are in {scan.unit!r}: leave `unit` "
-                f'out, and convert by `.in_unit("{self.unit}")`.'
-            )
+        require_agreement(scan, known(self.grid.lengths), self.unit)
         for name, value in {
             "heights": scan.heights,
-            "unit": scan.unit or unit,
+            "unit": scan.unit or self.unit,
             "remarks": (*scan.remarks, *self.remarks),
             "is_periodic": scan.is_periodic or self.is_periodic,
         }.items():
@@ -112,10 +90,7 @@ class Topography:
 
     @property
     def suspicions(self) -> list[str]:
-        """Warnings, a sentence each: scales, tilt, and edges unless known to meet.
-
-        Tilt and edges are checked from 32 points along a side on; fewer are too few.
-        """
+        """Warnings, a sentence each: scales, and from 32 points a side on tilt and edges."""
         return [*self.wrong_scale, *self.edge_faults, *self._wrong_edges]
 
     @property
@@ -155,15 +130,7 @@ class Topography:
             ValueError: if points are missing, or the grid has another shape or other lengths.
         """
         self.require_complete("A contact or a statistic")
-        lengths = known(grid.lengths)
-        is_same = grid.shape == self.grid.shape and (
-            is_traced(lengths) or np.allclose(lengths, self.lengths, _ROUNDING, 0)
-        )
-        if not is_same:
-            raise ValueError(
-                f"The grid has {_described(grid)}, the topography {_described(self.grid)}: "
-                "give the topography's own, as in HalfSpace(topography.grid, ...)."
-            )
+        require_same_grid(grid, self.grid)
         return self.heights
 
     def filled(self, method: Literal["harmonic", "biharmonic"] = "harmonic") -> "Topography":
@@ -176,7 +143,7 @@ class Topography:
         Raises:
             ValueError: for another method, and if the points lie on one line for "biharmonic".
         """
-        order = _FILLINGS[_choice("method", method, _FILLINGS)]
+        order = _FILLINGS[choice("method", method, _FILLINGS)]
         if not (missing := self.num_missing):
             return self
         heights = processing.filled(self.heights, list(self.lengths / self.grid.shape), order)
@@ -192,7 +159,7 @@ class Topography:
         Raises:
             ValueError: for another order.
         """
-        _choice("order", order, (0, 1, 2))
+        choice("order", order, (0, 1, 2))
         heights = self.heights - processing.trend(self.heights, order)
         is_periodic = self.is_periodic and order == 0
         return self._changed(f"{_TRENDS[order]} off", heights=heights, is_periodic=is_periodic)
@@ -209,8 +176,7 @@ class Topography:
                 "`js.surfaces.read` or `Topography(grid, heights, unit)`."
             )
         unit = unit_of(unit)
-        lengths = converted(self.lengths, self.unit, unit)
-        heights = converted(self.heights, self.unit, unit)
+        lengths, heights = (converted(x, self.unit, unit) for x in (self.lengths, self.heights))
         return replace(self, grid=Grid(self.grid.shape, lengths), heights=heights, unit=unit)
 
     def cropped(self, x: tuple[float, float], y: tuple[float, float] | None = None) -> "Topography":
@@ -227,24 +193,12 @@ class Topography:
         intervals = [x] if y is None else [x, y]
         if len(intervals) > len(self.grid.shape):
             raise ValueError("y is given, but the surface is a line.")
-        spacing, kept = self.lengths / self.grid.shape, []
+        spacing = self.lengths / self.grid.shape
         # The rounding in points; far from the origin the rounding of the lengths is the larger.
         precision = float(np.finfo(self.grid.lengths.dtype).eps)
-        rounding = max(_ROUNDING, 4 * precision * max(self.grid.shape))
-        for name, n, dx, interval in zip("xy", self.grid.shape, spacing, intervals, strict=False):
-            ends = [_real(end) for end in interval] if np.iterable(interval) else []
-            if len(ends) != 2 or np.isnan(ends).any():
-                raise ValueError(
-                    f"{name} is {interval!r}: give two numbers, as in {name}=(0, {n * dx / 2:.3g})."
-                )
-            start, end = (int(np.ceil(np.clip(end / dx - rounding, 0, n))) for end in ends)
-            if end - start < 2:
-                raise ValueError(
-                    f"{max(end - start, 0)} points lie in {ends[0]:g} <= {name} < {ends[1]:g}: "
-                    f"take 2 or more of those from 0 to {(n - 1) * dx:.6g}."
-                )
-            kept.append(slice(start, end))
-        heights = self.heights[tuple(kept)]
+        rounding = max(ROUNDING, 4 * precision * max(self.grid.shape))
+        sides = zip("xy", intervals, self.grid.shape, spacing, strict=False)
+        heights = self.heights[tuple(points_between(*side, rounding) for side in sides)]
         grid = Grid(heights.shape, spacing * heights.shape)
         is_periodic = self.is_periodic and heights.shape == self.grid.shape
         remark = f"cropped from {times(self.grid.shape)} points"
@@ -264,7 +218,7 @@ class Topography:
         Raises:
             ValueError: for another method, and if points are missing for "spectral".
         """
-        _choice("method", method, ("spectral", "area"))
+        choice("method", method, ("spectral", "area"))
         numbers: Any = shape if np.ndim(shape) else (shape,) * len(self.grid.shape)
         if len(numbers) != len(self.grid.shape):
             raise ValueError(f"The shape is {shape}: give {len(self.grid.shape)} numbers.")
@@ -293,16 +247,11 @@ class Topography:
         Raises:
             ValueError: if no cut-off is given, they are not positive and in order, or points miss.
         """
-        low = 0.0 if k_low is None else _real(k_low)
-        high = np.inf if k_high is None else _real(k_high)
-        if (k_low is None and k_high is None) or not (0 <= low <= high and high > 0):
-            raise ValueError(
-                f"k_low is {k_low!r}, k_high {k_high!r}: give one or both, positive and in order."
-            )
+        low, high = checked_band(k_low, k_high)
         self.require_complete("`.filtered()`")
         sides = zip(self.grid.waves, self.lengths.max() / self.lengths, strict=True)
         waves = np.sqrt(sum((k * ratio) ** 2 for k, ratio in sides))
-        margin = 1 + _ROUNDING
+        margin = 1 + ROUNDING
         heights = processing.band_passed(self.heights, waves, low / margin, high * margin)
         remark = f"waves from {low:g} to {high:g} per longest side"
         edge_faults = self._edge_faults_before("filtered")
@@ -319,7 +268,7 @@ class Topography:
         Raises:
             ValueError: for another way, and for a window where points are missing.
         """
-        _choice("how", how, ("window", "mirror", "as_is"))
+        choice("how", how, ("window", "mirror", "as_is"))
         if how == "as_is":
             return self._changed("said to be periodic", is_periodic=True)
         grid, heights = self.grid, self.heights
@@ -349,24 +298,3 @@ def as_topography(heights: Any, grid: Grid) -> Topography | None:
         return heights
     scan: Any = heights if np.ma.is_masked(heights) else scan_of(heights)
     return None if scan is None else Topography(grid, scan)
-
-
-def _choice(name: str, value: Any, choices: Any) -> Any:
-    if not isinstance(value, str | int | np.integer) or value not in choices:
-        options = ", ".join(repr(choice) for choice in choices)
-        raise ValueError(f"{name} is {value!r}: choose one of {options}.")
-    return value
-
-
-def _real(value: Any) -> float:
-    """Convert to a number; NaN for anything that is not a number."""
-    try:
-        return np.nan if isinstance(value, str) else float(value)
-    except (TypeError, ValueError):
-        return np.nan
-
-
-def _described(grid: Grid) -> str:
-    lengths = known(grid.lengths)
-    sides = "" if is_traced(lengths) else f" of {times(lengths, '.6g')}"
-    return f"{times(grid.shape)} points{sides}"

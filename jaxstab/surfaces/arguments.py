@@ -1,0 +1,108 @@
+"""Checks of the arguments of a `Topography`."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from jaxstab.core.checks import is_traced, known
+from jaxstab.core.display import times
+from jaxstab.core.grid import Grid
+from jaxstab.core.unit_system import unit_of
+from jaxstab.surfaces.formats import Scan
+
+# Rounding must not decide whether a point or a wave at a limit is kept.
+ROUNDING = 1e-5
+
+
+def checked_heights(values: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Return heights as a read-only array of float64, NaN where masked."""
+    heights = np.ma.asarray(values)
+    if heights.dtype.kind not in "fiub":
+        raise TypeError(f"The array of heights is {heights.dtype}: give real numbers.")
+    heights = np.ma.filled(heights.astype(float), np.nan)
+    if heights.shape != shape:
+        raise ValueError(f"heights have shape {heights.shape}, the grid {shape}: they must agree.")
+    if np.isnan(heights).all():
+        raise ValueError("all heights are missing.")
+    if (infinite := np.isinf(heights)).any():
+        index = tuple(int(i) for i in np.argwhere(infinite)[0])
+        raise ValueError(
+            f"{infinite.sum()} heights are infinite, the first at {index}: mark missing points "
+            "by nan."
+        )
+    heights.flags.writeable = False
+    return heights
+
+
+def require_same_grid(grid: Grid, own: Grid) -> None:
+    """Raise `ValueError` if a grid is not a topography's own."""
+    lengths = known(grid.lengths), known(own.lengths)
+    if grid.shape != own.shape or not (is_traced(lengths) or np.allclose(*lengths, ROUNDING, 0)):
+        given, expected = (
+            times(one.shape) + " points" + ("" if is_traced(x) else f" of {times(x, '.6g')}")
+            for one, x in zip((grid, own), lengths, strict=True)
+        )
+        raise ValueError(
+            f"The grid has {given}, the topography {expected}: give the topography's own, as in "
+            "HalfSpace(topography.grid, ...)."
+        )
+
+
+def checked_band(k_low: Any, k_high: Any) -> tuple[float, float]:
+    """Return the limits of a band of wavenumbers, None for no limit on a side."""
+    low = 0.0 if k_low is None else real(k_low)
+    high = np.inf if k_high is None else real(k_high)
+    if (k_low is None and k_high is None) or not (0 <= low <= high and high > 0):
+        raise ValueError(
+            f"k_low is {k_low!r}, k_high {k_high!r}: give one or both, positive and in order."
+        )
+    return low, high
+
+
+def require_agreement(scan: Scan, lengths: Any, unit: str | None) -> None:
+    """Raise `ValueError` if lengths or unit contradict the statements of a scan."""
+    if scan.lengths is not None and not is_traced(lengths):
+        own = np.broadcast_to(scan.lengths, lengths.shape)
+        if not np.allclose(own, lengths, ROUNDING, 0):
+            raise ValueError(
+                f"lengths are {times(lengths, '.10g')}, but the heights come with lengths of "
+                f"{times(own, '.10g')}{f' {scan.unit}' if scan.unit else ''}: use these."
+            )
+    if scan.unit and unit is not None and unit_of(unit) != scan.unit:
+        raise ValueError(
+            f"the unit is {unit!r}, but the heights are in {scan.unit!r}: leave `unit` out, and "
+            f'convert by `.in_unit("{unit}")`.'
+        )
+
+
+def points_between(name: str, interval: Any, n: int, dx: float, rounding: float) -> slice:
+    """Return the slice of the n points of a side in an interval [length]."""
+    ends = [real(end) for end in interval] if np.iterable(interval) else []
+    if len(ends) != 2 or np.isnan(ends).any():
+        raise ValueError(
+            f"{name} is {interval!r}: give two numbers, as in {name}=(0, {n * dx / 2:.3g})."
+        )
+    start, end = (int(np.ceil(np.clip(end / dx - rounding, 0, n))) for end in ends)
+    if end - start < 2:
+        raise ValueError(
+            f"{max(end - start, 0)} points lie in {ends[0]:g} <= {name} < {ends[1]:g}: take 2 or "
+            f"more of those from 0 to {(n - 1) * dx:.6g}."
+        )
+    return slice(start, end)
+
+
+def choice(name: str, value: Any, choices: Iterable[Any]) -> Any:
+    """Return a value that must be one of some choices."""
+    if not isinstance(value, str | int | np.integer) or value not in choices:
+        options = ", ".join(repr(one) for one in choices)
+        raise ValueError(f"{name} is {value!r}: choose one of {options}.")
+    return value
+
+
+def real(value: Any) -> float:
+    """Convert to a number; NaN for anything that is not a number."""
+    try:
+        return np.nan if isinstance(value, str) else float(value)
+    except (TypeError, ValueError):
+        return np.nan
