@@ -114,7 +114,7 @@ def _axes(contact: Contact, result: Result) -> tuple[tuple[str, ...], Mapping[st
     axes: tuple[str, ...] = ()
     if isinstance(result, Evolution):
         if result.times.ndim > 1:
-            raise ValueError("These are several evolutions: choose one of them by jax.tree.map.")
+            raise ValueError("These are several evolutions: choose one, as evolution[0].")
         require_same_contact(contact, result.contact, "The evolution")
         return ("state",)[: result.times.ndim], own
     if isinstance(result, Path | Branch):

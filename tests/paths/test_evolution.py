@@ -14,12 +14,12 @@ RATIOS, TIMES = (2.0, 1.0), (0.1, 1.0)
 ANY = 1e9
 
 
-def line(n=32, height=0.02):
-    return js.Grid((n,)), height * jnp.cos(2 * jnp.pi * jnp.arange(n) / n + 0.3)
+def line(n=32, length=1.0, height=0.02):
+    return js.Grid((n,), length), height * jnp.cos(2 * jnp.pi * jnp.arange(n) / n + 0.3)
 
 
-def viscoelastic(ratios=RATIOS, times=TIMES, energy=0.002, n=32):
-    grid, heights = line(n)
+def viscoelastic(ratios=RATIOS, times=TIMES, energy=0.002, n=32, length=1.0):
+    grid, heights = line(n, length)
     solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), ratios, times)
     return js.Contact(solid, heights, js.potentials.Exponential(energy, 0.02))
 
@@ -173,13 +173,21 @@ def test_it_goes_on_from_where_it_ended():
 def test_many_speeds_at_once_are_those_alone():
     times, values = cycle(9)
 
-    def pressures(speed):
-        found = js.evolve(viscoelastic(), js.MeanDisplacement(values), times / speed, rtol=1e-2)
-        return found.mean_pressure
+    def pulled(speed):
+        contact = viscoelastic(length=2.0)
+        return js.evolve(contact, js.MeanDisplacement(values), times / speed, rtol=1e-2)
 
     speeds = jnp.array([0.1, 1.0, 10.0])
-    alone = np.array([pressures(speed) for speed in speeds])
-    assert np.array(jax.vmap(pressures)(speeds)) == pytest.approx(alone, abs=1e-12)
+    runs = [pulled(speed) for speed in speeds]
+    alone = np.array([run.mean_pressure for run in runs])
+    batch = jax.vmap(pulled)(speeds)
+    assert np.array(batch.mean_pressure) == pytest.approx(alone, abs=1e-12)
+    assert np.array(batch.force) == pytest.approx(np.array([run.force for run in runs]), abs=1e-12)
+    # A batch is a sequence of evolutions.
+    assert len(batch) == 3
+    assert batch[2][3].work == pytest.approx(float(runs[2][3].work), abs=1e-12)
+    assert batch[2].force == pytest.approx(np.array(runs[2].force), abs=1e-12)
+    assert batch[2].contact.heights.shape == (32,)
     assert np.ptp(alone[:, -2]) > 1e-4
 
 

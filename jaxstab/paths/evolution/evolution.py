@@ -15,7 +15,7 @@ from jaxstab.core import display
 from jaxstab.core.display import column
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
-from jaxstab.core.units import ENERGY, LENGTH, NUMBER, PRESSURE, TIME
+from jaxstab.core.units import ENERGY, FORCE, LENGTH, NUMBER, PRESSURE, TIME
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load
@@ -49,12 +49,14 @@ class Evolution(Totals):
     """A viscoelastic contact at given times; arrays have a leading axis of times.
 
     `evolution[3]` is one state, without that axis. Its memory, and so its verdicts, need
-    `fields=True`, but for those of the last state.
+    `fields=True`, but for those of the last state. Of a batch, as after `jax.vmap`, it is the
+    fourth evolution.
 
     Attributes:
         contact: the contact, of a `Viscoelastic` solid.
         load: the load at each time.
         times: the times [time].
+        force: the mean pressure times the area of the cell, positive in compression [force].
         fields: gap and memory at each time; None without `fields`.
         last: gap and memory of the last state.
         reached: the time of the last state that was found [time].
@@ -67,6 +69,7 @@ class Evolution(Totals):
     contact: Contact
     load: Load
     times: Annotated[Float[Array, "..."], TIME]
+    force: Annotated[Float[Array, "..."], FORCE]
     fields: Internal | None
     last: Internal | None
     reached: Annotated[Scalar, TIME]
@@ -81,9 +84,11 @@ class Evolution(Totals):
         return len(self.times)
 
     def __getitem__(self, index: Any) -> "Evolution":
+        if self.times.ndim > 1:
+            return jax.tree.map(lambda leaf: leaf[index], self)
         places = np.arange(len(self))[index]
         is_last = np.size(places) > 0 and np.ravel(places)[-1] == len(self) - 1
-        names = [*Totals.__annotations__, "load", "times", "fields", "num_steps", "result"]
+        names = [*Totals.__annotations__, "load", "times", "force", "fields", "num_steps", "result"]
         picked = {
             name: jax.tree.map(lambda leaf: leaf[places], getattr(self, name)) for name in names
         }
@@ -94,11 +99,6 @@ class Evolution(Totals):
 
     def __iter__(self) -> Iterator["Evolution"]:
         return (self[i] for i in range(len(self)))
-
-    @property
-    def force(self) -> Array:
-        """The mean pressure times the area of the cell, positive in compression."""
-        return self.mean_pressure * self.contact.area
 
     @property
     def internal(self) -> Internal:

@@ -125,6 +125,7 @@ def evolve(
         contact=contact,
         load=load,
         times=instants,
+        force=totals.mean_pressure * contact.area,
         fields=entries.internal,
         last=last,
         reached=jnp.where(steps.number > 0, ends[steps.number - 1], constant[2][0]),
