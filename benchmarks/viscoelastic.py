@@ -371,7 +371,7 @@ def gel(is_quick: bool) -> Iterator[Row]:
     that the pull is 2 pi a s (angle - a / R), pi w R at most; in a cell of side L it is that over
     1 - pi a^2 / L^2, since the load acts on the contact too.
     """
-    size, allowed = (128, 0.06) if is_quick else (512, 0.03)
+    size, allowed = (128, 0.06) if is_quick else (256, 0.03)
     a, angle = np.linspace(0, 0.4, 4000), 0.2
     pulls = 2 * np.pi * a * (angle - a / 2) / (1 - np.pi * a**2)
     in_cell = float(pulls.max() / (np.pi * angle**2))

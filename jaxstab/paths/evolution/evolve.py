@@ -4,7 +4,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, TypeVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -50,6 +49,9 @@ from jaxstab.paths.evolution.step import Internal, Medium
 from jaxstab.solids.viscoelastic import Viscoelastic
 
 Tree = TypeVar("Tree")
+State = tuple[Moment, Steps]
+# Scalars, memory, result and number of steps of a state.
+Entry = tuple[Totals, Internal | None, RESULTS, Int[Array, ""]]
 
 
 def evolve(
@@ -106,18 +108,24 @@ def evolve(
     require_positive("rtol", tolerance)
     room = integer("max_steps", max_steps)
     moment = _start(contact, medium, load[0], initial)
-    constant = jax.lax.stop_gradient((medium, load, instants, tolerance, moment))
-    bar = progress_bar(instants.size - 1, "time", shown=can_be_shown(progress, constant))
+    inputs = medium, load, instants, moment
+    held = jax.lax.stop_gradient((medium, load[0], tolerance))
+    legs, begin = jax.lax.stop_gradient((_legs(load, instants), moment))
+    state = begin, Steps.none(room, dtype)
+    bar = progress_bar(instants.size - 1, "time", shown=can_be_shown(progress, (held, legs, state)))
     with jax.debug_nans(False), bar as bar:
-        find = _history if is_transformed(constant) else partial(_leg_by_leg, report=bar.update)
-        entries, end, steps = find(*constant, Steps.none(room, dtype), fields=fields)
-    totals, last = entries.totals, end.internal
+        if is_transformed((held, legs, state)):
+            (end, steps), rest = _along_all(*held, state, legs, fields=fields)
+        else:
+            over = partial(_along, *held, fields=fields)
+            (end, steps), rest = _one_by_one(over, state, legs, bar.update)
+    totals, internal, result, numbers = with_first(_entry(state, fields), rest)
+    last = end.internal
     if is_traced((contact, load, times)):
-        inputs = medium, load, instants, moment
-        totals, last = attach(_changes, (totals, last), (steps, entries.number), inputs)
-    ends = _times_of(steps, constant[2])
+        totals, last = attach(_changes, (totals, last), (steps, numbers), inputs)
+    ends = legs.start[steps.legs] + steps.ends * (legs.end - legs.start)[steps.legs]
     jumps = ends, steps.lost
-    if not is_transformed(constant):
+    if not is_transformed((held, legs, state)):
         has_jumped = np.asarray(steps.lost) > 0
         jumps = tuple(jnp.asarray(np.asarray(column)[has_jumped]) for column in jumps)
     evolution = Evolution(
@@ -126,15 +134,15 @@ def evolve(
         load=load,
         times=instants,
         force=totals.mean_pressure * contact.area,
-        fields=entries.internal,
+        fields=internal,
         last=last,
-        reached=jnp.where(steps.number > 0, ends[steps.number - 1], constant[2][0]),
+        reached=jnp.where(steps.number > 0, ends[steps.number - 1], legs.start[0]),
         jump_times=jumps[0],
         dissipation=jumps[1],
-        num_steps=jnp.diff(entries.number, prepend=0),
-        result=entries.result,
+        num_steps=jnp.diff(numbers, prepend=0),
+        result=result,
     )
-    return throw_failure(entries.result[-1], evolution, lambda: _describe(evolution), throw)
+    return throw_failure(result[-1], evolution, lambda: _describe(evolution), throw)
 
 
 def require_viscoelastic(contact: Contact) -> None:
@@ -192,75 +200,52 @@ def _relaxed(medium: Medium, found: Equilibrium) -> Internal:
     return Internal(found.gap, deformation, branches)
 
 
-class _Entry(eqx.Module):
-    """The record of a state: its scalars, its memory or none, its result, the steps up to it."""
-
-    totals: Totals
-    internal: Internal | None
-    result: RESULTS
-    number: Int[Array, ""]
-
-    @classmethod
-    def of(cls, moment: Moment, steps: Steps, fields: bool) -> "_Entry":
-        kept = moment.internal if fields else None
-        return cls(moment.totals, kept, moment.result, steps.number)
-
-
 def _legs(load: Load, times: Float[Array, " times"]) -> Leg:
     """Return the legs between the times, along a leading axis."""
     values = load.value.astype(times.dtype)
     return Leg(jnp.arange(times.size - 1), times[:-1], times[1:], values[:-1], values[1:])
 
 
+def _entry(state: State, fields: bool) -> Entry:
+    """Return what is recorded of a state: scalars, memory or none, result, steps up to it."""
+    moment, steps = state
+    return moment.totals, moment.internal if fields else None, moment.result, steps.number
+
+
 @partial(program, static_argnames="fields")
-def _history(
-    medium: Medium,
-    load: Load,
-    times: Float[Array, " times"],
-    rtol: Scalar,
-    moment: Moment,
-    steps: Steps,
-    *,
-    fields: bool,
-) -> tuple[_Entry, Moment, Steps]:
-    """Return the records of all states, the last state, and the steps."""
+def _along(
+    medium: Medium, load: Load, rtol: Scalar, state: State, leg: Leg, *, fields: bool
+) -> tuple[State, Entry]:
+    """Return the state at the end of a leg, and its record."""
+    state = march(medium, load, rtol, *state, leg)
+    return state, _entry(state, fields)
+
+
+@partial(program, static_argnames="fields")
+def _along_all(*inputs: Any, fields: bool) -> tuple[State, Entry]:
+    """Return the same for legs along a leading axis."""
 
     def scanned(
-        medium: Medium, load: Load, times: Array, rtol: Scalar, moment: Moment, steps: Steps
-    ) -> tuple[_Entry, Moment, Steps]:
-        def over(state: tuple[Moment, Steps], leg: Leg) -> tuple[tuple[Moment, Steps], _Entry]:
-            state = march(medium, load[0], rtol, *state, leg)
-            return state, _Entry.of(*state, fields)
+        medium: Medium, load: Load, rtol: Scalar, state: State, legs: Leg
+    ) -> tuple[State, Entry]:
+        return jax.lax.scan(partial(_along, medium, load, rtol, fields=fields), state, legs)
 
-        first = _Entry.of(moment, steps, fields)
-        (moment, steps), rest = jax.lax.scan(over, (moment, steps), _legs(load, times))
-        return with_first(first, rest), moment, steps
-
-    return by_entries(scanned)(medium, load, times, rtol, moment, steps)
+    return by_entries(scanned)(*inputs)
 
 
-def _leg_by_leg(
-    medium: Medium,
-    load: Load,
-    times: Float[Array, " times"],
-    rtol: Scalar,
-    moment: Moment,
-    steps: Steps,
-    *,
-    fields: bool,
+def _one_by_one(
+    over: Callable[[State, Leg], tuple[State, Entry]],
+    state: State,
+    legs: Leg,
     report: Callable[[], object],
-) -> tuple[_Entry, Moment, Steps]:
+) -> tuple[State, Entry]:
     """Return the same by a program for each leg, so that it can be watched and interrupted."""
-    entries, legs = [_Entry.of(moment, steps, fields)], _legs(load, times)
-    for i in range(times.size - 1):
-        leg = jax.tree.map(lambda leaf, i=i: leaf[i], legs)
-        moment, steps = _march_alone(medium, load[0], rtol, moment, steps, leg)
-        entries.append(_Entry.of(moment, steps, fields))
+    entries = []
+    for i in range(legs.number.size):
+        state, entry = over(state, jax.tree.map(lambda leaf, i=i: leaf[i], legs))
+        entries.append(entry)
         report()
-    return stacked(entries, entries[0]), moment, steps
-
-
-_march_alone = program(march)
+    return state, stacked(entries, entries[0])
 
 
 def with_first(first: Tree, rest: Tree) -> Tree:
@@ -304,11 +289,6 @@ def _replay(
     end, totals = jax.lax.scan(jax.checkpoint(one), moment, jnp.arange(steps.legs.size))
     totals = with_first(moment.totals, totals)
     return jax.tree.map(lambda leaf: leaf[numbers], totals), end.internal
-
-
-def _times_of(steps: Steps, times: Float[Array, " times"]) -> Float[Array, " steps"]:
-    """Return when each step ends [time]."""
-    return times[steps.legs] + steps.ends * jnp.diff(times)[steps.legs]
 
 
 def _describe(evolution: Evolution) -> str:
