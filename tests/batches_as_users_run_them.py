@@ -17,14 +17,14 @@ jax.config.update("jax_enable_x64", True)
 
 
 def assert_same(left, right):
-    """All but the histories: what is measured on the way may be rounded in another way."""
+    """Compare all but the histories, whose rounding may differ."""
     left, right = (replace(sweep.equilibrium, history=None) for sweep in (left, right))
     for a, b in zip(jax.tree.leaves(left), jax.tree.leaves(right), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
 def check_springs():
-    """A vmapped solve gives what a sweep gives."""
+    """A vmapped solve agrees with a sweep."""
     contact = rough_contact(16, js.potentials.Exponential(0.01, 0.1))
     springs = js.Spring(jnp.linspace(0.0, 0.3, 4), 2.0)
     swept = js.sweep(contact, springs, stability=False)
@@ -33,7 +33,7 @@ def check_springs():
 
 
 def check_a_solver_of_ones_own():
-    """A vmapped solve by it gives what a sweep gives."""
+    """A vmapped solve by it agrees with a sweep."""
     contact, solver = rough_contact(16, js.potentials.Exponential(0.01, 0.1)), Descent()
     loads = js.MeanGap(jnp.array([0.08, 0.1]))
     swept = js.sweep(contact, loads, equilibrium_solver=solver, stability=False)
@@ -42,7 +42,7 @@ def check_a_solver_of_ones_own():
 
 
 def check_an_accelerators_sweep():
-    """All entries in one program, as on an accelerator, give what each load gives alone."""
+    """All entries in one program, as on an accelerator, agree with each load alone."""
     contact = rough_contact(32, js.potentials.Exponential(1e-2, 1.0), youngs_modulus=1e-3)
     loads = js.MeanGap(jnp.linspace(1e-5, 2.0, 32)[:5])
     alone = js.sweep(contact, loads, stability=False)

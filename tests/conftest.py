@@ -1,4 +1,4 @@
-"""The settings of all tests, and what pytest hands to many of them."""
+"""The settings and the shared fixtures of all tests."""
 
 import atexit
 import gc

@@ -1,4 +1,4 @@
-"""What JAX compiles in a test, and where it runs."""
+"""The programs that JAX compiles in a test, and their platform."""
 
 from contextlib import contextmanager
 from unittest import mock

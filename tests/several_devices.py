@@ -102,7 +102,7 @@ def refusal(build):
 
 
 def between_processes(grid):
-    """Return what every process knows."""
+    """Return an array that every process holds."""
     contact = contact_on(grid)
     equilibrium = js.equilibrate(contact, *load_and_solver())
     missing = np.ones((N, N))

@@ -1,4 +1,4 @@
-"""The version stands in pyproject.toml; what repeats it agrees."""
+"""The version stands in pyproject.toml; its copies agree."""
 
 import re
 import tomllib

@@ -68,7 +68,7 @@ def test_a_solid_of_ones_own_agrees_with_dense_algebra(name):
     touching = g == 0
     assert 0 < touching.sum() < SIZE
     assert (mu >= -1e-12).all() and not mu[~touching].any()
-    # The far side moves until the mean pressure is that of the load.
+    # The far side moves until the mean pressure is the load's.
     p0 = float(equilibrium.mean_pressure)
     attraction = 0.1 / 0.4 * np.exp(-g / 0.4)
     residual = matrix_of(1.0) @ (u - u.mean()) + p0 + attraction - mu

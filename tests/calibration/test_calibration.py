@@ -57,7 +57,7 @@ def test_errors_are_those_of_linear_least_squares_also_of_loads_that_tell_nothin
     contact = js.Contact(
         js.HalfSpace(grid, 1.0), js.surfaces.sinusoid(grid, 0.02), js.potentials.NoAdhesion()
     )
-    # A half of them out of contact.
+    # Half of them are out of contact.
     loads = js.MeanGap(jnp.linspace(0.004, 0.036, 16))
     noise = 5e-4 * np.random.default_rng(0).normal(size=16)
     slope = np.array([js.equilibrate(contact, load).mean_pressure for load in loads])
@@ -126,7 +126,7 @@ def test_a_law_of_ones_own_is_fitted_with_a_bar(start, exact, capsys):
     assert "/200" in capsys.readouterr().err
 
 
-# Of contacts that jump, on surfaces of different seeds.
+# These contacts jump, on surfaces of different seeds.
 TRUE = np.array([0.02, 0.1, 0.15])
 RETRACTION = jnp.linspace(0.02, 0.5, 20)
 
@@ -233,7 +233,7 @@ def test_failure_is_told(start, exact):
     assert fit.result == js.RESULTS.nonfinite
     with pytest.raises(js.SolverError, match=r"1 of 16 loads have no equilibrium.* number 3"):
         js.calibrate(start, unreachable, exact)
-    # Without weight it does no harm.
+    # A weight of zero leaves it out.
     weights = jnp.ones(16).at[3].set(0)
     fit = js.calibrate(start, unreachable, exact, weights=weights)
     np.testing.assert_allclose(fit.parameters[0].length, RHO, rtol=1e-5)

@@ -92,7 +92,7 @@ def test_errors_are_the_scatter_of_repeated_measurements():
     assert (fits.result == js.RESULTS.successful).all()
     values = found(fits).T
     errors = np.sqrt(np.diagonal(fits.covariance, axis1=1, axis2=2))
-    # Of 40 draws a standard deviation is known to 11 %.
+    # From 40 draws a standard deviation is known to 11 %.
     scatter = values.std(axis=0, ddof=1) / np.median(errors, axis=0)
     assert (scatter > 0.7).all() and (scatter < 1.3).all()
     covered = abs(values - TRUTH) < student.ppf(0.975, POSITIONS.size - 4) * errors

@@ -1,4 +1,4 @@
-"""What is to be cited for what, and whether the bibliography is one."""
+"""Sources of functions and results, and the form of the bibliography."""
 
 import re
 from inspect import isclass, isfunction

@@ -37,7 +37,7 @@ def run(environment):
 
 @pytest.fixture(scope="module")
 def twice(run, cache, environment, tmp_path_factory):
-    """Two runs alike: their folder, what they said, and the programs in the cache after each."""
+    """Two equal runs: their folder, their output, and the programs in the cache after each."""
     folder = tmp_path_factory.mktemp("twice")
     options = [*SMALL, "--potential", "none", "--precision", "float32", "--order", "independent"]
     options += ["--load", "displacement", "--first", "0.1", "--last", "1", "--seed", "3"]

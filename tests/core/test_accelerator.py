@@ -1,4 +1,4 @@
-"""What can be said of programs for accelerators, and of their numbers, without one."""
+"""Programs for accelerators and their numbers, without an accelerator."""
 
 import re
 
@@ -16,7 +16,7 @@ N, LANES = 16, 3
 
 
 def solve(heights, throw=False):
-    """Return what a state and its stability are, as arrays of the precision of the heights."""
+    """Return a state and its stability, as arrays of the precision of the heights."""
     dtype = heights.dtype
     solid = js.HalfSpace(js.Grid(N, jnp.ones((), dtype)), jnp.ones((), dtype))
     law = js.potentials.Exponential(jnp.array(0.01, dtype), jnp.array(0.1, dtype))
@@ -43,7 +43,7 @@ def surfaces(dtype):
 
 
 def cuda_program(function, *arguments):
-    """Return the text of what would be compiled for CUDA."""
+    """Return the text of the program for CUDA."""
     return jax.export.export(jax.jit(function), platforms=["cuda"])(*arguments).mlir_module()
 
 

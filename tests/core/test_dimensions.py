@@ -1,4 +1,4 @@
-"""Dimensions: every field of a result says what it is measured in."""
+"""Dimensions: every field of a result declares its own."""
 
 from typing import Annotated
 

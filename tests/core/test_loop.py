@@ -44,7 +44,7 @@ def test_a_bar_moves_when_compiled_code_says_so():
 
 
 class Counter(IterativeSolver):
-    """Counts up; the problem says what it measures."""
+    """Counts up; the problem gives the measure."""
 
     tolerance: jax.Array | None = None
     max_steps: jax.Array = eqx.field(converter=jnp.asarray, default=1000)
@@ -77,7 +77,7 @@ def test_a_falling_energy_is_progress_though_the_residual_is_not(ends_at, result
         (np.float64, 1e-11, 0.0, False),
         (np.float64, 1e-8, 1e8, False),
         (np.float32, 1e-5, 0.0, True),
-        # What rounding makes of terms of the size of the fall.
+        # This is the rounding of terms of the size of the fall.
         (np.float32, 1e-8, 0.0, False),
     ],
 )

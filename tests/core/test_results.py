@@ -1,4 +1,4 @@
-"""Results as Python values: enumerations, stacks of states, and what is printed of them."""
+"""Results as Python values: enumerations, stacks of states, and their printed form."""
 
 import copy
 import operator

@@ -37,7 +37,7 @@ def test_a_disc_conducts_as_holm_says():
 
 
 def test_a_disc_far_from_its_images_conducts_as_one_alone():
-    # Of a narrow one the constriction takes 1 - 1.41 a / b less, b the radius of the cell's area.
+    # In a narrow one the constriction takes 1 - 1.41 a / b less, b the radius of the cell's area.
     radius = 12.5 / 256
     found = js.conductance(*touching(disc(256, radius)), (0.5, 0.5))
     narrowing = 1 - 1.41 * radius * np.sqrt(np.pi)

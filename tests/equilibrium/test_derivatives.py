@@ -112,7 +112,7 @@ def test_every_output_by_every_parameter_agrees_with_finite_differences(shape, l
             for output in OUTPUTS:
                 exact, (above, _), (below, _) = forward[output], *moved
                 differences = (above[output] - below[output]) / (2 * STEP)
-                # Where an output hardly changes, differences are lost in its own rounding.
+                # Differences of an output that hardly changes are lost in its rounding.
                 value = np.asarray(getattr(found, output))
                 floor = scale * np.sqrt(value.size) if "pressure" in output else 0
                 size = max(np.linalg.norm(differences), 1e-3 * max(np.linalg.norm(value), floor))

@@ -101,7 +101,7 @@ def hertz_errors(n):
     grid = js.Grid(n)
     heights = js.surfaces.paraboloid(grid, radius)
     contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.NoAdhesion())
-    # Load by trial: the mean gap that gives the Hertzian radius lies near that of the undeformed
+    # Load by trial: the mean gap that gives the Hertzian radius lies near the gap of the undeformed
     # surface, mean(r^2) / (2 R), less the approach a^2 / R.
     mean_gap = float(-heights.mean()) - contact_radius**2 / radius
     equilibrium = js.equilibrate(contact, js.MeanGap(mean_gap))

@@ -1,4 +1,4 @@
-"""A contact that tests of files save, and how they compare what comes back."""
+"""A contact that tests of files save, and the comparison with the loaded one."""
 
 import jax
 import jax.numpy as jnp

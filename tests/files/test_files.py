@@ -1,4 +1,4 @@
-"""Results as data sets and files: what goes in comes out, here and in plain xarray."""
+"""Results as data sets and files: they come back unchanged, here and in plain xarray."""
 
 import json
 import subprocess

@@ -34,7 +34,7 @@ def saved(tmp_path):
 
 @pytest.fixture
 def trap(tmp_path, monkeypatch):
-    """A folder on the path that holds modules, and what tells whether any was imported."""
+    """A folder of modules on the path, and the record of their imports."""
     folder = tmp_path / "trap"
     (folder / "trapped").mkdir(parents=True)
     for name in ("trap_module", "trapped/__init__", "trapped/inside"):
@@ -158,7 +158,7 @@ def test_a_class_comes_back_once_its_module_is_imported(tmp_path, monkeypatch):
 
 
 class Trap:
-    """What is pickled so that it runs a command when it is loaded."""
+    """An object whose pickle runs a command when it is loaded."""
 
     def __init__(self, path):
         self.path = path

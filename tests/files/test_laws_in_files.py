@@ -1,4 +1,4 @@
-"""Laws in files: those of a class come back, of others values are kept, and it is said."""
+"""Laws in files: a class comes back, a function leaves a table and a warning."""
 
 import subprocess
 import sys
@@ -56,7 +56,7 @@ def test_of_a_bare_function_values_are_kept_and_a_warning_says_so(dtype, tmp_pat
 
 
 class Odd(eqx.Module):
-    """A law whose fields are named like those of results."""
+    """A law whose fields have the names of fields of results."""
 
     my_history: jax.Array
     grid_lengths: jax.Array

@@ -194,7 +194,7 @@ def test_a_spring_without_a_stiffness_is_refused():
         js.Spring(0.1, 0.0)
 
 
-# On a line the constant is that of a strip of unit width [pressure].
+# On a line the constant belongs to a strip of unit width [pressure].
 @pytest.mark.parametrize(("lengths", "constant"), [((1e-6, 2e-6), 20.0), ((3e-6,), 2e8)])
 def test_a_cantilever_presses_with_its_constant_times_its_deflection(lengths, constant):
     grid = js.Grid((16,) * len(lengths), lengths)
@@ -237,7 +237,7 @@ def test_newtons_per_metre_that_are_taken_for_pascals_per_metre_are_told_once():
         js.equilibrate(contact, js.Spring.cantilever(0.0, 1.0, contact.grid), throw=False)
     (message,) = (str(x.message) for x in said if issubclass(x.category, js.MachineWarning))
     stiffness, softest = map(float, re.findall(r"(?:is|wave) ([0-9.e+]+)[ :]", message)[:2])
-    # Of the padded cell, twice as long, the softest wave is stiff by about E* pi / (2 L).
+    # The padded cell is twice as long: its softest wave is stiff by about E* pi / (2 L).
     assert stiffness == 1 and softest == pytest.approx(2e6 * np.pi / 2e-6, rel=0.2)
     assert "Spring.cantilever(position, 1, contact.grid)" in message and "1e-12" in message
 

@@ -91,7 +91,7 @@ def test_a_spectrum_shows_the_rings_that_hold_waves():
     axes = plots.spectrum(js.surfaces.power_spectrum(grid, heights), labels=["two waves"])
     wavenumbers, densities = axes.lines[0].get_data()
     np.testing.assert_allclose(wavenumbers, 2 * np.pi * np.array([3, 8]))
-    # Of a wave, two of the waves in its ring have A^2 / 4 times the area.
+    # For a single wave, two of the waves in its ring have A^2 / 4 times the area.
     num_waves = js.surfaces.power_spectrum(grid, heights).num_waves[jnp.array([2, 7])]
     np.testing.assert_allclose(densities * num_waves, 0.5 * np.array([0.01, 0.04]) / 2)
     assert axes.get_xscale() == axes.get_yscale() == "log"

@@ -55,7 +55,7 @@ def pdms():
 
 
 def ticks(axis):
-    """Return what is written at the ticks of an axis, beside where they are."""
+    """Return the places of an axis' ticks and the numbers written there."""
     places = axis.get_majorticklocs()
     texts = axis.get_major_formatter().format_ticks(places)
     return places, [float(text.replace("\u2212", "-")) for text in texts]
@@ -68,7 +68,7 @@ def test_in_metres_lengths_are_micrometres_and_pressures_kilopascals(pdms):
     (bar,) = axes.child_axes
     assert axes.get_xlabel() == "x [µm]" and axes.get_ylabel() == "y [µm]"
     assert bar.get_ylabel() == "elastic pressure p [kPa]"
-    # What is drawn stays in metres and pascals, to draw into.
+    # Data stay in metres and pascals.
     np.testing.assert_array_equal(axes.images[0].get_array(), state.equilibrium.pressure.T)
     for axis, unit in ((axes.xaxis, 1e-6), (bar.yaxis, 1e3)):
         places, texts = ticks(axis)

@@ -18,7 +18,7 @@ from jaxstab.potentials.jumps import law_jump
 from jaxstab.potentials.profile import Profile
 
 GAPS = jnp.linspace(0.0, 3.0, 25).reshape(5, 5)
-# f, f' and f'' written out by hand, at gamma = 2, rho = 0.7.
+# The laws f, f' and f'' are written out by hand, at gamma = 2, rho = 0.7.
 CLOSED_FORMS = {
     js.potentials.Exponential: (
         lambda s: -2 * np.exp(-s),
@@ -82,7 +82,7 @@ def test_a_profile_tells_how_sharply_a_law_bends_and_how_far_it_reaches():
     attraction = 2 / 0.7 * np.exp(-3)
     assert exponential.outermost_gap(attraction) == pytest.approx(2.1, rel=0.011)
     assert exponential.outermost_gap(1e9) == 0
-    # Where it attracts only: a wall may be as hard as it likes.
+    # Only the attracting part counts: a wall may be as hard as it likes.
     lennard_jones = Profile(js.potentials.LennardJones(2.0, 0.7), scale)
     assert lennard_jones.max_curvature == pytest.approx(54 / 0.7**2, rel=0.12)
 
@@ -216,7 +216,7 @@ def test_a_law_that_jumps_is_told_by_the_result_where_no_error_can_be_raised():
         return js.equilibrate(contact, js.MeanGap(0.2), throw=False).result
 
     assert result(0.15) == "invalid_contact"
-    # Where nothing is left of the law it is smooth enough.
+    # A law without a value is smooth.
     assert result(0.9) == "successful"
 
 
@@ -354,7 +354,7 @@ def test_a_law_that_varies_balances_at_every_point_by_its_own_parameters(dtype, 
     net = elastic + float(state.mean_pressure) + energies / 0.2 * np.exp(-state.gap / 0.2)
     assert state.in_contact.any() and not state.in_contact.all()
     assert np.abs(np.where(state.in_contact, np.minimum(net, 0), net)).max() < tolerance * 0.09
-    # The largest curvature is that of the stickiest point.
+    # The stickiest point has the largest curvature.
     stiffest = contact.solid.max_stiffness
     expected = stiffest / (energies.max() / 0.2**2)
     np.testing.assert_allclose(contact.resolution, expected, rtol=1e-6)

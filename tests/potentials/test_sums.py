@@ -158,7 +158,7 @@ def test_a_part_of_a_sum_is_fitted_and_differentiated():
     np.testing.assert_allclose(fit.contact.potential.laws[0].voltage, 0.3, rtol=1e-5)
 
     def pressure(voltage):
-        # A bare function beside it closes over what is traced.
+        # A bare function beside it closes over a traced value.
         law = js.potentials.Electrostatic(voltage, 0.8, 0.2) + (lambda gap: -voltage / (1 + gap))
         return js.equilibrate(contact_of(law), js.MeanGap(0.3)).mean_pressure
 

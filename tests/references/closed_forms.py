@@ -1,4 +1,4 @@
-"""What tests of several closed forms share."""
+"""Helpers for tests of closed forms."""
 
 import numpy as np
 from scipy.integrate import quad

@@ -87,7 +87,7 @@ def test_jkr_has_the_contact_that_its_authors_give_for_a_force():
     a = jkr.pull_off(*SPHERE).contact_radius * np.array([1, 1.3, 2, 5])
     load, unit = force(a, *SPHERE), 3 * np.pi * work * radius
     apparent = load + unit + np.sqrt(np.maximum(2 * unit * load + unit**2, 0))
-    # At pull-off the root of what rounding leaves is the square root of rounding.
+    # At pull-off the root turns a rounding error into its square root.
     assert_allclose(a[1:] ** 3, 3 * radius / (4 * contact_modulus) * apparent[1:], rtol=1e-12)
     assert_allclose(a[0] ** 3, 3 * radius / (4 * contact_modulus) * apparent[0], rtol=1e-7)
 

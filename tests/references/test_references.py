@@ -1,4 +1,4 @@
-"""What holds for several closed forms: energy balances, limits, units, shapes and refusals."""
+"""Properties of several closed forms: energy balances, limits, units, shapes and refusals."""
 
 import numpy as np
 import pytest

@@ -169,7 +169,7 @@ def test_paths_and_sweeps_show_the_window_and_agree():
     path = js.follow(contact, loads, fields=True)
     assert path.equilibrium.gap.shape[1:] == (16, 16)
     np.testing.assert_allclose(path.equilibrium.force[-1], sweep.equilibrium.force[-1], rtol=1e-6)
-    # What is prescribed does the work of the force.
+    # The prescribed displacement does the work of the force.
     forces, places = np.asarray(path.equilibrium.force), np.asarray(path.load.value)
     work = -np.trapezoid(forces, places)
     np.testing.assert_allclose(path.work, work, rtol=1e-3)

@@ -214,7 +214,7 @@ def test_an_incompressible_layer_gives_a_spring_nothing_and_holds_no_base():
         stretched = eqx.tree_at(lambda contact: contact.solid, contact, solid)
         return js.equilibrate(stretched, js.MeanGap(0.03), TIGHT, throw=False).mean_pressure
 
-    # What holds the mean does not feel the infinite stiffness.
+    # A load that holds the mean does not feel the infinite stiffness.
     change = pressure(0.5) - pressure(0.5 - 1e-6)
     np.testing.assert_allclose(jax.grad(pressure)(0.5), change / 1e-6, rtol=1e-4)
 

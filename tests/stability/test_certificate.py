@@ -1,4 +1,4 @@
-"""What is proved: against every face of the cone, by dense algebra, and as it is told."""
+"""Proofs of verdicts: against every face of the cone and dense algebra, and as they are told."""
 
 import jax
 import jax.numpy as jnp

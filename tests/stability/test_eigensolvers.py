@@ -201,7 +201,7 @@ def test_the_history_on_the_cone_is_that_of_the_start_which_won(unloading):
     records = np.isfinite(steps).sum()
     np.testing.assert_array_equal(steps[:records], np.arange(records))
     assert records > 20
-    # What a start is worth is known after its first step.
+    # The residual of a start is known after its first step.
     assert np.isfinite(residuals[1:records]).all()
     assert residuals[1] > 1e-2
     assert residuals[records - 1] <= 1e-7 < residuals[records - 2]
@@ -235,7 +235,7 @@ def test_a_tolerance_that_rounding_hides_spoils_no_mode(seed, strength):
     expected = smallest_on_zero_mean(np.asarray(columns).reshape(grid.size, -1))
     single = cast(exact, jnp.float32)
     starts = noise(jax.random.key(seed), 4, single.curvature)
-    # Hundreds of steps beyond what float32 can tell.
+    # It takes hundreds of steps beyond the precision of float32.
     space, solver = Subspace(jnp.ones(grid.shape, bool)), js.Davidson(1e-8)
     found = jax.jit(lambda *problem: solver.solve(*problem))(single, space, starts)
     mode = np.asarray(found.vector[0], float)

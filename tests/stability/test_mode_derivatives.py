@@ -86,7 +86,7 @@ def test_a_least_reaction_that_points_share_has_no_derivative(contact):
 
     x = jnp.array([0.02, 0.1, 1.0, 0.05])
     assert is_undefined(complementarity, x)
-    # Of summits that differ one presses less.
+    # One of two different summits presses less.
     assert jnp.isfinite(jax.grad(lambda x: complementarity(x, raised=1e-3))(x)).all()
 
 

@@ -90,7 +90,7 @@ def test_with_contact_the_answer_is_admissible_and_optimal(seed, touching):
     scale = np.abs(np.linalg.eigvalsh(matrix)).max()
     assert np.linalg.norm(force[free] - multiplier) < 1e-6 * scale
     assert (force[~free] - multiplier).min(initial=0) > -1e-6 * scale
-    # Nor is it above what the contact allows, or below what it could not forbid.
+    # The eigenvalue lies above the lower bound.
     assert smallest_on_zero_mean(matrix) <= pair.eigenvalue + 1e-9 * scale
 
 
@@ -152,7 +152,7 @@ def test_histories_of_algorithm_1_show_all_indicators_falling(hertz):
 
 def test_algorithm_1_takes_the_steps_that_its_condition_allows(hertz):
     equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2))
-    # The bound on |A| is not below that of K and of D alone.
+    # The bound on |A| is not below the bounds on K and on D.
     beta = float(hertz.solid.max_stiffness + 10)
     halved = js.ProximalIteration(tau=0.5 / beta, sigma=beta / 2)
     pair = js.assess_stability(hertz, equilibrium, halved).cone

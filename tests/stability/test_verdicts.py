@@ -80,7 +80,7 @@ def test_hertz_in_contact_is_held_by_it(hertz):
     assert stability.verdict == js.VERDICTS.held_by_contact
     exact = smallest_on_critical_cone(hertz, equilibrium)
     assert 0 < exact == pytest.approx(float(stability.critical.eigenvalue), abs=1e-8)
-    # The quadratic barrier, by hand.
+    # The quadratic barrier is computed by hand.
     cost = float(jnp.sum(equilibrium.reaction * stability.cone.mode))
     eigenvalue = float(stability.cone.eigenvalue)
     assert stability.barrier.amplitude == pytest.approx(cost / abs(eigenvalue))

@@ -1,4 +1,4 @@
-"""Files with several channels: which is read, and what is said of it."""
+"""Files with several channels: which is read, and the remark on it."""
 
 import struct
 

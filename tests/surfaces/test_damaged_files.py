@@ -1,4 +1,4 @@
-"""Files that are damaged, ambiguous or too silent, and what is asked of the user."""
+"""Files that are damaged, ambiguous or incomplete, and the error for the user."""
 
 import gzip
 import io

@@ -1,4 +1,4 @@
-"""What is done to measured surfaces, and what is said of those that look wrong."""
+"""The processing of measured surfaces, and warnings of those that look wrong."""
 
 import re
 import warnings
@@ -177,7 +177,7 @@ def test_area_resampling_is_the_mean_over_tiles_for_every_ratio():
     heights, _ = with_holes(clean())
     halves = topography(clean()).resampled((24, 32), "area").heights
     np.testing.assert_allclose(halves, clean().reshape(24, 2, 32, 2).mean((1, 3)), atol=1e-15)
-    # Over a common refinement, by brute force.
+    # Brute force sums over a common refinement.
     fine = np.repeat(np.repeat(heights, 5, 0), 3, 1).reshape(20, 12, 24, 8)
     counts = np.isfinite(fine).sum((1, 3))
     expected = np.nansum(fine, (1, 3)) / np.where(counts, counts, np.nan)
@@ -212,7 +212,7 @@ def test_ways_to_make_a_surface_periodic():
     assert surface.suspicions
     for how in ("window", "mirror", "as_is"):
         assert surface.periodic(how).is_periodic and not surface.periodic(how).suspicions
-    # Nor are the edges of what was made of it said to meet only.
+    # The edges of derived surfaces do not count as meeting either.
     for how in ("window", "mirror"):
         assert not topography(surface.periodic(how).heights).suspicions
 
@@ -308,7 +308,7 @@ def test_edges_that_do_not_meet_warn(is_array):
         warnings.simplefilter("error")
         contact_of(surface.periodic("window"), is_array)
         contact_of(surface.periodic("as_is"), False)
-        # Of a window no edges need meet.
+        # The edges of a window need not meet.
         window = js.FreeHalfSpace(surface.grid, 1.0)
         js.Contact(window, jnp.asarray(surface.heights) if is_array else surface, LAW)
 
