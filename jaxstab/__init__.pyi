@@ -7,6 +7,7 @@ from .core.grid import Grid
 from .core.history import History
 from .core.results import RESULTS, SolverError
 from .core.taylor_test import TaylorTest, check_derivative
+from .core.units import Dimension
 from .equilibrium import (
     Equilibrium,
     EquilibriumSolver,
@@ -18,6 +19,7 @@ from .equilibrium import (
 from .equilibrium.observables import (
     Conductance,
     Leakage,
+    Observable,
     Patches,
     conductance,
     leakage,
@@ -37,13 +39,10 @@ from .paths import (
     KINDS,
     BarrierLaw,
     Branch,
-    ConductanceNumbers,
     Evolution,
     Internal,
     Jump,
-    LeakageNumbers,
     Observed,
-    PatchNumbers,
     Path,
     PathInterrupted,
     PathState,
@@ -104,11 +103,11 @@ __all__ = [
     "Calibration",
     "CoatedHalfSpace",
     "Conductance",
-    "ConductanceNumbers",
     "ConeSolver",
     "Contact",
     "CriticalLoad",
     "Davidson",
+    "Dimension",
     "Eigenpair",
     "Equilibrium",
     "EquilibriumSolver",
@@ -123,14 +122,13 @@ __all__ = [
     "Jump",
     "Layer",
     "Leakage",
-    "LeakageNumbers",
     "MachineWarning",
     "MeanDisplacement",
     "MeanGap",
     "MeanPressure",
     "Minimum",
+    "Observable",
     "Observed",
-    "PatchNumbers",
     "Patches",
     "Path",
     "PathInterrupted",

@@ -178,7 +178,7 @@ def test_tables_show_the_units_of_the_contact():
         (str(sweep[0].stability), [" MPa/µm, residual"]),
         (str(js.patches(contact, sweep[1])), [" µm²\n", " µN\n"]),
         (str(js.leakage(contact, sweep[0])), [" µm³\n"]),
-        (str(js.observe(sweep, "patches", contact=contact)), ["true area [µm²]"]),
+        (str(js.observe(contact, sweep, js.patches)), ["true area [µm²]"]),
         (str(js.critical_load(contact, js.MeanGap(gaps[1:]), throw=False)), ["MPa"]),
     ):
         assert all(line in text for line in lines), text

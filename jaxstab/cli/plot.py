@@ -54,10 +54,7 @@ def _figure(contact: Contact, result: Result) -> Figure | Axes:
     if isinstance(result, Equilibrium):
         return plots.gap(contact, result)
     if isinstance(result, Observed):
-        raise ValueError(
-            "Observables have no figure of their own: draw a column over the load, as "
-            "observed.patches.number over observed.load.value, after jaxstab.load."
-        )
+        return plots.observed(result)
     if result.stack_shape and result.stability is None:
         raise ValueError("This sweep holds no stability: choose one of its states by --state.")
     if result.stack_shape:

@@ -5,6 +5,7 @@ per area in J/m^2. Here alone a dimension becomes a unit symbol.
 """
 
 import re
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -119,6 +120,11 @@ def measured(units: Units, value: float, dimension: str, digits: int = 3) -> str
     return f"{value / divisor:.{digits}g} {in_brackets(unit) if has_words(unit) else typeset(unit)}"
 
 
+def power_of_pressure(dimension: str) -> int:
+    """Return the power of pressure in a dimension: 1 of an energy, -1 of length/pressure."""
+    return sum(sign * of_pressure for sign, of_pressure, _ in _powers(dimension))
+
+
 def has_words(unit: str) -> bool:
     """Whether a unit is unknown in a part, of which it holds the dimension."""
     known = {*_BASIC, *_DERIVED, "time", "resistivity", "load"}
@@ -143,10 +149,15 @@ def _in_si(units: Units, dimension: str) -> tuple[int | None, str]:
         known = {"length": length, "pressure": pressure}
         return None, re.sub("[a-z]+", lambda word: known.get(word[0]) or word[0], dimension)
     exponent = 0
+    for sign, of_pressure, of_length in _powers(dimension):
+        exponent += sign * (of_pressure * PRESSURES[pressure] + of_length * LENGTHS[length])
+    symbols = {word: symbol for word, (symbol, *_) in {**_BASIC, **_DERIVED}.items()}
+    return exponent, re.sub("[a-z]+", lambda word: symbols.get(word[0], word[0]), dimension)
+
+
+def _powers(dimension: str) -> Iterator[tuple[int, int, int]]:
+    """Yield for each factor of a dimension its sign, and its powers of pressure and length."""
     for part, sign in zip(dimension.partition("/")[::2], (1, -1), strict=True):
         for word, power in _WORD.findall(part):
             _, of_pressure, of_length = {**_BASIC, **_DERIVED}.get(word, ("", 0, 0))
-            own = of_pressure * PRESSURES[pressure] + of_length * LENGTHS[length]
-            exponent += sign * own * int(power or 1)
-    symbols = {word: symbol for word, (symbol, *_) in {**_BASIC, **_DERIVED}.items()}
-    return exponent, re.sub("[a-z]+", lambda word: symbols.get(word[0], word[0]), dimension)
+            yield sign * int(power or 1), of_pressure, of_length

@@ -18,21 +18,24 @@ from jaxtyping import Array, Bool, Int
 from jaxstab.core.stack import Stackable
 from jaxstab.core.switches import own_conventions
 from jaxstab.core.types import Scalar
+from jaxstab.core.unit_system import power_of_pressure
 
 
 class Dimension(str):
-    """The name of a dimension."""
+    """The name of a dimension, as in Annotated[Array, Dimension("pressure^3 length^2")].
+
+    Words are length, pressure, energy, force, area, time and number "1", with powers, in products
+    divided by a product. Units in tables, figures and files follow from it.
+    """
 
 
 NUMBER, LENGTH, AREA = Dimension("1"), Dimension("length"), Dimension("length^2")
 VOLUME, TIME = Dimension("length^3"), Dimension("time")
-# These dimensions contain a pressure.
 PRESSURE, ENERGY, STIFFNESS = map(Dimension, ("pressure", "energy", "pressure/length"))
 FORCE, VISCOSITY = Dimension("force"), Dimension("pressure time")
 # The stiffness of a machine: force over displacement.
 SPRING_CONSTANT = Dimension("force/length")
 SURFACE_ENERGY = Dimension("energy/area")
-WITH_PRESSURE = PRESSURE, ENERGY, STIFFNESS, FORCE, VISCOSITY, SPRING_CONSTANT
 
 
 class _HasSurface(Protocol):
@@ -45,15 +48,21 @@ class Dimensioned(eqx.Module):
     @own_conventions()
     def in_units_of(self, pressure: Scalar) -> Self:
         """Convert pressures to another unit, given in the old one; lengths keep theirs."""
-        held = [name for name, kind in dimensions(type(self)).items() if kind in WITH_PRESSURE]
-        return self._changed(held, lambda x: x / pressure, lambda x: x.in_units_of(pressure))
+        kinds = dimensions(type(self))
+        return self._changed(
+            kinds,
+            lambda name, x: in_units_of(x, kinds[name], pressure),
+            lambda x: x.in_units_of(pressure),
+        )
 
     def on_surface(self, solid: _HasSurface) -> Self:
         """Restrict the fields to the part of a padded grid where the surface is."""
-        return self._changed(_on_grid(type(self)), solid.surface, lambda x: x.on_surface(solid))
+        axes = axes_of(type(self))
+        on_grid = [name for name, names in axes.items() if "".join(names).endswith("grid")]
+        return self._changed(on_grid, lambda _, x: solid.surface(x), lambda x: x.on_surface(solid))
 
     def _changed(
-        self, names: Container[str], change: Callable[[Any], Any], inside: Callable[[Any], Any]
+        self, names: Container[str], change: Callable[[str, Any], Any], inside: Callable[[Any], Any]
     ) -> Self:
         changed = object.__new__(type(self))
         for name in [field.name for field in fields(self)]:
@@ -61,9 +70,17 @@ class Dimensioned(eqx.Module):
             if isinstance(value, Dimensioned):
                 value = inside(value)
             elif name in names and value is not None:
-                value = change(value)
+                value = change(name, value)
             object.__setattr__(changed, name, value)
         return changed
+
+
+def in_units_of(value: Any, dimension: Dimension, pressure: Scalar) -> Any:
+    """Return a value of a dimension with pressures in another unit, given in the old one."""
+    power = power_of_pressure(dimension)
+    if power == 0:
+        return value
+    return value / (pressure if power == 1 else pressure**power)
 
 
 def is_own(module: str) -> bool:
@@ -100,9 +117,14 @@ def declared(module: type) -> dict[str, tuple[Dimension, ...]]:
 
 
 @cache
-def _on_grid(module: type[Dimensioned]) -> set[str]:
+def axes_of(module: type[Dimensioned]) -> dict[str, tuple[str, ...]]:
+    """Return the names of the axes of each field that is an array, as its type declares them."""
     parts = ((field.name, part) for field in fields(module) for part in _parts(field.type))
-    return {name for name, part in parts if getattr(part, "dim_str", "").endswith("grid")}
+    return {
+        name: tuple(part.dim_str.replace("*", "").split())
+        for name, part in parts
+        if hasattr(part, "dim_str")
+    }
 
 
 def _parts(kind: Any) -> list[Any]:

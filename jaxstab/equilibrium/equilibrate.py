@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact, require_contact
-from jaxstab.contact.resolution import warn_if_coarse
+from jaxstab.contact.entry import answer
+from jaxstab.contact.resolution import FOR_STATES, warn_if_coarse
 from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced, known, numbers, require, require_finite
 from jaxstab.core.compile import program
@@ -18,7 +19,7 @@ from jaxstab.core.grid import resample
 from jaxstab.core.implicit import attach
 from jaxstab.core.loop import Iteration, solver_or_default
 from jaxstab.core.progress import COMPILING, progress_bar
-from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium.derivatives import changes_of_fields
 from jaxstab.equilibrium.equilibrium import (
@@ -88,23 +89,36 @@ def equilibrate(
     require_contact(contact)
     cure = "use jaxstab.sweep, or jax.vmap."
     require_loads(load, (), "equilibrate takes one load", cure)
-    warn_if_coarse(contact)
     solver = solver_or_default(solver, EquilibriumSolver, PreconditionedConjugateGradient)
-    whole, start = whole_start(contact, load, initial_gap(contact, load, initial))
+    whole, start = posed(contact, load, initial)
     if start is None:
         # One program for all starts.
         start = _undeformed(load, whole.solid, whole.heights, whole.datum)
-    inputs = jax.lax.stop_gradient((whole, load, solver, start))
-    # Histories end in NaN, and what was not found is NaN.
-    with jax.debug_nans(False), progress_bar(1, "solve", shown=COMPILING):
-        equilibrium = find_equilibrium(*inputs)
-    if is_traced((contact, load)):
-        equilibrium = with_derivatives(whole, load, equilibrium)
-    equilibrium = equilibrium.on_surface(whole.solid)
+    equilibrium = answer(
+        lambda _, *inputs: find_equilibrium(*inputs),
+        whole,
+        load,
+        solver,
+        start,
+        bar=progress_bar(1, "solve", shown=COMPILING),
+        derivatives=with_derivatives,
+        describe=partial(_describe, contact),
+        throw=throw,
+        has_units=True,
+    )
     warn_at_edges(contact, equilibrium)
-    if not throw:
-        return equilibrium
-    return throw_failure(equilibrium.result, equilibrium, lambda: _describe(contact, equilibrium))
+    return equilibrium
+
+
+def posed(
+    contact: Contact,
+    load: Load,
+    initial: ArrayLike | State | None,
+    needed: float = FOR_STATES,
+) -> tuple[Contact, Field | None]:
+    """Return a checked contact on the grid that it is solved on, and a gap there to start from."""
+    warn_if_coarse(contact, needed)
+    return whole_start(contact, load, initial_gap(contact, load, initial))
 
 
 @program

@@ -8,7 +8,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.residual import Balance
-from jaxstab.core import model
+from jaxstab.core import model, units
 from jaxstab.core.display import block
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
@@ -21,7 +21,6 @@ from jaxstab.core.units import (
     LENGTH,
     NUMBER,
     PRESSURE,
-    WITH_PRESSURE,
     Dimensioned,
     dimensions,
 )
@@ -96,7 +95,7 @@ class Equilibrium(Stackable, Dimensioned):
 def in_units_of(pressure: Scalar, fields: Fields) -> Fields:
     """Return fields of an equilibrium with pressures in another unit; lengths stay."""
     kinds = dimensions(Equilibrium)
-    return {n: x / pressure if kinds[n] in WITH_PRESSURE else x for n, x in fields.items()}
+    return {n: units.in_units_of(x, kinds[n], pressure) for n, x in fields.items()}
 
 
 def fields_of(contact: Contact, load: Load, gap: Field) -> tuple[Fields, Field]:

@@ -187,7 +187,7 @@ def _label(record: NamedArray, contact: Contact, result: Result) -> tuple[str, s
             field = _MODULI[int(field)]
         # A field of a user's class keeps its name.
         name = long_name(field, holders) if record.is_known else field.replace("_", " ")
-    silent = ("equilibrium", "stability", "load", "solid", "grid", "potential")
+    silent = ("equilibrium", "stability", "observables", "load", "solid", "grid", "potential")
     words = [word.replace("_", " ") for word in holders if word not in silent]
     return ", ".join([*words, name]), unit_symbol(contact.units, dimension)
 

@@ -24,7 +24,7 @@ from jaxstab.core.units import declared, is_own
 # A structure is JSON, as Python objects.
 Structure = Any
 # These parts of a path are left out of names.
-_SILENT = {"contact", "equilibrium", "stability", "value", "table", "code"}
+_SILENT = {"contact", "equilibrium", "stability", "observables", "value", "table", "code"}
 _SINGULAR = {"jumps": "jump", "turns": "turn", "minima": "minimum"}
 # Totals of a path get the prefix "total", beside the sums up to each state.
 _TOTALS = {("work",), ("dissipation",)}

@@ -14,10 +14,7 @@ from jaxstab.paths.evolution.step import Internal
 from jaxstab.paths.follow import PathInterrupted, follow
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.observe import (
-    ConductanceNumbers,
-    LeakageNumbers,
     Observed,
-    PatchNumbers,
     observe,
 )
 from jaxstab.paths.path import Jump, Path, PathState, States
@@ -27,13 +24,10 @@ __all__ = [
     "KINDS",
     "BarrierLaw",
     "Branch",
-    "ConductanceNumbers",
     "Evolution",
     "Internal",
     "Jump",
-    "LeakageNumbers",
     "Observed",
-    "PatchNumbers",
     "Path",
     "PathInterrupted",
     "PathState",

@@ -1,171 +1,117 @@
 """Observables beside the states of a path or a sweep."""
 
 from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from functools import partial
+from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core import display
 from jaxstab.core.checks import is_traced
+from jaxstab.core.compile import program
 from jaxstab.core.stack import Stackable, nothing_like, stacked
-from jaxstab.core.types import ArrayLike
-from jaxstab.core.units import AREA, LENGTH, NUMBER, SPRING_CONSTANT, VISCOSITY, VOLUME, Dimensioned
+from jaxstab.core.types import Field
+from jaxstab.core.units import NUMBER, declared
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.observables.clusters import Neighbours
-from jaxstab.equilibrium.observables.conductance import CONDUCTANCE, conductance_at
-from jaxstab.equilibrium.observables.flow import Solver
-from jaxstab.equilibrium.observables.leakage import leakage_at
-from jaxstab.equilibrium.observables.patches import patches_at, require_known
+from jaxstab.equilibrium.equilibrium import state_at
+from jaxstab.equilibrium.observables.observable import Observable
+from jaxstab.equilibrium.observables.patches import require_known
+from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load
 from jaxstab.paths.curve.branch import Branch
 from jaxstab.paths.path import Path, States
 from jaxstab.paths.sweep import Sweep
 
-Name = Literal["patches", "conductance", "leakage"]
 
-
-class PatchNumbers(Stackable, Dimensioned):
-    """What `jaxstab.patches` says of each state, in numbers.
-
-    Attributes:
-        number: how many patches there are.
-        area: that of all points in contact [length^2]; on a line a length.
-        true_area: the same corrected for the grid [length^2].
-        largest: that of the largest patch [length^2].
-        perimeter: the length of the whole interface, along the sides of points [length].
-        percolates: for each side, whether a patch goes on along it without end.
-    """
-
-    number: Int[Array, "*states"]
-    area: Annotated[Float[Array, "*states"], AREA]
-    true_area: Annotated[Float[Array, "*states"], AREA]
-    largest: Annotated[Float[Array, "*states"], AREA]
-    perimeter: Annotated[Float[Array, "*states"], LENGTH]
-    percolates: Bool[Array, "*states sides"]
-
-    __repr__ = display.block
-
-
-class ConductanceNumbers(Stackable, Dimensioned):
-    """What `jaxstab.conductance` says of each state, in numbers.
-
-    Attributes:
-        conductance: C [length/resistivity].
-        incremental_stiffness: the force over a small approach with the contact points held
-            [force/length].
-    """
-
-    conductance: Annotated[Float[Array, "*states"], CONDUCTANCE]
-    incremental_stiffness: Annotated[Float[Array, "*states"], SPRING_CONSTANT]
-
-    __repr__ = display.block
-
-
-class LeakageNumbers(Stackable, Dimensioned):
-    """What `jaxstab.leakage` says of each state, in numbers.
-
-    Attributes:
-        permeability: k, a tensor [length^3].
-        viscosity: that given [pressure time].
-    """
-
-    permeability: Annotated[Float[Array, "*states sides sides"], VOLUME]
-    viscosity: Annotated[Float[Array, "*states"], VISCOSITY]
-
-    __repr__ = display.block
-
-
-class Observed(Stackable, Dimensioned):
+class Observed(Stackable, eqx.Module):
     """The states of a path or a sweep, and observables beside them; all have an axis of states.
+
+    An observable is an attribute, by the name of its function: `observed.patches.number`.
 
     Attributes:
         load: the loads.
         equilibrium: the states.
-        patches: their patches, None unless asked for.
-        conductance: their conductance, None unless asked for.
-        leakage: what leaks through them, None unless asked for.
+        observables: the observables by name, with their columns.
     """
 
     load: Load
     equilibrium: States | Equilibrium
-    patches: PatchNumbers | None
-    conductance: ConductanceNumbers | None
-    leakage: LeakageNumbers | None
+    observables: dict[str, Observable]
+
+    def __getattr__(self, name: str) -> Any:
+        found = vars(self).get("observables", {})
+        if name not in found:
+            raise AttributeError(f"Observed has no {name}: it holds {', '.join(found)}.")
+        return found[name]
 
     def __repr__(self) -> str:
         try:
-            return display.table(_columns(self))
+            return display.table(_table(self))
         except display.UNREADABLE:
             return display.block(self)
 
 
 def observe(
+    contact: Contact,
     states: Path | Branch | Sweep | Equilibrium,
-    *names: Name,
-    contact: Contact | None = None,
-    resistivities: tuple[ArrayLike, ArrayLike] = (0.5, 0.5),
-    viscosity: ArrayLike = 1.0,
-    neighbours: Neighbours = 4,
-    solver: Solver | None = None,
+    *observables: Callable[[Contact, Equilibrium], Observable],
 ) -> Observed:
     """Return observables beside the states of a path or a sweep.
 
-        observed = js.observe(path, "patches", "conductance", contact=contact)
+        observed = js.observe(contact, path, js.patches, js.conductance)
         observed.patches.number, observed.conductance.conductance
 
-    They are computed one state after another, outside of JAX transformations. Of states that were
-    not found numbers are NaN, and there are no patches. `jaxstab.save` writes them with the states.
+    An observable is a function of a contact and an equilibrium that returns an `Observable`, also
+    one of your own. Settings are given by `functools.partial`, as in `partial(js.leakage,
+    viscosity=1e-3)`. They are computed one state after another, outside of JAX transformations. Of
+    states that were not found numbers are NaN, and there are no patches. `jaxstab.plots.observed`
+    draws a column, and `jaxstab.save` writes them with the states.
 
     Arguments:
-        states: what `follow` or `continuation`, with `fields=True`, or `sweep` returned; or a stack
-            of equilibria.
-        names: "patches", "conductance", "leakage".
-        contact: the contact of these states, which they do not hold.
-        resistivities: as in `jaxstab.conductance`; by default they add up to one.
-        viscosity: as in `jaxstab.leakage`.
-        neighbours: as in `jaxstab.patches`.
-        solver: as in `jaxstab.leakage`.
+        contact: the contact of these states.
+        states: the result of `follow` or `continuation`, with `fields=True`, or of `sweep`; or a
+            stack of equilibria.
+        observables: the functions: `jaxstab.patches`, `jaxstab.conductance`, `jaxstab.leakage`.
 
     Raises:
-        TypeError: for states of another kind, without a contact, and as the observables.
-        ValueError: for a path without gaps, a name that does not exist or none, a single state,
+        TypeError: for states of another kind, an observable that is no function or returns no
+            `Observable`, and as the observables.
+        ValueError: for a path without gaps, no observable, no state that was found, a single state,
             states of another grid, and as the observables.
         SolverError: as the observables.
     """
+    require_contact(contact)
     if not isinstance(states, Path | Branch | Sweep | Equilibrium):
         raise TypeError(
-            f"{type(states).__name__} has no states to observe: give what jaxstab.follow or "
-            "jaxstab.sweep returned, then the names, and the contact as `contact=`."
+            f"{type(states).__name__} has no states to observe: give the result of jaxstab.follow "
+            "or jaxstab.sweep, as in jaxstab.observe(contact, path, jaxstab.patches)."
         )
-    if contact is None:
-        raise TypeError(
-            f"A {type(states).__name__} does not hold its contact: give it too, as in "
-            'jaxstab.observe(path, "patches", contact=contact).'
-        )
-    require_contact(contact)
+    wrong = [repr(x) for x in observables if not callable(x)] or ["missing"] * (not observables)
+    if wrong:
+        raise TypeError(f"The observable is {wrong[0]}: give functions, as jaxstab.patches.")
     require_known((states, contact), "observe")
-    settings: dict[str, Callable[[Any], Any]] = {
-        "patches": lambda gap: _patch_numbers(contact, gap, neighbours),
-        "conductance": lambda gap: _conductance_numbers(contact, gap, resistivities),
-        "leakage": lambda gap: _leakage_numbers(contact, gap, viscosity, solver),
-    }
-    unknown = [name for name in names if name not in settings]
-    if unknown or not names:
-        given = repr(unknown[0]) if unknown else "missing"
-        raise ValueError(f"The name of an observable is {given}: choose of {', '.join(settings)}.")
     equilibrium = states if isinstance(states, Equilibrium) else states.equilibrium
     gaps = _gaps(contact, equilibrium)
-    columns = {name: _column(settings[name], gaps) for name in names}
-    return Observed(
-        load=states.load,
-        equilibrium=equilibrium,
-        patches=columns.get("patches"),
-        conductance=columns.get("conductance"),
-        leakage=columns.get("leakage"),
-    )
+    are_found = [bool(np.isfinite(gap).all()) for gap in gaps]
+    if not any(are_found):
+        raise ValueError("No state was found, so that there is nothing to observe.")
+    found: dict[str, list[Observable]] = {_name(observable): [] for observable in observables}
+    for i in np.flatnonzero(are_found):
+        state = equilibrium[i]
+        if not isinstance(state, Equilibrium):
+            state = _state(contact, states.load[i], gaps[i])
+        for observable in observables:
+            found[_name(observable)].append(_row(observable, contact, state))
+    columns = {name: _filled(rows, are_found) for name, rows in found.items()}
+    return Observed(states.load, equilibrium, columns)
+
+
+def _name(observable: Callable[..., Any]) -> str:
+    function = observable.func if isinstance(observable, partial) else observable
+    return getattr(function, "__name__", type(function).__name__)
 
 
 def _gaps(contact: Contact, equilibrium: States | Equilibrium) -> np.ndarray:
@@ -181,64 +127,54 @@ def _gaps(contact: Contact, equilibrium: States | Equilibrium) -> np.ndarray:
             f"The states have gaps of shape {gaps.shape}, the contact's grid is {shape}: give "
             "several states in one row, and the contact that they came from."
         )
-    if not len(gaps):
-        raise ValueError("There are no states to observe: the path or the sweep is empty.")
     return gaps
 
 
-def _column(observable: Callable[[Any], Any], gaps: np.ndarray) -> Any:
-    rows = []
-    for gap in gaps:
-        is_found = np.isfinite(gap).all()
-        # The numbers of a state not found have the shapes that those of any gap have.
-        row = observable(gap if is_found else np.ones_like(gap))
-        rows.append(row if is_found else jax.tree.map(nothing_like, row))
-    return stacked(rows, rows[0])
+def _state(contact: Contact, load: Load, gap: np.ndarray) -> Equilibrium:
+    whole, start = whole_start(contact, load, jax.device_put(gap))
+    return _state_on(whole, load, start).on_surface(whole.solid)
 
 
-def _patch_numbers(contact: Contact, gap: Any, neighbours: Neighbours) -> PatchNumbers:
-    found = patches_at(contact, gap == 0, np.zeros_like(gap), neighbours)
-    return PatchNumbers(
-        number=found.number,
-        area=found.area,
-        true_area=found.true_area,
-        largest=found.largest,
-        perimeter=found.perimeter,
-        percolates=found.percolates,
-    )
+_state_on = program(state_at)
 
 
-def _conductance_numbers(
-    contact: Contact, gap: Any, resistivities: tuple[ArrayLike, ArrayLike]
-) -> ConductanceNumbers:
-    found = conductance_at(contact, jax.device_put(gap == 0), resistivities)
-    return ConductanceNumbers(found.conductance, found.incremental_stiffness)
+def _row(observable: Callable[..., Any], contact: Contact, state: Equilibrium) -> Observable:
+    result = observable(contact, state)
+    if not isinstance(result, Observable):
+        raise TypeError(
+            f"{_name(observable)} returned a {type(result).__name__}: return a subclass of "
+            "jaxstab.Observable, which declares the columns."
+        )
+    return result.row()
 
 
-def _leakage_numbers(
-    contact: Contact, gap: Any, viscosity: ArrayLike, solver: Solver | None
-) -> LeakageNumbers:
-    found = leakage_at(contact, gap, viscosity, solver)
-    return LeakageNumbers(found.permeability, found.viscosity)
+def _filled(rows: list[Observable], are_found: list[bool]) -> Observable:
+    """Return the rows of the states that were found, and of the others nothing."""
+    found, nothing = iter(rows), jax.tree.map(nothing_like, rows[0])
+    return stacked([next(found) if is_found else nothing for is_found in are_found], rows[0])
 
 
-def _columns(observed: Observed) -> dict[str, list[str]]:
+def _table(observed: Observed) -> dict[str, list[str]]:
     if is_traced(observed):
         raise TypeError("What JAX is tracing has no numbers yet.")
     units = observed.equilibrium.units
     columns = display.load_column(observed.load, units, ".6g")
 
-    def add(name: str, values: Any, dimension: str) -> None:
+    def add(name: str, values: Field, dimension: str) -> None:
         columns.update(display.measured_column(name, values, units, dimension, ".6g"))
 
     add("contact area", observed.equilibrium.contact_area, NUMBER)
-    if observed.patches is not None:
-        add("patches", observed.patches.number, NUMBER)
-        add("true area", observed.patches.true_area, AREA)
-    if observed.conductance is not None:
-        add("conductance", observed.conductance.conductance, CONDUCTANCE)
-    if observed.leakage is not None:
-        permeability = observed.leakage.permeability
-        for i, side in enumerate("xy"[: permeability.shape[-1]]):
-            add(f"permeability {side}", permeability[..., i, i], VOLUME)
+    for key, result in observed.observables.items():
+        for field in result.shown or result.columns():
+            name = key if field == "number" else field.replace("_", " ")
+            for suffix, values in by_side(getattr(result, field)):
+                add(name + suffix, values, declared(type(result)).get(field, (NUMBER,))[0])
     return columns
+
+
+def by_side(values: Field) -> list[tuple[str, Field]]:
+    """Return a column, or one for each side with its name: of a tensor the diagonal."""
+    if values.ndim < 2:
+        return [("", values)]
+    sides = range(values.shape[-1])
+    return [(f" {'xy'[i]}", values[(..., *(i,) * (values.ndim - 1))]) for i in sides]

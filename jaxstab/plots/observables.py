@@ -9,18 +9,24 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core.checks import require_kind
 from jaxstab.core.stack import require_single
+from jaxstab.core.units import NUMBER, declared
 from jaxstab.equilibrium import observables
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.observables import Leakage
 from jaxstab.equilibrium.observables.clusters import Neighbours
+from jaxstab.paths.observe import Observed, by_side
 from jaxstab.plots.fields import add_colour_bar, draw_map, outline_contact
+from jaxstab.plots.paths import Quantity, of_states
 from jaxstab.plots.style import (
     PALETTE,
+    QUANTITIES,
     add_legend,
     axes_or_new,
     label_axes,
     label_axis,
+    load_label,
     plain_decades,
+    quantity_label,
 )
 
 # The lower end of the colours, over the largest flux.
@@ -88,12 +94,18 @@ def flow(
 
     Raises:
         TypeError: for anything but a leakage.
-        ValueError: for a stack, a leakage on another grid, and a side that does not exist.
+        ValueError: for a stack, a leakage without fields or on another grid, and a side that does
+            not exist.
     """
     require_contact(contact)
     require_kind(leakage, Leakage, "no leakage: give a result of jaxstab.leakage.")
     require_single(leakage)
     shape = contact.grid.shape
+    if leakage.drop is None or leakage.flux is None:
+        raise ValueError(
+            "A leakage along a path has no fields to draw: give that of one state, as jaxstab."
+            "leakage(contact, state)."
+        )
     if leakage.drop.shape[1:] != shape:
         raise ValueError(
             f"The leakage has fields of shape {leakage.drop.shape[1:]}, the contact's grid "
@@ -140,6 +152,48 @@ def _draw_flux(axes: Axes, contact: Contact, flux: np.ndarray) -> None:
     u, v = (np.where(size > _FAINTEST * most, part, np.nan).T for part in flux)
     axes.streamplot(x[:, 0], y[0], u, v, color="black", linewidth=0.6, arrowsize=0.7, density=1.5)
     axes.set(xlim=limits[0], ylim=limits[1])
+
+
+def observed(
+    observed: Observed,
+    column: str | None = None,
+    x: Quantity = "load",
+    *,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw a column of the observables beside the states of a path or a sweep.
+
+    Arguments:
+        observed: the result of `jaxstab.observe`.
+        column: "observable.field", as "patches.true_area"; by default the first. One for each side
+            of the grid is a curve for each.
+        x: what to draw it over: the load, or a quantity of the states, as in `path`.
+        axes: where to draw.
+
+    Raises:
+        TypeError: for something else than observables.
+        ValueError: for a column or a quantity that is not there.
+    """
+    require_kind(observed, Observed, "no observables: give the result of jaxstab.observe.")
+    results = observed.observables
+    columns = {f"{key}.{name}": key for key in results for name in results[key].columns()}
+    first, result = next(iter(results.items()))
+    column = column or f"{first}.{(result.shown or result.columns())[0]}"
+    if column not in columns:
+        raise ValueError(f"column is {column!r}: choose one of {', '.join(columns)}.")
+    if x not in (*QUANTITIES, "load"):
+        raise ValueError(f"x is {x!r}: choose one of {', '.join([*QUANTITIES, 'load'])}.")
+    result, name = results[columns[column]], column.rpartition(".")[2]
+    axes, units = axes_or_new(axes), observed.equilibrium.units
+    for side, values in by_side(getattr(result, name)):
+        axes.plot(of_states(observed, x), np.asarray(values), ".-", label=side.strip())
+    dimension = declared(type(result)).get(name, (NUMBER,))[0]
+    words = dict.fromkeys((columns[column], name))
+    label = " ".join(words).replace("_", " ") + (f" [{dimension}]" if dimension != NUMBER else "")
+    label_axes(axes, load_label(observed.load) if x == "load" else quantity_label(x), label, units)
+    if len(axes.lines) > 1:
+        add_legend(axes)
+    return axes
 
 
 def distribution(

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from jaxstab.core.checks import require_kind
 from jaxstab.core.unit_system import measured
 from jaxstab.core.units import LENGTH
-from jaxstab.paths import Branch, Path
+from jaxstab.paths import Branch, Observed, Path
 from jaxstab.plots.style import (
     PALETTE,
     QUANTITIES,
@@ -24,6 +24,7 @@ from jaxstab.plots.style import (
 
 Quantity = Literal["mean_gap", "mean_pressure", "force", "contact_area", "energy", "load"]
 _Curve = Path | Branch
+_States = Path | Branch | Observed
 
 # The least tension that is shown, over the largest compression.
 _LEAST_TENSION = 1e-3
@@ -182,7 +183,7 @@ def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -
         drawn.arrow_patch.set_clip_path(axes.patch)
 
 
-def of_states(path: _Curve, quantity: Quantity) -> np.ndarray:
+def of_states(path: _States, quantity: Quantity) -> np.ndarray:
     """Return a quantity of each state."""
     values = path.load.value if quantity == "load" else getattr(path.equilibrium, quantity)
     return np.asarray(values)

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact import Contact
+from jaxstab.contact.entry import answer
 from jaxstab.contact.hessian import Hessian
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core import model
@@ -18,8 +19,8 @@ from jaxstab.core.checks import is_traced, require_key
 from jaxstab.core.compile import program
 from jaxstab.core.grid import total
 from jaxstab.core.loop import solver_or_default
-from jaxstab.core.progress import can_be_shown, progress_bar
-from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.progress import Bar, can_be_shown, progress_bar
+from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.derivatives import third_derivative
@@ -119,20 +120,23 @@ def assess_stability(
     key = jax.random.key(0) if key is None else key
     require_key(key)
     contact, equilibrium = whole_state(contact, equilibrium)
-    inputs = jax.lax.stop_gradient((contact, equilibrium, solver, key))
-    bar = progress_bar(_NUM_SEARCHES, "search", shown=can_be_shown(progress, inputs))
-    # Histories end in NaN, and what was not found is NaN.
-    with jax.debug_nans(False), bar as bar:
-        assess = _assess_batch if is_traced(inputs) else _assess_one
-        stability = assess(verdict_only, *inputs)
-        # Not all searches are needed.
-        bar.update(_NUM_SEARCHES - bar.n)
-    if is_traced((contact, equilibrium)):
-        stability = with_derivatives(contact, equilibrium, stability)
-    stability = stability.on_surface(contact.solid)
-    if not throw:
-        return stability
-    return throw_failure(stability.result, stability, lambda: describe(stability))
+    inputs = contact, equilibrium, solver, key
+    return answer(
+        partial(_assess, verdict_only),
+        *inputs,
+        bar=progress_bar(_NUM_SEARCHES, "search", shown=can_be_shown(progress, inputs)),
+        derivatives=with_derivatives,
+        describe=describe,
+        throw=throw,
+        has_units=True,
+    )
+
+
+def _assess(verdict_only: bool, bar: Bar, *inputs: Any) -> Stability:
+    stability = (_assess_batch if is_traced(inputs) else _assess_one)(verdict_only, *inputs)
+    # Not all searches are needed.
+    bar.update(_NUM_SEARCHES - bar.n)
+    return stability
 
 
 # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.

@@ -1,12 +1,28 @@
 """Observables beside the states of paths and sweeps, one by one, in files and in print."""
 
+from functools import partial
+from typing import Annotated
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array, Float
 from problems import rough_contact
 
 import jaxstab as js
 from jaxstab.__main__ import main
+
+
+class CubedPressure(js.Observable):
+    """An observable as a user adds it: the sum of |p|^3 over the contact."""
+
+    total: Annotated[Float[Array, ""], js.Dimension("pressure^3 length^2")]
+    cubes: Annotated[Float[Array, " *grid"], js.Dimension("pressure^3")] | None
+
+
+def cubed_pressure(contact, equilibrium):
+    cubes = jnp.where(equilibrium.in_contact, jnp.abs(equilibrium.pressure) ** 3, 0)
+    return CubedPressure(jnp.sum(cubes) * contact.grid.cell_area, cubes, units=contact.units)
 
 
 @pytest.fixture(scope="module")
@@ -25,9 +41,8 @@ def sweep(contact):
 
 
 def test_a_sweeps_columns_are_those_of_each_state(contact, sweep):
-    found = js.observe(
-        sweep, "patches", "conductance", "leakage", contact=contact, resistivities=(1.0, 2.0)
-    )
+    conducted = partial(js.conductance, resistivities=(1.0, 2.0))
+    found = js.observe(contact, sweep, js.patches, conducted, js.leakage)
     assert len(found) == 3
     for i, state in enumerate(sweep):
         patches = js.patches(contact, state)
@@ -45,8 +60,9 @@ def test_a_sweeps_columns_are_those_of_each_state(contact, sweep):
 
 
 def test_a_path_is_observed_along_its_states(contact, path):
-    found = js.observe(path, "patches", "conductance", contact=contact)
-    assert found.leakage is None
+    found = js.observe(contact, path, js.patches, js.conductance)
+    with pytest.raises(AttributeError, match="holds patches, conductance"):
+        _ = found.leakage
     assert len(found) == len(path.equilibrium)
     np.testing.assert_allclose(
         found.patches.area, path.equilibrium.contact_area * contact.area, rtol=1e-12
@@ -83,7 +99,7 @@ def test_a_state_of_a_path_is_had_again_from_its_gap(contact, path):
 def test_a_branch_is_observed_too(contact):
     load = js.MeanGap(jnp.array([0.1, 0.08]))
     branch = js.continuation(contact, load, fields=True)
-    found = js.observe(branch, "patches", contact=contact)
+    found = js.observe(contact, branch, js.patches)
     np.testing.assert_allclose(
         found.patches.area, branch.equilibrium.contact_area * contact.area, rtol=1e-12
     )
@@ -94,17 +110,20 @@ def test_on_a_window_points_of_the_window_count(contact):
     window = js.Contact(js.FreeHalfSpace(js.Grid(16), 1.0), contact.heights, contact.potential)
     load = js.FarDisplacement(jnp.array([0.1, -0.05]))
     path = js.follow(window, load, fields=True)
-    found = js.observe(path, "patches", "conductance", contact=window)
+    found = js.observe(window, path, js.patches, js.conductance, cubed_pressure)
     np.testing.assert_allclose(
         found.patches.area, path.equilibrium.contact_area * window.area, rtol=1e-12
     )
+    last = js.equilibrate(window, path[-1].load, initial=path[-1])
+    expected = cubed_pressure(window, last).total
+    np.testing.assert_allclose(found.cubed_pressure.total[-1], expected, rtol=1e-6)
 
 
 def test_states_not_found_are_nan_and_leave_the_others(contact, sweep):
     gap = sweep.equilibrium.gap.at[1].set(jnp.nan)
     states = sweep.equilibrium
     object.__setattr__(lost := states[:], "gap", gap)
-    found = js.observe(lost, "patches", "leakage", contact=contact)
+    found = js.observe(contact, lost, js.patches, js.leakage)
     assert np.isnan(found.patches.area[1])
     assert found.patches.number[1] == 0
     assert np.isnan(found.leakage.permeability[1]).all()
@@ -114,7 +133,7 @@ def test_states_not_found_are_nan_and_leave_the_others(contact, sweep):
 @pytest.mark.nightly
 def test_columns_come_back_from_files(contact, path, sweep, tmp_path):
     for name, states in [("path", path), ("sweep", sweep)]:
-        found = js.observe(states, "patches", "leakage", contact=contact)
+        found = js.observe(contact, states, js.patches, js.leakage)
         _, again = js.load(js.save(tmp_path / f"{name}.nc", contact, found))
         np.testing.assert_array_equal(again.patches.true_area, found.patches.true_area)
         np.testing.assert_array_equal(again.leakage.permeability, found.leakage.permeability)
@@ -125,28 +144,68 @@ def test_columns_come_back_from_files(contact, path, sweep, tmp_path):
         assert dataset["patches_true_area"].attrs["units"] == "length^2"
 
 
-def test_the_command_line_shows_columns_and_says_that_it_draws_none(
-    contact, sweep, tmp_path, capsys
+def test_an_observable_of_the_user_is_a_column_of_a_path_a_figure_and_a_file(
+    contact, path, tmp_path
 ):
-    path = js.save(tmp_path / "it.nc", contact, js.observe(sweep, "patches", contact=contact))
+    observed = js.observe(contact, path, cubed_pressure, js.patches)
+    column = np.asarray(observed.cubed_pressure.total)
+    for i in (1, len(column) // 2):
+        state = js.equilibrate(contact, path.load[i], initial=path.equilibrium.gap[i])
+        # In contact the elastic pressure is the reaction less the attraction.
+        pressure = np.asarray(state.reaction - js.potentials.slope(contact.potential, state.gap))
+        expected = np.sum(np.abs(pressure[np.asarray(state.in_contact)]) ** 3) / 16**2
+        np.testing.assert_allclose(column[i], expected, rtol=1e-6)
+    assert observed.cubed_pressure.cubes is None
+    assert "total" in repr(observed).splitlines()[0].split()
+    axes = js.plots.observed(observed, x="mean_gap")
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), column)
+    np.testing.assert_array_equal(axes.lines[0].get_xdata(), path.equilibrium.mean_gap)
+    assert axes.get_ylabel() == "cubed pressure total [pressure³ length²]"
+    dataset = js.to_dataset(contact, observed)
+    assert dataset["cubed_pressure_total"].dims == ("state",)
+    assert dataset["cubed_pressure_total"].attrs["units"] == "pressure^3 length^2"
+    np.testing.assert_array_equal(dataset["cubed_pressure_total"], column)
+    _, again = js.load(js.save(tmp_path / "it.nc", contact, observed))
+    np.testing.assert_array_equal(again.cubed_pressure.total, column)
+
+
+def test_units_of_the_users_dimension_follow_from_those_of_length_and_pressure(contact):
+    micro = js.Contact(
+        contact.solid, contact.heights, contact.potential, unit="µm", pressure_unit="MPa"
+    )
+    state = js.equilibrate(micro, js.MeanGap(0.05))
+    found = cubed_pressure(micro, state)
+    assert "MPa³ µm²" in repr(found)
+    kilo = found.in_units_of(jnp.array(10.0))
+    np.testing.assert_allclose(kilo.total, found.total / 1e3, rtol=1e-14)
+
+
+def test_the_command_line_shows_columns_and_draws_one(contact, sweep, tmp_path, capsys):
+    path = js.save(tmp_path / "it.nc", contact, js.observe(contact, sweep, js.patches))
     main(["info", str(path)])
     assert "true area" in capsys.readouterr().out
-    with pytest.raises(SystemExit):
-        main(["plot", str(path)])
-    assert "Observables have no figure of their own" in capsys.readouterr().err
+    main(["plot", str(path)])
+    assert path.with_suffix(".png").stat().st_size > 1000
 
 
 def test_what_cannot_be_observed_is_said(contact, path, sweep):
     bare = js.follow(contact, js.MeanGap(jnp.array([0.1, 0.05])))
     with pytest.raises(ValueError, match=r"kept no gaps.*fields=True"):
-        js.observe(bare, "patches", contact=contact)
-    with pytest.raises(TypeError, match=r"A Path does not hold its contact: give it too"):
-        js.observe(path, "patches")
-    with pytest.raises(TypeError, match=r"Contact has no states to observe"):
-        js.observe(contact, "patches")
-    with pytest.raises(ValueError, match=r"is 'patch': choose of patches, conductance, leakage"):
-        js.observe(path, "patch", contact=contact)
-    with pytest.raises(ValueError, match=r"is missing: choose of"):
-        js.observe(path, contact=contact)
-    with pytest.raises(ValueError, match=r"several states in one row"):
-        js.observe(sweep[0], "patches", contact=contact)
+        js.observe(contact, bare, js.patches)
+    with pytest.raises(TypeError, match="Path is no contact"):
+        js.observe(path, contact, js.patches)
+    with pytest.raises(TypeError, match="Stability has no states to observe"):
+        js.observe(contact, js.assess_stability(contact, sweep[0]), js.patches)
+    with pytest.raises(TypeError, match="is 'patches': give functions"):
+        js.observe(contact, path, "patches")
+    with pytest.raises(TypeError, match="is missing: give functions"):
+        js.observe(contact, path)
+    with pytest.raises(TypeError, match="<lambda> returned a Array"):
+        js.observe(contact, sweep, lambda contact, state: state.gap)
+    with pytest.raises(ValueError, match="several states in one row"):
+        js.observe(contact, sweep[0], js.patches)
+    with pytest.raises(ValueError, match=r"column is 'area': choose one of patches\.number"):
+        js.plots.observed(js.observe(contact, sweep, js.patches), "area")
+    one = js.observe(contact, sweep, js.leakage)[0]
+    with pytest.raises(ValueError, match="along a path has no fields"):
+        js.plots.flow(contact, one.leakage)

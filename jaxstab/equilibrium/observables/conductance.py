@@ -5,30 +5,27 @@ Barber, 2003): the conductance is a stiffness, that of a small move with the con
 """
 
 from functools import partial
-from typing import Annotated
+from typing import Annotated, ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
 from jaxstab.core.checks import cast, is_traced, require, require_kind, scalar_parameter
 from jaxstab.core.compile import program
-from jaxstab.core.display import block
 from jaxstab.core.grid import Grid, total
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import SolverError
-from jaxstab.core.stack import Stackable
 from jaxstab.core.switches import own_conventions
 from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
-from jaxstab.core.unit_system import NO_UNITS, Units
-from jaxstab.core.units import NUMBER, SPRING_CONSTANT, Dimension, Dimensioned
+from jaxstab.core.units import NUMBER, SPRING_CONSTANT, Dimension
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.equilibrium.observables.observable import Observable
 from jaxstab.solids import FreeHalfSpace, HalfSpace
 
 CONDUCTANCE = Dimension("length/resistivity")
 
 
-class Conductance(Stackable, Dimensioned):
+class Conductance(Observable):
     """What flows through a contact of two half spaces.
 
     Attributes:
@@ -37,20 +34,22 @@ class Conductance(Stackable, Dimensioned):
             infinite in full contact, where nothing constricts the current.
         incremental_stiffness: the force over a small approach with the contact points held
             [force/length]; on a line [pressure].
-        current: the part of the whole current that flows through each point; its sum is 1.
-        units: the units of length and of pressure, None where unknown.
+        current: the part of the whole current that flows through each point, its sum 1; None along
+            a path.
     """
+
+    shown: ClassVar[tuple[str, ...]] = ("conductance",)
 
     conductance: Annotated[Scalar, CONDUCTANCE]
     incremental_stiffness: Annotated[Scalar, SPRING_CONSTANT]
-    current: Annotated[Field, NUMBER]
-    units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
-
-    __repr__ = block
+    current: Annotated[Field, NUMBER] | None
 
 
+@own_conventions()
 def conductance(
-    contact: Contact, equilibrium: State, resistivities: tuple[ArrayLike, ArrayLike]
+    contact: Contact,
+    equilibrium: State,
+    resistivities: tuple[ArrayLike, ArrayLike] = (0.5, 0.5),
 ) -> Conductance:
     """Return the electrical or thermal conductance of a contact.
 
@@ -70,7 +69,7 @@ def conductance(
         contact: the contact problem, on a half space.
         equilibrium: one of its states.
         resistivities: rho1 and rho2 of the two bodies; of heat 1 over the conductivity. One may be
-            zero, as that of a perfect conductor.
+            zero, as that of a perfect conductor. By default they add up to one.
 
     Raises:
         TypeError: for another solid, and for something that is not a state.
@@ -78,15 +77,7 @@ def conductance(
             of states and one of another grid.
         SolverError: if the linear system was not solved; inside of a transformation it is NaN.
     """
-    equilibrium = equilibrium_of(contact, equilibrium)
-    return conductance_at(contact, equilibrium.in_contact, resistivities)
-
-
-@own_conventions()
-def conductance_at(
-    contact: Contact, touches: Mask, resistivities: tuple[ArrayLike, ArrayLike]
-) -> Conductance:
-    """Return the conductance of a contact that touches on a mask."""
+    touches = equilibrium_of(contact, equilibrium).in_contact
     solid, dtype = contact.solid, contact.heights.dtype
     require_kind(
         solid,

@@ -1,25 +1,24 @@
 """What leaks through the gap of a contact: Reynolds' flow."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact
 from jaxstab.core.checks import array, require_positive, scalar_parameter
-from jaxstab.core.display import block
-from jaxstab.core.stack import Stackable
-from jaxstab.core.types import ArrayLike, Field, Scalar
-from jaxstab.core.unit_system import NO_UNITS, Units
-from jaxstab.core.units import LENGTH, VISCOSITY, VOLUME, Dimensioned
+from jaxstab.core.types import ArrayLike, Scalar
+from jaxstab.core.units import LENGTH, VISCOSITY, VOLUME
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.observables.flow import Flow, Solver, conducting, flows
+from jaxstab.equilibrium.observables.observable import Observable
 from jaxstab.equilibrium.observables.patches import require_known
 
 
-class Leakage(Stackable, Dimensioned):
+class Leakage(Observable):
     """What leaks through the gap, under a pressure that falls in the mean along x, and along y.
+
+    Along a path `drop` and `flux` are None.
 
     Attributes:
         permeability: k [length^3], a symmetric 2 x 2 tensor, on a line 1 x 1: the mean flux per
@@ -30,16 +29,14 @@ class Leakage(Stackable, Dimensioned):
             drop per length [length]; NaN where nothing flows through.
         flux: for each such side and each side of the grid, the flux per length through the face to
             the next point, times the viscosity, over the mean drop per length [length^3].
-        units: the units of length and of pressure, None where unknown.
     """
+
+    shown: ClassVar[tuple[str, ...]] = ("permeability",)
 
     permeability: Annotated[Float[Array, "sides sides"], VOLUME]
     viscosity: Annotated[Scalar, VISCOSITY]
-    drop: Annotated[Float[Array, " sides *grid"], LENGTH]
-    flux: Annotated[Float[Array, " sides sides *grid"], VOLUME]
-    units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
-
-    __repr__ = block
+    drop: Annotated[Float[Array, " sides *grid"], LENGTH] | None
+    flux: Annotated[Float[Array, " sides sides *grid"], VOLUME] | None
 
     def rate(self, drop_per_length: ArrayLike) -> Float[Array, " sides"]:
         """Return the mean flux per length along each side [length^2/time].
@@ -83,14 +80,7 @@ def leakage(
         ImportError: for multigrid without PyAMG.
     """
     require_known((contact, equilibrium), "leakage")
-    equilibrium = equilibrium_of(contact, equilibrium)
-    return leakage_at(contact, equilibrium.gap, viscosity, solver)
-
-
-def leakage_at(
-    contact: Contact, gap: Field, viscosity: ArrayLike, solver: Solver | None
-) -> Leakage:
-    """Return what leaks through a gap."""
+    gap = equilibrium_of(contact, equilibrium).gap
     if contact.solid.is_window:
         raise ValueError(
             f"The solid is a {type(contact.solid).__name__}, a window that does not repeat: the "

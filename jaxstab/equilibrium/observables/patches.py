@@ -1,27 +1,27 @@
 """The patches of a contact, and the area that a grid counts too much."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.checks import array, is_traced
-from jaxstab.core.display import block
-from jaxstab.core.types import Field, Mask, Scalar
-from jaxstab.core.unit_system import NO_UNITS, Units
-from jaxstab.core.units import AREA, FORCE, LENGTH, Dimensioned
+from jaxstab.core.types import Scalar
+from jaxstab.core.units import AREA, FORCE, LENGTH
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.observables.clusters import Neighbours, clusters_of
+from jaxstab.equilibrium.observables.observable import Observable
 
 # Of the counted interface times the spacing (Yastrebov, Anciaux & Molinari, 2017).
 _STAIRCASE = (np.pi - 1 + np.log(2)) / 24
 
 
-class Patches(Dimensioned):
+class Patches(Observable):
     """The patches of a contact, the largest first.
+
+    Along a path the parts for each patch and each point are None.
 
     Attributes:
         number: how many there are.
@@ -35,31 +35,23 @@ class Patches(Dimensioned):
         area: that of all points in contact [length^2]; on a line a length.
         true_area: the same less what the grid counts too much, (pi - 1 + ln 2) / 24 of the
             perimeters times the spacing, and not below zero [length^2]. On a line the same.
+        largest: the area of the largest patch, zero without contact [length^2].
+        perimeter: the length of the whole interface, along the sides of points [length].
         labels: the patch of each point, from 1 on; 0 out of contact.
-        units: the units of length and of pressure, None where unknown.
     """
 
+    shown: ClassVar[tuple[str, ...]] = ("number", "true_area")
+
     number: Int[Array, ""]
-    areas: Annotated[Float[Array, " patches"], AREA]
-    perimeters: Annotated[Float[Array, " patches"], LENGTH]
-    forces: Annotated[Float[Array, " patches"], FORCE]
+    areas: Annotated[Float[Array, " patches"], AREA] | None
+    perimeters: Annotated[Float[Array, " patches"], LENGTH] | None
+    forces: Annotated[Float[Array, " patches"], FORCE] | None
     percolates: Bool[Array, " sides"]
     area: Annotated[Scalar, AREA]
     true_area: Annotated[Scalar, AREA]
-    labels: Int[Array, " *grid"]
-    units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
-
-    __repr__ = block
-
-    @property
-    def largest(self) -> Scalar:
-        """The area of the largest patch, zero without contact [length^2]."""
-        return array(np.max(np.asarray(self.areas), initial=0), self.area.dtype)
-
-    @property
-    def perimeter(self) -> Scalar:
-        """The length of the whole interface, along the sides of points [length]."""
-        return array(np.sum(np.asarray(self.perimeters)), self.area.dtype)
+    largest: Annotated[Scalar, AREA]
+    perimeter: Annotated[Scalar, LENGTH]
+    labels: Int[Array, " *grid"] | None
 
 
 def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4) -> Patches:
@@ -86,21 +78,11 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
     if neighbours not in (4, 8):
         raise ValueError(f"neighbours is {neighbours!r}: choose 4, or 8 to join diagonals too.")
     require_known((contact, equilibrium), "patches")
-    equilibrium = equilibrium_of(contact, equilibrium)
-    return patches_at(contact, equilibrium.in_contact, equilibrium.pressure, neighbours)
-
-
-def patches_at(
-    contact: Contact,
-    touches: Mask | np.ndarray,
-    pressure: Field | np.ndarray,
-    neighbours: Neighbours,
-) -> Patches:
-    """Return the patches where a contact touches, under an elastic pressure."""
-    mask, is_window = np.asarray(touches), contact.solid.is_window
+    state = equilibrium_of(contact, equilibrium)
+    mask, is_window = np.asarray(state.in_contact), contact.solid.is_window
     found = clusters_of(mask, neighbours, not is_window)
     sides = _sides(mask, np.asarray(contact.grid.spacing, float), is_window)
-    numbers = [np.ones(mask.shape), sides, np.asarray(pressure, float)]
+    numbers = [np.ones(mask.shape), sides, np.asarray(state.pressure, float)]
     counts, perimeters, forces = (
         np.bincount(found.labels.ravel(), field.ravel(), found.number + 1)[1:] for field in numbers
     )
@@ -118,6 +100,8 @@ def patches_at(
         percolates=array(found.spans.any(axis=0)),
         area=array(counted, dtype),
         true_area=array(max(counted - excess, 0.0), dtype),
+        largest=array(cell * counts.max(initial=0), dtype),
+        perimeter=array(perimeters.sum(), dtype),
         labels=jax.device_put(ranks[found.labels]),
         units=contact.units,
     )

@@ -10,21 +10,22 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact, require_contact
-from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
+from jaxstab.contact.entry import answer
+from jaxstab.contact.resolution import FOR_JUMPS
 from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import integer, parameter, require, require_positive
 from jaxstab.core.compile import program
 from jaxstab.core.display import block
 from jaxstab.core.grid import mean, total
-from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.progress import COMPILING, progress_bar
+from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.units import ENERGY, LENGTH, NUMBER, Dimensioned
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient, SaddleNewton
-from jaxstab.equilibrium.equilibrate import find, initial_gap
+from jaxstab.equilibrium.equilibrate import find, posed
 from jaxstab.equilibrium.equilibrium import State, state_at
 from jaxstab.equilibrium.solvers.base import Problem
-from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_loads
 from jaxstab.paths.barriers.string import Landscape, String, StringMethod
 from jaxstab.paths.curve.morse_index import index_of, some_modes
@@ -131,22 +132,22 @@ def transition(
     require_loads(load, (), "transition takes one load", "use jax.vmap.")
     number = integer("num_images", num_images)
     require("num_images", number, number >= 3, "a string has a state between its ends.")
-    warn_if_coarse(contact, FOR_JUMPS)
-    gaps = (initial_gap(contact, load, state) for state in (start, end))
-    (whole, first), (_, last) = (whole_start(contact, load, gap) for gap in gaps)
-    unit = whole.own_pressure
-    own, own_load = whole.in_units_of(unit), load.in_units_of(unit)
-    inputs = jax.lax.stop_gradient((own, own_load, first, last))
-    # What was not found is NaN.
-    with jax.debug_nans(False):
-        found = _search(number, *inputs)
-    there, back = _barriers(found, own, own_load)
-    found = replace(found, there=there, back=back).in_units_of(1 / unit).on_surface(whole.solid)
-    return throw_failure(found.result, found, lambda: _describe(found, load), throw)
+    (whole, first), (_, last) = (posed(contact, load, s, FOR_JUMPS) for s in (start, end))
+    return answer(
+        lambda _, *inputs: _search(number, *inputs),
+        whole,
+        load,
+        first,
+        last,
+        bar=progress_bar(1, "pass", shown=COMPILING),
+        derivatives=_with_barriers,
+        describe=lambda found: _describe(found, load),
+        throw=throw,
+    )
 
 
-def _barriers(found: Transition, contact: Contact, load: Load) -> tuple[Scalar, Scalar]:
-    """Return the barriers as functions of contact and load, at the gaps that were found."""
+def _with_barriers(contact: Contact, load: Load, found: Transition) -> Transition:
+    """Return a pass whose barriers are functions of contact and load, at the gaps found."""
     landscape = Landscape.under((contact, load))
 
     def energy(state: Equilibrium) -> Scalar:
@@ -155,7 +156,8 @@ def _barriers(found: Transition, contact: Contact, load: Load) -> tuple[Scalar, 
     top = energy(found.saddle)
     is_found = found.result == RESULTS.successful
     there, back = top - energy(found.start), top - energy(found.end)
-    return jnp.where(is_found, there, jnp.nan), jnp.where(is_found, back, jnp.nan)
+    there, back = (jnp.where(is_found, barrier, jnp.nan) for barrier in (there, back))
+    return replace(found, there=there, back=back)
 
 
 class _Climb(eqx.Module):
@@ -195,7 +197,7 @@ def _find(number: int, contact: Contact, load: Load, first: Field, last: Field) 
     result = RESULTS.where(start.result == RESULTS.successful, result, start.result)
     saddle = state_at(contact, load, jnp.where(climb.is_found, climb.saddle, jnp.nan))
     none = jnp.full_like(mean(start.gap), jnp.nan)
-    return Transition(
+    found = Transition(
         none,
         none,
         start,
@@ -207,6 +209,7 @@ def _find(number: int, contact: Contact, load: Load, first: Field, last: Field) 
         string.energies - string.energies[0],
         result,
     )
+    return _with_barriers(contact, load, found)
 
 
 def _climbed(
