@@ -8,32 +8,38 @@ K u + f'(g) and its Hessian A = K + D with D = diag f''(g).
 from collections.abc import Callable
 from dataclasses import fields
 from functools import partial
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxstab import potentials
 from jaxstab.contact.hessian import Hessian
-from jaxstab.contact.inputs import law_on, relative_heights, suspicions, unit_of_lengths
+from jaxstab.contact.inputs import (
+    as_heights,
+    law_on,
+    relative_heights,
+    require_sound,
+    unit_of_lengths,
+)
 from jaxstab.contact.residual import Balance, balance_of, conforming_pressure
 from jaxstab.contact.window import continued_surface
 from jaxstab.core import model
-from jaxstab.core.checks import array, cast, is_traced, numbers, require_finite, require_kind
+from jaxstab.core.checks import array, cast, is_traced, require_kind
 from jaxstab.core.display import block
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Scalar
 from jaxstab.core.unit_system import Units
 from jaxstab.core.units import LENGTH
 from jaxstab.loads import Control, Load
-from jaxstab.potentials import Potential, curvature, energy_density, slope
+from jaxstab.potentials import Potential, Scaled, curvature, energy_density, everywhere, slope
 from jaxstab.potentials.jumps import law_jump, require_no_jump
 from jaxstab.potentials.profile import Profile, profile_of, require_smooth
 from jaxstab.solids import Solid
-from jaxstab.surfaces import Topography, faults
-from jaxstab.surfaces.topography import FILL, as_topography
+
+if TYPE_CHECKING:
+    from jaxstab.surfaces import Topography
 
 
 class Contact(eqx.Module):
@@ -90,7 +96,7 @@ class Contact(eqx.Module):
     def __init__(
         self,
         solid: Solid,
-        heights: ArrayLike | Topography,
+        heights: "ArrayLike | Topography",
         potential: Potential,
         *,
         unit: str | None = None,
@@ -101,31 +107,21 @@ class Contact(eqx.Module):
                 f"The solid is a {type(solid).__name__}: give a solid such as HalfSpace(grid, ...) "
                 "first, then the heights, then the potential."
             )
-        topography = as_topography(heights, solid.grid)
-        values = topography.on(solid.grid) if topography else heights
-        given = numbers(values, "The array of heights")
-        if getattr(heights, "dtype", None) == np.float32:
-            given = given.astype(np.float32)
-        if given.shape != solid.grid.shape:
-            raise ValueError(
-                f"heights have shape {given.shape}, the solid's grid {solid.grid.shape}: "
-                "build both on the same grid."
-            )
+        given, topography = as_heights(heights, solid.grid)
         relative, datum = relative_heights(given)
         self.heights = solid.grid.placed(relative)
         dtype = self.heights.dtype
         self.datum = datum.astype(dtype) if isinstance(datum, jax.Array) else array(datum, dtype)
         if dtype not in (jnp.float32, jnp.float64):
             raise TypeError(f"heights are {dtype}: give them in float32 or float64.")
-        require_finite("heights", self.heights, FILL)
-        faults.warn(suspicions(solid, given, topography))
+        require_sound(solid, given, topography)
         self.solid = cast(solid, dtype)
         self.unit, self.pressure_unit, _ = Units.checked(
             unit_of_lengths(topography, unit), pressure_unit
         )
         self.potential = law_on(solid.grid, potential, dtype)
         require_smooth(self.profile)
-        jump = law_jump(potentials.everywhere(self.potential), self.grid.lengths)
+        jump = law_jump(everywhere(self.potential), self.grid.lengths)
         if is_traced(jump):
             # No error can be raised: results say so.
             self.heights = jnp.where(jump.is_there, jnp.nan, self.heights)
@@ -136,7 +132,7 @@ class Contact(eqx.Module):
     def has_core(self) -> Flag | bool:
         """Whether the potential rises without bound as a gap closes, so that none ever does."""
         law = self.potential
-        known = law.has_core if isinstance(law, potentials.Scaled) else None
+        known = law.has_core if isinstance(law, Scaled) else None
         return self.profile.has_core if known is None else known
 
     @property
@@ -151,7 +147,7 @@ class Contact(eqx.Module):
     @property
     def profile(self) -> Profile:
         """The potential at gaps from far beyond the size of the grid down to zero."""
-        return profile_of(potentials.everywhere(self.potential), self.grid.lengths)
+        return profile_of(everywhere(self.potential), self.grid.lengths)
 
     @property
     def units(self) -> Units:
@@ -202,7 +198,7 @@ class Contact(eqx.Module):
         The known data of its core come with it, without compiling.
         """
         solid = self.solid.scaled(1 / pressure)
-        law = potentials.Scaled(self.potential, 1 / pressure, has_core)
+        law = Scaled(self.potential, 1 / pressure, has_core)
         return eqx.tree_at(lambda contact: (contact.solid, contact.potential), self, (solid, law))
 
     def in_own_units(self) -> tuple["Contact", Scalar]:
@@ -256,7 +252,7 @@ class Contact(eqx.Module):
         return balance_of(self.solid, self.heights, self.potential, control, escape)
 
 
-def require_contact(contact: Any) -> None:
+def require_contact(contact: object) -> None:
     """Raise `TypeError` for anything but a contact."""
     cure = "give that first, as made by jaxstab.Contact(solid, heights, potential)."
     require_kind(contact, Contact, f"no contact: {cure}")
@@ -275,7 +271,7 @@ def require_same_contact(contact: Contact, other: Contact, owner: str) -> None:
         )
 
 
-def _are_same(one: Any, other: Any) -> bool:
+def _are_same(one: object, other: object) -> bool:
     """Return whether two pytrees are equal, as far as their numbers are known."""
     if jax.tree.structure(one) != jax.tree.structure(other):
         return False

@@ -1,18 +1,22 @@
 """The heights, the unit and the law that a contact is made of, checked."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array
 
-from jaxstab.core.checks import is_spread, is_traced, known
+from jaxstab.core.checks import is_spread, is_traced, known, numbers, require_finite
 from jaxstab.core.grid import Grid
+from jaxstab.core.types import ArrayLike
 from jaxstab.core.unit_system import unit_of
 from jaxstab.potentials import Potential, as_module, varying_fields, with_fields
 from jaxstab.solids import Solid
-from jaxstab.surfaces import Topography, faults
+
+if TYPE_CHECKING:
+    from jaxstab.surfaces import Topography
 
 # Over the range of the heights: a constant in them that costs digits.
 _LARGE = 16.0
@@ -29,7 +33,26 @@ def relative_heights(heights: Array | np.ndarray) -> tuple[Array | np.ndarray, A
     return (heights if xp is np and datum == 0 else values - datum), datum
 
 
-def unit_of_lengths(topography: Topography | None, given: str | None) -> str | None:
+def as_heights(
+    heights: "ArrayLike | Topography", grid: Grid
+) -> "tuple[Array | np.ndarray, Topography | None]":
+    """Return heights as an array on a grid, and the surface that they are of if it is one."""
+    # A contact needs the surfaces only where it is made.
+    from jaxstab.surfaces.topography import as_topography
+
+    topography = as_topography(heights, grid)
+    given = numbers(topography.on(grid) if topography else heights, "The array of heights")
+    if getattr(heights, "dtype", None) == np.float32:
+        given = given.astype(np.float32)
+    if given.shape != grid.shape:
+        raise ValueError(
+            f"heights have shape {given.shape}, the solid's grid {grid.shape}: build both on the "
+            "same grid."
+        )
+    return given, topography
+
+
+def unit_of_lengths(topography: "Topography | None", given: str | None) -> str | None:
     """Return the unit of lengths: that of a topography if it has one, else that given."""
     own = topography.unit if topography else None
     unit = own if given is None else unit_of(given)
@@ -41,22 +64,27 @@ def unit_of_lengths(topography: Topography | None, given: str | None) -> str | N
     return unit
 
 
-def suspicions(
-    solid: Solid, heights: Array | np.ndarray, topography: Topography | None
-) -> list[str]:
-    """Return what looks wrong with heights on a solid: on a window edges need not meet."""
-    if topography and solid.is_window:
-        return [*topography.wrong_scale, *topography.edge_faults]
+def require_sound(
+    solid: Solid, heights: Array | np.ndarray, topography: "Topography | None"
+) -> None:
+    """Raise for heights that are not finite, and warn of those that look wrong on a solid.
+
+    On a window edges need not meet.
+    """
+    from jaxstab.surfaces import faults
+    from jaxstab.surfaces.topography import FILL
+
+    require_finite("heights", jnp.asarray(heights), FILL)
     if topography:
-        return topography.suspicions
-    if is_traced((heights, solid.grid.lengths)) or is_spread(heights):
-        return []
-    values = np.asarray(heights)
-    marks = faults.marks_missing(values, known(solid.grid.lengths))
-    return marks if marks or solid.is_window else faults.looks_wrong(values)
+        is_window, wrong = solid.is_window, topography.suspicions
+        faults.warn([*topography.wrong_scale, *topography.edge_faults] if is_window else wrong)
+    elif not (is_traced((heights, solid.grid.lengths)) or is_spread(heights)):
+        values = np.asarray(heights)
+        marks = faults.marks_missing(values, known(solid.grid.lengths))
+        faults.warn(marks if marks or solid.is_window else faults.looks_wrong(values))
 
 
-def law_on(grid: Grid, potential: Any, dtype: Any) -> Potential:
+def law_on(grid: Grid, potential: Potential, dtype: DTypeLike) -> Potential:
     """Return a law as a module in a precision, its varying parameters placed on a grid."""
     law = as_module(potential, dtype)
     fields = varying_fields(law)

@@ -3,9 +3,10 @@
 import jax.numpy as jnp
 
 from jaxstab.core.compile import program
+from jaxstab.core.grid import mirrored, padded, where_window
 from jaxstab.core.types import Field
 from jaxstab.potentials import Potential, Within, varying_fields, with_fields
-from jaxstab.solids import Solid, mirrored, padded, where_window
+from jaxstab.solids import Solid
 
 # How far below a surface that ends the solid may sink beyond it, over the surface's depth.
 _DEPTH = 2

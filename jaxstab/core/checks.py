@@ -115,7 +115,7 @@ def require(name: str, value: Any, holds: Any, cure: str) -> None:
     raise ValueError(f"{name} is {value}: {cure}")
 
 
-def require_kind(value: Any, kind: type | UnionType, sentence: str) -> None:
+def require_kind(value: object, kind: type | UnionType, sentence: str) -> None:
     """Raise `TypeError` for a value of another class, with the class to give."""
     if not isinstance(value, kind):
         raise TypeError(f"{type(value).__name__} is {sentence}")

@@ -238,3 +238,18 @@ def mean_over(mask: Mask, field: Field) -> Scalar:
     """Return the mean of a field over a mask, zero over none."""
     count = jnp.maximum(total(mask.astype(field.dtype)), 1)
     return total(jnp.where(mask, field, 0)) / count
+
+
+def padded(field: Field, value: ArrayLike) -> Field:
+    """Pad a field on the window to twice the points a side by a value."""
+    return jnp.pad(field, [(0, n) for n in field.shape], constant_values=value)
+
+
+def where_window(field: Field) -> Mask:
+    """Return the mask of a field's window on twice the points a side."""
+    return padded(jnp.ones_like(field, bool), False)
+
+
+def mirrored(field: Field) -> Field:
+    """Pad a field on the window to twice the points a side by its mirror images."""
+    return jnp.pad(field, [(0, n) for n in field.shape], mode="symmetric")

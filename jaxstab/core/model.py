@@ -33,7 +33,7 @@ def filtered(grid: Grid, multiplier: Float[Array, " *modes"], field: Field) -> F
 
 def compliance(stiffness: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
     """Return W (11), the inverse of the stiffness of each wave; zero where that is zero."""
-    moves = stiffness > 0
+    moves = stiffness != 0
     return jnp.where(moves, 1 / jnp.where(moves, stiffness, 1), 0)
 
 

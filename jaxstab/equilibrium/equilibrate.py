@@ -37,9 +37,7 @@ from jaxstab.loads import (
     Control,
     GapControl,
     Load,
-    SpringControl,
     require_loads,
-    warn_if_soft,
 )
 from jaxstab.solids import Solid
 
@@ -238,7 +236,7 @@ def initial_gap(contact: Contact, load: Load, initial: ArrayLike | State | None)
             of sides.
         TypeError: for an array that is complex or masked, or a result that is not a state.
     """
-    warn_if_soft(load, contact.solid)
+    load.warn_if_soft(contact.solid)
     if initial is None:
         return None
     shape = contact.grid.shape
@@ -264,13 +262,13 @@ def first_gap(contact: Contact, load: Load, initial: ArrayLike | State | None) -
     """Return `initial_gap` at the start of a path: by default separated if a spring allows it."""
     start = initial_gap(contact, load, initial)
     control = contact.control(load)
-    if start is None and isinstance(control, SpringControl):
+    if start is None and control.stiffness is not None:
         return _separated(control, contact)
     return start
 
 
 @program
-def _separated(control: SpringControl, contact: Contact) -> Field:
+def _separated(control: Control, contact: Contact) -> Field:
     return control.separated_gap(contact.heights, contact.profile)
 
 

@@ -14,14 +14,13 @@ from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core.checks import is_traced, known
 from jaxstab.core.compile import program
-from jaxstab.core.grid import mean
+from jaxstab.core.grid import mean, mirrored, padded, where_window
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field
 from jaxstab.core.warn import warn_once
 from jaxstab.equilibrium.equilibrium import Equilibrium
 from jaxstab.loads import Load
-from jaxstab.solids import Padded, mirrored, padded, where_window
 
 Start = TypeVar("Start", Field, Field | None)
 
@@ -40,9 +39,9 @@ def whole_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Eq
     """
     whole = contact.whole
     solid = whole.solid
-    if whole is contact or not isinstance(solid, Padded):
+    if whole is contact:
         return contact, equilibrium
-    shape = solid.under(equilibrium.pressure)
+    shape = solid.displacement(padded(equilibrium.pressure, 0))
     window = equilibrium.gap + contact.heights
     far = mean(window - solid.surface(shape))
     is_there = where_window(equilibrium.gap)

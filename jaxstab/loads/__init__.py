@@ -12,7 +12,6 @@ from jaxstab.loads.spring import (
     MachineWarning,
     Spring,
     SpringControl,
-    warn_if_soft,
 )
 
 __all__ = [
@@ -31,5 +30,4 @@ __all__ = [
     "require_load",
     "require_loads",
     "require_same_machine",
-    "warn_if_soft",
 ]

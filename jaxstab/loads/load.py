@@ -46,6 +46,10 @@ class Control(eqx.Module):
     def starting_gap(self, heights: Field) -> Field:
         """Return the gap of the undeformed solid, negative where it would enter the surface."""
 
+    def separated_gap(self, heights: Field, profile: Profile) -> Field:
+        """Return the gap of a separated state where there is one, else `starting_gap`."""
+        return self.starting_gap(heights)
+
     @abstractmethod
     def restore(self, gap: Field) -> Field:
         """Return a gap that meets the load, near to one that is nowhere negative."""
@@ -119,6 +123,9 @@ class Load(Stackable, Dimensioned):
     @abstractmethod
     def control(self, solid: Solid, heights: Field) -> Control:
         """Return the condition of the load on the gap between this solid and this surface."""
+
+    def warn_if_soft(self, solid: Solid) -> None:
+        """Warn of a machine that is far too soft for a solid; only a spring can be."""
 
     def at(self, value: Array) -> "Load":
         """Return this load with another value."""

@@ -168,6 +168,26 @@ class Spring(Load):
         """The position of the far end [length]: the value of this load."""
         return self.value
 
+    def warn_if_soft(self, solid: Solid) -> None:
+        """Warn once of a spring that is softer than any real cantilever against a solid.
+
+        Inside of `jax.jit` and `jax.vmap` values are not known, and nothing is warned of.
+        """
+        if is_traced((self.stiffness, solid)):
+            return
+        stiffness, softest = known(self.stiffness).min(), known(solid.min_stiffness)
+        if stiffness >= _SOFT * softest:
+            return
+        warn_once(
+            f"the stiffness of the spring is {stiffness:.3g} [pressure/length], the stiffness of "
+            f"the solid's softest wave {softest:.3g}: the machine is so soft that it hardly presses. "
+            "If the number is a force per length, write Spring.cantilever(position, "
+            f"{stiffness:.3g}, contact.grid): that divides it by the cell's area of "
+            f"{known(solid.grid.area):.3g}. For a dead load give a MeanPressure.",
+            MachineWarning,
+            per_line=True,
+        )
+
     def control(self, solid: Solid, heights: Field) -> SpringControl:
         """Press with the stiffness of the spring and the solid's far side in series."""
         stiffness = solid.area_fraction * self.stiffness.astype(heights.dtype)
@@ -192,27 +212,6 @@ class FarDisplacement(Load):
     def control(self, solid: Solid, heights: Field) -> SpringControl:
         """Press with the stiffness of the solid itself."""
         return _spring(self.value, solid.uniform_stiffness, solid, heights)
-
-
-def warn_if_soft(load: Load, solid: Solid) -> None:
-    """Warn once of a spring that is softer than any real cantilever against a solid.
-
-    Inside of `jax.jit` and `jax.vmap` values are not known, and nothing is warned of.
-    """
-    if not isinstance(load, Spring) or is_traced((load.stiffness, solid)):
-        return
-    stiffness, softest = known(load.stiffness).min(), known(solid.min_stiffness)
-    if stiffness >= _SOFT * softest:
-        return
-    warn_once(
-        f"the stiffness of the spring is {stiffness:.3g} [pressure/length], the stiffness of the "
-        f"solid's softest wave {softest:.3g}: the machine is so soft that it hardly presses. "
-        "If the number is a force per length, write Spring.cantilever(position, "
-        f"{stiffness:.3g}, contact.grid): that divides it by the cell's area of "
-        f"{known(solid.grid.area):.3g}. For a dead load give a MeanPressure.",
-        MachineWarning,
-        per_line=True,
-    )
 
 
 def _spring(position: Scalar, stiffness: Scalar, solid: Solid, heights: Field) -> SpringControl:

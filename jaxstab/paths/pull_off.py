@@ -21,7 +21,7 @@ from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.equilibrium import State, single_start
 from jaxstab.equilibrium.window import whole_start
-from jaxstab.loads import Load, MeanPressure, Spring, warn_if_soft
+from jaxstab.loads import Load, MeanPressure, Spring
 from jaxstab.paths.branch_end.critical_load import CriticalLoad, critical_load_at
 from jaxstab.paths.branch_end.locate import Limit, limit_ahead
 from jaxstab.paths.jump_detection import Progress
@@ -91,7 +91,7 @@ def pull_off(
             load: Load = dead_load(constant, pressure)
         else:
             load = _retraction(constant, pressure, start, stiffness)
-            warn_if_soft(load, contact.solid)
+            load.warn_if_soft(contact.solid)
         own, unit = whole.in_own_units()
         loads = load.in_units_of(unit)
         end = _find(bar, *jax.lax.stop_gradient((own, loads, start)))

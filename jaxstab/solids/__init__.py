@@ -1,6 +1,6 @@
 """Elastic solids: their interface, and one file per kind."""
 
-from jaxstab.solids.free_half_space import FreeHalfSpace, Padded, mirrored, padded, where_window
+from jaxstab.solids.free_half_space import FreeHalfSpace
 from jaxstab.solids.half_space import HalfSpace
 from jaxstab.solids.layers import CoatedHalfSpace, Layer
 from jaxstab.solids.solid import Solid, apart_from_mean
@@ -13,7 +13,6 @@ __all__ = [
     "FreeHalfSpace",
     "HalfSpace",
     "Layer",
-    "Padded",
     "Sheet",
     "Solid",
     "Spectral",
@@ -21,7 +20,4 @@ __all__ = [
     "SurfaceTension",
     "Viscoelastic",
     "apart_from_mean",
-    "mirrored",
-    "padded",
-    "where_window",
 ]

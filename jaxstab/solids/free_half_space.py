@@ -12,11 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxstab.core import model
 from jaxstab.core.compile import program
-from jaxstab.core.grid import Grid
+from jaxstab.core.grid import Grid, mirrored, padded
 from jaxstab.core.linear_system import LinearSystem
-from jaxstab.core.types import ArrayLike, Field, FieldMap, Mask, Scalar
+from jaxstab.core.types import ArrayLike, Field, FieldMap, Scalar
 from jaxstab.core.units import NUMBER, PRESSURE
 from jaxstab.solids.moduli import contact_modulus, elastic_constants
 from jaxstab.solids.solid import Solid
@@ -41,10 +40,6 @@ class Padded(Waves):
     def surface(self, field: Array) -> Array:
         """Return the window of one field or several."""
         return _first(self, field)
-
-    def under(self, pressure: Field) -> Field:
-        """Return G p on all of the grid, the displacement under a pressure on the window."""
-        return model.filtered(self.grid, 1 / self.multiplier, padded(pressure, 0))
 
     def conforming(self, heights: Field) -> Field:
         """Return the surface continued by its mirror images, without a step at its edges."""
@@ -131,7 +126,7 @@ class FreeHalfSpace(Solid):
     def displacement(self, pressure: Field) -> Field:
         """Return G p, the displacement under a pressure on the window [length]."""
         whole = self.whole
-        return whole.surface(whole.under(pressure))
+        return whole.surface(whole.displacement(padded(pressure, 0)))
 
     @program
     def apply(self, displacement: Field) -> Field:
@@ -149,21 +144,6 @@ class FreeHalfSpace(Solid):
         whole = self.whole
         inverse = whole.precondition(shift)
         return lambda field: whole.surface(inverse(padded(field, 0)))
-
-
-def padded(field: Field, value: ArrayLike) -> Field:
-    """Pad a field on the window to twice the points a side by a value."""
-    return jnp.pad(field, [(0, n) for n in field.shape], constant_values=value)
-
-
-def where_window(field: Field) -> Mask:
-    """Return the mask of a field's window on twice the points a side."""
-    return padded(jnp.ones_like(field, bool), False)
-
-
-def mirrored(field: Field) -> Field:
-    """Pad a field on the window to twice the points a side by its mirror images."""
-    return jnp.pad(field, [(0, n) for n in field.shape], mode="symmetric")
 
 
 @jax.jit

@@ -57,6 +57,10 @@ class Solid(eqx.Module):
         """Return the part of one field or several that has a surface opposite to it."""
         return field
 
+    def displacement(self, pressure: Field) -> Field:
+        """Return the displacement under a pressure, where it is known (Rey & Bleyer, eq. 11)."""
+        raise NotImplementedError(f"A {type(self).__name__} maps no pressure to a displacement.")
+
     def conforming(self, heights: Field) -> Field:
         """Return the displacement that full contact takes."""
         return heights

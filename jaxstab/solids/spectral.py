@@ -54,6 +54,10 @@ class Waves(Solid):
         """Return K u [pressure], by one pair of Fourier transforms."""
         return model.filtered(self.grid, self.multiplier, displacement)
 
+    def displacement(self, pressure: Field) -> Field:
+        """Return the displacement under a pressure (Rey & Bleyer, eq. 11) [length]."""
+        return model.filtered(self.grid, model.compliance(self.multiplier), pressure)
+
     def precondition(self, shift: Scalar) -> FieldMap:
         """Return the inverse of K + shift."""
         inverse = 1 / (self.multiplier + shift)
@@ -152,7 +156,7 @@ class SpectralSolid(Solid):
 
         It has zero mean if the far side moves along.
         """
-        return model.filtered(self.grid, model.compliance(self.waves.multiplier), pressure)
+        return self.waves.displacement(pressure)
 
 
 class Spectral(SpectralSolid):

@@ -10,7 +10,6 @@ import pytest
 from problems import rough_contact
 
 import jaxstab as js
-from jaxstab.loads import warn_if_soft
 
 LOAD = js.MeanGap(0.2)
 
@@ -71,7 +70,7 @@ def test_steps_of_a_fit_through_a_soft_machine_warn_once_of_the_callers_line():
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("default")
         for stiffness in (1e-9, 2e-9):
-            warn_if_soft(js.Spring(0.0, stiffness), contact.solid)
+            js.Spring(0.0, stiffness).warn_if_soft(contact.solid)
     assert [(x.category, x.filename) for x in said] == [(js.MachineWarning, __file__)]
 
 
