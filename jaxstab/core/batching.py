@@ -6,11 +6,11 @@ same result as alone, bit for bit.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import jax
 from jax.extend.backend import backends
-from jaxtyping import Array, Int
+from jaxtyping import Array, Int, PyTree
 
 Out = TypeVar("Out")
 Tree = TypeVar("Tree")
@@ -25,7 +25,7 @@ def by_entries(function: Callable[..., Out]) -> Callable[..., Out]:
     alone = jax.custom_batching.custom_vmap(function)
 
     @alone.def_vmap
-    def run(axis_size: int, in_batched: Any, *args: Any) -> tuple[Out, Any]:
+    def run(axis_size: int, in_batched: PyTree, *args: PyTree) -> tuple[Out, PyTree]:
         leaves, tree = jax.tree.flatten(args)
         is_mapped = jax.tree.leaves(in_batched)
         mapped = [leaf for leaf, m in zip(leaves, is_mapped, strict=True) if m]
@@ -62,7 +62,7 @@ def with_entry(batch: Tree, i: Int[Array, ""], entry: Tree) -> Tree:
     return jax.tree.map(replaced, batch, entry)
 
 
-def on_platform(on_cpu: Callable[..., Out], elsewhere: Callable[..., Out], *args: Any) -> Out:
+def on_platform(on_cpu: Callable[..., Out], elsewhere: Callable[..., Out], *args: PyTree) -> Out:
     """Evaluate one function on a CPU, and another elsewhere."""
     if not has_accelerator():
         # Tracing the other branch would take time, and it cannot run here.

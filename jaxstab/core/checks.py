@@ -5,32 +5,35 @@ checked there.
 """
 
 import operator
+from collections.abc import Sequence
 from types import UnionType
-from typing import Any
+from typing import Any, SupportsIndex, TypeGuard, TypeVar
 
 import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jax.typing import DTypeLike
+from jaxtyping import Array, Float, PyTree
 
 from jaxstab.core.types import ArrayLike, Scalar
 
+Tree = TypeVar("Tree")
 
-def is_traced(value: Any) -> bool:
+
+def is_traced(value: PyTree) -> bool:
     """Whether any leaf of `value` is a JAX tracer, so that its numbers are not known yet."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
 
 
-def is_transformed(inputs: Any) -> bool:
+def is_transformed(inputs: PyTree) -> bool:
     """Whether JAX transforms computations with `inputs`; under `jax.jit` always."""
     return is_traced((inputs, jax.device_put(np.zeros(()))))
 
 
-def is_spread(value: Any) -> bool:
+def is_spread(value: object) -> TypeGuard[Array]:
     """Whether `value` is an array sharded over several devices."""
-    is_known = isinstance(value, jax.Array) and not is_traced(value)
-    return is_known and not value.is_fully_replicated
+    return isinstance(value, jax.Array) and not is_traced(value) and not value.is_fully_replicated
 
 
 def known(value: ArrayLike) -> Any:
@@ -38,25 +41,25 @@ def known(value: ArrayLike) -> Any:
     return value if is_traced(value) or is_spread(value) else np.asarray(value)
 
 
-def array(value: Any, dtype: Any = None) -> Array:
+def array(value: ArrayLike | np.generic | list, dtype: DTypeLike | None = None) -> Array:
     """Return a copy of a known value as an array of JAX, without compiling anything."""
     return jax.device_put(np.array(value, dtype))
 
 
-def parameter(value: Any, name: str = "A parameter") -> Float[Array, "..."]:
+def parameter(value: ArrayLike | Sequence[float], name: str = "A parameter") -> Float[Array, "..."]:
     """Return `value` as a floating-point array, so that it can be vmapped and differentiated."""
     number = numbers(value, name)
     return number if isinstance(number, jax.Array) else array(number)
 
 
-def numbers(value: Any, name: str) -> Float[Array | np.ndarray, "..."]:
+def numbers(value: object, name: str) -> Float[Array | np.ndarray, "..."]:
     """Return `value` as a floating-point array, of NumPy unless it is one of JAX."""
     if np.ma.is_masked(value):
         raise TypeError(
             f"{name} is masked, with {np.ma.count_masked(value)} values missing: fill it first, as "
             "with `numpy.ma.filled(values, number)`."
         )
-    if type(value) in (bool, int, float):
+    if isinstance(value, bool | int | float) and not isinstance(value, np.generic):
         # A number of Python stays weakly typed.
         return jax.device_put(float(value))
     if is_traced(value):
@@ -72,7 +75,7 @@ def numbers(value: Any, name: str) -> Float[Array | np.ndarray, "..."]:
     return known(value).astype(float)
 
 
-def scalar_parameter(value: Any, name: str) -> Scalar:
+def scalar_parameter(value: ArrayLike, name: str) -> Scalar:
     """Return a parameter that must be a single number."""
     number = parameter(value, name)
     if number.shape != ():
@@ -80,13 +83,13 @@ def scalar_parameter(value: Any, name: str) -> Scalar:
     return number
 
 
-def cast(tree: Any, dtype: Any) -> Any:
+def cast(tree: Tree, dtype: DTypeLike) -> Tree:
     """Return `tree` with its floating-point leaves in `dtype`.
 
     The result is never weakly typed, since JAX compiles anew for weakly typed values.
     """
 
-    def cast_leaf(leaf: Any) -> Any:
+    def cast_leaf(leaf: PyTree) -> PyTree:
         is_array = isinstance(leaf, jax.Array | np.ndarray | np.generic)
         if not (is_array and jnp.issubdtype(leaf.dtype, jnp.floating)):
             return leaf
@@ -97,7 +100,7 @@ def cast(tree: Any, dtype: Any) -> Any:
     return jax.tree.map(cast_leaf, tree)
 
 
-def integer(name: str, value: Any) -> int:
+def integer(name: str, value: SupportsIndex) -> int:
     """Return `value` as an integer."""
     try:
         return operator.index(value)
@@ -105,7 +108,7 @@ def integer(name: str, value: Any) -> int:
         raise TypeError(f"{name} is {value!r}: give an integer.") from None
 
 
-def require(name: str, value: Any, holds: Any, cure: str) -> None:
+def require(name: str, value: ArrayLike | list[Array], holds: ArrayLike, cure: str) -> None:
     """Raise `ValueError` naming `value` and the `cure` where `holds`, if known, is false."""
     if is_traced(holds) or np.all(holds):
         return
@@ -127,7 +130,7 @@ def require_positive(name: str, value: Float[Array, "..."]) -> None:
     require(name, value, (value > 0) & (value < np.inf), "it must be positive and finite.")
 
 
-def are_finite(value: Float[Array | np.ndarray, "..."]) -> Any:
+def are_finite(value: Float[Array | np.ndarray, "..."]) -> Array | np.ndarray:
     """Return the mask of finite entries of a known value."""
     # A comparison also works on sharded arrays.
     return abs(known(value)) < np.inf
@@ -146,7 +149,7 @@ def require_finite(
     )
 
 
-def require_key(key: Any) -> None:
+def require_key(key: object) -> None:
     """Raise `TypeError` if `key` is not a random key."""
     dtype, shape = getattr(key, "dtype", np.dtype(object)), getattr(key, "shape", None)
     is_key = jnp.issubdtype(dtype, jax.dtypes.prng_key) or (dtype == jnp.uint32 and shape == (2,))

@@ -1,6 +1,7 @@
 """Python functions as pytrees of the arrays they close over, for use in any JAX transformation."""
 
 import re
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -8,7 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Jaxpr, jaxpr_as_fun
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 _NEEDS_A_VALUE = (
     jax.errors.ConcretizationTypeError,
@@ -19,7 +20,9 @@ _NEEDS_A_VALUE = (
 _HIDDEN = re.compile(r"\[\.\.\.\]|\{ lambda \w")
 
 
-def as_pytree(name: str, function: Any, argument: jax.ShapeDtypeStruct, cure: str) -> Any:
+def as_pytree(
+    name: str, function: Callable[..., Array], argument: jax.ShapeDtypeStruct, cure: str
+) -> Callable[..., Array]:
     """Convert a `function` of one array to a pytree of arrays; an Equinox module of arrays is kept.
 
     The arrays that a bare function closes over, traced ones too, become leaves.
@@ -39,7 +42,7 @@ def as_pytree(name: str, function: Any, argument: jax.ShapeDtypeStruct, cure: st
     has_shape = getattr(value, "shape", None) in ((), argument.shape)
     if not (has_shape and jnp.issubdtype(value.dtype, jnp.floating)):
         raise ValueError(f"{name} maps {argument} to {value}: {cure}")
-    if isinstance(function, eqx.Module) and _is_argument_of_jit(function):
+    if _is_argument_of_jit(function):
         return function
     captured = list(map(jnp.asarray, closed.consts))
     return BareFunction(captured, Formula(function, argument, closed.jaxpr))
@@ -51,7 +54,12 @@ class Formula:
     `jax.jit` compares function objects alone, and misses a changed number that the function reads.
     """
 
-    def __init__(self, function: Any, argument: jax.ShapeDtypeStruct, jaxpr: Jaxpr | None = None):
+    def __init__(
+        self,
+        function: Callable[..., Array],
+        argument: jax.ShapeDtypeStruct,
+        jaxpr: Jaxpr | None = None,
+    ):
         self.function, self.argument = function, argument
         self.jaxpr = _traced(function, argument)[0].jaxpr if jaxpr is None else jaxpr
 
@@ -69,7 +77,7 @@ class Formula:
     def __hash__(self) -> int:
         return id(self.function)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         # A jaxpr cannot be pickled; the function is pickled, or imported by its name.
         return Formula, (self.function, self.argument)
 
@@ -83,7 +91,7 @@ class BareFunction(eqx.Module):
     def __repr__(self) -> str:
         return getattr(self.formula.function, "__name__", repr(self.formula.function))
 
-    def __call__(self, argument: Any) -> Any:
+    def __call__(self, argument: Array) -> Array:
         """Evaluate the function in the precision it was traced in; return the argument's."""
         jaxpr = self.formula.jaxpr
         avals: list[Any] = [variable.aval for variable in (*jaxpr.constvars, *jaxpr.invars)]
@@ -93,15 +101,17 @@ class BareFunction(eqx.Module):
         return jnp.asarray(result, jnp.result_type(argument))
 
 
-def _traced(function: Any, argument: jax.ShapeDtypeStruct) -> tuple[ClosedJaxpr, Any]:
+def _traced(
+    function: Callable[..., Array], argument: jax.ShapeDtypeStruct
+) -> tuple[ClosedJaxpr, PyTree]:
     # A new lambda, because tracing is cached by the identity of the function.
     return jax.make_jaxpr(lambda x: function(x), return_shape=True)(argument)
 
 
-def _is_argument_of_jit(module: eqx.Module) -> bool:
-    leaves, structure = jax.tree.flatten(module)
+def _is_argument_of_jit(function: object) -> bool:
+    leaves, structure = jax.tree.flatten(function)
     try:
         hash(structure)
     except TypeError:
         return False
-    return all(map(eqx.is_array_like, leaves))
+    return isinstance(function, eqx.Module) and all(map(eqx.is_array_like, leaves))

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable
 from functools import cache, wraps
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import jax
 
@@ -12,12 +12,15 @@ from jaxstab.core.checks import is_transformed
 from jaxstab.core.memory_mappings import require_memory_mappings
 from jaxstab.core.switches import own_conventions
 
+Given = ParamSpec("Given")
+Out = TypeVar("Out")
 
-def program(function: Callable[..., Any], **options: Any) -> Any:
+
+def program(function: Callable[Given, Out], **options: Any) -> Callable[Given, Out]:
     """Return `jax.jit(function, **options)`, with these compiler options outside of a trace."""
 
     @wraps(function)
-    def traced(*args: Any, **kwargs: Any) -> Any:
+    def traced(*args: Given.args, **kwargs: Given.kwargs) -> Out:
         require_memory_mappings()
         return function(*args, **kwargs)
 
@@ -27,7 +30,7 @@ def program(function: Callable[..., Any], **options: Any) -> Any:
 
     @wraps(function)
     @own_conventions()
-    def call(*args: Any, **kwargs: Any) -> Any:
+    def call(*args: Given.args, **kwargs: Given.kwargs) -> Out:
         return (inside if is_transformed((args, kwargs)) else outside())(*args, **kwargs)
 
     return call

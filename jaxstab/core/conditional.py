@@ -3,18 +3,19 @@
 from collections.abc import Callable
 from functools import partial
 from itertools import chain
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from jaxstab.core.checks import is_traced, is_transformed
+from jaxstab.core.types import ArrayLike
 
 Out = TypeVar("Out")
 
 
-def if_needed(is_needed: Any, compute: Callable[[], Out], otherwise: Out) -> Out:
+def if_needed(is_needed: ArrayLike, compute: Callable[[], Out], otherwise: Out) -> Out:
     """Return `compute()` if it is needed, else `otherwise`.
 
     If `is_needed` is concrete, a computation that is not needed is neither traced nor compiled.
@@ -24,7 +25,7 @@ def if_needed(is_needed: Any, compute: Callable[[], Out], otherwise: Out) -> Out
     return compute() if is_needed else otherwise
 
 
-def first_good(compute: Callable[[Any], Out], is_good: Callable[[Out], Array], number: int) -> Out:
+def first_good(compute: Callable[..., Out], is_good: Callable[[Out], Array], number: int) -> Out:
     """Return the first good result of `compute(0)` to `compute(number - 1)`, else the first one.
 
     In a trace `compute` is traced once; outside of a trace, no more are computed than needed.

@@ -7,15 +7,17 @@ they are known.
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
 from textwrap import shorten
-from typing import Any
+from typing import Any, SupportsFloat, TypeGuard
 
 import equinox as eqx
 import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from jaxstab.core.checks import are_finite, is_spread, known
+from jaxstab.core.types import ArrayLike
 from jaxstab.core.unit_system import (
     NO_UNITS,
     Units,
@@ -35,30 +37,31 @@ _MOST_ROWS = 60
 _LONGEST_TEXT = 120
 
 
-def inline(self: Any) -> str:
+def inline(self: eqx.Module) -> str:
     """Return a module on one line, without fields on a grid and history: a `__repr__`."""
     return _line(self, with_grids=False)
 
 
-def in_full(self: Any) -> str:
+def in_full(self: eqx.Module) -> str:
     """Return a module on one line with all of its fields: a `__repr__`."""
     return _line(self, with_grids=True)
 
 
-def _line(module: Any, with_grids: bool, units: Units = NO_UNITS) -> str:
+def _line(module: eqx.Module, with_grids: bool, units: Units = NO_UNITS) -> str:
     arguments = [f"{name}={value}" for name, value in _texts(module, with_grids, units)]
     return f"{type(module).__name__}({', '.join(arguments)})"
 
 
-def block(self: Any) -> str:
+def block(self: eqx.Module) -> str:
     """Return a module as one aligned line for each field: a `__repr__`."""
     rows = {
         name: shorten(value, _LONGEST_TEXT, placeholder=" ...")
         for name, value in _texts(self, True, units_of(self))
         if value != "None"
     }
-    if getattr(self, "is_window", False) and np.ndim(self.force) == 0 and _is_readable(self.force):
-        rows["force"] = amount(self.force, self.units, "force")
+    force = getattr(self, "force", None) if getattr(self, "is_window", False) else None
+    if _is_readable(force) and force.ndim == 0:
+        rows["force"] = amount(force, units_of(self), "force")
     width = max(map(len, rows), default=0)
     return "\n".join([type(self).__name__, *(f"  {k:<{width}}  {v}" for k, v in rows.items())])
 
@@ -74,24 +77,24 @@ def history(self: Any) -> str:
         return f"History({', '.join(self.names)})"
 
 
-def times(sides: Iterable[Any], form: str = "") -> str:
+def times(sides: Iterable[object], form: str = "") -> str:
     """Join the numbers of all sides, as in 256 x 256."""
     return " x ".join(f"{side:{form}}" for side in sides)
 
 
-def column(values: Any, form: Callable[[Any], str]) -> list[str]:
+def column(values: ArrayLike | list, form: Callable[..., str]) -> list[str]:
     """Return the cells of a column of a table."""
     return [form(value) for value in np.atleast_1d(values).tolist()]
 
 
-def amount(value: Any, units: Units, dimension: str) -> str:
+def amount(value: SupportsFloat, units: Units, dimension: str) -> str:
     """Return a number in a readable unit, and the unit where it is known."""
     divisor, unit = readable_unit(units, dimension, abs(float(value)))
     return f"{number(float(value) / divisor)} {'' if has_words(unit) else typeset(unit)}".rstrip()
 
 
 def measured_column(
-    name: str, values: Any, units: Units, dimension: str, form: str = "+.4e"
+    name: str, values: ArrayLike, units: Units, dimension: str, form: str = "+.4e"
 ) -> dict[str, list[str]]:
     """Return a column of a table in one readable unit, which stands beside its name if known."""
     numbers = np.asarray(values)
@@ -126,7 +129,7 @@ def table(columns: Mapping[str, Iterable[str]]) -> str:
     return "\n".join([texts[0], "-" * len(texts[0]), *texts[1:]])
 
 
-def described(value: Any) -> str:
+def described(value: object) -> str:
     """Return dtype and shape of an array, and its range if known; of a scalar the number."""
     if not _is_readable(value):
         return f"traced {_kind(value)}" if isinstance(value, jax.core.Tracer) else _kind(value)
@@ -137,7 +140,7 @@ def described(value: Any) -> str:
     return f"{_kind(value)} {_range(numbers)}"
 
 
-def _named(module: Any, with_grids: bool) -> Iterator[tuple[str, Any]]:
+def _named(module: eqx.Module, with_grids: bool) -> Iterator[tuple[str, object]]:
     """Yield the fields of a module; fields on a grid have more axes than scalars."""
     shown = [f.name for f in fields(module) if f.repr and hasattr(module, f.name)]
     values = {name: getattr(module, name) for name in shown}
@@ -149,13 +152,13 @@ def _named(module: Any, with_grids: bool) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def units_of(module: Any) -> Units:
+def units_of(module: eqx.Module) -> Units:
     """Return the units of a contact or a result: its own, or its state's."""
     holders = [module, *(getattr(module, field.name, None) for field in fields(module))]
     return next((x.units for x in holders if hasattr(x, "units")), NO_UNITS)
 
 
-def _texts(module: Any, with_grids: bool, units: Units) -> Iterator[tuple[str, str]]:
+def _texts(module: eqx.Module, with_grids: bool, units: Units) -> Iterator[tuple[str, str]]:
     """Yield the name and the text of each field, with its unit."""
     dimensions = declared(type(module))
     for name, value in _named(module, with_grids):
@@ -164,14 +167,14 @@ def _texts(module: Any, with_grids: bool, units: Units) -> Iterator[tuple[str, s
         yield name, text(value, units) + (f" {typeset(unit)}" if is_known else "")
 
 
-def text(value: Any, units: Units = NO_UNITS) -> str:
+def text(value: object, units: Units = NO_UNITS) -> str:
     """Return the text for a field: the range of an array, or a number itself."""
     if _is_array(value):
         return described(value)
     if isinstance(value, int | float | complex):
         return number(value)
     form = type(value).__repr__
-    if form in (eqx.Module.__repr__, block, inline, in_full):
+    if isinstance(value, eqx.Module) and form in (eqx.Module.__repr__, block, inline, in_full):
         return _line(value, form is in_full, units)
     if isinstance(value, tuple | list | dict):
         return repr(jax.tree.map(lambda part: _Word(text(part, units)), value, is_leaf=_is_content))
@@ -184,26 +187,26 @@ class _Word(str):
     __repr__ = str.__str__
 
 
-def _is_content(value: Any) -> bool:
+def _is_content(value: object) -> bool:
     return not isinstance(value, tuple | list | dict)
 
 
-def _is_array(value: Any) -> bool:
+def _is_array(value: object) -> TypeGuard[Array | np.ndarray]:
     return all(hasattr(value, name) for name in ("dtype", "shape", "ndim"))
 
 
-def number(value: Any) -> str:
+def number(value: complex) -> str:
     """Return a number with six digits at most."""
     return str(value) if isinstance(value, int) else f"{value:.6g}"
 
 
-def _kind(value: Any) -> str:
+def _kind(value: object) -> str:
     if not _is_array(value):
         return type(value).__name__
     return f"{value.dtype}[{', '.join(map(str, value.shape))}]"
 
 
-def _range(numbers: Any) -> str:
+def _range(numbers: Array | np.ndarray) -> str:
     if numbers.dtype == bool:
         return f"with {numbers.sum()} true"
     xp, finite = jnp if is_spread(numbers) else np, are_finite(numbers)
@@ -219,7 +222,7 @@ def _range(numbers: Any) -> str:
     return ends if finite.all() else f"{ends}, {missing}"
 
 
-def _is_readable(leaf: Any) -> bool:
+def _is_readable(leaf: object) -> TypeGuard[Array | np.ndarray]:
     if isinstance(leaf, jax.core.Tracer) or not isinstance(leaf, np.ndarray | jax.Array):
         return False
     if isinstance(leaf, jax.Array):

@@ -46,12 +46,12 @@ class Enumeration(Stackable):
         cls.__doc__ = "\n\n".join([cls.__doc__ or "", *cls.texts])
         jax.tree_util.register_dataclass(cls, data_fields=["code"], meta_fields=[])
 
-    def __class_getitem__(cls, item: Any) -> Any:
+    def __class_getitem__(cls, item: str | Self) -> str | np.ndarray:
         """Return the name and the meaning of a member, or an array of them."""
         return _pick(cls.texts, cls.promote(item).code)
 
     @classmethod
-    def promote(cls, item: Any) -> Self:
+    def promote(cls, item: object) -> Self:
         """Return the member of a name, or a member itself.
 
         Raises:
@@ -81,13 +81,15 @@ class Enumeration(Stackable):
         """Return `tree`, or raise with the member's text where the condition holds; in jit too."""
         return eqx.branched_error_if(tree, condition, self.code, type(self).texts.tolist())
 
-    def __eq__(self, other: Any) -> Bool[Array, "..."]:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def __eq__(self, other: object) -> Bool[Array, "..."]:  # pyright: ignore[reportIncompatibleMethodOverride]
         return self._compared(other, operator.eq)
 
-    def __ne__(self, other: Any) -> Bool[Array, "..."]:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def __ne__(self, other: object) -> Bool[Array, "..."]:  # pyright: ignore[reportIncompatibleMethodOverride]
         return self._compared(other, operator.ne)
 
-    def _compared(self, other: Any, compare: Callable[[Any, Any], Any]) -> Bool[Array, "..."]:
+    def _compared(
+        self, other: object, compare: Callable[..., Array | np.ndarray]
+    ) -> Bool[Array, "..."]:
         code = np.int32(-1) if other is None else type(self).promote(other).code
         # Within a trace, too, known values stay known.
         with jax.ensure_compile_time_eval():
@@ -108,6 +110,6 @@ class Enumeration(Stackable):
             return f"{type(self).__name__}({described(self.code)})"
 
 
-def _pick(words: np.ndarray, code: Any) -> Any:
+def _pick(words: np.ndarray, code: Array | np.ndarray) -> str | np.ndarray:
     picked = words[np.asarray(code)]
     return picked if picked.ndim else str(picked)

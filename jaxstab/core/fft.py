@@ -7,7 +7,6 @@ number of devices.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -57,7 +56,7 @@ def with_leading_axes(leading: int, sharding: NamedSharding) -> NamedSharding:
     return NamedSharding(sharding.mesh, PartitionSpec(*(None,) * leading, *sharding.spec))
 
 
-def checked(sharding: Any, shape: tuple[int, ...]) -> NamedSharding:
+def checked(sharding: object, shape: tuple[int, ...]) -> NamedSharding:
     """Return the sharding of fields of a shape, on axes that the compiler propagates.
 
     Raises:

@@ -6,12 +6,12 @@ to 2.5 times as long here: it orthogonalizes against its whole buffer, twice.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, PyTree
 
 from jaxstab.core.types import Scalar
 
@@ -32,7 +32,7 @@ class _Space(eqx.Module):
         count: the number of columns.
     """
 
-    vectors: Any
+    vectors: PyTree
     triangle: Float[Array, "room room"]
     right: Float[Array, " room+1"]
     cosines: Float[Array, " room"]
@@ -100,7 +100,7 @@ def _cycle(operator: Callable[[Vector], Vector], left: Vector, wanted: Scalar) -
     return jax.lax.fori_loop(0, space.count, combine, nothing)
 
 
-def _widened(operator: Callable[[Any], Any], space: _Space) -> _Space:
+def _widened(operator: Callable[[PyTree], PyTree], space: _Space) -> _Space:
     """Extend a Krylov space by one Arnoldi step."""
     last = space.count
 
@@ -139,7 +139,7 @@ def _widened(operator: Callable[[Any], Any], space: _Space) -> _Space:
     )
 
 
-def _at(vectors: Any, index: Int[Array, ""]) -> Any:
+def _at(vectors: PyTree, index: Int[Array, ""]) -> PyTree:
     return jax.tree.map(lambda leaf: leaf[index], vectors)
 
 
@@ -151,5 +151,5 @@ def _product(one: Vector, other: Vector) -> Scalar:
     return jax.tree.reduce(jnp.add, jax.tree.map(jnp.vdot, one, other))
 
 
-def _norm(vector: Any) -> Scalar:
+def _norm(vector: PyTree) -> Scalar:
     return jnp.sqrt(_product(vector, vector))

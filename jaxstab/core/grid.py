@@ -7,7 +7,7 @@ spectrum of `rfftn` is stored. Fields may be sharded over several devices.
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import equinox as eqx
 import jax
@@ -26,7 +26,7 @@ from jaxstab.core.units import LENGTH
 _LEAST_IN_A_PASS = 5
 
 
-def require_grid(grid: Any) -> None:
+def require_grid(grid: object) -> None:
     """Raise `TypeError` for anything but a grid."""
     if not isinstance(grid, Grid):
         raise TypeError(
@@ -185,7 +185,7 @@ class Grid(eqx.Module):
             return jnp.broadcast_to(column, (*self.shape[:-1], column.size))
         return self.placed(jnp.broadcast_to(column[:, None], (column.size, self.shape[0])))
 
-    def _filled_up(self, column: np.ndarray, mode: Any) -> np.ndarray:
+    def _filled_up(self, column: np.ndarray, mode: Literal["edge", "constant"]) -> np.ndarray:
         """Pad a column of values along the last side to the stored number of modes."""
         count = fft.num_waves(self.shape[-1], self.sharding)
         return np.pad(column, (0, count - column.size), mode)

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
 from jaxstab.core import display
@@ -40,7 +41,7 @@ class History(Stackable, Dimensioned):
         return self.table.shape[:-2]
 
     @classmethod
-    def empty(cls, names: Iterable[str], dtype: Any = float) -> "History":
+    def empty(cls, names: Iterable[str], dtype: DTypeLike = float) -> "History":
         """Return a history without records for indicators of these names."""
         names = tuple(sorted(names))
         return cls(jnp.full((_HISTORY_LENGTH, 1 + len(names)), jnp.nan, dtype), names)

@@ -11,24 +11,24 @@ of zero. So a batch entry without a derivative leaves the others as they are.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from jaxstab.core.types import Flag
 
 Tree = TypeVar("Tree")
 # A rule maps values, constants, inputs and tangents of the inputs (None for a zero one) to the
 # tangents of the values, linearly, and to flags of undefined derivatives: one for all or for each.
-Rule = Callable[[Any, Any, Any, Any], tuple[Any, Any]]
+Rule = Callable[[PyTree, PyTree, PyTree, PyTree], tuple[PyTree, PyTree]]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def attach(rule: Rule, values: Tree, known: Any, inputs: Any) -> Tree:
+def attach(rule: Rule, values: Tree, known: PyTree, inputs: PyTree) -> Tree:
     """Attach derivatives to the solution of a solver, as a function of the solver's inputs.
 
     Arguments:
@@ -53,7 +53,7 @@ def _differentiate(rule: Rule, primals: tuple, tangents: tuple) -> tuple[Tree, T
 
 # A program of its own, so that few programs run where derivatives are taken outside of `jax.jit`.
 @partial(jax.jit, static_argnums=0)
-def _changes(rule: Rule, values: Tree, known: Any, inputs: Any, changes: Any) -> Tree:
+def _changes(rule: Rule, values: Tree, known: PyTree, inputs: PyTree, changes: PyTree) -> Tree:
     moved, is_undefined = rule(values, known, inputs, changes)
 
     def defined(undefined: Flag, moved: Tree) -> Tree:
@@ -110,7 +110,7 @@ def pushed(function: Callable[..., Tree], inputs: tuple, changes: tuple) -> Tree
     return jax.jvp(lambda moved: function(*eqx.combine(moved, still)), (moving,), (changes,))[1]
 
 
-def _is_none(leaf: Any) -> bool:
+def _is_none(leaf: object) -> bool:
     return leaf is None
 
 

@@ -1,14 +1,14 @@
 """The forward loop of every solver: it steps, measures, stops, and keeps a history."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Int, PyTree
 
 from jaxstab.core.checks import array, known, parameter, require, require_positive
 from jaxstab.core.history import History, Indicators
@@ -35,7 +35,9 @@ def integer_parameter(value: ArrayLike) -> Int[Array, ""]:
     return value if isinstance(value, jax.Array) else array(value)
 
 
-def solver_or_default(solver: Any, kind: type, default: type[Solver]) -> Solver:
+def solver_or_default(
+    solver: Solver | None, kind: type[Solver], default: Callable[[], Solver]
+) -> Solver:
     """Return the given solver, or an instance of the default class for None.
 
     Raises:
@@ -95,20 +97,20 @@ class IterativeSolver(eqx.Module):
             require_positive("The tolerance", self.tolerance)
         require("max_steps", self.max_steps, known(self.max_steps) > 0, "it must be positive.")
 
-    def prepared(self, problem: Any, start: Any) -> Any:
+    def prepared(self, problem: PyTree, start: PyTree) -> PyTree:
         """Return the problem with precomputed quantities that are the same at every step."""
         return problem
 
-    def init(self, problem: Any, start: Any) -> Any:
+    def init(self, problem: PyTree, start: PyTree) -> PyTree:
         """Return the state before the first step, by default the start itself."""
         return start
 
     @abstractmethod
-    def step(self, problem: Any, state: Any) -> Any:
+    def step(self, problem: PyTree, state: PyTree) -> PyTree:
         """Return the state after a step."""
 
     @abstractmethod
-    def measure(self, problem: Any, state: Any) -> Indicators:
+    def measure(self, problem: PyTree, state: PyTree) -> Indicators:
         """Return the indicators of a state, "residual" among them, which the tolerance bounds."""
 
     def tolerance_in(self, dtype: jnp.dtype) -> Scalar | float:
@@ -117,7 +119,9 @@ class IterativeSolver(eqx.Module):
             return self.tolerance
         return self.default_tolerance.get(dtype.name, max(self.default_tolerance.values()))
 
-    def run(self, problem: Any, start: Any, max_steps: ArrayLike = NO_LIMIT) -> Iteration[Any]:
+    def run(
+        self, problem: PyTree, start: PyTree, max_steps: ArrayLike = NO_LIMIT
+    ) -> Iteration[PyTree]:
         """Iterate from a start until the tolerance is reached, or report why it is not.
 
         Arguments:
@@ -133,7 +137,7 @@ class IterativeSolver(eqx.Module):
         return self._iterate(problem, begin, first, max_steps)
 
     def resume(
-        self, problem: Any, before: Iteration[State], max_steps: ArrayLike
+        self, problem: PyTree, before: Iteration[State], max_steps: ArrayLike
     ) -> Iteration[State]:
         """Continue an iteration by at most `max_steps`; stagnation counts from here.
 
@@ -142,7 +146,7 @@ class IterativeSolver(eqx.Module):
         return self._iterate(problem, before, {"residual": before.residual}, max_steps)
 
     def _iterate(
-        self, problem: Any, before: Iteration[State], first: Indicators, max_steps: ArrayLike
+        self, problem: PyTree, before: Iteration[State], first: Indicators, max_steps: ArrayLike
     ) -> Iteration[State]:
         begin, tolerance = before.num_steps, self.tolerance_in(before.residual.dtype)
         limit = jnp.minimum(begin + jnp.minimum(max_steps, NO_LIMIT - begin), self.max_steps)

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Timer
 from time import time
-from typing import Any, Literal
+from typing import Literal
 
 import jax
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 from tqdm import tqdm
 
 from jaxstab.core.checks import is_traced, is_transformed
@@ -83,7 +83,7 @@ def is_watched() -> bool:
     return sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
 
 
-def can_be_shown(progress: bool | None, inputs: Any) -> Shown:
+def can_be_shown(progress: bool | None, inputs: PyTree) -> Shown:
     """Return how a bar is to be shown; one that is asked for is none under transformations."""
     if not is_transformed(inputs):
         return progress
@@ -92,7 +92,7 @@ def can_be_shown(progress: bool | None, inputs: Any) -> Shown:
     return COMPILING if progress is None else False
 
 
-def advance_if_known(after: Any) -> None:
+def advance_if_known(after: PyTree) -> None:
     """Move the bar by one unit once `after` is computed; inside of a trace do nothing."""
     if _bars and not is_traced(after):
         jax.block_until_ready(after)

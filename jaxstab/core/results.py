@@ -1,9 +1,9 @@
 """How a solve can end, and how a failure is raised."""
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, PyTree
 
 from jaxstab.core.checks import is_traced
 from jaxstab.core.enumeration import Enumeration, member
@@ -116,7 +116,7 @@ class SolverError(RuntimeError):
         found: the result, as with `throw=False`.
     """
 
-    def __init__(self, message: str, found: Any = None):
+    def __init__(self, message: str, found: PyTree = None):
         super().__init__(message)
         self.found = found
 

@@ -1,12 +1,12 @@
 """Stacks: the results of many solves in one pytree, along leading axes of its arrays."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from jaxstab.core.checks import is_spread, is_traced, known
 
@@ -27,7 +27,7 @@ class Stackable:
     def __len__(self) -> int:
         return self._leading_axes()[0]
 
-    def __getitem__(self, index: Any) -> Self:
+    def __getitem__(self, index: PyTree) -> Self:
         shape = self._leading_axes()
         if isinstance(index, list):
             index = np.asarray(index)
@@ -45,7 +45,7 @@ class Stackable:
         return self.stack_shape
 
 
-def _entry(leaf: Any, index: Any) -> Array:
+def _entry(leaf: Array, index: PyTree) -> Array:
     is_at_hand = (
         isinstance(leaf, jax.Array)
         and not is_traced((leaf, index))
@@ -59,7 +59,7 @@ def _entry(leaf: Any, index: Any) -> Array:
 def stacked(entries: Sequence[Entry], like: Entry) -> Entry:
     """Stack results along a leading axis; `like` gives the shapes where there are none."""
 
-    def stack(one: Any, *leaves: Array) -> Array:
+    def stack(one: Array, *leaves: Array) -> Array:
         if leaves and is_spread(leaves[0]):
             return jnp.stack(leaves)
         # NumPy stacks them, since JAX would compile for every number of entries.

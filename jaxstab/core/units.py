@@ -121,17 +121,17 @@ def axes_of(module: type[Dimensioned]) -> dict[str, tuple[str, ...]]:
     """Return the names of the axes of each field that is an array, as its type declares them."""
     parts = ((field.name, part) for field in fields(module) for part in _parts(field.type))
     return {
-        name: tuple(part.dim_str.replace("*", "").split())
+        name: tuple(axes.replace("*", "").split())
         for name, part in parts
-        if hasattr(part, "dim_str")
+        if (axes := getattr(part, "dim_str", None)) is not None
     }
 
 
-def _parts(kind: Any) -> list[Any]:
+def _parts(kind: object) -> list[object]:
     return [part for one in get_args(kind) for part in _parts(one)] or [kind]
 
 
-def _needs_none(kind: Any) -> bool:
+def _needs_none(kind: object) -> bool:
     # Results have dimensions of their own, members of enumerations have none.
     is_apart = isinstance(kind, type) and issubclass(kind, Dimensioned | Stackable | NoneType)
     return is_apart or getattr(kind, "dtype", None) in (Int, Bool)

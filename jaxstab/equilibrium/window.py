@@ -57,7 +57,7 @@ def whole_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Eq
     )
 
 
-def whole_start(contact: Contact, load: Load, gap: Start) -> tuple[Contact, Start]:
+def whole_start(contact: Contact, load: Load, gap: Start) -> tuple[Contact, Start | Field]:
     """Return a contact on the grid that it is solved on, and a gap there to start from.
 
     Outside of the window its displacement leaves no pressure.

@@ -28,8 +28,7 @@ def as_module(potential: Potential, dtype: Any) -> Potential:
     if isinstance(potential, Sum):
         # Each law alone, so that parameters of modules keep their names beside a bare function.
         return Sum(tuple(as_module(law, dtype) for law in potential.laws))
-    if isinstance(potential, eqx.Module):
-        potential = cast(potential, dtype)
+    potential = cast(potential, dtype)
     cure = (
         "it must return one real scalar, the energy per area. (It is applied point by point; its "
         "parameters must be scalars too, or fields inside of jaxstab.potentials.Varying.)"

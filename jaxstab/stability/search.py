@@ -6,7 +6,6 @@ space.
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from jaxstab.core.checks import known
 from jaxstab.core.compile import program
 from jaxstab.core.conditional import if_needed
 from jaxstab.core.progress import advance_if_known
+from jaxstab.core.types import ArrayLike
 from jaxstab.stability.certificate import certified
 from jaxstab.stability.coarse_start import is_large, lowest_by_coarser, space_starts
 from jaxstab.stability.cones import AdmissibleCone
@@ -94,7 +94,7 @@ def _lowest_on_cone(
     cone: AdmissibleCone,
     hull: Lowest,
     random: Block,
-    is_needed: Any,
+    is_needed: ArrayLike,
 ) -> Lowest:
     """Return the lowest pair on a cone, or where it is not needed the pair on its hull.
 
@@ -104,7 +104,9 @@ def _lowest_on_cone(
     if not (is_large(hessian) and isinstance(solver, ProjectedLOBPCG)):
         return if_needed(is_needed, lambda: _from_all_starts(*problem), otherwise)
     first, is_trusted = if_needed(
-        is_needed, lambda: lowest_by_coarser(spaces, *problem), (otherwise, np.True_)
+        is_needed,
+        lambda: lowest_by_coarser(spaces, solver, *problem[1:]),
+        (otherwise, np.True_),
     )
     return if_needed(~known(is_trusted), lambda: _from_all_starts(*problem, first), first)
 
