@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from jaxstab.calibration.advice import Hints, warn_of_misfit
 from jaxstab.calibration.least_squares import FitProblem, Measured, directions
@@ -30,7 +30,7 @@ _LARGEST_LOSS = 0.25
 _BOUND, _LARGEST_ERROR = np.log(1e3), 10.0
 
 
-def potential_and_modulus(contact: Contact) -> Any:
+def potential_and_modulus(contact: Contact) -> PyTree:
     """Pick the parameters of the potential, and Young's modulus where there is one."""
     modulus = getattr(contact.solid, "youngs_modulus", None)
     return contact.potential if modulus is None else (contact.potential, modulus)
@@ -164,10 +164,16 @@ def _require_problem(contact: Contact, load: Load, order: Order) -> None:
 
 
 def _measured(
-    load: Load, given: Any, weights: ArrayLike | None, area: Scalar, has_baseline: bool
+    load: Load,
+    given: ArrayLike | None,
+    weights: ArrayLike | None,
+    area: Scalar,
+    has_baseline: bool,
 ) -> Measured:
-    mask = np.ma.getmaskarray(given) if isinstance(given, np.ma.MaskedArray) else None
-    measured = parameter(given if mask is None else given.filled(0), "The measurements")
+    mask = None
+    if isinstance(given, np.ma.MaskedArray):
+        mask, given = np.ma.getmaskarray(given), given.filled(0)
+    measured = parameter(given, "The measurements")
     if load.value.ndim != 1 or measured.shape != load.value.shape:
         raise ValueError(
             f"There are loads of shape {load.value.shape} and measurements of shape "
@@ -202,7 +208,7 @@ def _fit(
     measured: Measured,
     area: Scalar,
     tolerance: Scalar | None,
-    max_steps: Any,
+    max_steps: ArrayLike,
     *,
     where: Pick,
     zeros: tuple[bool, bool],

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Flag, Scalar
+from jaxstab.core.types import ArrayLike, Flag, Scalar
 from jaxstab.loads import Load
 
 Values = Float[Array, " parameters"]
@@ -134,7 +133,7 @@ class Directions(eqx.Module):
 
 
 def directions(
-    problem: FitProblem, point: Evaluation, held: Chosen, damping: Any = 0.0
+    problem: FitProblem, point: Evaluation, held: Chosen, damping: ArrayLike = 0.0
 ) -> Directions:
     """Return the steps from a point with some variables held."""
     jacobian = jnp.where(held, 0, point.jacobian)
@@ -184,7 +183,7 @@ class _Progress(eqx.Module):
     has_stalled: Flag
 
 
-def minimise(problem: FitProblem, start: Values, held: Chosen, max_steps: Any) -> End:
+def minimise(problem: FitProblem, start: Values, held: Chosen, max_steps: ArrayLike) -> End:
     """Minimize the misfit until a Gauss-Newton step is small, or no step lowers the misfit.
 
     The least misfit of a curve that jumps as parameters change may lie at a jump; it is reached

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from jaxstab.calibration.least_squares import Curve, Rows, Values
 from jaxstab.contact import Contact
@@ -19,7 +19,7 @@ from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load
 
 Order = Literal["continuation", "independent"]
-Where = Callable[[Contact], Any]
+Where = Callable[[Contact], PyTree]
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,12 @@ class Pick:
         names = (name for place in places for name in _names(*paths[place]))
         return cls(where, places, tree, tuple(names))
 
-    def __call__(self, contact: Contact) -> Any:
+    def __call__(self, contact: Contact) -> PyTree:
         """Return these parameters of a contact."""
         return self.where(contact)
 
 
-def _names(path: Any, leaf: Any) -> list[str]:
+def _names(path: jax.tree_util.KeyPath, leaf: Array) -> list[str]:
     """Return a name for each number of a leaf that can be fitted."""
     if not eqx.is_inexact_array(leaf):
         return []
@@ -62,7 +62,7 @@ def _names(path: Any, leaf: Any) -> list[str]:
     return [name] if leaf.ndim == 0 else [f"{name}[{i}]" for i in range(leaf.size)]
 
 
-def values_of(tree: Any) -> tuple[Values, Callable[[Values], Any]]:
+def values_of(tree: PyTree) -> tuple[Values, Callable[[Values], PyTree]]:
     """Return the floating-point leaves of a pytree as a vector, and the inverse function."""
     leaves, rest = eqx.partition(tree, eqx.is_inexact_array)
     values, unravel = ravel_pytree(leaves)
@@ -78,7 +78,7 @@ class Model:
 
     contact: Contact
     where: Pick
-    unravel: Callable[[Values], Any]
+    unravel: Callable[[Values], PyTree]
     loads: Load
     order: Order
 

@@ -1,12 +1,12 @@
 """The result of a fit, its table, and the message of a fit that failed."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, PyTree
 
 from jaxstab.calibration.advice import Hints, cause_of_failure
 from jaxstab.calibration.least_squares import Curve, FitProblem, Measured
@@ -65,8 +65,8 @@ class Calibration(eqx.Module):
     """
 
     contact: Contact
-    parameters: Any
-    standard_errors: Any
+    parameters: PyTree
+    standard_errors: PyTree
     offset: Scalar
     offset_error: Scalar
     baseline: Scalar

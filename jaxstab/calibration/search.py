@@ -1,13 +1,12 @@
 """The search for the least misfit: several starts, and a profile along the weakest parameter."""
 
 from functools import partial
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, PyTree
 
 from jaxstab.calibration.least_squares import (
     Chosen,
@@ -19,7 +18,7 @@ from jaxstab.calibration.least_squares import (
     minimise,
 )
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Flag, Scalar
+from jaxstab.core.types import ArrayLike, Flag, Scalar
 
 MOST = 8
 # Logarithms: a factor of two around the first start, and nearer to the best fit so far.
@@ -116,7 +115,11 @@ class Search(eqx.Module):
 
 
 def search(
-    problem: FitProblem, held: Chosen, is_profiled: Chosen, starts: int | None, max_steps: Any
+    problem: FitProblem,
+    held: Chosen,
+    is_profiled: Chosen,
+    starts: int | None,
+    max_steps: ArrayLike,
 ) -> Search:
     """Fit from several starts, then look along the weakest parameter for lower minima.
 
@@ -187,7 +190,7 @@ def search(
 
     zero = jnp.zeros_like(problem.start)
     like = jax.eval_shape(partial(minimise, problem, zero, held, 0))
-    nothing: Any = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
+    nothing: PyTree = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
     first = Search(
         guess=nothing.first,
         best=nothing,

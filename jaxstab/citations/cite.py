@@ -78,7 +78,7 @@ class Citations:
         return "\n".join(entries)
 
 
-def cite(*objects: Any) -> Citations:
+def cite(*objects: object) -> Citations:
     """Return the sources behind functions, classes, modules or results of jaxstab, and jaxstab.
 
     Arguments:
@@ -121,7 +121,7 @@ def _sources() -> dict[str, Source]:
     return sources
 
 
-def _parts(item: Any) -> Iterator[Any]:
+def _parts(item: object) -> Iterator[object]:
     """Yield the functions, classes and modules of jaxstab that an object is or is made of."""
     if isinstance(item, ModuleType):
         if _is_inside(item.__name__, "jaxstab"):
@@ -138,12 +138,12 @@ def _parts(item: Any) -> Iterator[Any]:
                 yield from _parts(getattr(item, field.name, None))
 
 
-def _concerns(target: Any, part: Any) -> bool:
+def _concerns(target: object, part: object) -> bool:
     """Whether they are the same, or one is a module that holds the other."""
     return part is target or _holds(target, part) or _holds(part, target)
 
 
-def _holds(module: Any, item: Any) -> bool:
+def _holds(module: object, item: object) -> bool:
     if not isinstance(module, ModuleType):
         return False
     home = item.__name__ if isinstance(item, ModuleType) else item.__module__
@@ -154,7 +154,7 @@ def _is_inside(module: str, package: str) -> bool:
     return module == package or module.startswith(f"{package}.")
 
 
-def _name(item: Any) -> str:
+def _name(item: object) -> str:
     """Return the name of an object, or of the class of a result."""
     if isinstance(item, ModuleType):
         return item.__name__.removeprefix("jaxstab.")

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-from typing import Any
 
 from jaxstab.cli.options import OF_A_FILE
 from jaxstab.cli.problem import surface_of
@@ -31,7 +30,7 @@ def run(options: argparse.Namespace) -> None:
         print(f"\n{contact}\n\n{result}")
 
 
-def _described(attributes: dict[str, Any]) -> str:
+def _described(attributes: dict[str, str]) -> str:
     versions = json.loads(attributes["versions"])
     texts = {
         name.replace("_", " "): text

@@ -39,8 +39,9 @@ LOADS = {
     "pressure": "MeanPressure",
     "spring": "Spring",
 }
+Defaults = dict[str, Any]
 # Options of a surface that is generated, and their defaults.
-GENERATED: dict[str, Any] = {
+GENERATED: Defaults = {
     "size": 256,
     "seed": 0,
     "hurst": 0.8,
@@ -51,12 +52,12 @@ GENERATED: dict[str, Any] = {
 }
 # Options for statements that a surface file may lack.
 OF_A_FILE = ("lengths", "unit", "channel")
-_MEASURED: dict[str, Any] = {**dict.fromkeys(OF_A_FILE), "detrend": 1, "periodic": None}
+_MEASURED: Defaults = {**dict.fromkeys(OF_A_FILE), "detrend": 1, "periodic": None}
 # Defaults of the paper's example, which suit the generated surface.
-_MATERIAL: dict[str, Any] = {"youngs_modulus": 1e-3, "surface_energy": 1e-2, "range": 1.0}
+_MATERIAL: Defaults = {"youngs_modulus": 1e-3, "surface_energy": 1e-2, "range": 1.0}
 _DEFAULTS = {**GENERATED, **_MEASURED, **_MATERIAL}
 # Options of one kind of run, and their defaults.
-_STUDIES: dict[str, dict[str, Any]] = {
+_STUDIES: dict[str, Defaults] = {
     "loop": {"smallest_jump": None},
     "unloading": {"number": 21, "order": "continuation"},
 }

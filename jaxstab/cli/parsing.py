@@ -137,7 +137,7 @@ def from_config(parser: Parser, path: Path) -> list[str]:
     return arguments
 
 
-def _flat(items: Iterable[tuple[str, Any]]) -> Iterable[tuple[str, Any]]:
+def _flat(items: Iterable[tuple[str, object]]) -> Iterable[tuple[str, object]]:
     for name, value in items:
         if isinstance(value, dict):
             yield from _flat(value.items())

@@ -1,8 +1,8 @@
 """The contact and the loads that options describe."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -64,7 +64,9 @@ def _potential(options: argparse.Namespace) -> potentials.Potential:
     return getattr(potentials, options.potential.title().replace("-", ""))(*parameters)
 
 
-def loads_of(options: argparse.Namespace, contact: Contact, shares: Any) -> loads.Load:
+def loads_of(
+    options: argparse.Namespace, contact: Contact, shares: Sequence[float] | np.ndarray
+) -> loads.Load:
     """Return loads at shares of the way from the first to the last."""
     rms = float(np.std(contact.heights))
     # Pressures inside of a core are unbounded.

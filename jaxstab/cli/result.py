@@ -2,15 +2,15 @@
 
 import argparse
 from importlib import import_module
-from typing import Any
 
 import jax
 
 from jaxstab.contact import Contact
 from jaxstab.files import load
+from jaxstab.files.dataset import Result
 
 
-def loaded(options: argparse.Namespace) -> tuple[Contact, Any]:
+def loaded(options: argparse.Namespace) -> tuple[Contact, Result]:
     """Return the contact and the result of a file, in double precision."""
     jax.config.update("jax_enable_x64", True)
     for name in vars(options)["import"]:

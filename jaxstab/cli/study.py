@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +17,9 @@ import jaxstab
 from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended
 from jaxstab.core.optional_packages import require_packages
 from jaxstab.studies import StudyInterrupted
+
+if TYPE_CHECKING:
+    import xarray
 
 # The name of the imported file, which no other module has.
 _MODULE = "__study__"
@@ -54,7 +58,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 @contextmanager
-def _executor(options: argparse.Namespace, module: Any) -> Iterator[Any]:
+def _executor(options: argparse.Namespace, module: ModuleType) -> Iterator[Any]:
     """Yield the executor of the cases, for `jaxstab.study`."""
     if options.workers is None and options.scheduler is None:
         yield None
@@ -76,7 +80,7 @@ def _executor(options: argparse.Namespace, module: Any) -> Iterator[Any]:
         yield client
 
 
-def _imported(path: Path) -> Any:
+def _imported(path: Path) -> ModuleType:
     """Return the module that a file is."""
     spec = spec_from_file_location(_MODULE, path.resolve())
     if not path.is_file() or spec is None or spec.loader is None:
@@ -98,7 +102,7 @@ def _imported(path: Path) -> Any:
     return module
 
 
-def _described(dataset: Any, results: list[str]) -> str:
+def _described(dataset: "xarray.Dataset", results: list[str]) -> str:
     counts = {word: results.count(word) for word in ("successful", "failed", "missing")}
     lines = [f"{len(results)} cases: {', '.join(f'{n} {word}' for word, n in counts.items() if n)}"]
     lines.append(f"{float(dataset['seconds'].sum()):.3g} s of computation")
@@ -111,6 +115,6 @@ def _described(dataset: Any, results: list[str]) -> str:
     return "\n".join(lines)
 
 
-def _place(dataset: Any, results: list[str]) -> tuple[np.intp, ...]:
+def _place(dataset: "xarray.Dataset", results: list[str]) -> tuple[np.intp, ...]:
     """Return the index of the first case that failed."""
     return np.unravel_index(results.index("failed"), dataset["result"].shape)

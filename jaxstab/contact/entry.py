@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import Any, Protocol, Self, TypeVar
+from typing import Protocol, Self, TypeVar
 
 import jax
+from jaxtyping import PyTree
 
 from jaxstab.contact.contact import Contact
 from jaxstab.core.checks import is_traced
@@ -29,7 +30,7 @@ def answer(
     search: Callable[..., Found],
     contact: Contact,
     state: Dimensioned,
-    *others: Any,
+    *others: PyTree,
     bar: AbstractContextManager[Bar],
     derivatives: Callable[..., Found] | None,
     describe: Callable[[Found], str],

@@ -5,7 +5,6 @@ checked there.
 """
 
 import operator
-from collections.abc import Sequence
 from types import UnionType
 from typing import Any, SupportsIndex, TypeGuard, TypeVar
 
@@ -46,7 +45,7 @@ def array(value: ArrayLike | np.generic | list, dtype: DTypeLike | None = None) 
     return jax.device_put(np.array(value, dtype))
 
 
-def parameter(value: ArrayLike | Sequence[float], name: str = "A parameter") -> Float[Array, "..."]:
+def parameter(value: object, name: str = "A parameter") -> Float[Array, "..."]:
     """Return `value` as a floating-point array, so that it can be vmapped and differentiated."""
     number = numbers(value, name)
     return number if isinstance(number, jax.Array) else array(number)
@@ -108,7 +107,7 @@ def integer(name: str, value: SupportsIndex) -> int:
         raise TypeError(f"{name} is {value!r}: give an integer.") from None
 
 
-def require(name: str, value: ArrayLike | list[Array], holds: ArrayLike, cure: str) -> None:
+def require(name: str, value: object, holds: ArrayLike, cure: str) -> None:
     """Raise `ValueError` naming `value` and the `cure` where `holds`, if known, is false."""
     if is_traced(holds) or np.all(holds):
         return

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -31,6 +30,7 @@ from jaxstab.equilibrium.equilibrium import (
     single_start,
 )
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
+from jaxstab.equilibrium.solvers.base import State as SolverState
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
 from jaxstab.equilibrium.window import warn_at_edges, whole_start
 from jaxstab.loads import (
@@ -183,7 +183,7 @@ def started(contact: Contact, load: Load, initial: Field | None) -> Field:
     return jnp.where(control.is_feasible & contact.is_valid, gap, jnp.nan)
 
 
-def concluded(contact: Contact, load: Load, iteration: Iteration[Any]) -> Equilibrium:
+def concluded(contact: Contact, load: Load, iteration: Iteration[SolverState]) -> Equilibrium:
     """Return the equilibrium that a solver has come to, and how."""
     control = contact.control(load)
     gap, balance = iteration.state.gap, iteration.state.balance

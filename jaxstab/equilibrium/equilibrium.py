@@ -175,7 +175,7 @@ class _HoldsEquilibrium(Protocol):
 State = Equilibrium | _HoldsEquilibrium
 
 
-def single_equilibrium(state: Any) -> Equilibrium:
+def single_equilibrium(state: object) -> Equilibrium:
     """Return the one equilibrium that a state is or holds.
 
     Raises:

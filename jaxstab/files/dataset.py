@@ -2,7 +2,7 @@
 
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
@@ -33,6 +33,8 @@ from jaxstab.stability import Stability
 if TYPE_CHECKING:
     import xarray
 
+# Dimensions, values and attributes.
+Variable = tuple[Sequence[str], np.ndarray, dict[str, str]]
 Result = Equilibrium | Stability | Sweep | Path | Branch | Evolution | Transition | Observed
 
 # The number of the format, to be raised when this version could not read files of the next.
@@ -102,7 +104,9 @@ def to_dataset(
     )
 
 
-def _axes(contact: Contact, result: Result) -> tuple[tuple[str, ...], Mapping[str, Any]]:
+def _axes(
+    contact: Contact, result: Result
+) -> tuple[tuple[str, ...], Mapping[str, tuple[str, ...]]]:
     """Return the names of a result's leading axes, and of fields with other leading axes."""
     if not isinstance(result, Result):
         raise TypeError(
@@ -171,7 +175,7 @@ def _require_own(contact: Contact, result: Result) -> None:
             )
 
 
-def _variable(name: str, record: NamedArray, contact: Contact, result: Result) -> Any:
+def _variable(name: str, record: NamedArray, contact: Contact, result: Result) -> Variable:
     long_name, unit = _label(record, contact, result)
     attributes = {"long_name": long_name, "units": unit}
     return record.dims, record.values, {key: text for key, text in attributes.items() if text}
@@ -192,9 +196,11 @@ def _label(record: NamedArray, contact: Contact, result: Result) -> tuple[str, s
     return ", ".join([*words, name]), unit_symbol(contact.units, dimension)
 
 
-def _coordinates(contact: Contact, structure: Structure, dataset: Any) -> dict[str, Any]:
+def _coordinates(
+    contact: Contact, structure: Structure, dataset: "xarray.Dataset"
+) -> dict[str, object]:
     grid, unit = contact.grid, unit_symbol(contact.units, LENGTH)
-    coordinates: dict[str, Any] = {}
+    coordinates: dict[str, object] = {}
     for axis, (name, n) in enumerate(zip(("x", "y"), grid.shape, strict=False)):
         if name in dataset.dims:
             spacing = np.asarray(grid.spacing)[axis]
@@ -208,7 +214,7 @@ def _coordinates(contact: Contact, structure: Structure, dataset: Any) -> dict[s
 
 def _attributes(
     contact: Contact, result: Result, solver: eqx.Module | None, structure: Structure
-) -> dict[str, Any]:
+) -> dict[str, object]:
     attributes = {
         "title": f"{type(result).__name__} of an adhesive contact, by jaxstab",
         "solid": text(contact.solid, contact.units),

@@ -2,15 +2,16 @@
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
 import numpy as np
+from jax.typing import DTypeLike
 
 from jaxstab.contact import Contact
 from jaxstab.core.optional_packages import NETCDF, require_packages
@@ -20,6 +21,9 @@ from jaxstab.files.records import LostFunction, Structure, functions_of, lost_cl
 from jaxstab.files.tabulated_law import require_same_law
 from jaxstab.paths import Evolution
 from jaxstab.potentials import Potential, as_module
+
+if TYPE_CHECKING:
+    import xarray
 
 # The first bytes of a NetCDF file.
 _MAGIC = b"\x89HDF"
@@ -120,7 +124,7 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
     return contact, replace(result, contact=contact) if isinstance(result, Evolution) else result
 
 
-def attributes_of(path: str | Path) -> dict[str, Any] | None:
+def attributes_of(path: str | Path) -> dict[str, str] | None:
     """Return the attributes of a file that `save` wrote, None for any other file."""
     path = Path(path)
     if not path.is_file():
@@ -132,9 +136,9 @@ def attributes_of(path: str | Path) -> dict[str, Any] | None:
         return dict(dataset.attrs) if "versions" in dataset.attrs else None
 
 
-def _encoding(dataset: Any) -> dict[str, Any]:
+def _encoding(dataset: "xarray.Dataset") -> dict[Hashable, dict[str, object]]:
     # Numbers as they are: no value stands for a missing one.
-    plain: dict[str, Any] = {"_FillValue": None}
+    plain: dict[str, object] = {"_FillValue": None}
     packed = {**plain, "zlib": True, "complevel": 1, "shuffle": True}
     return {
         name: packed if array.size > _LARGE and array.dtype.kind == "f" else plain
@@ -144,7 +148,7 @@ def _encoding(dataset: Any) -> dict[str, Any]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _opened(path: Path) -> Iterator["xarray.Dataset"]:
     """Open a NetCDF file; `ValueError` if it is damaged where it is read."""
     require_packages("NetCDF files", "data", *NETCDF)
     import xarray
@@ -159,7 +163,7 @@ def _opened(path: Path) -> Iterator[Any]:
         raise ValueError(message) from error
 
 
-def _structure(path: Path, attributes: dict[str, Any]) -> Structure:
+def _structure(path: Path, attributes: dict[str, str]) -> Structure:
     if "versions" not in attributes:
         raise ValueError(f"{path} was not written by jaxstab.save.")
     if "structure" not in attributes:
@@ -183,7 +187,7 @@ def _structure(path: Path, attributes: dict[str, Any]) -> Structure:
 
 
 def _law(
-    structure: Structure, arrays: dict[str, np.ndarray], given: Potential | None, dtype: Any
+    structure: Structure, arrays: dict[str, np.ndarray], given: Potential | None, dtype: DTypeLike
 ) -> Potential:
     if given is not None:
         return as_module(given, dtype)

@@ -8,11 +8,12 @@ Bare functions have no path: of these only the name is kept.
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
-from typing import Any
+from typing import Any, NoReturn
 
 import equinox as eqx
 import jax
 import numpy as np
+from jaxtyping import Array, PyTree
 
 from jaxstab.core.checks import is_traced
 from jaxstab.core.closures import BareFunction
@@ -38,7 +39,7 @@ class LostFunction(eqx.Module):
 
     name: str = eqx.field(static=True)
 
-    def __call__(self, argument: Any) -> Any:
+    def __call__(self, argument: object) -> NoReturn:
         """Raise `ValueError`, since nothing is known but values."""
         module, is_class, _ = self.name.partition(":")
         cure = f"Import {module} before jaxstab.load, or give a law" if is_class else "Give a law"
@@ -76,7 +77,7 @@ class Recorder:
 
     def structure(
         self,
-        value: Any,
+        value: PyTree,
         path: tuple[str, ...],
         axes: tuple[str, ...] = (),
         axes_of: Mapping[str, tuple[str, ...]] | None = None,
@@ -125,7 +126,11 @@ class Recorder:
         return {"class": _name_of(type(value)), "fields": contents}
 
     def _array(
-        self, array: Any, path: tuple[str, ...], axes: tuple[str, ...], **about: Any
+        self,
+        array: Array | np.ndarray | np.generic,
+        path: tuple[str, ...],
+        axes: tuple[str, ...],
+        **about: Any,
     ) -> Structure:
         if is_traced(array):
             raise TypeError("JAX is tracing the result, without numbers: save it outside of jit.")
@@ -155,7 +160,7 @@ class Recorder:
         return tuple(f"{name}_{i}" for i in range(len(shape)))
 
 
-def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> Any:
+def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> PyTree:
     """Return the pytree of a structure and its arrays."""
     if structure is None:
         return None
@@ -187,7 +192,7 @@ def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> Any:
     raise ValueError("The structure of the file cannot be read: it was changed.")
 
 
-def _module(path: str, contents: dict[str, Structure], arrays: Mapping[str, np.ndarray]) -> Any:
+def _module(path: str, contents: dict[str, Structure], arrays: Mapping[str, np.ndarray]) -> PyTree:
     """Return a module of a class, which is neither imported nor called."""
     found = _class(path)
     defaults = {field.name: field.default for field in fields(found)}
@@ -232,7 +237,7 @@ def _class(path: str) -> type:
             f"The file names the class {path}, and a file imports no module: if you trust it, "
             f"write `import {module}` before jaxstab.load, or give the option --import {module}."
         )
-    found: Any = _public(path) if is_own(module) else sys.modules[module]
+    found: object = _public(path) if is_own(module) else sys.modules[module]
     for part in [] if is_own(module) else name.split("."):
         # `getattr` may import, a look-up in `__dict__` cannot.
         found = getattr(found, "__dict__", {}).get(part)
@@ -249,7 +254,7 @@ def _name_of(kind: type) -> str:
     return next((name for name in names if _public(name) is kind), names[-1])
 
 
-def _public(path: str) -> Any:
+def _public(path: str) -> object:
     """Return the object of a public "module:name", None if there is none."""
     name, _, word = path.partition(":")
     module = sys.modules.get(name) if name in _PUBLIC else None
@@ -288,7 +293,7 @@ def indicators(structure: Structure) -> dict[str, list[str]]:
     }
 
 
-def _parts(structure: Structure) -> Iterator[dict[str, Any]]:
+def _parts(structure: Structure) -> Iterator[dict[str, Structure]]:
     """Yield a structure and its nested structures."""
     if isinstance(structure, dict):
         yield structure

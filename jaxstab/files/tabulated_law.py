@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ _EVERY = 16
 _TOLERANCE = {"float32": 1e-4, "float64": 1e-9}
 
 
-def law_variables(contact: Contact) -> dict[str, Any]:
+def law_variables(contact: Contact) -> dict[str, tuple[str, np.ndarray, dict[str, str]]]:
     """Return a law at gaps from large to zero, as variables of a data set."""
     profile = contact.profile
     chosen = np.append(np.arange(0, profile.gaps.size - 1, _EVERY), -1)

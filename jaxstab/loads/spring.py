@@ -180,7 +180,8 @@ class Spring(Load):
             return
         warn_once(
             f"the stiffness of the spring is {stiffness:.3g} [pressure/length], the stiffness of "
-            f"the solid's softest wave {softest:.3g}: the machine is so soft that it hardly presses. "
+            f"the solid's softest wave {softest:.3g}: the machine is so soft that it hardly "
+            "presses. "
             "If the number is a force per length, write Spring.cantilever(position, "
             f"{stiffness:.3g}, contact.grid): that divides it by the cell's area of "
             f"{known(solid.grid.area):.3g}. For a dead load give a MeanPressure.",

@@ -19,16 +19,17 @@ from jaxstab.plots.style import (
     GREEN,
     ORANGE,
     VERMILION,
+    Style,
     add_legend,
     axes_or_new,
     figure_or_new,
     label_axes,
 )
 
-_STABLE: dict[str, Any] = {"color": BLUE, "label": "stable"}
-_UNSTABLE: dict[str, Any] = {"color": VERMILION, "linestyle": (0, (3, 1.5)), "label": "unstable"}
+_STABLE: Style = {"color": BLUE, "label": "stable"}
+_UNSTABLE: Style = {"color": VERMILION, "linestyle": (0, (3, 1.5)), "label": "unstable"}
 # The turns differ by shape.
-_TURNS: dict[str, dict[str, Any]] = {
+_TURNS: dict[str, Style] = {
     "fold": {"marker": "o", "facecolors": "white"},
     "release": {"marker": "^", "facecolors": ORANGE},
     "touch": {"marker": "v", "facecolors": GREEN},

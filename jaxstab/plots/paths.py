@@ -1,11 +1,12 @@
 """The states along a path, and its jumps."""
 
 from textwrap import fill
-from typing import Any, Literal
+from typing import Literal
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import XAxis, YAxis
 
 from jaxstab.core.checks import require_kind
 from jaxstab.core.unit_system import measured
@@ -14,6 +15,7 @@ from jaxstab.paths import Branch, Observed, Path
 from jaxstab.plots.style import (
     PALETTE,
     QUANTITIES,
+    Style,
     add_legend,
     axes_or_new,
     label_axis,
@@ -33,8 +35,8 @@ _SHORTEST_ARROW = 8
 # Letters.
 _LEGEND_WIDTH = 14
 # The approach lies on top of the retreat and is thinner, so that both are seen where they agree.
-_APPROACH: dict[str, Any] = {"linewidth": 0.8, "markersize": 2, "zorder": 2.2}
-_RETREAT: dict[str, Any] = {"linewidth": 2, "markersize": 3, "zorder": 2}
+_APPROACH: Style = {"linewidth": 0.8, "markersize": 2, "zorder": 2.2}
+_RETREAT: Style = {"linewidth": 2, "markersize": 3, "zorder": 2}
 
 
 def path(
@@ -150,7 +152,7 @@ def _load_label(path: Path) -> tuple[float, str]:
     return scaled_label(units, load_label(path.load), largest)
 
 
-def scale(axis: Any, path: _Curve, quantity: Quantity) -> None:
+def scale(axis: XAxis | YAxis, path: _Curve, quantity: Quantity) -> None:
     """Label an axis, and cut off a compression that leaves no room to see the tension."""
     if quantity in ("mean_pressure", "force"):
         values = of_states(path, quantity)
@@ -167,7 +169,7 @@ def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -
     gone, kept = last[np.isnan(dissipation)], last[np.isfinite(dissipation)]
     if gone.size:
         axes.plot(there[gone], across[gone], "x", color="0.2", label="pulled off")
-    colour: dict[str, Any] = {"color": "0.4", "linestyle": "--"}
+    colour: Style = {"color": "0.4", "linestyle": "--"}
     arrow = {**colour, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
     if kept.size:
         # Annotations have no entry in a legend.

@@ -146,13 +146,13 @@ def _lay_out(figure: Figure, afterwards: ExitStack) -> None:
 
 def _texts_at_ticks(figure: Figure) -> set[Text]:
     """Return the labels of all ticks, and the offset texts of an axis."""
-    ticks: list[Any] = figure.findobj(Tick)
-    axes: list[Any] = figure.findobj(Axis)
+    ticks: list[Tick] = figure.findobj(Tick)
+    axes: list[Axis] = figure.findobj(Axis)
     labels = {text for tick in ticks for text in (tick.label1, tick.label2)}
     return labels | {axis.get_offset_text() for axis in axes}
 
 
-def _set_ticks(axis: Any, afterwards: ExitStack) -> None:
+def _set_ticks(axis: Axis, afterwards: ExitStack) -> None:
     """Set the size of labels of ticks, also of those that another size of the figure adds."""
     for which in ("major", "minor"):
         if labels := axis.get_ticklabels(which=which):

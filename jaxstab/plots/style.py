@@ -18,8 +18,10 @@ BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 SKY, PURPLE, BLACK = "#56B4E9", "#CC79A7", "#000000"
 PALETTE = (BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE, BLACK)
 
+# Properties of lines and markers, by their names in Matplotlib.
+Style = dict[str, Any]
 # Verdicts differ by shape and fill; a filled marker means a positive eigenvalue of the cone.
-VERDICT_MARKERS: dict[str, dict[str, Any]] = {
+VERDICT_MARKERS: dict[str, Style] = {
     "stable": {"marker": "o", "facecolors": BLUE, "edgecolors": BLUE},
     "stable, locally": {"marker": "D", "facecolors": SKY, "edgecolors": BLUE},
     "held_by_contact": {"marker": "o", "facecolors": "white", "edgecolors": BLUE},

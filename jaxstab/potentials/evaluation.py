@@ -1,11 +1,11 @@
 """Evaluation of a law and its derivatives, by automatic differentiation, on a field of gaps."""
 
 from functools import partial
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 from jaxtyping import Array
 
 from jaxstab.core.checks import cast
@@ -15,7 +15,7 @@ from jaxstab.potentials.sums import Sum
 from jaxstab.potentials.varying import Potential, averaged_laws, by_points, varying_fields
 
 
-def as_module(potential: Potential, dtype: Any) -> Potential:
+def as_module(potential: Potential, dtype: DTypeLike) -> Potential:
     """Convert a potential to a pytree of arrays that acts on gaps of `dtype`.
 
     Raises:

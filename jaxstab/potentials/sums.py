@@ -12,10 +12,10 @@ from jaxstab.core.types import Scalar
 class Law(eqx.Module):
     """A law that can be added to another, or to a bare function of the gap."""
 
-    def __add__(self, other: Any) -> "Sum":
+    def __add__(self, other: object) -> "Sum":
         return Sum((*_parts(self), *_parts(other))) if callable(other) else NotImplemented
 
-    def __radd__(self, other: Any) -> "Law":
+    def __radd__(self, other: object) -> "Law":
         if isinstance(other, int) and other == 0:
             # `sum` starts with zero.
             return self

@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from jaxstab.core.display import in_full
 from jaxstab.core.types import Mask, Scalar
@@ -122,13 +122,13 @@ def with_fields(potential: Potential, fields: Sequence[Array]) -> Potential:
 def by_points(potential: Potential) -> tuple[list[Array], Callable[[Sequence[Array]], Potential]]:
     """Return the fields of a law, and the function that makes a law of other fields."""
 
-    def varies(node: Any) -> Any:
+    def varies(node: PyTree) -> PyTree:
         if isinstance(node, Within):
             return replace(node, law=flagged(node.law), is_there=True)
         is_varying = isinstance(node, Varying)
         return jax.tree.map(lambda leaf: is_varying and jnp.ndim(leaf) > 0, node)
 
-    def flagged(node: Any) -> Any:
+    def flagged(node: PyTree) -> PyTree:
         return jax.tree.map(varies, node, is_leaf=lambda node: isinstance(node, Varying | Within))
 
     flags = flagged(potential)

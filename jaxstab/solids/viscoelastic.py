@@ -53,8 +53,8 @@ class Viscoelastic(Solid):
                 f"The ratios have shape {self.ratios.shape}, the relaxation times "
                 f"{self.times.shape}: give one ratio for each time."
             )
-        given: Any = known(self.ratios)
-        order: Any = known(self.times)
+        given = known(self.ratios)
+        order = known(self.times)
         is_ratio = (given >= 0) & (given < np.inf)
         require("A ratio of moduli", given, is_ratio, "it must be finite and not negative.")
         require_positive("A relaxation time", self.times)

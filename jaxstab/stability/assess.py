@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 from functools import partial
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import PRNGKeyArray
+from jaxtyping import PRNGKeyArray, PyTree
 
 from jaxstab.contact import Contact
 from jaxstab.contact.entry import answer
@@ -132,7 +132,7 @@ def assess_stability(
     )
 
 
-def _assess(verdict_only: bool, bar: Bar, *inputs: Any) -> Stability:
+def _assess(verdict_only: bool, bar: Bar, *inputs: PyTree) -> Stability:
     stability = (_assess_batch if is_traced(inputs) else _assess_one)(verdict_only, *inputs)
     # Not all searches are needed.
     bar.update(_NUM_SEARCHES - bar.n)
@@ -141,7 +141,7 @@ def _assess(verdict_only: bool, bar: Bar, *inputs: Any) -> Stability:
 
 # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
 @partial(program, static_argnums=0)
-def _assess_batch(verdict_only: bool, *inputs: Any) -> Stability:
+def _assess_batch(verdict_only: bool, *inputs: PyTree) -> Stability:
     return by_entries(partial(_assess_one, verdict_only))(*inputs)
 
 

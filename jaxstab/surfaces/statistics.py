@@ -200,7 +200,7 @@ def _grid_of(solid: Elastic) -> Grid:
     return grid
 
 
-def _heights_on(grid: Grid, heights: Any) -> Field:
+def _heights_on(grid: Grid, heights: object) -> Field:
     """Return heights as an array, which must be on the grid."""
     require_grid(grid)
     topography = as_topography(heights, grid)
@@ -212,7 +212,7 @@ def _heights_on(grid: Grid, heights: Any) -> Field:
     return grid.placed(heights)
 
 
-def _complete(heights: Any) -> Float[Array | np.ndarray, " *grid"]:
+def _complete(heights: object) -> Float[Array | np.ndarray, " *grid"]:
     """Return heights as an array, which must be finite if known."""
     given = heights.heights if isinstance(heights, Topography) else heights
     heights = numbers(given, "The array of heights")
@@ -229,7 +229,7 @@ def _gradient(grid: Grid, heights: Field) -> list[Field]:
     return [grid.inverse_transform(factor * modes) for factor in factors]
 
 
-def nyquist(shape: tuple[int, ...], lengths: Any) -> Any:
+def nyquist(shape: tuple[int, ...], lengths: Array | np.ndarray) -> Array | np.ndarray:
     """Return the Nyquist wavenumber along each side, in waves per longest side."""
     return lengths.max() * np.array(shape) / (2 * lengths)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, SupportsFloat
 
 import jax
 import numpy as np
@@ -292,7 +292,7 @@ class Topography:
         return replace(self, remarks=(*self.remarks, remark), **fields)
 
 
-def as_topography(heights: Any, grid: Grid) -> Topography | None:
+def as_topography(heights: object, grid: Grid) -> Topography | None:
     """Convert heights with a unit, named axes or masked points; return None for a plain array."""
     if isinstance(heights, Topography):
         return heights

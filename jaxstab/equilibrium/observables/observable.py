@@ -1,7 +1,7 @@
 """Observables: results computed from a state, whose numbers stand beside those of the state."""
 
 from dataclasses import fields, replace
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import equinox as eqx
 
@@ -41,5 +41,4 @@ class Observable(Stackable, Dimensioned):
     def row(self) -> Self:
         """Return the columns alone: fields on the grid, and of a number that varies, are None."""
         others = {field.name for field in fields(self)} - {*self.columns(), "units"}
-        nothing: dict[str, Any] = dict.fromkeys(others)
-        return replace(self, **nothing)
+        return replace(self, **dict.fromkeys(others))

@@ -1,13 +1,11 @@
 """Formats of surfaces, in files and of other packages; each module makes a `Scan` of its own."""
 
-from typing import Any
-
 from jaxstab.surfaces.formats.instruments import scan_of_topography
 from jaxstab.surfaces.formats.labelled import scan_of_array, scan_of_dataset
 from jaxstab.surfaces.formats.scan import Scan
 
 
-def scan_of(surface: Any) -> Scan | None:
+def scan_of(surface: object) -> Scan | None:
     """Return the content of an xarray, or of a surface of SurfaceTopography; None for others."""
     if isinstance(surface, Scan):
         return surface

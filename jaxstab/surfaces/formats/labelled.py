@@ -1,7 +1,7 @@
 """Heights with named axes, as xarray and NetCDF have them."""
 
 from io import BytesIO
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from jaxstab.surfaces.formats.scan import (
     even_spacing,
     on_a_side_or_two,
 )
+
+if TYPE_CHECKING:
+    import xarray
 
 
 def read_netcdf(content: bytes, channel: str | None) -> Scan:
@@ -28,7 +31,7 @@ def read_netcdf(content: bytes, channel: str | None) -> Scan:
     return scan_of_dataset(data, channel)
 
 
-def scan_of_dataset(data: Any, channel: str | None = None) -> Scan:
+def scan_of_dataset(data: "xarray.Dataset", channel: str | None = None) -> Scan:
     """Return the surface of the variable `heights`, the requested one, or the only one over x, y.
 
     A variable `mask`, as SurfaceTopography writes it, marks missing points.
@@ -47,7 +50,7 @@ def scan_of_dataset(data: Any, channel: str | None = None) -> Scan:
     return scan_of_array(heights.assign_attrs(data[name].attrs), remarks)
 
 
-def scan_of_array(array: Any, remarks: tuple[str, ...] = ()) -> Scan:
+def scan_of_array(array: "xarray.DataArray", remarks: tuple[str, ...] = ()) -> Scan:
     """Return the surface of an array with dimensions x and y, in either order, or x alone.
 
     Side lengths are the number of points times the spacing of the coordinates. Units are the
@@ -77,12 +80,12 @@ def scan_of_array(array: Any, remarks: tuple[str, ...] = ()) -> Scan:
     return scan.in_units(_unit(array), next(iter(units), None))
 
 
-def _sides(array: Any) -> list[str]:
+def _sides(array: "xarray.DataArray") -> list[str]:
     """Return the dimensions x and y or x, in this order; none for an array of other dimensions."""
-    return sorted(array.dims) if set(array.dims) in ({"x", "y"}, {"x"}) else []
+    return sorted(map(str, array.dims)) if set(array.dims) in ({"x", "y"}, {"x"}) else []
 
 
-def _unit(array: Any) -> str | None:
+def _unit(array: "xarray.DataArray") -> str | None:
     unit = array.attrs.get("units", array.attrs.get("unit"))
     # The files of results name the dimension of a length that has no unit.
     return unit_of(str(unit)) if unit and unit != "length" else None

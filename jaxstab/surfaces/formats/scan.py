@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -62,7 +61,7 @@ def chosen(names: Iterable[str], channel: str | None, default: str) -> tuple[str
     return name, (f"channel {name!r} of {listed}{hint}",) if len(names) > 1 else ()
 
 
-def on_a_side_or_two(values: Any) -> np.ndarray:
+def on_a_side_or_two(values: np.ndarray) -> np.ndarray:
     """Return an array as heights of float64: a map, or of a single row or column a line."""
     if values.dtype.kind not in "fiub":
         raise ValueError(f"its array is of {values.dtype}: heights are real numbers.")
