@@ -33,8 +33,7 @@ class Cases(NamedTuple):
 
     def files(self, axes: Mapping[str, Sequence[Any]]) -> dict[Path, Case]:
         """Return all cases by their files, in the order of the product or the list."""
-        files: dict[Path, Case] = {}
-        combine = zip if self.dims == (LISTED,) else itertools.product
+        files, combine = {}, zip if self.dims == (LISTED,) else itertools.product
         for row in combine(*(axes[name] for name in self.names)):
             case = dict(zip(self.names, row, strict=True))
             if files.setdefault(self.file(case), case) is not case:
@@ -63,8 +62,7 @@ class Cases(NamedTuple):
     def outputs_of(self, returned: Any) -> Variables:
         """Return a dict of arrays, or a data set, with the axes before other dimensions."""
         if not isinstance(returned, Mapping) or not returned:
-            kind = type(returned).__name__
-            raise TypeError(f"The case returned {kind}: return a dict of arrays, or a Dataset.")
+            raise TypeError(f"The case returned {type(returned).__name__}: return a dict of arrays")
         given, outputs, dataset = {}, {}, getattr(returned, "variables", None)
         for name, x in (returned if dataset is None else dataset).items():
             values = _array(name, x if dataset is None else x.values)
@@ -83,8 +81,8 @@ class Cases(NamedTuple):
         return outputs
 
 
-def read_axes(axes: Any) -> tuple[dict[str, list[Any]], bool]:
-    """Return values by name, and whether they are listed combinations, not a product."""
+def read_axes(axes: Any) -> tuple[dict[str, list[Any]], tuple[str, ...]]:
+    """Return values by name, of a product or of listed combinations, and their dimensions."""
     is_listed = isinstance(axes, list | tuple)
     rows: Any = axes if is_listed else [axes]
     if not rows or any(not isinstance(x, Mapping) or not x or {*x} != {*rows[0]} for x in rows):
@@ -96,7 +94,8 @@ def read_axes(axes: Any) -> tuple[dict[str, list[Any]], bool]:
             raise ValueError(f"{name} is {x!r}: give words or finite numbers in one dimension.")
         if name in (*MARKS, LISTED):
             raise ValueError(f"{name!r} is a name of the study itself: rename the axis.")
-    return {name: x.tolist() for name, x in values.items()}, is_listed
+    dims = (LISTED,) if is_listed else tuple(values)
+    return {name: x.tolist() for name, x in values.items()}, dims
 
 
 def _array(name: Any, value: Any) -> np.ndarray:
@@ -109,6 +108,6 @@ def _array(name: Any, value: Any) -> np.ndarray:
     except (TypeError, ValueError) as error:
         raise TypeError(f"{name} is no array of numbers or words: {error}") from None
     if array.dtype.kind not in "biufcU":
-        kind = type(value).__name__ if array.dtype == object else array.dtype
+        kind = f"{type(value).__name__} of {array.dtype}"
         raise TypeError(f"{name} is {kind}: return numbers, words, or arrays of them.")
     return array

@@ -20,19 +20,18 @@ import numpy as np
 
 from jaxstab.core.checked_netcdf import Damaged, Variable, Variables, read, write_whole
 from jaxstab.core.checks import integer, require
+from jaxstab.core.executors import run_tasks
 from jaxstab.core.optional_packages import require_packages, versions
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.warn import said_once, warn, warn_once
 from jaxstab.studies.cases import LISTED, MARKS, RECORD, Case, Cases, read_axes
-from jaxstab.studies.running import Worker, run_all
+from jaxstab.studies.worker import Worker
 
 if TYPE_CHECKING:
     import xarray
 
 # Fields of more bytes, in all cases, are read on access.
 LARGE = 2**30
-# Seconds after which an unfinished file is that of a process that was killed.
-_STALE = 3600
 
 
 class StudyInterrupted(UserWarning):
@@ -53,24 +52,22 @@ def study(
 ) -> "xarray.Dataset":
     """Run a function for each case of a study, and keep each result in a NetCDF file of its own.
 
-    A case is done once its file is in the folder. Finished cases never run again: after an end of
-    any kind the same call goes on. Values added to an axis extend a study. Damaged files are named
-    in a warning, and their cases run again. Several calls may run one study; a case may then run
-    twice.
+    A case is done once its file is in the folder, and never runs again: after an end of any kind
+    the same call goes on. Values added to an axis extend a study. Cases of damaged files run again,
+    with a warning. Several calls may run one study.
 
     Arguments:
         case: the function, called by names with numbers and words of Python. It returns a dict of
-            numbers, words and arrays, or a Dataset, of the same shapes in all cases; members of
-            enumerations such as `jaxstab.VERDICTS` become words. A case that raises has failed.
+            numbers, words, members of enumerations such as `jaxstab.VERDICTS`, and arrays, or a
+            Dataset, of the same shapes in all cases. A case that raises has failed.
         axes: one-dimensional arrays by name, whose product is run; or a list of dicts, the
             combinations to be run, which lie on the dimension `case`.
         path: the folder of the study, which all processes must see; made where it does not exist.
         executor: where cases run: in this process (None), in so many processes of this machine, on
             an executor as those of `concurrent.futures`, or on a Dask `Client`.
-        batch: how many cases run at once, by `jax.vmap` of the compiled function. If a batch raises
-            an error, its cases are run one by one, with a warning.
-        version: a number or word of yours. Change it when functions or values change to which the
-            case refers: a study itself compares the source of the case alone.
+        batch: how many cases run at once, by `jax.vmap` of the compiled function; if this raises,
+            they run one by one, with a warning.
+        version: to be changed with functions and values to which the case refers.
         retry: run failed cases again; by default they count as done.
         accept_changes: go on if the case, `version` or packages have changed; record the change.
         progress: show a progress bar.
@@ -78,20 +75,17 @@ def study(
     Returns:
         A data set of the cases in the order of the axes. Each has a `result` ("successful",
         "failed" or "missing"), its `seconds`, in a batch the average, and the text of its `error`.
-        Where there is no value, there is NaN, the least integer, False or "missing". Fields of more
-        than 1 GB are read on access. Once no case is missing,
-        `xarray.open_mfdataset(f"{path}/*.nc", combine="by_coords")` reads the files as well.
+        Missing values are NaN, the least integer, False or "missing". Fields of more than 1 GB are
+        read on access. `xarray.open_mfdataset(f"{path}/*.nc", combine="by_coords")` reads all too.
 
     Raises:
         ValueError: for a study that was begun with another case, version, packages or axes; for
             axes that are empty or not finite; for a batch that does not fit into memory.
         TypeError: for a function that takes other arguments, or does not return a dict of arrays.
-        OSError: if the disk is full or the folder read-only; finished cases are kept.
-        RuntimeError: if the executor takes no more cases, or loses them; finished cases are kept.
-        ImportError: without the packages of the extra `studies`.
+        OSError, RuntimeError: if the disk is full or read-only, or the executor loses cases.
     """
     require_packages("Studies", "studies", "xarray", "h5netcdf", "h5py", "cloudpickle")
-    values, is_listed = read_axes(axes)
+    values, dims = read_axes(axes)
     require("batch", integer("batch", batch), batch > 0, "give at least 1.")
     is_fit = hasattr(executor, "submit") or (isinstance(executor, int) and executor > 0)
     cure = "give a number, an executor as those of concurrent.futures, or a Dask Client."
@@ -100,16 +94,15 @@ def study(
         inspect.signature(case).bind(**values)
     except TypeError as error:
         raise TypeError(f"The axes give the case {', '.join(values)}: {error}.") from None
-    names = tuple(values)
-    cases = Cases(Path(path).absolute(), names, (LISTED,) if is_listed else names)
+    cases = Cases(Path(path).absolute(), tuple(values), dims)
     files, is_stopped = cases.files(values), threading.Event()
 
     def stop(*_: object) -> None:
         is_stopped.set()
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    is_main = threading.current_thread() is threading.main_thread()
-    is_ours = is_main and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    is_ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    is_ours = is_ours and threading.current_thread() is threading.main_thread()
     try:
         cases = _begin(cases, case, version, accept_changes)
         files = cases.files(values)
@@ -121,10 +114,12 @@ def study(
         worker = Worker(case, cases, batch, uuid4().hex[:8])
         if is_ours:
             signal.signal(signal.SIGINT, stop)
-        shown = {"shown": progress, "done": len(before)}
-        with said_once(), progress_bar(len(files), "case", **shown) as bar:
-            for number, warning in run_all(executor, worker, left, is_stopped.is_set):
-                bar.update(number)
+        tasks = [left[i : i + batch] for i in range(0, len(left), batch)]
+        with said_once(), progress_bar(len(files), "case", shown=progress, done=len(before)) as bar:
+            here = ((x, worker.run(x)) for x in tasks if not is_stopped.is_set())
+            there = run_tasks(executor, worker, tasks, is_stopped.is_set)
+            for task, warning in here if executor is None else there:
+                bar.update(len(task))
                 if warning:
                     warn_once(warning, UserWarning, per_line=True)
         found = before | _read([x for x in files if x not in before], files)
@@ -150,11 +145,9 @@ def _begin(cases: Cases, case: Any, version: Any, accept: bool) -> Cases:
     names = [x.name for x in path.iterdir() if x.suffix not in (".part", ".begun")]
     if names and not any(name == RECORD or name.endswith(".nc") for name in names):
         raise ValueError(f"{path} is no study, it holds {min(names)}: give a new folder.")
-    text = file.read_text() if file.exists() else ""
-    try:
+    text, known = file.read_text() if file.exists() else "", {}
+    with suppress(ValueError, TypeError):
         known = dict(json.loads(text))
-    except (ValueError, TypeError):
-        known = {}
     axes, dims = known.get("axes", cases.names), known.get("dims", cases.dims)
     if ({*axes}, {*dims}) != ({*cases.names}, {*cases.dims}):
         asked = f"{', '.join(cases.names)} on {', '.join(cases.dims)}: give another folder."
@@ -203,11 +196,11 @@ def _read(paths: Iterable[Path], files: Mapping[Path, Case]) -> dict[Path, Varia
                 except Damaged as error:
                     damaged.append(str(error))
                     path.rename(f"{path}.{uuid4().hex[:8]}.damaged")
-            elif path.suffix in (".part", ".begun") and time.time() - path.stat().st_mtime > _STALE:
+            # After an hour they are of a process that was killed.
+            elif path.suffix in (".part", ".begun") and time.time() - path.stat().st_mtime > 3600:
                 path.unlink()
     if damaged:
-        listed = "\n".join(damaged)
-        warn(f"These files are damaged. Their cases run again; .damaged files keep them.\n{listed}")
+        warn("These files are damaged and set aside; their cases run again.\n" + "\n".join(damaged))
     return {path: found[path] for path in files if path in found}
 
 
@@ -229,10 +222,9 @@ def _agreed(
             errors[path] = f"{name} is {here}, in other cases {there}: return the same in all."
     fit = [case for path, case in done.items() if path not in errors]
     blank = {name: _blank(name, [case[name] for case in fit]) for name in usual}
-    kinds = {name: x.values.dtype.kind for name, x in blank.items()}
+    kinds = {(name, x.values.dtype.kind) for name, x in blank.items()}
     for path, error in errors.items():
-        own = {name: x.values.dtype.kind for name, x in found[path].items() if name in blank}
-        if path in done or own != kinds:
+        if path in done or kinds - {(n, x.values.dtype.kind) for n, x in found[path].items()}:
             cases.write(files[path], blank, found[path]["seconds"].values.item(), error)
             found[path] = read(path)
     return blank
@@ -280,17 +272,14 @@ def _dataset(
             if case is None or not (name in MARKS or _is_successful(case)):
                 parts.append(value)
             elif is_large:
-                part = delayed(_values)(path, name, value.dtype)
+                part: Any = delayed(read)(path)
+                part = part[name].values.astype(value.dtype)
                 parts.append(dask.array.from_delayed(part, value.shape, value.dtype))
             else:
                 parts.append(case[name].values)
         values = (dask.array if is_large else np).concatenate(parts)
         dataset[name] = own, values.reshape(*shape, *value.shape[len(shape) :]), attrs
     return dataset
-
-
-def _values(path: Path, name: str, dtype: Any) -> np.ndarray:
-    return read(path)[name].values.astype(dtype)
 
 
 def _is_successful(case: Variables) -> bool:

@@ -12,10 +12,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from logged_study import SCRIPT, assert_same, runs
+from logged_study import assert_same, runs
 
 import jaxstab as js
-from jaxstab.__main__ import main
 
 AXES = {"seed": range(6), "energy": np.arange(5) / 4}
 SPAWNED = multiprocessing.get_context("spawn")
@@ -174,7 +173,7 @@ class Losing(Executor):
 
 
 def test_an_executor_that_runs_nothing_is_an_error(tmp_path):
-    message = r"lost a case 3 times.*ConnectionError: no worker.*0 of 30 cases are in"
+    message = r"lost a task 3 times.*ConnectionError: no worker.*0 of 30 cases are in"
     with pytest.raises(RuntimeError, match=message):
         js.study(case_in(tmp_path), AXES, tmp_path / "study", executor=Losing())
     assert not runs(tmp_path)
@@ -208,16 +207,3 @@ def test_a_case_that_cannot_be_sent_to_another_process_is_refused(tmp_path):
 
     with pytest.raises(TypeError, match=r"cannot pickle.*lock"):
         js.study(case, {"seed": [1]}, tmp_path / "study", executor=1)
-
-
-def test_the_command_line_runs_on_a_scheduler(client, tmp_path, monkeypatch, capsys):
-    text = f"where = {str(tmp_path / 'log')!r}\n" + SCRIPT.replace('open("log"', "open(where")
-    (tmp_path / "script.py").write_text(text)
-    monkeypatch.chdir(tmp_path)
-    command = ["study", "script.py", "--path", "study", "--scheduler"]
-    main([*command, client.scheduler.address])
-    assert "30 cases: 25 successful, 5 failed" in capsys.readouterr().out
-    assert len(runs(tmp_path)) == 30
-    with pytest.raises(SystemExit):
-        main([*command, "nowhere"])
-    assert "No Dask scheduler answers at nowhere" in capsys.readouterr().err

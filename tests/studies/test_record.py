@@ -14,22 +14,16 @@ import jaxstab as js
 AXES = {"seed": [1, 2]}
 
 
-def logged(log, factor=2):
+def logged(log, is_changed=False):
     def case(seed):
         with open(log, "a") as file:
             file.write(f"{seed}\n")
-        return {"product": factor * seed}
+        return {"product": 2 * seed}
 
-    return case
+    def changed(seed):
+        return {**case(seed), "product": 3 * seed}
 
-
-def changed(log):
-    def case(seed):
-        with open(log, "a") as file:
-            file.write(f"{seed}\n")
-        return {"product": 3 * seed}
-
-    return case
+    return changed if is_changed else case
 
 
 def test_another_function_version_or_package_is_refused_with_the_difference(tmp_path, monkeypatch):
@@ -37,7 +31,7 @@ def test_another_function_version_or_package_is_refused_with_the_difference(tmp_
     js.study(logged(log), AXES, path, version=1)
     before = sorted(x.read_bytes() for x in path.iterdir())
     for case, version, said in [
-        (changed(log), 1, '-  "        return {\\"product\\": factor * seed}"\n+  "  '),
+        (logged(log, True), 1, '+  "        return {**case(seed), \\"product\\": 3 * seed}"'),
         (logged(log), 2, '- "version": 1,\n+ "version": 2,\nGive another folder'),
     ]:
         with pytest.raises(ValueError, match="begun with another case") as refused:
@@ -48,14 +42,14 @@ def test_another_function_version_or_package_is_refused_with_the_difference(tmp_
         with pytest.raises(ValueError, match=r'\+  "numpy": "numpy-9"'):
             js.study(logged(log), AXES, path, version=1)
     assert sorted(x.read_bytes() for x in path.iterdir()) == before
-    study = js.study(changed(log), {"seed": [1, 2, 3]}, path, version=2, accept_changes=True)
+    study = js.study(logged(log, True), {"seed": [1, 2, 3]}, path, version=2, accept_changes=True)
     assert study["product"].values.tolist() == [2, 4, 9]
     assert runs(tmp_path) == {"1": 1, "2": 1, "3": 1}
     record = json.loads((path / "study.json").read_text())
     assert "3 * seed" in record["source"][-1] and record["version"] == 2
     assert '+ "version": 2,' in record["changes"][0]["changed"]
     # From now on it is the study of this case.
-    js.study(changed(log), AXES, path, version=2)
+    js.study(logged(log, True), AXES, path, version=2)
 
 
 def test_other_axes_are_refused_with_both_sets_of_names(tmp_path):

@@ -1,5 +1,6 @@
 """Studies: the outputs of each case are found where its coordinates say."""
 
+import itertools
 from collections import Counter
 from importlib import import_module
 
@@ -39,14 +40,13 @@ def test_cases_are_those_of_a_plain_loop_with_verdicts_as_words(tmp_path):
     study = js.study(case, {"seed": range(2), "energy": energies}, tmp_path / "study")
     xarray.testing.assert_equal(study, read(tmp_path / "study"))
     assert (study["result"] == "successful").all() and (study["seconds"] > 0).all()
-    for seed in range(2):
-        for energy in energies:
-            one, expected = study.sel(seed=seed, energy=energy), case(seed, energy)
-            assert one["ended"] == expected["ended"].name == "successful"
-            assert one["verdict"] == expected["verdict"].name
-            for name in ("gap", "touches", "steps"):
-                np.testing.assert_array_equal(one[name], expected[name])
-                assert one[name].dtype == expected[name].dtype
+    for seed, energy in itertools.product(range(2), energies):
+        one, expected = study.sel(seed=seed, energy=energy), case(seed, energy)
+        assert one["ended"] == expected["ended"].name == "successful"
+        assert one["verdict"] == expected["verdict"].name
+        for name in ("gap", "touches", "steps"):
+            np.testing.assert_array_equal(one[name], expected[name])
+            assert one[name].dtype == expected[name].dtype
     assert set(study["verdict"].values.ravel()) == {"stable", "held_by_contact"}
 
 

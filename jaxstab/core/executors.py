@@ -1,0 +1,126 @@
+"""Tasks in other processes, on an executor of any kind."""
+
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent import futures
+from functools import lru_cache, partial
+from typing import Any, Protocol
+
+import jax
+
+from jaxstab.core.optional_packages import versions
+
+# How often a task may be lost before it begins, and how many a foreign executor gets at a time.
+_MOST_LOSSES, _WINDOW = 3, 1000
+
+
+class Worker(Protocol):
+    """Runs tasks; it can be pickled, and knows, in each process, which have begun."""
+
+    def run(self, task: Any) -> Any:
+        """Run a task."""
+        ...
+
+    def is_begun(self, task: Any) -> bool:
+        """Return whether a process has begun a task without an end."""
+        ...
+
+
+def run_tasks(
+    executor: Any, worker: Worker, tasks: Sequence[Any], is_stopped: Callable[[], bool]
+) -> Iterator[tuple[Any, Any]]:
+    """Run tasks in so many processes, on a Dask client, or on anything with `submit`.
+
+    Tasks of processes that die are submitted again. After a stop those that have begun end.
+
+    Yields:
+        Tasks and their results, as they end.
+
+    Raises:
+        RuntimeError: if the executor takes no more tasks, or loses one before it begins.
+    """
+    import cloudpickle
+
+    is_own, left, num_lost = isinstance(executor, int), deque(enumerate(tasks)), Counter[int]()
+    # Our own processes share the caller's compilation cache.
+    names = [n for n in jax.config.values if "enable_x64" in n or (is_own and "_cache_" in n)]
+    settings = {name: jax.config.values[name] for name in names}
+    order = pickle.dumps((settings, versions(), cloudpickle.dumps(worker)))
+    if hasattr(executor, "get_executor"):
+        executor = executor.get_executor(pure=False)
+    # Each process of our own is a pool with one task in hand, the only one that its death costs.
+    pools = [_process() for _ in range(executor)] if is_own else [executor]
+    free, in_hand = deque([*range(len(pools))] * (1 if is_own else _WINDOW)), {}
+    try:
+        while left or in_hand:
+            if is_stopped():
+                left.clear()
+                for future, (_, (_, task)) in in_hand.items():
+                    if not worker.is_begun(task):
+                        future.cancel()
+            while left and free:
+                try:
+                    future = pools[free[0]].submit(_run, order, pickle.dumps(left[0][1]))
+                    in_hand[future] = free.popleft(), left.popleft()
+                except futures.BrokenExecutor:
+                    if not is_own:
+                        raise
+                    pools[free[0]] = _process()
+            # Now and then look whether to stop.
+            for future in futures.wait(in_hand, 0.2, futures.FIRST_COMPLETED).done:
+                place, (number, task) = in_hand.pop(future)
+                free.append(place)
+                error = futures.CancelledError() if future.cancelled() else future.exception()
+                if error is None and isinstance(future.result(), Exception):
+                    raise future.result()
+                if error is None:
+                    yield task, future.result()
+                elif not is_stopped():
+                    num_lost[number] += not worker.is_begun(task)
+                    if num_lost[number] == _MOST_LOSSES:
+                        said = f"The executor lost a task {_MOST_LOSSES} times before it began"
+                        cure = "call a script's code under `if __name__ == '__main__':`"
+                        raise RuntimeError(
+                            f"{said} ({type(error).__name__}: {error}): {cure}"
+                        ) from error
+                    left.appendleft((number, task))
+    finally:
+        for future in in_hand:
+            future.cancel()
+        for pool in pools if is_own else ():
+            pool.shutdown(cancel_futures=True)
+
+
+def _begin_process() -> None:
+    """Let a process of our own end with its driver, and at the second Ctrl-C."""
+    signal.signal(signal.SIGINT, lambda *_: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    parent: Any = multiprocessing.parent_process()
+    threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
+
+
+_spawn = multiprocessing.get_context("spawn")
+_process = partial(futures.ProcessPoolExecutor, 1, _spawn, initializer=_begin_process)
+
+
+def _run(order: bytes, task: bytes) -> Any:
+    """Run a task in a process of an executor; return an error of the worker."""
+    try:
+        return _worker(order).run(pickle.loads(task))
+    except Exception as error:
+        return error
+
+
+@lru_cache(maxsize=1)
+def _worker(order: bytes) -> Worker:
+    # Arrays are unpickled in the precision that is found first.
+    settings, expected, content = pickle.loads(order)
+    for name, value in settings.items():
+        jax.config.update(name, value)
+    if expected != versions():
+        raise ValueError(f"A worker has {versions()}, its driver {expected}: install the same.")
+    return pickle.loads(content)

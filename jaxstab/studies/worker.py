@@ -1,0 +1,96 @@
+"""Runs cases, one by one or in batches."""
+
+import errno
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxstab.studies.cases import RECORD, Case, Cases
+
+_MOST_DEATHS = 3
+
+
+@dataclass
+class Worker:
+    """Runs cases and writes their files; it marks those that it begins, in its driver's name."""
+
+    case: Callable[..., Any]
+    cases: Cases
+    batch: int
+    driver: str
+
+    def run(self, task: Sequence[Case]) -> str:
+        """Run the cases that have no file yet; return a warning, empty if there is none."""
+        left, warning = [case for case in task if not self.cases.file(case).exists()], ""
+        # After a death one by one, to find the case that ends its process.
+        if self.batch > 1 and left and not self.is_begun(left):
+            try:
+                return self._run_together(left)
+            except Exception as error:
+                reason = f"{type(error).__name__}: {error}".splitlines()[0]
+                if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
+                    said = f"A batch of {self.batch} cases lacks memory: give a smaller `batch`"
+                    raise ValueError(f"{said} ({reason}).") from error
+                warning = f"A batch raised an error, and its cases are run one by one: {reason}"
+        for case in left:
+            start, returned = perf_counter(), {}
+            message = f"The process of this case died {_MOST_DEATHS} times."
+            if self._num_begun(case) < _MOST_DEATHS:
+                self._begin([case])
+                try:
+                    returned, message = jax.block_until_ready(self.case(**case)), ""
+                except (Exception, SystemExit) as error:
+                    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+                        raise
+                    message = f"{type(error).__name__}: {error}"
+            self._keep(case, returned, perf_counter() - start, message)
+        return warning
+
+    def is_begun(self, task: Sequence[Case]) -> bool:
+        """Return whether a process has begun one of some cases without an end."""
+        return any(map(self._num_begun, task))
+
+    def _num_begun(self, case: Case) -> int:
+        return self._mark(case).stat().st_size if self._mark(case).exists() else 0
+
+    def _mark(self, case: Case) -> Path:
+        return self.cases.file(case).with_suffix(f".{self.driver}.begun")
+
+    def _begin(self, cases: Sequence[Case]) -> None:
+        for case in cases:
+            with self._mark(case).open("ab") as mark:
+                mark.write(b".")
+
+    def _run_together(self, cases: Sequence[Case]) -> str:
+        self._begin(cases)
+        start = perf_counter()
+        # Of one length, with copies of the last case, all batches are one program.
+        padded = [*cases, *[cases[-1]] * (self.batch - len(cases))]
+        values = {name: np.array([case[name] for case in padded]) for name in cases[0]}
+        returned = jax.device_get(self._batched(values))
+        seconds = (perf_counter() - start) / len(cases)
+        for i, case in enumerate(cases):
+            self._keep(case, jax.tree.map(lambda leaf, i=i: leaf[i], returned), seconds)
+        return ""
+
+    @cached_property
+    def _batched(self) -> Callable[..., Any]:
+        return jax.jit(jax.vmap(lambda values: jax.jit(self.case)(**values)))
+
+    def _keep(self, case: Case, returned: Any, seconds: float, error: str = "") -> None:
+        self._mark(case).unlink(missing_ok=True)
+        try:
+            outputs = {} if error else self.cases.outputs_of(returned)
+        except (TypeError, ValueError) as unfit:
+            if not any(self.cases.path.glob("*.nc")):
+                # The function, once mended, may begin the study anew.
+                (self.cases.path / RECORD).unlink(missing_ok=True)
+                raise
+            outputs, error = {}, str(unfit)
+        self.cases.write(case, outputs, seconds, error)
