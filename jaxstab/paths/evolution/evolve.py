@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.core.batching import by_entries
+from jaxstab.core.batching import by_entries, entry_of
 from jaxstab.core.checks import (
     integer,
     is_traced,
@@ -112,20 +112,19 @@ def evolve(
     held = jax.lax.stop_gradient((medium, load[0], tolerance))
     legs, begin = jax.lax.stop_gradient((_legs(load, instants), moment))
     state = begin, Steps.none(room, dtype)
-    bar = progress_bar(instants.size - 1, "time", shown=can_be_shown(progress, (held, legs, state)))
+    given = *held, state, legs
+    is_alone = not is_transformed(given)
+    bar = progress_bar(instants.size - 1, "time", shown=can_be_shown(progress, given))
     with jax.debug_nans(False), bar as bar:
-        if is_transformed((held, legs, state)):
-            (end, steps), rest = _along_all(*held, state, legs, fields=fields)
-        else:
-            over = partial(_along, *held, fields=fields)
-            (end, steps), rest = _one_by_one(over, state, legs, bar.update)
+        find = partial(_one_by_one, bar.update) if is_alone else _along_all
+        (end, steps), rest = find(*given, fields=fields)
     totals, internal, result, numbers = with_first(_entry(state, fields), rest)
     last = end.internal
     if is_traced((contact, load, times)):
         totals, last = attach(_changes, (totals, last), (steps, numbers), inputs)
     ends = legs.start[steps.legs] + steps.ends * (legs.end - legs.start)[steps.legs]
     jumps = ends, steps.lost
-    if not is_transformed((held, legs, state)):
+    if is_alone:
         has_jumped = np.asarray(steps.lost) > 0
         jumps = tuple(jnp.asarray(np.asarray(column)[has_jumped]) for column in jumps)
     evolution = Evolution(
@@ -233,16 +232,13 @@ def _along_all(*inputs: Any, fields: bool) -> tuple[State, Entry]:
     return by_entries(scanned)(*inputs)
 
 
-def _one_by_one(
-    over: Callable[[State, Leg], tuple[State, Entry]],
-    state: State,
-    legs: Leg,
-    report: Callable[[], object],
-) -> tuple[State, Entry]:
+def _one_by_one(report: Callable[[], object], *inputs: Any, fields: bool) -> tuple[State, Entry]:
     """Return the same by a program for each leg, so that it can be watched and interrupted."""
+    *held, state, legs = inputs
     entries = []
     for i in range(legs.number.size):
-        state, entry = over(state, jax.tree.map(lambda leaf, i=i: leaf[i], legs))
+        leg = jax.tree.map(lambda leaf, i=i: leaf[i], legs)
+        state, entry = _along(*held, state, leg, fields=fields)
         entries.append(entry)
         report()
     return state, stacked(entries, entries[0])
@@ -272,7 +268,7 @@ def _replay(
     legs = _legs(load, times)
 
     def one(old: Moment, i: Int[Array, ""]) -> tuple[Moment, Totals]:
-        leg = jax.tree.map(lambda leaf: leaf[steps.legs[i]], legs)
+        leg = entry_of(legs, steps.legs[i])
         dt = (steps.ends[i] - steps.starts[i]) * (leg.end - leg.start)
         at_end = load[0].at(leg.value(steps.ends[i]))
 
