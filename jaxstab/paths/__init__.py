@@ -2,8 +2,8 @@
 
 from jaxstab.paths.barriers.easiest_exit import easiest_exit
 from jaxstab.paths.barriers.transition import Transition, transition
-from jaxstab.paths.branch_end.barrier_law import BarrierLaw
 from jaxstab.paths.critical_load import critical_load
+from jaxstab.paths.curve.barrier_law import BarrierLaw
 from jaxstab.paths.curve.branch import Branch, Turn
 from jaxstab.paths.curve.continuation import continuation
 from jaxstab.paths.evolution.evolution import Evolution

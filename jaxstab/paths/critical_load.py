@@ -7,10 +7,12 @@ At a fold the smallest eigenvalue on the free points vanishes, and the branch tu
 At a release the reaction of a contact point vanishes instead, and the energy falls as it opens.
 """
 
-from functools import partial
+from dataclasses import replace
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
@@ -18,24 +20,30 @@ from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
 from jaxstab.core.conditional import first_good, if_needed
+from jaxstab.core.grid import mean
 from jaxstab.core.progress import advance_if_known, can_be_shown, progress_bar
-from jaxstab.core.results import throw_failure
-from jaxstab.core.types import ArrayLike, Field
-from jaxstab.equilibrium.equilibrate import first_gap
-from jaxstab.equilibrium.equilibrium import State
+from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
+from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
+from jaxstab.equilibrium.equilibrate import find, first_gap
+from jaxstab.equilibrium.equilibrium import State, fields_of
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_loads, require_same_machine
-from jaxstab.paths.branch_end.approach import SMALLEST_JUMP, follow_to_fold
-from jaxstab.paths.branch_end.critical_load import CriticalLoad, critical_load_at
-from jaxstab.paths.branch_end.locate import Limit, limit_ahead
-from jaxstab.paths.programme import programme_of
-from jaxstab.paths.record import Count, Room
-from jaxstab.paths.walk import begin, go_on
+from jaxstab.paths.curve.critical_load import CriticalLoad, critical_load_at
+from jaxstab.paths.curve.limit import Limit, limit_of
+from jaxstab.paths.curve.march import Task, begin_at
+from jaxstab.paths.energy import own_energy, supply_of
+from jaxstab.paths.kinds import KINDS
 
 # Where the branches from the two loads start.
 Starts = list[Field | None]
-# Two ways, to a fold and to a jump.
-_NUM_SEARCHES = 4
+# Along the branches from either load.
+_NUM_SEARCHES = 2
+# Releases that lose a smaller part of the problem's own energy do not end a branch: so little is
+# known in float32. The next one is sought so far beyond, over the way from load to load, by steps
+# of the solver that are no longer.
+_SMALLEST_LOSS = 1e-5
+_BEYOND, _MAX_MOVE = 1e-6, 0.03
 
 
 def critical_load(
@@ -48,10 +56,11 @@ def critical_load(
 ) -> CriticalLoad:
     """Return the load at which a branch of stable equilibria ends, on the way between two loads.
 
-    A fold is looked for first, by its eigenvalue. If none is found, the branch is followed to its
-    jump, by a release or a fold. The end of a branch need not be a pull-off. Beyond it the contact
-    may go on in another state, as rough surfaces often do. `jaxstab.pull_off` gives that,
-    `jaxstab.follow` all of them.
+    The branch is followed as by `jaxstab.continuation` to its first fold or release. That need not
+    be a pull-off: beyond it the contact may go on in another state, as rough surfaces often do.
+    `jaxstab.pull_off` gives the last one, `jaxstab.follow` all of them. A release that loses less
+    than 1e-5 of the problem's own energy (`follow`), as the edge of contact moves by a point of the
+    grid, counts as none.
 
     Arguments:
         contact: the contact problem.
@@ -91,7 +100,7 @@ def critical_load(
     # Histories end in NaN, and what was not found is NaN.
     with jax.debug_nans(False), bar as bar:
         # Outside of a trace nothing is compiled for a search that is not needed.
-        limit = _find_lanes(*inputs) if is_traced(inputs) else _find(*inputs)
+        limit = (_find_lanes if is_traced(inputs) else _find)(*inputs)
         # Not all searches are needed.
         bar.update(_NUM_SEARCHES - bar.n)
     found = critical_load_at(limit, own, loads[0]).in_units_of(1 / unit)
@@ -107,34 +116,98 @@ def _find(contact: Contact, bracket: Load, starts: Starts) -> Limit:
 
     def end_of(number: ArrayLike) -> Limit:
         there = bracket, starts[0]
-        way = contact, *if_needed(number == 1, lambda: (bracket[::-1], starts[1]), there)
-        fold = _fold(*way)
-        advance_if_known(fold)
-        end = if_needed(~fold.is_found, lambda: _jump(*way, fold), fold)
+        end = _limit(contact, *if_needed(number == 1, lambda: (bracket[::-1], starts[1]), there))
         advance_if_known(end)
         return end
 
-    return first_good(end_of, lambda limit: limit.is_found, 2)
+    return first_good(end_of, lambda limit: limit.is_found, _NUM_SEARCHES)
+
+
+class _Search(eqx.Module):
+    """The limit of the branch before, or none yet, and where its next branch is sought.
+
+    Attributes:
+        limit: the last limit.
+        value: the load at which the next branch begins.
+        start: the gap from which its first state is sought [length].
+        number: of branches that were followed.
+        is_over: whether the limit is the answer.
+    """
+
+    limit: Limit
+    value: Scalar
+    start: Field
+    number: Int[Array, ""]
+    is_over: Flag
+
+
+def _limit_between(contact: Contact, loads: Load, start: Field | None) -> Limit:
+    """Return where the branch from the first load ends on its way to the second.
+
+    At a contact edge that moves by one point of the grid a release may lose next to nothing. Then
+    the next branch counts as the same one.
+    """
+    first, last = loads.value.astype(contact.heights.dtype)
+    if start is None:
+        start = contact.control(loads[0]).starting_gap(contact.heights)
+    threshold = _SMALLEST_LOSS * own_energy(contact)
+    rounding = 4 * jnp.finfo(start.dtype).eps * jnp.maximum(jnp.abs(first), jnp.abs(last))
+    beyond = jnp.sign(last - first) * jnp.maximum(_BEYOND * jnp.abs(last - first), rounding)
+
+    def potential(load: Load, gap: Field) -> tuple[Scalar, Scalar]:
+        fields, _ = fields_of(contact, load, gap)
+        held, force = supply_of(contact, load, mean(gap), fields["mean_pressure"])
+        return fields["energy"] + held, force
+
+    def next_limit(search: _Search) -> _Search:
+        is_first = search.number == 0
+        rest = loads.at(jnp.stack([search.value, last]))
+        farthest = jnp.where(is_first, jnp.inf, _MAX_MOVE).astype(start.dtype)
+        found = _found(contact, rest[0], farthest, search.start)
+        is_found = found.result == RESULTS.successful
+        before, _ = potential(search.limit.load, search.limit.gap)
+        after, force = potential(found.load, found.gap)
+        change = search.value - search.limit.load.value
+        loses = ~is_found | (before + change * force - after > threshold)
+        is_over = ~is_first & loses
+        limit = jax.lax.cond(
+            is_over, lambda: search.limit, lambda: _limit_from(contact, rest, found)
+        )
+        is_over |= ~limit.is_found | (limit.kind != KINDS.release)
+        return _Search(limit, limit.load.value + beyond, limit.gap, search.number + 1, is_over)
+
+    def goes_on(search: _Search) -> Flag:
+        return ~search.is_over & ((last - search.value) * (last - first) > 0)
+
+    like = jax.eval_shape(
+        lambda: _limit_from(contact, loads, _found(contact, loads[0], last, start))
+    )
+    none = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
+    search = _Search(none, first, start, jnp.array(0), jnp.array(False))
+    search = jax.lax.while_loop(goes_on, next_limit, search)
+    result = RESULTS.where(search.is_over, search.limit.result, RESULTS.no_fold)
+    return replace(search.limit, result=result)
+
+
+# Apart, so that each is traced once.
+@jax.jit
+def _found(contact: Contact, load: Load, farthest: Scalar, start: Field) -> Equilibrium:
+    return find(contact, load, PreconditionedConjugateGradient(max_move=farthest), start)
+
+
+@jax.jit
+def _limit_from(contact: Contact, loads: Load, found: Equilibrium) -> Limit:
+    """Return the limit of the branch of an equilibrium at the first load."""
+    task = Task(contact, loads, None, None, None)
+    walk = begin_at(found, task, to_limit=True)
+    stable = RESULTS.where(walk.stride.index == 0, RESULTS.successful, RESULTS.no_fold)
+    result = RESULTS.where(walk.result == RESULTS.successful, stable, walk.result)
+    return limit_of(task.way(walk.longest, to_limit=True), replace(walk, result=result))
 
 
 # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
-_find_lanes = program(by_entries(lambda *inputs: _find(*inputs)))
-
-
-_fold = program(follow_to_fold)
-
-
-@program
-def _jump(contact: Contact, loads: Load, start: Field | None, fold: Limit) -> Limit:
-    """Return the jump that ends the branch from the first load, or else the fold not found."""
-    first = loads[0]
-    smallest_jump = SMALLEST_JUMP[contact.heights.dtype.name]
-    programme = programme_of(contact, loads, smallest_jump, disturbance=0.0)
-    ended = go_on(programme, begin(programme, start, Count.none, Room(1)))
-    jump = jax.tree.map(lambda leaf: leaf[0], ended.jumps.rows)
-    limit = limit_ahead(contact, first.at(jump.before.value), jump.before.gap, jump.ahead)
-    is_end = limit.is_found & (ended.jumps.count == 1)
-    return jax.tree.map(partial(jnp.where, is_end), limit, fold)
+_find_lanes = program(by_entries(_find))
+_limit = program(_limit_between)
 
 
 def _describe(bracket: Load, found: CriticalLoad) -> str:

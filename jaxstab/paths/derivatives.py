@@ -12,7 +12,7 @@ from jaxstab.contact import Contact
 from jaxstab.core.implicit import attach
 from jaxstab.core.types import Flag, Scalar
 from jaxstab.loads import Load
-from jaxstab.paths.branch_end.derivatives import differentiable_value
+from jaxstab.paths.curve.limit_derivatives import differentiable_value
 from jaxstab.paths.path import Jump, Path
 
 
@@ -22,7 +22,7 @@ def with_derivatives(path: Path, contact: Contact, load: Load, others: list[Arra
 
     def value(jump: Jump) -> Scalar:
         shared, ahead = load[0].at(jump.load.value), jump.after.load.value - jump.load.value
-        return differentiable_value(shared, jump.before.gap, jump.kind, ahead, contact)
+        return differentiable_value(shared, jump.before.gap, ahead, contact)
 
     values = jax.lax.map(value, jumps)
     numbers, rest = eqx.partition(path, eqx.is_inexact_array)

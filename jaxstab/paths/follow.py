@@ -1,7 +1,6 @@
 """The path of a contact under a programme of loads, through its jumps."""
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -19,7 +18,7 @@ from jaxstab.core.checks import (
 )
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
-from jaxstab.core.types import ArrayLike
+from jaxstab.core.types import ArrayLike, Field
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrate import first_gap
 from jaxstab.equilibrium.equilibrium import State
@@ -27,10 +26,10 @@ from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.derivatives import with_derivatives
 from jaxstab.paths.path import Path
-from jaxstab.paths.programme import DISTURBANCE, programme_of
+from jaxstab.paths.programme import DISTURBANCE, Programme, programme_of
 from jaxstab.paths.record import Room, Table
 from jaxstab.paths.recorded_path import Recording, path_of, path_with_room
-from jaxstab.paths.walk import WalkSetup, travel, travelled
+from jaxstab.paths.walk import Stores, travel, travelled
 
 # States and jumps of a batch.
 _ROOM = 32, 2
@@ -38,7 +37,6 @@ _ROOM = 32, 2
 # lost before.
 _SMALLEST_JUMP = 2e-7
 _SMALLEST_SHARE = 3e-3
-_programme = partial(programme_of, finds_all=True)
 
 
 class PathInterrupted(UserWarning):
@@ -125,14 +123,16 @@ def follow(
     whole, start = whole_start(contact, load[0], start)
     own, unit = whole.in_own_units()
     loads = load.in_units_of(unit)
-    inputs = jax.lax.stop_gradient((own, loads, start, least, noise, share))
+    constants = jax.lax.stop_gradient((own, loads, least, noise, share))
+    start = jax.lax.stop_gradient(start)
+    is_alone = not is_traced((constants, start))
     # What was not found is NaN.
-    bar = progress_bar(100, "%", shown=can_be_shown(progress, inputs))
+    bar = progress_bar(100, "%", shown=can_be_shown(progress, (constants, start)))
     with jax.debug_nans(False), bar as bar:
-        find = _traced_path if is_traced(inputs) else _known_path
-        num_states, num_jumps = sizes if is_traced(inputs) else _ROOM
-        setup = WalkSetup(_programme, Room(num_states, fields), Room(num_jumps))
-        path = find(setup, bar, *inputs)
+        programme = programme_of(*constants, finds_all=True)
+        num_states, num_jumps = _ROOM if is_alone else sizes
+        stores = Stores(Room(num_states, fields), Room(num_jumps))
+        path = (_known_path if is_alone else _traced_path)(stores, bar, programme, start)
     if is_traced((contact, load)):
         others = [part for part in (start, least, noise) if part is not None]
         path = with_derivatives(path, own, loads, others)
@@ -141,27 +141,27 @@ def follow(
     return throw_failure(path.result, path, lambda: _describe(path, load), throw and not is_stopped)
 
 
-def _traced_path(setup: WalkSetup[Table], bar: Any, *inputs: Any) -> Path:
-    contact, load = inputs[:2]
-    ended = travel(setup, bar, *inputs)
-    is_short = ended.is_open(load)
+def _traced_path(
+    stores: Stores[Table], bar: Any, programme: Programme, start: Field | None
+) -> Path:
+    ended = travel(stores, bar, programme, start)
+    is_short = ended.is_open(programme.load)
     ended = replace(ended, result=RESULTS.where(is_short, RESULTS.store_full, ended.result))
-    return path_with_room(ended, contact, load)
+    return path_with_room(ended, programme.contact, programme.load)
 
 
-def _known_path(setup: WalkSetup[Table], bar: Any, *inputs: Any) -> Path:
+def _known_path(stores: Stores[Table], bar: Any, programme: Programme, start: Field | None) -> Path:
     """Return the path to the end, or until interrupted."""
-    contact, load = inputs[:2]
     recording = Recording()
     try:
-        travel(setup, bar, *inputs, keep=recording.emptied)
+        travel(stores, bar, programme, start, recording.emptied)
     except KeyboardInterrupt:
         if recording.num_states == 0:
             raise
-        part = 100 * float(travelled(load, recording.walk))
+        part = 100 * float(travelled(programme.load, recording.walk))
         warn(f"The path was interrupted at {part:.0f} %.", PathInterrupted)
         recording.walk = replace(recording.walk, result=RESULTS.interrupted)
-    return path_of(recording, contact, load)
+    return path_of(recording, programme.contact, programme.load)
 
 
 def _describe(path: Path, load: Load) -> str:

@@ -15,3 +15,4 @@ class KINDS(Enumeration):
     full_contact = member("in full contact, from which a load that holds the gap leads nowhere")
     uncertain = member("where steps of the least length do not tell one branch from another")
     lost = member("where no next state was found")
+    separated = member("where surfaces go apart without end: next to no attraction is left")

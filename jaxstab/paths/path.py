@@ -17,7 +17,7 @@ from jaxstab.core.unit_system import NO_UNITS, Units, has_words, readable_unit
 from jaxstab.core.units import AREA, ENERGY, LENGTH, NUMBER, PRESSURE, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
-from jaxstab.paths.branch_end.barrier_law import BarrierLaw
+from jaxstab.paths.curve.barrier_law import BarrierLaw
 from jaxstab.paths.kinds import KINDS
 
 

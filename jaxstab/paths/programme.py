@@ -1,6 +1,7 @@
 """The programme of a path: the data that stay the same all the way."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -9,6 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
+from jaxstab.core.batching import by_entries
+from jaxstab.core.compile import program
 from jaxstab.core.loop import Iteration
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
@@ -16,15 +19,15 @@ from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import concluded, started
 from jaxstab.equilibrium.solvers.base import Problem
 from jaxstab.loads import Load
-from jaxstab.paths.branch_end.approach import branch_solver
 from jaxstab.paths.energy import own_energy, smallest_loss
 from jaxstab.paths.record import PathPoint, Place, place_of
 
 # By default, over the size of the problem's own heights and gaps.
 DISTURBANCE = 1e-6
-# How far a step of the solver may move a point on its way to another branch, over its gap and the
-# range of the law: longer ones came to other minima than an overdamped relaxation.
-_MAX_MOVE = 0.03
+# How far a step of a solver may move a point, over its gap and the range of the law: farther ones
+# were seen to leap over minima. On its way to another branch longer ones came to other minima than
+# an overdamped relaxation.
+_MAX_MOVE, _MAX_MOVE_IN_JUMP = 0.1, 0.03
 # Steps of a monotone part of the programme, at least.
 _NUM_STEPS = 32
 
@@ -62,8 +65,12 @@ class Programme(eqx.Module):
 
     @property
     def solver(self) -> PreconditionedConjugateGradient:
-        """The solver of the equilibria on the way."""
-        return branch_solver(self.contact.control(self.load[0]))
+        """The solver of the equilibria on the way.
+
+        Where the mean gap is held, no long step draws the surfaces apart.
+        """
+        fixes_mean = self.contact.control(self.load[0]).fixes_mean
+        return PreconditionedConjugateGradient(max_move=None if fixes_mean else _MAX_MOVE)
 
     @property
     def longest(self) -> Scalar:
@@ -108,7 +115,7 @@ class Programme(eqx.Module):
         contact, solver = self.contact, self.solver
         solver = replace(solver, least_energy=least_potential / contact.grid.cell_area)
         if solver.max_move is None:
-            solver = replace(solver, max_move=jnp.where(is_final, _MAX_MOVE, jnp.inf))
+            solver = replace(solver, max_move=jnp.where(is_final, _MAX_MOVE_IN_JUMP, jnp.inf))
         return solver, Problem.of(contact, contact.control(self.at(value, part)))
 
     def place(
@@ -123,6 +130,7 @@ class Programme(eqx.Module):
         return jnp.max(self.contact.heights) - self.contact.heights
 
 
+@partial(program, static_argnames="finds_all")
 def programme_of(
     contact: Contact,
     load: Load,
@@ -142,6 +150,19 @@ def programme_of(
         resolution: how near a jump is located, over the range of the loads.
         finds_all: whether a jump is detected by the force too.
     """
+    made = by_entries(partial(_programme_of, finds_all))
+    return made(contact, load, smallest_jump, disturbance, share, resolution)
+
+
+def _programme_of(
+    finds_all: bool,
+    contact: Contact,
+    load: Load,
+    smallest_jump: Scalar,
+    disturbance: Scalar,
+    share: Scalar,
+    resolution: Scalar,
+) -> Programme:
     turns, heights = load.value, contact.heights
     noise = jax.random.normal(jax.random.key(0), heights.shape, heights.dtype)
     # Loads that are nearer to each other are the same.

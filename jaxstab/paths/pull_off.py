@@ -1,7 +1,6 @@
 """The pull-off: the largest tension that a contact survives as it is unloaded."""
 
 from dataclasses import replace
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -22,17 +21,16 @@ from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.equilibrium import State, single_start
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, MeanPressure, Spring
-from jaxstab.paths.branch_end.critical_load import CriticalLoad, critical_load_at
-from jaxstab.paths.branch_end.locate import Limit, limit_ahead
+from jaxstab.paths.curve.critical_load import CriticalLoad, critical_load_at
+from jaxstab.paths.curve.limit import Limit, limit_ahead
 from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.programme import DISTURBANCE, Programme, programme_of
 from jaxstab.paths.record import Count, Strongest
-from jaxstab.paths.walk import WalkSetup, travel
+from jaxstab.paths.walk import Stores, travel
 
 # Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4
 _RESOLUTION = {"float64": 1e-9, "float32": 1e-5}
-ROOM = Count.none, Strongest.none
 # The largest attraction is known at some gaps only.
 _BEYOND = 1.01
 # What part of the largest attraction is taken for none.
@@ -88,38 +86,27 @@ def pull_off(
         whole, start = whole_start(contact, MeanPressure(pressure), start)
         constant = jax.lax.stop_gradient(whole)
         if stiffness is None:
-            load: Load = dead_load(constant, pressure)
+            load: Load = _dead_load(constant, pressure)
         else:
             load = _retraction(constant, pressure, start, stiffness)
             load.warn_if_soft(contact.solid)
         own, unit = whole.in_own_units()
         loads = load.in_units_of(unit)
-        end = _find(bar, *jax.lax.stop_gradient((own, loads, start)))
-    found = as_shown(end, own, loads[0]).in_units_of(1 / unit).on_surface(whole.solid)
+        fixed, ends, start = jax.lax.stop_gradient((own, loads, start))
+        resolution = _RESOLUTION[whole.heights.dtype.name]
+        programme = programme_of(fixed, ends, _SMALLEST_JUMP, DISTURBANCE, resolution=resolution)
+        ended = travel(Stores(Count.none, Strongest.none), bar, programme, start)
+        bar.set_description("locating")
+        limit, after = jax.block_until_ready(_end(programme, ended))
+        bar.update(0)
+    found = replace(critical_load_at(limit, own, loads[0]), after=after)
+    found = found.in_units_of(1 / unit).on_surface(whole.solid)
     return throw_failure(found.result, found, lambda: _describe(load), throw)
-
-
-def _find(bar: Any, *inputs: Any) -> tuple[Limit, Equilibrium]:
-    ended = travel(WalkSetup(unloading, *ROOM), bar, *inputs)
-    bar.set_description("locating")
-    end = jax.block_until_ready(_end(*inputs[:2], ended))
-    bar.update(0)
-    return end
 
 
 @program
 @by_entries
-def _end(contact: Contact, load: Load, ended: Progress[Strongest]) -> tuple[Limit, Equilibrium]:
-    return end_of(unloading(contact, load), ended)
-
-
-def unloading(contact: Contact, load: Load) -> Programme:
-    """Return the programme of a contact, in its own units, unloaded from load to load."""
-    resolution = _RESOLUTION[contact.heights.dtype.name]
-    return programme_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, resolution=resolution)
-
-
-def end_of(programme: Programme, ended: Progress[Strongest]) -> tuple[Limit, Equilibrium]:
+def _end(programme: Programme, ended: Progress[Strongest]) -> tuple[Limit, Equilibrium]:
     """Return the pull-off of a contact that was unloaded, and the state that remains."""
     contact, one = programme.contact, programme.load[0]
     jump = ended.jumps.event
@@ -130,12 +117,6 @@ def end_of(programme: Programme, ended: Progress[Strongest]) -> tuple[Limit, Equ
     attracts = contact.profile.max_attraction > 0
     result = RESULTS.where(attracts, result, RESULTS.no_attraction)
     return replace(limit, result=result), jump.state_after(contact, one)
-
-
-def as_shown(end: tuple[Limit, Equilibrium], contact: Contact, shared: Load) -> CriticalLoad:
-    """Return a pull-off and the state after it as differentiable functions of contact and load."""
-    limit, after = end
-    return replace(critical_load_at(limit, contact, shared), after=after)
 
 
 def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar, Field]:
@@ -149,7 +130,7 @@ def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar,
     return pressure, gap
 
 
-def dead_load(contact: Contact, pressure: Scalar) -> MeanPressure:
+def _dead_load(contact: Contact, pressure: Scalar) -> MeanPressure:
     """Return the mean pressures from that of a state to one that leaves nothing together.
 
     Without attraction both are the same.

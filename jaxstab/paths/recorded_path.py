@@ -17,9 +17,8 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries, stacked
 from jaxstab.core.types import Field, Scalar
 from jaxstab.loads import Load
-from jaxstab.paths.branch_end.barrier_law import BarrierLaw, barrier_law, no_barrier_law
-from jaxstab.paths.branch_end.kind import reason_of
-from jaxstab.paths.branch_end.release import first_of, first_releases
+from jaxstab.paths.curve.barrier_law import BarrierLaw, barrier_law, no_barrier_law
+from jaxstab.paths.curve.limit import limit_ahead
 from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.path import Jump, Path, States
@@ -133,10 +132,9 @@ def _jump(contact: Contact, one: Load, event: Event) -> Jump:
     load = one.at(here.value)
 
     def explained() -> tuple[KINDS, Field, BarrierLaw]:
-        releases = first_releases(contact, load, here.gap, event.ahead)
-        kind, mode = reason_of(contact, load, here.gap, releases)
-        law = barrier_law(contact, load, here.gap, kind, mode, first_of(releases))
-        return kind, mode, law
+        limit = limit_ahead(contact, load, here.gap, event.ahead)
+        where = limit.load, limit.gap, limit.kind, limit.mode, limit.point
+        return limit.kind, limit.mode, barrier_law(contact, *where)
 
     def unexplained() -> tuple[KINDS, Field, BarrierLaw]:
         return KINDS.fold, jnp.full_like(here.gap, jnp.nan), no_barrier_law(here.gap, load)

@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxstab.contact import Contact
 from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
@@ -94,71 +93,54 @@ def go_on(
     return jax.lax.while_loop(goes_on, step, (walk, jnp.array(0)))[0]
 
 
-class WalkSetup(NamedTuple, Generic[Jumps]):
-    """The choices made before compiling.
+class Stores(NamedTuple, Generic[Jumps]):
+    """Functions that make an empty store of states, and of jumps, like one of them."""
 
-    Attributes:
-        programme_of: makes the programme of a contact, its loads, and settings.
-        states: makes an empty store of states like one of them.
-        jumps: the same of jumps.
-    """
-
-    programme_of: Callable[..., Programme]
     states: Callable[[PathPoint], States]
     jumps: Callable[[Event], Jumps]
 
 
 def travel(
-    setup: WalkSetup[Jumps],
+    stores: Stores[Jumps],
     bar: Any,
-    *inputs: Any,
+    programme: Programme,
+    start: Field | None,
     keep: Callable[[Progress[Jumps]], Progress[Jumps]] = lambda walk: walk,
 ) -> Progress[Jumps]:
     """Return a walk at its end; outside of a trace in batches, inside of one if it has room.
 
-    The inputs are contact, load, where the first equilibrium starts, and settings of the programme.
-    The bar shows the part of it that is done, in per cent. The records can be taken out after each
-    batch, of about a second.
+    The first equilibrium is sought from the start. The bar shows the part of the way that is done,
+    in per cent. The records can be taken out after each batch, of about a second.
     """
-    walk, load = keep(_begin(setup, *inputs)), inputs[1]
-    if is_traced(inputs):
-        return _go_on(setup, walk, None, *inputs)
+    walk = keep(_begin(stores, programme, start))
+    if is_traced((programme, start)):
+        return _go_on(stores, walk, None, programme)
     num_steps = 1
-    while walk.is_open(load):
-        start = perf_counter()
+    while walk.is_open(programme.load):
+        begun = perf_counter()
         # While it waits, an interrupt stays pending.
-        walk = keep(jax.block_until_ready(_go_on(setup, walk, num_steps, *inputs)))
+        walk = keep(jax.block_until_ready(_go_on(stores, walk, num_steps, programme)))
         if not bar.disable:
-            bar.update(int(100 * travelled(load, walk)) - bar.n)
+            bar.update(int(100 * travelled(programme.load, walk)) - bar.n)
         # The first time it is compiled.
-        if perf_counter() - start < _BATCH_SECONDS:
+        if perf_counter() - begun < _BATCH_SECONDS:
             num_steps = min(2 * num_steps, _BATCH_STEPS)
     return walk
 
 
 @partial(program, static_argnums=0)
-def _begin(setup: WalkSetup[Jumps], *inputs: Any) -> Progress[Jumps]:
-    def first(contact: Contact, load: Load, start: Field | None, *settings: Scalar) -> Progress:
-        return begin(setup.programme_of(contact, load, *settings), start, setup.states, setup.jumps)
+def _begin(stores: Stores[Jumps], programme: Programme, start: Field | None) -> Progress[Jumps]:
+    def first(programme: Programme, start: Field | None) -> Progress[Jumps]:
+        return begin(programme, start, stores.states, stores.jumps)
 
-    return by_entries(first)(*inputs)
+    return by_entries(first)(programme, start)
 
 
 @partial(program, static_argnums=0)
 def _go_on(
-    setup: WalkSetup[Jumps], walk: Progress[Jumps], num_steps: int | None, *inputs: Any
+    stores: Stores[Jumps], walk: Progress[Jumps], num_steps: int | None, programme: Programme
 ) -> Progress[Jumps]:
-    def further(
-        walk: Progress,
-        num_steps: Int[Array, ""] | None,
-        contact: Contact,
-        load: Load,
-        _: Field | None,
-        *settings: Scalar,
-    ) -> Progress:
-        return go_on(setup.programme_of(contact, load, *settings), walk, num_steps)
-
-    return by_entries(further)(walk, num_steps, *inputs)
+    return by_entries(go_on)(programme, walk, num_steps)
 
 
 @jax.jit

@@ -125,3 +125,21 @@ def test_steps_that_may_not_be_short_end_as_uncertain():
     assert len(branch.index) > 1
     with pytest.raises(js.SolverError, match=r"steps of the least length.*min_step"):
         js.continuation(contact, loads, **steps)
+
+
+@pytest.mark.nightly
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+def test_a_branch_to_infinite_gaps_ends_as_separated():
+    contact = line(EIGHT, 0.466, 0.2)
+    apart = js.equilibrate(contact, js.MeanGap(1.0))
+    ends = jnp.array([1.0, -2.0]) * apart.mean_pressure
+    branch = js.continuation(contact, js.MeanPressure(ends), initial=apart)
+    assert branch.end == "separated" and len(branch.turns) == 0
+    # Far apart it is that of flat surfaces at the mean attraction.
+    last = branch.equilibrium.mean_gap[-1]
+    factor = np.mean(np.exp(EIGHT / 0.2))
+    pull = -0.466 / 0.2 * np.exp(-(last + np.mean(EIGHT)) / 0.2) * factor
+    np.testing.assert_allclose(branch.load.value[-1], pull, rtol=1e-3)
+    # A load on the way there is reached.
+    near = js.continuation(contact, js.MeanPressure(jnp.array([1.0, 0.5]) * ends[0]), initial=apart)
+    assert near.end == "load"

@@ -13,7 +13,7 @@ from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core.gmres import gmres
 from jaxstab.core.grid import mean, total
-from jaxstab.core.types import Field, Mask, Scalar
+from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load
 from jaxstab.potentials import derivatives
 
@@ -22,6 +22,8 @@ _TANGENT_ACCURACY = {"float64": 1e-7, "float32": 1e-4}
 _MAX_RESTARTS = 10
 # Over the rms elastic pressure of full contact.
 _LEAST_SCALE = 1e-2
+# What part of the largest attraction is taken for none.
+_HARDLY_ANY = 1e-3
 
 
 class Point(eqx.Module):
@@ -67,6 +69,8 @@ class Curve(eqx.Module):
         least_scale: the pressure below which what is out of balance counts for less.
         load_offset: the value of the load at no gap and no pressure.
         load_gradient: the gradient of its value, which is the same anywhere.
+        farthest: the gap beyond which there is hardly any attraction, under a load that does not
+            hold the gap [length]; infinite under others.
     """
 
     contact: Contact
@@ -74,12 +78,17 @@ class Curve(eqx.Module):
     least_scale: Scalar
     load_offset: Scalar
     load_gradient: Point
+    farthest: Scalar
 
     @classmethod
     def of(cls, contact: Contact, load: Load) -> "Curve":
         """Return the curve of a contact under a load."""
         least = _LEAST_SCALE * contact.conforming_pressure
-        return cls(contact, load, least, *_value_of(contact, load))
+        offset, gradient = _value_of(contact, load)
+        profile = contact.profile
+        outermost = profile.outermost_gap(_HARDLY_ANY * profile.max_attraction)
+        farthest = jnp.where(jnp.any(gradient.gap != 0), jnp.inf, outermost)
+        return cls(contact, load, least, offset, gradient, farthest.astype(least.dtype))
 
     @property
     def stiffness(self) -> Scalar:
@@ -205,6 +214,23 @@ class Curve(eqx.Module):
             _MAX_RESTARTS,
         )
         return Point(inside(solution.gap), solution.pressure * soft / weight)
+
+
+class Way(eqx.Module):
+    """A curve, the values of the load that begin and end a branch, and the longest step on it.
+
+    One to a limit ends with its first unstable state: of negative eigenvalues only few are counted.
+    """
+
+    curve: Curve
+    first: Scalar
+    last: Scalar
+    longest: Scalar
+    to_limit: bool = eqx.field(static=True, default=False)
+
+    def is_beyond(self, at: Point) -> Flag:
+        """Return whether a point has reached the last load."""
+        return (self.curve.value(at) - self.last) * (self.first - self.last) <= 0
 
 
 def _value_of(contact: Contact, load: Load) -> tuple[Scalar, Point]:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
+from jaxstab.contact.hessian import Block
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient, SaddleNewton
@@ -14,17 +15,17 @@ from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load
 from jaxstab.paths.curve.branch import Turn
-from jaxstab.paths.curve.curve import Curve, Point
+from jaxstab.paths.curve.curve import Curve, Point, Way
 from jaxstab.paths.curve.events import Place
 from jaxstab.paths.curve.morse_index import UNKNOWN, index_of, some_modes
-from jaxstab.paths.curve.step import Stride, Way, next_stride
+from jaxstab.paths.curve.step import Stride, next_stride
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.record import Place as Recorded
 from jaxstab.paths.record import place_of
 
 # The longest step over the way from load to load; the first and the shortest over the longest.
 _LONGEST, _FIRST = 0.1, 0.2
-_SHORTEST = {"float64": 1e-7, "float32": 1e-4}
+SHORTEST = {"float64": 1e-7, "float32": 1e-4}
 # How nearly a turn is one that was passed before, over the size of its state.
 _SAME = {"float64": 1e-7, "float32": 1e-3}
 
@@ -38,10 +39,10 @@ class Task(eqx.Module):
     max_step: Scalar | None
     min_step: Scalar | None
 
-    def way(self, longest: Scalar) -> Way:
+    def way(self, longest: Scalar, to_limit: bool = False) -> Way:
         """Return the curve, its ends, and the longest step on it."""
         first, last = self.loads.value.astype(self.contact.heights.dtype)
-        return Way(Curve.of(self.contact, self.loads[0]), first, last, longest)
+        return Way(Curve.of(self.contact, self.loads[0]), first, last, longest, to_limit)
 
 
 class Walk(eqx.Module):
@@ -80,11 +81,15 @@ class Entry(eqx.Module):
 
 def begin(is_state: bool, task: Task) -> Walk:
     """Return a branch at its first state."""
-    contact, first, values = task.contact, task.loads[0], task.loads.value
     solver = SaddleNewton() if is_state else PreconditionedConjugateGradient()
-    found = find(contact, first, solver, task.start)
+    return begin_at(find(task.contact, task.loads[0], solver, task.start), task)
+
+
+def begin_at(found: Equilibrium, task: Task, to_limit: bool = False) -> Walk:
+    """Return a branch at its first state, an equilibrium at the first load."""
+    contact, first, values = task.contact, task.loads[0], task.loads.value
     gap, dtype = found.gap, found.gap.dtype
-    at = Point(gap, _pressure(contact, first, gap))
+    at = Point(gap, pressure_of(contact, first, gap))
     curve = Curve.of(contact, first)
     row = curve.load_gradient
     span = (values[1] - values[0]).astype(dtype)
@@ -95,20 +100,30 @@ def begin(is_state: bool, task: Task) -> Walk:
     longest = jnp.where(size > 0, jnp.minimum(longest, size), longest)
     if task.max_step is not None:
         longest = task.max_step.astype(dtype)
-    shortest = _SHORTEST[dtype.name] * longest
+    shortest = SHORTEST[dtype.name] * longest
     if task.min_step is not None:
         shortest = task.min_step.astype(dtype)
-    index, modes = index_of(contact, first, gap, some_modes(gap))
+    index, modes = index_of(contact, first, gap, some_modes(gap), counts_all=not to_limit)
+    lengths = _FIRST * longest, longest, shortest
+    return walk_from(here, lengths, index, modes, found.result)
+
+
+def walk_from(
+    here: Place,
+    lengths: tuple[Scalar, Scalar, Scalar],
+    index: Int[Array, ""],
+    modes: Block,
+    result: RESULTS,
+) -> Walk:
+    """Return a branch that begins at a place, given its first, longest and shortest step."""
+    first, longest, shortest = lengths
     yes, no = jnp.array(True), jnp.array(False)
     expected = jnp.where(index >= 0, index, UNKNOWN)
-    stride = Stride(
-        here, _FIRST * longest, index, expected, modes, at, KINDS.fold, no, no, no, yes, yes
-    )
-    one = jnp.array(1)
-    return Walk(stride, here, longest, shortest, one, KINDS.states, found.result)
+    stride = Stride(here, first, index, expected, modes, here.at, KINDS.fold, no, no, no, yes, yes)
+    return Walk(stride, here, longest, shortest, jnp.array(1), KINDS.states, result)
 
 
-def _pressure(contact: Contact, load: Load, gap: Field) -> Scalar:
+def pressure_of(contact: Contact, load: Load, gap: Field) -> Scalar:
     """Return p0 of an equilibrium, of the grid that it is solved on."""
     gradient = contact.gradient(gap)
     return jnp.mean(contact.control(load).net_pressure(gradient, gap) - gradient)
@@ -123,10 +138,21 @@ def next_walk(way: Way, walk: Walk) -> Walk:
     # In full contact a load that holds the gap stays where it is, whatever the pressure.
     is_stuck = ~jnp.any(stride.here.is_free) & (way.curve.load_gradient.pressure == 0)
     end = KINDS.where(is_stuck, KINDS.full_contact, end)
+    end = KINDS.where(_goes_apart(way, stride), KINDS.separated, end)
     is_loop = stride.is_new & _closes(way.curve, walk, stride.here.at)
     end = KINDS.where(is_loop, KINDS.loop, end)
     end = KINDS.where(stride.is_there, KINDS.load, end)
     return replace(walk, stride=stride, count=walk.count + stride.is_new, end=end)
+
+
+def _goes_apart(way: Way, stride: Stride) -> Flag:
+    """Return whether surfaces go apart without end, towards zero pressure.
+
+    That is so unless the last load comes before.
+    """
+    here, value = stride.here, way.curve.value(stride.here.at)
+    is_far = jnp.all(here.at.gap > way.curve.farthest) & (jnp.mean(here.tangent.gap) > 0)
+    return stride.is_new & is_far & ((way.last - value) * way.last >= 0)
 
 
 def _closes(curve: Curve, walk: Walk, at: Point) -> Flag:

@@ -52,7 +52,13 @@ def some_modes(gap: Field) -> Block:
 
 
 def index_of(
-    contact: Contact, load: Load, gap: Field, modes: Block, *, precise: bool = False
+    contact: Contact,
+    load: Load,
+    gap: Field,
+    modes: Block,
+    *,
+    precise: bool = False,
+    counts_all: bool = True,
 ) -> tuple[Int[Array, ""], Block]:
     """Return the number of negative eigenvalues of A on the critical space, and its lowest modes.
 
@@ -60,12 +66,14 @@ def index_of(
 
     The modes are sought from others, those of a state nearby; from more of them if all that count
     are negative, or not known. More than `MOST` count as so many; `UNKNOWN` says that the search
-    failed.
+    failed. Where not all are to be counted, three may stand for more.
     """
     # The last of the modes converges slowly, and only its sign is of use.
     solver, spare = (Davidson(_TOLERANCE[gap.dtype.name]), 1) if precise else (_Signs(1.0), 0)
     is_negative, is_known, modes = _lowest(contact, load, gap, gap > 0, modes, solver, spare)
     index = jnp.sum(is_negative)
+    if not counts_all:
+        return jnp.where(is_known, index, UNKNOWN), modes
 
     def look_on() -> Int[Array, ""]:
         many = noise(jax.random.key(1), _MANY, gap)

@@ -32,7 +32,7 @@ from jaxstab.paths.curve.between import (
     turns_as_said,
 )
 from jaxstab.paths.curve.corrector import Correction, CurveNewton, at_corner, on_plane
-from jaxstab.paths.curve.curve import Curve, Point
+from jaxstab.paths.curve.curve import Point, Way
 from jaxstab.paths.curve.events import (
     Corners,
     Place,
@@ -88,19 +88,6 @@ class Stride(eqx.Module):
     is_there: Flag
     is_new: Flag
     is_found: Flag
-
-
-class Way(eqx.Module):
-    """A curve, the values of the load that begin and end a branch, and the longest step on it."""
-
-    curve: Curve
-    first: Scalar
-    last: Scalar
-    longest: Scalar
-
-    def is_beyond(self, at: Point) -> Flag:
-        """Return whether a point has reached the last load."""
-        return (self.curve.value(at) - self.last) * (self.first - self.last) <= 0
 
 
 class _Aim(NamedTuple):
@@ -243,7 +230,9 @@ def _accepted(
     turn, is_flat = jax.lax.cond(turns & is_clear, at_fold, lambda: (arrived.at, jnp.array(True)))
     new, goes_on = jax.lax.cond(aim.is_corner, behind_corner, lambda: (arrived, is_clear))
     gap = new.at.gap
-    index, modes = index_of(curve.contact, curve.load, gap, stride.modes)
+    index, modes = index_of(
+        curve.contact, curve.load, gap, stride.modes, counts_all=not way.to_limit
+    )
     turns_back = curve.rate(arrived.tangent) * curve.rate(new.tangent) < 0
     # At a release the point that lets go has no part in it yet.
     touches = aim.is_corner & ~aim.opens
@@ -302,6 +291,9 @@ def _explains(
         return (before >= 0) & (after >= 0) & is_as_said(before, after)
 
     agrees = is_as_said(stride.expected, index)
+    if way.to_limit:
+        # A bifurcation is a limit, however long the step.
+        return agrees | ((stride.index == 0) & (index > 0) & ~turns)
     # The farther from a bifurcation, the less a mode that does break the branch off has part in it.
     is_short = stride.length <= _ACROSS * way.longest
     return jax.lax.cond(~agrees & is_short, is_driven, lambda: agrees)

@@ -18,8 +18,7 @@ from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.core.units import NUMBER, Dimension, Dimensioned
 from jaxstab.equilibrium.derivatives import third_derivative
 from jaxstab.loads import Load
-from jaxstab.paths.branch_end.linearise import free_space, rates
-from jaxstab.paths.branch_end.release import opening
+from jaxstab.paths.curve.response import free_space, opening, response
 from jaxstab.paths.kinds import KINDS
 
 
@@ -57,16 +56,18 @@ def barrier_law(
     With a = x.dr/dl and k = sum f'''(g) x^3 at a fold, C = 4 sqrt(2) / 3 |a|^(3/2) / |k|^(1/2). At
     a release C = (x.dr/dl)^2 / (2 |x.Ax|), x being the move that opens the point.
     """
+    net_rate = response(contact, load, gap).net_rate
 
     def at_release() -> tuple[Scalar, Scalar]:
-        near = opening(contact, load, gap, point)
-        bend = total(near.move * contact.hessian(gap, contact.control(load))(near.move))
-        coefficient = near.slope**2 / jnp.where(bend < 0, -2 * bend, jnp.nan)
+        move = opening(contact, load, gap, point)
+        bend = total(move * contact.hessian(gap, contact.control(load))(move))
+        slope = total(move * net_rate)
+        coefficient = slope**2 / jnp.where(bend < 0, -2 * bend, jnp.nan)
         return jnp.full_like(coefficient, 2), coefficient
 
     def at_fold() -> tuple[Scalar, Scalar]:
         space = free_space(contact, load, gap)
-        forces = mode * space.project(rates(contact, load, gap)[2])
+        forces = mode * space.project(net_rate)
         cubic = total(third_derivative(contact, gap) * mode**3)
         coefficient = 4 * 2**0.5 / 3 * jnp.abs(total(forces)) ** 1.5 / jnp.sqrt(jnp.abs(cubic))
         rounding = jnp.finfo(gap.dtype).eps ** 0.25 * total(jnp.abs(forces))
@@ -75,6 +76,8 @@ def barrier_law(
         return power, power / 1.5 * coefficient
 
     exponent, coefficient = jax.lax.cond(kind == KINDS.release, at_release, at_fold)
+    exponent = jnp.where(kind == KINDS.uncertain, jnp.nan, exponent)
+    coefficient = jnp.where(kind == KINDS.uncertain, jnp.nan, coefficient)
     return BarrierLaw(exponent, coefficient * contact.grid.cell_area, load.unit)
 
 

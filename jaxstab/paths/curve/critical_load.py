@@ -13,8 +13,8 @@ from jaxstab.core.units import Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import contact_area, fields_of
 from jaxstab.loads import Load
-from jaxstab.paths.branch_end.derivatives import differentiable, differentiable_fields
-from jaxstab.paths.branch_end.locate import Limit
+from jaxstab.paths.curve.limit import Limit
+from jaxstab.paths.curve.limit_derivatives import differentiable, differentiable_fields
 from jaxstab.paths.kinds import KINDS
 from jaxstab.stability import Eigenpair
 from jaxstab.stability.cones import Subspace
@@ -26,11 +26,11 @@ class CriticalLoad(Stackable, Dimensioned):
 
     Attributes:
         equilibrium: the last equilibrium of the branch, with its load.
-        kind: a member of `KINDS`: a fold or a release.
+        kind: a member of `KINDS`: a fold or a release; uncertain where the branch ends, but the
+            condition of neither is met.
         critical: the smallest eigenvalue on the points that are free or let go, and its mode. It
             is zero at a fold and negative at a release. `Stability.critical` is that without the
-            points that let go, which is still positive right before a release. Where other points
-            touch or let go at once, it may be neither, and its error is at least as large.
+            points that let go, which is still positive right before a release.
         after: the state that remains beyond a pull-off; None of others.
         result: a member of `RESULTS`: how the search ended.
     """

@@ -1,0 +1,240 @@
+"""The limit of a stable branch: the first event behind which its states are no minima.
+
+The curve is followed towards a load until the load turns back on it, at a fold or a release. At a
+bifurcation, which a symmetry makes, it does not turn, but an eigenvalue vanishes: a fold too.
+"""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from jaxstab.contact import Contact
+from jaxstab.core.conditional import first_good
+from jaxstab.core.grid import mean
+from jaxstab.core.history import History
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.equilibrium import PreconditionedConjugateGradient
+from jaxstab.loads import Load
+from jaxstab.paths.curve.corrector import Condition, Correction, CurveNewton, at_corner, on_plane
+from jaxstab.paths.curve.curve import Curve, Point, Way
+from jaxstab.paths.curve.events import Place, choose
+from jaxstab.paths.curve.march import (
+    SHORTEST,
+    Walk,
+    next_walk,
+    pressure_of,
+    walk_from,
+)
+from jaxstab.paths.curve.morse_index import UNKNOWN, some_modes
+from jaxstab.paths.curve.step import Stride
+from jaxstab.paths.kinds import KINDS
+from jaxstab.stability.cones import Subspace
+from jaxstab.stability.eigenpair import Eigenpair
+from jaxstab.stability.lowest_pair import on_space
+from jaxstab.stability.solvers.davidson import Davidson
+
+# How closely the point of the limit is found, and its mode.
+_CLOSE = {"float64": 1e-13, "float32": 1e-6}
+_MODE = {"float64": 1e-9, "float32": 1e-5}
+# What of an eigenvalue at a fold is zero, over the stiffness of the softest wave.
+_ZERO = {"float64": 1e-6, "float32": 1e-2}
+# How closely a bifurcation is bracketed, over the longest step.
+_BRACKET = {"float64": 1e-10, "float32": 1e-5}
+_MAX_STEPS = 2000
+# How far from where it was seen to lie a limit may be found, over how near that is known.
+_LEEWAY = 10
+# From a state nearby: its longest step over its size, the first one over that, and how far back it
+# begins, that too, to which side of the event whatever the state lies on.
+_SHARE, _FIRST, _BACK = 0.1, 1e-3, {"float64": 1e-5, "float32": 1e-3}
+_NUM_STARTS = 4
+
+
+class Limit(eqx.Module):
+    """Where a stable branch ends.
+
+    Attributes:
+        load: the load there.
+        gap: the last gap of the branch [length].
+        kind: a fold or a release; uncertain if neither could be told.
+        point: the contact point that lets go; none at a fold.
+        is_tied: whether others let go with it.
+        critical: the lowest eigenpair on the points that are free or let go.
+        residual: of the balance of pressures and the condition of the kind.
+        num_steps: along the curve to find it.
+        history: of the residual.
+        result: how the search ended.
+    """
+
+    load: Load
+    gap: Field
+    kind: KINDS
+    point: Mask
+    is_tied: Flag
+    critical: Eigenpair
+    residual: Scalar
+    num_steps: Int[Array, ""]
+    history: History
+    result: RESULTS
+
+    @property
+    def is_found(self) -> Flag:
+        """Whether there is one."""
+        return self.result == RESULTS.successful
+
+    @property
+    def mode(self) -> Field:
+        """The mode that leads away from the branch, along which contact points open."""
+        mode = self.critical.mode
+        return mode * jnp.where(mean(jnp.where(self.gap == 0, mode, 0)) < 0, -1, 1)
+
+
+class _March(eqx.Module):
+    """A branch before and after its last step, and how closely a bifurcation is bracketed."""
+
+    before: Walk
+    after: Walk
+    width: Scalar
+    count: Int[Array, ""]
+
+    @property
+    def is_past(self) -> Flag:
+        """Whether the last step has led past the limit."""
+        old, new = self.before.stride, self.after.stride
+        return new.is_new & (new.turns | ((old.index == 0) & (new.index > 0)))
+
+
+def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limit:
+    """Return the limit of a branch from a state close to it.
+
+    A load that is so far ahead, with its sign, has no state of this branch. The state itself may
+    lie past the limit, by no more than its residual; then the point that let go is the one that is
+    least open. So the search begins a little further back. If it finds no event, the limit is the
+    state itself, and uncertain.
+    """
+    curve = Curve.of(contact, load)
+    at, dtype = Point(gap, pressure_of(contact, load, gap)), gap.dtype
+    longest = _SHARE * curve.length(at)
+    sign = jnp.sign(ahead)
+    row = Point(sign * curve.load_gradient.gap, sign * curve.load_gradient.pressure)
+    end = load.value + _LEEWAY * _horizon(load, gap, ahead)
+    way = Way(curve, load.value, end, longest, to_limit=True)
+
+    def back(number: Array) -> tuple[Place, Flag]:
+        closes = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
+        is_free = (gap > 0) & ~(closes & (number % 2 == 1))
+        here = Place(Point(jnp.where(is_free, gap, 0), at.pressure), is_free, at)
+        tangent = curve.tangent(here.at, is_free, row)
+        length = _BACK[dtype.name] * longest * jnp.where(number < 2, 1.0, 1e-2).astype(dtype)
+        ahead = curve.gradient_of(tangent)
+        plane = on_plane(ahead, ahead.times(here.at) - length, longest)
+        newton = CurveNewton().run(Correction(curve, plane, is_free, jnp.array(False)), here.at)
+        found = newton.state.at
+        is_sound = jnp.all(jnp.where(is_free, found.gap, newton.state.forces.net) > 0)
+        is_found = (newton.result == RESULTS.successful) & is_sound
+        return Place(found, is_free, tangent), is_found
+
+    here, is_found = first_good(back, lambda found: found[1], _NUM_STARTS)
+    result = RESULTS.where(is_found, RESULTS.successful, RESULTS.lost_branch)
+    lengths = _FIRST * longest, longest, SHORTEST[dtype.name] * longest
+    unknown = jnp.array(UNKNOWN)
+    limit = limit_of(way, walk_from(here, lengths, unknown, some_modes(gap), result))
+    residual = contact.balance(contact.control(load))(gap).residual
+    result = RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite)
+    state = replace(limit, load=load, gap=gap, residual=residual, result=result)
+    state = replace(state, kind=KINDS.uncertain, point=jnp.zeros_like(limit.point))
+    return choose(limit.is_found, limit, state)
+
+
+def _horizon(load: Load, gap: Field, ahead: Scalar) -> Scalar:
+    """Return how far ahead the end of a branch may lie, with its sign.
+
+    It is known no better than the states of the branch are: to a part of their mean gap or of the
+    pressure. The origin of lengths does not matter.
+    """
+    tolerance = PreconditionedConjugateGradient().tolerance_in(gap.dtype)
+    size = mean(gap) if load.unit == "length" else jnp.abs(load.value)
+    return jnp.sign(ahead) * jnp.maximum(jnp.abs(ahead), tolerance * size)
+
+
+def limit_of(way: Way, walk: Walk) -> Limit:
+    """Return the limit of a branch that begins so."""
+    dtype = walk.longest.dtype
+    close = _BRACKET[dtype.name] * walk.longest
+
+    def goes_on(march: _March) -> Flag:
+        is_open = (march.width > close) & ~(march.is_past & march.after.stride.turns)
+        return march.after.is_on & is_open & (march.count < _MAX_STEPS)
+
+    def further(march: _March) -> _March:
+        # Past a bifurcation the step before is taken again, half as long.
+        old = choose(march.is_past, march.before, march.after)
+        length = jnp.minimum(old.stride.length, march.width / 2)
+        old = replace(old, stride=replace(old.stride, length=length, turns=jnp.array(False)))
+        new = next_walk(way, old)
+        taken = way.curve.length(new.stride.here.at.minus(old.stride.here.at))
+        next_march = _March(old, new, march.width, march.count + 1)
+        width = jnp.where(next_march.is_past, taken, march.width - taken)
+        return replace(next_march, width=jnp.where(new.stride.is_new, width, march.width))
+
+    infinite = jnp.full_like(walk.longest, jnp.inf)
+    start = _March(walk, walk, infinite, jnp.array(0))
+    march = jax.lax.while_loop(goes_on, further, start)
+    ended = march.after.end
+    is_unclear = (ended == KINDS.uncertain) | (ended == KINDS.lost) | march.after.is_on
+    result = RESULTS.where(is_unclear, RESULTS.lost_branch, RESULTS.no_fold)
+    result = RESULTS.where(walk.result == RESULTS.successful, result, walk.result)
+    limit = _located(way, march.before.stride, march.after.stride, march.count)
+    is_found = march.is_past | (march.width <= close)
+    result = RESULTS.where(is_found, limit.result, result)
+    return replace(limit, result=result)
+
+
+def _located(way: Way, old: Stride, new: Stride, count: Int[Array, ""]) -> Limit:
+    """Return the limit between two states of a branch, its conditions met as nearly as possible.
+
+    It is uncertain if the test function of its kind is not zero: at a fold the eigenvalue, at a
+    release the reaction, and the energy must fall as the point opens.
+    """
+    curve = way.curve
+    contact, dtype = curve.contact, new.length.dtype
+    is_free, changes = old.here.is_free & new.here.is_free, old.here.is_free ^ new.here.is_free
+    # From the far side a release is a touch.
+    is_release = new.turns & (new.kind != KINDS.fold)
+    opens = changes & is_release
+    point = opens & (jnp.arange(opens.size).reshape(opens.shape) == jnp.argmax(opens))
+    seen = choose(new.turns, new.turn, new.here.at)
+    row = curve.gradient_of(old.here.tangent)
+    longest = way.longest
+    corner = at_corner(curve, point, jnp.array(True), longest)
+    condition: Condition = choose(is_release, corner, on_plane(row, row.times(seen), longest))
+    newton = CurveNewton(_CLOSE[dtype.name])
+    start = Point(jnp.where(is_free, seen.gap, 0), seen.pressure)
+    found = newton.run(Correction(curve, condition, is_free, jnp.array(False)), start)
+    gap = jnp.where(is_free, jnp.maximum(found.state.at.gap, 0), 0)
+    load = curve.load.at(curve.value(Point(gap, found.state.at.pressure)))
+    control = contact.control(load)
+    space = Subspace(is_free | opens, control.fixes_mean)
+    pair = on_space(
+        Davidson(_MODE[dtype.name]), contact.hessian(gap, control), space, new.modes
+    ).pair
+    is_met = found.residual <= CurveNewton().tolerance_in(dtype)
+    is_flat = jnp.abs(pair.eigenvalue) <= _ZERO[dtype.name] * contact.solid.min_stiffness
+    is_event = is_met & jnp.where(is_release, pair.eigenvalue < pair.error, is_flat)
+    kind = KINDS.where(is_release, KINDS.release, KINDS.fold)
+    result = RESULTS.where(jnp.isfinite(found.residual), RESULTS.successful, RESULTS.nonfinite)
+    return Limit(
+        load=load,
+        gap=gap,
+        kind=KINDS.where(is_event, kind, KINDS.uncertain),
+        point=point,
+        is_tied=jnp.sum(opens) > 1,
+        critical=pair,
+        residual=found.residual,
+        num_steps=count + found.num_steps,
+        history=found.history,
+        result=result,
+    )
