@@ -1,9 +1,9 @@
 """Paths: the states of a contact under a programme of loads, and the ends of its branches."""
 
+from jaxstab.paths.barrier_law import BarrierLaw
 from jaxstab.paths.barriers.easiest_exit import easiest_exit
 from jaxstab.paths.barriers.transition import Transition, transition
 from jaxstab.paths.critical_load import critical_load
-from jaxstab.paths.curve.barrier_law import BarrierLaw
 from jaxstab.paths.curve.branch import Branch, Turn
 from jaxstab.paths.curve.continuation import continuation
 from jaxstab.paths.evolution.evolution import Evolution
@@ -11,13 +11,13 @@ from jaxstab.paths.evolution.evolve import evolve
 from jaxstab.paths.evolution.growth_rate import growth_rate
 from jaxstab.paths.evolution.lifetime import lifetime
 from jaxstab.paths.evolution.step import Internal
-from jaxstab.paths.follow import PathInterrupted, follow
+from jaxstab.paths.follow import follow
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.observe import (
     Observed,
     observe,
 )
-from jaxstab.paths.path import Jump, Path, PathState, States
+from jaxstab.paths.path import Jump, Path, PathInterrupted, PathState, States
 from jaxstab.paths.pull_off import pull_off
 
 __all__ = [

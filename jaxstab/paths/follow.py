@@ -25,7 +25,7 @@ from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.derivatives import with_derivatives
-from jaxstab.paths.path import Path
+from jaxstab.paths.path import Path, PathInterrupted
 from jaxstab.paths.programme import DISTURBANCE, Programme, programme_of
 from jaxstab.paths.record import Room, Table
 from jaxstab.paths.recorded_path import Recording, path_of, path_with_room
@@ -37,10 +37,6 @@ _ROOM = 32, 2
 # lost before.
 _SMALLEST_JUMP = 2e-7
 _SMALLEST_SHARE = 3e-3
-
-
-class PathInterrupted(UserWarning):
-    """A path was interrupted; it holds the states so far."""
 
 
 def follow(

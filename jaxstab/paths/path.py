@@ -17,8 +17,12 @@ from jaxstab.core.unit_system import NO_UNITS, Units, has_words, readable_unit
 from jaxstab.core.units import AREA, ENERGY, LENGTH, NUMBER, PRESSURE, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
-from jaxstab.paths.curve.barrier_law import BarrierLaw
+from jaxstab.paths.barrier_law import BarrierLaw
 from jaxstab.paths.kinds import KINDS
+
+
+class PathInterrupted(UserWarning):
+    """A path was interrupted; it holds the states so far."""
 
 
 class States(Stackable, Dimensioned):

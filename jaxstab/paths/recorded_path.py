@@ -17,7 +17,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries, stacked
 from jaxstab.core.types import Field, Scalar
 from jaxstab.loads import Load
-from jaxstab.paths.curve.barrier_law import BarrierLaw, barrier_law, no_barrier_law
+from jaxstab.paths.barrier_law import BarrierLaw, barrier_law, no_barrier_law
 from jaxstab.paths.curve.limit import limit_ahead
 from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.kinds import KINDS

@@ -33,9 +33,8 @@ from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_loads, require_same_machine
 from jaxstab.paths.curve.branch import Branch, Turn
 from jaxstab.paths.curve.march import Entry, Task, Walk, begin, entry_of, is_same, next_walk
-from jaxstab.paths.follow import PathInterrupted
 from jaxstab.paths.kinds import KINDS
-from jaxstab.paths.path import States
+from jaxstab.paths.path import PathInterrupted, States
 from jaxstab.paths.record import Room, Table
 
 # Turns that there is room for under JAX transformations.

@@ -19,8 +19,8 @@ from jaxstab.equilibrium.derivatives import changing_points, free_system, third_
 from jaxstab.equilibrium.equilibrium import Fields, fields_of
 from jaxstab.loads import Load
 from jaxstab.paths.curve.limit import Limit, limit_ahead
-from jaxstab.paths.curve.response import free_space, opening, response
 from jaxstab.paths.kinds import KINDS
+from jaxstab.paths.response import free_space, opening, response
 from jaxstab.stability.derivatives import differentiable as differentiable_pair
 from jaxstab.stability.eigenpair import Eigenpair
 

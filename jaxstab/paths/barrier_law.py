@@ -18,8 +18,8 @@ from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.core.units import NUMBER, Dimension, Dimensioned
 from jaxstab.equilibrium.derivatives import third_derivative
 from jaxstab.loads import Load
-from jaxstab.paths.curve.response import free_space, opening, response
 from jaxstab.paths.kinds import KINDS
+from jaxstab.paths.response import free_space, opening, response
 
 
 class BarrierLaw(Stackable, Dimensioned):
