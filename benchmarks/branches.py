@@ -47,7 +47,7 @@ STEP, DISTANCE = 0.05, 0.1
 
 @jax.jit
 def elastic(solid, field):
-    return solid.held_by(0).apply(field)
+    return solid.with_uniform_stiffness(0).apply(field)
 
 
 @jax.jit

@@ -60,7 +60,7 @@ from .paths import (
     pull_off,
     transition,
 )
-from .paths.branch_end.critical_load import CriticalLoad
+from .paths.curve.critical_load import CriticalLoad
 from .paths.sweep import Sweep, SweepInterrupted, sweep
 from .solids import (
     CoatedHalfSpace,
