@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jaxstab.contact import Contact, require_contact
+from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.core import display
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
@@ -22,6 +22,7 @@ from jaxstab.equilibrium.observables.patches import require_known
 from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load
 from jaxstab.paths.curve.branch import Branch
+from jaxstab.paths.evolution.evolution import Evolution
 from jaxstab.paths.path import Path, States
 from jaxstab.paths.sweep import Sweep
 
@@ -56,7 +57,7 @@ class Observed(Stackable, eqx.Module):
 
 def observe(
     contact: Contact,
-    states: Path | Branch | Sweep | Equilibrium,
+    states: Path | Branch | Evolution | Sweep | Equilibrium,
     *observables: Callable[[Contact, Equilibrium], Observable],
 ) -> Observed:
     """Return observables beside the states of a path or a sweep.
@@ -72,8 +73,9 @@ def observe(
 
     Arguments:
         contact: the contact of these states.
-        states: the result of `follow` or `continuation`, with `fields=True`, or of `sweep`; or a
-            stack of equilibria.
+        states: the result of `follow`, `continuation` or `evolve`, with `fields=True`, or of
+            `sweep`; or a stack of equilibria. A viscoelastic contact has in a state the pressures
+            of that time, and the stiffness of its relaxed solid.
         observables: the functions: `jaxstab.patches`, `jaxstab.conductance`, `jaxstab.leakage`.
 
     Raises:
@@ -84,7 +86,7 @@ def observe(
         SolverError: as the observables.
     """
     require_contact(contact)
-    if not isinstance(states, Path | Branch | Sweep | Equilibrium):
+    if not isinstance(states, Path | Branch | Evolution | Sweep | Equilibrium):
         raise TypeError(
             f"{type(states).__name__} has no states to observe: give the result of jaxstab.follow "
             "or jaxstab.sweep, as in jaxstab.observe(contact, path, jaxstab.patches)."
@@ -92,6 +94,8 @@ def observe(
     wrong = [repr(x) for x in observables if not callable(x)] or ["missing"] * (not observables)
     if wrong:
         raise TypeError(f"The observable is {wrong[0]}: give functions, as jaxstab.patches.")
+    if isinstance(states, Evolution):
+        require_same_contact(contact, states.contact, "The evolution")
     require_known((states, contact), "observe")
     equilibrium = states if isinstance(states, Equilibrium) else states.equilibrium
     gaps = _gaps(contact, equilibrium)
@@ -101,7 +105,10 @@ def observe(
     found: dict[str, list[Observable]] = {_name(observable): [] for observable in observables}
     for i in np.flatnonzero(are_found):
         state = equilibrium[i]
-        if not isinstance(state, Equilibrium):
+        if isinstance(states, Evolution):
+            moved, state = states[i].instant
+            state = state.on_surface(moved.solid)
+        elif not isinstance(state, Equilibrium):
             state = _state(contact, states.load[i], gaps[i])
         for observable in observables:
             found[_name(observable)].append(_row(observable, contact, state))
@@ -117,7 +124,7 @@ def _name(observable: Callable[..., Any]) -> str:
 def _gaps(contact: Contact, equilibrium: States | Equilibrium) -> np.ndarray:
     if equilibrium.gap is None:
         raise ValueError(
-            "The path kept no gaps, and observables are computed from these: follow it again with "
+            "The path kept no gaps, and observables are computed from these: compute it again with "
             "fields=True, as in jaxstab.follow(contact, load, fields=True)."
         )
     gaps = np.asarray(equilibrium.gap)

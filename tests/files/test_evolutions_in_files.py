@@ -60,3 +60,20 @@ def test_an_evolution_of_another_contact_or_several_are_refused(evolution):
     several = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), evolution)
     with pytest.raises(ValueError, match="several evolutions"):
         js.to_dataset(evolution.contact, several)
+
+
+def test_observables_stand_beside_its_states_and_go_into_files(evolution, tmp_path):
+    contact = evolution.contact
+    observed = js.observe(contact, evolution, js.patches)
+    assert np.array(observed.patches.area) == pytest.approx(
+        np.array(evolution.contact_area * contact.area)
+    )
+    # Patches press against the load and the attraction outside of them, at that time.
+    forces = js.patches(contact, evolution[1].instant[1]).forces
+    gap = evolution[1].gap
+    pull = 0.001 / 0.02 * jnp.mean(jnp.where(gap > 0, jnp.exp(-gap / 0.02), 0))
+    assert np.sum(forces) == pytest.approx(float(evolution.force[1] + pull), rel=1e-6)
+    saved = js.save(tmp_path / "observed.nc", contact, observed)
+    assert_same_bits((contact, observed), js.load(saved))
+    with pytest.raises(ValueError, match="another potential"):
+        js.observe(contact_of(0.002), evolution, js.patches)

@@ -20,6 +20,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load
 from jaxstab.paths.evolution.step import Internal, Medium
+from jaxstab.paths.path import States
 
 
 class Totals(eqx.Module):
@@ -112,6 +113,23 @@ class Evolution(Totals):
                 "The gap and the memory of this state were not kept: call evolve with fields=True."
             )
         return self.last
+
+    @property
+    def equilibrium(self) -> States:
+        """The states as a path has them: energies above the start, losses in jumps."""
+        contact, kept = self.contact, self.fields
+        return States(
+            self.mean_gap,
+            self.mean_pressure,
+            self.contact_area,
+            area=jnp.broadcast_to(contact.area, self.mean_gap.shape),
+            energy=self.stored,
+            work=self.work,
+            dissipation=self.lost,
+            gap=None if kept is None else jax.lax.map(contact.solid.surface, kept.gap),
+            units=contact.units,
+            is_window=contact.solid.is_window,
+        )
 
     @property
     def gap(self) -> Field:

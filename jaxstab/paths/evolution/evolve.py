@@ -234,11 +234,11 @@ def _along_all(*inputs: Any, fields: bool) -> tuple[State, Entry]:
 
 def _one_by_one(report: Callable[[], object], *inputs: Any, fields: bool) -> tuple[State, Entry]:
     """Return the same by a program for each leg, so that it can be watched and interrupted."""
-    *held, state, legs = inputs
+    medium, load, rtol, state, legs = inputs
     entries = []
     for i in range(legs.number.size):
         leg = jax.tree.map(lambda leaf, i=i: leaf[i], legs)
-        state, entry = _along(*held, state, leg, fields=fields)
+        state, entry = _along(medium, load, rtol, state, leg, fields=fields)
         entries.append(entry)
         report()
     return state, stacked(entries, entries[0])
