@@ -6,12 +6,17 @@ The step is the body of the outermost loop that has a Fourier transform in it.
 import re
 from collections import Counter
 from contextlib import contextmanager
+from functools import partial
 from math import prod
 from unittest import mock
 
 import jax
 
+import jaxstab as js
 from jaxstab.core import batching
+from jaxstab.equilibrium.equilibrate import find
+from jaxstab.stability.cones import AdmissibleCone
+from jaxstab.stability.solvers.davidson import Davidson
 
 # In HLO: operations that start no kernel.
 _FREE = {"parameter", "constant", "get-tuple-element", "tuple", "bitcast"}
@@ -35,6 +40,29 @@ def as_on_an_accelerator():
         jax.clear_caches()
 
 
+def solver_runs(n):
+    """Return by name a function that runs each solver, and the number of loops around its own."""
+    grid = js.Grid(n)
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=n // 4, rms_height=0.05)
+    law = js.potentials.Exponential(2e-3, 0.05)
+    contact, _ = js.Contact(js.HalfSpace(grid, 1.0), heights, law).in_own_units()
+    load = js.MeanGap(0.05)
+    state = js.equilibrate(contact, load)
+    hessian = contact.hessian(state.gap, contact.control(load))
+    cone = AdmissibleCone(state.in_contact)
+    starts = jax.random.uniform(jax.random.key(0), (12, n, n), minval=-1)
+    of_states = js.PreconditionedConjugateGradient(), js.PolonskyKeerRey(), js.SaddleNewton()
+    runs = {
+        type(solver).__name__: (lambda solver=solver: find(contact, load, solver, None), 0)
+        for solver in of_states
+    }
+    runs["Davidson"] = lambda: Davidson().solve(hessian, cone.hull, starts[:4]), 0
+    for solver, depth in ((js.ProjectedLOBPCG(), 1), (js.ProximalIteration(), 0)):
+        run = partial(solver.solve, hessian, cone, starts)
+        runs[type(solver).__name__] = (run, depth)
+    return runs
+
+
 def step_counts(function, *args, platform="cpu", depth=0):
     """Count the operations of a step in the program that is handed to the compiler.
 
@@ -47,8 +75,8 @@ def step_counts(function, *args, platform="cpu", depth=0):
     Returns:
         How often each operation of StableHLO stands in the step, inner loops and branches
         included. "waits" are those of them whose predicate the host reads, unless it knows the
-        number of turns; "sums" leave fewer numbers than they read; "pairs" are the transforms forth and back. "carry" are the bytes that the
-        loop hands on.
+        number of turns; "sums" leave fewer numbers than they read; "pairs" are pairs of
+        transforms. "carry" are the bytes that the loop hands on.
     """
     module = jax.jit(function).trace(*args).lower(lowering_platforms=(platform,)).compiler_ir()
     functions = {str(f.attributes["sym_name"]).strip('"'): f for f in module.body.operations}
@@ -119,11 +147,18 @@ def _is_solver(functions, op):
 
 def _waits(op):
     if _name(op) != "while":
-        return _name(op) in ("case", "if")
+        return _name(op) in ("case", "if") and not _is_constant(op.operands[0])
     # A loop whose turns are counted ends by a comparison with a constant.
     (last,) = list(op.regions[0].blocks[0].operations)[-1].operands
-    compared = getattr(last.owner, "operands", [])
-    return not any(getattr(value.owner, "name", "") == "stablehlo.constant" for value in compared)
+    return not any(map(_is_constant, getattr(last.owner, "operands", [])))
+
+
+def _is_constant(value):
+    """Whether the compiler knows a value: also that by which JAX's own functions look for CUDA."""
+    owner = value.owner
+    name = getattr(owner, "name", "")
+    is_branch = name == "stablehlo.case" and _is_constant(owner.operands[0])
+    return name == "stablehlo.constant" or is_branch
 
 
 def _is_sum(op):

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jaxstab.core import model
-from jaxstab.core.grid import total
+from jaxstab.core.grid import totals
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads import Control
 from jaxstab.potentials import Potential, derivatives
@@ -19,6 +19,9 @@ _FLAT = 1e-2
 # How much larger than the rounding of what a gap takes the scale of residuals then is, so that the
 # default tolerances can be reached.
 _ROUNDING = {"float64": 5e8, "float32": 2.5e3}
+# The inverse of the default tolerances: to reach them takes no more than that the stiffest wave is
+# rounded as gaps are. That outweighs the pressures from a few thousand points a side in float32.
+_FROM_TOLERANCE = {"float64": 1e9, "float32": 1e4}
 
 
 class Balance(eqx.Module):
@@ -29,17 +32,19 @@ class Balance(eqx.Module):
     the imbalance over a scale. The scale is the rms of K u and, where g > 0, of the attraction that
     the load does not balance by itself. Under a held mean gap that is f' less its mean, otherwise
     f' + p0. It is at least a hundredth of the rms of K h, in single precision a tenth, since that
-    resolves no less. Where a core is stiffer than any wave, f' and the imbalance are scaled down by
-    the ratio. Over a nearly flat surface the scale is at least the pressure that moves the stiffest
-    wave by the part of the gap that rounding hides. Under a held pressure the residual is at least
-    a hundredth of the mean imbalance over the mean of p0 and f'. Over a nearly flat surface it is
-    at least the whole.
+    resolves no less. It is at least the pressure by which rounding of the gap moves the stiffest
+    wave, over the default tolerance. Where a core is stiffer than any wave, f' and the imbalance
+    are scaled down by the ratio. Over a nearly flat surface the scale is at least the pressure that
+    moves the stiffest wave by the part of the gap that rounding hides. Under a held pressure the
+    residual is at least a hundredth of the mean imbalance over the mean of p0 and f'. Over a nearly
+    flat surface it is at least the whole.
 
     Attributes:
         net: K u + p0 + f'(g) [pressure].
         curvature: f''(g) [pressure/length].
         elastic_energy: u.Ku / 2 (Rey & Bleyer, eq. 15) [energy/area].
         adhesion: sum f(g) [energy/area].
+        mean_gap: the mean of g [length].
         residual: the relative optimality residual.
         has_escaped: whether the load has pulled the surfaces apart for good.
     """
@@ -48,6 +53,7 @@ class Balance(eqx.Module):
     curvature: Field
     elastic_energy: Scalar
     adhesion: Scalar
+    mean_gap: Scalar
     residual: Scalar
     has_escaped: Flag
 
@@ -66,7 +72,9 @@ def balance_of(
     smallest_scale = conforming * max(1e-2, 1e6 * float(jnp.finfo(heights.dtype).eps))
     heights -= heights.ravel()[0]
     spread = jnp.max(jnp.abs(heights))
-    rounding = _ROUNDING[heights.dtype.name] * float(jnp.finfo(heights.dtype).eps)
+    precision = float(jnp.finfo(heights.dtype).eps)
+    rounding = _ROUNDING[heights.dtype.name] * precision
+    least_rounding = _FROM_TOLERANCE[heights.dtype.name] * precision * stiffest
 
     def balance(gap: Field) -> Balance:
         # Less that of one point: K ignores a constant, but would lose digits to it.
@@ -82,12 +90,14 @@ def balance_of(
         # On a core stiffer than any wave, a point is as far off as its own stiffness says, unless
         # that is beyond all numbers.
         share = jnp.where(curvature == jnp.inf, 1, stiffest / jnp.maximum(curvature, stiffest))
-        scale = jnp.sqrt(total(elastic**2 + (share * resisting) ** 2) / gap.size)
+        squares = elastic**2 + (share * resisting) ** 2, (share * missed) ** 2
+        scale, residual = jnp.sqrt(totals(squares) / gap.size)
         scale = jnp.maximum(scale, smallest_scale)
-        level = total(gap) / gap.size
+        sums = totals([displacement * elastic, density, gap, gap**2])
+        twice_elastic, adhesion, level = sums[0], sums[1], sums[2] / gap.size
+        scale = jnp.maximum(scale, least_rounding * jnp.sqrt(sums[3] / gap.size))
         is_nearly_flat = (spread > 0) & (spread < _FLAT * level)
         scale = jnp.where(is_nearly_flat, jnp.maximum(scale, rounding * stiffest * level), scale)
-        residual = jnp.sqrt(total((share * missed) ** 2) / gap.size)
         residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
         # A light load is all that keeps the surfaces where they are.
         # So it counts in full where the scale is that of rounding, which has no mean.
@@ -96,8 +106,9 @@ def balance_of(
         return Balance(
             net=net,
             curvature=curvature,
-            elastic_energy=model.elastic_energy(displacement, elastic),
-            adhesion=total(density),
+            elastic_energy=twice_elastic / 2,
+            adhesion=adhesion,
+            mean_gap=level,
             residual=jnp.maximum(residual, imbalance),
             has_escaped=control.has_escaped(gap, escape),
         )

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jaxstab.core.batching import on_platform
 from jaxstab.core.checks import is_traced, is_transformed
 from jaxstab.core.types import ArrayLike
 
@@ -23,6 +24,23 @@ def if_needed(is_needed: ArrayLike, compute: Callable[[], Out], otherwise: Out) 
     if is_traced(is_needed):
         return jax.lax.cond(is_needed, compute, lambda: otherwise)
     return compute() if is_needed else otherwise
+
+
+def either(
+    is_first: ArrayLike, first: Callable[..., Out], second: Callable[..., Out], *args: Array
+) -> Out:
+    """Return the result of one of two functions of the same arguments.
+
+    In a trace that is a branch on a CPU. An accelerator computes both and selects, since there a
+    branch waits until the host has read which one is taken.
+    """
+    if not is_traced(is_first):
+        return (first if is_first else second)(*args)
+
+    def both(*args: Array) -> Out:
+        return jax.tree.map(partial(jnp.where, is_first), first(*args), second(*args))
+
+    return on_platform(partial(jax.lax.cond, is_first, first, second), both, *args)
 
 
 def first_good(compute: Callable[..., Out], is_good: Callable[[Out], Array], number: int) -> Out:

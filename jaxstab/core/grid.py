@@ -17,13 +17,15 @@ from jax.sharding import NamedSharding
 from jaxtyping import Array, Complex, Float, Shaped
 
 from jaxstab.core import fft
+from jaxstab.core.batching import on_platform
 from jaxstab.core.checks import array, integer, is_traced, known, parameter, require_positive
 from jaxstab.core.display import inline
 from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
 from jaxstab.core.units import LENGTH
 
-# Fewer sums are faster one by one, since each addition in a pass waits for the last.
-_LEAST_IN_A_PASS = 5
+# Fewer sums are faster one by one on a CPU, where each addition in a pass waits for the last. The
+# code that `program` asks of older versions waits less.
+_LEAST_IN_A_PASS = 2 if jax.__version_info__ < (0, 11) else 5
 
 
 def require_grid(grid: object) -> None:
@@ -217,15 +219,22 @@ def total(field: Field) -> Scalar:
 
 
 def totals(fields: Sequence[Field]) -> Float[Array, " fields"]:
-    """Return the sums of several fields, in one pass over all where there are many."""
-    if len(fields) < _LEAST_IN_A_PASS:
+    """Return the sums of several fields, which may be products, in one pass over all."""
+
+    def one_by_one(*fields: Field) -> Float[Array, " fields"]:
         return jnp.stack([total(field) for field in fields])
 
+    if len(fields) < _LEAST_IN_A_PASS:
+        return on_platform(one_by_one, _totals_in_a_pass, *fields)
+    return _totals_in_a_pass(*fields)
+
+
+def _totals_in_a_pass(*fields: Field) -> Float[Array, " fields"]:
     def add(left: tuple[Array, ...], right: tuple[Array, ...]) -> tuple[Array, ...]:
         return tuple(map(jnp.add, left, right))
 
     zeros = tuple(jnp.zeros((), field.dtype) for field in fields)
-    rows = jnp.stack(jax.lax.reduce(tuple(fields), zeros, add, (fields[0].ndim - 1,)))
+    rows = jnp.stack(jax.lax.reduce(fields, zeros, add, (fields[0].ndim - 1,)))
     return jax.vmap(total)(rows) if rows.ndim > 1 else rows
 
 
@@ -236,8 +245,8 @@ def mean(field: Field) -> Scalar:
 
 def mean_over(mask: Mask, field: Field) -> Scalar:
     """Return the mean of a field over a mask, zero over none."""
-    count = jnp.maximum(total(mask.astype(field.dtype)), 1)
-    return total(jnp.where(mask, field, 0)) / count
+    count, over = totals([mask.astype(field.dtype), jnp.where(mask, field, 0)])
+    return over / jnp.maximum(count, 1)
 
 
 def padded(field: Field, value: ArrayLike) -> Field:

@@ -10,9 +10,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxstab.core.grid import Grid, mean_over, total
+from jaxstab.core.batching import on_platform
+from jaxstab.core.grid import Grid, mean_over, total, totals
 from jaxstab.core.switches import own_conventions
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Mask, Scalar
+
+# Steps of Newton's method in a projection onto the cone, where no host looks on. Of eight hundred
+# projections of modes of rough contacts none took more than half as many.
+_MOST_CLIMBS = 6
 
 
 def gap_of(displacement: Field, heights: Field) -> Field:
@@ -97,24 +102,38 @@ def onto_cone(field: Field, one_sided: Mask, is_moving: Mask) -> Field:
     points are cut.
     """
 
-    def uncut(field: Field) -> Mask:
-        return is_moving & ((field > 0) | ~one_sided)
+    def uncut(shift: Scalar) -> Mask:
+        return is_moving & ((field - shift > 0) | ~one_sided)
 
     def count(mask: Mask) -> Scalar:
         return total(mask.astype(field.dtype))
 
     def climb(state: tuple[Array, ...]) -> tuple[Array, ...]:
         shift, last, _, is_first = state
-        shift += total(jnp.where(uncut(field - shift), field - shift, 0)) / jnp.maximum(last, 1)
+        shift += total(jnp.where(uncut(shift), field - shift, 0)) / jnp.maximum(last, 1)
         # Each set holds the next: as many points are the same ones.
-        number = count(uncut(field - shift))
+        number = count(uncut(shift))
         goes_on = (number < last) | (is_first & (number > last))
         return shift, number, goes_on, jnp.array(False)
 
-    yes = jnp.array(True)
-    start = jnp.zeros((), field.dtype), count(uncut(field)), yes, yes
-    shift, *_ = jax.lax.while_loop(lambda state: state[2], climb, start)
-    return onto_one_sided(field - shift, one_sided, is_moving)
+    def until_reached(shift: Scalar) -> Field:
+        yes = jnp.array(True)
+        start = shift, count(uncut(shift)), yes, yes
+        shift, *_ = jax.lax.while_loop(lambda state: state[2], climb, start)
+        return onto_one_sided(field - shift, one_sided, is_moving)
+
+    def in_so_many_steps(shift: Scalar) -> Field:
+        def closer(_: Array, shift: Scalar) -> Scalar:
+            return shift + mean_over(uncut(shift), field - shift)
+
+        shift = jax.lax.fori_loop(0, _MOST_CLIMBS, closer, shift)
+        near = onto_one_sided(field - shift, one_sided, is_moving)
+        # What is left, rounding nearly always, goes to the points that may take either sign.
+        free = is_moving & ~one_sided
+        left, number = totals([near, free.astype(field.dtype)])
+        return jnp.where(free, near - left / jnp.maximum(number, 1), near)
+
+    return on_platform(until_reached, in_so_many_steps, jnp.zeros((), field.dtype))
 
 
 def onto_sphere(field: Field) -> Field:

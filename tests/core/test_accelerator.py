@@ -1,18 +1,24 @@
 """Programs for accelerators and their numbers, without an accelerator."""
 
 import re
+from functools import partial
 
 import jax
 import jax.export
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from problems import rough_contact
 from programs import beside_an_accelerator
+from step_counts import as_on_an_accelerator, solver_runs, step_counts
 
 import jaxstab as js
-from jaxstab.core import batching
 
 N, LANES = 16, 3
+SOLVERS = [
+    *("PreconditionedConjugateGradient", "PolonskyKeerRey", "SaddleNewton"),
+    *("Davidson", "ProjectedLOBPCG", "ProximalIteration"),
+]
 
 
 def solve(heights, throw=False):
@@ -86,24 +92,66 @@ def test_cuda_never_decomposes_a_single_small_matrix(program):
 
 
 @pytest.mark.nightly
-def test_lanes_together_give_what_each_gives_alone(monkeypatch):
+def test_batch_entries_together_give_what_each_gives_alone():
     heights = surfaces(jnp.float64)
     apart = jax.jit(jax.vmap(solve))(heights)
-    jax.clear_caches()
-    mapped = []
-
-    def run_elsewhere(on_cpu, elsewhere, *args):
-        mapped.append(args)
-        return elsewhere(*args)
-
-    monkeypatch.setattr(batching, "on_platform", run_elsewhere)
-    joint = jax.jit(jax.vmap(solve))(heights)
-    # Or the next test gets this one's programs.
-    jax.clear_caches()
-    assert mapped
+    with as_on_an_accelerator():
+        joint = jax.jit(jax.vmap(solve))(heights)
     np.testing.assert_array_equal(joint["verdict"], apart["verdict"])
     # Both stop at a residual of 1e-9.
     np.testing.assert_allclose(joint["gap"], apart["gap"], atol=1e-8)
     np.testing.assert_allclose(joint["mean_pressure"], apart["mean_pressure"], rtol=1e-8)
     off = abs(joint["eigenvalues"] - apart["eigenvalues"])
     assert (off <= joint["errors"] + apart["errors"]).all()
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_within_a_step_the_host_waits_for_nothing(name):
+    run, depth = solver_runs(N)[name]
+    with as_on_an_accelerator():
+        counts = step_counts(run, platform="cuda", depth=depth)
+    # Newton's method solves a linear system in each step, by a loop of its own.
+    assert counts["waits"] == (name == "SaddleNewton")
+
+
+def test_counts_find_what_the_host_waits_for():
+    run, depth = solver_runs(N)["PreconditionedConjugateGradient"]
+    # On a CPU the line search is a loop of its own.
+    assert step_counts(run, depth=depth)["waits"] == 1
+
+
+@pytest.mark.parametrize(
+    ("law", "load"),
+    [
+        (js.potentials.Exponential(0.01, 0.05), js.MeanGap(0.1)),
+        # All searches start where the energy falls for many steps, and lengths are cut.
+        (js.potentials.Exponential(0.05, 0.05), js.MeanPressure(0.02)),
+        (js.potentials.LennardJones(0.01, 0.1), js.MeanGap(0.2)),
+        pytest.param(
+            js.potentials.Exponential(0.01, 0.05), js.Spring(0.1, 1.0), marks=pytest.mark.nightly
+        ),
+    ],
+    ids=["gap", "pressure", "core", "spring"],
+)
+def test_steps_of_an_accelerator_lead_to_the_same_states_and_eigenvalues(law, load):
+    contact = rough_contact(N, law)
+    state = js.equilibrate(contact, load)
+    stability = js.assess_stability(contact, state)
+    with as_on_an_accelerator():
+        there = js.equilibrate(contact, load)
+        stability_there = js.assess_stability(contact, there)
+    np.testing.assert_allclose(there.gap, state.gap, atol=1e-8)
+    assert stability_there.verdict == stability.verdict
+    for name, pair in stability.pairs.items():
+        other = stability_there.pairs[name]
+        assert abs(other.eigenvalue - pair.eigenvalue) <= pair.error + other.error, name
+
+
+def test_newton_steps_of_an_accelerator_lead_to_the_same_saddle():
+    contact, load = rough_contact(N, js.potentials.Exponential(0.01, 0.05)), js.MeanGap(0.1)
+    solve = partial(js.equilibrate, contact, load, js.SaddleNewton(), throw=False)
+    state = solve()
+    with as_on_an_accelerator():
+        there = solve()
+    assert state.result == there.result == "successful"
+    np.testing.assert_allclose(there.gap, state.gap, atol=1e-8)

@@ -1,7 +1,7 @@
 """Preconditioned projected conjugate gradients whose energy never rises."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
@@ -12,8 +12,10 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.residual import Balance
+from jaxstab.core.batching import on_platform
 from jaxstab.core.checks import require
-from jaxstab.core.grid import total
+from jaxstab.core.conditional import either
+from jaxstab.core.grid import total, totals
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import integer_parameter, optional_parameter
 from jaxstab.core.types import Field, Flag, Scalar
@@ -28,19 +30,28 @@ _ARMIJO = 1e-4
 _STIFF = 0.1
 
 
-class _State(eqx.Module):
-    gap: Field
-    balance: Balance
+class _Search(eqx.Module):
+    """A direction of descent, how far to go along it, and the force that it was made for."""
+
     direction: Field
     force: Field
     force_norm: Scalar
+    is_convex: Flag
+    length: Scalar
+    num_cuts: Int[Array, ""]
+
+
+class _State(eqx.Module):
+    gap: Field
+    balance: Balance
+    search: _Search
     reach: Scalar
 
 
 class _Trial(eqx.Module):
     gap: Field
     balance: Balance
-    is_accepted: Flag
+    is_last: Flag
     length: Scalar
     num_cuts: Int[Array, ""]
 
@@ -97,45 +108,21 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
 
     def init(self, problem: "_Prepared", start: Field) -> _State:
         """Return the state of a gap that meets the load."""
-        one, nothing = jnp.ones((), start.dtype), jnp.zeros_like(start)
-        return _State(start, problem.balance(start), nothing, nothing, one, one)
+        one, nothing, no = jnp.ones((), start.dtype), jnp.zeros_like(start), jnp.array(False)
+        search = _Search(nothing, nothing, one, no, one, jnp.array(0))
+        return _State(start, problem.balance(start), search, one)
 
     def step(self, problem: "_Prepared", state: _State) -> _State:
-        """Return the state after a step along a direction of conjugate gradients."""
-        control, net = problem.control, state.balance.net
-        is_moving = control.moving(state.gap, net)
-        force = control.project(net, is_moving)
-        inverse = partial(problem.precondition, state.balance.curvature)
-        steepest = control.precondition(inverse, force, is_moving)
-        force_norm = total(force * steepest)
-        change = force_norm - total(state.force * steepest)
-        momentum = jnp.maximum(change, 0) / _nonzero(state.force_norm)
-        descent = force_norm + momentum * total(force * state.direction)
-        momentum = jnp.where(descent > 0, momentum, 0)
-        descent = jnp.where(descent > 0, descent, force_norm)
-        direction = control.project(steepest + momentum * state.direction, is_moving)
+        """Return the state after a step along a direction of conjugate gradients.
 
-        softening = state.balance.curvature * direction
-        curvature = total(direction * (problem.solid.apply(direction) + softening))
-        is_convex = curvature > 0
-        # To the preconditioner, which knows no negative curvature, the length is 1.
-        length = jnp.where(is_convex, descent / _nonzero(curvature), state.reach)
-
-        length = problem.shortened(length, state.gap, direction)
-        trial = _line_search(problem, state, direction, length)
-        grows = ~is_convex & (trial.num_cuts == 0)
-        return _State(
-            trial.gap,
-            trial.balance,
-            direction,
-            force,
-            force_norm,
-            jnp.where(grows, 2 * state.reach, 1),
-        )
+        A step on a CPU tries ever shorter lengths. One on an accelerator tries a single length, so
+        that no loop within it waits for the host.
+        """
+        return on_platform(partial(_searched, problem), partial(_tried_once, problem), state)
 
     def measure(self, problem: "_Prepared", state: _State) -> Indicators:
         """Return residual and energy; the residual is infinite where nothing is to be found."""
-        balance, energy = state.balance, problem.energy(state.gap, state.balance)
+        balance, energy = state.balance, problem.energy(state.balance)
         has_left = balance.has_escaped
         if self.least_energy is not None:
             has_left |= energy < self.least_energy
@@ -157,45 +144,92 @@ class _Prepared(Problem):
     precondition: Callable[[Field, Field], Field]
     shortened: Callable[..., Array]
 
-    def energy(self, gap: Field, balance: Balance) -> Scalar:
-        """Return the energy of a gap and of the load, summed over the points."""
-        work = gap.size * self.control.energy(total(gap) / gap.size)
+    def energy(self, balance: Balance) -> Scalar:
+        """Return the energy of a state and of the load, summed over the points."""
+        work = balance.net.size * self.control.energy(balance.mean_gap)
         return balance.elastic_energy + balance.adhesion + work
 
 
-def _line_search(problem: _Prepared, state: _State, direction: Field, length: Array) -> _Trial:
-    """Return the state after a step that is cut until the energy falls."""
-    control, energy = problem.control, problem.energy(state.gap, state.balance)
+def _begun(problem: _Prepared, state: _State) -> _Search:
+    """Return the search along a new direction."""
+    control, net, before = problem.control, state.balance.net, state.search
+    is_moving = control.moving(state.gap, net)
+    force = control.project(net, is_moving)
+    inverse = partial(problem.precondition, state.balance.curvature)
+    steepest = control.precondition(inverse, force, is_moving)
+    force_norm, overlap, slope = totals(
+        [force * steepest, before.force * steepest, force * before.direction]
+    )
+    momentum = jnp.maximum(force_norm - overlap, 0) / _nonzero(before.force_norm)
+    descent = force_norm + momentum * slope
+    momentum = jnp.where(descent > 0, momentum, 0)
+    descent = jnp.where(descent > 0, descent, force_norm)
+    direction = control.project(steepest + momentum * before.direction, is_moving)
+
+    softening = state.balance.curvature * direction
+    curvature = total(direction * (problem.solid.apply(direction) + softening))
+    is_convex = curvature > 0
+    # To the preconditioner, which knows no negative curvature, the length is 1.
+    length = jnp.where(is_convex, descent / _nonzero(curvature), state.reach)
+    length = problem.shortened(length, state.gap, direction)
+    return _Search(direction, force, force_norm, is_convex, length, jnp.array(0))
+
+
+def _attempt(problem: _Prepared, state: _State, search: _Search) -> _Trial:
+    """Return the gap at the length of a search, and whether that is where it ends."""
+    control, energy = problem.control, problem.energy(state.balance)
     # The work of a load that is nearly nothing, as at a spring that has relaxed, is no more certain
     # than the mean gap.
-    mean_gap = total(state.gap) / state.gap.size
+    mean_gap = state.balance.mean_gap
     work = state.gap.size * mean_gap * jax.grad(control.energy)(mean_gap)
     terms = state.balance.elastic_energy, state.balance.adhesion, energy, work
     noise = 100 * jnp.finfo(state.gap.dtype).eps * sum(map(jnp.abs, terms))
 
-    def tried(length: Array) -> Field:
-        return control.admissible(state.gap - length * direction)
+    gap = control.admissible(state.gap - search.length * search.direction)
+    balance, change = problem.balance(gap), gap - state.gap
+    before, after = totals([state.balance.net * change, balance.net * change])
+    gain = problem.energy(balance) - energy
+    promised = _ARMIJO * jnp.minimum(before, 0)
+    # Where rounding hides the gain, the slopes at both ends still show it.
+    is_hidden = (gain <= noise) & ((before + after) / 2 <= promised)
+    is_accepted = (gain <= promised) | is_hidden
+    num_cuts = search.num_cuts + ~is_accepted
+    # A third of the last length; the last cut leaves the gap where it is.
+    shorter = jnp.where(search.num_cuts < _MAX_CUTS - 1, search.length / 3, 0)
+    return _Trial(gap, balance, is_accepted | (num_cuts > _MAX_CUTS), shorter, num_cuts)
 
-    def attempt(trial: _Trial) -> _Trial:
-        balance = problem.balance(trial.gap)
-        change = trial.gap - state.gap
-        before, after = total(state.balance.net * change), total(balance.net * change)
-        gain = problem.energy(trial.gap, balance) - energy
-        promised = _ARMIJO * jnp.minimum(before, 0)
-        # Where rounding hides the gain, the slopes at both ends still show it.
-        is_hidden = (gain <= noise) & ((before + after) / 2 <= promised)
-        is_accepted = (gain <= promised) | is_hidden
-        # A third of the last length; the last cut leaves the gap where it is.
-        shorter = jnp.where(trial.num_cuts < _MAX_CUTS - 1, trial.length / 3, 0)
-        length = jnp.where(is_accepted, trial.length, shorter)
-        gap = jax.lax.cond(is_accepted, lambda: trial.gap, lambda: tried(length))
-        return _Trial(gap, balance, is_accepted, length, trial.num_cuts + ~is_accepted)
 
-    return jax.lax.while_loop(
-        lambda trial: ~trial.is_accepted & (trial.num_cuts <= _MAX_CUTS),
-        attempt,
-        _Trial(tried(length), state.balance, jnp.array(False), length, jnp.array(0)),
-    )
+def _ended(state: _State, search: _Search, trial: _Trial) -> _State:
+    """Return the state at the end of a search."""
+    grows = ~search.is_convex & (trial.num_cuts == 0)
+    reach = jnp.where(grows, 2 * state.reach, 1)
+    return _State(trial.gap, trial.balance, replace(search, num_cuts=jnp.array(0)), reach)
+
+
+def _searched(problem: _Prepared, state: _State) -> _State:
+    """Return the state after a step that is cut until the energy falls."""
+    search = _begun(problem, state)
+
+    def shorter(trial: _Trial) -> _Trial:
+        cut = replace(search, length=trial.length, num_cuts=trial.num_cuts)
+        return _attempt(problem, state, cut)
+
+    # Nearly always the first length will do.
+    first = _attempt(problem, state, search)
+    trial = jax.lax.while_loop(lambda trial: ~trial.is_last, shorter, first)
+    return _ended(state, search, trial)
+
+
+def _tried_once(problem: _Prepared, state: _State) -> _State:
+    """Return the state after one length, at which the search ends or after which it goes on."""
+
+    def selected(condition: Flag, this: _State, other: _State) -> _State:
+        return jax.tree.map(partial(jnp.where, condition), this, other)
+
+    search = selected(state.search.num_cuts > 0, state.search, _begun(problem, state))
+    trial = _attempt(problem, state, search)
+    cut = replace(search, length=trial.length, num_cuts=trial.num_cuts)
+    return selected(trial.is_last, _ended(state, search, trial), replace(state, search=cut))
 
 
 def preconditioner_of(
@@ -223,7 +257,7 @@ def preconditioner_of(
         waves = jnp.sqrt(share) * inverse(jnp.sqrt(share) * force)
         return waves + share * (1 - share) / stiff * force
 
-    return partial(jax.lax.cond, contact.has_core, by_waves_and_points, by_waves)
+    return partial(either, contact.has_core, by_waves_and_points, by_waves)
 
 
 def _shortening(contact: Contact, max_move: Scalar | None) -> Callable[..., Array]:
@@ -241,7 +275,7 @@ def _shortening(contact: Contact, max_move: Scalar | None) -> Callable[..., Arra
     def unchanged(length: Scalar, *_: Field) -> Scalar:
         return length
 
-    return partial(jax.lax.cond, jnp.isfinite(max_move), shortened, unchanged)
+    return partial(either, jnp.isfinite(max_move), shortened, unchanged)
 
 
 def _nonzero(value: Scalar) -> Scalar:

@@ -1,6 +1,7 @@
 """Newton's method for equilibria of any kind, minima of the energy or not."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import ClassVar
 
 import equinox as eqx
@@ -9,12 +10,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
+from jaxstab.core.batching import on_platform
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.loop import integer_parameter, optional_parameter
 from jaxstab.core.minres import minres
-from jaxstab.core.types import Field, Scalar
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem, State
 
 # Halvings of a step before it is taken as it is.
@@ -58,12 +60,19 @@ class SaddleNewton(EquilibriumSolver):
             new = problem.state(state.gap + trial.length * change)
             return _Trial(new, trial.length / 2, trial.count + 1)
 
-        def is_worse(trial: _Trial) -> Array:
+        def is_worse(trial: _Trial) -> Flag:
             falls = trial.state.balance.residual < state.balance.residual
             return (trial.count == 0) | (~falls & (trial.count <= _MAX_CUTS))
 
-        start = _Trial(state, jnp.ones((), state.gap.dtype), jnp.array(0))
-        return jax.lax.while_loop(is_worse, attempt, start).state
+        def unless_found(_: Array, trial: _Trial) -> _Trial:
+            return jax.tree.map(partial(jnp.where, is_worse(trial)), attempt(trial), trial)
+
+        # The system took many more transforms than all lengths do: elsewhere no host looks on.
+        return on_platform(
+            partial(jax.lax.while_loop, is_worse, attempt),
+            partial(jax.lax.fori_loop, 0, _MAX_CUTS + 1, unless_found),
+            _Trial(state, jnp.ones((), state.gap.dtype), jnp.array(0)),
+        ).state
 
     def measure(self, problem: Problem, state: State) -> Indicators:
         """Return the residual, infinite where the surfaces are apart for good."""

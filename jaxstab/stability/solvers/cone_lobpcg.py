@@ -1,6 +1,7 @@
 """The smallest eigenvalue on a cone: LOBPCG on its faces, or else projected gradients."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import ClassVar
 
@@ -11,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core import model
-from jaxstab.core.batching import by_entries, entry_of
+from jaxstab.core.batching import by_entries, on_platform
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
@@ -43,8 +44,13 @@ class _State(eqx.Module):
     descended: Field
     move: Field
     move_product: Field
-    is_stuck: Flag
+    num_failures: Int[Array, ""]
     num_applications: Int[Array, ""]
+
+    @property
+    def is_stuck(self) -> Flag:
+        """Whether all lengths of a step failed, and the next begins at the descended vector."""
+        return self.num_failures == _MAX_TRIES
 
 
 class _Trial(eqx.Module):
@@ -79,24 +85,11 @@ class ProjectedLOBPCG(ConeSolver):
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
 
     def step(self, problem: Eigenproblem, state: _State) -> _State:
-        """Return one start after a step."""
-        operator, cone, old = problem.operator, problem.domain, state.point
-        point = jax.lax.cond(
-            state.is_stuck,
-            lambda: _Point.at(operator, model.onto_sphere(state.descended)),
-            lambda: old,
-        )
-        trial = _lower(operator, cone, point, state)
-        point = jax.tree.map(partial(jnp.where, trial.is_lower), trial.point, point)
-        along = total(point.mode * old.mode)
-        return _State(
-            point,
-            cone.project(descended(operator, point.mode, point.product, point.eigenvalue)),
-            point.mode - along * old.mode,
-            point.product - along * old.product,
-            ~trial.is_lower,
-            state.num_applications + state.is_stuck + 2 + trial.num_applications,
-        )
+        """Return one start after a step, or on an accelerator after one length of it.
+
+        There no loop within a step waits for the host.
+        """
+        return on_platform(partial(_lowered, problem), partial(_tried_once, problem), state)
 
     def measure(self, problem: Eigenproblem, state: _State) -> Indicators:
         """Return the projected residual of one start."""
@@ -113,18 +106,18 @@ class ProjectedLOBPCG(ConeSolver):
         problem = Eigenproblem(operator, cone)
         is_needed = jnp.broadcast_to(is_needed & ~cone.is_trivial, len(starts))
         begin = jax.vmap(by_entries(_begin), (None, 0))(cone, starts)
-        found, wins = multi_start(self, problem, begin, is_needed)
-        best = entry_of(found, jnp.argmax(wins))
+        found = multi_start(self, problem, begin, is_needed)
+        best = found.best
         # All starts may lead to zero.
-        is_lost = (best.result == RESULTS.successful) & ~jnp.any(wins)
+        is_lost = (best.result == RESULTS.successful) & ~found.is_found
         result = RESULTS.where(is_lost, RESULTS.stagnated, best.result)
         point = best.state.point
         # A projected gradient step sets to exactly zero what the contact holds.
         vector = descended(operator, point.mode, point.product, point.eigenvalue)
         return Minimum(
             vector=jnp.where(cone.is_trivial, 0, vector),
-            num_steps=jnp.sum(found.num_steps),
-            num_applications=jnp.sum(found.state.num_applications),
+            num_steps=found.num_steps,
+            num_applications=found.num_applications,
             result=RESULTS.where(cone.is_trivial, RESULTS.successful, result),
             history=best.history,
         )
@@ -161,48 +154,73 @@ def _begin(cone: AdmissibleCone, start: Field) -> Iteration[_State]:
     nothing, zero = jnp.zeros_like(start), jnp.zeros((), start.dtype)
     # The first step begins at the projected start, as if that were where the last step led.
     point, none = _Point(nothing, nothing, zero), jnp.array(0)
-    state = _State(point, cone.project(start), nothing, nothing, jnp.array(True), none)
+    state = _State(point, cone.project(start), nothing, nothing, none + _MAX_TRIES, none)
     unknown = jnp.finfo(start.dtype).max.astype(start.dtype)
     history = History.empty(["residual"], start.dtype)
     history = history.record(none, none, {"residual": jnp.full_like(zero, jnp.nan)})
     return Iteration(state, unknown, none, RESULTS.max_steps_reached, history)
 
 
-def _lower(
-    operator: SymmetricOperator, cone: AdmissibleCone, point: _Point, state: _State
-) -> _Trial:
-    """Return the lowest Ritz vector around a point, if that can be brought onto the cone below
+class _Plane(eqx.Module):
+    """The lowest Ritz vector around a point: as much of the point, and as much of the others."""
+
+    basis: list[Field]
+    products: list[Field]
+    gram: Float[Array, "vectors vectors"]
+    stays: Float[Array, " vectors"]
+    moves: Float[Array, " vectors"]
+    is_rough: Flag
+
+    @classmethod
+    def around(cls, problem: Eigenproblem, point: _Point, state: _State) -> "_Plane":
+        """Return it from the point, its preconditioned residual, and the last move."""
+        operator, cone = problem.operator, problem.domain
+        face = cone.face(jnp.maximum(point.mode, state.descended))
+        residual = face.project(point.product - point.eigenvalue * point.mode)
+        precondition = operator.preconditioner(point.mode, point.eigenvalue)
+        steepest = face.project(precondition(residual))
+        basis = [point.mode, steepest, state.move]
+        products = [point.product, operator(steepest), state.move_product]
+        gram, energies, squares = _inner_products(basis, products)
+        parts = rayleigh_ritz(gram, energies, 1)[1][:, 0]
+        parts *= jnp.where(gram[0] @ parts < 0, -1, 1)
+        # Combined products have no digits left where the basis reaches into stiff points, nor that
+        # of a tiny difference.
+        lengths = jnp.sqrt(jnp.diagonal(gram))
+        move = lengths[-1]
+        is_tiny = (move > 0) & (move < jnp.sqrt(jnp.finfo(move.dtype).eps))
+        is_rough = is_tiny | jnp.any(jnp.sqrt(squares) > operator.scale * lengths)
+        return cls(basis, products, gram, parts.at[1:].set(0), parts.at[0].set(0), is_rough)
+
+    def at(self, length: Scalar) -> Float[Array, " vectors"]:
+        """Return the unit vector that goes a part of the way, in terms of the basis."""
+        part = self.stays + length * self.moves
+        return part / jnp.sqrt(part @ self.gram @ part)
+
+
+def _lowered(problem: Eigenproblem, state: _State) -> _State:
+    """Return a start after a step to the lowest Ritz vector that can be brought onto the cone below
     the point, or part of the way to it.
     """
-    face = cone.face(jnp.maximum(point.mode, state.descended))
-    residual = face.project(point.product - point.eigenvalue * point.mode)
-    precondition = operator.preconditioner(point.mode, point.eigenvalue)
-    steepest = face.project(precondition(residual))
-    basis = [point.mode, steepest, state.move]
-    products = [point.product, operator(steepest), state.move_product]
-    gram, energies, squares = _inner_products(basis, products)
-    parts = rayleigh_ritz(gram, energies, 1)[1][:, 0]
-    parts *= jnp.where(gram[0] @ parts < 0, -1, 1)
-    stays, moves = parts.at[1:].set(0), parts.at[0].set(0)
-    # Combined products have no digits left where the basis reaches into stiff points, nor that of
-    # a tiny difference.
-    lengths = jnp.sqrt(jnp.diagonal(gram))
-    move = lengths[-1]
-    is_tiny = (move > 0) & (move < jnp.sqrt(jnp.finfo(move.dtype).eps))
-    is_rough = is_tiny | jnp.any(jnp.sqrt(squares) > operator.scale * lengths)
+    operator, cone = problem.operator, problem.domain
+    point = jax.lax.cond(
+        state.is_stuck,
+        lambda: _Point.at(operator, model.onto_sphere(state.descended)),
+        lambda: state.point,
+    )
+    plane = _Plane.around(problem, point, state)
 
     def attempt(trial: _Trial) -> _Trial:
-        part = stays + trial.length * moves
-        part /= jnp.sqrt(part @ gram @ part)
-        vector = combination(part, basis)
-        is_new = is_rough | jnp.any(cone.one_sided & (vector < 0))
+        part = plane.at(trial.length)
+        vector = combination(part, plane.basis)
+        is_new = plane.is_rough | jnp.any(cone.one_sided & (vector < 0))
 
         def projected() -> tuple[Array, Array]:
             mode = model.onto_sphere(cone.project(vector))
             return mode, operator(mode)
 
         mode, product = jax.lax.cond(
-            is_new, projected, lambda: (vector, combination(part, products))
+            is_new, projected, lambda: (vector, combination(part, plane.products))
         )
         tried, is_lower = _compared(point, mode, product)
         return _Trial(
@@ -214,8 +232,56 @@ def _lower(
         )
 
     none = jnp.array(0)
-    return jax.lax.while_loop(
+    trial = jax.lax.while_loop(
         lambda trial: ~trial.is_lower & (trial.num_tries < _MAX_TRIES),
         attempt,
         _Trial(point, jnp.array(False), jnp.ones_like(point.eigenvalue), none, none),
+    )
+    point = jax.tree.map(partial(jnp.where, trial.is_lower), trial.point, point)
+    num_failures = jnp.where(trial.is_lower, 0, _MAX_TRIES)
+    return _arrived(
+        problem, state, point, num_failures, state.is_stuck + 2 + trial.num_applications
+    )
+
+
+def _tried_once(problem: Eigenproblem, state: _State) -> _State:
+    """Return a start after one length of a step, or after all at the descended vector."""
+    operator, cone = problem.operator, problem.domain
+    plane = _Plane.around(problem, state.point, state)
+    length = 3.0 ** -state.num_failures.astype(state.move.dtype)
+    vector = cone.project(combination(plane.at(length), plane.basis))
+    mode = model.onto_sphere(jnp.where(state.is_stuck, state.descended, vector))
+    tried, is_lower = _compared(state.point, mode, operator(mode))
+    is_taken = is_lower | state.is_stuck
+    point = jax.tree.map(partial(jnp.where, is_taken), tried, state.point)
+    new = _arrived(problem, state, point, jnp.where(is_taken, 0, state.num_failures + 1), 3)
+    # A shorter length is one of the same plane.
+    move, product = (
+        jnp.where(is_taken, after, before)
+        for after, before in (
+            (new.move, state.move),
+            (new.move_product, state.move_product),
+        )
+    )
+    return replace(new, move=move, move_product=product)
+
+
+def _arrived(
+    problem: Eigenproblem,
+    before: _State,
+    point: _Point,
+    num_failures: Int[Array, ""],
+    num_applications: Int[Array, ""] | int,
+) -> _State:
+    """Return the state of a start at a point."""
+    old = before.point
+    along = total(point.mode * old.mode)
+    moved = descended(problem.operator, point.mode, point.product, point.eigenvalue)
+    return _State(
+        point,
+        problem.domain.project(moved),
+        point.mode - along * old.mode,
+        point.product - along * old.product,
+        num_failures,
+        before.num_applications + num_applications,
     )

@@ -8,6 +8,7 @@ after another, and keeps the lowest Ritz vectors of it all.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import ClassVar
 
 import equinox as eqx
@@ -16,6 +17,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
+from jaxstab.core.batching import on_platform
+from jaxstab.core.conditional import either
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
@@ -65,7 +68,7 @@ class _Span(eqx.Module):
         That reads them all twice. A larger residual holds enough that is new; inner products
         measure it.
         """
-        vector = jax.lax.cond(is_noise, lambda: self._apart_from(vector), lambda: vector)
+        vector = either(is_noise, lambda: self._apart_from(vector), lambda: vector)
         vector = space.project(vector)
         product = space.project(operator(vector))
         basis, products = _put(vector, self.basis, slot), _put(product, self.products, slot)
@@ -99,8 +102,8 @@ _Widening = tuple[_Span, Array, Array, Array]
 class _State(eqx.Module):
     """A space, its lowest Ritz pairs, and whether it has no vectors yet.
 
-    The first step takes the starts: so the code that adds vectors, most of the program, is traced
-    once.
+    On a CPU the first step takes the starts: so the code that adds vectors, most of the program, is
+    traced once. Elsewhere they are taken before, and each step has the same number of turns.
     """
 
     span: _Span
@@ -126,14 +129,28 @@ class Davidson(SpaceSolver):
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
 
     def init(self, problem: ModesProblem, start: Block) -> _State:
-        """Return a space that has no vectors yet."""
+        """Return a space that has no vectors yet, or on an accelerator that of the starts."""
         span = _Span.empty(len(start) + 1 + _NUM_RESIDUALS, start[0])
         # No residual is known yet: one above any tolerance, from which every fall is progress.
         none = jnp.full(problem.count, jnp.finfo(start.dtype).max ** 0.5, start.dtype)
-        return _State(span, jnp.zeros(len(start), start.dtype), none, jnp.array(True))
+        empty = _State(span, jnp.zeros(len(start), start.dtype), none, jnp.array(True))
+        return on_platform(
+            lambda state: state, partial(self._widened, problem, number=len(start)), empty
+        )
 
     def step(self, problem: ModesProblem, state: _State) -> _State:
         """Return the lowest Ritz vectors of a space widened by preconditioned residuals."""
+
+        def on_cpu(state: _State) -> _State:
+            number = jnp.where(state.is_empty, len(problem.starts), _NUM_RESIDUALS)
+            return self._widened(problem, state, number)
+
+        elsewhere = partial(self._widened, problem, number=_NUM_RESIDUALS)
+        return on_platform(on_cpu, elsewhere, state)
+
+    def _widened(
+        self, problem: ModesProblem, state: _State, number: int | Int[Array, ""]
+    ) -> _State:
         operator, starts, size = problem.operator, problem.starts, len(problem.starts)
         target = jnp.argmax(self.doubts(problem, state) > self.tolerance_in(starts.dtype))
         mode, eigenvalue = state.span.basis[target], state.eigenvalues[target]
@@ -154,15 +171,14 @@ class Davidson(SpaceSolver):
 
             def steepest() -> Array:
                 # The first is of a vector that the space has.
-                return precondition(jax.lax.cond(index == 0, of_kept, of_combined))
+                return precondition(either(index == 0, of_kept, of_combined))
 
-            vector = jax.lax.cond(state.is_empty, lambda: starts[index], steepest)
+            vector = either(state.is_empty, lambda: starts[index], steepest)
             slot = jnp.where(state.is_empty, index, size + 1 + index)
             span = span.with_vector(slot, vector, operator, problem.domain, is_noise)
             return span, *rayleigh_ritz(span.gram, span.energies, size), parts
 
         parts = jnp.eye(len(state.span.basis), size, dtype=starts.dtype)
-        number = jnp.where(state.is_empty, size, _NUM_RESIDUALS)
         start = state.span, state.eigenvalues, parts, parts
         span, eigenvalues, parts, before = jax.lax.fori_loop(0, number, widen, start)
         return _restarted(problem, span, eigenvalues, parts, before[:, target])
@@ -178,11 +194,11 @@ class Davidson(SpaceSolver):
     def minimum(self, problem: ModesProblem, found: Iteration[_State]) -> Minimum:
         """Return the block of modes and its cost."""
         size, history = len(problem.starts), found.history
-        num_residuals = _NUM_RESIDUALS * jnp.maximum(found.num_steps - 1, 0)
+        num_widened = on_platform(lambda n: jnp.maximum(n - 1, 0), lambda n: n, found.num_steps)
         return Minimum(
             vector=found.state.span.basis[:size],
             num_steps=found.num_steps,
-            num_applications=size + 2 * num_residuals,
+            num_applications=size + 2 * _NUM_RESIDUALS * num_widened,
             result=found.result,
             history=replace(history, table=history.table.at[0, 1:].set(jnp.nan)),
         )

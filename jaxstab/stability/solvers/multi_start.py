@@ -1,13 +1,16 @@
 """Multi-start with successive halving: of many starts the lowest few go on to convergence."""
 
+from dataclasses import replace
 from functools import partial
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.core.batching import entry_of, on_platform, with_entry
 from jaxstab.core.loop import NO_LIMIT, Iteration, IterativeSolver
+from jaxstab.core.types import Flag
 from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import Eigenproblem
 
@@ -15,8 +18,19 @@ from jaxstab.stability.solvers.base import Eigenproblem
 _LENGTHS = 4, 8, 10, 15, 25, 40, 60, NO_LIMIT
 _NUM_KEPT = 12, 3, 3, 3, 3, 3, 3, 1
 _DISCARDED = max(_NUM_KEPT)
+# The round from which on no more than a few starts are left.
+_FEW_FROM = 2
 # The inner product from which two unit vectors are taken to lead to the same minimiser.
 _SAME = 0.95
+
+
+class Outcome(eqx.Module):
+    """The best of several starts, and the cost of them all."""
+
+    best: Iteration
+    is_found: Flag
+    num_steps: Int[Array, ""]
+    num_applications: Int[Array, ""]
 
 
 def multi_start(
@@ -24,25 +38,64 @@ def multi_start(
     problem: Eigenproblem,
     starts: Iteration,
     is_needed: Bool[Array, " starts"],
-) -> tuple[Iteration, Bool[Array, " starts"]]:
-    """Return the iterations at their ends, and which of them is the lowest, none if all failed.
+) -> Outcome:
+    """Return the lowest of the iterations at their ends; none is found if all failed.
 
     After each round a start is discarded if it is nearly the same vector as a lower one, or above
     the lowest by more than its residual, or not among the first few. States of the solver have a
-    `point`, with a `mode` and an `eigenvalue`; `starts` are iterations before their first step.
+    `point`, with a `mode` and an `eigenvalue`, and `num_applications`; `starts` are iterations
+    before their first step.
     """
-    lengths, num_kept = jnp.array(_LENGTHS), jnp.array(_NUM_KEPT)
+    rounds = partial(_rounds, solver, problem)
+
+    def in_place(starts: Iteration, is_on: Bool[Array, " starts"]) -> Outcome:
+        return _outcome(*rounds(starts, is_on, slice(None)))
+
+    def narrowed(starts: Iteration, is_on: Bool[Array, " starts"]) -> Outcome:
+        # Together all starts cost as much as those that are on: the few that go on move closer.
+        found, wins = rounds(starts, is_on, slice(_FEW_FROM))
+        ahead = jnp.argsort(~wins)[: _NUM_KEPT[_FEW_FROM]]
+        few, is_few = entry_of((found, wins), ahead)
+        end = _outcome(*rounds(few, is_few, slice(_FEW_FROM, None)))
+        before, of_few = _costs(found), _costs(few)
+        more = jax.tree.map(jnp.subtract, before, of_few)
+        return replace(
+            end,
+            num_steps=end.num_steps + more[0],
+            num_applications=end.num_applications + more[1],
+        )
+
+    return on_platform(in_place, narrowed, starts, is_needed)
+
+
+def _rounds(
+    solver: IterativeSolver,
+    problem: Eigenproblem,
+    starts: Iteration,
+    is_on: Bool[Array, " starts"],
+    part: slice,
+) -> tuple[Iteration, Bool[Array, " starts"]]:
+    """Return the iterations after some of the rounds, and which of them go on."""
+    lengths, num_kept = jnp.array(_LENGTHS[part]), jnp.array(_NUM_KEPT[part])
 
     def round_after(state: tuple[Array, Iteration, Array, Array]) -> tuple:
         number, found, is_on, _ = state
         limits = jnp.where(is_on, entry_of(lengths, number), 0)
         found = _advanced(solver, problem, found, limits)
         wins = _ranks(problem, found, is_on) < entry_of(num_kept, number)
-        return number + 1, found, wins, jnp.any(wins) & (number + 1 < len(_LENGTHS))
+        return number + 1, found, wins, jnp.any(wins) & (number + 1 < len(lengths))
 
-    begin = jnp.array(0), starts, is_needed, jnp.any(is_needed)
+    begin = jnp.array(0), starts, is_on, jnp.any(is_on)
     _, found, wins, _ = jax.lax.while_loop(lambda state: state[3], round_after, begin)
     return found, wins
+
+
+def _costs(found: Iteration) -> tuple[Int[Array, ""], Int[Array, ""]]:
+    return jnp.sum(found.num_steps), jnp.sum(found.state.num_applications)
+
+
+def _outcome(found: Iteration, wins: Bool[Array, " starts"]) -> Outcome:
+    return Outcome(entry_of(found, jnp.argmax(wins)), jnp.any(wins), *_costs(found))
 
 
 def _advanced(
