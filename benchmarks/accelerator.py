@@ -6,12 +6,15 @@ gradient and a vmapped sweep are held against figures that a CPU found in double
 of the Hessian, and eigenvalues by their own error as well.
 
 Then seconds: of an equilibrium and its verdict on ever finer grids, also as pairs of Fourier
-transforms and as copies of a field, whose times are measured beside them; of many small contacts
-together, by `jax.vmap`, and one after another. The first call compiles.
+transforms and as copies of a field, whose times are measured beside them; of a path and of an
+evolution; of many small contacts together, by `jax.vmap`, and one after another. The first call
+compiles. On a GPU a trace of `jax.profiler` tells which share of the time it works, how many
+kernels it starts, and how often the host waits for a number.
 """
 
 import argparse
 import json
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -29,8 +32,10 @@ PRECISIONS = ("float64", "float32")
 TOLERANCES = js.PreconditionedConjugateGradient.default_tolerance
 ENERGY, RANGE = 2e-3, 0.05
 SIZES = (128, 512, 2048, 8192)
-BATCHES = (1024,)
+# Points a side of small contacts, and how many of them together.
+BATCHES = {64: 1024, 256: 64}
 SMALL = 64
+MARCHES = (64, 256)
 # Of the contacts of a batch, how many are timed one after another.
 ALONE = 4
 # Timed runs at most, and the seconds of them that suffice.
@@ -39,10 +44,17 @@ SIZE_COLUMNS = (
     "points a side",
     "copy [GB/s]",
     "transform pair [ms]",
-    *("compile [s]", "equilibrium [s]", "steps", "as pairs"),
+    *("compile [s]", "equilibrium [s]", "steps", "as pairs", "busy", "kernels a step", "waits"),
     *("compile [s]", "verdict [s]", "pairs it counts", "as pairs", "as copies of a field"),
+    *("busy", "kernels a pair", "waits"),
+)
+MARCH_COLUMNS = (
+    "points a side",
+    *("compile [s]", "path [s]", "states", "busy", "kernels a state", "waits"),
+    *("compile [s]", "evolution [s]", "times", "busy", "kernels a time", "waits"),
 )
 BATCH_COLUMNS = (
+    "points a side",
     "contacts",
     *("compile [s]", "equilibria together [s]", "a second", "one after another, a second"),
     *("compile [s]", "verdicts together [s]", "a second", "one after another, a second"),
@@ -72,7 +84,7 @@ def parse_options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--record", action="store_true", help="write the figures, on a CPU")
     parser.add_argument("--largest", type=int, default=SIZES[-1], help="points a side")
-    parser.add_argument("--batch", type=int, default=BATCHES[-1], help="contacts at most")
+    parser.add_argument("--batch", type=int, default=max(BATCHES.values()), help="contacts at most")
     parser.add_argument("--seconds", type=float, default=450, help="start nothing that ends later")
     parser.add_argument("--out", type=Path, help="a file for the table")
     return parser.parse_args()
@@ -81,7 +93,8 @@ def parse_options() -> argparse.Namespace:
 def report(options: argparse.Namespace, device: str, deadline: float) -> Iterator[str]:
     """Yield the lines of all tables as they come."""
     sizes = [n for n in SIZES if n <= options.largest]
-    batches = sorted({min(count, options.batch) for count in BATCHES})
+    batches = [n for n in BATCHES if n <= options.largest]
+    marches = [n for n in MARCHES if n <= options.largest]
     yield (
         f"jaxstab {js.__version__}, jax {jax.__version__}; {device}; least of up to {REPEATS} runs"
     )
@@ -90,8 +103,11 @@ def report(options: argparse.Namespace, device: str, deadline: float) -> Iterato
     for precision in PRECISIONS:
         yield from ("", f"One contact, {precision}", "")
         yield from table(SIZE_COLUMNS, sizes, partial(size_row, precision), deadline)
-        yield from ("", f"Many contacts of {SMALL}² points, {precision}", "")
-        yield from table(BATCH_COLUMNS, batches, partial(batch_row, precision), deadline)
+        yield from ("", f"Many contacts, {precision}", "")
+        row = partial(batch_row, precision, options.batch)
+        yield from table(BATCH_COLUMNS, batches, row, deadline)
+        yield from ("", f"A path to contact and back, and a relaxation in time, {precision}", "")
+        yield from table(MARCH_COLUMNS, marches, partial(march_row, precision), deadline)
 
 
 def contact_of(n: int, dtype, key: int = 0, energy=ENERGY) -> tuple[js.Contact, js.MeanGap]:
@@ -192,21 +208,44 @@ def size_row(precision: str, n: int) -> Row:
     compiling, seconds, state = timed(lambda: js.equilibrate(contact, load))
     compiling_too, longer, stability = timed(lambda: js.assess_stability(contact, state))
     pairs = sum(int(pair.num_applications) for pair in stability.pairs.values())
+    work = device_work(lambda: js.equilibrate(contact, load), int(state.num_steps))
+    judging = device_work(lambda: js.assess_stability(contact, state), pairs)
     cells = [
         f"{2 * field.nbytes / copy / 1e9:.0f}",
         f"{1e3 * pair:.3f}",
         *(f"{compiling:.1f}", f"{seconds:.4f}", str(state.num_steps), f"{seconds / pair:.0f}"),
+        *work,
         *(f"{compiling_too:.1f}", f"{longer:.3f}", str(pairs), f"{longer / pair:.0f}"),
         f"{longer / copy:.0f}",
+        *judging,
     ]
     return cells, compiling + compiling_too
 
 
-def batch_row(precision: str, count: int) -> Row:
-    """Return the cells of one size of batch, and the seconds of compiling."""
+def march_row(precision: str, n: int) -> Row:
+    """Return the cells of a path and of an evolution, and the seconds of compiling."""
     dtype = jnp.dtype(precision)
-    contact, load = contact_of(SMALL, dtype)
-    surfaces = jax.vmap(lambda key: contact_of(SMALL, dtype, key)[0].heights)(jnp.arange(count))
+    contact, load = contact_of(n, dtype)
+    loads = js.MeanGap(load.value * jnp.array([4, 1, 4], dtype))
+    solid = js.Viscoelastic(contact.solid, ratios=(jnp.ones((), dtype),), times=(1.0,))
+    soft = js.Contact(solid, contact.heights, contact.potential)
+    times = jnp.array([0, 0.5, 3], dtype)
+    held = js.MeanGap(load.value * jnp.array([4, 1, 1], dtype))
+
+    cells, compiling_all = [], 0.0
+    for march in (lambda: js.follow(contact, loads), lambda: js.evolve(soft, held, times)):
+        compiling, seconds, out = timed(march)
+        number = len(out)
+        cells += [f"{compiling:.1f}", f"{seconds:.3f}", str(number), *device_work(march, number)]
+        compiling_all += compiling
+    return cells, compiling_all
+
+
+def batch_row(precision: str, most: int, n: int) -> Row:
+    """Return the cells of a batch of contacts of n x n points, and the seconds of compiling."""
+    dtype, count = jnp.dtype(precision), min(BATCHES[n], most)
+    contact, load = contact_of(n, dtype)
+    surfaces = jax.vmap(lambda key: contact_of(n, dtype, key)[0].heights)(jnp.arange(count))
 
     def equilibrium(heights: jax.Array) -> js.Equilibrium:
         rough = js.Contact(contact.solid, heights, contact.potential)
@@ -223,6 +262,7 @@ def batch_row(precision: str, count: int) -> Row:
     compiling_too, longer, _ = timed(lambda: judge(surfaces, states))
     _, longer_alone, _ = timed(lambda: [verdict(surfaces[i], apart[i]) for i in few])
     cells = [
+        str(count),
         *(f"{compiling:.1f}", f"{seconds:.4f}", f"{count / seconds:.1f}"),
         f"{len(few) / alone:.1f}",
         *(f"{compiling_too:.1f}", f"{longer:.3f}", f"{count / longer:.1f}"),
@@ -240,6 +280,37 @@ def timed(function: Callable) -> tuple[float, float, Any]:
         times.append(time.perf_counter() - start)
     least = min(times[1:])
     return max(times[0] - least, 0), least, out
+
+
+def device_work(function: Callable, number: int) -> tuple[str, str, str]:
+    """Return the share of the time of a call that a GPU works, its kernels, and copies to the host.
+
+    The kernels are counted for one of a number of steps. No cell is filled on a CPU.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.perf_counter()
+        with jax.profiler.trace(folder):
+            jax.block_until_ready(function())
+            seconds = time.perf_counter() - start
+        (file,) = Path(folder).glob("**/*.xplane.pb")
+        planes = jax.profiler.ProfileData.from_file(str(file)).planes
+        events = [
+            (event.start_ns, event.start_ns + event.duration_ns, event.name)
+            for plane in planes
+            if plane.name.startswith("/device:GPU")
+            for line in plane.lines
+            if line.name.startswith("Stream")
+            for event in line.events
+        ]
+    if not events:
+        return "", "", ""
+    busy = end = 0.0
+    for begin, finish, _ in sorted(events):
+        busy += max(finish - max(begin, end), 0)
+        end = max(end, finish)
+    kernels = sum(not name.startswith("Mem") for _, _, name in events)
+    waits = sum(name.startswith("MemcpyD2H") for _, _, name in events)
+    return f"{1e-9 * busy / seconds:.0%}", f"{kernels / max(number, 1):.0f}", str(waits)
 
 
 def timed_inside(function: Callable, field: jax.Array, count: int = 20) -> float:

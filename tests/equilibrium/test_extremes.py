@@ -257,3 +257,21 @@ def test_a_stiffness_out_of_range_is_refused():
     contact = js.Contact(solid, heights.astype(jnp.float32), js.potentials.NoAdhesion())
     found = js.equilibrate(contact, js.MeanGap(1e8), throw=False)
     assert found.result == "invalid_contact"
+
+
+def test_a_long_line_in_single_precision_ends_where_double_precision_does():
+    # Rounding of the gap alone leaves a residual of 3e-4 of the pressures here.
+    grid = js.Grid((32768,))
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=16, rms_height=0.05)
+    states = []
+    for dtype in ("float32", "float64"):
+        unit = jnp.ones((), dtype)
+        solid = js.HalfSpace(js.Grid(grid.shape, unit), unit)
+        law = js.potentials.Exponential(2e-3 * unit, 0.05 * unit)
+        contact = js.Contact(solid, heights.astype(dtype), law)
+        states.append(js.equilibrate(contact, js.MeanGap(0.05 * unit)))
+    single, double = states
+    assert single.gap.dtype == "float32"
+    assert single.num_steps < 20
+    np.testing.assert_allclose(single.mean_pressure, double.mean_pressure, rtol=1e-4)
+    np.testing.assert_allclose(single.gap, double.gap, atol=1e-4 * heights.std())

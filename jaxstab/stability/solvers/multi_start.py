@@ -55,14 +55,13 @@ def multi_start(
         # Together all starts cost as much as those that are on: the few that go on move closer.
         found, wins = rounds(starts, is_on, slice(_FEW_FROM))
         ahead = jnp.argsort(~wins)[: _NUM_KEPT[_FEW_FROM]]
-        few, is_few = entry_of((found, wins), ahead)
+        few, is_few = jax.tree.map(lambda leaf: leaf[ahead], (found, wins))
         end = _outcome(*rounds(few, is_few, slice(_FEW_FROM, None)))
-        before, of_few = _costs(found), _costs(few)
-        more = jax.tree.map(jnp.subtract, before, of_few)
+        steps, applications = map(jnp.subtract, _costs(found), _costs(few))
         return replace(
             end,
-            num_steps=end.num_steps + more[0],
-            num_applications=end.num_applications + more[1],
+            num_steps=end.num_steps + steps,
+            num_applications=end.num_applications + applications,
         )
 
     return on_platform(in_place, narrowed, starts, is_needed)
