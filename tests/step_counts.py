@@ -150,7 +150,8 @@ def _waits(op):
         return _name(op) in ("case", "if") and not _is_constant(op.operands[0])
     # A loop whose turns are counted ends by a comparison with a constant.
     (last,) = list(op.regions[0].blocks[0].operations)[-1].operands
-    return not any(map(_is_constant, getattr(last.owner, "operands", [])))
+    is_comparison = getattr(last.owner, "name", "") == "stablehlo.compare"
+    return not (is_comparison and any(map(_is_constant, last.owner.operands)))
 
 
 def _is_constant(value):
