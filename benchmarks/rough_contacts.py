@@ -1,7 +1,8 @@
 """Rough contacts of the literature, on surfaces of our own, as rows of the table of validation.
 
 Stickiness (Pastewka & Robbins 2014; Persson & Tosatti 2001), several states at one load (Bugnicourt
-and others 2018), and the contact-mechanics challenge (Müser and others 2017).
+and others 2018), the contact-mechanics challenge (Müser and others 2017), and the loop of a rough
+sphere (Dalvi and others 2019; Sanner and others 2024).
 """
 
 import time
@@ -185,4 +186,53 @@ def _draw_challenge(folder, contact, state):
     save(figure, folder, "challenge")
 
 
-ROUGH: list[Callable[[bool, Path | None], Iterator[Row]]] = [stickiness, states, challenge]
+def spheres(is_large: bool, figures: Path | None) -> Iterator[Row]:
+    """Loops of a rough sphere, in JKR's units a0 = d0 = 1 for R = E* = 1."""
+    size, slope, work, where = 96 if is_large else 54, 1.8, 4 / (3 * np.pi), np.linspace(0, 0.9, 10)
+    grid = js.Grid(size, 4.6)
+    solid, sphere = js.FreeHalfSpace(grid, 1.0), js.surfaces.paraboloid(grid, 1.0)
+    rough = js.surfaces.self_affine(grid, jax.random.key(0), k_low=3, k_high=7, rms_slope=slope)
+    length = np.sqrt(4.1 * work / float(solid.max_stiffness))
+    found, loops = [], []
+    # Effects that are odd in the roughness cancel in the mean over both signs.
+    for sign in (0, 1, -1):
+        contact = js.Contact(solid, sphere + sign * rough, js.potentials.Exponential(work, length))
+        path = js.follow(contact, js.FarDisplacement(jnp.array([2.0, -1.0, 2.0])))
+        approach, force = -np.asarray(path.load.value), np.asarray(path.equilibrium.force)
+        turn = int(np.argmax(approach))
+        ways = slice(None, turn + 1), slice(None, turn, -1)
+        found.append([_jkr_adhesion(where, approach[way], force[way]) for way in ways])
+        loops.append((np.trapezoid(force, approach), float(path.dissipation)))
+    (area, losses), energy = (
+        loops[1],
+        js.surfaces.full_contact_energy(js.HalfSpace(grid, 1.0), rough),
+    )
+    way_in, way_out = (np.array(found[1]) + found[2]) / 2 / found[0]
+    name = f"rough sphere, {size}², range {length:.2g} and rms slope {slope} in JKR's units"
+    yield Row(f"{name}: loss in jumps", "the area of the loop", float(area), losses)
+    theory = "Persson and Tosatti 2001; Dalvi and others 2019"
+    kept = 1 - float(energy) / work
+    yield Row(
+        f"{name}: work of adhesion on the way in over a smooth sphere's", theory, kept, way_in
+    )
+    split = f"{way_out - way_in:+.3f}"
+    source = "Sanner and others 2024"
+    yield Row(f"{name}: the same, way out less way in", source, "positive, range of zero", split)
+
+
+def _jkr_adhesion(where, approach, force):
+    """Return the mean work of adhesion over w, from approaches and forces alone (JKR)."""
+    found = []
+    for d, f in zip(where, np.interp(where, approach, force) * 3 / 4, strict=True):
+        roots = np.roots([1.0, 0.0, -3 * d, 2 * f])
+        a = roots[np.abs(roots.imag) < 1e-9].real.max()
+        found.append((a**3 - f) ** 2 / (6 * a**3))
+    return np.mean(found)
+
+
+ROUGH: list[Callable[[bool, Path | None], Iterator[Row]]] = [
+    stickiness,
+    states,
+    challenge,
+    spheres,
+]
