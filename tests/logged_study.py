@@ -6,6 +6,7 @@ import time
 from collections import Counter
 
 import h5py
+import numpy as np
 
 SCRIPT = """\
 import sys, time
@@ -26,6 +27,25 @@ axes = {"seed": range(6), "energy": np.arange(5) / 4}
 if __name__ == "__main__":
     js.study(case, axes, "study", executor=int(sys.argv[1]) or None)
 """
+
+
+def case_in(folder, dies=lambda count: None, dying=2):
+    """Return a case that leaves a line in a log, and one that comes to an end at times."""
+    log = str(folder / "log")
+
+    def case(seed, energy):
+        with open(log, "a") as file:
+            file.write(f"{seed} {energy}\n")
+        if seed == 3:
+            raise ValueError(f"no contact at {energy}")
+        with open(log) as file:
+            count = file.read().splitlines().count(f"{seed} {energy}")
+        if seed == dying and energy == 0.5:
+            dies(count)
+        field = np.random.default_rng([seed, int(4 * energy)]).random((8, 8))
+        return {"area": field.mean(), "field": field, "verdict": "stable", "number": seed}
+
+    return case
 
 
 def started(folder, *command):

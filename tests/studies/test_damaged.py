@@ -43,10 +43,6 @@ def swap(file, others):
     others[0].write_bytes(mine)
 
 
-def foreign(file, others):
-    xarray.Dataset({"field": ("x", [1.0])}).to_netcdf(file, engine="h5netcdf")
-
-
 DAMAGES = {
     "cut": lambda file, others: file.write_bytes(file.read_bytes()[:-100]),
     "emptied": lambda file, others: file.write_bytes(b""),
@@ -59,7 +55,7 @@ DAMAGES = {
         file.mkdir(),
         (file / "notes").write_text("mine"),
     ),
-    "foreign": foreign,
+    "foreign": lambda file, others: xarray.Dataset({"field": ("x", [1.0])}).to_netcdf(file),
     "unchecked": lambda file, others: xarray.load_dataset(file).to_netcdf(file, engine="h5netcdf"),
 }
 
@@ -99,11 +95,8 @@ def test_a_file_in_use_or_unreadable_is_not_taken_for_damaged(undisturbed, tmp_p
     case, path = case_in(tmp_path), tmp_path / "study"
     js.study(case, AXES, path)
     names = sorted(x.name for x in path.iterdir())
-    opened = [h5py.File(file, "r") for file in path.glob("*.nc")]
-    with warnings.catch_warnings(action="error"):
+    with h5py.File(next(path.glob("*.nc"))), warnings.catch_warnings(action="error"):
         js.study(case, AXES, path)
-    for file in opened:
-        file.close()
 
     def refuse(*_, **__):
         raise OSError(24, "Too many open files")

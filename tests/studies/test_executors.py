@@ -12,31 +12,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-from logged_study import assert_same, runs
+from logged_study import assert_same, case_in, runs
 
 import jaxstab as js
 
 AXES = {"seed": range(6), "energy": np.arange(5) / 4}
 SPAWNED = multiprocessing.get_context("spawn")
-
-
-def case_in(folder, dies=lambda count: None, dying=2):
-    """Return a case that leaves a line in a log, and one that comes to an end at times."""
-    log = str(folder / "log")
-
-    def case(seed, energy):
-        with open(log, "a") as file:
-            file.write(f"{seed} {energy}\n")
-        if seed == 3:
-            raise ValueError(f"no contact at {energy}")
-        with open(log) as file:
-            count = file.read().splitlines().count(f"{seed} {energy}")
-        if seed == dying and energy == 0.5:
-            dies(count)
-        field = np.random.default_rng([seed, int(4 * energy)]).random((8, 8))
-        return {"area": field.mean(), "field": field, "verdict": "stable", "number": seed}
-
-    return case
 
 
 @pytest.fixture(scope="module")
@@ -54,12 +35,6 @@ def pool():
 
 
 @pytest.fixture(scope="module")
-def threads():
-    with ThreadPoolExecutor(2) as threads:
-        yield threads
-
-
-@pytest.fixture(scope="module")
 def client():
     from distributed import Client, LocalCluster
 
@@ -71,7 +46,8 @@ def client():
 @pytest.mark.parametrize("kind", ["number", "pool", "threads", "client"])
 def test_many_processes_fill_the_folder_of_one_bit_for_bit(kind, alone, request, tmp_path):
     path = tmp_path / "study"
-    executor = 2 if kind == "number" else request.getfixturevalue(kind)
+    executors = {"number": 2, "threads": ThreadPoolExecutor(2)}
+    executor = executors.get(kind) or request.getfixturevalue(kind)
     for _ in range(2):
         study = js.study(case_in(tmp_path), AXES, path, executor=executor)
         assert_same(path, alone)
@@ -84,21 +60,13 @@ def test_many_processes_fill_the_folder_of_one_bit_for_bit(kind, alone, request,
     assert (js.study(case_in(tmp_path), more, path)["number"].sel(seed=6) == 6).all()
 
 
-@pytest.mark.parametrize("kind", [pytest.param("pool", marks=pytest.mark.nightly), "client"])
-def test_batches_run_in_other_processes(kind, request, tmp_path):
-    def case(x):
-        return {"square": x**2}
-
-    executor, axes = request.getfixturevalue(kind), {"x": np.arange(10.0)}
-    squares = js.study(case, axes, tmp_path / "study", batch=4, executor=executor)
-    np.testing.assert_array_equal(squares["square"], np.arange(10.0) ** 2)
-    assert len(set(squares["seconds"].values)) == 3
-
-    def untraced(x):
-        return {"a": float(x)}
-
+def test_batches_run_in_other_processes(client, tmp_path):
+    axes = {"x": np.arange(10.0)}
+    study = js.study(lambda x: {"y": x**2}, axes, tmp_path / "y", batch=4, executor=client)
+    np.testing.assert_array_equal(study["y"], np.arange(10.0) ** 2)
+    assert len(set(study["seconds"].values)) == 3
     with pytest.warns(UserWarning, match="one by one"):
-        js.study(untraced, axes, tmp_path / "untraced", batch=2, executor=executor)
+        js.study(lambda x: {"a": float(x)}, axes, tmp_path / "a", batch=2, executor=client)
 
 
 def killed(count, times=1):
@@ -194,16 +162,9 @@ def test_a_full_disk_of_a_worker_says_what_is_stored_and_the_same_call_goes_on(
     assert_same(path, alone)
 
 
-def test_outputs_that_no_file_can_hold_are_refused_by_the_first_case(pool, tmp_path):
-    with pytest.raises(TypeError, match="The case returned int"):
-        js.study(lambda seed: seed, {"seed": range(9)}, tmp_path / "study", executor=pool)
-
-
-def test_a_case_that_cannot_be_sent_to_another_process_is_refused(tmp_path):
+def test_outputs_and_functions_that_cannot_travel_are_refused(pool, tmp_path):
     acquire = partial(min, threading.Lock().acquire)
-
-    def case(seed):
-        return {"a": acquire(seed)}
-
+    with pytest.raises(TypeError, match="The case returned int"):
+        js.study(lambda seed: seed, {"seed": range(9)}, tmp_path / "int", executor=pool)
     with pytest.raises(TypeError, match=r"cannot pickle.*lock"):
-        js.study(case, {"seed": [1]}, tmp_path / "study", executor=1)
+        js.study(lambda seed: {"a": acquire(seed)}, {"seed": [1]}, tmp_path / "lock", executor=1)

@@ -3,10 +3,10 @@
 import errno
 import os
 import signal
-import subprocess
 import time
 
 import numpy as np
+import psutil
 import pytest
 from logged_study import assert_same, runs, started, wait_until
 
@@ -19,18 +19,6 @@ def undisturbed(tmp_path_factory):
     process = started(folder, "script.py", "0")
     assert process.wait() == 0, process.stderr.read()
     return folder / "study"
-
-
-def children(process):
-    """Return the processes that another has started."""
-    listed = subprocess.run(["ps", "-eo", "pid=,ppid="], capture_output=True, text=True).stdout
-    pairs = [tuple(map(int, line.split())) for line in listed.splitlines()]
-    return [child for child, parent in pairs if parent == process]
-
-
-def is_alive(process):
-    state = subprocess.run(["ps", "-o", "stat=", "-p", str(process)], capture_output=True)
-    return state.stdout.strip() not in (b"", b"Z", b"Zs")
 
 
 def finished(folder):
@@ -54,16 +42,16 @@ def test_killed_again_and_again_a_study_ends_as_if_it_had_run_in_one_go(
         process = started(tmp_path, "script.py", processes)
         wait_until(lambda before=before: sum(runs(tmp_path).values()) > before + 2)
         time.sleep(0.03 * generator.random())
-        workers = children(process.pid)
+        workers = psutil.Process(process.pid).children()
         if target == "worker":
-            os.kill(workers[-1], signal.SIGKILL)
+            workers[-1].kill()
             time.sleep(0.05)
         if target == "group":
             os.killpg(process.pid, signal.SIGKILL)
         process.kill()
         process.communicate()
         # Its workers end by themselves.
-        wait_until(lambda workers=workers: not any(map(is_alive, workers)))
+        assert not psutil.wait_procs(workers, timeout=60)[1]
         assert done.items() <= finished(tmp_path).items()
     assert len(finished(tmp_path)) < 30
     done = finished(tmp_path)

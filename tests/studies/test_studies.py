@@ -28,13 +28,8 @@ def test_cases_are_those_of_a_plain_loop_with_verdicts_as_words(tmp_path):
         contact = js.Contact(js.HalfSpace(grid, 0.05), heights, law)
         state = js.equilibrate(contact, js.MeanGap(0.15), throw=False)
         stability = js.assess_stability(contact, state, throw=False)
-        return {
-            "ended": state.result,
-            "verdict": stability.verdict,
-            "gap": state.gap,
-            "touches": state.in_contact,
-            "steps": state.num_steps,
-        }
+        fields = {"gap": state.gap, "touches": state.in_contact, "steps": state.num_steps}
+        return {"ended": state.result, "verdict": stability.verdict, **fields}
 
     energies = [0.005, 0.02]
     study = js.study(case, {"seed": range(2), "energy": energies}, tmp_path / "study")
@@ -215,11 +210,9 @@ def test_masked_floats_are_missing_numbers(tmp_path):
         (None, "returned NoneType"),
         ({}, "return a dict"),
         ({"result": 1}, "'result': choose another name"),
-        ({"seed": 1}, "'seed': choose another name"),
         ({"a": [1, 2], "a_0": 1}, "'a_0': choose another name"),
         ({"a/b": 1}, "'a/b'"),
         ({"a": None}, "a is NoneType"),
-        ({"a": {"b": 1}}, "a is dict"),
         ({"a": [1, [2, 3]]}, "a is no array"),
         ({"a": np.ma.array([1, 2], mask=[0, 1])}, "a is no array.* nan to dtype int64"),
         (xarray.Dataset({"a": ("seed", [1])}), "'seed': choose another name"),
@@ -238,23 +231,18 @@ def test_outputs_that_no_file_can_hold_are_refused_at_the_first_case(outputs, me
     ("axes", "message"),
     [
         ({}, "neither a dict"),
-        ([], "neither a dict"),
-        (3, "neither a dict"),
         ({"seed": []}, "seed is array([], dtype=float64): give"),
         ({"seed": 3}, "seed is array(3): give"),
-        ({"seed": [[1, 2]]}, "seed is array([[1, 2]]): give"),
         ({"seed": [1.0, float("nan")]}, "seed is array([ 1., nan]): give"),
         ({"seed": [1, 2, 1]}, "the case {'seed': 1} twice"),
         ({"seed": [0.0, -0.0]}, "the case {'seed': -0.0} twice"),
         ([{"seed": 1}, {"seed": True}], "the case {'seed': 1} twice"),
         ({"seed": [None]}, "seed is array([None], dtype=object): give"),
         ({"seed": jax.random.split(jax.random.key(0))}, "PRNGKey"),
-        ({"result": [1]}, "'result' is a name of the study"),
         ({"case": [1]}, "'case' is a name of the study"),
         ({"energy": [1]}, "The axes give the case energy: missing a required argument: 'seed'"),
         ({"seed": [1], "energy": [1]}, "The axes give the case seed, energy: got an unexpected"),
         ([{"seed": 1}, {"energy": 1}], "the same names"),
-        ([1, 2], "the same names"),
         ([{"seed": np.arange(2)}], "seed is array([[0, 1]]): give"),
     ],
 )
