@@ -103,7 +103,9 @@ class Problem:
         net, closing = elastic + slope, self.stiffness().max() * gap
 
         def conditions(mean: float) -> np.ndarray:
-            return np.minimum(closing, net + mean)
+            # No gap closes against a core.
+            is_core = self.law == "lennard-jones"
+            return net + mean if is_core else np.minimum(closing, net + mean)
 
         mean = self.value
         if self.control == "gap":
@@ -188,7 +190,8 @@ def run(solve: Callable, problem: Problem) -> Outcome:
             gap, seconds = solve(problem, tolerance)
         except NotImplementedError:
             return Outcome("not offered", np.nan, np.nan)
-        except Exception:  # a failure of whatever kind is one
+        except Exception as error:  # a failure of whatever kind is one
+            print(f"{problem.name}: {type(error).__name__}: {error}", file=sys.stderr)
             return Outcome("failed", LIMIT, best)
         gap = np.asarray(gap)
         if not problem.is_met(gap):

@@ -45,13 +45,17 @@ def solve(problem, tolerance):
         move = length * direction.reshape(heights.shape)
         return ((elastic_pressure(move) + curvature * move) / pressure).reshape(direction.shape)
 
-    gap = np.maximum(heights.max() - heights, 0) / length
+    # A law with a core is infinite at a gap of zero.
+    floor = 0.0
+    if problem.law == "lennard-jones":
+        floor = min(0.3 * problem.length, 0.5 * problem.value) / length
+    gap = np.maximum((heights.max() - heights) / length, floor)
     options = {"gtol": tolerance, "maxiter": MAX_STEPS}
     if problem.control == "pressure":
         seconds, found = timed(tr_newton_bounded, energy, gap, product, bounds_lo=0.0, **options)
     else:
         mean = problem.value / length
-        gap *= mean / gap.mean()
+        gap = floor + (gap - floor) * (mean - floor) / (gap.mean() - floor)
         constraint = LinearConstraint(np.ones(gap.size), mean * gap.size)
         seconds, found = timed(
             constrained_conjugate_gradients,
@@ -59,11 +63,12 @@ def solve(problem, tolerance):
             product,
             gap,
             linear_constraint=constraint,
+            bounds=np.full(gap.size, floor),
             **options,
         )
         if not (found.success and problem.is_met(length * np.asarray(found.x))):
             seconds, found = timed(
-                l_bfgs_projected, energy, gap, constraint, jac=True, bounds_lo=0.0, **options
+                l_bfgs_projected, energy, gap, constraint, jac=True, bounds_lo=floor, **options
             )
     if not found.success:
         raise RuntimeError(found.message)
