@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 @contextmanager
-def _executor(options: argparse.Namespace, module: ModuleType) -> Iterator[Any]:
+def _executor(options: argparse.Namespace, module: ModuleType) -> Iterator[object]:
     """Yield the executor of the cases, for `jaxstab.study`."""
     if options.workers is None and options.scheduler is None:
         yield None

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -94,7 +93,7 @@ class BareFunction(eqx.Module):
     def __call__(self, argument: Array) -> Array:
         """Evaluate the function in the precision it was traced in; return the argument's."""
         jaxpr = self.formula.jaxpr
-        avals: list[Any] = [variable.aval for variable in (*jaxpr.constvars, *jaxpr.invars)]
+        avals: list[PyTree] = [variable.aval for variable in (*jaxpr.constvars, *jaxpr.invars)]
         inputs = zip([*self.captured, argument], avals, strict=True)
         *constants, value = (jnp.asarray(x, aval.dtype) for x, aval in inputs)
         (result,) = jaxpr_as_fun(ClosedJaxpr(jaxpr, constants))(value)

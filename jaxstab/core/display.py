@@ -14,7 +14,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from jaxstab.core.checks import are_finite, is_spread, known
 from jaxstab.core.types import ArrayLike
@@ -66,7 +66,7 @@ def block(self: eqx.Module) -> str:
     return "\n".join([type(self).__name__, *(f"  {k:<{width}}  {v}" for k, v in rows.items())])
 
 
-def history(self: Any) -> str:
+def history(self: PyTree) -> str:
     """Return the first and last of a solver's indicators, on one line: a `__repr__`."""
     try:
         used = np.flatnonzero(np.isfinite(self.steps))

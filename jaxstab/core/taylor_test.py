@@ -6,13 +6,13 @@ whose second differences tell a wrong derivative from a kink and from noise.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from jaxstab.core import display
 from jaxstab.core.checks import is_traced
@@ -102,9 +102,9 @@ class TaylorTest:
 
 
 def check_derivative(
-    function: Callable[[Any], Any],
-    point: Any,
-    direction: Any = None,
+    function: Callable[[PyTree], PyTree],
+    point: PyTree,
+    direction: PyTree = None,
     *,
     mode: Literal["fwd", "rev"] = "rev",
 ) -> TaylorTest:
@@ -144,7 +144,7 @@ def check_derivative(
         direction, _ = eqx.partition(direction, eqx.is_inexact_array_like)
         direction = jax.tree.map(lambda v, x: jnp.asarray(v, x.dtype), direction, moving)
 
-    def objective(moved: Any) -> Any:
+    def objective(moved: PyTree) -> PyTree:
         return jnp.asarray(function(eqx.combine(moved, held)))
 
     if mode == "rev":
@@ -173,7 +173,7 @@ def _projected(value: Array) -> Array:
     )
 
 
-def _random_direction(point: Any) -> Any:
+def _random_direction(point: PyTree) -> PyTree:
     leaves, structure = jax.tree.flatten(point)
     keys = jax.random.split(jax.random.key(_SEED), len(leaves))
     scales = [jnp.sqrt(jnp.mean(leaf**2)) for leaf in leaves]

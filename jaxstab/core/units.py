@@ -10,7 +10,7 @@ from collections.abc import Callable, Container
 from dataclasses import fields
 from functools import cache
 from types import NoneType
-from typing import Any, Protocol, Self, get_args
+from typing import Protocol, Self, get_args
 
 import equinox as eqx
 from jaxtyping import Array, Bool, Int
@@ -62,7 +62,10 @@ class Dimensioned(eqx.Module):
         return self._changed(on_grid, lambda _, x: solid.surface(x), lambda x: x.on_surface(solid))
 
     def _changed(
-        self, names: Container[str], change: Callable[[str, Any], Any], inside: Callable[[Any], Any]
+        self,
+        names: Container[str],
+        change: Callable[..., Array],
+        inside: "Callable[..., Dimensioned]",
     ) -> Self:
         changed = object.__new__(type(self))
         for name in [field.name for field in fields(self)]:
@@ -75,7 +78,7 @@ class Dimensioned(eqx.Module):
         return changed
 
 
-def in_units_of(value: Any, dimension: Dimension, pressure: Scalar) -> Any:
+def in_units_of(value: Array, dimension: Dimension, pressure: Scalar) -> Array:
     """Return a value of a dimension with pressures in another unit, given in the old one."""
     power = power_of_pressure(dimension)
     if power == 0:

@@ -5,11 +5,12 @@ import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.core.checks import is_traced
@@ -130,7 +131,7 @@ def _axes(
         stacked = len(result.stack_shape)
         last = "load" if isinstance(result, Sweep) else "state"
         axes = (*(f"lane_{i}" for i in range(stacked - 1)), last)[:stacked]
-        state: Any = _main_states(result)
+        state: PyTree = _main_states(result)
         own = {name: (*axes, *last) for name, last in own.items()}
         field = state.cone.mode if isinstance(state, Stability) else state.gap
     if np.shape(field)[stacked:] != contact.grid.shape:

@@ -1,7 +1,5 @@
 """Branches of equilibria, stable or not, and the passes between two of them."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -19,6 +17,7 @@ from jaxstab.plots.style import (
     GREEN,
     ORANGE,
     VERMILION,
+    Panels,
     Style,
     add_legend,
     axes_or_new,
@@ -34,7 +33,7 @@ _TURNS: dict[str, Style] = {
     "release": {"marker": "^", "facecolors": ORANGE},
     "touch": {"marker": "v", "facecolors": GREEN},
 }
-_PANELS: list[Any] = [["string", "gap", "mode"]]
+_PANELS: Panels = [["string", "gap", "mode"]]
 
 
 def branch(

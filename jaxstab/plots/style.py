@@ -20,6 +20,8 @@ PALETTE = (BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE, BLACK)
 
 # Properties of lines and markers, by their names in Matplotlib.
 Style = dict[str, Any]
+# The panels of a figure by name, row by row.
+Panels = list[Any]
 # Verdicts differ by shape and fill; a filled marker means a positive eigenvalue of the cone.
 VERDICT_MARKERS: dict[str, Style] = {
     "stable": {"marker": "o", "facecolors": BLUE, "edgecolors": BLUE},

@@ -1,7 +1,5 @@
 """The summary of a state in one figure."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -14,10 +12,10 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.loads import MeanPressure
 from jaxstab.plots.fields import gap, mode, outline_contact, pressure, surface
-from jaxstab.plots.style import figure_or_new, load_label
+from jaxstab.plots.style import Panels, figure_or_new, load_label
 from jaxstab.stability import Eigenpair, Stability
 
-_PANELS: list[Any] = [["surface", "gap", "numbers"], ["pressure", "mode", "numbers"]]
+_PANELS: Panels = [["surface", "gap", "numbers"], ["pressure", "mode", "numbers"]]
 # In sizes of the font.
 _LINE_SPACING = 1.7
 

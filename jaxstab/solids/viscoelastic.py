@@ -174,6 +174,7 @@ class Viscoelastic(Solid):
     precondition = _of_relaxed("precondition")
     surface = _of_relaxed("surface")
     conforming = _of_relaxed("conforming")
+    displacement = _of_relaxed("displacement")
     with_uniform_stiffness = _of_relaxed("with_uniform_stiffness")
     scaled = _of_relaxed("scaled")
     coarser = _of_relaxed("coarser")
