@@ -31,7 +31,7 @@ class Cases(NamedTuple):
         """The names that no output can have."""
         return {*self.dims, *self.names, *MARKS}
 
-    def files(self, axes: Mapping[str, Sequence[Any]]) -> dict[Path, Case]:
+    def files(self, axes: Mapping[str, Sequence[object]]) -> dict[Path, Case]:
         """Return all cases by their files, in the order of the product or the list."""
         files, combine = {}, zip if self.dims == (LISTED,) else itertools.product
         for row in combine(*(axes[name] for name in self.names)):
@@ -59,7 +59,7 @@ class Cases(NamedTuple):
             own[name] = Variable(self.dims, np.array(x)[(None,) * len(self.dims)], attrs)
         write(self.file(case), own | outputs)
 
-    def outputs_of(self, returned: Any) -> Variables:
+    def outputs_of(self, returned: object) -> Variables:
         """Return a dict of arrays, or a data set, with the axes before other dimensions."""
         if not isinstance(returned, Mapping) or not returned:
             raise TypeError(f"The case returned {type(returned).__name__}: return a dict of arrays")

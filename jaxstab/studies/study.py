@@ -39,13 +39,13 @@ class StudyInterrupted(UserWarning):
 
 
 def study(
-    case: Callable[..., Any],
-    axes: Mapping[str, Any] | Sequence[Mapping[str, Any]],
+    case: Callable[..., object],
+    axes: Mapping[str, object] | Sequence[Mapping[str, object]],
     path: str | Path,
     *,
     executor: Any = None,
     batch: int = 1,
-    version: Any = None,
+    version: object = None,
     retry: bool = False,
     accept_changes: bool = False,
     progress: bool | None = None,
@@ -138,7 +138,7 @@ def study(
     return _dataset(cases, values, {file: found.get(file) for file in files}, blank)
 
 
-def _begin(cases: Cases, case: Any, version: Any, accept: bool) -> Cases:
+def _begin(cases: Cases, case: Callable[..., object], version: object, accept: bool) -> Cases:
     """Write `study.json`, or compare it with a call; return the cases with axes in its order."""
     path, file = cases.path, cases.path / RECORD
     path.mkdir(parents=True, exist_ok=True)
@@ -169,7 +169,7 @@ def _begin(cases: Cases, case: Any, version: Any, accept: bool) -> Cases:
     return cases._replace(names=tuple(axes), dims=tuple(dims))
 
 
-def _source(case: Any, version: Any) -> list[str]:
+def _source(case: Callable[..., object], version: object) -> list[str]:
     """Return the text of a function, or of the class of another callable."""
     lines = []
     while isinstance(case := inspect.unwrap(case), partial):
@@ -249,7 +249,7 @@ def _blank(name: str, variables: Sequence[Variable]) -> Variable:
 
 def _dataset(
     cases: Cases, axes: Mapping[str, Any], found: Mapping[Path, Variables | None], blank: Variables
-) -> Any:
+) -> "xarray.Dataset":
     """Return the cases in the order of the axes; large fields are read on access."""
     import dask.array
     import xarray

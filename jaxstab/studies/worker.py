@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import jax
 import numpy as np
@@ -20,7 +19,7 @@ _MOST_DEATHS = 3
 class Worker:
     """Runs cases and writes their files; it marks those that it begins, in its driver's name."""
 
-    case: Callable[..., Any]
+    case: Callable[..., object]
     cases: Cases
     batch: int
     driver: str
@@ -80,10 +79,10 @@ class Worker:
         return ""
 
     @cached_property
-    def _batched(self) -> Callable[..., Any]:
+    def _batched(self) -> Callable[..., object]:
         return jax.jit(jax.vmap(lambda values: jax.jit(self.case)(**values)))
 
-    def _keep(self, case: Case, returned: Any, seconds: float, error: str = "") -> None:
+    def _keep(self, case: Case, returned: object, seconds: float, error: str = "") -> None:
         self._mark(case).unlink(missing_ok=True)
         try:
             outputs = {} if error else self.cases.outputs_of(returned)
