@@ -69,9 +69,12 @@ def read(path: Path, largest: float = math.inf) -> Variables:
         raise Damaged(f"{path} is damaged, renamed or of another kind: its digest differs.")
     with h5py.File(h5py.h5f.open_file_image(image)) as file:
         for name, (dims, shape, dtype, attrs) in json.loads(file.attrs["layout"]).items():
-            values: Any = np.broadcast_to(np.zeros((), dtype), shape)
-            if values.size and (values.nbytes <= largest or "S" in dtype or dims == [name]):
-                values = np.empty(shape, dtype)
+            num_bytes = math.prod(shape) * np.dtype(dtype).itemsize
+            is_read = num_bytes <= largest or "S" in dtype or dims == [name]
+            values: Any = np.empty(shape, dtype) if is_read else np.zeros((), dtype)
+            if not is_read:
+                values = np.broadcast_to(values, shape)
+            elif num_bytes:
                 h5py.h5d.open(file.id, name.encode()).read(h5py.h5s.ALL, h5py.h5s.ALL, values)
             if attrs.pop("_Encoding", ""):
                 values = np.char.decode(values, "utf-8")
