@@ -235,7 +235,7 @@ def strip(size: int, per_point: float, thickness: float, ratio: float, speeds: t
     above, below = (half[np.arange(half.shape[0]), place - i] for i in (1, 0))
     edges = (place - 1 + (above - law.length) / (above - below)) / size
     # Until the two cracks are near each other.
-    near, last = 10, np.argmax(edges > 0.5 - thickness / 2)
+    near, last = 10, np.argmax(edges > 0.5 - thickness / 4)
     chosen = np.linspace(24, (last or times.size) - near - 1, 15).astype(int)
     measured = (edges[chosen + near] - edges[chosen - near]) / (
         times[chosen + near] - times[chosen - near]
@@ -246,7 +246,7 @@ def strip(size: int, per_point: float, thickness: float, ratio: float, speeds: t
 def crack(is_quick: bool) -> Iterator[Row]:
     """The effective work of adhesion of a standard linear solid over the speed of the edge."""
     ratio = 4.0
-    setting = (2048, 2, 100, ratio, (0.05, 3)) if is_quick else (8192, 1, 800, ratio, (0.05, 150))
+    setting = (2048, 2, 100, ratio, (0.05, 3)) if is_quick else (8192, 1, 800, ratio, (0.05, 250))
     speeds, works, slow = strip(*setting)
     for speed, found in zip(speeds, works, strict=True):
         expected = float(persson_brener.work(speed, [ratio], [1.0], slow))
