@@ -229,6 +229,7 @@ def totals(fields: Sequence[Field]) -> Float[Array, " fields"]:
     return _totals_in_a_pass(*fields)
 
 
+@jax.custom_jvp
 def _totals_in_a_pass(*fields: Field) -> Float[Array, " fields"]:
     def add(left: tuple[Array, ...], right: tuple[Array, ...]) -> tuple[Array, ...]:
         return tuple(map(jnp.add, left, right))
@@ -238,6 +239,14 @@ def _totals_in_a_pass(*fields: Field) -> Float[Array, " fields"]:
     return jax.vmap(total)(rows) if rows.ndim > 1 else rows
 
 
+@_totals_in_a_pass.defjvp
+def _change_of_totals(
+    fields: tuple[Field, ...], changes: tuple[Field, ...]
+) -> tuple[Float[Array, " fields"], Float[Array, " fields"]]:
+    # That of the reduction takes no field that is constant among others.
+    return _totals_in_a_pass(*fields), jnp.stack([total(change) for change in changes])
+
+
 def mean(field: Field) -> Scalar:
     """Return the mean of a field."""
     return total(field) / field.size
@@ -245,8 +254,9 @@ def mean(field: Field) -> Scalar:
 
 def mean_over(mask: Mask, field: Field) -> Scalar:
     """Return the mean of a field over a mask, zero over none."""
-    count, over = totals([mask.astype(field.dtype), jnp.where(mask, field, 0)])
-    return over / jnp.maximum(count, 1)
+    # Not in one pass: derivatives transpose the sum, in which the count is a constant.
+    count = jnp.maximum(total(mask.astype(field.dtype)), 1)
+    return total(jnp.where(mask, field, 0)) / count
 
 
 def padded(field: Field, value: ArrayLike) -> Field:
