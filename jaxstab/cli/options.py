@@ -27,8 +27,7 @@ and the data go into a new folder.""",
 Run or continue the study that a Python file describes: the file defines the function `case` and its
 `axes`, as jaxstab.study takes them. Finished cases are never run again.""",
     "info": "Describe a file: a surface, with its statistics, or a result.",
-    "plot": "Draw a result: a loop, a branch, a pass, a stability curve, or the fields of one "
-    "state.",
+    "plot": "Draw a result: a loop, a branch, a pass, a stability curve, or a state's fields.",
     "cite": "Print the sources to cite: the software, and the papers behind its functions.",
 }
 # Laws by the names of their classes in lower case.

@@ -138,9 +138,8 @@ class Recorder:
         words = [_SINGULAR.get(word, word) for word in path]
         words = ["total", *words] if path in _TOTALS and not axes else words
         name = "_".join([word for word in words if word not in _SILENT]) or path[-1]
-        record = NamedArray(
-            values, (*axes, *self._own_dims(name, path, values.shape[len(axes) :])), path, **about
-        )
+        dims = (*axes, *self._own_dims(name, path, values.shape[len(axes) :]))
+        record = NamedArray(values, dims, path, **about)
         if name in self.records and not _is_same(self.records[name], record):
             name = "_".join(words)
         self.records[name] = record
@@ -169,12 +168,9 @@ def restored(structure: Structure, arrays: Mapping[str, np.ndarray]) -> PyTree:
             members = _public(f"{_PACKAGE}:{name}")
             if not (isinstance(members, type) and issubclass(members, Enumeration)):
                 raise ValueError(f"{name} of the file is no enumeration of jaxstab.")
-            _require(array, arrays)
-            codes = {word: code for code, word in enumerate(members.names.tolist())}
-            return members(_coded(arrays[array], codes))
+            return members(_coded(_named(array, arrays), members.names.tolist()))
         case {"array": str(name)}:
-            _require(name, arrays)
-            return jax.device_put(arrays[name])
+            return jax.device_put(_named(name, arrays))
         case {"value": bool() | int() | float() | str() as value}:
             return value
         case {"units": list(parts)}:
@@ -221,9 +217,10 @@ def lost_classes(structure: Structure) -> list[str]:
     return lost
 
 
-def _require(name: str, arrays: Mapping[str, np.ndarray]) -> None:
+def _named(name: str, arrays: Mapping[str, np.ndarray]) -> np.ndarray:
     if name not in arrays:
         raise ValueError(f"The file lacks {name}: it was changed since it was written.")
+    return arrays[name]
 
 
 def _class(path: str) -> type:
@@ -261,11 +258,11 @@ def _public(path: str) -> object:
     return getattr(module, word) if module and word in module.__all__ else None
 
 
-def _coded(words: np.ndarray, codes: Mapping[str, int]) -> np.ndarray:
-    unknown = set(words.ravel().tolist()) - set(codes)
+def _coded(words: np.ndarray, names: list[str]) -> np.ndarray:
+    unknown = set(words.ravel().tolist()) - set(names)
     if unknown:
-        raise ValueError(f"{', '.join(unknown)} in the file is not one of {', '.join(codes)}.")
-    numbers = [codes[word] for word in words.ravel().tolist()]
+        raise ValueError(f"{', '.join(unknown)} in the file is not one of {', '.join(names)}.")
+    numbers = [names.index(word) for word in words.ravel().tolist()]
     return np.array(numbers, np.int32).reshape(words.shape)
 
 
@@ -297,8 +294,7 @@ def _parts(structure: Structure) -> Iterator[dict[str, Structure]]:
     """Yield a structure and its nested structures."""
     if isinstance(structure, dict):
         yield structure
-        for part in structure.values():
-            yield from _parts(part)
-    elif isinstance(structure, list):
+        structure = list(structure.values())
+    if isinstance(structure, list):
         for part in structure:
             yield from _parts(part)

@@ -185,7 +185,7 @@ def _assess_one(
     return _stability(equilibrium, state, found)
 
 
-class _State(eqx.Module):
+class _AssessedState(eqx.Module):
     """The data of a state that its stability is computed from.
 
     Attributes:
@@ -226,7 +226,7 @@ class _State(eqx.Module):
 @program
 def _problems(
     contact: Contact, equilibrium: Equilibrium, key: PRNGKeyArray
-) -> tuple[Eigenproblems, _State]:
+) -> tuple[Eigenproblems, _AssessedState]:
     """Return the eigenproblems of an equilibrium, and the data of that state."""
     unit = contact.own_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
@@ -257,12 +257,12 @@ def _problems(
         is_doubtful=jnp.any(weak | nearly_touching),
     )
     sharpness = jnp.where(in_contact, 0, third_derivative(contact, gap))
-    state = _State(result, unit, contact.grid.cell_area, scale, imbalance, sharpness)
+    state = _AssessedState(result, unit, contact.grid.cell_area, scale, imbalance, sharpness)
     return problems, state
 
 
 @program
-def _stability(equilibrium: Equilibrium, state: _State, found: Found) -> Stability:
+def _stability(equilibrium: Equilibrium, state: _AssessedState, found: Found) -> Stability:
     """Return the verdict on the eigenpairs of a search."""
     equilibrium = equilibrium.in_units_of(state.unit)
     found = found.ordered()

@@ -41,14 +41,14 @@ class _Search(eqx.Module):
     num_cuts: Int[Array, ""]
 
 
-class _State(eqx.Module):
+class _DescentState(eqx.Module):
     gap: Field
     balance: Balance
     search: _Search
     reach: Scalar
 
 
-class _Trial(eqx.Module):
+class _DescentTrial(eqx.Module):
     gap: Field
     balance: Balance
     is_last: Flag
@@ -106,13 +106,13 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
             _shortening(contact, self.max_move),
         )
 
-    def init(self, problem: "_Prepared", start: Field) -> _State:
+    def init(self, problem: "_Prepared", start: Field) -> _DescentState:
         """Return the state of a gap that meets the load."""
         one, nothing, no = jnp.ones((), start.dtype), jnp.zeros_like(start), jnp.array(False)
         search = _Search(nothing, nothing, one, no, one, jnp.array(0))
-        return _State(start, problem.balance(start), search, one)
+        return _DescentState(start, problem.balance(start), search, one)
 
-    def step(self, problem: "_Prepared", state: _State) -> _State:
+    def step(self, problem: "_Prepared", state: _DescentState) -> _DescentState:
         """Return the state after a step along a direction of conjugate gradients.
 
         A step on a CPU tries ever shorter lengths. One on an accelerator tries a single length, so
@@ -120,7 +120,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
         """
         return on_platform(partial(_searched, problem), partial(_tried_once, problem), state)
 
-    def measure(self, problem: "_Prepared", state: _State) -> Indicators:
+    def measure(self, problem: "_Prepared", state: _DescentState) -> Indicators:
         """Return residual and energy; the residual is infinite where nothing is to be found."""
         balance, energy = state.balance, problem.energy(state.balance)
         has_left = balance.has_escaped
@@ -150,7 +150,7 @@ class _Prepared(Problem):
         return balance.elastic_energy + balance.adhesion + work
 
 
-def _begun(problem: _Prepared, state: _State) -> _Search:
+def _begun(problem: _Prepared, state: _DescentState) -> _Search:
     """Return the search along a new direction."""
     control, net, before = problem.control, state.balance.net, state.search
     is_moving = control.moving(state.gap, net)
@@ -175,7 +175,7 @@ def _begun(problem: _Prepared, state: _State) -> _Search:
     return _Search(direction, force, force_norm, is_convex, length, jnp.array(0))
 
 
-def _attempt(problem: _Prepared, state: _State, search: _Search) -> _Trial:
+def _attempt(problem: _Prepared, state: _DescentState, search: _Search) -> _DescentTrial:
     """Return the gap at the length of a search, and whether that is where it ends."""
     control, energy = problem.control, problem.energy(state.balance)
     # The work of a load that is nearly nothing, as at a spring that has relaxed, is no more certain
@@ -196,21 +196,21 @@ def _attempt(problem: _Prepared, state: _State, search: _Search) -> _Trial:
     num_cuts = search.num_cuts + ~is_accepted
     # A third of the last length; the last cut leaves the gap where it is.
     shorter = jnp.where(search.num_cuts < _MAX_CUTS - 1, search.length / 3, 0)
-    return _Trial(gap, balance, is_accepted | (num_cuts > _MAX_CUTS), shorter, num_cuts)
+    return _DescentTrial(gap, balance, is_accepted | (num_cuts > _MAX_CUTS), shorter, num_cuts)
 
 
-def _ended(state: _State, search: _Search, trial: _Trial) -> _State:
+def _ended(state: _DescentState, search: _Search, trial: _DescentTrial) -> _DescentState:
     """Return the state at the end of a search."""
     grows = ~search.is_convex & (trial.num_cuts == 0)
     reach = jnp.where(grows, 2 * state.reach, 1)
-    return _State(trial.gap, trial.balance, replace(search, num_cuts=jnp.array(0)), reach)
+    return _DescentState(trial.gap, trial.balance, replace(search, num_cuts=jnp.array(0)), reach)
 
 
-def _searched(problem: _Prepared, state: _State) -> _State:
+def _searched(problem: _Prepared, state: _DescentState) -> _DescentState:
     """Return the state after a step that is cut until the energy falls."""
     search = _begun(problem, state)
 
-    def shorter(trial: _Trial) -> _Trial:
+    def shorter(trial: _DescentTrial) -> _DescentTrial:
         cut = replace(search, length=trial.length, num_cuts=trial.num_cuts)
         return _attempt(problem, state, cut)
 
@@ -220,10 +220,10 @@ def _searched(problem: _Prepared, state: _State) -> _State:
     return _ended(state, search, trial)
 
 
-def _tried_once(problem: _Prepared, state: _State) -> _State:
+def _tried_once(problem: _Prepared, state: _DescentState) -> _DescentState:
     """Return the state after one length, at which the search ends or after which it goes on."""
 
-    def selected(condition: Flag, this: _State, other: _State) -> _State:
+    def selected(condition: Flag, this: _DescentState, other: _DescentState) -> _DescentState:
         return jax.tree.map(partial(jnp.where, condition), this, other)
 
     search = selected(state.search.num_cuts > 0, state.search, _begun(problem, state))

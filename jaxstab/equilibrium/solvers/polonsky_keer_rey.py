@@ -18,7 +18,7 @@ from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 
 
-class _State(eqx.Module):
+class _ActiveSetState(eqx.Module):
     gap: Field
     balance: Balance
     direction: Field
@@ -59,12 +59,12 @@ class PolonskyKeerRey(EquilibriumSolver):
             )
         return problem
 
-    def init(self, problem: Problem, start: Field) -> _State:
+    def init(self, problem: Problem, start: Field) -> _ActiveSetState:
         """Return the state of a gap that meets the load."""
         zero = jnp.zeros((), start.dtype)
-        return _State(start, problem.balance(start), jnp.zeros_like(start), zero)
+        return _ActiveSetState(start, problem.balance(start), jnp.zeros_like(start), zero)
 
-    def step(self, problem: Problem, state: _State) -> _State:
+    def step(self, problem: Problem, state: _ActiveSetState) -> _ActiveSetState:
         """Return the state after a step along the direction of conjugate gradients."""
         solid = problem.contact.solid.with_uniform_stiffness(0)
         is_free, net = state.gap > 0, state.balance.net
@@ -84,7 +84,7 @@ class PolonskyKeerRey(EquilibriumSolver):
         release = -net / (solid.max_stiffness + jnp.maximum(curvature, 0))
         gap = problem.control.restore(jnp.where(is_pulled, release, gap))
         free_norm = jnp.where(jnp.any(is_pulled), 0, free_norm)
-        return _State(gap, problem.balance(gap), direction, free_norm)
+        return _ActiveSetState(gap, problem.balance(gap), direction, free_norm)
 
 
 def _ratio(above: Scalar, below: Scalar) -> Scalar:

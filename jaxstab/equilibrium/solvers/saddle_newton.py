@@ -26,7 +26,7 @@ _ACCURACY = 1e-3
 _MAX_LINEAR_STEPS = 300
 
 
-class _Trial(eqx.Module):
+class _NewtonTrial(eqx.Module):
     state: State
     length: Scalar
     count: Int[Array, ""]
@@ -56,22 +56,22 @@ class SaddleNewton(EquilibriumSolver):
         """Return the state after a step of Newton's method, or of the part that is no worse."""
         change = _newton_step(problem, state)
 
-        def attempt(trial: _Trial) -> _Trial:
+        def attempt(trial: _NewtonTrial) -> _NewtonTrial:
             new = problem.state(state.gap + trial.length * change)
-            return _Trial(new, trial.length / 2, trial.count + 1)
+            return _NewtonTrial(new, trial.length / 2, trial.count + 1)
 
-        def is_worse(trial: _Trial) -> Flag:
+        def is_worse(trial: _NewtonTrial) -> Flag:
             falls = trial.state.balance.residual < state.balance.residual
             return (trial.count == 0) | (~falls & (trial.count <= _MAX_CUTS))
 
-        def unless_found(_: Array, trial: _Trial) -> _Trial:
+        def unless_found(_: Array, trial: _NewtonTrial) -> _NewtonTrial:
             return jax.tree.map(partial(jnp.where, is_worse(trial)), attempt(trial), trial)
 
         # The system took many more transforms than all lengths do: elsewhere no host looks on.
         return on_platform(
             partial(jax.lax.while_loop, is_worse, attempt),
             partial(jax.lax.fori_loop, 0, _MAX_CUTS + 1, unless_found),
-            _Trial(state, jnp.ones((), state.gap.dtype), jnp.array(0)),
+            _NewtonTrial(state, jnp.ones((), state.gap.dtype), jnp.array(0)),
         ).state
 
     def measure(self, problem: Problem, state: State) -> Indicators:

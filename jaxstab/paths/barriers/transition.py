@@ -39,7 +39,7 @@ _FEW_STEPS = 8
 _HIGHEST = 2
 
 
-class Barrier(NamedTuple):
+class BarrierHeights(NamedTuple):
     """The energy of the pass above the state that is left, and above that which is reached."""
 
     there: Scalar
@@ -77,9 +77,9 @@ class Transition(Stackable, Dimensioned):
     __repr__ = block
 
     @property
-    def barrier(self) -> Barrier:
+    def barrier(self) -> BarrierHeights:
         """The energies of the saddle above start and end: there and back [energy]."""
-        return Barrier(self.there, self.back)
+        return BarrierHeights(self.there, self.back)
 
     def rate(self, thermal_energy: ArrayLike, attempt_rate: ArrayLike) -> Scalar:
         """Return how often thermal motion leads over the pass: nu exp(-barrier / kT) [1/time].

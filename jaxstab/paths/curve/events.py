@@ -28,7 +28,7 @@ _FINE = {"float64": 1e-8, "float32": 1e-4}
 _FLAT = 1e-3
 
 
-class Place(eqx.Module):
+class EventPlace(eqx.Module):
     """A point of the curve, its free points, and the direction in which the branch goes on."""
 
     at: Point
@@ -60,7 +60,7 @@ class Corners(eqx.Module):
         return jnp.sum(self.distances <= length)
 
 
-def corners_ahead(curve: Curve, place: Place, shortest: Scalar) -> Corners:
+def corners_ahead(curve: Curve, place: EventPlace, shortest: Scalar) -> Corners:
     """Return the corners ahead of a place; those nearer to each other than the shortest tie."""
     at, tangent, is_free = place.at, place.tangent, place.is_free
     forces = curve.forces(at, is_free)
@@ -78,13 +78,13 @@ def corners_ahead(curve: Curve, place: Place, shortest: Scalar) -> Corners:
     return Corners(forces.net, rate, distances, first, point, tied)
 
 
-def follow(curve: Curve, place: Place, flipped: Mask) -> Flag:
+def follow(curve: Curve, place: EventPlace, flipped: Mask) -> Flag:
     """Return whether points that let go open further along a tangent, or are pressed more."""
     rate = curve.net_rate(curve.contact.curvature(place.at.gap), place.tangent)
     return jnp.all(jnp.where(flipped, jnp.where(place.is_free, place.tangent.gap, rate) > 0, True))
 
 
-def behind(curve: Curve, at: Place, corners: Corners, opens: Flag) -> tuple[Place, Flag]:
+def behind(curve: Curve, at: EventPlace, corners: Corners, opens: Flag) -> tuple[EventPlace, Flag]:
     """Return the place behind a corner, and whether the points that change sides there do so.
 
     All points that tie change sides, or the first alone.
@@ -98,19 +98,19 @@ def behind(curve: Curve, at: Place, corners: Corners, opens: Flag) -> tuple[Plac
     forces = curve.forces(at.at, at.is_free)
     ahead = unit.gradient(curve, forces)
 
-    def beyond(number: Array) -> tuple[Place, Flag]:
+    def beyond(number: Array) -> tuple[EventPlace, Flag]:
         flips = flipped(number)
         gap = jnp.where(flips, 0, at.at.gap)
         is_free = at.is_free ^ flips
         point = Point(gap, at.at.pressure)
-        place = Place(point, is_free, curve.tangent(point, is_free, ahead))
+        place = EventPlace(point, is_free, curve.tangent(point, is_free, ahead))
         return place, follow(curve, place, flips)
 
-    def goes_on(state: tuple[Array, Place, Flag]) -> Flag:
+    def goes_on(state: tuple[Array, EventPlace, Flag]) -> Flag:
         number, _, is_good = state
         return (number < 2) & ~is_good
 
-    def try_next(state: tuple[Array, Place, Flag]) -> tuple[Array, Place, Flag]:
+    def try_next(state: tuple[Array, EventPlace, Flag]) -> tuple[Array, EventPlace, Flag]:
         return state[0] + 1, *beyond(state[0])
 
     start = jnp.array(0), at, jnp.array(False)
@@ -135,7 +135,7 @@ class _Bracket(eqx.Module):
     count: Array
 
 
-def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
+def fold_between(curve: Curve, old: EventPlace, new: EventPlace) -> tuple[Point, Flag]:
     """Return where the load turns between two places of one smooth piece (Illinois method).
 
     And whether its rate vanishes there.

@@ -21,7 +21,7 @@ from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.loads import Load
 from jaxstab.paths.curve.corrector import Condition, Correction, CurveNewton, at_corner, on_plane
 from jaxstab.paths.curve.curve import Curve, Point, Way
-from jaxstab.paths.curve.events import Place, choose
+from jaxstab.paths.curve.events import EventPlace, choose
 from jaxstab.paths.curve.march import (
     SHORTEST,
     Walk,
@@ -123,10 +123,10 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
     end = load.value + _LEEWAY * _horizon(load, gap, ahead)
     way = Way(curve, load.value, end, longest, to_limit=True)
 
-    def back(number: Array) -> tuple[Place, Flag]:
+    def back(number: Array) -> tuple[EventPlace, Flag]:
         closes = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
         is_free = (gap > 0) & ~(closes & (number % 2 == 1))
-        here = Place(Point(jnp.where(is_free, gap, 0), at.pressure), is_free, at)
+        here = EventPlace(Point(jnp.where(is_free, gap, 0), at.pressure), is_free, at)
         tangent = curve.tangent(here.at, is_free, row)
         length = _BACK[dtype.name] * longest * jnp.where(number < 2, 1.0, 1e-2).astype(dtype)
         ahead = curve.gradient_of(tangent)
@@ -135,7 +135,7 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
         found = newton.state.at
         is_sound = jnp.all(jnp.where(is_free, found.gap, newton.state.forces.net) > 0)
         is_found = (newton.result == RESULTS.successful) & is_sound
-        return Place(found, is_free, tangent), is_found
+        return EventPlace(found, is_free, tangent), is_found
 
     here, is_found = first_good(back, lambda found: found[1], _NUM_STARTS)
     result = RESULTS.where(is_found, RESULTS.successful, RESULTS.lost_branch)

@@ -35,7 +35,7 @@ from jaxstab.paths.curve.corrector import Correction, CurveNewton, at_corner, on
 from jaxstab.paths.curve.curve import Point, Way
 from jaxstab.paths.curve.events import (
     Corners,
-    Place,
+    EventPlace,
     behind,
     choose,
     corners_ahead,
@@ -76,7 +76,7 @@ class Stride(eqx.Module):
         is_found: whether a state was found at all, of this branch or not.
     """
 
-    here: Place
+    here: EventPlace
     length: Scalar
     index: Int[Array, ""]
     expected: Int[Array, ""]
@@ -117,7 +117,7 @@ class _Arrival(NamedTuple):
         is_easy: whether the next step may be longer.
     """
 
-    place: Place
+    place: EventPlace
     is_found: Flag
     is_sound: Flag
     share: Scalar
@@ -157,7 +157,7 @@ def next_stride(way: Way, stride: Stride) -> Stride:
     )
 
 
-def _aim(corners: Corners, old: Place, length: Scalar) -> _Aim:
+def _aim(corners: Corners, old: EventPlace, length: Scalar) -> _Aim:
     """Return what the next step is to meet: a distance, or the first corner before it."""
     most = most_changes(corners.net.size)
     number = corners.within(length)
@@ -193,7 +193,7 @@ def _arrival(way: Way, stride: Stride, corners: Corners, aim: _Aim) -> _Arrival:
     tangent = jax.lax.cond(
         is_found, lambda: curve.tangent(found, is_free, row), lambda: old.tangent
     )
-    place = Place(found, is_free, tangent)
+    place = EventPlace(found, is_free, tangent)
     length, cosine = row.times(found.minus(old.at)), curve.cosine(tangent, old.tangent)
     farthest = jnp.where(aim.follows, _FARTHEST_LEAP, _FARTHEST)
     is_near = curve.length(found.minus(predicted)) <= farthest * reach
@@ -212,7 +212,7 @@ def _arrival(way: Way, stride: Stride, corners: Corners, aim: _Aim) -> _Arrival:
 
 
 def _accepted(
-    way: Way, stride: Stride, corners: Corners, aim: _Aim, arrived: Place, turns: Flag
+    way: Way, stride: Stride, corners: Corners, aim: _Aim, arrived: EventPlace, turns: Flag
 ) -> Stride:
     """Return the state that a step has led to, if the events in it explain what has changed."""
     curve, old = way.curve, stride.here
@@ -224,7 +224,7 @@ def _accepted(
     def at_fold() -> tuple[Point, Flag]:
         return fold_between(curve, old, arrived)
 
-    def behind_corner() -> tuple[Place, Flag]:
+    def behind_corner() -> tuple[EventPlace, Flag]:
         return behind(curve, arrived, corners, aim.opens)
 
     turn, is_flat = jax.lax.cond(turns & is_clear, at_fold, lambda: (arrived.at, jnp.array(True)))
@@ -261,7 +261,7 @@ def _accepted(
 def _explains(
     way: Way,
     stride: Stride,
-    arrived: Place,
+    arrived: EventPlace,
     index: Int[Array, ""],
     change: Int[Array, ""],
     turns: Flag,
@@ -280,7 +280,7 @@ def _explains(
         return ~is_known | (found == change)
 
     def is_driven() -> Flag:
-        def driven(place: Place, is_free: Mask) -> Int[Array, ""]:
+        def driven(place: EventPlace, is_free: Mask) -> Int[Array, ""]:
             gap, tangent = place.at.gap, place.tangent.gap
             return driven_index_of(curve.contact, curve.load, gap, is_free, tangent)
 

@@ -39,7 +39,7 @@ class _Point(eqx.Module):
         return cls(mode, product, total(mode * product))
 
 
-class _State(eqx.Module):
+class _ConeState(eqx.Module):
     point: _Point
     descended: Field
     move: Field
@@ -53,7 +53,7 @@ class _State(eqx.Module):
         return self.num_failures == _MAX_TRIES
 
 
-class _Trial(eqx.Module):
+class _ConeTrial(eqx.Module):
     point: _Point
     is_lower: Flag
     length: Scalar
@@ -84,14 +84,14 @@ class ProjectedLOBPCG(ConeSolver):
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
 
-    def step(self, problem: Eigenproblem, state: _State) -> _State:
+    def step(self, problem: Eigenproblem, state: _ConeState) -> _ConeState:
         """Return one start after a step, or on an accelerator after one length of it.
 
         There no loop within a step waits for the host.
         """
         return on_platform(partial(_lowered, problem), partial(_tried_once, problem), state)
 
-    def measure(self, problem: Eigenproblem, state: _State) -> Indicators:
+    def measure(self, problem: Eigenproblem, state: _ConeState) -> Indicators:
         """Return the projected residual of one start."""
         return {"residual": projected_residual(problem.operator, state.point.mode, state.descended)}
 
@@ -149,12 +149,12 @@ def _compared(old: _Point, mode: Array, product: Array) -> tuple[_Point, Flag]:
     return point, (change <= 0) & (square > 0)
 
 
-def _begin(cone: AdmissibleCone, start: Field) -> Iteration[_State]:
+def _begin(cone: AdmissibleCone, start: Field) -> Iteration[_ConeState]:
     """Return a start before its first step."""
     nothing, zero = jnp.zeros_like(start), jnp.zeros((), start.dtype)
     # The first step begins at the projected start, as if that were where the last step led.
     point, none = _Point(nothing, nothing, zero), jnp.array(0)
-    state = _State(point, cone.project(start), nothing, nothing, none + _MAX_TRIES, none)
+    state = _ConeState(point, cone.project(start), nothing, nothing, none + _MAX_TRIES, none)
     unknown = jnp.finfo(start.dtype).max.astype(start.dtype)
     history = History.empty(["residual"], start.dtype)
     history = history.record(none, none, {"residual": jnp.full_like(zero, jnp.nan)})
@@ -172,7 +172,7 @@ class _Plane(eqx.Module):
     is_rough: Flag
 
     @classmethod
-    def around(cls, problem: Eigenproblem, point: _Point, state: _State) -> "_Plane":
+    def around(cls, problem: Eigenproblem, point: _Point, state: _ConeState) -> "_Plane":
         """Return it from the point, its preconditioned residual, and the last move."""
         operator, cone = problem.operator, problem.domain
         face = cone.face(jnp.maximum(point.mode, state.descended))
@@ -198,7 +198,7 @@ class _Plane(eqx.Module):
         return part / jnp.sqrt(part @ self.gram @ part)
 
 
-def _lowered(problem: Eigenproblem, state: _State) -> _State:
+def _lowered(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     """Return a start after a step to the lowest Ritz vector that can be brought onto the cone below
     the point, or part of the way to it.
     """
@@ -210,7 +210,7 @@ def _lowered(problem: Eigenproblem, state: _State) -> _State:
     )
     plane = _Plane.around(problem, point, state)
 
-    def attempt(trial: _Trial) -> _Trial:
+    def attempt(trial: _ConeTrial) -> _ConeTrial:
         part = plane.at(trial.length)
         vector = combination(part, plane.basis)
         is_new = plane.is_rough | jnp.any(cone.one_sided & (vector < 0))
@@ -223,7 +223,7 @@ def _lowered(problem: Eigenproblem, state: _State) -> _State:
             is_new, projected, lambda: (vector, combination(part, plane.products))
         )
         tried, is_lower = _compared(point, mode, product)
-        return _Trial(
+        return _ConeTrial(
             point=tried,
             is_lower=is_lower,
             length=trial.length / 3,
@@ -235,7 +235,7 @@ def _lowered(problem: Eigenproblem, state: _State) -> _State:
     trial = jax.lax.while_loop(
         lambda trial: ~trial.is_lower & (trial.num_tries < _MAX_TRIES),
         attempt,
-        _Trial(point, jnp.array(False), jnp.ones_like(point.eigenvalue), none, none),
+        _ConeTrial(point, jnp.array(False), jnp.ones_like(point.eigenvalue), none, none),
     )
     point = jax.tree.map(partial(jnp.where, trial.is_lower), trial.point, point)
     num_failures = jnp.where(trial.is_lower, 0, _MAX_TRIES)
@@ -244,7 +244,7 @@ def _lowered(problem: Eigenproblem, state: _State) -> _State:
     )
 
 
-def _tried_once(problem: Eigenproblem, state: _State) -> _State:
+def _tried_once(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     """Return a start after one length of a step, or after all at the descended vector."""
     operator, cone = problem.operator, problem.domain
     plane = _Plane.around(problem, state.point, state)
@@ -268,16 +268,16 @@ def _tried_once(problem: Eigenproblem, state: _State) -> _State:
 
 def _arrived(
     problem: Eigenproblem,
-    before: _State,
+    before: _ConeState,
     point: _Point,
     num_failures: Int[Array, ""],
     num_applications: Int[Array, ""] | int,
-) -> _State:
+) -> _ConeState:
     """Return the state of a start at a point."""
     old = before.point
     along = total(point.mode * old.mode)
     moved = descended(problem.operator, point.mode, point.product, point.eigenvalue)
-    return _State(
+    return _ConeState(
         point,
         problem.domain.project(moved),
         point.mode - along * old.mode,

@@ -99,7 +99,7 @@ class _Span(eqx.Module):
 _Widening = tuple[_Span, Array, Array, Array]
 
 
-class _State(eqx.Module):
+class _RitzState(eqx.Module):
     """A space, its lowest Ritz pairs, and whether it has no vectors yet.
 
     On a CPU the first step takes the starts: so the code that adds vectors, most of the program, is
@@ -128,20 +128,20 @@ class Davidson(SpaceSolver):
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
 
-    def init(self, problem: ModesProblem, start: Block) -> _State:
+    def init(self, problem: ModesProblem, start: Block) -> _RitzState:
         """Return a space that has no vectors yet, or on an accelerator that of the starts."""
         span = _Span.empty(len(start) + 1 + _NUM_RESIDUALS, start[0])
         # No residual is known yet: one above any tolerance, from which every fall is progress.
         none = jnp.full(problem.count, jnp.finfo(start.dtype).max ** 0.5, start.dtype)
-        empty = _State(span, jnp.zeros(len(start), start.dtype), none, jnp.array(True))
+        empty = _RitzState(span, jnp.zeros(len(start), start.dtype), none, jnp.array(True))
         return on_platform(
             lambda state: state, partial(self._widened, problem, number=len(start)), empty
         )
 
-    def step(self, problem: ModesProblem, state: _State) -> _State:
+    def step(self, problem: ModesProblem, state: _RitzState) -> _RitzState:
         """Return the lowest Ritz vectors of a space widened by preconditioned residuals."""
 
-        def on_cpu(state: _State) -> _State:
+        def on_cpu(state: _RitzState) -> _RitzState:
             number = jnp.where(state.is_empty, len(problem.starts), _NUM_RESIDUALS)
             return self._widened(problem, state, number)
 
@@ -149,8 +149,8 @@ class Davidson(SpaceSolver):
         return on_platform(on_cpu, elsewhere, state)
 
     def _widened(
-        self, problem: ModesProblem, state: _State, number: int | Int[Array, ""]
-    ) -> _State:
+        self, problem: ModesProblem, state: _RitzState, number: int | Int[Array, ""]
+    ) -> _RitzState:
         operator, starts, size = problem.operator, problem.starts, len(problem.starts)
         target = jnp.argmax(self.doubts(problem, state) > self.tolerance_in(starts.dtype))
         mode, eigenvalue = state.span.basis[target], state.eigenvalues[target]
@@ -183,15 +183,15 @@ class Davidson(SpaceSolver):
         span, eigenvalues, parts, before = jax.lax.fori_loop(0, number, widen, start)
         return _restarted(problem, span, eigenvalues, parts, before[:, target])
 
-    def measure(self, problem: ModesProblem, state: _State) -> Indicators:
+    def measure(self, problem: ModesProblem, state: _RitzState) -> Indicators:
         """Return the largest residual of the modes that decide."""
         return {"residual": jnp.max(self.doubts(problem, state))}
 
-    def doubts(self, problem: ModesProblem, state: _State) -> Float[Array, " count"]:
+    def doubts(self, problem: ModesProblem, state: _RitzState) -> Float[Array, " count"]:
         """Return how far each mode is from what is sought; the first above the tolerance leads."""
         return state.residuals
 
-    def minimum(self, problem: ModesProblem, found: Iteration[_State]) -> Minimum:
+    def minimum(self, problem: ModesProblem, found: Iteration[_RitzState]) -> Minimum:
         """Return the block of modes and its cost."""
         size, history = len(problem.starts), found.history
         num_widened = on_platform(lambda n: jnp.maximum(n - 1, 0), lambda n: n, found.num_steps)
@@ -206,7 +206,7 @@ class Davidson(SpaceSolver):
 
 def _restarted(
     problem: ModesProblem, span: _Span, eigenvalues: Array, parts: Array, last: Array
-) -> _State:
+) -> _RitzState:
     """Keep the lowest Ritz vectors, and the part of another vector apart from them."""
     square = last @ span.gram @ last
     for _ in range(2):
@@ -217,7 +217,7 @@ def _restarted(
     span = span.spanned_by(jnp.column_stack([parts, last]))
     residuals = [span.products[i] - eigenvalues[i] * span.basis[i] for i in range(problem.count)]
     residual = norms(residuals) / problem.operator.scale
-    return _State(span, eigenvalues, residual, jnp.array(False))
+    return _RitzState(span, eigenvalues, residual, jnp.array(False))
 
 
 def _put(entry: Array, entries: Array, slot: Int[Array, ""], axis: int = 0) -> Array:

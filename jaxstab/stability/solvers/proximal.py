@@ -30,7 +30,7 @@ from jaxstab.stability.eigenpair import Minimum, admissible_pair, descended, uni
 from jaxstab.stability.solvers.base import ConeSolver, Eigenproblem
 
 
-class _State(eqx.Module):
+class _PrimalDual(eqx.Module):
     x: Field
     y: Field
     z: Scalar
@@ -69,7 +69,7 @@ class ProximalIteration(ConeSolver):
             if step is not None:
                 require_positive(name, step)
 
-    def init(self, problem: Eigenproblem, start: Block) -> _State:
+    def init(self, problem: Eigenproblem, start: Block) -> _PrimalDual:
         """Return the last of the starts alone, brought onto the cone, with y = 0 and z = 1.
 
         A cone without the constraint of zero mean has no multiplier of it: there z = 0.
@@ -77,9 +77,9 @@ class ProximalIteration(ConeSolver):
         # x = e in the text. One of the two signs survives the projection.
         towards, away = (unit_vector(problem.domain, sign * start[-1]) for sign in (1, -1))
         x, one = jnp.where(jnp.any(towards != 0), towards, away), jnp.ones((), start.dtype)
-        return _State(x, jnp.zeros_like(x), one * problem.domain.fixes_mean, one)
+        return _PrimalDual(x, jnp.zeros_like(x), one * problem.domain.fixes_mean, one)
 
-    def step(self, problem: Eigenproblem, state: _State) -> _State:
+    def step(self, problem: Eigenproblem, state: _PrimalDual) -> _PrimalDual:
         """Return the state after equations (34) to (37)."""
         operator, cone = problem.operator, problem.domain
         tau, sigma = self._steps(operator.bound)
@@ -91,9 +91,9 @@ class ProximalIteration(ConeSolver):
         moved = 2 * new - x
         y = jnp.where(cone.one_sided, jnp.minimum(y + moved, 0), 0)  # (36)
         z_change = mean(moved) if cone.fixes_mean else jnp.zeros_like(z)  # (37)
-        return _State(new, y, z + z_change, z_change)
+        return _PrimalDual(new, y, z + z_change, z_change)
 
-    def measure(self, problem: Eigenproblem, state: _State) -> Indicators:
+    def measure(self, problem: Eigenproblem, state: _PrimalDual) -> Indicators:
         """Return the projected residual, and epsilon and eta (38, 39)."""
         _, _, residual = admissible_pair(problem.operator, problem.domain, state.x)
         return {
@@ -102,7 +102,7 @@ class ProximalIteration(ConeSolver):
             "eta": jnp.abs(state.z_change) / jnp.maximum(jnp.abs(state.z), _tiny(state.z)),  # (39)
         }
 
-    def minimum(self, problem: Eigenproblem, found: Iteration[_State]) -> Minimum:
+    def minimum(self, problem: Eigenproblem, found: Iteration[_PrimalDual]) -> Minimum:
         """Return a minimiser of the Rayleigh quotient."""
         operator, num_steps = problem.operator, found.num_steps
         # One projected gradient step sets to exactly zero the points that the contact holds.
