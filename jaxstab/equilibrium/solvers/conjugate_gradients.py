@@ -30,7 +30,7 @@ _ARMIJO = 1e-4
 _STIFF = 0.1
 
 
-class _Search(eqx.Module):
+class _LineSearch(eqx.Module):
     """A direction of descent, how far to go along it, and the force that it was made for."""
 
     direction: Field
@@ -44,7 +44,7 @@ class _Search(eqx.Module):
 class _DescentState(eqx.Module):
     gap: Field
     balance: Balance
-    search: _Search
+    search: _LineSearch
     reach: Scalar
 
 
@@ -109,7 +109,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
     def init(self, problem: "_Prepared", start: Field) -> _DescentState:
         """Return the state of a gap that meets the load."""
         one, nothing, no = jnp.ones((), start.dtype), jnp.zeros_like(start), jnp.array(False)
-        search = _Search(nothing, nothing, one, no, one, jnp.array(0))
+        search = _LineSearch(nothing, nothing, one, no, one, jnp.array(0))
         return _DescentState(start, problem.balance(start), search, one)
 
     def step(self, problem: "_Prepared", state: _DescentState) -> _DescentState:
@@ -150,7 +150,7 @@ class _Prepared(Problem):
         return balance.elastic_energy + balance.adhesion + work
 
 
-def _begun(problem: _Prepared, state: _DescentState) -> _Search:
+def _begun(problem: _Prepared, state: _DescentState) -> _LineSearch:
     """Return the search along a new direction."""
     control, net, before = problem.control, state.balance.net, state.search
     is_moving = control.moving(state.gap, net)
@@ -172,10 +172,10 @@ def _begun(problem: _Prepared, state: _DescentState) -> _Search:
     # To the preconditioner, which knows no negative curvature, the length is 1.
     length = jnp.where(is_convex, descent / _nonzero(curvature), state.reach)
     length = problem.shortened(length, state.gap, direction)
-    return _Search(direction, force, force_norm, is_convex, length, jnp.array(0))
+    return _LineSearch(direction, force, force_norm, is_convex, length, jnp.array(0))
 
 
-def _attempt(problem: _Prepared, state: _DescentState, search: _Search) -> _DescentTrial:
+def _attempt(problem: _Prepared, state: _DescentState, search: _LineSearch) -> _DescentTrial:
     """Return the gap at the length of a search, and whether that is where it ends."""
     control, energy = problem.control, problem.energy(state.balance)
     # The work of a load that is nearly nothing, as at a spring that has relaxed, is no more certain
@@ -199,7 +199,7 @@ def _attempt(problem: _Prepared, state: _DescentState, search: _Search) -> _Desc
     return _DescentTrial(gap, balance, is_accepted | (num_cuts > _MAX_CUTS), shorter, num_cuts)
 
 
-def _ended(state: _DescentState, search: _Search, trial: _DescentTrial) -> _DescentState:
+def _ended(state: _DescentState, search: _LineSearch, trial: _DescentTrial) -> _DescentState:
     """Return the state at the end of a search."""
     grows = ~search.is_convex & (trial.num_cuts == 0)
     reach = jnp.where(grows, 2 * state.reach, 1)
