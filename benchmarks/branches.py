@@ -176,11 +176,14 @@ def outcome(seed):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(0, 300), help="first, last + 1")
+    parser.add_argument("--family", type=int, choices=range(len(FAMILIES)), help="of all, one")
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()
     counts, rows = collections.Counter(), []
     # Family by family, since each is compiled once.
     for seed in sorted(range(*options.seeds), key=lambda seed: seed % len(FAMILIES)):
+        if options.family not in (None, seed % len(FAMILIES)):
+            continue
         word, reason = outcome(seed)
         counts[word] += 1
         if word != "agreed":

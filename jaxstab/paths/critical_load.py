@@ -44,6 +44,8 @@ _NUM_SEARCHES = 2
 # of the solver that are no longer.
 _SMALLEST_LOSS = 1e-5
 _BEYOND, _MAX_MOVE = 1e-6, 0.03
+# So far beyond where the curve could not be followed: the same branch, if nothing is lost.
+_OVER = 1e-3
 
 
 def critical_load(
@@ -120,7 +122,11 @@ def _find(contact: Contact, bracket: Load, starts: Starts) -> Limit:
         advance_if_known(end)
         return end
 
-    return first_good(end_of, lambda limit: limit.is_found, _NUM_SEARCHES)
+    def is_answer(limit: Limit) -> Flag:
+        # A branch that could not be followed is no reason to take the end of another one.
+        return limit.is_found | (limit.result == RESULTS.lost_branch)
+
+    return first_good(end_of, is_answer, _NUM_SEARCHES)
 
 
 class _Search(eqx.Module):
@@ -165,16 +171,18 @@ def _limit_between(contact: Contact, loads: Load, start: Field | None) -> Limit:
         farthest = jnp.where(is_first, jnp.inf, _MAX_MOVE).astype(start.dtype)
         found = _found(contact, rest[0], farthest, search.start)
         is_found = found.result == RESULTS.successful
-        before, _ = potential(search.limit.load, search.limit.gap)
-        after, force = potential(found.load, found.gap)
-        change = search.value - search.limit.load.value
-        loses = ~is_found | (before + change * force - after > threshold)
+        before, force = potential(search.limit.load, search.limit.gap)
+        after, force_after = potential(found.load, found.gap)
+        work = (search.value - search.limit.load.value) * (force + force_after) / 2
+        loses = ~is_found | (before + work - after > threshold)
         is_over = ~is_first & loses
         limit = jax.lax.cond(
             is_over, lambda: search.limit, lambda: _limit_from(contact, rest, found)
         )
-        is_over |= ~limit.is_found | (limit.kind != KINDS.release)
-        return _Search(limit, limit.load.value + beyond, limit.gap, search.number + 1, is_over)
+        is_lost = limit.result == RESULTS.lost_branch
+        is_over |= ~is_lost & (~limit.is_found | (limit.kind == KINDS.fold))
+        value = limit.load.value + jnp.where(is_lost, _OVER * (last - first), beyond)
+        return _Search(limit, value, limit.gap, search.number + 1, is_over)
 
     def goes_on(search: _Search) -> Flag:
         return ~search.is_over & ((last - search.value) * (last - first) > 0)

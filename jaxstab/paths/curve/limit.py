@@ -211,7 +211,7 @@ def _located(way: Way, old: Stride, new: Stride, count: Int[Array, ""]) -> Limit
     longest = way.longest
     corner = at_corner(curve, point, jnp.array(True), longest)
     condition: Condition = choose(is_release, corner, on_plane(row, row.times(seen), longest))
-    newton = CurveNewton(_CLOSE[dtype.name])
+    newton = CurveNewton(jnp.asarray(_CLOSE[dtype.name], dtype))
     start = Point(jnp.where(is_free, seen.gap, 0), seen.pressure)
     found = newton.run(Correction(curve, condition, is_free, jnp.array(False)), start)
     gap = jnp.where(is_free, jnp.maximum(found.state.at.gap, 0), 0)
