@@ -103,7 +103,7 @@ def _array(name: Any, value: Any) -> np.ndarray:
     try:
         # A missing number is NaN, which integers do not have.
         array = np.asarray(value.filled(math.nan) if np.ma.is_masked(value) else value)
-        is_text = array.dtype.kind in "OT" and all(isinstance(x, str) for x in array.flat)
+        is_text = array.dtype.kind in ("O", "T") and all(isinstance(x, str) for x in array.flat)
         array = array.astype(str) if is_text and array.size else array
     except (TypeError, ValueError) as error:
         raise TypeError(f"{name} is no array of numbers or words: {error}") from None
