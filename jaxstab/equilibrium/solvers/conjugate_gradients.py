@@ -222,14 +222,12 @@ def _searched(problem: _Prepared, state: _DescentState) -> _DescentState:
 
 def _tried_once(problem: _Prepared, state: _DescentState) -> _DescentState:
     """Return the state after one length, at which the search ends or after which it goes on."""
-
-    def selected(condition: Flag, this: _DescentState, other: _DescentState) -> _DescentState:
-        return jax.tree.map(partial(jnp.where, condition), this, other)
-
-    search = selected(state.search.num_cuts > 0, state.search, _begun(problem, state))
+    is_on = state.search.num_cuts > 0
+    search = jax.tree.map(partial(jnp.where, is_on), state.search, _begun(problem, state))
     trial = _attempt(problem, state, search)
     cut = replace(search, length=trial.length, num_cuts=trial.num_cuts)
-    return selected(trial.is_last, _ended(state, search, trial), replace(state, search=cut))
+    ended = _ended(state, search, trial)
+    return jax.tree.map(partial(jnp.where, trial.is_last), ended, replace(state, search=cut))
 
 
 def preconditioner_of(
