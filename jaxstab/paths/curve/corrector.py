@@ -90,7 +90,8 @@ class Correction(eqx.Module):
         net = forces.net
         missed = jnp.where(self.is_free, net, 0)
         missed = jnp.where(follows, model.imbalance(net, gap), missed)
-        imbalance = jnp.sqrt(total(missed**2) / gap.size) / forces.scale
+        size = jnp.sqrt(total(missed**2) / gap.size)
+        imbalance = size / jnp.where(forces.scale > 0, forces.scale, 1)
         return Iterate(point, forces, imbalance, self.condition.missed(point, forces))
 
 

@@ -83,9 +83,10 @@ class Curve(eqx.Module):
     @classmethod
     def of(cls, contact: Contact, load: Load) -> "Curve":
         """Return the curve of a contact under a load."""
-        least = _LEAST_SCALE * contact.conforming_pressure
         offset, gradient = _value_of(contact, load)
-        profile = contact.profile
+        profile, conforming = contact.profile, contact.conforming_pressure
+        # Over a flat surface nothing but the load balances the attraction.
+        least = _LEAST_SCALE * jnp.where(conforming > 0, conforming, profile.max_attraction)
         outermost = profile.outermost_gap(_HARDLY_ANY * profile.max_attraction)
         farthest = jnp.where(jnp.any(gradient.gap != 0), jnp.inf, outermost)
         return cls(contact, load, least, offset, gradient, farthest.astype(least.dtype))
