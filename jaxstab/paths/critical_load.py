@@ -177,7 +177,7 @@ def _limit_between(contact: Contact, loads: Load, start: Field | None) -> Limit:
         loses = ~is_found | (before + work - after > threshold)
         is_over = ~is_first & loses
         limit = jax.lax.cond(
-            is_over, lambda: search.limit, lambda: _limit_from(contact, rest, found)
+            is_over, lambda: search.limit, lambda: _limit_from(contact, rest, found, is_first)
         )
         is_lost = limit.result == RESULTS.lost_branch
         is_over |= ~is_lost & (~limit.is_found | (limit.kind == KINDS.fold))
@@ -188,13 +188,16 @@ def _limit_between(contact: Contact, loads: Load, start: Field | None) -> Limit:
         return ~search.is_over & ((last - search.value) * (last - first) > 0)
 
     like = jax.eval_shape(
-        lambda: _limit_from(contact, loads, _found(contact, loads[0], last, start))
+        lambda: _limit_from(contact, loads, _found(contact, loads[0], last, start), is_first=True)
     )
     none = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
     search = _Search(none, first, start, jnp.array(0), jnp.array(False))
     search = jax.lax.while_loop(goes_on, next_limit, search)
-    result = RESULTS.where(search.is_over, search.limit.result, RESULTS.no_fold)
-    return replace(search.limit, result=result)
+    is_lost = search.limit.result == RESULTS.lost_branch
+    is_known = search.is_over | (is_lost & (search.number > 0))
+    return replace(
+        search.limit, result=RESULTS.where(is_known, search.limit.result, RESULTS.no_fold)
+    )
 
 
 # Apart, so that each is traced once.
@@ -204,11 +207,16 @@ def _found(contact: Contact, load: Load, farthest: Scalar, start: Field) -> Equi
 
 
 @jax.jit
-def _limit_from(contact: Contact, loads: Load, found: Equilibrium) -> Limit:
-    """Return the limit of the branch of an equilibrium at the first load."""
+def _limit_from(contact: Contact, loads: Load, found: Equilibrium, is_first: ArrayLike) -> Limit:
+    """Return the limit of the branch of an equilibrium at the first load.
+
+    An unstable state is on no stable branch. Behind a release that loses next to nothing it means
+    that the next branch was not found.
+    """
     task = Task(contact, loads, None, None, None)
     walk = begin_at(found, task, to_limit=True)
-    stable = RESULTS.where(walk.stride.index == 0, RESULTS.successful, RESULTS.no_fold)
+    unstable = RESULTS.where(jnp.asarray(is_first), RESULTS.no_fold, RESULTS.lost_branch)
+    stable = RESULTS.where(walk.stride.index == 0, RESULTS.successful, unstable)
     result = RESULTS.where(walk.result == RESULTS.successful, stable, walk.result)
     return limit_of(task.way(walk.longest, to_limit=True), replace(walk, result=result))
 
