@@ -181,7 +181,10 @@ def _limit_between(contact: Contact, loads: Load, start: Field | None) -> Limit:
         )
         is_lost = limit.result == RESULTS.lost_branch
         is_over |= ~is_lost & (~limit.is_found | (limit.kind == KINDS.fold))
-        value = limit.load.value + jnp.where(is_lost, _OVER * (last - first), beyond)
+        # Never back, so that the search has an end.
+        is_ahead = (limit.load.value - search.value) * (last - first) > 0
+        reached = jnp.where(is_ahead, limit.load.value, search.value)
+        value = reached + jnp.where(is_lost, _OVER * (last - first), beyond)
         return _Search(limit, value, limit.gap, search.number + 1, is_over)
 
     def goes_on(search: _Search) -> Flag:
