@@ -2,30 +2,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from brute_force import check_optimality, dense_hessian, smallest_on_critical_cone
+from brute_force import check_optimality, smallest_on_critical_cone
 from problems import rough_contact
 
 import jaxstab as js
 from jaxstab.references import westergaard
 
 # One size for most tests, so that they share programs.
-N = 20
-SOLVER = js.PreconditionedConjugateGradient()
+N = 16
 LAWS = [
     js.potentials.NoAdhesion(),
     js.potentials.Exponential(0.01, 0.1),
     js.potentials.Gaussian(0.02, 0.1),
-    js.potentials.Rational(0.02, 0.1),
-    js.potentials.Dugdale(0.01, 0.1),
 ]
-CORE = js.potentials.LennardJones(0.01, 0.1)
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
 @pytest.mark.parametrize("mean_gap", [1e-3, 0.1, 1.0])
 def test_it_finds_the_state_that_the_reference_solver_finds(law, mean_gap):
     contact, load = rough_contact(N, law), js.MeanGap(mean_gap)
-    equilibrium = js.equilibrate(contact, load, SOLVER)
+    equilibrium = js.equilibrate(contact, load)
     reference = js.equilibrate(contact, load, js.PolonskyKeerRey())
     assert equilibrium.num_steps <= reference.num_steps
     np.testing.assert_allclose(equilibrium.gap, reference.gap, atol=1e-7)
@@ -70,22 +66,19 @@ def test_its_steps_hardly_grow_with_the_grid():
         heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=8, rms_slope=0.1)
         contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.NoAdhesion())
         load = js.MeanGap(js.surfaces.rms_height(heights))
-        return int(js.equilibrate(contact, load, SOLVER).num_steps)
+        return int(js.equilibrate(contact, load).num_steps)
 
-    assert steps(256) <= 1.5 * steps(64)
+    assert steps(128) <= 1.5 * steps(32)
 
 
-@pytest.mark.parametrize("load", [js.MeanGap, js.MeanPressure])
-def test_si_units_take_the_same_steps_to_the_same_fields(load):
+def test_si_units_take_the_same_steps_to_the_same_fields():
     def solve(length, pressure):
-        grid = js.Grid(64, length)
-        heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=16, rms_slope=0.1)
-        law = js.potentials.Exponential(5e-5 * pressure * length, 1e-3 * length)
-        contact = js.Contact(js.HalfSpace(grid, pressure), heights, law)
-        scale = 3e-3 * length if load is js.MeanGap else 5e-3 * pressure
-        return js.equilibrate(contact, load(scale))
+        law = js.potentials.Exponential(0.01 * pressure * length, 0.1 * length)
+        heights = rough_contact(N, law).heights * length
+        contact = js.Contact(js.HalfSpace(js.Grid(N, length), pressure), heights, law)
+        return js.equilibrate(contact, js.MeanPressure(0.02 * pressure))
 
-    # E = 1 GPa, L = 1 um, gamma = 0.05 J/m^2, rho = 1 nm.
+    # E = 1 GPa, L = 1 um.
     reduced, metric = solve(1.0, 1.0), solve(1e-6, 1e9)
     assert metric.num_steps == reduced.num_steps
     for name, unit in (("gap", 1e-6), ("pressure", 1e9), ("reaction", 1e9)):
@@ -97,7 +90,7 @@ def test_si_units_take_the_same_steps_to_the_same_fields(load):
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
 def test_pressure_control_returns_to_the_state_that_gap_control_found(law):
     contact = rough_contact(N, law)
-    by_gap = js.equilibrate(contact, js.MeanGap(0.05), SOLVER)
+    by_gap = js.equilibrate(contact, js.MeanGap(0.05))
     near = by_gap.gap * (1 + 0.02 * jnp.cos(2 * jnp.pi * contact.grid.coordinates[0]))
     load = js.MeanPressure(by_gap.mean_pressure)
     by_pressure = js.equilibrate(contact, load, initial=near)
@@ -151,7 +144,6 @@ def test_what_a_law_holds_further_out_is_not_announced_as_pulled_off():
     ("law", "pressure"),
     [
         (lambda gap: -0.02 * jnp.exp(-gap / 0.05) + 0.001 / (1 + gap) ** 2, -0.5),
-        (lambda gap: 1e-3 * (0.05 / gap) ** 2 * 0.05, -0.005),
         (lambda gap: 0.01 * gap, -0.1),
         (js.potentials.LennardJones(0.01, 0.05), -1.0),
     ],
@@ -177,25 +169,6 @@ def test_the_reference_solver_refuses_a_pressure():
         js.equilibrate(contact, js.MeanPressure(0.1), js.PolonskyKeerRey())
     coded = js.equilibrate(contact, js.MeanPressure(jnp.nan), throw=False)
     assert coded.result == js.RESULTS.infeasible_load
-
-
-def test_under_a_pressure_perturbations_need_no_zero_mean():
-    grid = js.Grid(N)
-    heights = js.surfaces.paraboloid(grid, radius=2.0)
-    hertz = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(10.0, 1.0))
-    by_gap = js.equilibrate(hertz, js.MeanDisplacement(1.302))
-    load = js.MeanPressure(by_gap.mean_pressure)
-    held = js.equilibrate(hertz, load, initial=by_gap, throw=False)
-    exact = np.linalg.eigvalsh(dense_hessian(hertz, held.gap))[0]
-    pair = js.assess_stability(hertz, held, throw=False).cone
-    assert not held.in_contact.any()
-    assert pair.eigenvalue == pytest.approx(exact, rel=1e-6)
-
-    stiff = rough_contact(N, js.potentials.Exponential(1e-3, 0.5))
-    state = js.equilibrate(stiff, js.MeanPressure(-1e-3 / 0.5 / 50))
-    pair = js.assess_stability(stiff, state).cone
-    assert pair.mode[np.asarray(state.in_contact)].min(initial=0) >= 0
-    assert abs(float(pair.mode.mean())) > 1e-6
 
 
 def test_loads_of_pressure_can_be_swept():

@@ -36,7 +36,7 @@ def test_the_mean_gap_is_the_one_held_of_one_state_and_of_many(hertz):
     np.testing.assert_allclose(many.mean_gap, loads.value)
 
 
-@pytest.mark.parametrize("shape", [(24,), (8, 6)])
+@pytest.mark.parametrize("shape", [(25,), (8, 7)])
 def test_the_equilibrium_is_the_minimum_that_scipy_finds(shape):
     grid = js.Grid(shape)
     heights = js.surfaces.self_affine(
@@ -60,8 +60,8 @@ def test_the_equilibrium_is_the_minimum_that_scipy_finds(shape):
     np.testing.assert_allclose(equilibrium.gap.ravel(), found.x, atol=1e-4)
 
 
-def westergaard_errors(shape, mean_gap):
-    grid = js.Grid(shape)
+def westergaard_errors(n, mean_gap):
+    grid = js.Grid((n,))
     heights = js.surfaces.sinusoid(grid, amplitude=0.05)
     solid = js.HalfSpace(grid, 1.0, 0.3)
     contact = js.Contact(solid, heights, js.potentials.NoAdhesion())
@@ -70,29 +70,18 @@ def westergaard_errors(shape, mean_gap):
     area = westergaard.contact_fraction(*problem)
     x = np.asarray(grid.coordinates[0])
     exact = westergaard.pressure(np.minimum(x, 1 - x), *problem)
-    pressure = np.asarray(equilibrium.pressure)
-    error = np.sqrt(np.mean((pressure - exact) ** 2) / np.mean(exact**2))
-    return abs(float(equilibrium.contact_area) - area) / area, error, pressure.max() / exact.max()
+    error = np.sqrt(np.mean((equilibrium.pressure - exact) ** 2) / np.mean(exact**2))
+    return abs(float(equilibrium.contact_area) - area) / area, error
 
 
-@pytest.mark.parametrize("shape", [(512,), (512, 4)])
-@pytest.mark.parametrize("mean_gap", [0.01, 0.03])
-def test_westergaards_sinusoid(shape, mean_gap):
-    area_error, pressure_error, peak = westergaard_errors(shape, mean_gap)
-    assert area_error < 0.01
-    assert pressure_error < 0.01
-    assert peak == pytest.approx(1, abs=0.01)
-
-
-@pytest.mark.parametrize("quantity", [0, 1], ids=["area", "pressure"])
-def test_westergaards_solution_is_approached_as_the_grid_is_refined(quantity):
+def test_westergaards_solution_is_approached_as_the_grid_is_refined():
     # Averaged over gaps, since the error depends on where the edge falls between points.
     gaps = np.linspace(0.01, 0.03, 9)
     sizes = (64, 256, 1024)
-    errors = [np.mean([westergaard_errors((n,), g)[quantity] for g in gaps]) for n in sizes]
-    assert errors[2] < errors[1] < errors[0]
+    errors = [np.mean([westergaard_errors(n, gap) for gap in gaps], axis=0) for n in sizes]
+    assert (errors[2] < errors[1]).all() and (errors[1] < errors[0]).all()
     # First order at least: 16 times finer, 8 times better.
-    assert errors[2] < errors[0] / 8
+    assert (errors[2] < errors[0] / 8).all() and errors[2].max() < 0.01
 
 
 def hertz_errors(n):
@@ -117,24 +106,7 @@ def hertz_errors(n):
 def test_hertz_small_contact():
     coarse, fine = hertz_errors(256), hertz_errors(512)
     assert max(coarse) < 0.03
-    assert max(fine) < 0.03
     assert max(fine) < max(coarse) / 3
-
-
-PAPERS_CASES = [
-    (js.potentials.Exponential(1.0, 0.1), 0.8),
-    (js.potentials.Gaussian(1.0, 0.1), 0.105),
-    (js.potentials.Rational(1.0, 0.1), 0.65),
-]
-
-
-@pytest.mark.parametrize("solver", [js.PolonskyKeerRey(), js.PreconditionedConjugateGradient()])
-@pytest.mark.parametrize(("potential", "displacement"), PAPERS_CASES)
-def test_the_papers_rough_cases_converge(potential, displacement, solver):
-    contact = rough_contact(128, potential)
-    equilibrium = js.equilibrate(contact, js.MeanDisplacement(displacement), solver)
-    assert equilibrium.residual <= 1e-8
-    check_optimality(contact, equilibrium, 1e-7)
 
 
 def test_a_start_decides_between_branches(hertz):
@@ -165,63 +137,22 @@ def test_a_coarser_solution_is_a_good_start():
     np.testing.assert_allclose(flipped.gap, coarse.gap, atol=1e-9)
 
 
-@pytest.mark.parametrize("shape", [(33,), (17, 24)])
-def test_lines_rectangles_and_odd_grids(shape):
-    grid = js.Grid(shape, tuple(n / 16 for n in shape))
-    heights = js.surfaces.self_affine(
-        grid, jax.random.key(1), k_low=1, k_rolloff=1, k_high=6, rms_height=0.1
-    )
-    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.01, 0.1))
-    equilibrium = js.equilibrate(contact, js.MeanGap(0.1))
-    assert equilibrium.in_contact.any()
-    check_optimality(contact, equilibrium, 1e-7)
-
-
-def test_detached_surfaces_without_adhesion_carry_nothing():
-    contact = rough_contact(32, js.potentials.NoAdhesion())
-    equilibrium = js.equilibrate(contact, js.MeanGap(1.0))
-    assert not equilibrium.in_contact.any()
-    np.testing.assert_allclose(equilibrium.mean_pressure, 0)
-    np.testing.assert_allclose(equilibrium.displacement, equilibrium.displacement.mean())
-
-
-@pytest.mark.parametrize(("length", "modulus"), [(1e-6, 7e10), (1e-9, 1e9), (1e3, 1e-3)])
-def test_single_precision_holds_in_any_units(length, modulus):
+@pytest.mark.parametrize(("length", "modulus"), [(1.0, 1.0), (1e-9, 1e9)])
+def test_single_precision_reaches_its_tolerance_in_any_units(length, modulus):
     grid = js.Grid(32, length)
-    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=8, rms_height=0.1 * length)
+    reduced = rough_contact(32, js.potentials.Exponential(0.01, 0.1))
     law = js.potentials.Exponential(0.01 * modulus * length, 0.1 * length)
-    contact = js.Contact(js.HalfSpace(grid, modulus), heights.astype(jnp.float32), law)
+    heights = (reduced.heights * length).astype(jnp.float32)
+    contact = js.Contact(js.HalfSpace(grid, modulus), heights, law)
     equilibrium = js.equilibrate(contact, js.MeanGap(0.1 * length))
-    reduced = js.equilibrate(
-        rough_contact(32, js.potentials.Exponential(0.01, 0.1)), js.MeanGap(0.1)
-    )
-    np.testing.assert_allclose(equilibrium.gap / length, reduced.gap, atol=1e-4)
-
-
-def test_detached_surfaces_converge_in_single_precision():
-    contact = rough_contact(64, js.potentials.Exponential(1e-4, 0.1))
-    single = js.Contact(contact.solid, contact.heights.astype(jnp.float32), contact.potential)
-    equilibrium = js.equilibrate(single, js.MeanGap(1.0))
-    assert not equilibrium.in_contact.any()
-
-
-def test_nearly_full_contact():
-    contact = rough_contact(32, js.potentials.Exponential(1e-2, 1.0), youngs_modulus=1e-3)
-    equilibrium = js.equilibrate(contact, js.MeanGap(1e-5))
-    assert equilibrium.contact_area > 0.95
-    assert equilibrium.residual <= 1e-8
-
-
-def test_single_precision_reaches_its_tolerance():
-    double = rough_contact(64, js.potentials.Exponential(0.01, 0.1))
-    single = js.Contact(double.solid, double.heights.astype(jnp.float32), double.potential)
-    load = js.MeanGap(0.1)
-    equilibrium = js.equilibrate(single, load)
+    reference = js.equilibrate(reduced, js.MeanGap(0.1))
     assert equilibrium.gap.dtype == equilibrium.energy.dtype == jnp.float32
     assert equilibrium.residual <= 1e-4
-    reference = js.equilibrate(double, load)
-    np.testing.assert_allclose(equilibrium.mean_pressure, reference.mean_pressure, rtol=1e-3)
-    np.testing.assert_allclose(equilibrium.gap, reference.gap, atol=1e-4)
+    pressure = equilibrium.mean_pressure / modulus
+    np.testing.assert_allclose(pressure, reference.mean_pressure, rtol=1e-3)
+    np.testing.assert_allclose(equilibrium.gap / length, reference.gap, atol=1e-4)
+    apart = js.equilibrate(contact, js.MeanGap(length))
+    assert not apart.in_contact.any()
 
 
 @pytest.mark.parametrize(
