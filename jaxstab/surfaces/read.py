@@ -4,7 +4,7 @@ import gzip
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -20,7 +20,7 @@ from jaxstab.surfaces.formats.arrays import read_arrays
 from jaxstab.surfaces.formats.instruments import read_instrument
 from jaxstab.surfaces.formats.labelled import read_netcdf
 from jaxstab.surfaces.formats.scan import Scan, UnknownContent
-from jaxstab.surfaces.formats.text import read_table, read_text
+from jaxstab.surfaces.formats.text import read_text
 from jaxstab.surfaces.topography import Topography
 
 _NUMPY, _GZIP = b"\x93NUMPY", b"\x1f\x8b"
@@ -41,9 +41,9 @@ def read(
     - `.npy`: `numpy.save(path, heights)`.
     - `.npz`: `numpy.savez(path, heights=heights, lengths=(3.0, 1.4), unit="µm")`, `lengths` and
       `unit` if they are known.
-    - Text that `numpy.loadtxt` reads: a matrix with a line for each x, as
-      `numpy.savetxt(path, heights)` writes it, a single row or column as a profile; three columns
-      x, y, z of points on a lattice, in any order; two columns x, z of an evenly spaced profile.
+    - Text that `numpy.loadtxt` reads: three columns are x, y, z of points on a lattice, in any
+      order, two are x, z of an evenly spaced profile. More are a matrix with a line for each x, as
+      `numpy.savetxt(path, heights)` writes it; a single row or column is a profile.
     - NetCDF with dimensions x and y, in either order, as `jaxstab.save` and xarray write it.
     - Anything else, text with a header too, is read by SurfaceTopography.
 
@@ -89,34 +89,22 @@ def _scan(path: Path, channel: str | None) -> Scan:
         source = BytesIO(content)
     if not content:
         raise ValueError("the file is empty.")
-    errors: list[str] = []
-    for reader in _readers(source, content, channel):
-        try:
-            return reader()
-        except UnknownContent as error:
-            errors = list(dict.fromkeys([*errors, str(error)]))
-        except (ImportError, ValueError) as error:
-            raise type(error)(" ".join([*errors, str(error)])) from None
-    raise ValueError(" ".join(errors))
-
-
-def _readers(
-    source: str | BytesIO, content: bytes, channel: str | None
-) -> Iterator[Callable[[], Scan]]:
-    """Yield readers for a content, the likeliest first."""
     if content.startswith(_NUMPY) or _is_npz(content):
-        yield partial(read_arrays, content, channel)
-        return
+        return read_arrays(content, channel)
     if content.startswith(_NETCDF):
-        yield partial(read_netcdf, content, channel)
-    if _CONTROL.search(content):
-        yield partial(read_instrument, source, channel)
-        return
-    text = _decoded(content)
-    yield partial(read_text, text, channel)
-    yield partial(read_instrument, BytesIO(text.encode()), channel)
-    # A header that no instrument's reader understands is a comment.
-    yield partial(read_table, text, channel)
+        read_own = partial(read_netcdf, content, channel)
+    elif _CONTROL.search(content):
+        return read_instrument(source, channel)
+    else:
+        text = _decoded(content)
+        read_own, source = partial(read_text, text, channel), BytesIO(text.encode())
+    try:
+        return read_own()
+    except UnknownContent as unknown:
+        try:
+            return read_instrument(source, channel)
+        except (ImportError, ValueError) as error:
+            raise type(error)(f"{unknown} {error}") from None
 
 
 def _is_npz(content: bytes) -> bool:

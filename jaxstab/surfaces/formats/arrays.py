@@ -9,11 +9,7 @@ from jaxstab.surfaces.formats.scan import Scan, chosen, on_a_side_or_two
 
 
 def read_arrays(content: bytes, channel: str | None) -> Scan:
-    """Return the surface in a file of `numpy.save(path, heights)` or `numpy.savez`.
-
-    The latter is made as `numpy.savez(path, heights=heights, lengths=(3.0, 1.4), unit="µm")`, with
-    `lengths` and `unit` if they are known. Arrays of other names are channels.
-    """
+    """Return the surface in a file of `numpy.save` or `numpy.savez`, whose arrays are channels."""
     try:
         data = np.load(BytesIO(content), allow_pickle=False)
         arrays = {"heights": data} if isinstance(data, np.ndarray) else dict(data)

@@ -6,14 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jaxstab.core.optional_packages import NETCDF, require_packages
-from jaxstab.core.unit_system import unit_of
-from jaxstab.surfaces.formats.scan import (
-    Scan,
-    UnknownContent,
-    chosen,
-    even_spacing,
-    on_a_side_or_two,
-)
+from jaxstab.core.unit_system import converted, unit_of
+from jaxstab.surfaces.formats.scan import Scan, UnknownContent, chosen, on_a_side_or_two, on_lattice
 
 if TYPE_CHECKING:
     import xarray
@@ -66,18 +60,22 @@ def scan_of_array(array: "xarray.DataArray", remarks: tuple[str, ...] = ()) -> S
     heights = on_a_side_or_two(array.transpose(*sides).values)
     lengths, units, coordinates = [], set(), [array[side] for side in sides if side in array.coords]
     for axis, places in enumerate(coordinates if len(coordinates) == len(sides) else ()):
-        spacing = even_spacing(np.asarray(places.values, float))
-        if spacing is None:
+        side = on_lattice(np.asarray(places.values, float))
+        if side is None or side[1] != places.size:
             raise ValueError(f"its coordinates {places.name} are not evenly spaced.")
-        heights = np.flip(heights, axis) if spacing < 0 else heights
-        lengths.append(abs(spacing) * places.size)
+        heights = heights.take(np.argsort(side[0]), axis)
+        lengths.append(places.size * side[2])
         units.add(_unit(places))
     units -= {None}
     if len(units) > 1:
         raise ValueError(f"x and y are in different units, {' and '.join(sorted(units))}.")
     is_periodic = bool(lengths) and all(c.attrs.get("periodic", 0) == 1 for c in coordinates)
-    scan = Scan(heights, tuple(lengths) or None, remarks=remarks, is_periodic=is_periodic)
-    return scan.in_units(_unit(array), next(iter(units), None))
+    own = _unit(array)
+    unit = next(iter(units), own)
+    if own not in (unit, None):
+        heights = converted(heights, own, unit)
+        remarks = (*remarks, f"heights converted from {own} to {unit}")
+    return Scan(heights, tuple(lengths) or None, unit, remarks, is_periodic)
 
 
 def _sides(array: "xarray.DataArray") -> list[str]:

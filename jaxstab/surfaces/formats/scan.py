@@ -1,15 +1,15 @@
 """The content of a surface file."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from jaxstab.core.types import ArrayLike
-from jaxstab.core.unit_system import converted
 
-# The relative error up to which coordinates in a file are evenly spaced.
-_UNEVEN = 1e-2
+# How far a coordinate may lie off an even lattice, in steps; nearer ones, over the extent, are one.
+_OFF_LATTICE = 0.05
+_NO_GAP = 1e-5
 
 
 @dataclass(frozen=True)
@@ -29,21 +29,6 @@ class Scan:
     unit: str | None = None
     remarks: tuple[str, ...] = ()
     is_periodic: bool = False
-
-    def in_units(self, unit: str | None, unit_of_sides: str | None) -> "Scan":
-        """Return it with heights in the unit of the sides, and a remark where the units differ.
-
-        An unknown unit is taken to be the other one.
-        """
-        scan, remark = replace(self, unit=unit_of_sides or unit), None
-        if unit is None and unit_of_sides is not None:
-            remark = f"unit of heights taken from the sides, {unit_of_sides}"
-        elif unit is not None and unit_of_sides is None:
-            remark = f"unit of lengths taken from the heights, {unit}"
-        elif unit is not None and unit_of_sides is not None and unit != unit_of_sides:
-            scan = replace(scan, heights=converted(self.heights, unit, unit_of_sides))
-            remark = f"heights converted from {unit} to {unit_of_sides}"
-        return replace(scan, remarks=(*self.remarks, remark)) if remark else scan
 
 
 class UnknownContent(ValueError):
@@ -76,9 +61,16 @@ def on_a_side_or_two(values: np.ndarray) -> np.ndarray:
     return heights
 
 
-def even_spacing(coordinates: np.ndarray) -> float | None:
-    """Return the spacing, negative if they fall, of coordinates that follow each other evenly."""
-    spacing = (coordinates[-1] - coordinates[0]) / (coordinates.size - 1)
-    even = coordinates[0] + spacing * np.arange(coordinates.size)
-    is_even = np.abs(coordinates - even).max() <= _UNEVEN * abs(spacing)
-    return float(spacing) if spacing and is_even else None
+def on_lattice(values: np.ndarray) -> tuple[np.ndarray, int, float] | None:
+    """Return indices of coordinates on an even lattice, the number of its places, and its step."""
+    extent = np.ptp(values)
+    if not 0 < extent < np.inf:
+        return None
+    gaps = np.diff(np.unique(values)) / extent
+    gaps = gaps[gaps > _NO_GAP]
+    # Rounded coordinates have gaps of a step, and of several over missing lines.
+    steps = int(np.rint(gaps / gaps.min()).sum())
+    places = (values - values.min()) / extent * steps
+    nearest = np.rint(places).astype(int)
+    is_on = steps < values.size and np.abs(places - nearest).max() <= _OFF_LATTICE
+    return (nearest, steps + 1, float(extent / steps)) if is_on else None
