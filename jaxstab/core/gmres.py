@@ -25,7 +25,8 @@ class _Space(eqx.Module):
 
     Attributes:
         vectors: the orthonormal vectors, one more than columns of the matrix.
-        triangle: the Hessenberg matrix, rotated to a triangle; the identity where unused.
+        hessenberg: the Hessenberg matrix; zero where unused.
+        triangle: that matrix rotated to a triangle; the identity where unused.
         right: the rotated right-hand side; its entry `count` is the residual.
         cosines: of the Givens rotations.
         sines: of the Givens rotations.
@@ -33,6 +34,7 @@ class _Space(eqx.Module):
     """
 
     vectors: PyTree
+    hessenberg: Float[Array, "room+1 room"]
     triangle: Float[Array, "room room"]
     right: Float[Array, " room+1"]
     cosines: Float[Array, " room"]
@@ -41,34 +43,34 @@ class _Space(eqx.Module):
 
 
 def gmres(
-    operator: Callable[[Vector], Vector], right: Vector, accuracy: float, max_restarts: int
+    operator: Callable[[Vector], Vector], right: Vector, residual: Scalar, max_restarts: int
 ) -> Vector:
     """Solve A x = b by restarted GMRES, or return the last iterate.
 
     Arguments:
         operator: A, a linear function of a pytree of fields.
         right: b.
-        accuracy: |b - A x| over |b|.
+        residual: |b - A x| to reach.
         max_restarts: the limit on cycles of 30 vectors.
     """
-    wanted = accuracy * _norm(right)
 
     def goes_on(state: tuple[Vector, Vector, Array]) -> Array:
         _, left, count = state
-        return (_norm(left) > wanted) & (count < max_restarts)
+        return (_norm(left) > residual) & (count < max_restarts)
 
     def cycle(state: tuple[Vector, Vector, Array]) -> tuple[Vector, Vector, Array]:
         solution, left, count = state
-        change = _cycle(operator, left, wanted)
-        product = operator(change)
-        return _sum(solution, 1.0, change), _sum(left, -1.0, product), count + 1
+        change, left = _cycle(operator, left, residual)
+        return _sum(solution, 1.0, change), left, count + 1
 
     start = jax.tree.map(jnp.zeros_like, right), right, jnp.array(0)
     return jax.lax.while_loop(goes_on, cycle, start)[0]
 
 
-def _cycle(operator: Callable[[Vector], Vector], left: Vector, wanted: Scalar) -> Vector:
-    """Return the vector of the Krylov space that minimizes the residual."""
+def _cycle(
+    operator: Callable[[Vector], Vector], left: Vector, wanted: Scalar
+) -> tuple[Vector, Vector]:
+    """Return the vector of the Krylov space that minimizes the residual, and the residual then."""
     norm = _norm(left)
 
     def buffer(leaf: Array) -> Array:
@@ -76,10 +78,12 @@ def _cycle(operator: Callable[[Vector], Vector], left: Vector, wanted: Scalar) -
         return room.at[0].set(leaf / jnp.where(norm > 0, norm, 1))
 
     none = jnp.zeros(_NUM_VECTORS, norm.dtype)
+    right = jnp.zeros(_NUM_VECTORS + 1, norm.dtype).at[0].set(norm)
     space = _Space(
         jax.tree.map(buffer, left),
+        jnp.zeros((_NUM_VECTORS + 1, _NUM_VECTORS), norm.dtype),
         jnp.eye(_NUM_VECTORS, dtype=norm.dtype),
-        jnp.zeros(_NUM_VECTORS + 1, norm.dtype).at[0].set(norm),
+        right,
         none,
         none,
         jnp.array(0),
@@ -90,14 +94,17 @@ def _cycle(operator: Callable[[Vector], Vector], left: Vector, wanted: Scalar) -
 
     space = jax.lax.while_loop(goes_on, partial(_widened, operator), space)
     is_used = jnp.arange(_NUM_VECTORS) < space.count
-    right = jnp.where(is_used, space.right[:-1], 0)
-    parts = jax.scipy.linalg.solve_triangular(space.triangle, right)
+    rotated = jnp.where(is_used, space.right[:-1], 0)
+    parts = jax.scipy.linalg.solve_triangular(space.triangle, rotated)
+    # The residual lies in the space too: no other product with A is needed.
+    missed, parts = right - space.hessenberg @ parts, jnp.append(parts, 0)
 
-    def combine(index: Array, found: Vector) -> Vector:
-        return _sum(found, parts[index], _at(space.vectors, index))
+    def combine(index: Array, sums: tuple[Vector, Vector]) -> tuple[Vector, Vector]:
+        vector = _at(space.vectors, index)
+        return _sum(sums[0], parts[index], vector), _sum(sums[1], missed[index], vector)
 
     nothing = jax.tree.map(jnp.zeros_like, left)
-    return jax.lax.fori_loop(0, space.count, combine, nothing)
+    return jax.lax.fori_loop(0, space.count + 1, combine, (nothing, nothing))
 
 
 def _widened(operator: Callable[[PyTree], PyTree], space: _Space) -> _Space:
@@ -118,8 +125,9 @@ def _widened(operator: Callable[[PyTree], PyTree], space: _Space) -> _Space:
 
     start = operator(_at(space.vectors, last)), jnp.zeros_like(space.right)
     vector, column = jax.lax.fori_loop(0, last + 1, part, start)
-    column = jax.lax.fori_loop(0, last, rotate, column)
     norm = _norm(vector)
+    hessenberg = space.hessenberg.at[:, last].set(column.at[last + 1].set(norm))
+    column = jax.lax.fori_loop(0, last, rotate, column)
     pivot = jnp.hypot(column[last], norm)
     pivot = jnp.where(pivot > 0, pivot, 1)
     cosine, sine = column[last] / pivot, norm / pivot
@@ -131,6 +139,7 @@ def _widened(operator: Callable[[PyTree], PyTree], space: _Space) -> _Space:
     column = column.at[last].set(pivot)[:-1] * (jnp.arange(_NUM_VECTORS) <= last)
     return _Space(
         vectors,
+        hessenberg,
         space.triangle.at[:, last].set(column),
         space.right.at[last].set(cosine * value).at[last + 1].set(-sine * value),
         space.cosines.at[last].set(cosine),

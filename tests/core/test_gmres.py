@@ -24,7 +24,8 @@ def solved(matrix, right, accuracy, max_restarts=50):
         product = jnp.asarray(matrix) @ jnp.append(parts[0], parts[1])
         return product[:-1], product[-1]
 
-    found = gmres(operator, (right[:-1], right[-1]), accuracy, max_restarts)
+    residual = accuracy * jnp.linalg.norm(right)
+    found = gmres(operator, (right[:-1], right[-1]), residual, max_restarts)
     return jnp.append(found[0], found[1]).reshape(size)
 
 

@@ -137,19 +137,38 @@ class Curve(eqx.Module):
         return Hessian(self.contact.solid, curvature)(change.gap) + change.pressure
 
     def tangent(
-        self, at: Point, is_free: Mask, ahead: Point, accuracy: float | None = None
+        self,
+        at: Point,
+        is_free: Mask,
+        ahead: Point,
+        near: Point | None = None,
+        accuracy: float | None = None,
     ) -> Point:
-        """Return the direction of the curve at a point, along which a linear function grows."""
+        """Return the direction of the curve at a point, along which a linear function grows.
+
+        It is sought from another one, which is near it, or from none.
+        """
         accuracy = accuracy or _TANGENT_ACCURACY[at.gap.dtype.name]
-        one = jnp.ones_like(at.pressure)
+        near = Point(jnp.zeros_like(at.gap), jnp.zeros_like(at.pressure)) if near is None else near
+        near = Point(jnp.where(is_free, near.gap, 0), near.pressure)
+        rate = ahead.times(near)
+        scale = jnp.where(rate > 0, 1 / jnp.where(rate > 0, rate, 1), 0)
+        start = Point(scale * near.gap, scale * near.pressure)
         curvature = self.contact.curvature(at.gap)
-        none = Point(jnp.zeros_like(at.gap), one)
-        change = self.solution(curvature, is_free, ahead, none, accuracy)
-        length = self.length(change)
-        return Point(change.gap / length, change.pressure / length)
+        missed = Point(-self.net_rate(curvature, start), 1 - scale * rate)
+        change = self.solution(curvature, is_free, ahead, missed, accuracy, self.length(start))
+        gap, pressure = start.gap + change.gap, start.pressure + change.pressure
+        length = self.length(Point(gap, pressure))
+        return Point(gap / length, pressure / length)
 
     def solution(
-        self, curvature: Field, is_free: Mask, row: Point, right: Point, accuracy: float
+        self,
+        curvature: Field,
+        is_free: Mask,
+        row: Point,
+        right: Point,
+        accuracy: float,
+        size: Scalar | float = 0.0,
     ) -> Point:
         """Return the change with A dg + dp0 = r on the free points and a gradient's product s.
 
@@ -163,17 +182,18 @@ class Curve(eqx.Module):
             is_free: the points that move.
             row: the gradient.
             right: r and s.
-            accuracy: of the solution, as a part of the right-hand side.
+            accuracy: of the solution, as a part of the right-hand side, or of the size.
+            size: of the vector that the solution is added to [length].
         """
-        soft, size = self.stiffness, row.gap.size
+        soft, number = self.stiffness, row.gap.size
         hessian = Hessian(self.contact.solid, curvature, None, is_free)
-        inverse = hessian.inverse(soft + total(jnp.abs(hessian.curvature)) / size)
+        inverse = hessian.inverse(soft + total(jnp.abs(hessian.curvature)) / number)
 
         def inside(field: Field) -> Field:
             return jnp.where(is_free, field, 0)
 
         # Of all numbers the pressure and the product count as much as the gaps together.
-        weight = size**0.5
+        weight = number**0.5
         row = Point(inside(row.gap), row.pressure * soft / weight)
         norm = jnp.sqrt(row.times(row))
         row = jax.tree.map(lambda part: part / jnp.where(norm > 0, norm, 1), row)
@@ -208,11 +228,10 @@ class Curve(eqx.Module):
             return Point(rest + shift * uniform, pressure)
 
         wanted = Point(inside(right.gap) / soft, right.pressure / jnp.where(norm > 0, norm, 1))
+        wanted = precondition(wanted)
+        residual = accuracy * jnp.maximum(jnp.sqrt(wanted.times(wanted)), weight * size)
         solution = gmres(
-            lambda change: precondition(bordered(change)),
-            precondition(wanted),
-            accuracy,
-            _MAX_RESTARTS,
+            lambda change: precondition(bordered(change)), wanted, residual, _MAX_RESTARTS
         )
         return Point(inside(solution.gap), solution.pressure * soft / weight)
 

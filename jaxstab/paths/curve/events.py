@@ -103,7 +103,7 @@ def behind(curve: Curve, at: EventPlace, corners: Corners, opens: Flag) -> tuple
         gap = jnp.where(flips, 0, at.at.gap)
         is_free = at.is_free ^ flips
         point = Point(gap, at.at.pressure)
-        place = EventPlace(point, is_free, curve.tangent(point, is_free, ahead))
+        place = EventPlace(point, is_free, curve.tangent(point, is_free, ahead, at.tangent))
         return place, follow(curve, place, flips)
 
     def goes_on(state: tuple[Array, EventPlace, Flag]) -> Flag:
@@ -122,6 +122,7 @@ class _Bracket(eqx.Module):
 
     Attributes:
         at: the last point that was looked at.
+        tangent: the direction there.
         rate: of the load there.
         is_low: whether it took the place of the nearer end.
         count: how many points were looked at.
@@ -130,6 +131,7 @@ class _Bracket(eqx.Module):
     ends: Array
     rates: Array
     at: Point
+    tangent: Point
     rate: Scalar
     is_low: Flag
     count: Array
@@ -152,22 +154,25 @@ def fold_between(curve: Curve, old: EventPlace, new: EventPlace) -> tuple[Point,
     def narrow(bracket: _Bracket) -> _Bracket:
         (low, high), (slow, fast) = bracket.ends, bracket.rates
         length = low - slow * (high - low) / (fast - slow)
-        start = old.at.plus(new.at.minus(old.at), length / whole)
+        missing = length - row.times(bracket.at.minus(old.at))
+        start = bracket.at.plus(bracket.tangent, missing / row.times(bracket.tangent))
         plane = on_plane(row, row.times(old.at) + length, jnp.abs(whole))
         at = CurveNewton().run(Correction(curve, plane, old.is_free, no), start).state.at
-        rate = curve.rate(curve.tangent(at, old.is_free, row, fine))
+        tangent = curve.tangent(at, old.is_free, row, bracket.tangent, fine)
+        rate = curve.rate(tangent)
         is_low = rate * rates[0] > 0
         # An end that stays a second time counts for half.
         stays = jnp.where((bracket.count > 0) & (is_low == bracket.is_low), 0.5, 1)
         ends = jnp.where(is_low, jnp.stack([length, high]), jnp.stack([low, length]))
         halved = jnp.where(is_low, jnp.stack([rate, stays * fast]), jnp.stack([stays * slow, rate]))
-        return _Bracket(ends, halved, at, rate, is_low, bracket.count + 1)
+        return _Bracket(ends, halved, at, tangent, rate, is_low, bracket.count + 1)
 
     no = jnp.array(False)
     rates = jnp.stack([curve.rate(old.tangent), curve.rate(new.tangent)])
     steepest = jnp.max(jnp.abs(rates))
     ends = jnp.stack([jnp.zeros_like(whole), whole])
-    first = _Bracket(ends, rates, old.at, steepest, ~no, jnp.array(0))
+    near = choose(jnp.abs(rates[0]) < jnp.abs(rates[1]), old, new)
+    first = _Bracket(ends, rates, near.at, near.tangent, steepest, ~no, jnp.array(0))
     found = jax.lax.while_loop(goes_on, narrow, first)
     return found.at, jnp.abs(found.rate) < _FLAT * steepest
 

@@ -38,7 +38,7 @@ from jaxstab.stability.lowest_pair import on_space
 from jaxstab.stability.solvers.davidson import Davidson
 
 # How closely the point of the limit is found, and its mode.
-_CLOSE = {"float64": 1e-13, "float32": 1e-6}
+_CLOSE = {"float64": 1e-12, "float32": 1e-6}
 _MODE = {"float64": 1e-9, "float32": 1e-5}
 # What of an eigenvalue at a fold is zero, over the stiffness of the softest wave.
 _ZERO = {"float64": 1e-6, "float32": 1e-2}

@@ -46,7 +46,7 @@ from jaxstab.paths.kinds import KINDS
 
 # The least cosine between the tangents at both ends of a step, and that from which steps grow.
 _LEAST_COSINE, _STRAIGHT = 0.95, 0.99
-_GROWTH, _CUT = 1.5, 0.4
+_GROWTH, _CUT, _TO_TURN = 1.5, 0.4, 0.9
 # How far from where it is predicted a state may be, over the step: on one smooth piece, and over
 # several corners.
 _FARTHEST, _FARTHEST_LEAP = 0.1, 0.3
@@ -147,7 +147,11 @@ def next_stride(way: Way, stride: Stride) -> Stride:
     before, after = curve.value(old.at), curve.value(new.at)
     part = (way.last - before) / jnp.where(after == before, 1, after - before)
     lands = is_sound & beyond
-    shorter = aim.reach * jnp.where(lands, part, arrival.share)
+    # Where the load has turned in a step that may not, up to about where it turns.
+    before, after = curve.rate(old.tangent), curve.rate(new.tangent)
+    to_turn = before / jnp.where(turns, before - after, 1)
+    share = jnp.where(turns, jnp.clip(_TO_TURN * to_turn, _CUT, _TO_TURN), arrival.share)
+    shorter = aim.reach * jnp.where(lands, part, share)
     return replace(
         accepted,
         length=jnp.where(is_new, longer, shorter),
@@ -190,13 +194,13 @@ def _arrival(way: Way, stride: Stride, corners: Corners, aim: _Aim) -> _Arrival:
     found = newton.state.at
     is_found = newton.result == RESULTS.successful
     is_free = jnp.where(aim.follows, found.gap > 0, old.is_free)
+    farthest = jnp.where(aim.follows, _FARTHEST_LEAP, _FARTHEST)
+    is_near = curve.length(found.minus(predicted)) <= farthest * reach
     tangent = jax.lax.cond(
-        is_found, lambda: curve.tangent(found, is_free, row), lambda: old.tangent
+        is_found & is_near, lambda: curve.tangent(found, is_free, row, old.tangent), lambda: old.tangent
     )
     place = EventPlace(found, is_free, tangent)
     length, cosine = row.times(found.minus(old.at)), curve.cosine(tangent, old.tangent)
-    farthest = jnp.where(aim.follows, _FARTHEST_LEAP, _FARTHEST)
-    is_near = curve.length(found.minus(predicted)) <= farthest * reach
     is_straight = (length > 0) & (cosine > _LEAST_COSINE) & (newton.num_steps <= _HARD)
     pieces = Cubics(old, place, length, cosine)
     forces = newton.state.forces
