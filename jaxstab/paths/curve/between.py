@@ -11,8 +11,8 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jaxstab.core.types import Field, Flag, Scalar
-from jaxstab.paths.curve.curve import Curve
-from jaxstab.paths.curve.events import Corners, EventPlace
+from jaxstab.paths.curve.curve import Curve, Place
+from jaxstab.paths.curve.events import Corners
 
 # One in so many points may change sides in a step.
 _LEAP = 64
@@ -39,8 +39,8 @@ class Cubics(NamedTuple):
         cosine: between both tangents.
     """
 
-    old: EventPlace
-    new: EventPlace
+    old: Place
+    new: Place
     length: Scalar
     cosine: Scalar
 
@@ -85,7 +85,7 @@ def stays_positive(
     return ~jnp.any(is_over | dips), jnp.min(share)
 
 
-def _both_rates(place: EventPlace, net_rate: Field, soft: Scalar) -> Field:
+def _both_rates(place: Place, net_rate: Field, soft: Scalar) -> Field:
     """Return how the gaps of free points, as pressures, and the reactions of others change."""
     return jnp.where(place.is_free, soft * place.tangent.gap, net_rate)
 
@@ -109,7 +109,7 @@ def turns_as_said(curve: Curve, pieces: Cubics) -> Flag:
 
 
 def leaps_as_foreseen(
-    old: EventPlace, new: EventPlace, corners: Corners, after: tuple[Field, Field], length: Scalar
+    old: Place, new: Place, corners: Corners, after: tuple[Field, Field], length: Scalar
 ) -> Flag:
     """Return whether each point that changed sides did so as the lines from both ends foresee."""
     flipped = old.is_free != new.is_free

@@ -1,28 +1,30 @@
 """The corrector: Newton's method for a point of the curve that meets one condition more.
 
+Its matrix gives the direction of the curve there as well, with another right-hand side.
+
 Either the free points are given: then the curve is smooth, and the point may lie where a gap or a
 reaction is negative, beyond a change of contact. Or they follow the pressures: points in contact
 that are pulled become free, and free points whose gap comes out negative touch, as in the method of
 primal and dual active sets (semismooth Newton).
 """
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core import model
 from jaxstab.core.grid import total
-from jaxstab.core.history import Indicators
-from jaxstab.core.loop import IterativeSolver, integer_parameter
 from jaxstab.core.types import Field, Flag, Mask, Scalar
-from jaxstab.paths.curve.curve import Curve, Forces, Point
+from jaxstab.paths.curve.curve import TANGENT_ACCURACY, Curve, Forces, Place, Point, choose
 
-# How well a step of Newton's method is solved for.
+# The residual at which a point counts as found, and how well a step is solved for.
+TOLERANCE = {"float64": 1e-9, "float32": 1e-4}
 _ACCURACY = 1e-2
+_MAX_STEPS = 12
+# A step that lowers a residual below the tolerance by less ends a search for a smaller one.
+_LEAST_FALL = 0.5
 # What a step leaves at least of the gap over a core.
 _LEAST_SHARE = 0.2
 
@@ -83,53 +85,110 @@ class Correction(eqx.Module):
     is_free: Mask
     follows: Flag
 
-    def at(self, point: Point) -> "Iterate":
-        """Return a point and how far it is from what is sought."""
-        follows, gap = self.follows, point.gap
-        forces = self.curve.forces(point, jnp.where(follows, gap > 0, self.is_free))
-        net = forces.net
-        missed = jnp.where(self.is_free, net, 0)
-        missed = jnp.where(follows, model.imbalance(net, gap), missed)
-        size = jnp.sqrt(total(missed**2) / gap.size)
+    def forces(self, point: Point) -> Forces:
+        """Return the pressures at a point."""
+        return self.curve.forces(point, self.free_points(point))
+
+    def free_points(self, point: Point) -> Mask:
+        """Return the free points where a point is met."""
+        return jnp.where(self.follows, point.gap > 0, self.is_free)
+
+    def residual(self, point: Point, forces: Forces) -> tuple[Scalar, Scalar]:
+        """Return the relative imbalance of pressures, and the error of the condition."""
+        missed = jnp.where(self.is_free, forces.net, 0)
+        missed = jnp.where(self.follows, model.imbalance(forces.net, point.gap), missed)
+        size = jnp.sqrt(total(missed**2) / missed.size)
         imbalance = size / jnp.where(forces.scale > 0, forces.scale, 1)
-        return Iterate(point, forces, imbalance, self.condition.missed(point, forces))
+        return imbalance, self.condition.missed(point, forces)
 
 
-class Iterate(eqx.Module):
-    """A point, its pressures, their relative imbalance, and the error of the condition."""
+class Found(eqx.Module):
+    """Where the corrector has ended.
 
-    at: Point
+    Attributes:
+        place: the point, its free points, and the direction there.
+        forces: the pressures there.
+        residual: the larger of relative imbalance and error of the condition.
+        num_steps: of Newton's method.
+        is_found: whether it is a point that meets the condition.
+    """
+
+    place: Place
     forces: Forces
-    imbalance: Scalar
-    missed: Scalar
+    residual: Scalar
+    num_steps: Int[Array, ""]
+    is_found: Flag
 
 
-class CurveNewton(IterativeSolver):
-    """Newton's method for a point of the curve that meets a condition."""
+class _Iterate(eqx.Module):
+    at: Point
+    tangent: Point
+    forces: Forces
+    residual: Scalar
+    num_steps: Int[Array, ""]
+    is_done: Flag
 
-    tolerance: Scalar | None = None
-    max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=12)
 
-    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
-    patience: ClassVar[int] = 5
+def correct(
+    problem: Correction,
+    start: Point,
+    ahead: Point,
+    near: Point,
+    closely: Scalar | float | None = None,
+) -> Found:
+    """Return the point of a curve that meets a condition, by Newton's method, and its direction.
 
-    def init(self, problem: Correction, start: Point) -> Iterate:
-        """Return the start and how far it is from what is sought."""
-        return problem.at(start)
+    Arguments:
+        problem: the curve and the condition.
+        start: where the point is sought from.
+        ahead: the gradient of a linear function that grows along the direction.
+        near: another direction, from which that is sought; where no point is found it is returned.
+        closely: the residual to reach, if it can be.
+    """
+    curve, dtype = problem.curve, start.gap.dtype
+    close = TOLERANCE[dtype.name] if closely is None else closely
+    enough, fine = TOLERANCE[dtype.name], TANGENT_ACCURACY[dtype.name]
 
-    def step(self, problem: Correction, state: Iterate) -> Iterate:
-        """Return the point after a step."""
-        curve, at, forces = problem.curve, state.at, state.forces
-        follows = problem.follows
-        is_free = jnp.where(follows, (at.gap > 0) | (forces.net < 0), problem.is_free)
-        row = problem.condition.gradient(curve, forces)
-        right = Point(-forces.net, -state.missed)
-        change = curve.solution(forces.curvature, is_free, row, right, _ACCURACY)
+    def goes_on(old: _Iterate) -> Flag:
+        return ~old.is_done & jnp.isfinite(old.residual) & (old.num_steps <= _MAX_STEPS)
+
+    def step(old: _Iterate) -> _Iterate:
+        at, follows = old.at, problem.follows
+        forces = problem.forces(at)
+        imbalance, missed = problem.residual(at, forces)
+        residual = jnp.maximum(imbalance, jnp.abs(missed))
+        falls = residual <= _LEAST_FALL * old.residual
+        is_done = (residual <= close) | ((residual <= enough) & ~falls)
+        moves = at.gap > 0, (at.gap > 0) | (forces.net < 0)
+        is_free = jnp.where(follows, jnp.where(is_done, *moves), problem.is_free)
+        direction = curve.scaled(near, is_free, ahead)
+        rest = curve.missed_by(direction, forces.curvature, ahead)
+        change = curve.solution(
+            forces.curvature,
+            is_free,
+            choose(is_done, ahead, problem.condition.gradient(curve, forces)),
+            choose(is_done, rest, Point(-forces.net, -missed)),
+            jnp.where(is_done, fine, _ACCURACY),
+            jnp.where(is_done, curve.length(direction), 0),
+        )
         least = jnp.where(follows, 0, -jnp.inf)
         least = jnp.where(curve.contact.has_core, _LEAST_SHARE * at.gap, least)
         gap = jnp.where(is_free, jnp.maximum(at.gap + change.gap, least), 0)
-        return problem.at(Point(gap, at.pressure + change.pressure))
+        moved = Point(gap, at.pressure + change.pressure)
+        tangent = curve.unit(direction.plus(change))
+        return _Iterate(
+            choose(is_done, at, moved),
+            choose(is_done, tangent, near),
+            forces,
+            residual,
+            old.num_steps + ~is_done,
+            is_done,
+        )
 
-    def measure(self, problem: Correction, state: Iterate) -> Indicators:
-        """Return how far balance and condition are from being met."""
-        return {"residual": jnp.maximum(state.imbalance, jnp.abs(state.missed))}
+    infinite = jnp.full((), jnp.finfo(dtype).max, dtype)
+    like = jax.eval_shape(problem.forces, start)
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
+    first = _Iterate(start, near, nothing, infinite, jnp.array(0), jnp.array(False))
+    end = jax.lax.while_loop(goes_on, step, first)
+    place = Place(end.at, problem.free_points(end.at), end.tangent)
+    return Found(place, end.forces, end.residual, end.num_steps, end.is_done)

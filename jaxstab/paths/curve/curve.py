@@ -5,6 +5,9 @@ unknown these are curves, which no load is a part of: a load only says where on 
 smooth where the free points stay the same, and have corners where one touches or lets go.
 """
 
+from functools import partial
+from typing import TypeVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -18,12 +21,20 @@ from jaxstab.loads import Load
 from jaxstab.potentials import derivatives
 
 # How well a tangent is solved for, and by how many restarts of GMRES at most.
-_TANGENT_ACCURACY = {"float64": 1e-7, "float32": 1e-4}
+TANGENT_ACCURACY = {"float64": 1e-8, "float32": 1e-4}
 _MAX_RESTARTS = 10
 # Over the rms elastic pressure of full contact.
 _LEAST_SCALE = 1e-2
 # What part of the largest attraction is taken for none.
 _HARDLY_ANY = 1e-3
+
+
+Tree = TypeVar("Tree")
+
+
+def choose(condition: Flag, one: Tree, other: Tree) -> Tree:
+    """Return one of two trees."""
+    return jax.tree.map(partial(jnp.where, condition), one, other)
 
 
 class Point(eqx.Module):
@@ -32,10 +43,9 @@ class Point(eqx.Module):
     gap: Field
     pressure: Scalar
 
-    def plus(self, change: "Point", length: Scalar) -> "Point":
-        """Return the point after so much of a change, its gap cut at zero."""
-        gap = jnp.maximum(self.gap + length * change.gap, 0)
-        return Point(gap, self.pressure + length * change.pressure)
+    def plus(self, change: "Point", length: Scalar | float = 1.0) -> "Point":
+        """Return the point after so much of a change."""
+        return Point(self.gap + length * change.gap, self.pressure + length * change.pressure)
 
     def minus(self, other: "Point") -> "Point":
         """Return the change from another point."""
@@ -136,30 +146,37 @@ class Curve(eqx.Module):
         """Return how the net pressure follows a change where f'' is this, A dg + dp0."""
         return Hessian(self.contact.solid, curvature)(change.gap) + change.pressure
 
-    def tangent(
-        self,
-        at: Point,
-        is_free: Mask,
-        ahead: Point,
-        near: Point | None = None,
-        accuracy: float | None = None,
-    ) -> Point:
+    def tangent(self, at: Point, is_free: Mask, ahead: Point, near: Point | None = None) -> Point:
         """Return the direction of the curve at a point, along which a linear function grows.
 
         It is sought from another one, which is near it, or from none.
         """
-        accuracy = accuracy or _TANGENT_ACCURACY[at.gap.dtype.name]
-        near = Point(jnp.zeros_like(at.gap), jnp.zeros_like(at.pressure)) if near is None else near
-        near = Point(jnp.where(is_free, near.gap, 0), near.pressure)
-        rate = ahead.times(near)
-        scale = jnp.where(rate > 0, 1 / jnp.where(rate > 0, rate, 1), 0)
-        start = Point(scale * near.gap, scale * near.pressure)
-        curvature = self.contact.curvature(at.gap)
-        missed = Point(-self.net_rate(curvature, start), 1 - scale * rate)
+        accuracy, curvature = TANGENT_ACCURACY[at.gap.dtype.name], self.contact.curvature(at.gap)
+        start = (
+            jax.tree.map(jnp.zeros_like, at) if near is None else self.scaled(near, is_free, ahead)
+        )
+        missed = self.missed_by(start, curvature, ahead)
         change = self.solution(curvature, is_free, ahead, missed, accuracy, self.length(start))
-        gap, pressure = start.gap + change.gap, start.pressure + change.pressure
-        length = self.length(Point(gap, pressure))
-        return Point(gap / length, pressure / length)
+        return self.unit(start.plus(change))
+
+    def scaled(self, change: Point, is_free: Mask, ahead: Point) -> Point:
+        """Return a change of the free points along which a linear function grows by one.
+
+        It is zero if the function falls along it.
+        """
+        change = Point(jnp.where(is_free, change.gap, 0), change.pressure)
+        rate = ahead.times(change)
+        scale = jnp.where(rate > 0, 1 / jnp.where(rate > 0, rate, 1), 0)
+        return Point(scale * change.gap, scale * change.pressure)
+
+    def missed_by(self, direction: Point, curvature: Field, ahead: Point) -> Point:
+        """Return how far a change is from one along the curve by which a function grows by one."""
+        return Point(-self.net_rate(curvature, direction), 1 - ahead.times(direction))
+
+    def unit(self, change: Point) -> Point:
+        """Return a change of unit length."""
+        length = self.length(change)
+        return Point(change.gap / length, change.pressure / length)
 
     def solution(
         self,
@@ -167,7 +184,7 @@ class Curve(eqx.Module):
         is_free: Mask,
         row: Point,
         right: Point,
-        accuracy: float,
+        accuracy: Scalar | float,
         size: Scalar | float = 0.0,
     ) -> Point:
         """Return the change with A dg + dp0 = r on the free points and a gradient's product s.
@@ -234,6 +251,14 @@ class Curve(eqx.Module):
             lambda change: precondition(bordered(change)), wanted, residual, _MAX_RESTARTS
         )
         return Point(inside(solution.gap), solution.pressure * soft / weight)
+
+
+class Place(eqx.Module):
+    """A point of the curve, its free points, and the direction in which the branch goes on."""
+
+    at: Point
+    is_free: Mask
+    tangent: Point
 
 
 class Way(eqx.Module):

@@ -4,36 +4,22 @@ The curve is smooth as long as the free points stay the same. At a fold its load
 a piece. At a corner a contact point loses its reaction (release) or a free point its gap (touch).
 """
 
-from functools import partial
-from typing import TypeVar
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from jaxstab.core.types import Field, Flag, Mask, Scalar
-from jaxstab.paths.curve.corrector import Correction, CurveNewton, at_corner, on_plane
-from jaxstab.paths.curve.curve import Curve, Point
-
-Tree = TypeVar("Tree")
+from jaxstab.paths.curve.corrector import Correction, at_corner, correct, on_plane
+from jaxstab.paths.curve.curve import Curve, Place, Point, choose
 
 # What ties: points that change sides within this part of the distance to the first of them.
 _TIE = 1e-6
 _MAX_SECANTS = 40
-# How closely a fold is found, over the step that it lies in, and by what tangents.
+# How closely a fold is found, over the step that it lies in.
 _CLOSE = {"float64": 1e-9, "float32": 1e-4}
-_FINE = {"float64": 1e-8, "float32": 1e-4}
 # How far the rate of the load may be from zero at a fold, over the larger one at the step's ends.
 _FLAT = 1e-3
-
-
-class EventPlace(eqx.Module):
-    """A point of the curve, its free points, and the direction in which the branch goes on."""
-
-    at: Point
-    is_free: Mask
-    tangent: Point
 
 
 class Corners(eqx.Module):
@@ -60,7 +46,7 @@ class Corners(eqx.Module):
         return jnp.sum(self.distances <= length)
 
 
-def corners_ahead(curve: Curve, place: EventPlace, shortest: Scalar) -> Corners:
+def corners_ahead(curve: Curve, place: Place, shortest: Scalar) -> Corners:
     """Return the corners ahead of a place; those nearer to each other than the shortest tie."""
     at, tangent, is_free = place.at, place.tangent, place.is_free
     forces = curve.forces(at, is_free)
@@ -78,13 +64,13 @@ def corners_ahead(curve: Curve, place: EventPlace, shortest: Scalar) -> Corners:
     return Corners(forces.net, rate, distances, first, point, tied)
 
 
-def follow(curve: Curve, place: EventPlace, flipped: Mask) -> Flag:
+def follow(curve: Curve, place: Place, flipped: Mask) -> Flag:
     """Return whether points that let go open further along a tangent, or are pressed more."""
     rate = curve.net_rate(curve.contact.curvature(place.at.gap), place.tangent)
     return jnp.all(jnp.where(flipped, jnp.where(place.is_free, place.tangent.gap, rate) > 0, True))
 
 
-def behind(curve: Curve, at: EventPlace, corners: Corners, opens: Flag) -> tuple[EventPlace, Flag]:
+def behind(curve: Curve, at: Place, corners: Corners, opens: Flag) -> tuple[Place, Flag]:
     """Return the place behind a corner, and whether the points that change sides there do so.
 
     All points that tie change sides, or the first alone.
@@ -98,19 +84,19 @@ def behind(curve: Curve, at: EventPlace, corners: Corners, opens: Flag) -> tuple
     forces = curve.forces(at.at, at.is_free)
     ahead = unit.gradient(curve, forces)
 
-    def beyond(number: Array) -> tuple[EventPlace, Flag]:
+    def beyond(number: Array) -> tuple[Place, Flag]:
         flips = flipped(number)
         gap = jnp.where(flips, 0, at.at.gap)
         is_free = at.is_free ^ flips
         point = Point(gap, at.at.pressure)
-        place = EventPlace(point, is_free, curve.tangent(point, is_free, ahead, at.tangent))
+        place = Place(point, is_free, curve.tangent(point, is_free, ahead, at.tangent))
         return place, follow(curve, place, flips)
 
-    def goes_on(state: tuple[Array, EventPlace, Flag]) -> Flag:
+    def goes_on(state: tuple[Array, Place, Flag]) -> Flag:
         number, _, is_good = state
         return (number < 2) & ~is_good
 
-    def try_next(state: tuple[Array, EventPlace, Flag]) -> tuple[Array, EventPlace, Flag]:
+    def try_next(state: tuple[Array, Place, Flag]) -> tuple[Array, Place, Flag]:
         return state[0] + 1, *beyond(state[0])
 
     start = jnp.array(0), at, jnp.array(False)
@@ -121,8 +107,7 @@ class _Bracket(eqx.Module):
     """Two distances ahead of a place between which the load turns, and its rates there.
 
     Attributes:
-        at: the last point that was looked at.
-        tangent: the direction there.
+        place: the last that was looked at.
         rate: of the load there.
         is_low: whether it took the place of the nearer end.
         count: how many points were looked at.
@@ -130,21 +115,20 @@ class _Bracket(eqx.Module):
 
     ends: Array
     rates: Array
-    at: Point
-    tangent: Point
+    place: Place
     rate: Scalar
     is_low: Flag
     count: Array
 
 
-def fold_between(curve: Curve, old: EventPlace, new: EventPlace) -> tuple[Point, Flag]:
+def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
     """Return where the load turns between two places of one smooth piece (Illinois method).
 
     And whether its rate vanishes there.
     """
     row = curve.gradient_of(old.tangent)
     whole = row.times(new.at.minus(old.at))
-    close, fine = _CLOSE[whole.dtype.name], _FINE[whole.dtype.name]
+    close = _CLOSE[whole.dtype.name]
 
     def goes_on(bracket: _Bracket) -> Flag:
         is_wide = bracket.ends[1] - bracket.ends[0] > close * jnp.abs(whole)
@@ -154,29 +138,24 @@ def fold_between(curve: Curve, old: EventPlace, new: EventPlace) -> tuple[Point,
     def narrow(bracket: _Bracket) -> _Bracket:
         (low, high), (slow, fast) = bracket.ends, bracket.rates
         length = low - slow * (high - low) / (fast - slow)
-        missing = length - row.times(bracket.at.minus(old.at))
-        start = bracket.at.plus(bracket.tangent, missing / row.times(bracket.tangent))
+        at, tangent = bracket.place.at, bracket.place.tangent
+        missing = length - row.times(at.minus(old.at))
+        start = at.plus(tangent, missing / row.times(tangent))
         plane = on_plane(row, row.times(old.at) + length, jnp.abs(whole))
-        at = CurveNewton().run(Correction(curve, plane, old.is_free, no), start).state.at
-        tangent = curve.tangent(at, old.is_free, row, bracket.tangent, fine)
-        rate = curve.rate(tangent)
+        place = correct(Correction(curve, plane, old.is_free, no), start, row, tangent).place
+        rate = curve.rate(place.tangent)
         is_low = rate * rates[0] > 0
         # An end that stays a second time counts for half.
         stays = jnp.where((bracket.count > 0) & (is_low == bracket.is_low), 0.5, 1)
         ends = jnp.where(is_low, jnp.stack([length, high]), jnp.stack([low, length]))
         halved = jnp.where(is_low, jnp.stack([rate, stays * fast]), jnp.stack([stays * slow, rate]))
-        return _Bracket(ends, halved, at, tangent, rate, is_low, bracket.count + 1)
+        return _Bracket(ends, halved, place, rate, is_low, bracket.count + 1)
 
     no = jnp.array(False)
     rates = jnp.stack([curve.rate(old.tangent), curve.rate(new.tangent)])
     steepest = jnp.max(jnp.abs(rates))
     ends = jnp.stack([jnp.zeros_like(whole), whole])
     near = choose(jnp.abs(rates[0]) < jnp.abs(rates[1]), old, new)
-    first = _Bracket(ends, rates, near.at, near.tangent, steepest, ~no, jnp.array(0))
+    first = _Bracket(ends, rates, near, steepest, ~no, jnp.array(0))
     found = jax.lax.while_loop(goes_on, narrow, first)
-    return found.at, jnp.abs(found.rate) < _FLAT * steepest
-
-
-def choose(condition: Flag, one: Tree, other: Tree) -> Tree:
-    """Return one of two trees."""
-    return jax.tree.map(partial(jnp.where, condition), one, other)
+    return found.place.at, jnp.abs(found.rate) < _FLAT * steepest

@@ -19,9 +19,8 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.loads import Load
-from jaxstab.paths.curve.corrector import Condition, Correction, CurveNewton, at_corner, on_plane
-from jaxstab.paths.curve.curve import Curve, Point, Way
-from jaxstab.paths.curve.events import EventPlace, choose
+from jaxstab.paths.curve.corrector import TOLERANCE, Correction, at_corner, correct, on_plane
+from jaxstab.paths.curve.curve import Curve, Place, Point, Way, choose
 from jaxstab.paths.curve.march import (
     SHORTEST,
     Walk,
@@ -123,19 +122,25 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
     end = load.value + _LEEWAY * _horizon(load, gap, ahead)
     way = Way(curve, load.value, end, longest, to_limit=True)
 
-    def back(number: Array) -> tuple[EventPlace, Flag]:
+    def back(number: Array) -> tuple[Place, Flag]:
         closes = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
         is_free = (gap > 0) & ~(closes & (number % 2 == 1))
-        here = EventPlace(Point(jnp.where(is_free, gap, 0), at.pressure), is_free, at)
-        tangent = curve.tangent(here.at, is_free, row)
         length = _BACK[dtype.name] * longest * jnp.where(number < 2, 1.0, 1e-2).astype(dtype)
-        ahead = curve.gradient_of(tangent)
-        plane = on_plane(ahead, ahead.times(here.at) - length, longest)
-        newton = CurveNewton().run(Correction(curve, plane, is_free, jnp.array(False)), here.at)
-        found = newton.state.at
-        is_sound = jnp.all(jnp.where(is_free, found.gap, newton.state.forces.net) > 0)
-        is_found = (newton.result == RESULTS.successful) & is_sound
-        return EventPlace(found, is_free, tangent), is_found
+
+        def further(count: Array, begun: tuple[Place, Flag]) -> tuple[Place, Flag]:
+            # First the direction where it is, then a point further back.
+            here, is_first = begun[0], count == 0
+            ahead = choose(is_first, row, curve.gradient_of(here.tangent))
+            plane = on_plane(ahead, ahead.times(here.at) - length, longest)
+            problem = Correction(curve, plane, is_free, jnp.array(False))
+            closely = jnp.where(is_first, jnp.inf, TOLERANCE[dtype.name])
+            found = correct(problem, here.at, ahead, here.tangent, closely)
+            signs = jnp.where(is_free, found.place.at.gap, found.forces.net) > 0
+            return found.place, found.is_found & jnp.all(signs)
+
+        start = Point(jnp.where(is_free, gap, 0), at.pressure)
+        begin = Place(start, is_free, jax.tree.map(jnp.zeros_like, start))
+        return jax.lax.fori_loop(0, 2, further, (begin, jnp.array(False)))
 
     here, is_found = first_good(back, lambda found: found[1], _NUM_STARTS)
     result = RESULTS.where(is_found, RESULTS.successful, RESULTS.lost_branch)
@@ -210,22 +215,24 @@ def _located(way: Way, old: Stride, new: Stride, count: Int[Array, ""]) -> Limit
     row = curve.gradient_of(old.here.tangent)
     longest = way.longest
     corner = at_corner(curve, point, jnp.array(True), longest)
-    condition: Condition = choose(is_release, corner, on_plane(row, row.times(seen), longest))
-    newton = CurveNewton(jnp.asarray(_CLOSE[dtype.name], dtype))
+    condition = choose(is_release, corner, on_plane(row, row.times(seen), longest))
     start = Point(jnp.where(is_free, seen.gap, 0), seen.pressure)
-    found = newton.run(Correction(curve, condition, is_free, jnp.array(False)), start)
-    gap = jnp.where(is_free, jnp.maximum(found.state.at.gap, 0), 0)
-    load = curve.load.at(curve.value(Point(gap, found.state.at.pressure)))
+    problem = Correction(curve, condition, is_free, jnp.array(False))
+    found = correct(problem, start, row, old.here.tangent, _CLOSE[dtype.name])
+    at = found.place.at
+    gap = jnp.where(is_free, jnp.maximum(at.gap, 0), 0)
+    load = curve.load.at(curve.value(Point(gap, at.pressure)))
     control = contact.control(load)
     space = Subspace(is_free | opens, control.fixes_mean)
     pair = on_space(
         Davidson(_MODE[dtype.name]), contact.hessian(gap, control), space, new.modes
     ).pair
-    is_met = found.residual <= CurveNewton().tolerance_in(dtype)
+    is_met = found.residual <= TOLERANCE[dtype.name]
     is_flat = jnp.abs(pair.eigenvalue) <= _ZERO[dtype.name] * contact.solid.min_stiffness
     is_event = is_met & jnp.where(is_release, pair.eigenvalue < pair.error, is_flat)
     kind = KINDS.where(is_release, KINDS.release, KINDS.fold)
     result = RESULTS.where(jnp.isfinite(found.residual), RESULTS.successful, RESULTS.nonfinite)
+    history = History.empty(["residual"], dtype)
     return Limit(
         load=load,
         gap=gap,
@@ -235,6 +242,6 @@ def _located(way: Way, old: Stride, new: Stride, count: Int[Array, ""]) -> Limit
         critical=pair,
         residual=found.residual,
         num_steps=count + found.num_steps,
-        history=found.history,
+        history=history.record(jnp.array(0), found.num_steps, {"residual": found.residual}),
         result=result,
     )

@@ -15,8 +15,7 @@ from jaxstab.equilibrium.equilibrate import find
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load
 from jaxstab.paths.curve.branch import Turn
-from jaxstab.paths.curve.curve import Curve, Point, Way
-from jaxstab.paths.curve.events import EventPlace
+from jaxstab.paths.curve.curve import Curve, Place, Point, Way
 from jaxstab.paths.curve.morse_index import UNKNOWN, index_of, some_modes
 from jaxstab.paths.curve.step import Stride, next_stride
 from jaxstab.paths.kinds import KINDS
@@ -59,7 +58,7 @@ class Walk(eqx.Module):
     """
 
     stride: Stride
-    start: EventPlace
+    start: Place
     longest: Scalar
     shortest: Scalar
     count: Int[Array, ""]
@@ -94,7 +93,7 @@ def begin_at(found: Equilibrium, task: Task, to_limit: bool = False) -> Walk:
     row = curve.load_gradient
     span = (values[1] - values[0]).astype(dtype)
     ahead = Point(jnp.sign(span) * row.gap, jnp.sign(span) * row.pressure)
-    here = EventPlace(at, gap > 0, curve.tangent(at, gap > 0, ahead))
+    here = Place(at, gap > 0, curve.tangent(at, gap > 0, ahead))
     speed, size = jnp.abs(row.times(here.tangent)), curve.length(at)
     longest = _LONGEST * jnp.abs(span) / jnp.where(speed > 0, speed, 1)
     longest = jnp.where(size > 0, jnp.minimum(longest, size), longest)
@@ -109,7 +108,7 @@ def begin_at(found: Equilibrium, task: Task, to_limit: bool = False) -> Walk:
 
 
 def walk_from(
-    here: EventPlace,
+    here: Place,
     lengths: tuple[Scalar, Scalar, Scalar],
     index: Int[Array, ""],
     modes: Block,

@@ -22,7 +22,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Block
-from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag, Mask, Scalar
 from jaxstab.paths.curve.between import (
     Cubics,
@@ -31,13 +30,11 @@ from jaxstab.paths.curve.between import (
     stays_positive,
     turns_as_said,
 )
-from jaxstab.paths.curve.corrector import Correction, CurveNewton, at_corner, on_plane
-from jaxstab.paths.curve.curve import Point, Way
+from jaxstab.paths.curve.corrector import Correction, at_corner, correct, on_plane
+from jaxstab.paths.curve.curve import Place, Point, Way, choose
 from jaxstab.paths.curve.events import (
     Corners,
-    EventPlace,
     behind,
-    choose,
     corners_ahead,
     fold_between,
 )
@@ -76,7 +73,7 @@ class Stride(eqx.Module):
         is_found: whether a state was found at all, of this branch or not.
     """
 
-    here: EventPlace
+    here: Place
     length: Scalar
     index: Int[Array, ""]
     expected: Int[Array, ""]
@@ -117,7 +114,7 @@ class _Arrival(NamedTuple):
         is_easy: whether the next step may be longer.
     """
 
-    place: EventPlace
+    place: Place
     is_found: Flag
     is_sound: Flag
     share: Scalar
@@ -161,7 +158,7 @@ def next_stride(way: Way, stride: Stride) -> Stride:
     )
 
 
-def _aim(corners: Corners, old: EventPlace, length: Scalar) -> _Aim:
+def _aim(corners: Corners, old: Place, length: Scalar) -> _Aim:
     """Return what the next step is to meet: a distance, or the first corner before it."""
     most = most_changes(corners.net.size)
     number = corners.within(length)
@@ -184,39 +181,33 @@ def _arrival(way: Way, stride: Stride, corners: Corners, aim: _Aim) -> _Arrival:
     condition = choose(stride.lands, end, ahead)
     corner = at_corner(curve, corners.point, aim.opens, way.longest)
     condition = choose(aim.is_corner, corner, condition)
-    predicted = Point(
-        old.at.gap + reach * old.tangent.gap, old.at.pressure + reach * old.tangent.pressure
-    )
+    predicted = old.at.plus(old.tangent, reach)
     least = jnp.where(jnp.asarray(curve.contact.has_core), old.at.gap / 5, -jnp.inf)
     least = jnp.where(aim.follows, jnp.maximum(least, 0), least)
     start = Point(jnp.maximum(predicted.gap, least), predicted.pressure)
-    newton = CurveNewton().run(Correction(curve, condition, old.is_free, aim.follows), start)
-    found = newton.state.at
-    is_found = newton.result == RESULTS.successful
-    is_free = jnp.where(aim.follows, found.gap > 0, old.is_free)
+    problem = Correction(curve, condition, old.is_free, aim.follows)
+    found = correct(problem, start, row, old.tangent)
+    place, tangent = found.place, found.place.tangent
+    length, cosine = row.times(place.at.minus(old.at)), curve.cosine(tangent, old.tangent)
     farthest = jnp.where(aim.follows, _FARTHEST_LEAP, _FARTHEST)
-    is_near = curve.length(found.minus(predicted)) <= farthest * reach
-    tangent = jax.lax.cond(
-        is_found & is_near, lambda: curve.tangent(found, is_free, row, old.tangent), lambda: old.tangent
-    )
-    place = EventPlace(found, is_free, tangent)
-    length, cosine = row.times(found.minus(old.at)), curve.cosine(tangent, old.tangent)
-    is_straight = (length > 0) & (cosine > _LEAST_COSINE) & (newton.num_steps <= _HARD)
+    is_near = curve.length(place.at.minus(predicted)) <= farthest * reach
+    is_straight = (length > 0) & (cosine > _LEAST_COSINE) & (found.num_steps <= _HARD)
     pieces = Cubics(old, place, length, cosine)
-    forces = newton.state.forces
+    forces = found.forces
     after = forces.net, curve.net_rate(forces.curvature, tangent)
     leaps = leaps_as_foreseen(old, place, corners, after, length)
     smooth, share = stays_positive(curve, pieces, corners, aim.is_corner, after, forces.scale)
     # Where gaps or reactions alone are at fault, up to where they are positive.
-    is_over = is_found & is_near & is_straight & ~aim.follows & (share < 1)
+    is_over = found.is_found & is_near & is_straight & ~aim.follows & (share < 1)
     share = jnp.where(is_over, jnp.maximum(0.9 * share, 0.1), _CUT)
     is_smooth = jnp.where(aim.follows, leaps, smooth & turns_as_said(curve, pieces))
-    is_easy = (newton.num_steps <= _EASY) & (cosine > _STRAIGHT)
-    return _Arrival(place, is_found, is_found & is_near & is_straight & is_smooth, share, is_easy)
+    is_easy = (found.num_steps <= _EASY) & (cosine > _STRAIGHT)
+    is_sound = found.is_found & is_near & is_straight & is_smooth
+    return _Arrival(place, found.is_found, is_sound, share, is_easy)
 
 
 def _accepted(
-    way: Way, stride: Stride, corners: Corners, aim: _Aim, arrived: EventPlace, turns: Flag
+    way: Way, stride: Stride, corners: Corners, aim: _Aim, arrived: Place, turns: Flag
 ) -> Stride:
     """Return the state that a step has led to, if the events in it explain what has changed."""
     curve, old = way.curve, stride.here
@@ -228,7 +219,7 @@ def _accepted(
     def at_fold() -> tuple[Point, Flag]:
         return fold_between(curve, old, arrived)
 
-    def behind_corner() -> tuple[EventPlace, Flag]:
+    def behind_corner() -> tuple[Place, Flag]:
         return behind(curve, arrived, corners, aim.opens)
 
     turn, is_flat = jax.lax.cond(turns & is_clear, at_fold, lambda: (arrived.at, jnp.array(True)))
@@ -265,7 +256,7 @@ def _accepted(
 def _explains(
     way: Way,
     stride: Stride,
-    arrived: EventPlace,
+    arrived: Place,
     index: Int[Array, ""],
     change: Int[Array, ""],
     turns: Flag,
@@ -284,7 +275,7 @@ def _explains(
         return ~is_known | (found == change)
 
     def is_driven() -> Flag:
-        def driven(place: EventPlace, is_free: Mask) -> Int[Array, ""]:
+        def driven(place: Place, is_free: Mask) -> Int[Array, ""]:
             gap, tangent = place.at.gap, place.tangent.gap
             return driven_index_of(curve.contact, curve.load, gap, is_free, tangent)
 
