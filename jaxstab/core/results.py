@@ -79,8 +79,8 @@ class RESULTS(Enumeration):
         "resolve the law better: more points, or a longer range"
     )
     store_full = member(
-        "the store is full before the end. Raise `max_states` or `max_jumps`, follow a "
-        "shorter programme, or locate fewer jumps (`smallest_jump`)"
+        "the store is full before the end. Raise `max_steps`, `max_states` or `max_jumps`, follow "
+        "a shorter programme, or locate fewer jumps (`smallest_jump`)"
     )
     interrupted = member("it was interrupted; the states before are kept")
     same_state = member(

@@ -40,8 +40,9 @@ def evolution(
         TypeError: for something that is not an evolution.
         ValueError: for a quantity that cannot be drawn, and another number of labels.
     """
-    for each in evolutions:
+    for each in evolutions or [None]:
         require_kind(each, Evolution, "no evolution: give a result of jaxstab.evolve.")
+        len(each)
     contact = evolutions[0].contact
     y = y or ("force" if contact.solid.is_window else "mean_pressure")
     if x not in ("load", "time") or y not in Quantity.__args__:

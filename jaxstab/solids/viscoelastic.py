@@ -2,6 +2,7 @@
 
 from typing import Annotated, Any
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -112,6 +113,8 @@ class Viscoelastic(Solid):
         t_0 = scalar_parameter(time, "The time")
         require_positive("The exponent", n)
         require_positive("The time", t_0)
+        require_positive("The number of decades", np.asarray(decades))
+        require_positive("The number of terms per decade", np.asarray(terms_per_decade))
         step = np.log(10) / terms_per_decade
         # Times range from below t_0, where exp(-u) cuts the spectrum off, to beyond `decades`.
         logs = np.arange(-np.log(40), (decades + 1) * np.log(10), step)
@@ -132,11 +135,16 @@ class Viscoelastic(Solid):
     @property
     def glassy(self) -> Solid:
         """The elastic solid at once: K (1 + sum r_k)."""
-        return self.solid.scaled(1 + jnp.sum(self.ratios))
+        return self.step(0.0)
 
     def step(self, dt: ArrayLike) -> Solid:
         """Return the elastic solid of a time step: K (1 + sum r_k b_k), with b_k of `ramp`."""
-        return self.solid.scaled(1 + jnp.sum(self.ratios * ramp(dt, self.times)))
+        require("A time step", known(dt), known(dt) >= 0, "it must not be negative.")
+        return self.solid.scaled(self.stiffening(dt))
+
+    def stiffening(self, dt: ArrayLike) -> Scalar:
+        """Return 1 + sum r_k b_k: the stiffness that a time step meets, over the relaxed one."""
+        return 1 + jnp.sum(self.ratios * ramp(dt, self.times))
 
     def storage_and_loss(self, frequency: ArrayLike) -> tuple[Array, Array]:
         """Return the storage and the loss modulus at an angular frequency, over the relaxed one.
@@ -151,9 +159,10 @@ class Viscoelastic(Solid):
         return 1 + jnp.sum(loss * turns, axis=-1), jnp.sum(loss, axis=-1)
 
     @property
-    def whole(self) -> Solid:
-        """The solid on the grid of the computation; relaxed, if that grid is larger."""
-        return self if self.solid.whole is self.solid else self.solid.whole
+    def whole(self) -> "Viscoelastic":
+        """The solid on the grid of the computation."""
+        whole = self.solid.whole
+        return self if whole is self.solid else eqx.tree_at(lambda s: s.solid, self, whole)
 
     @property
     def is_valid(self) -> Flag:

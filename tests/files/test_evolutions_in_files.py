@@ -39,7 +39,7 @@ def test_an_evolution_comes_back_to_the_last_bit_and_goes_on(evolution, tmp_path
 def test_its_data_set_says_what_everything_is(evolution):
     dataset = js.to_dataset(evolution.contact, evolution)
     assert dataset.fields_gap.dims == ("state", "x", "y")
-    assert dataset.fields_branches.dims == ("state", "fields_branches_0", "x", "y")
+    assert dataset.fields_strains.dims == ("state", "fields_strains_0", "x", "y")
     assert dataset.work.dims == dataset.times.dims == ("state",)
     assert dataset.dissipation.dims == ("jump",)
     np.testing.assert_array_equal(dataset.work, evolution.work)

@@ -230,9 +230,52 @@ def test_mistakes_are_named():
         js.evolve(contact, load, times[1:])
     with pytest.raises(ValueError, match="the times must increase"):
         js.evolve(contact, load, times.at[3].set(0.0))
+    with pytest.raises(ValueError, match="max_steps is 0"):
+        js.evolve(contact, load, times, max_steps=0)
+    with pytest.raises(ValueError, match=r"until is -1\.0"):
+        js.lifetime(contact, js.MeanPressure(0.1), until=-1.0)
     found = js.evolve(contact, load, times, rtol=ANY)
     with pytest.raises(ValueError, match="fields=True"):
         _ = found[3].internal
+    with pytest.raises(TypeError, match="Contact is no evolution"):
+        js.growth_rate(contact)
+
+
+def test_a_state_of_a_path_starts_at_its_own_load():
+    contact, (times, values) = viscoelastic(), cycle()
+    relaxed = js.Contact(contact.solid.relaxed, contact.heights, contact.potential)
+    path = js.follow(relaxed, js.MeanDisplacement(values[:11]), fields=True)
+    state = path[len(path) // 2]
+    rest = js.equilibrate(relaxed, state.load, initial=state)
+    load = js.MeanDisplacement(values)
+    gaps = [js.evolve(contact, load, times, initial=s, rtol=ANY).gap for s in (state, rest)]
+    assert np.max(np.abs(gaps[0] - gaps[1])) < 1e-9 * 0.02
+
+
+def test_a_window_has_the_gap_of_its_surface_and_the_glassy_answer():
+    grid = js.Grid(16, 2.0)
+    solid = js.Viscoelastic(js.FreeHalfSpace(grid, 1.0), 3.0, 1.0)
+    law, heights = js.potentials.Exponential(0.005, 0.05), js.surfaces.paraboloid(grid, 1.5)
+    places = jnp.max(heights) + jnp.array([5.0, -0.05])
+    fast = js.evolve(
+        js.Contact(solid, heights, law), js.FarDisplacement(places), [0, 1e-9], rtol=ANY
+    )
+    glassy = js.Contact(js.FreeHalfSpace(grid, 4.0), heights, law)
+    expected = js.equilibrate(glassy, js.FarDisplacement(places[1]))
+    # Far away the relaxed solid was hardly deformed.
+    assert fast.gap == pytest.approx(np.array(expected.gap), abs=1e-8)
+    assert fast.force[1] == pytest.approx(float(expected.mean_pressure) * 4, rel=1e-7)
+
+
+def test_full_contact_opens_under_a_mean_gap():
+    contact = viscoelastic(energy=0.02)
+    relaxed = js.Contact(contact.solid.relaxed, contact.heights, contact.potential)
+    rest = js.equilibrate(relaxed, js.MeanPressure(0.0))
+    assert rest.contact_area == 1
+    held = js.MeanGap(jnp.full(2, 0.01))
+    found = js.evolve(contact, held, jnp.array([0.0, 1.0]), initial=rest)
+    assert np.array(found.mean_gap) == pytest.approx(0.01, rel=1e-9)
+    assert np.all(np.isfinite(found.mean_pressure))
 
 
 @pytest.mark.parametrize(
@@ -296,9 +339,7 @@ def test_a_rough_contact_departs_along_its_mode_at_the_growth_rate(gap):
 
     def departure(sign):
         rest, move = start.internal, sign * mode
-        moved = js.Internal(
-            rest.gap + move, rest.deformation + move, rest.branches + turns[:, None] * move
-        )
+        moved = js.Internal(rest.gap + move, rest.strains + np.append(1, turns)[:, None] * move)
         times = jnp.linspace(0, 3 / rate, 61)
         initial = replace(start, last=moved)
         found = js.evolve(contact, held, times, initial=initial, rtol=ANY, fields=True)

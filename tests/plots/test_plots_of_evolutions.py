@@ -32,6 +32,10 @@ def test_quantities_are_drawn_over_load_or_time_with_their_units(run):
 def test_mistakes_are_named(run):
     with pytest.raises(TypeError, match=r"result of jaxstab\.evolve"):
         js.plots.evolution(run.contact)
+    with pytest.raises(TypeError, match="NoneType is no evolution"):
+        js.plots.evolution()
+    with pytest.raises(TypeError, match="single state"):
+        js.plots.evolution(run[1])
     with pytest.raises(ValueError, match="y 'energy': x is load or time"):
         js.plots.evolution(run, y="energy")
     with pytest.raises(ValueError, match="1 labels for 2 evolutions"):

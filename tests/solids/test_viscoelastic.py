@@ -71,6 +71,14 @@ def test_a_series_that_is_none_is_named(ratios, times, named):
         js.Viscoelastic(SOLID, ratios, times)
 
 
+def test_a_step_and_a_power_law_refuse_impossible_numbers():
+    with pytest.raises(ValueError, match=r"time step is -1\.0"):
+        js.Viscoelastic(SOLID, 1.0, 1.0).step(-1.0)
+    for wrong in ({"decades": -3.0}, {"terms_per_decade": 0}):
+        with pytest.raises(ValueError, match="must be positive"):
+            js.Viscoelastic.power_law(SOLID, 99.0, 0.5, 1e-3, **wrong)
+
+
 def test_calls_without_time_take_the_relaxed_solid():
     heights = js.surfaces.paraboloid(GRID, 2.0)
     law = js.potentials.Exponential(0.1, 0.2)

@@ -19,7 +19,7 @@ from jaxstab.core.units import ENERGY, FORCE, LENGTH, NUMBER, PRESSURE, TIME
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load
-from jaxstab.paths.evolution.step import Internal, Medium
+from jaxstab.paths.evolution.step import Internal, load_on, moved_contact
 from jaxstab.paths.path import States
 
 
@@ -126,7 +126,7 @@ class Evolution(Totals):
             energy=self.stored,
             work=self.work,
             dissipation=self.lost,
-            gap=None if kept is None else jax.lax.map(contact.solid.surface, kept.gap),
+            gap=None if kept is None else jax.lax.map(contact.solid.whole.surface, kept.gap),
             units=contact.units,
             is_window=contact.solid.is_window,
         )
@@ -134,7 +134,7 @@ class Evolution(Totals):
     @property
     def gap(self) -> Field:
         """The gap of a single state, or of the last one [length]."""
-        return self.contact.solid.surface(self.internal.gap)
+        return self.contact.solid.whole.surface(self.internal.gap)
 
     @property
     def instant(self) -> tuple[Contact, Equilibrium]:
@@ -143,10 +143,10 @@ class Evolution(Totals):
         The solid is the glassy one, on a surface moved by the memory; on a window both are those of
         the larger grid that it is solved on.
         """
-        medium, gap = medium_of(self.contact), self.internal.gap
-        contact = medium.moved(self.internal, jnp.zeros((), gap.dtype))
+        whole, gap = self.contact.whole, self.internal.gap
+        contact = moved_contact(whole, self.internal, jnp.zeros((), gap.dtype))
         load = self.load if self.load.value.ndim == 0 else self.load[-1]
-        return contact, state_at(contact, medium.load_on(contact, load), gap)
+        return contact, state_at(contact, load_on(contact, whole, load), gap)
 
     def __repr__(self) -> str:
         try:
@@ -159,12 +159,6 @@ def relaxed_contact(contact: Contact) -> Contact:
     """Return the contact of the relaxed elastic solid of a viscoelastic one."""
     solid: Any = contact.solid
     return eqx.tree_at(lambda contact: contact.solid, contact, solid.relaxed)
-
-
-def medium_of(contact: Contact) -> Medium:
-    """Return the relaxed contact of a viscoelastic one, and its branches."""
-    solid: Any = contact.solid
-    return Medium(relaxed_contact(contact).whole, solid.ratios, solid.times)
 
 
 def _columns(evolution: Evolution) -> dict[str, list[str]]:

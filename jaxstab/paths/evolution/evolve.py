@@ -23,33 +23,32 @@ from jaxstab.core.checks import (
     require_positive,
 )
 from jaxstab.core.compile import program
-from jaxstab.core.grid import mean
 from jaxstab.core.implicit import attach, pushed
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import stacked
-from jaxstab.core.types import ArrayLike, Scalar
-from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
-from jaxstab.equilibrium.equilibrate import find_equilibrium, initial_gap, with_derivatives
-from jaxstab.equilibrium.equilibrium import equilibrium_of
-from jaxstab.equilibrium.window import whole_start, whole_state
+from jaxstab.core.types import ArrayLike
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.equilibrate import initial_gap
+from jaxstab.equilibrium.window import whole_start
 from jaxstab.loads import Load, require_load, require_same_machine
-from jaxstab.paths.evolution.evolution import Evolution, Totals, medium_of, relaxed_contact
+from jaxstab.paths.evolution.evolution import Evolution, Totals, relaxed_contact
 from jaxstab.paths.evolution.march import (
     Leg,
     Moment,
-    Steps,
-    after_jump,
+    Step,
+    between,
     first_moment,
-    loss_of,
     march,
     stepped,
+    with_loss,
 )
-from jaxstab.paths.evolution.step import Internal, Medium
+from jaxstab.paths.evolution.step import Internal, next_state, springs
+from jaxstab.paths.record import Table
 from jaxstab.solids.viscoelastic import Viscoelastic
 
 Tree = TypeVar("Tree")
-State = tuple[Moment, Steps]
+State = tuple[Moment, Table]
 # Scalars, memory, result and number of steps of a state.
 Entry = tuple[Totals, Internal | None, RESULTS, Int[Array, ""]]
 
@@ -82,10 +81,10 @@ def evolve(
         contact: the contact, of a `Viscoelastic` solid.
         load: a load with one value for each time.
         times: two times or more, in increasing order [time].
-        initial: where to start. An `Evolution` goes on from its end, or from one of its states; an
-            `Equilibrium` of the relaxed contact, at its own load, answers to the first load at
-            once. Otherwise the contact is relaxed at the first load, a gap being where its
-            equilibrium is sought, as in `equilibrate`.
+        initial: where to start. An `Evolution` goes on from its end, or from one of its states; a
+            state of the relaxed contact with a load of its own, as an `Equilibrium`, answers to the
+            first load at once. Otherwise the contact is relaxed at the first load, a gap being
+            where its equilibrium is sought, as in `equilibrate`.
         rtol: the error of a step, in deformation and in the balance of energies, over the largest
             ones so far.
         fields: whether to keep gap and memory at each time, for verdicts and growth rates.
@@ -102,40 +101,42 @@ def evolve(
             initial evolution of another contact.
         SolverError: if `throw`, where an equilibrium is not found, or there is no room left.
     """
-    medium = _checked(contact, load, times)
-    dtype = contact.heights.dtype
+    dtype = _checked(contact, load, times)
     instants, tolerance = parameter(times, "The times").astype(dtype), parameter(rtol).astype(dtype)
     require_positive("rtol", tolerance)
-    room = integer("max_steps", max_steps)
-    moment = _start(contact, medium, load[0], initial)
-    inputs = medium, load, instants, moment
-    held = jax.lax.stop_gradient((medium, load[0], tolerance))
-    legs, begin = jax.lax.stop_gradient((_legs(load, instants), moment))
-    state = begin, Steps.none(room, dtype)
-    given = *held, state, legs
+    number = integer("max_steps", max_steps)
+    require("max_steps", number, number > 0, "it must be positive.")
+    room = jnp.zeros(number, dtype)
+    whole = contact.whole
+    inputs = whole, load, instants, _start(contact, load[0], initial)
+    constant, held, _, begin = jax.lax.stop_gradient(inputs)
+    legs = jax.lax.stop_gradient(_legs(load, instants))
+    start = begin, Table(Step(room.astype(int), room, room, room), jnp.array(0))
+    given = constant, held[0], jax.lax.stop_gradient(tolerance), start, legs
     is_alone = not is_transformed(given)
     bar = progress_bar(instants.size - 1, "time", shown=can_be_shown(progress, given))
     with jax.debug_nans(False), bar as bar:
-        find = partial(_one_by_one, bar.update) if is_alone else _along_all
+        find = partial(_one_by_one, bar.update) if is_alone else _along
         (end, steps), rest = find(*given, fields=fields)
-    totals, internal, result, numbers = with_first(_entry(state, fields), rest)
+    totals, internal, result, numbers = _with_first(_entry(start, fields), rest)
     last = end.internal
     if is_traced((contact, load, times)):
         totals, last = attach(_changes, (totals, last), (steps, numbers), inputs)
-    ends = legs.start[steps.legs] + steps.ends * (legs.end - legs.start)[steps.legs]
-    jumps = ends, steps.lost
+    taken = steps.rows
+    ends = between(legs.times[taken.leg], taken.end)
+    jumps = ends, taken.lost
     if is_alone:
-        has_jumped = np.asarray(steps.lost) > 0
+        has_jumped = np.asarray(taken.lost) > 0
         jumps = tuple(jnp.asarray(np.asarray(column)[has_jumped]) for column in jumps)
     evolution = Evolution(
-        **vars(totals),
+        **vars(totals) | {"stored": totals.stored - totals.stored[0]},
         contact=contact,
         load=load,
         times=instants,
         force=totals.mean_pressure * contact.area,
         fields=internal,
         last=last,
-        reached=jnp.where(steps.number > 0, ends[steps.number - 1], legs.start[0]),
+        reached=jnp.where(steps.count > 0, ends[steps.count - 1], instants[0]),
         jump_times=jumps[0],
         dissipation=jumps[1],
         num_steps=jnp.diff(numbers, prepend=0),
@@ -146,6 +147,7 @@ def evolve(
 
 def require_viscoelastic(contact: Contact) -> None:
     """Raise `TypeError` for a contact whose solid has no relaxation times."""
+    require_contact(contact)
     if not isinstance(contact.solid, Viscoelastic):
         raise TypeError(
             f"The solid is a {type(contact.solid).__name__}, which has no relaxation times: give "
@@ -153,10 +155,10 @@ def require_viscoelastic(contact: Contact) -> None:
         )
 
 
-def _checked(contact: Contact, load: Load, times: ArrayLike) -> Medium:
-    require_contact(contact)
-    require_load(load)
+def _checked(contact: Contact, load: Load, times: ArrayLike) -> jnp.dtype:
+    """Check the arguments, and return the precision of the contact."""
     require_viscoelastic(contact)
+    require_load(load)
     given = known(parameter(times, "The times"))
     if given.ndim != 1 or given.size < 2 or load.value.shape != given.shape:
         raise ValueError(
@@ -167,99 +169,84 @@ def _checked(contact: Contact, load: Load, times: ArrayLike) -> Medium:
     require("A time", given[1:], given[1:] > given[:-1], "the times must increase.")
     require_same_machine(load)
     warn_if_coarse(contact, FOR_JUMPS)
-    return medium_of(contact)
+    return contact.heights.dtype
 
 
-def _start(contact: Contact, medium: Medium, load: Load, initial: Any) -> Moment:
+def _start(contact: Contact, load: Load, initial: Any) -> Moment:
     """Return the state at the first time."""
-    whole, relaxed = medium.contact, relaxed_contact(contact)
+    whole, dtype = contact.whole, contact.heights.dtype
     if isinstance(initial, Evolution):
         require_same_contact(contact, initial.contact, "The initial evolution")
-        internal = initial.internal
-    elif isinstance(initial, Equilibrium):
-        internal = _relaxed(medium, whole_state(relaxed, equilibrium_of(relaxed, initial))[1])
+        memory = initial.internal
     else:
-        _, start = whole_start(relaxed, load, initial_gap(relaxed, load, initial))
-        solver = PreconditionedConjugateGradient()
-        found = find_equilibrium(*jax.lax.stop_gradient((whole, load, solver, start)))
-        found = with_derivatives(whole, load, found)
-        return first_moment(medium, load, _relaxed(medium, found), found)
+        # A step that takes for ever leaves the relaxed solid.
+        relaxed, long = relaxed_contact(contact), jnp.asarray(jnp.finfo(dtype).max)
+        held = getattr(initial, "load", load)
+        _, gap = whole_start(relaxed, held, initial_gap(relaxed, held, initial))
+        strains = jnp.zeros((springs(whole)[0].size, *whole.grid.shape), dtype)
+        memory, found = next_state(whole, held, Internal(gap, strains), long)
+        if held is load:
+            return first_moment(whole, load, memory, found)
     # A state with a memory, or of another load, answers to the load at once.
-    internal, found, _ = medium.advance(internal, load, jnp.zeros((), whole.heights.dtype))
-    return first_moment(medium, load, internal, found)
-
-
-def _relaxed(medium: Medium, found: Equilibrium) -> Internal:
-    """Return the memory of a relaxed equilibrium: branches without strain."""
-    stiffness, displacement = medium.uniform_stiffness, found.gap + medium.contact.heights
-    has_mean = stiffness > 0
-    level = mean(found.pressure) / jnp.where(has_mean, stiffness, 1)
-    deformation = displacement - mean(displacement) + jnp.where(has_mean, level, 0)
-    branches = jnp.zeros((medium.times.size, *displacement.shape), displacement.dtype)
-    return Internal(found.gap, deformation, branches)
+    return first_moment(whole, load, *next_state(whole, load, memory, jnp.zeros((), dtype)))
 
 
 def _legs(load: Load, times: Float[Array, " times"]) -> Leg:
     """Return the legs between the times, along a leading axis."""
-    values = load.value.astype(times.dtype)
-    return Leg(jnp.arange(times.size - 1), times[:-1], times[1:], values[:-1], values[1:])
+    columns = times, load.value.astype(times.dtype)
+    return Leg(jnp.arange(times.size - 1), *(jnp.stack([c[:-1], c[1:]], 1) for c in columns))
 
 
 def _entry(state: State, fields: bool) -> Entry:
-    """Return what is recorded of a state: scalars, memory or none, result, steps up to it."""
+    """Return what is recorded of a state."""
     moment, steps = state
-    return moment.totals, moment.internal if fields else None, moment.result, steps.number
+    return moment.totals, moment.internal if fields else None, moment.result, steps.count
 
 
 @partial(program, static_argnames="fields")
-def _along(
-    medium: Medium, load: Load, rtol: Scalar, state: State, leg: Leg, *, fields: bool
-) -> tuple[State, Entry]:
-    """Return the state at the end of a leg, and its record."""
-    state = march(medium, load, rtol, *state, leg)
-    return state, _entry(state, fields)
+def _along(*inputs: Any, fields: bool) -> tuple[State, Entry]:
+    """Return the state after all legs along a leading axis, and the record at the end of each."""
 
+    def along(*inputs: Any) -> tuple[State, Entry]:
+        *given, state, legs = inputs
 
-@partial(program, static_argnames="fields")
-def _along_all(*inputs: Any, fields: bool) -> tuple[State, Entry]:
-    """Return the same for legs along a leading axis."""
+        def one(state: State, leg: Leg) -> tuple[State, Entry]:
+            state = march(*given, *state, leg)
+            return state, _entry(state, fields)
 
-    def scanned(
-        medium: Medium, load: Load, rtol: Scalar, state: State, legs: Leg
-    ) -> tuple[State, Entry]:
-        return jax.lax.scan(partial(_along, medium, load, rtol, fields=fields), state, legs)
+        return jax.lax.scan(one, state, legs)
 
-    return by_entries(scanned)(*inputs)
+    return by_entries(along)(*inputs)
 
 
 def _one_by_one(report: Callable[[], object], *inputs: Any, fields: bool) -> tuple[State, Entry]:
-    """Return the same by a program for each leg, so that it can be watched and interrupted."""
-    medium, load, rtol, state, legs = inputs
+    """Return the same leg by leg, so that it can be watched and interrupted."""
+    *given, state, legs = inputs
     entries = []
     for i in range(legs.number.size):
-        leg = jax.tree.map(lambda leaf, i=i: leaf[i], legs)
-        state, entry = _along(medium, load, rtol, state, leg, fields=fields)
-        entries.append(entry)
+        leg = jax.tree.map(lambda leaf, i=i: leaf[i : i + 1], legs)
+        state, entry = _along(*given, state, leg, fields=fields)
+        entries.append(jax.tree.map(lambda leaf: leaf[0], entry))
         report()
     return state, stacked(entries, entries[0])
 
 
-def with_first(first: Tree, rest: Tree) -> Tree:
+def _with_first(first: Tree, rest: Tree) -> Tree:
     """Return a stack with an entry before its first."""
     return jax.tree.map(lambda one, others: jnp.concatenate([one[None], others]), first, rest)
 
 
 def _changes(
-    values: Any, known_of: tuple[Steps, Int[Array, " times"]], inputs: tuple, changes: tuple
+    values: Any, known_of: tuple[Table, Int[Array, " times"]], inputs: tuple, changes: tuple
 ) -> tuple[Any, Any]:
     """Return how the scalars and the last state change, a rule for `attach`."""
     return pushed(partial(_replay, *known_of), inputs, changes), jnp.array(False)
 
 
 def _replay(
-    steps: Steps,
+    steps: Table,
     numbers: Int[Array, " times"],
-    medium: Medium,
+    contact: Contact,
     load: Load,
     times: Float[Array, " times"],
     moment: Moment,
@@ -268,22 +255,21 @@ def _replay(
     legs = _legs(load, times)
 
     def one(old: Moment, i: Int[Array, ""]) -> tuple[Moment, Totals]:
-        leg = entry_of(legs, steps.legs[i])
-        dt = (steps.ends[i] - steps.starts[i]) * (leg.end - leg.start)
-        at_end = load[0].at(leg.value(steps.ends[i]))
+        taken = entry_of(steps.rows, i)
+        leg = entry_of(legs, taken.leg)
+        dt = (taken.end - taken.start) * (leg.times[1] - leg.times[0])
+        held = load[0].at(between(leg.values, taken.end))
 
         def step() -> Moment:
-            new = stepped(medium, at_end, old, dt)
-            loss = partial(loss_of, medium, at_end, old, new, dt)
-            lost = jax.lax.cond(steps.lost[i] > 0, loss, lambda: jnp.zeros_like(dt))
-            return after_jump(new, lost)
+            new = stepped(contact, held, old, dt)
+            return with_loss(contact, held, old, new, dt, taken.lost > 0)
 
-        new = jax.lax.cond(i < steps.number, step, lambda: old)
+        new = jax.lax.cond(i < steps.count, step, lambda: old)
         return new, new.totals
 
     # Reverse mode keeps one state for each step, and computes the rest of it again.
-    end, totals = jax.lax.scan(jax.checkpoint(one), moment, jnp.arange(steps.legs.size))
-    totals = with_first(moment.totals, totals)
+    end, totals = jax.lax.scan(jax.checkpoint(one), moment, jnp.arange(len(steps.rows.leg)))
+    totals = _with_first(moment.totals, totals)
     return jax.tree.map(lambda leaf: leaf[numbers], totals), end.internal
 
 

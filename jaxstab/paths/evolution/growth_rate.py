@@ -4,10 +4,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from jaxstab.contact import Contact
-from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.contact.hessian import Hessian
+from jaxstab.core.checks import require_kind
 from jaxstab.core.compile import program
 from jaxstab.core.grid import total
 from jaxstab.core.types import Flag, Scalar
@@ -20,8 +22,8 @@ from jaxstab.stability.solvers.davidson import Davidson
 
 _MAX_STEPS = 30
 _TOLERANCE = 1e-10
-# Of the search for a rate, in factors of two beyond the shortest and the longest relaxation time.
-_DOUBLINGS, _HALVINGS = 60, 120
+# How far beyond the shortest and the longest relaxation time a rate is sought, in factors of two.
+_DOUBLINGS = 60
 
 
 def growth_rate(evolution: Evolution) -> Scalar:
@@ -39,8 +41,10 @@ def growth_rate(evolution: Evolution) -> Scalar:
         s; zero where the relaxed solid is stable, infinite where the glassy one is not.
 
     Raises:
+        TypeError: for something that is no evolution.
         ValueError: if the gap of the state was not kept.
     """
+    require_kind(evolution, Evolution, "no evolution: give a state of a result of jaxstab.evolve.")
     contact, equilibrium = evolution.instant
     solid: Any = evolution.contact.solid
     unit = contact.own_pressure
@@ -64,24 +68,17 @@ def _singular_stiffening(contact: Contact, equilibrium: Equilibrium, glassy: Sca
         control = equilibrium.load.control(solid, contact.heights)
         return Hessian(solid, curvature, control.stiffness)
 
-    def lowest(c: Scalar, starts: Block) -> tuple[Scalar, Array, Block]:
-        found = on_space(solver, operator(c), space, starts)
-        return found.pair.eigenvalue, found.pair.mode, found.modes
-
     def goes_on(state: tuple) -> Flag:
         c, before, _, number = state
         return (jnp.abs(c - before) > _TOLERANCE * c) & (number < _MAX_STEPS)
 
     def step(state: tuple) -> tuple:
         c, _, starts, number = state
-        eigenvalue, mode, modes = lowest(c, starts)
-
-        def quotient(c: Scalar) -> Scalar:
-            return total(mode * operator(c)(mode))
-
+        found = on_space(solver, operator(c), space, starts)
+        mode = found.pair.mode
         # x.A(c) x lies above the smallest eigenvalue, and touches it: no root is passed over.
-        _, slope = jax.jvp(quotient, (c,), (jnp.ones_like(c),))
-        return jnp.clip(c - eigenvalue / slope, 1, glassy), c, modes, number + 1
+        _, slope = jax.jvp(lambda c: total(mode * operator(c)(mode)), (c,), (jnp.ones_like(c),))
+        return jnp.clip(c - found.pair.eigenvalue / slope, 1, glassy), c, found.modes, number + 1
 
     starts = contact.grid.placed(noise(jax.random.key(0), BLOCK_SIZE, gap))
     state = glassy, jnp.full_like(glassy, jnp.inf), starts, jnp.array(0)
@@ -91,8 +88,6 @@ def _singular_stiffening(contact: Contact, equilibrium: Equilibrium, glassy: Sca
 
 def _rate(stiffening: Scalar, glassy: Scalar, ratios: Array, times: Array) -> Scalar:
     """Return s of K(s) / K = 1 + sum r_k s t_k / (1 + s t_k), by bisection of its logarithm."""
-    lower = -jnp.log(times[-1]) - _DOUBLINGS * jnp.log(2.0)
-    upper = -jnp.log(times[0]) + _DOUBLINGS * jnp.log(2.0)
 
     def halve(_: int, ends: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
         lower, upper = ends
@@ -101,7 +96,8 @@ def _rate(stiffening: Scalar, glassy: Scalar, ratios: Array, times: Array) -> Sc
         is_below = 1 + jnp.sum(ratios * turns / (1 + turns)) < stiffening
         return jnp.where(is_below, middle, lower), jnp.where(is_below, upper, middle)
 
-    lower, upper = jax.lax.fori_loop(0, _HALVINGS, halve, (lower, upper))
-    rate = jnp.exp((lower + upper) / 2)
-    rate = jnp.where(stiffening >= glassy, jnp.inf, rate)
+    beyond = _DOUBLINGS * np.log(2)
+    ends = -jnp.log(times[-1]) - beyond, beyond - jnp.log(times[0])
+    lower, upper = jax.lax.fori_loop(0, 2 * _DOUBLINGS, halve, ends)
+    rate = jnp.where(stiffening >= glassy, jnp.inf, jnp.exp((lower + upper) / 2))
     return jnp.where(stiffening <= 1, 0.0, rate)

@@ -5,10 +5,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from jaxstab.contact import Contact, require_contact
-from jaxstab.core.checks import parameter
+from jaxstab.contact import Contact
+from jaxstab.core.checks import parameter, require_positive
 from jaxstab.core.results import RESULTS, SolverError
 from jaxstab.core.types import ArrayLike
 from jaxstab.equilibrium import Equilibrium, equilibrate
@@ -52,55 +51,41 @@ def lifetime(
         SolverError: where an equilibrium is not found for another reason than detachment, and for a
             contact that has not come to rest.
     """
-    require_contact(contact)
     require_viscoelastic(contact)
     require_loads(load, (), "lifetime takes one load", "use a loop.")
-    if initial is None:
-        initial = equilibrate(relaxed_contact(contact), MeanPressure(0.0))
-    if not np.asarray(initial.contact_area).flat[-1] > 0:
+    relaxed = relaxed_contact(contact)
+    solid: Any = contact.solid
+    start = equilibrate(relaxed, MeanPressure(0.0)) if initial is None else initial
+    if not np.asarray(start.contact_area).flat[-1] > 0:
         raise ValueError(
             "The initial state has no point in contact, so that nothing can detach: give "
             "`initial`, a state in contact."
         )
-    solid: Any = contact.solid
     end = _LAST * solid.times[-1] if until is None else parameter(until)
+    require_positive("until", end)
     first = jnp.minimum(_FIRST * solid.times[0], end / 2)
     count = int(_PER_DECADE * np.log10(float(end / first))) + 2
     times = jnp.concatenate([jnp.zeros(1), jnp.geomspace(first, end, count)])
-    found = _held(contact, load, times, initial, rtol)
-    while found.result[-1] == RESULTS.successful:
-        touches = np.asarray(found.contact_area) > 0
+    while True:
+        held = jax.tree.map(lambda leaf, times=times: jnp.broadcast_to(leaf, times.shape), load)
+        found = evolve(contact, held, times, initial=start, rtol=rtol, fields=True, throw=False)
+        result, touches = found.result[-1], np.asarray(found.contact_area) > 0
+        if result == RESULTS.pulled_off:
+            return float(found.reached)
+        if result != RESULTS.successful:
+            raise SolverError(f"The contact could not be followed: {RESULTS[result]}.", found)
         if touches[-1]:
-            return _forever(contact, load, found)
+            break
         place = int(np.argmin(touches))
         before, after = (float(found.times[i]) for i in (max(place - 1, 0), place))
         if place == 0 or after - before <= rtol * after:
             return after
-        times = jnp.linspace(before, after, _PER_LEG + 1)
-        found = _held(contact, load, times, found[place - 1], rtol)
-    if found.result[-1] != RESULTS.pulled_off:
-        raise SolverError(f"The contact could not be followed: {RESULTS[found.result[-1]]}.", found)
-    return float(found.reached)
-
-
-def _held(
-    contact: Contact,
-    load: Load,
-    times: Float[Array, " times"],
-    initial: Equilibrium | Evolution,
-    rtol: float,
-) -> Evolution:
-    held = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, times.shape), load)
-    return evolve(contact, held, times, initial=initial, rtol=rtol, fields=True, throw=False)
-
-
-def _forever(contact: Contact, load: Load, found: Evolution) -> float:
-    """Return infinity, if the relaxed solid has an equilibrium in contact near the last state."""
-    rest = equilibrate(relaxed_contact(contact), load, initial=found.gap, throw=False)
+        times, start = jnp.linspace(before, after, _PER_LEG + 1), found[place - 1]
+    rest = equilibrate(relaxed, load, initial=found.gap, throw=False)
     if rest.result == RESULTS.successful and rest.contact_area > 0:
         return np.inf
     raise SolverError(
-        f"The contact still holds at {float(found.times[-1]):.6g}, where the relaxed solid has no "
+        f"The contact still holds at {float(end):.6g}, where the relaxed solid has no "
         "equilibrium: raise `until`.",
         found,
     )

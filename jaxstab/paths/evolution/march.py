@@ -2,21 +2,32 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxstab.core.grid import mean
+from jaxstab.contact import Contact
+from jaxstab.core.grid import mean, total
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load, Spring
 from jaxstab.paths.energy import own_energy
 from jaxstab.paths.evolution.evolution import Totals
-from jaxstab.paths.evolution.step import Forms, Internal, Medium
-from jaxstab.solids.viscoelastic import ramp
+from jaxstab.paths.evolution.step import (
+    Internal,
+    load_on,
+    moved_contact,
+    next_state,
+    spring_forms,
+    spring_forms_after,
+    springs,
+)
+from jaxstab.paths.record import Table
+from jaxstab.potentials import energy_density
 
 # Of the surface's height and of its energy: what errors are relative to where nothing has moved.
 _LEAST = 1e-2
@@ -29,172 +40,152 @@ _GROWTH, _SHRINKAGE, _CAUTION = 4.0, 0.1, 0.9
 class Moment(eqx.Module):
     """A state in time, and all that the next step needs.
 
-    Attributes:
-        internal: the memory.
-        rate: how fast the deformation changed in the last step [length/time].
-        forms: the elastic energies of the branches.
-        totals: the scalars.
-        energy: all that is stored [energy].
-        handle: the place of the far side, or of the far end of a spring [length].
-        extent: the largest deformation so far [length].
-        exchanged: the largest energy that was exchanged so far [energy].
-        dt: the length of step that the error allows [time].
-        result: how the last equilibrium ended.
+    These are the rate of the deformation in the last step, v_k.K v_k of each spring, the largest
+    deformation and energy exchanged so far, the length of step that the error allows, and how the
+    last equilibrium ended.
     """
 
     internal: Internal
     rate: Field
-    forms: Forms
+    forms: Float[Array, " springs"]
     totals: Totals
-    energy: Scalar
-    handle: Scalar
-    extent: Scalar
-    exchanged: Scalar
+    scales: Float[Array, "2"]
     dt: Scalar
     result: RESULTS
 
 
-class Leg(eqx.Module):
-    """The way between two given times, along which the load is linear.
+class Leg(NamedTuple):
+    """The way between two given times, along which the load is linear: its number, and both ends.
 
-    Attributes:
-        number: which of them it is, from zero.
-        start, end: the times [time].
-        before, after: the values of the load.
+    Several legs have a leading axis.
     """
 
-    number: Int[Array, ""]
-    start: Scalar
-    end: Scalar
-    before: Scalar
-    after: Scalar
-
-    def value(self, place: Scalar) -> Scalar:
-        """Return the value of the load at a part of the way."""
-        return self.before + place * (self.after - self.before)
+    number: Int[Array, "..."]
+    times: Float[Array, "... 2"]
+    values: Float[Array, "... 2"]
 
 
-class Steps(eqx.Module):
-    """The accepted steps of an evolution, in order, with room for more.
+class Step(eqx.Module):
+    """A step that was taken: its leg, its ends in parts of that, and the loss of a jump in it."""
 
-    Attributes:
-        legs: the leg of each step.
-        starts, ends: where it begins and ends, in parts of its leg.
-        lost: the energy lost in a jump in it, zero where there was none [energy].
-        number: how many there are.
-    """
-
-    legs: Int[Array, " steps"]
-    starts: Float[Array, " steps"]
-    ends: Float[Array, " steps"]
-    lost: Float[Array, " steps"]
-    number: Int[Array, ""]
-
-    @classmethod
-    def none(cls, room: int, dtype: jnp.dtype) -> "Steps":
-        """Return room for a number of steps."""
-        zeros = jnp.zeros(room, dtype)
-        return cls(jnp.zeros(room, int), zeros, zeros, zeros, jnp.array(0))
-
-    def with_one(self, leg: Array, start: Scalar, end: Scalar, lost: Scalar) -> "Steps":
-        """Return the steps and one more."""
-        i = self.number
-        return Steps(
-            self.legs.at[i].set(leg),
-            self.starts.at[i].set(start),
-            self.ends.at[i].set(end),
-            self.lost.at[i].set(lost),
-            i + 1,
-        )
+    leg: Int[Array, "..."]
+    start: Float[Array, "..."]
+    end: Float[Array, "..."]
+    lost: Float[Array, "..."]
 
 
-def first_moment(medium: Medium, load: Load, internal: Internal, found: Equilibrium) -> Moment:
+def between(ends: Float[Array, "... 2"], place: Scalar) -> Scalar:
+    """Return the time or the value of the load at a part of a leg."""
+    return ends[..., 0] + place * (ends[..., 1] - ends[..., 0])
+
+
+def first_moment(contact: Contact, load: Load, internal: Internal, found: Equilibrium) -> Moment:
     """Return the state at the first time, where nothing has been done yet."""
-    contact, zero = medium.contact, jnp.zeros((), medium.contact.heights.dtype)
-    surface = contact.solid.surface
-    heights, forms = surface(contact.heights), Forms.of(medium, internal)
-    far = mean(internal.gap + contact.heights - internal.deformation)
-    handle, spring = _machine(medium, load, far, found)
-    mean_gap = jnp.mean(surface(internal.gap))
+    zero, heights = jnp.zeros((), contact.heights.dtype), contact.solid.surface(contact.heights)
+    forms = spring_forms(contact, internal)
+    extent = jnp.max(jnp.abs(heights - jnp.mean(heights)))
     return Moment(
         internal=internal,
         rate=jnp.zeros_like(internal.gap),
         forms=forms,
-        totals=Totals(mean_gap, found.mean_pressure, found.contact_area, zero, zero, zero, zero),
-        energy=forms.energy(medium) + medium.adhesion(internal.gap) + spring,
-        handle=handle,
-        extent=_LEAST * jnp.max(jnp.abs(heights - jnp.mean(heights))),
-        exchanged=_LEAST**2 * own_energy(contact),
+        totals=_totals(contact, load, internal, found, forms, zero, zero, zero),
+        scales=jnp.stack([_LEAST * extent, _LEAST**2 * own_energy(contact)]),
         dt=jnp.full_like(zero, jnp.inf),
         result=found.result,
     )
 
 
-def stepped(medium: Medium, load: Load, old: Moment, dt: Scalar) -> Moment:
+def stepped(contact: Contact, load: Load, old: Moment, dt: Scalar) -> Moment:
     """Return the state after a step to a load, with its energies."""
-    internal, found, far = medium.advance(old.internal, load, dt)
-    forms, dissipated = old.forms.after(medium, old.internal, internal, dt)
-    handle, spring = _machine(medium, load, far, found)
-    energy = forms.energy(medium) + medium.adhesion(internal.gap) + spring
+    internal, found = next_state(contact, load, old.internal, dt)
+    forms, dissipated = spring_forms_after(contact, old.forms, old.internal, internal, dt)
+    before = _handle(contact, load, old.internal, old.totals.mean_pressure)
+    after = _handle(contact, load, internal, found.mean_pressure)
     # By the trapezoidal rule.
     pressure = (old.totals.mean_pressure + found.mean_pressure) / 2
-    totals = Totals(
-        mean_gap=jnp.mean(medium.contact.solid.surface(internal.gap)),
-        mean_pressure=found.mean_pressure,
-        contact_area=found.contact_area,
-        stored=old.totals.stored + energy - old.energy,
-        work=old.totals.work - medium.contact.area * pressure * (handle - old.handle),
-        dissipated=old.totals.dissipated + dissipated,
-        lost=old.totals.lost,
-    )
-    change = internal.deformation - old.internal.deformation
-    exchanged = jnp.maximum(jnp.abs(totals.stored), jnp.abs(totals.work))
-    return Moment(
-        internal=internal,
-        rate=jnp.where(dt > 0, change / jnp.where(dt > 0, dt, 1), 0),
-        forms=forms,
-        totals=totals,
-        energy=energy,
-        handle=handle,
-        extent=jnp.maximum(old.extent, jnp.max(jnp.abs(internal.deformation))),
-        exchanged=jnp.maximum(old.exchanged, exchanged),
-        dt=old.dt,
-        result=found.result,
-    )
+    work = old.totals.work - contact.area * pressure * (after - before)
+    dissipated += old.totals.dissipated
+    totals = _totals(contact, load, internal, found, forms, work, dissipated, old.totals.lost)
+    extent, exchanged = jnp.max(jnp.abs(internal.strains[0])), jnp.maximum(abs(work), dissipated)
+    scales = jnp.maximum(old.scales, jnp.stack([extent, exchanged]))
+    rate = (internal.strains[0] - old.internal.strains[0]) / jnp.where(dt > 0, dt, 1)
+    return Moment(internal, rate, forms, totals, scales, old.dt, found.result)
 
 
-def _machine(medium: Medium, load: Load, far: Scalar, found: Equilibrium) -> tuple[Scalar, Scalar]:
-    """Return where the load holds the contact [length], and the energy of its spring [energy]."""
-    if not isinstance(load, Spring):
-        return far, jnp.zeros_like(far)
-    pressure, stiffness = found.mean_pressure, load.stiffness.astype(far.dtype)
-    energy = medium.contact.area * pressure**2 / (2 * stiffness)
-    return far - pressure / stiffness, energy
+def _totals(
+    contact: Contact,
+    load: Load,
+    internal: Internal,
+    found: Equilibrium,
+    forms: Float[Array, " springs"],
+    work: Scalar,
+    dissipated: Scalar,
+    lost: Scalar,
+) -> Totals:
+    """Return the scalars of a state; the energy stored is that above zero strain and no law."""
+    gap, pressure = internal.gap, found.mean_pressure
+    density = energy_density(contact.potential, gap)
+    stored = total(density) * contact.grid.cell_area.astype(gap.dtype)
+    stored += jnp.sum(springs(contact)[0] * forms) / 2
+    if isinstance(load, Spring):
+        stored += contact.area * pressure**2 / (2 * load.stiffness.astype(gap.dtype))
+    mean_gap, area = jnp.mean(contact.solid.surface(gap)), found.contact_area
+    return Totals(mean_gap, pressure, area, stored, work, dissipated, lost)
+
+
+def _handle(contact: Contact, load: Load, internal: Internal, pressure: Scalar) -> Scalar:
+    """Return the place of the far side, or of the far end of a spring [length]."""
+    far = mean(internal.gap + contact.heights - internal.strains[0])
+    return far - pressure / load.stiffness if isinstance(load, Spring) else far
+
+
+def with_loss(
+    contact: Contact, load: Load, old: Moment, new: Moment, dt: Scalar, has_jumped: Flag
+) -> Moment:
+    """Return the state after a step with the energy that is lost if it has jumped.
+
+    That is how far the potential falls at one load in one step.
+    """
+
+    def fall() -> Scalar:
+        moved = moved_contact(contact, old.internal, dt)
+        control = moved.control(load_on(moved, contact, load))
+
+        def potential(gap: Field) -> Scalar:
+            return moved.energy(gap) + moved.grid.area.astype(gap.dtype) * control.energy(mean(gap))
+
+        return potential(control.restore(old.internal.gap)) - potential(new.internal.gap)
+
+    lost = jnp.maximum(jax.lax.cond(has_jumped, fall, lambda: jnp.zeros_like(dt)), 0)
+    totals = replace(new.totals, lost=new.totals.lost + lost)
+    # The rate of such a step says nothing of the next one.
+    return replace(new, totals=totals, rate=jnp.where(lost > 0, 0, new.rate))
 
 
 def march(
-    medium: Medium, load: Load, rtol: Scalar, moment: Moment, steps: Steps, leg: Leg
-) -> tuple[Moment, Steps]:
+    contact: Contact, load: Load, rtol: Scalar, moment: Moment, steps: Table, leg: Leg
+) -> tuple[Moment, Table]:
     """Return the state at the end of a leg, and the steps up to there with those that led to it."""
-    span = leg.end - leg.start
-    shortest = jnp.minimum(_SHORTEST[0] * span, _SHORTEST[1] * medium.times[0])
+    span = leg.times[1] - leg.times[0]
+    fastest = springs(contact)[1][1]
+    shortest = jnp.minimum(_SHORTEST[0] * span, _SHORTEST[1] * fastest)
     shortest = jnp.maximum(shortest, 8 * jnp.finfo(span.dtype).eps * span)
 
-    def goes_on(state: tuple[Moment, Steps, Scalar]) -> Flag:
+    def goes_on(state: tuple[Moment, Table, Scalar]) -> Flag:
         moment, steps, place = state
-        is_solved = moment.result == RESULTS.successful
-        return (place < 1) & is_solved & (steps.number < steps.legs.size)
+        return (place < 1) & (moment.result == RESULTS.successful) & ~steps.is_full
 
-    def step(state: tuple[Moment, Steps, Scalar]) -> tuple[Moment, Steps, Scalar]:
+    def step(state: tuple[Moment, Table, Scalar]) -> tuple[Moment, Table, Scalar]:
         old, steps, place = state
         left = (1 - place) * span
         dt = jnp.minimum(old.dt, left)
         # Two equal steps rather than a long one and a tiny one.
         dt = jnp.where((dt < left) & (2 * dt > left), left / 2, dt)
         end = jnp.where(dt < left, place + dt / span, 1)
-        new = stepped(medium, load.at(leg.value(end)), old, dt)
+        held = load.at(between(leg.values, end))
+        new = stepped(contact, held, old, dt)
         is_solved = new.result == RESULTS.successful
-        error = _error(medium, old, new, dt) / rtol
+        error = _error(contact, old, new, dt) / rtol
         error = jnp.where(is_solved & ~jnp.isnan(error), error, jnp.inf)
         is_smooth = error <= 1
         is_taken = is_smooth | (dt <= shortest)
@@ -202,13 +193,11 @@ def march(
         # The end of a leg cuts a step short, which says nothing of the next one.
         longer = jnp.where(factor >= 1, jnp.maximum(old.dt, dt * factor), dt * factor)
         next_dt = jnp.where(is_smooth, longer, dt * jnp.minimum(factor, 0.5))
-        next_dt = jnp.maximum(next_dt, shortest)
-        has_jumped = is_taken & ~is_smooth & is_solved
-        loss = partial(loss_of, medium, load.at(leg.value(end)), old, new, dt)
-        lost = jax.lax.cond(has_jumped, loss, lambda: jnp.zeros_like(dt))
-        taken = after_jump(new, lost), steps.with_one(leg.number, place, end, lost), end
-        moment, steps, place = jax.tree.map(partial(jnp.where, is_taken), taken, state)
-        return replace(moment, dt=next_dt), steps, place
+        new = with_loss(contact, held, old, new, dt, is_taken & ~is_smooth & is_solved)
+        taken = Step(leg.number, place, end, new.totals.lost - old.totals.lost)
+        moment, place = jax.tree.map(partial(jnp.where, is_taken), (new, end), (old, place))
+        moment = replace(moment, dt=jnp.maximum(next_dt, shortest))
+        return moment, steps.with_entry(taken, is_taken), place
 
     start = moment, steps, jnp.zeros_like(span)
     moment, steps, place = jax.lax.while_loop(goes_on, step, start)
@@ -217,38 +206,17 @@ def march(
     return replace(moment, result=result), steps
 
 
-def after_jump(moment: Moment, lost: Scalar) -> Moment:
-    """Return a state with the energy that its step has lost in a jump, if any."""
-    totals = replace(moment.totals, lost=moment.totals.lost + lost)
-    # The rate of such a step says nothing of the next one.
-    return replace(moment, totals=totals, rate=jnp.where(lost > 0, 0, moment.rate))
-
-
-def _error(medium: Medium, old: Moment, new: Moment, dt: Scalar) -> Scalar:
+def _error(contact: Contact, old: Moment, new: Moment, dt: Scalar) -> Scalar:
     """Return the estimated error of a step.
 
-    That of the memory: half of how far the deformation is from its extrapolation, as much of it as
-    the branches feel, over the largest deformation. That of the energies: the imbalance of work,
-    storage and dissipation, over the largest energy exchanged.
+    Of the memory: half of how far the deformation is from its extrapolation, as much of it as the
+    springs forget, over the largest deformation. Of the energies: the imbalance of work, storage
+    and dissipation, over the largest energy exchanged.
     """
-    kept = jnp.sum(medium.ratios * ramp(dt, medium.times))
-    bend = new.internal.deformation - old.internal.deformation - dt * old.rate
-    bend = kept / (1 + kept) * jnp.max(jnp.abs(bend)) / 2
-    here, before = new.totals, old.totals
-    imbalance = (here.work - before.work) - (here.stored - before.stored)
-    imbalance -= here.dissipated - before.dissipated
-    scales = jnp.stack([new.extent, new.exchanged])
-    errors = jnp.abs(jnp.stack([bend, imbalance]))
-    return jnp.max(errors / jnp.where(scales > 0, scales, 1))
-
-
-def loss_of(medium: Medium, load: Load, old: Moment, new: Moment, dt: Scalar) -> Scalar:
-    """Return the energy lost in a jump: how far the potential falls at one load, in one step."""
-    moved = medium.moved(old.internal, dt)
-    control = moved.control(medium.load_on(moved, load))
-
-    def potential(gap: Field) -> Scalar:
-        return moved.energy(gap) + moved.grid.area.astype(gap.dtype) * control.energy(mean(gap))
-
-    fallen = potential(control.restore(old.internal.gap)) - potential(new.internal.gap)
-    return jnp.maximum(fallen, 0)
+    solid: Any = contact.solid
+    share = 1 - 1 / solid.stiffening(dt)
+    bend = new.internal.strains[0] - old.internal.strains[0] - dt * old.rate
+    change = jax.tree.map(jnp.subtract, new.totals, old.totals)
+    imbalance = change.work - change.stored - change.dissipated
+    errors = jnp.abs(jnp.stack([share * jnp.max(jnp.abs(bend)) / 2, imbalance]))
+    return jnp.max(errors / jnp.where(new.scales > 0, new.scales, 1))
