@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 
 Heights = np.ndarray
-# A stencil: the weights of neighbouring points, by their offsets along each side.
-Stencil = dict[tuple[int, int], float]
 
 
 def trend(heights: Heights, order: int) -> Heights:
@@ -38,7 +36,7 @@ def filled(heights: Heights, spacing: Sequence[float], order: int) -> Heights:
     The first order gives the discrete Laplace equation (harmonic); the second, with hxx, hxy and
     hyy, the biharmonic equation. Natural conditions hold at the edges of the map.
     """
-    from scipy.sparse import csr_array, hstack
+    from scipy.sparse import vstack
     from scipy.sparse.linalg import splu
 
     places = np.argwhere(np.isfinite(heights))
@@ -48,66 +46,38 @@ def filled(heights: Heights, spacing: Sequence[float], order: int) -> Heights:
             "the points that are not missing lie on one line, which leaves the slope of a plate "
             'open: fill by "harmonic".'
         )
-    field = np.atleast_2d(heights.T).T
-    is_missing = np.isnan(field)
-    number = np.where(is_missing, np.cumsum(is_missing).reshape(field.shape) - 1, -1)
-    rows, targets = [], []
-    for stencil in _stencils(spacing, order):
-        matrix, target = _equations(field, number, stencil)
-        rows.append(matrix)
-        targets.append(target)
-    least_squares = hstack([csr_array(matrix.T) for matrix in rows], format="csr")
-    right_side = least_squares @ np.concatenate(targets)
+    is_missing = np.isnan(heights).ravel()
+    derivatives = vstack(list(_derivatives(heights.shape, spacing, order)), format="csr")
+    derivatives = derivatives[abs(derivatives) @ is_missing.astype(float) > 0]
+    unknown = derivatives[:, is_missing]
+    right_side = -unknown.T @ (derivatives[:, ~is_missing] @ heights.ravel()[~is_missing])
     # These options are usual for symmetric matrices.
     factors = splu(
-        (least_squares @ least_squares.T).tocsc(),
+        (unknown.T @ unknown).tocsc(),
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    result = field.copy()
-    result[is_missing] = factors.solve(right_side)
-    return result.reshape(heights.shape)
+    result = heights.copy()
+    result.ravel()[is_missing] = factors.solve(right_side)
+    return result
 
 
-def _stencils(spacing: Sequence[float], order: int) -> Iterator[Stencil]:
-    """Yield differences for each derivative of an order, in units of the first spacing."""
-    dx, dy = 1.0, spacing[-1] / spacing[0]
-    if order == 1:
-        yield {(0, 0): -1 / dx, (1, 0): 1 / dx}
-        if len(spacing) > 1:
-            yield {(0, 0): -1 / dy, (0, 1): 1 / dy}
-        return
-    yield {(0, 0): 1 / dx**2, (1, 0): -2 / dx**2, (2, 0): 1 / dx**2}
-    if len(spacing) > 1:
-        yield {(0, 0): 1 / dy**2, (0, 1): -2 / dy**2, (0, 2): 1 / dy**2}
+def _derivatives(shape: tuple[int, ...], spacing: Sequence[float], order: int) -> Iterator[Any]:
+    """Yield a sparse matrix for each derivative of an order, in units of the first spacing."""
+    from scipy.sparse import diags_array, kron
+
+    shape, spacing = (*shape, 1)[:2], (*spacing, spacing[0])[:2]
+    for numbers in [(order, 0), (0, order), (1, 1)][: order + 1]:
+        if any(n <= k for n, k in zip(shape, numbers, strict=True)):
+            continue
+        sides = []
+        for n, k, d in zip(shape, numbers, spacing, strict=True):
+            weights = [(-1.0) ** (k - j) * math.comb(k, j) for j in range(k + 1)]
+            differences = diags_array(weights, offsets=range(k + 1), shape=(n - k, n))
+            sides.append(differences / (d / spacing[0]) ** k)
         # The sum of squares contains hxy twice.
-        mixed = math.sqrt(2) / (dx * dy)
-        yield {(0, 0): mixed, (1, 0): -mixed, (0, 1): -mixed, (1, 1): mixed}
-
-
-def _equations(field: Heights, number: np.ndarray, stencil: Stencil) -> tuple[Any, np.ndarray]:
-    """Return the equations that a stencil is zero wherever it covers a missing point."""
-    from scipy.sparse import csr_array
-
-    size = number.max() + 1
-    reach = [max(offset[axis] for offset in stencil) for axis in (0, 1)]
-    windows = {
-        offset: tuple(
-            slice(start, max(n - last + start, 0))
-            for start, n, last in zip(offset, field.shape, reach, strict=True)
-        )
-        for offset in stencil
-    }
-    has_missing = np.any([number[window] >= 0 for window in windows.values()], axis=0)
-    columns = np.stack([number[window][has_missing] for window in windows.values()], axis=1)
-    values = np.stack([field[window][has_missing] for window in windows.values()], axis=1)
-    weights = np.broadcast_to(list(stencil.values()), columns.shape)
-    is_missing = columns >= 0
-    target = -np.sum(np.where(is_missing, 0, weights * values), axis=1)
-    row = np.nonzero(is_missing)[0]
-    entries = weights[is_missing], (row, columns[is_missing])
-    return csr_array(entries, shape=(len(columns), size)), target
+        yield math.sqrt(math.comb(order, numbers[0])) * kron(*sides, format="csr")
 
 
 def taper(shape: tuple[int, ...], share: float) -> np.ndarray:
