@@ -39,10 +39,10 @@ class Hints(eqx.Module):
 
 def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) -> None:
     """Warn of an outlier, a wrong sign, and an offset or a baseline that the measurements show."""
-    if outlier := _outlier(measured, fitted, count):
+    if outlier := outlier_of(measured, fitted, count):
         warn_once(f"{outlier}.", FitWarning, per_line=True)
     missed = np.linalg.norm(_missed(measured, fitted)) / np.linalg.norm(measured.deviation)
-    if missed > _POOR and (sign := _wrong_sign(measured, hints.guess)):
+    if missed > _POOR and (sign := wrong_sign(measured, hints.guess)):
         warn_once(f"{sign}. The misfit is {missed:.0%} of the curve.", FitWarning, per_line=True)
     missing = [name for name, zero in zip(("offset", "baseline"), hints.zeros, strict=True) if zero]
     freedom = int(jnp.sum(measured.weights > 0)) - count - len(missing)
@@ -60,14 +60,8 @@ def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) 
         )
 
 
-def cause_of_failure(measured: Measured, fitted: Curve, count: int, guess: Curve) -> str:
-    """Return a sentence on the likely cause of a misfit, an outlier or a wrong sign, or none."""
-    if outlier := _outlier(measured, fitted, count):
-        return outlier
-    return _wrong_sign(measured, guess)
-
-
-def _wrong_sign(measured: Measured, guess: Curve) -> str:
+def wrong_sign(measured: Measured, guess: Curve) -> str:
+    """Return a sentence on a sign that is likely to be wrong, empty if none is."""
     weights, pressure = measured.weights, measured.mean_pressure
     weights = jnp.where(jnp.isfinite(guess), weights, 0)
     guess = jnp.where(weights > 0, guess, 0)
@@ -95,7 +89,7 @@ def _is_exact(measured: Measured, fitted: Curve) -> bool:
     return bool(missed < _SMALLEST * np.linalg.norm(measured.deviation))
 
 
-def _outlier(measured: Measured, fitted: Curve, count: int) -> str:
+def outlier_of(measured: Measured, fitted: Curve, count: int) -> str:
     """Return a sentence on the measurement of the largest misfit, if noise is not the cause."""
     squares = _missed(measured, fitted) ** 2
     number, weighed = int(np.argmax(squares)), int(np.sum(squares > 0))

@@ -115,7 +115,17 @@ def calibrate(
         FitWarning: for an outlier, and for an offset or a baseline that is not fitted although the
             measurements have one.
     """
-    _require_problem(contact, load, order)
+    require_contact(contact)
+    require_load(load)
+    if isinstance(load, MeanPressure):
+        raise TypeError("The load is a MeanPressure: fit a curve over a mean displacement or gap.")
+    if order not in ("independent", "continuation"):
+        raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
+    if contact.heights.dtype != jnp.float64:
+        raise TypeError(
+            f"The heights are {contact.heights.dtype}: a fit needs float64, since near contact "
+            "edges single precision leaves too many loads without a derivative."
+        )
     starts = None if starts is None else integer("starts", starts)
     if starts is not None and starts < 1:
         raise ValueError(f"starts is {starts}: give at least 1.")
@@ -125,7 +135,16 @@ def calibrate(
     area = contact.area if is_force else jnp.ones(())
     measured = _measured(load, forces if is_force else mean_pressure, weights, area, baseline)
     pick = Pick.of(where, contact)
-    _require_determined(measured, len(pick.names) + offset + baseline)
+    w, count = measured.weights, len(pick.names) + offset + baseline
+    weighed = w.size if is_traced(w) else int(jnp.sum(w > 0))
+    if not 0 < count < weighed:
+        raise ValueError(
+            f"There are {count} parameters for {weighed} measurements of any weight: take more of "
+            "these, or pick other parameters with `where`."
+        )
+    other = "the others, beside a baseline" if baseline else "zero"
+    cure = f"one with a weight must differ from {other}."
+    require("A measurement", measured.mean_pressure, jnp.any(measured.deviation != 0), cure)
     warn_if_coarse(contact)
     # Compiled code reports its steps only if the bar is visible.
     is_seen = is_watched() if progress is None else progress
@@ -147,20 +166,6 @@ def calibrate(
     if not is_traced(fit) and fit.result == RESULTS.successful:
         warn_of_misfit(measured, fit.mean_pressure, len(fit.names), hints)
     return throw_failure(fit.result, fit, lambda: describe(fit, measured, hints), throw)
-
-
-def _require_problem(contact: Contact, load: Load, order: Order) -> None:
-    require_contact(contact)
-    require_load(load)
-    if isinstance(load, MeanPressure):
-        raise TypeError("The load is a MeanPressure: fit a curve over a mean displacement or gap.")
-    if order not in ("independent", "continuation"):
-        raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
-    if contact.heights.dtype != jnp.float64:
-        raise TypeError(
-            f"The heights are {contact.heights.dtype}: a fit needs float64, since near contact "
-            "edges single precision leaves too many loads without a derivative."
-        )
 
 
 def _measured(
@@ -186,20 +191,6 @@ def _measured(
     require("A weight", w, (w >= 0) & jnp.isfinite(w), "all must be finite and not negative.")
     w = w if mask is None else jnp.where(mask, 0, w)
     return Measured(load, measured / area, w, bool(has_baseline))
-
-
-def _require_determined(measured: Measured, count: int) -> None:
-    """Require more measurements with a weight than parameters, not all of them zero."""
-    w = measured.weights
-    weighed = w.size if is_traced(w) else int(jnp.sum(w > 0))
-    if not 0 < count < weighed:
-        raise ValueError(
-            f"There are {count} parameters for {weighed} measurements of any weight: take more of "
-            "these, or pick other parameters with `where`."
-        )
-    cure = "one with a weight must differ from "
-    cure += "the others, beside a baseline." if measured.has_baseline else "zero."
-    require("A measurement", measured.mean_pressure, jnp.any(measured.deviation != 0), cure)
 
 
 @partial(program, static_argnames=("where", "zeros", "order", "starts", "progress"))

@@ -159,20 +159,13 @@ def directions(
     )
 
 
-class End(eqx.Module):
-    """The end of a fit: the curve at its start (`first`), the last point, and how it ended.
+class Fit(eqx.Module):
+    """A fit as it goes: the curve at its start, the best point, and the next one to try.
 
-    The residual is the remaining Gauss-Newton step, relative.
+    The residual is the remaining Gauss-Newton step, relative. Before the first point is evaluated
+    the number of steps is -1.
     """
 
-    first: Curve
-    point: Evaluation
-    residual: Scalar
-    num_steps: Int[Array, ""]
-    result: RESULTS
-
-
-class _Progress(eqx.Module):
     first: Curve
     point: Evaluation
     tried: Values
@@ -182,18 +175,25 @@ class _Progress(eqx.Module):
     has_converged: Flag
     has_stalled: Flag
 
+    @property
+    def result(self) -> RESULTS:
+        """How it ended."""
+        result = RESULTS.where(self.has_stalled, RESULTS.stagnated, RESULTS.max_steps_reached)
+        result = RESULTS.where(self.has_converged, RESULTS.successful, result)
+        return RESULTS.where(jnp.isfinite(self.point.loss), result, RESULTS.nonfinite)
 
-def minimise(problem: FitProblem, start: Values, held: Chosen, max_steps: ArrayLike) -> End:
+
+def minimise(problem: FitProblem, start: Values, held: Chosen, max_steps: ArrayLike) -> Fit:
     """Minimize the misfit until a Gauss-Newton step is small, or no step lowers the misfit.
 
     The least misfit of a curve that jumps as parameters change may lie at a jump; it is reached
     when no step longer than the tolerance lowers it. A `max_steps` of -1 evaluates nothing.
     """
 
-    def goes_on(state: _Progress) -> Flag:
+    def goes_on(state: Fit) -> Flag:
         return (state.num_steps < max_steps) & ~(state.has_converged | state.has_stalled)
 
-    def step(state: _Progress) -> _Progress:
+    def step(state: Fit) -> Fit:
         new = problem.at(state.tried)
         # A NaN is not lower.
         is_lower = (new.loss <= state.point.loss) | (state.num_steps < 0)
@@ -207,7 +207,7 @@ def minimise(problem: FitProblem, start: Values, held: Chosen, max_steps: ArrayL
         left = jnp.abs(next_.newton) * next_.unit
         change = jnp.abs(state.tried - point.free) * next_.unit
         is_finite = jnp.isfinite(point.loss)
-        return _Progress(
+        return Fit(
             first=jnp.where(state.num_steps < 0, new.mean_pressure, state.first),
             point=point,
             tried=point.free - next_.damped,
@@ -227,12 +227,5 @@ def minimise(problem: FitProblem, start: Values, held: Chosen, max_steps: ArrayL
     )
     infinite, no = jnp.array(jnp.inf), jnp.array(False)
     damping = jnp.array(_DAMPING / _FALL)
-    begin = _Progress(
-        nothing.mean_pressure, nothing, start, damping, infinite, jnp.array(-1), no, no
-    )
-    end = jax.lax.while_loop(goes_on, step, begin)
-    result = RESULTS.where(end.has_stalled, RESULTS.stagnated, RESULTS.max_steps_reached)
-    result = RESULTS.where(end.has_converged, RESULTS.successful, result)
-    is_finite = jnp.isfinite(end.point.loss)
-    result = RESULTS.where(is_finite, result, RESULTS.nonfinite)
-    return End(end.first, end.point, end.residual, jnp.maximum(end.num_steps, 0), result)
+    begin = Fit(nothing.mean_pressure, nothing, start, damping, infinite, jnp.array(-1), no, no)
+    return jax.lax.while_loop(goes_on, step, begin)

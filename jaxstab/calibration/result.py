@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
 
-from jaxstab.calibration.advice import Hints, cause_of_failure
+from jaxstab.calibration.advice import Hints, outlier_of, wrong_sign
 from jaxstab.calibration.least_squares import Curve, FitProblem, Measured
 from jaxstab.calibration.model import values_of
 from jaxstab.calibration.search import Search
@@ -124,7 +124,8 @@ def describe(fit: Calibration, measured: Measured, hints: Hints) -> str:
             "have no equilibrium there, the first of them number "
             f"{int(jnp.argmax(missing))} (give them no weight, or start elsewhere)"
         )
-    cause = cause_of_failure(measured, fit.mean_pressure, len(fit.names), hints.guess)
+    cause = outlier_of(measured, fit.mean_pressure, len(fit.names))
+    cause = cause or wrong_sign(measured, hints.guess)
     if cause or fit.result == RESULTS.no_fit:
         cause = cause or (
             "the guess is far from the measurements: compare its curve with them by `sweep`. Look "

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int, PyTree
 from jaxstab.calibration.least_squares import (
     Chosen,
     Curve,
-    End,
+    Fit,
     FitProblem,
     Values,
     directions,
@@ -56,7 +56,7 @@ class Search(eqx.Module):
     """
 
     guess: Curve
-    best: End
+    best: Fit
     centre: Values
     weakest: Int[Array, ""]
     error: Scalar
@@ -125,14 +125,8 @@ def search(
 
     Half of the starts lie around zero, the others around the best fit so far; by default starts are
     added until one converges, up to `MOST`. The profile holds the weakest parameter at values
-    around its fit, and fits the others. From each of its minima, all are fitted again.
-
-    Arguments:
-        problem: the misfit.
-        held: the mask of fixed variables.
-        is_profiled: the mask of variables that may be profiled.
-        starts: the number of starts.
-        max_steps: the step limit of each fit.
+    around its fit, and fits the others. From each of its minima, all are fitted again. Masks say
+    which variables are fixed, and which may be profiled.
     """
     limit = MOST if starts is None else starts
     end_of_profile = limit + len(_SIGNS)
@@ -153,20 +147,19 @@ def search(
         before = before.at[so_far.weakest].set(moved)
         start = jnp.where(is_start, begin, before)
         start = jnp.where(is_refit, so_far.free[limit + place], start)
-        is_needed = jnp.where(is_start, _needs_start(so_far, number, starts), can_profile(so_far))
+        ended = so_far.best.result
+        has_ended = (ended == RESULTS.successful) | (ended == RESULTS.stagnated)
+        needs_start = (number == 0) | (ended == RESULTS.stagnated) | (ended == RESULTS.nonfinite)
+        needs_start |= starts is not None
+        is_needed = jnp.where(is_start, needs_start, jnp.any(is_profiled) & has_ended)
         is_needed &= ~is_refit | _minima(so_far)[place]
         is_held = held | (is_along & (jnp.arange(held.size) == so_far.weakest))
         steps = jnp.where(is_along, jnp.minimum(max_steps, _PROFILE_STEPS), max_steps)
         end = minimise(problem, start, is_held, jnp.where(is_needed, steps, -1))
         return _recorded(so_far, number, end, ~is_along, is_start, is_needed)
 
-    def can_profile(so_far: Search) -> Flag:
-        ended = so_far.best.result
-        has_ended = (ended == RESULTS.successful) | (ended == RESULTS.stagnated)
-        return jnp.any(is_profiled) & has_ended
-
     def _recorded(
-        so_far: Search, number: Array, end: End, may_win: Flag, is_start: Flag, is_needed: Flag
+        so_far: Search, number: Array, end: Fit, may_win: Flag, is_start: Flag, is_needed: Flag
     ) -> Search:
         loss = jnp.where(jnp.isfinite(end.point.loss), end.point.loss, jnp.inf)
         # A finite loss is lower than NaN.
@@ -185,7 +178,7 @@ def search(
             free=so_far.free.at[number].set(end.point.free),
             losses=so_far.losses.at[number].set(loss),
             results=RESULTS(jnp.asarray(so_far.results.code).at[number].set(result.code)),
-            num_steps=so_far.num_steps + end.num_steps,
+            num_steps=so_far.num_steps + jnp.maximum(end.num_steps, 0),
         )
 
     zero = jnp.zeros_like(problem.start)
@@ -210,13 +203,6 @@ def _moves(limit: int, count: int) -> Float[Array, "starts parameters"]:
     reaches[: _num_far(limit)] = _FAR
     reaches[0] = 0
     return jnp.asarray(reaches[:, None] * np.random.default_rng(0).uniform(-1, 1, (limit, count)))
-
-
-def _needs_start(so_far: Search, number: Array, starts: int | None) -> Flag:
-    if starts is not None:
-        return jnp.array(True)
-    ended = so_far.best.result
-    return (number == 0) | (ended == RESULTS.stagnated) | (ended == RESULTS.nonfinite)
 
 
 def _minima(so_far: Search) -> Array:

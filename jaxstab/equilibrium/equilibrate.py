@@ -33,12 +33,7 @@ from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.equilibrium.solvers.base import State as SolverState
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
 from jaxstab.equilibrium.window import warn_at_edges, whole_start
-from jaxstab.loads import (
-    Control,
-    GapControl,
-    Load,
-    require_loads,
-)
+from jaxstab.loads import Control, GapControl, Load, require_loads
 from jaxstab.solids import Solid
 
 # In units of the precision: what part of itself a mean gap may be off.
@@ -143,12 +138,7 @@ def _find_in_own_units(
 ) -> Equilibrium:
     unit = contact.own_pressure
     own = contact.in_units_of(unit, has_core), load.in_units_of(unit)
-    return _in_users_units(by_entries(find)(*own, solver, initial), unit, load)
-
-
-def _in_users_units(found: Equilibrium, unit: Scalar, load: Load) -> Equilibrium:
-    """Return an equilibrium found in a contact's own unit of pressure, under the load as given."""
-    found = found.in_units_of(1 / unit)
+    found = by_entries(find)(*own, solver, initial).in_units_of(1 / unit)
     overflows = (found.result == RESULTS.successful) & ~jnp.isfinite(found.energy)
     result = RESULTS.where(overflows, RESULTS.nonfinite, found.result)
     return replace(found, load=load, result=result)
@@ -229,12 +219,6 @@ def initial_gap(contact: Contact, load: Load, initial: ArrayLike | State | None)
     """Return `initial` as a gap on the contact's grid, checked.
 
     Here each solver has contact and load together first: it warns of a load far too soft.
-
-    Raises:
-        ValueError: if its shape is not the grid's, or it is not finite. If it is nowhere positive
-            while the load holds the mean gap. For a stack of states, or a state with another number
-            of sides.
-        TypeError: for an array that is complex or masked, or a result that is not a state.
     """
     load.warn_if_soft(contact.solid)
     if initial is None:

@@ -15,15 +15,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable, require_single
 from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.core.unit_system import NO_UNITS, Units
-from jaxstab.core.units import (
-    AREA,
-    ENERGY,
-    LENGTH,
-    NUMBER,
-    PRESSURE,
-    Dimensioned,
-    dimensions,
-)
+from jaxstab.core.units import AREA, ENERGY, LENGTH, NUMBER, PRESSURE, Dimensioned, dimensions
 from jaxstab.loads import Load
 from jaxstab.potentials import slope
 
@@ -110,10 +102,7 @@ def fields_of(contact: Contact, load: Load, gap: Field) -> tuple[Fields, Field]:
 
 
 def assembled(contact: Contact, gap: Field, net: Field, energy: Scalar) -> Fields:
-    """Return the differentiable fields of a state from its gap, net pressure and energy.
-
-    Where its gap is NaN, so are they.
-    """
+    """Return the differentiable fields of a state from its gap, NaN where it is, and the rest."""
     attraction = slope(contact.potential, gap)
     reaction = model.reaction(net, gap)
     return {
@@ -176,12 +165,7 @@ State = Equilibrium | _HoldsEquilibrium
 
 
 def single_equilibrium(state: object) -> Equilibrium:
-    """Return the one equilibrium that a state is or holds.
-
-    Raises:
-        TypeError: for something that is not a state.
-        ValueError: for a stack of states.
-    """
+    """Return the one equilibrium that a state is or holds; anything else and stacks are errors."""
     equilibrium = getattr(state, "equilibrium", state)
     if not isinstance(equilibrium, Equilibrium):
         raise TypeError(
@@ -194,12 +178,7 @@ def single_equilibrium(state: object) -> Equilibrium:
 
 
 def single_start(state: Any) -> Any:
-    """Return the one equilibrium, or recorded state of a path, that a state is or holds.
-
-    Raises:
-        TypeError: for something that is not a state.
-        ValueError: for a stack of states, and for a recorded state without its gap.
-    """
+    """Return the one equilibrium, or recorded state of a path, that a state is or holds."""
     held = getattr(state, "equilibrium", state)
     if not hasattr(held, "gap") or isinstance(held, Equilibrium):
         return single_equilibrium(state)
@@ -213,13 +192,7 @@ def single_start(state: Any) -> Any:
 
 
 def equilibrium_of(contact: Contact, state: State | None) -> Equilibrium:
-    """Return the one equilibrium that a state is or holds, on the contact's grid.
-
-    Raises:
-        TypeError: for something that is not a state.
-        ValueError: for a stack of states, or one that has another grid or precision than the
-            contact.
-    """
+    """Return the one equilibrium that a state is or holds, of the contact's grid and precision."""
     require_contact(contact)
     equilibrium = single_equilibrium(state)
     if equilibrium.gap.shape != contact.grid.shape:

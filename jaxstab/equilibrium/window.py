@@ -60,15 +60,8 @@ def whole_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Eq
 def whole_start(contact: Contact, load: Load, gap: Start) -> tuple[Contact, Start | Field]:
     """Return a contact on the grid that it is solved on, and a gap there to start from.
 
-    Outside of the window its displacement leaves no pressure.
-
-    Arguments:
-        contact: the contact.
-        load: the load to start at.
-        gap: the gap to start from; by default, on a window, that of the undeformed solid.
-
-    Returns:
-        The contact, and the gap: none where there is no window and none was given.
+    Outside of the window its displacement leaves no pressure. By default it is on a window the gap
+    of the undeformed solid, elsewhere none.
     """
     whole = contact.whole
     if whole is contact:

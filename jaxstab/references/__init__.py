@@ -1,14 +1,6 @@
 """Closed-form solutions for comparison with numerical ones, in NumPy."""
 
-from jaxstab.references import (
-    guduru,
-    hertz,
-    jkr,
-    johnson,
-    maugis,
-    persson_brener,
-    westergaard,
-)
+from jaxstab.references import guduru, hertz, jkr, johnson, maugis, persson_brener, westergaard
 
 __all__ = ["guduru", "hertz", "jkr", "johnson", "maugis", "persson_brener", "westergaard"]
 

@@ -7,7 +7,8 @@ area. The contact is connected after enough pressing, and at once if the profile
 
 Signs: forces are positive in compression; displacements count the approach of the bodies from
 where the undeformed ones would touch in the middle, positive into contact. Numbers may be arrays,
-of shapes that broadcast.
+of shapes that broadcast. A `ValueError` names an amplitude that is negative, or another argument
+that is not positive and finite.
 
 P. R. Guduru, J. Mech. Phys. Solids 55, 445 (2007); H. Kesari, A. J. Lew, J. Mech. Phys. Solids 59,
 2488 (2011), for the envelope.
@@ -39,9 +40,6 @@ def curve(
         work_of_adhesion: w [energy/area].
         amplitude: A [length].
         length: the wavelength L [length].
-
-    Raises:
-        ValueError: if A is negative, or another argument not positive and finite.
     """
     smooth = jkr.curve(contact_radius, radius, contact_modulus, work_of_adhesion)
     (length,) = positive(length=length)
@@ -67,9 +65,6 @@ def envelope_work(
         work_of_adhesion: w [energy/area].
         amplitude: A [length].
         length: the wavelength L [length].
-
-    Raises:
-        ValueError: if A is negative, or another argument not positive and finite.
     """
     contact_modulus, work, length = positive(
         contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion, length=length
@@ -97,9 +92,6 @@ def envelope(
         work_of_adhesion: w [energy/area].
         amplitude: A [length].
         length: the wavelength L [length].
-
-    Raises:
-        ValueError: if A is negative, or another argument not positive and finite.
     """
     work = envelope_work(contact_modulus, work_of_adhesion, amplitude, length)
     smooth = jkr.curve(contact_radius, radius, contact_modulus, work)
@@ -124,9 +116,6 @@ def envelope_pull_off(
         work_of_adhesion: w [energy/area].
         amplitude: A [length].
         length: the wavelength L [length].
-
-    Raises:
-        ValueError: if A is negative, or another argument not positive and finite.
     """
     work = envelope_work(contact_modulus, work_of_adhesion, amplitude, length)
     lowest = jkr.pull_off(radius, contact_modulus, work).contact_radius

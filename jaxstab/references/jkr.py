@@ -5,7 +5,8 @@ the contact, which has the radius a. Opening it costs w per area.
 
 Signs: forces are positive in compression; displacements count the approach of the bodies from
 where the undeformed ones would touch in a point, positive into contact. Numbers may be arrays, of
-shapes that broadcast. A `ValueError` names an argument that is not positive and finite.
+shapes that broadcast. A `ValueError` names an argument that is not positive and finite; the
+stiffness of a spring may be zero or infinite, but for `loop_loss` not zero.
 
 K. L. Johnson, K. Kendall, A. D. Roberts, Proc. R. Soc. A 324, 301 (1971); D. Maugis, M. Barquins,
 J. Phys. D 11, 1989 (1978), for contact through a spring.
@@ -207,9 +208,6 @@ def pull_off(
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
         stiffness: k of the spring [force/length].
-
-    Raises:
-        ValueError: if k is negative, or another argument not positive and finite.
     """
     # The functions are d(F + k d)/dA of root = A^(3/2), up to a positive factor.
     return _where_zero(
@@ -237,9 +235,6 @@ def jump_in(
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
         stiffness: k of the spring through which the sphere is pressed [force/length].
-
-    Raises:
-        ValueError: if k is negative, or another argument not positive and finite.
     """
     # The functions are F + k d of root = A^(3/2).
     return _where_zero(
@@ -267,9 +262,6 @@ def loop_loss(
         contact_modulus: E* [pressure].
         work_of_adhesion: w [energy/area].
         stiffness: k of the spring [force/length]; infinite under held displacement.
-
-    Raises:
-        ValueError: if k is not positive, or another argument not positive and finite.
     """
     stiffness = np.asarray(stiffness)
     require("stiffness", stiffness, stiffness > 0, "a positive number")

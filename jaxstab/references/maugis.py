@@ -6,7 +6,8 @@ branch of equilibria goes on without contact, a = 0, until c = 0 at d = -w / s.
 
 Signs: forces are positive in compression; displacements count the approach of the bodies from
 where the undeformed ones would touch in a point, positive into contact. Numbers may be arrays, of
-shapes that broadcast. A `ValueError` names an argument that is not positive and finite.
+shapes that broadcast. A `ValueError` names an argument that is not positive and finite; the
+stiffness of a spring may be zero or infinite.
 
 D. Maugis, J. Colloid Interface Sci. 150, 243 (1992); K. L. Johnson, J. A. Greenwood, J. Colloid
 Interface Sci. 192, 326 (1997), for states without contact. In the equations A = a / a0 and
@@ -18,13 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxstab.references import jkr
-from jaxstab.references.arguments import (
-    Array,
-    ArrayLike,
-    not_negative,
-    positive,
-    require,
-)
+from jaxstab.references.arguments import Array, ArrayLike, not_negative, positive, require
 from jaxstab.references.roots import bisect
 
 # The range of ln(N / A), from nearly JKR to nearly no contact, and the range for folds, which ends
@@ -162,9 +157,6 @@ def pull_off(
         work_of_adhesion: w [energy/area].
         strength: s, the tension [pressure].
         stiffness: k of the spring [force/length].
-
-    Raises:
-        ValueError: if k is negative, or another argument not positive and finite.
     """
     unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
     dead, held = jkr.spring_weights(stiffness, unit)

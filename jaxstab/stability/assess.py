@@ -283,13 +283,13 @@ def _stability(equilibrium: Equilibrium, state: _AssessedState, found: Found) ->
         VERDICTS.undecided,
     )
     is_held = verdict == VERDICTS.held_by_contact
-    complementarity, barrier = margins_of(state.scale, equilibrium, cone, is_held)
+    complementarity, barrier = margins_of(state.scale, state.area, equilibrium, cone, is_held)
     stability = Stability(
         lower_bound=lower_bound,
         cone=cone,
         critical=critical,
         complementarity=complementarity,
-        barrier=barrier.over(state.area),
+        barrier=barrier,
         verdict=verdict,
         proved=proof_of(verdict, cone, critical),
         result=result,

@@ -1,6 +1,5 @@
 """How far a state is from losing its contact: the least reaction, and the barrier that holds it."""
 
-from dataclasses import replace
 from functools import partial
 from typing import Annotated
 
@@ -38,22 +37,19 @@ class Barrier(Stackable, Dimensioned):
 
     __repr__ = inline
 
-    def over(self, area: Scalar) -> "Barrier":
-        """Return the barrier of a surface from that per area of a point, given this."""
-        return replace(self, height=self.height * area.astype(self.height.dtype))
-
 
 # Complementarity and barrier, as in `Stability`.
 Margins = tuple[Scalar, Barrier]
 
 
-def margins_of(scale: Scalar, equilibrium: Equilibrium, cone: Eigenpair, is_held: Flag) -> Margins:
-    """Return the margins of a state, given the pair on the cone and whether contact holds it.
+def margins_of(
+    scale: Scalar, area: Scalar, equilibrium: Equilibrium, cone: Eigenpair, is_held: Flag
+) -> Margins:
+    """Return the margins of a state, given the scale of pressure and the area of a point.
 
-    The complementarity, over a scale of pressure, is +inf without contact; the barrier, per area
-    of a point, NaN where the state is not held.
+    The complementarity is +inf without contact; the barrier NaN where the state is not held.
     """
-    complementarity, barrier = _over_scale(is_held, scale, *_state(equilibrium, cone))
+    complementarity, barrier = _margins(is_held, scale, area, *_state(equilibrium, cone))
     touches = jnp.any(equilibrium.in_contact)
     return (
         jnp.where(touches, complementarity, jnp.inf),
@@ -89,20 +85,19 @@ def _state(equilibrium: Equilibrium, cone: Eigenpair) -> tuple[Fields, Pair]:
 
 
 def _formulae(is_held: Flag, contact: Contact, fields: Fields, pair: Pair) -> Margins:
-    gap, pressure, _ = fields
-    scale = pressure_scale(contact, gap, pressure)
-    complementarity, barrier = _over_scale(is_held, scale, fields, pair)
-    return complementarity, barrier.over(contact.grid.cell_area)
+    scale = pressure_scale(contact, *fields[:2])
+    return _margins(is_held, scale, contact.grid.cell_area, fields, pair)
 
 
-def _over_scale(is_held: Flag, scale: Scalar, fields: Fields, pair: Pair) -> Margins:
+def _margins(is_held: Flag, scale: Scalar, area: Scalar, fields: Fields, pair: Pair) -> Margins:
     gap, _, reaction = fields
     least = jnp.min(jnp.where(gap == 0, reaction, jnp.max(reaction)))
     eigenvalue, mode = pair
     # The first-order cost of lifting off.
     cost = jnp.sum(reaction * mode)
     amplitude = -cost / jnp.where(is_held, eigenvalue, -1)
-    return least / jnp.where(scale == 0, 1, scale), Barrier(cost * amplitude / 2, amplitude)
+    height = cost * amplitude / 2 * area.astype(cost.dtype)
+    return least / jnp.where(scale == 0, 1, scale), Barrier(height, amplitude)
 
 
 def _changes_of_margins(

@@ -26,12 +26,7 @@ def differentiable(
 ) -> Eigenpair:
     """Return a pair whose eigenvalue and mode are functions of contact, load and gap.
 
-    Arguments:
-        pair: an eigenpair, not to be differentiated itself.
-        face: the linear space on which the mode is that of the smallest eigenvalue.
-        contact: the contact problem.
-        load: the load, whose stiffness is a part of A.
-        gap: the gap of the equilibrium.
+    The mode is that of the smallest eigenvalue on the linear space around the face.
     """
     known = pair.error, pair.result == RESULTS.successful, face
     values = pair.eigenvalue, pair.mode

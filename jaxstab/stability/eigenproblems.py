@@ -8,10 +8,11 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.core.compile import program
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Flag, Mask
-from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.eigenpair import Eigenpair, lowered
+from jaxstab.core.types import Flag, Mask, Scalar
+from jaxstab.stability.cones import AdmissibleCone, Subspace
+from jaxstab.stability.eigenpair import Eigenpair, admissible_pair, lowered
 from jaxstab.stability.lowest_pair import with_cost_of
 
 
@@ -72,3 +73,42 @@ def _unless(is_left_out: Bool[Array | np.ndarray, ""], pair: Eigenpair) -> Eigen
         eigenvalue=jnp.where(is_left_out, jnp.nan, pair.eigenvalue),
         result=RESULTS.where(is_left_out, RESULTS.not_computed, pair.result),
     )
+
+
+@program
+def covering_doubt(problems: Eigenproblems, found: Found) -> Found:
+    """Return the pairs on both cones with errors that cover the points in doubt.
+
+    The critical eigenvalue lies between that of the hull, where these points all move freely, and
+    the quotient of its mode where they all stay. On V0+ those that nearly touch may be one-sided
+    too, which raises the quotient of the mode; and those that hardly press may be free, where the
+    mode leaves a residual.
+    """
+    hessian, v0, near = problems.hessian, problems.cone, problems.nearly_touching
+    critical, hull, cone = found.critical, found.hull, found.cone
+    held = Subspace(~(v0.one_sided | near), v0.fixes_mean)
+    above, _, _ = admissible_pair(hessian.restricted(held.is_moving), held, critical.mode)
+    rise = _rise(above, critical.eigenvalue)
+    fall = _rise(critical.eigenvalue, hull.eigenvalue - hull.error)
+
+    closed = replace(v0, one_sided=v0.one_sided | near)
+    opened = replace(v0, one_sided=v0.one_sided & ~problems.critical_cone.one_sided)
+    above, _, _ = admissible_pair(hessian, closed, cone.mode)
+    _, _, residual = admissible_pair(hessian, opened, cone.mode)
+    off = jnp.maximum(_rise(above, cone.eigenvalue), hessian.scale * residual)
+    return replace(
+        found,
+        critical=_with_error(critical, jnp.maximum(rise, fall)),
+        cone=_with_error(cone, off),
+    )
+
+
+def _rise(above: Scalar, below: Scalar) -> Scalar:
+    # Two infinite numbers are alike.
+    return jnp.where(above == below, 0, above - below)
+
+
+def _with_error(pair: Eigenpair, error: Scalar) -> Eigenpair:
+    error = jnp.where(jnp.isnan(error), jnp.inf, error)
+    pair = replace(pair, error=jnp.maximum(pair.error, error))
+    return pair.with_proof(pair.proved)

@@ -27,11 +27,6 @@ class Lowest(eqx.Module):
     sign: Int[Array, ""]
     modes: Block
 
-    @classmethod
-    def of(cls, pair: Eigenpair, modes: Block) -> "Lowest":
-        """Return a pair with its sign."""
-        return cls(pair, pair.sign, modes)
-
     def known_before(self) -> "Lowest":
         """Return the same pair at no cost."""
         # Put, since JAX would compile a zero.
@@ -57,7 +52,8 @@ def on_space(solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Blo
     """Return the lowest pair on a linear space."""
     restricted = hessian.restricted(space.is_moving)
     found = solver.solve(restricted, space, starts)
-    return Lowest.of(ModesProblem(restricted, space, starts).pair(found), found.vector)
+    pair = ModesProblem(restricted, space, starts).pair(found)
+    return Lowest(pair, pair.sign, found.vector)
 
 
 def on_cone(
@@ -66,7 +62,8 @@ def on_cone(
     """Return the lowest pair on a cone from the minimum that a solver found."""
     pair = measured(hessian.restricted(cone.is_moving), cone, found, found.vector)
     # In any other case a lower minimum may have been missed.
-    return Lowest.of(pair.with_proof(is_answer | cone.is_trivial), around.modes)
+    pair = pair.with_proof(is_answer | cone.is_trivial)
+    return Lowest(pair, pair.sign, around.modes)
 
 
 def cone_starts(

@@ -45,12 +45,8 @@ def rayleigh_ritz(
     """Return the lowest Ritz values of A on a basis, and their vectors in terms of it.
 
     Vectors of the basis may be zero or depend on each other. Where too few are left, Ritz values
-    lie above all others, and their vectors are zero.
-
-    Arguments:
-        gram: the inner products of the basis vectors.
-        energies: those with A times each of them.
-        count: how many to return.
+    lie above all others, and their vectors are zero. Given are the inner products of the basis
+    vectors with each other, and with A times each.
     """
     norms = jnp.sqrt(jnp.diagonal(gram))
     scale = jnp.where(norms > 0, 1 / jnp.where(norms > 0, norms, 1), 0)

@@ -18,8 +18,7 @@ from jaxstab.core.types import ArrayLike
 from jaxstab.stability.certificate import certified
 from jaxstab.stability.coarse_start import is_large, lowest_by_coarser, space_starts
 from jaxstab.stability.cones import AdmissibleCone
-from jaxstab.stability.doubt import covering_doubt
-from jaxstab.stability.eigenproblems import Eigenproblems, Found
+from jaxstab.stability.eigenproblems import Eigenproblems, Found, covering_doubt
 from jaxstab.stability.lowest_modes import BLOCK_SIZE
 from jaxstab.stability.lowest_pair import Lowest, cone_starts, on_cone, on_space, with_cost_of
 from jaxstab.stability.solvers.base import ConeSolver, SpaceSolver
@@ -33,13 +32,9 @@ def smallest_eigenpairs(
     *,
     verdict_only: bool,
 ) -> Found:
-    """Return the smallest eigenpairs of A on all perturbations and on both cones.
+    """Return the smallest eigenpairs, of V0+ by one solver and of linear spaces by another.
 
-    Arguments:
-        problems: the operator and the cones.
-        solver: for V0+.
-        spaces: the solver for linear spaces.
-        verdict_only: stop at a number that proves the verdict.
+    With `verdict_only` the searches stop at a number that proves the verdict.
     """
     hessian, random = problems.hessian, problems.random
     touches, is_doubtful = known(problems.touches), known(problems.is_doubtful)

@@ -1,7 +1,6 @@
 """Checks of a surface, before anything is computed with it."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -47,12 +46,12 @@ def looks_wrong(heights: np.ndarray) -> list[str]:
             f"remaining roughness {rms(heights):.3g}. Use `Topography.detrended()`."
         )
     for axis, name in enumerate("xy"[: heights.ndim]):
-        increments = Increments.along(heights, axis)
-        if increments.has_edge_jump(_JUMP):
+        if _has_edge_jump(heights, axis, _JUMP):
+            inside, _, jump = _increments(heights, axis)
             sentences.append(
                 f"opposite edges do not meet along {name}: the rms jump across the periodic edge "
-                f"is {increments.jump:.3g}, {increments.jump / increments.rms:.3g} times the rms "
-                f"increment between neighbours ({increments.rms:.3g}). Make it periodic by "
+                f"is {jump:.3g}, {jump / inside:.3g} times the rms "
+                f"increment between neighbours ({inside:.3g}). Make it periodic by "
                 '`Topography.periodic("window")` or "mirror".'
             )
     return sentences
@@ -92,45 +91,31 @@ def marks_missing(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
 def rms_slope(heights: np.ndarray, lengths: np.ndarray) -> float:
     """Return the rms slope between neighbours inside of the map, missing points left out."""
     spacing = lengths / heights.shape
-    squares = [(Increments.along(heights, axis).rms / dx) ** 2 for axis, dx in enumerate(spacing)]
+    squares = [(_increments(heights, axis)[0] / dx) ** 2 for axis, dx in enumerate(spacing)]
     return float(np.sqrt(sum(squares)))
 
 
-@dataclass(frozen=True)
-class Increments:
-    """Height increments between neighbours along a side.
+def _increments(heights: np.ndarray, axis: int) -> tuple[float, float, float]:
+    """Return rms increments between neighbours along a side.
 
-    Attributes:
-        rms: the rms of the increments inside.
-        largest: the largest rms on one line across the side.
-        jump: the rms across the periodic edge.
-        rounding: the bound on rounding errors of an increment.
+    They are those of all neighbours inside, of the line across on which they are largest, and of
+    the periodic edge.
     """
+    lines = np.moveaxis(heights, axis, 0).reshape(heights.shape[axis], -1)
+    squares, counts = _squares(np.diff(lines, axis=0))
+    jump, present = _squares(lines[:1] - lines[-1:])
+    inside = np.sqrt(squares.sum() / max(counts.sum(), 1))
+    largest = np.sqrt(np.max(squares / np.maximum(counts, 1)))
+    return float(inside), float(largest), float(np.sqrt(jump[0] / max(present[0], 1)))
 
-    rms: float
-    largest: float
-    jump: float
-    rounding: float
 
-    @classmethod
-    def along(cls, heights: np.ndarray, axis: int) -> "Increments":
-        """Return the increments along an axis."""
-        lines = np.moveaxis(heights, axis, 0).reshape(heights.shape[axis], -1)
-        squares, counts = _squares(np.diff(lines, axis=0))
-        jump, present = _squares(lines[:1] - lines[-1:])
-        return cls(
-            rms=float(np.sqrt(squares.sum() / max(counts.sum(), 1))),
-            largest=float(np.sqrt(np.max(squares / np.maximum(counts, 1)))),
-            jump=float(np.sqrt(jump[0] / max(present[0], 1))),
-            rounding=_rounding(heights),
-        )
+def _has_edge_jump(heights: np.ndarray, axis: int, ratio: float) -> bool:
+    """Whether the jump at the edge exceeds the rms by a ratio, and the largest increment.
 
-    def has_edge_jump(self, ratio: float) -> bool:
-        """Whether the jump at the edge exceeds the rms by a ratio, and the largest increment.
-
-        A pattern with steep walls may have one of them at the edge.
-        """
-        return self.jump > max(ratio * self.rms, _ABOVE_LARGEST * self.largest, self.rounding)
+    A pattern with steep walls may have one of them at the edge.
+    """
+    inside, largest, jump = _increments(heights, axis)
+    return jump > max(ratio * inside, _ABOVE_LARGEST * largest, _rounding(heights))
 
 
 def _squares(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -151,7 +136,7 @@ def _tilt(heights: np.ndarray) -> np.ndarray | None:
     # A single long wave fits a plane as well, but meets itself at the edge.
     rises = [np.take(plane, -1, axis).flat[0] - plane.flat[0] for axis in range(plane.ndim)]
     axis = int(np.argmax(np.abs(rises)))
-    return plane if Increments.along(heights, axis).has_edge_jump(_TILT_JUMP) else None
+    return plane if _has_edge_jump(heights, axis, _TILT_JUMP) else None
 
 
 def rms(heights: np.ndarray) -> float:

@@ -36,7 +36,7 @@ def filled(heights: Heights, spacing: Sequence[float], order: int) -> Heights:
     The first order gives the discrete Laplace equation (harmonic); the second, with hxx, hxy and
     hyy, the biharmonic equation. Natural conditions hold at the edges of the map.
     """
-    from scipy.sparse import vstack
+    from scipy.sparse import csr_array, vstack
     from scipy.sparse.linalg import splu
 
     places = np.argwhere(np.isfinite(heights))
@@ -47,7 +47,7 @@ def filled(heights: Heights, spacing: Sequence[float], order: int) -> Heights:
             'open: fill by "harmonic".'
         )
     is_missing = np.isnan(heights).ravel()
-    derivatives = vstack(list(_derivatives(heights.shape, spacing, order)), format="csr")
+    derivatives = csr_array(vstack(list(_derivatives(heights.shape, spacing, order))))
     derivatives = derivatives[abs(derivatives) @ is_missing.astype(float) > 0]
     unknown = derivatives[:, is_missing]
     right_side = -unknown.T @ (derivatives[:, ~is_missing] @ heights.ravel()[~is_missing])
@@ -65,7 +65,7 @@ def filled(heights: Heights, spacing: Sequence[float], order: int) -> Heights:
 
 def _derivatives(shape: tuple[int, ...], spacing: Sequence[float], order: int) -> Iterator[Any]:
     """Yield a sparse matrix for each derivative of an order, in units of the first spacing."""
-    from scipy.sparse import diags_array, kron
+    from scipy.sparse import csr_array, eye_array, kron
 
     shape, spacing = (*shape, 1)[:2], (*spacing, spacing[0])[:2]
     for numbers in [(order, 0), (0, order), (1, 1)][: order + 1]:
@@ -73,9 +73,10 @@ def _derivatives(shape: tuple[int, ...], spacing: Sequence[float], order: int) -
             continue
         sides = []
         for n, k, d in zip(shape, numbers, spacing, strict=True):
-            weights = [(-1.0) ** (k - j) * math.comb(k, j) for j in range(k + 1)]
-            differences = diags_array(weights, offsets=range(k + 1), shape=(n - k, n))
-            sides.append(differences / (d / spacing[0]) ** k)
+            side = csr_array(eye_array(n))
+            for _ in range(k):
+                side = (side[1:] - side[:-1]) / (d / spacing[0])
+            sides.append(side)
         # The sum of squares contains hxy twice.
         yield math.sqrt(math.comb(order, numbers[0])) * kron(*sides, format="csr")
 

@@ -132,13 +132,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
 
 @dataclass(frozen=True)
 class _Prepared(Problem):
-    """A problem with the data that all steps share.
-
-    Attributes:
-        solid: held as the load holds it.
-        precondition: maps f'' and a force to a move.
-        shortened: maps the length of a step, a gap and a direction to a length that is allowed.
-    """
+    """A problem with the data that all steps share; its solid is held as the load holds it."""
 
     solid: Solid
     precondition: Callable[[Field, Field], Field]

@@ -1,6 +1,6 @@
 """The smallest eigenvalue on a cone: LOBPCG on its faces, or else projected gradients."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import ClassVar
@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core import model
-from jaxstab.core.batching import by_entries, on_platform
+from jaxstab.core.batching import by_entries, entry_of, on_platform
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
@@ -106,35 +106,21 @@ class ProjectedLOBPCG(ConeSolver):
         problem = Eigenproblem(operator, cone)
         is_needed = jnp.broadcast_to(is_needed & ~cone.is_trivial, len(starts))
         begin = jax.vmap(by_entries(_begin), (None, 0))(cone, starts)
-        found = multi_start(self, problem, begin, is_needed)
-        best = found.best
+        found, is_best = multi_start(self, problem, begin, is_needed)
+        best = entry_of(found, jnp.argmax(is_best))
         # All starts may lead to zero.
-        is_lost = (best.result == RESULTS.successful) & ~found.is_found
+        is_lost = (best.result == RESULTS.successful) & ~jnp.any(is_best)
         result = RESULTS.where(is_lost, RESULTS.stagnated, best.result)
         point = best.state.point
         # A projected gradient step sets to exactly zero what the contact holds.
         vector = descended(operator, point.mode, point.product, point.eigenvalue)
         return Minimum(
             vector=jnp.where(cone.is_trivial, 0, vector),
-            num_steps=found.num_steps,
-            num_applications=found.num_applications,
+            num_steps=jnp.sum(found.num_steps),
+            num_applications=jnp.sum(found.state.num_applications),
             result=RESULTS.where(cone.is_trivial, RESULTS.successful, result),
             history=best.history,
         )
-
-
-def _inner_products(
-    basis: Sequence[Field], products: Sequence[Field]
-) -> tuple[
-    Float[Array, "vectors vectors"], Float[Array, "vectors vectors"], Float[Array, " vectors"]
-]:
-    """Return those of the vectors of a basis with each other and with A times each, and A x.A x."""
-    size = len(basis)
-    # Both triangles, whose means have half of the error that products gather.
-    pairs = [left * right for left in basis for right in (*basis, *products)]
-    sums = totals([*pairs, *(product**2 for product in products)])
-    gram, energies = jnp.split(sums[:-size].reshape(size, 2 * size), 2, axis=1)
-    return gram, energies, sums[-size:]
 
 
 def _compared(old: _Point, mode: Array, product: Array) -> tuple[_Point, Flag]:
@@ -181,7 +167,10 @@ class _Plane(eqx.Module):
         steepest = face.project(precondition(residual))
         basis = [point.mode, steepest, state.move]
         products = [point.product, operator(steepest), state.move_product]
-        gram, energies, squares = _inner_products(basis, products)
+        # Both triangles, whose means have half of the error that products gather.
+        pairs = [left * right for left in basis for right in (*basis, *products)]
+        sums = totals([*pairs, *(product**2 for product in products)])
+        gram, energies = jnp.split(sums[:-3].reshape(3, 6), 2, axis=1)
         parts = rayleigh_ritz(gram, energies, 1)[1][:, 0]
         parts *= jnp.where(gram[0] @ parts < 0, -1, 1)
         # Combined products have no digits left where the basis reaches into stiff points, nor that
@@ -189,7 +178,7 @@ class _Plane(eqx.Module):
         lengths = jnp.sqrt(jnp.diagonal(gram))
         move = lengths[-1]
         is_tiny = (move > 0) & (move < jnp.sqrt(jnp.finfo(move.dtype).eps))
-        is_rough = is_tiny | jnp.any(jnp.sqrt(squares) > operator.scale * lengths)
+        is_rough = is_tiny | jnp.any(jnp.sqrt(sums[-3:]) > operator.scale * lengths)
         return cls(basis, products, gram, parts.at[1:].set(0), parts.at[0].set(0), is_rough)
 
     def at(self, length: Scalar) -> Float[Array, " vectors"]:
@@ -256,14 +245,11 @@ def _tried_once(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     point = jax.tree.map(partial(jnp.where, is_taken), tried, state.point)
     new = _arrived(problem, state, point, jnp.where(is_taken, 0, state.num_failures + 1), 3)
     # A shorter length is one of the same plane.
-    move, product = (
-        jnp.where(is_taken, after, before)
-        for after, before in (
-            (new.move, state.move),
-            (new.move_product, state.move_product),
-        )
+    return replace(
+        new,
+        move=jnp.where(is_taken, new.move, state.move),
+        move_product=jnp.where(is_taken, new.move_product, state.move_product),
     )
-    return replace(new, move=move, move_product=product)
 
 
 def _arrived(

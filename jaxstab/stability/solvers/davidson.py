@@ -25,13 +25,7 @@ from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpair import Minimum
-from jaxstab.stability.ritz import (
-    combination,
-    combinations,
-    inner_products,
-    norms,
-    rayleigh_ritz,
-)
+from jaxstab.stability.ritz import combination, combinations, inner_products, norms, rayleigh_ritz
 from jaxstab.stability.solvers.base import ModesProblem, SpaceSolver
 
 # Residuals by which a step widens its space.
@@ -47,13 +41,6 @@ class _Span(eqx.Module):
     products: Block
     gram: Float[Array, "room room"]
     energies: Float[Array, "room room"]
-
-    @classmethod
-    def empty(cls, room: int, like: Field) -> "_Span":
-        """Return a space with room for a number of vectors."""
-        block = jnp.zeros((room, *like.shape), like.dtype)
-        matrix = jnp.zeros((room, room), like.dtype)
-        return cls(block, block, matrix, matrix)
 
     def with_vector(
         self,
@@ -130,7 +117,10 @@ class Davidson(SpaceSolver):
 
     def init(self, problem: ModesProblem, start: Block) -> _RitzState:
         """Return a space that has no vectors yet, or on an accelerator that of the starts."""
-        span = _Span.empty(len(start) + 1 + _NUM_RESIDUALS, start[0])
+        room = len(start) + 1 + _NUM_RESIDUALS
+        block = jnp.zeros((room, *start.shape[1:]), start.dtype)
+        matrix = jnp.zeros((room, room), start.dtype)
+        span = _Span(block, block, matrix, matrix)
         # No residual is known yet: one above any tolerance, from which every fall is progress.
         none = jnp.full(problem.count, jnp.finfo(start.dtype).max ** 0.5, start.dtype)
         empty = _RitzState(span, jnp.zeros(len(start), start.dtype), none, jnp.array(True))

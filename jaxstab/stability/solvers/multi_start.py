@@ -1,16 +1,13 @@
 """Multi-start with successive halving: of many starts the lowest few go on to convergence."""
 
-from dataclasses import replace
 from functools import partial
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from jaxstab.core.batching import entry_of, on_platform, with_entry
 from jaxstab.core.loop import NO_LIMIT, Iteration, IterativeSolver
-from jaxstab.core.types import Flag
 from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import Eigenproblem
 
@@ -24,55 +21,36 @@ _FEW_FROM = 2
 _SAME = 0.95
 
 
-class Outcome(eqx.Module):
-    """The best of several starts, and the cost of them all."""
-
-    best: Iteration
-    is_found: Flag
-    num_steps: Int[Array, ""]
-    num_applications: Int[Array, ""]
-
-
 def multi_start(
     solver: IterativeSolver,
     problem: Eigenproblem,
     starts: Iteration,
     is_needed: Bool[Array, " starts"],
-) -> Outcome:
-    """Return the lowest of the iterations at their ends; none is found if all failed.
+) -> tuple[Iteration, Bool[Array, " starts"]]:
+    """Return the iterations at their ends, and which is the lowest; none is if all failed.
 
     After each round a start is discarded if it is nearly the same vector as a lower one, or above
     the lowest by more than its residual, or not among the first few. States of the solver have a
-    `point`, with a `mode` and an `eigenvalue`, and `num_applications`; `starts` are iterations
-    before their first step.
+    `point` with a `mode` and an `eigenvalue`; `starts` are iterations before their first step.
     """
     rounds = partial(_rounds, solver, problem)
 
-    def in_place(starts: Iteration, is_on: Bool[Array, " starts"]) -> Outcome:
-        return _outcome(*rounds(starts, is_on, slice(None)))
-
-    def narrowed(starts: Iteration, is_on: Bool[Array, " starts"]) -> Outcome:
+    def narrowed(*starts: PyTree) -> tuple[Iteration, Array]:
         # Together all starts cost as much as those that are on: the few that go on move closer.
-        found, wins = rounds(starts, is_on, slice(_FEW_FROM))
-        ahead = jnp.argsort(~wins)[: _NUM_KEPT[_FEW_FROM]]
-        few, is_few = jax.tree.map(lambda leaf: leaf[ahead], (found, wins))
-        end = _outcome(*rounds(few, is_few, slice(_FEW_FROM, None)))
-        steps, applications = map(jnp.subtract, _costs(found), _costs(few))
-        return replace(
-            end,
-            num_steps=end.num_steps + steps,
-            num_applications=end.num_applications + applications,
-        )
+        found = rounds(slice(_FEW_FROM), *starts)
+        ahead = jnp.argsort(~found[1])[: _NUM_KEPT[_FEW_FROM]]
+        few = rounds(slice(_FEW_FROM, None), *jax.tree.map(lambda leaf: leaf[ahead], found))
+        return jax.tree.map(lambda leaf, end: leaf.at[ahead].set(end), found, few)
 
-    return on_platform(in_place, narrowed, starts, is_needed)
+    return on_platform(partial(rounds, slice(None)), narrowed, starts, is_needed)
 
 
 def _rounds(
     solver: IterativeSolver,
     problem: Eigenproblem,
+    part: slice,
     starts: Iteration,
     is_on: Bool[Array, " starts"],
-    part: slice,
 ) -> tuple[Iteration, Bool[Array, " starts"]]:
     """Return the iterations after some of the rounds, and which of them go on."""
     lengths, num_kept = jnp.array(_LENGTHS[part]), jnp.array(_NUM_KEPT[part])
@@ -87,14 +65,6 @@ def _rounds(
     begin = jnp.array(0), starts, is_on, jnp.any(is_on)
     _, found, wins, _ = jax.lax.while_loop(lambda state: state[3], round_after, begin)
     return found, wins
-
-
-def _costs(found: Iteration) -> tuple[Int[Array, ""], Int[Array, ""]]:
-    return jnp.sum(found.num_steps), jnp.sum(found.state.num_applications)
-
-
-def _outcome(found: Iteration, wins: Bool[Array, " starts"]) -> Outcome:
-    return Outcome(entry_of(found, jnp.argmax(wins)), jnp.any(wins), *_costs(found))
 
 
 def _advanced(

@@ -72,7 +72,7 @@ def scan_of_array(array: "xarray.DataArray", remarks: tuple[str, ...] = ()) -> S
     is_periodic = bool(lengths) and all(c.attrs.get("periodic", 0) == 1 for c in coordinates)
     own = _unit(array)
     unit = next(iter(units), own)
-    if own not in (unit, None):
+    if own and unit and own != unit:
         heights = converted(heights, own, unit)
         remarks = (*remarks, f"heights converted from {own} to {unit}")
     return Scan(heights, tuple(lengths) or None, unit, remarks, is_periodic)
