@@ -5,28 +5,24 @@ import numpy.typing
 from numpy.typing import NDArray
 from typing_extensions import TypeAliasType
 
+from jaxstab.core.checks import require
+
 Array = NDArray[np.float64]
 # A named alias, which signatures show in place of the union that it stands for.
 ArrayLike = TypeAliasType("ArrayLike", numpy.typing.ArrayLike)
-
-
-def require(name: str, value: ArrayLike, holds: ArrayLike, cure: str) -> None:
-    """Raise `ValueError` with the first entry of `value` for which `holds` is false."""
-    value, holds = np.broadcast_arrays(value, holds)
-    if not holds.all():
-        raise ValueError(f"The {name.replace('_', ' ')} is {value[~holds][0]:g}: give {cure}.")
 
 
 def positive(**values: ArrayLike) -> tuple[Array, ...]:
     """Return `values` as arrays of one shape, each positive and finite."""
     arrays = {name: np.asarray(value, np.float64) for name, value in values.items()}
     for name, array in arrays.items():
-        require(name, array, (array > 0) & np.isfinite(array), "a positive, finite number")
+        is_good = (array > 0) & np.isfinite(array)
+        require(f"The {name.replace('_', ' ')}", array, is_good, "give a positive, finite number.")
     return tuple(array.copy() for array in np.broadcast_arrays(*arrays.values()))
 
 
 def not_negative(name: str, value: ArrayLike) -> Array:
     """Return `value` as an array without negative entries, which may be infinite."""
     array = np.asarray(value, np.float64)
-    require(name, array, array >= 0, "zero or a positive number")
+    require(f"The {name.replace('_', ' ')}", array, array >= 0, "give zero or a positive number.")
     return array

@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxstab.references.arguments import Array, ArrayLike, not_negative, positive, require
+from jaxstab.core.checks import require
+from jaxstab.references.arguments import Array, ArrayLike, not_negative, positive
 from jaxstab.references.roots import bisect
 
 _SQRT_6 = np.sqrt(6)
@@ -264,7 +265,7 @@ def loop_loss(
         stiffness: k of the spring [force/length]; infinite under held displacement.
     """
     stiffness = np.asarray(stiffness)
-    require("stiffness", stiffness, stiffness > 0, "a positive number")
+    require("The stiffness", stiffness, stiffness > 0, "give a positive number.")
     sphere = radius, contact_modulus, work_of_adhesion
     leaving, entering = pull_off(*sphere, stiffness), jump_in(*sphere, stiffness)
     contact = energy(leaving.contact_radius, *sphere) - energy(entering.contact_radius, *sphere)

@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxstab.references.arguments import Array, ArrayLike, positive, require
+from jaxstab.core.checks import require
+from jaxstab.references.arguments import Array, ArrayLike, positive
 from jaxstab.references.roots import bisect
 
 
@@ -87,7 +88,7 @@ def curve(
         contact_modulus=contact_modulus,
         work_of_adhesion=work_of_adhesion,
     )
-    require("contact fraction", contact_fraction, contact_fraction < 1, "a number below 1")
+    require("The contact fraction", contact_fraction, contact_fraction < 1, "give one below 1.")
     alpha = adhesion_parameter(amplitude, length, contact_modulus, work)
     theta = np.pi / 2 * contact_fraction
     ratio = np.sin(theta) ** 2 - alpha * np.sqrt(np.tan(theta))
@@ -169,6 +170,7 @@ def _fold(
     """Return the fold between `end` and the middle."""
     alpha = adhesion_parameter(amplitude, length, contact_modulus, work_of_adhesion)
     largest = _fold_parameter(_MIDDLE)
-    require("adhesion parameter alpha", alpha, alpha <= largest, f"one up to {largest:.4f}")
+    cure = f"give one up to {largest:.4f}."
+    require("The adhesion parameter alpha", alpha, alpha <= largest, cure)
     theta = bisect(lambda theta: _fold_parameter(theta) - alpha, end, _MIDDLE)
     return curve(theta * 2 / np.pi, amplitude, length, contact_modulus, work_of_adhesion)

@@ -18,8 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxstab.core.checks import require
 from jaxstab.references import jkr
-from jaxstab.references.arguments import Array, ArrayLike, not_negative, positive, require
+from jaxstab.references.arguments import Array, ArrayLike, not_negative, positive
 from jaxstab.references.roots import bisect
 
 # The range of ln(N / A), from nearly JKR to nearly no contact, and the range for folds, which ends
@@ -117,7 +118,7 @@ def without_contact(
     c = not_negative("outer_radius", outer_radius)
     unit, parameter = _scales(radius, contact_modulus, work_of_adhesion, strength)
     largest = _first_outer(parameter) * unit.contact_radius
-    require("outer_radius", c, c <= largest, "at most the outer radius of first_touch")
+    require("The outer radius", c, c <= largest, "give at most the outer radius of first_touch.")
     return _with_units(unit, *_without_contact(c / unit.contact_radius, parameter))
 
 

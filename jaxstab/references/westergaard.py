@@ -5,7 +5,8 @@ h = A cos(2 pi x / L). K. L. Johnson, *Contact Mechanics* (1985), section 13.2.
 
 import numpy as np
 
-from jaxstab.references.arguments import Array, positive, require
+from jaxstab.core.checks import require
+from jaxstab.references.arguments import Array, positive
 
 
 def full_contact_pressure(amplitude: float, length: float, contact_modulus: float) -> float:
@@ -28,7 +29,7 @@ def contact_fraction(
     """
     most = full_contact_pressure(amplitude, length, contact_modulus)
     is_partial = (mean_pressure >= 0) & (mean_pressure <= most)
-    require("mean pressure", mean_pressure, is_partial, f"one from 0 to {most:.6g}")
+    require("The mean pressure", mean_pressure, is_partial, f"give one from 0 to {most:.6g}.")
     ratio = mean_pressure / most
     return float(2 / np.pi * np.arcsin(np.sqrt(ratio)))
 

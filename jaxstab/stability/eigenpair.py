@@ -105,11 +105,12 @@ def measured(
 ) -> Eigenpair:
     """Return the eigenpair of a vector that a solver found, brought onto the cone."""
     eigenvalue, mode, residual = admissible_pair(operator, cone, vector)
+    rounding = _ROUNDING * jnp.finfo(residual.dtype).eps * operator.bound
     return Eigenpair(
         eigenvalue=eigenvalue,
         mode=mode,
         residual=residual,
-        error=_error(operator, residual),
+        error=operator.scale * residual + rounding,
         proved=jnp.array(False),
         bound=jnp.full_like(eigenvalue, -jnp.inf),
         num_steps=found.num_steps,
@@ -155,10 +156,7 @@ def admissible_pair(
 
 
 def descended(
-    operator: SymmetricOperator,
-    mode: Field,
-    product: Field,
-    eigenvalue: Scalar,
+    operator: SymmetricOperator, mode: Field, product: Field, eigenvalue: Scalar
 ) -> Field:
     """Return x - (A x - lambda x) / b, from x and A x.
 
@@ -176,8 +174,3 @@ def projected_residual(operator: SymmetricOperator, mode: Field, moved: Field) -
 def unit_vector(cone: Admissible, vector: Field) -> Field:
     """Return the cone's unit vector nearest to this one, or zero where there is none."""
     return model.onto_sphere(jnp.where(cone.is_trivial, 0, cone.project(vector)))
-
-
-def _error(operator: SymmetricOperator, residual: Scalar) -> Scalar:
-    rounding = _ROUNDING * jnp.finfo(residual.dtype).eps * operator.bound
-    return operator.scale * residual + rounding

@@ -21,6 +21,9 @@ from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.surfaces.statistics import nyquist, rms_derivative
 
+# Rounding must not decide whether a wave at a cut-off belongs to the spectrum.
+_ROUNDING = 1e-5
+
 
 def sinusoid(grid: Grid, amplitude: ArrayLike, waves: int | tuple[int, ...] | None = None) -> Field:
     """Return h = A cos(2 pi k.x / L), a wavy surface (Westergaard, 1939).
@@ -112,28 +115,19 @@ def self_affine(
     k_rolloff = k_low if k_rolloff is None else k_rolloff
     named = {"hurst": hurst, "k_low": k_low, "k_rolloff": k_rolloff, "k_high": k_high}
     hurst, *cutoffs = (scalar_parameter(value, name) for name, value in named.items())
-    _require_spectrum(grid, known(hurst), *map(known, cutoffs))
+    given, low, rolloff, high = map(known, (hurst, *cutoffs))
+    require("The Hurst exponent", given, (given >= 0) & (given <= 1), "it must lie in [0, 1].")
+    is_ordered = (low > 0) & (low <= rolloff) & (rolloff <= high)
+    cure = "they must be positive and ascend."
+    require("[k_low, k_rolloff, k_high]", [low, rolloff, high], is_ordered, cure)
+    resolved = nyquist(grid.shape, known(grid.lengths)).min()
+    cure = f"the grid resolves {resolved} waves per longest side; refine it or lower k_high."
+    require("k_high", high, high <= resolved * (1 + _ROUNDING), cure)
     order = 0 if rms_slope is None else 1
     heights, num_waves = _filtered_noise(grid, key, hurst, cutoffs, target, exponent, order)
     name = "The number of waves between k_low and k_high"
     require(name, num_waves, known(num_waves) > 0, "widen the cut-offs.")
     return heights
-
-
-# Rounding must not decide whether a wave at a cut-off belongs to the spectrum.
-_ROUNDING = 1e-5
-
-
-def _require_spectrum(
-    grid: Grid, hurst: Array, k_low: Array, k_rolloff: Array, k_high: Array
-) -> None:
-    require("The Hurst exponent", hurst, (hurst >= 0) & (hurst <= 1), "it must lie in [0, 1].")
-    cutoffs = [k_low, k_rolloff, k_high]
-    ordered = (k_low > 0) & (k_low <= k_rolloff) & (k_rolloff <= k_high)
-    require("[k_low, k_rolloff, k_high]", cutoffs, ordered, "they must be positive and ascend.")
-    resolved = nyquist(grid.shape, known(grid.lengths)).min()
-    cure = f"the grid resolves {resolved} waves per longest side; refine it or lower k_high."
-    require("k_high", k_high, k_high <= resolved * (1 + _ROUNDING), cure)
 
 
 @partial(program, static_argnames=("exponent", "order"))

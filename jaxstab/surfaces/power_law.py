@@ -70,7 +70,15 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
         SurfaceWarning: if no band of the spectrum is self-affine: with H in [0, 1], known to 0.25,
             over a factor of 2.5 of wavenumbers.
     """
-    q, density, count = _rings(spectrum)
+    cure = "give a result of jaxstab.surfaces.power_spectrum."
+    require_kind(spectrum, PowerSpectrum, f"no spectrum: {cure}")
+    parts = spectrum.wavenumber, spectrum.density, spectrum.num_waves
+    q, density, count = (np.asarray(part, float) for part in parts)
+    if not all(np.isfinite(part).all() for part in (q, density, count)):
+        raise ValueError("The spectrum is NaN or infinite: compute it of heights that are finite.")
+    num_held = np.sum((count > 0) & (density > _NOTHING * density.max()))
+    if num_held < _FEWEST_RINGS + 2:
+        raise ValueError(f"The spectrum has {num_held} rings with waves: give 5 or more.")
     dimension, largest = (1 if count.max() <= 2 else 2), density.max()
     first = int(np.argmax((count > 0) & (density > _LEAKAGE * largest)))
     used = np.flatnonzero(count[first:] > 0) + first
@@ -84,6 +92,7 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
         start, end = likely
         line = _Line.fitted(x, y, pairs, start, end)
     hurst, hurst_error = (line.power - dimension) / 2, line.power_error / 2
+    spread = np.hypot(line.height_error, line.power_error * (x[start] - line.middle))
     cutoff = end
     if end + 1 < x.size and np.log(_LEAKAGE) < y[end + 1] - line.at(x[end + 1]) < 0:
         # The cut-off lies inside of a ring, part of which is left.
@@ -94,7 +103,7 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
         cutoff=float(q[cutoff]),
         density=float(largest * np.exp(line.at(x[start]))),
         hurst_error=float(hurst_error),
-        density_error=float(largest * np.exp(line.at(x[start])) * line.error_at(x[start])),
+        density_error=float(largest * np.exp(line.at(x[start])) * spread),
     )
     is_outside = max(-hurst, hurst - 1) > max(3 * hurst_error, _OUTSIDE)
     if is_outside or law.cutoff < _LEAST_SPAN * law.rolloff or not line.is_straight:
@@ -107,20 +116,6 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
             ]
         )
     return law
-
-
-def _rings(spectrum: PowerSpectrum) -> list[np.ndarray]:
-    """Return wavenumber, density and number of waves of all rings, checked."""
-    cure = "give a result of jaxstab.surfaces.power_spectrum."
-    require_kind(spectrum, PowerSpectrum, f"no spectrum: {cure}")
-    parts = spectrum.wavenumber, spectrum.density, spectrum.num_waves
-    q, density, count = (np.asarray(part, float) for part in parts)
-    if not all(np.isfinite(part).all() for part in (q, density, count)):
-        raise ValueError("The spectrum is NaN or infinite: compute it of heights that are finite.")
-    num_held = np.sum((count > 0) & (density > _NOTHING * density.max()))
-    if num_held < _FEWEST_RINGS + 2:
-        raise ValueError(f"The spectrum has {num_held} rings with waves: give 5 or more.")
-    return [q, density, count]
 
 
 def _bands(
@@ -197,7 +192,3 @@ class _Line:
     def at(self, x: float) -> float:
         """Return y at x."""
         return self.height - self.power * (x - self.middle)
-
-    def error_at(self, x: float) -> float:
-        """Return the standard error of y at x."""
-        return float(np.hypot(self.height_error, self.power_error * (x - self.middle)))

@@ -21,7 +21,7 @@ from jaxstab.surfaces.arguments import (
     require_agreement,
     require_same_grid,
 )
-from jaxstab.surfaces.formats import Scan, scan_of
+from jaxstab.surfaces.formats import scan_of
 
 FILL = "fill them, as by `js.surfaces.Topography(grid, heights).filled()`."
 _TAPER = 0.1
@@ -62,21 +62,14 @@ class Topography:
     def __post_init__(self) -> None:
         require_grid(self.grid)
         if (scan := scan_of(self.heights)) is not None:
-            self._take(scan)
+            require_agreement(scan, known(self.grid.lengths), self.unit)
+            object.__setattr__(self, "heights", scan.heights)
+            object.__setattr__(self, "unit", scan.unit or self.unit)
+            object.__setattr__(self, "remarks", (*scan.remarks, *self.remarks))
+            object.__setattr__(self, "is_periodic", scan.is_periodic or self.is_periodic)
         object.__setattr__(self, "heights", checked_heights(self.heights, self.grid.shape))
         if self.unit is not None:
             object.__setattr__(self, "unit", unit_of(self.unit))
-
-    def _take(self, scan: Scan) -> None:
-        """Set heights, lengths and unit from a scan, which must agree with the arguments."""
-        require_agreement(scan, known(self.grid.lengths), self.unit)
-        for name, value in {
-            "heights": scan.heights,
-            "unit": scan.unit or self.unit,
-            "remarks": (*scan.remarks, *self.remarks),
-            "is_periodic": scan.is_periodic or self.is_periodic,
-        }.items():
-            object.__setattr__(self, name, value)
 
     @property
     def lengths(self) -> np.ndarray:

@@ -91,24 +91,27 @@ def test_every_field_has_the_shape_of_all_arguments_together(function, arguments
 @pytest.mark.parametrize(
     "call, sentence",
     [
-        (lambda: jkr.curve([1.0, -2.0], *SPHERE), "The contact radius is -2: give a positive"),
-        (lambda: jkr.units(1.0, 0.0, 1.0), "The contact modulus is 0: give a positive, finite"),
+        (lambda: jkr.curve([1.0, -2.0], *SPHERE), "The contact radius is -2.0: give a positive"),
+        (lambda: jkr.units(1.0, 0.0, 1.0), "The contact modulus is 0.0: give a positive, finite"),
         (lambda: jkr.pull_off(1.0, 1.0, np.inf), "The work of adhesion is inf: give a positive"),
-        (lambda: jkr.pull_off(*SPHERE, -1.0), "The stiffness is -1: give zero or a positive"),
-        (lambda: jkr.loop_loss(*SPHERE, 0.0), "The stiffness is 0: give a positive"),
+        (lambda: jkr.pull_off(*SPHERE, -1.0), "The stiffness is -1.0: give zero or a positive"),
+        (lambda: jkr.loop_loss(*SPHERE, 0.0), "The stiffness is 0.0: give a positive"),
         (lambda: maugis.pull_off(*SPHERE, np.nan), "The strength is nan: give a positive"),
-        (lambda: maugis.without_contact(9.0, *DUGDALE), "The outer radius is 9: give at most"),
-        (lambda: johnson.curve(1.0, *JOHNSON), "The contact fraction is 1: give a number below 1"),
+        (lambda: maugis.without_contact(9.0, *DUGDALE), "The outer radius is 9.0: give at most"),
+        (lambda: johnson.curve(1.0, *JOHNSON), "The contact fraction is 1.0: give one below 1"),
         (
             lambda: johnson.pull_off(*wave(1.1)),
             "The adhesion parameter alpha is 1.1: give one up to 1.06",
         ),
         (lambda: guduru.curve(*SPHERICAL, -0.1, 1.0), "The amplitude is -0.1: give zero or"),
-        (lambda: hertz.contact_radius(-1.0, 1.0, 1.0), "The force is -1: give zero or a positive"),
-        (lambda: hertz.peak_pressure(0.0, 1.0, 1.0), "The force is 0: give a positive"),
+        (
+            lambda: hertz.contact_radius(-1.0, 1.0, 1.0),
+            "The force is -1.0: give zero or a positive",
+        ),
+        (lambda: hertz.peak_pressure(0.0, 1.0, 1.0), "The force is 0.0: give a positive"),
         (
             lambda: westergaard.contact_fraction(4.0, 1.0, 1.0, 1.0),
-            "The mean pressure is 4: give one from 0 to 3.14159",
+            "The mean pressure is 4.0: give one from 0 to 3.14159",
         ),
     ],
 )

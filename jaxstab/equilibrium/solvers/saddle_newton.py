@@ -16,7 +16,7 @@ from jaxstab.core.history import Indicators
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.loop import integer_parameter, optional_parameter
 from jaxstab.core.minres import minres
-from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.core.types import Flag, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem, State
 
 # Halvings of a step before it is taken as it is.
@@ -54,7 +54,15 @@ class SaddleNewton(EquilibriumSolver):
 
     def step(self, problem: Problem, state: State) -> State:
         """Return the state after a step of Newton's method, or of the part that is no worse."""
-        change = _newton_step(problem, state)
+        control, solid = problem.control, problem.contact.solid
+        net, curvature = state.balance.net, state.balance.curvature
+        is_moving = control.moving(state.gap, net)
+        hessian = Hessian(solid, curvature, control.stiffness, is_moving)
+        adhesion = total(jnp.abs(curvature)) / curvature.size
+        inverse = hessian.inverse(solid.min_stiffness + adhesion)
+
+        system = LinearSystem(hessian, inverse, lambda field: control.project(field, is_moving))
+        change = minres(system, -net, _ACCURACY, _MAX_LINEAR_STEPS)
 
         def attempt(trial: _NewtonTrial) -> _NewtonTrial:
             new = problem.state(state.gap + trial.length * change)
@@ -78,15 +86,3 @@ class SaddleNewton(EquilibriumSolver):
         """Return the residual, infinite where the surfaces are apart for good."""
         balance = state.balance
         return {"residual": jnp.where(balance.has_escaped, jnp.inf, balance.residual)}
-
-
-def _newton_step(problem: Problem, state: State) -> Field:
-    control, solid = problem.control, problem.contact.solid
-    net, curvature = state.balance.net, state.balance.curvature
-    is_moving = control.moving(state.gap, net)
-    hessian = Hessian(solid, curvature, control.stiffness, is_moving)
-    adhesion = total(jnp.abs(curvature)) / curvature.size
-    inverse = hessian.inverse(solid.min_stiffness + adhesion)
-
-    system = LinearSystem(hessian, inverse, lambda field: control.project(field, is_moving))
-    return minres(system, -net, _ACCURACY, _MAX_LINEAR_STEPS)

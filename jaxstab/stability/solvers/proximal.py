@@ -96,10 +96,11 @@ class ProximalIteration(ConeSolver):
     def measure(self, problem: Eigenproblem, state: _PrimalDual) -> Indicators:
         """Return the projected residual, and epsilon and eta (38, 39)."""
         _, _, residual = admissible_pair(problem.operator, problem.domain, state.x)
+        tiny = jnp.finfo(state.z.dtype).tiny
         return {
             "residual": residual,
             "epsilon": jnp.abs(total(state.x)),  # (38)
-            "eta": jnp.abs(state.z_change) / jnp.maximum(jnp.abs(state.z), _tiny(state.z)),  # (39)
+            "eta": jnp.abs(state.z_change) / jnp.maximum(jnp.abs(state.z), tiny),  # (39)
         }
 
     def minimum(self, problem: Eigenproblem, found: Iteration[_PrimalDual]) -> Minimum:
@@ -123,7 +124,3 @@ class ProximalIteration(ConeSolver):
         """Return tau and sigma; the choice of section 4.1 where they are not given."""
         tau = 1 / beta if self.tau is None else self.tau.astype(beta.dtype)
         return tau, beta / 2 if self.sigma is None else self.sigma.astype(beta.dtype)
-
-
-def _tiny(like: Array) -> float:
-    return float(jnp.finfo(like.dtype).tiny)
