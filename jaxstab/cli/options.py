@@ -4,13 +4,13 @@ import argparse
 import re
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import jaxstab
 from jaxstab.cli.parsing import (
     Parser,
     existing_file,
     from_config,
+    given,
     nearest,
     number,
     option_of,
@@ -19,13 +19,12 @@ from jaxstab.cli.parsing import (
 
 # Commands and their descriptions; the default is `run`.
 COMMANDS = {
-    "run": """\
-Load and unload a rough contact with an adhesive elastic half space, and locate every jump; or
-assess the stability of its equilibria as it is unloaded (Rey & Bleyer, section 4.2.3). The figure
-and the data go into a new folder.""",
-    "study": """\
-Run or continue the study that a Python file describes: the file defines the function `case` and its
-`axes`, as jaxstab.study takes them. Finished cases are never run again.""",
+    "run": "Load and unload a rough contact with an adhesive elastic half space, and locate every "
+    "jump; or assess the stability of its equilibria as it is unloaded (Rey & Bleyer, section "
+    "4.2.3). The figure and the data go into a new folder.",
+    "study": "Run or continue the study that a Python file describes: the file defines the "
+    "function `case` and its `axes`, as jaxstab.study takes them. Finished cases are never run "
+    "again.",
     "info": "Describe a file: a surface, with its statistics, or a result.",
     "plot": "Draw a result: a loop, a branch, a pass, a stability curve, or a state's fields.",
     "cite": "Print the sources to cite: the software, and the papers behind its functions.",
@@ -38,29 +37,10 @@ LOADS = {
     "pressure": "MeanPressure",
     "spring": "Spring",
 }
-Defaults = dict[str, Any]
-# Options of a surface that is generated, and their defaults.
-GENERATED: Defaults = {
-    "size": 256,
-    "seed": 0,
-    "hurst": 0.8,
-    "k_low": 2.0,
-    "k_rolloff": None,
-    "k_high": 32.0,
-    "rms_height": 0.1,
-}
-# Options for statements that a surface file may lack.
+# Parameters of a surface that is generated; statements that a surface file may lack.
+SPECTRUM = ("hurst", "k_low", "k_rolloff", "k_high", "rms_height")
 OF_A_FILE = ("lengths", "unit", "channel")
-_MEASURED: Defaults = {**dict.fromkeys(OF_A_FILE), "detrend": 1, "periodic": None}
-# Defaults of the paper's example, which suit the generated surface.
-_MATERIAL: Defaults = {"youngs_modulus": 1e-3, "surface_energy": 1e-2, "range": 1.0}
-_DEFAULTS = {**GENERATED, **_MEASURED, **_MATERIAL}
-# Options of one kind of run, and their defaults.
-_STUDIES: dict[str, Defaults] = {
-    "loop": {"smallest_jump": None},
-    "unloading": {"number": 21, "order": "continuation"},
-}
-
+_DEFAULT = " (default %(default)s)"
 
 # The library's advice, and its equivalent on the command line.
 _ADVICE = (
@@ -79,10 +59,10 @@ def in_options(message: str) -> str:
     """Return a message on one line, with its advice as options of the command line."""
     for pattern, advice in _ADVICE:
         message = re.sub(pattern, advice, message)
-    names = {name for parser in _parsers()[1].values() for name in parser.options}
+    known = " ".join(parser.format_usage() for parser in _parsers()[1].values())
 
     def option(quoted: re.Match[str]) -> str:
-        return option_of(quoted[1]) if option_of(quoted[1]) in names else quoted[0]
+        return option_of(quoted[1]) if f"[{option_of(quoted[1])}" in known else quoted[0]
 
     return " ".join(re.sub(r"`(\w+)=?`", option, message).split())
 
@@ -90,18 +70,23 @@ def in_options(message: str) -> str:
 def read(arguments: list[str]) -> tuple[str, argparse.Namespace]:
     """Return the command that arguments name, and its options, checked."""
     parser, parsers = _parsers()
-    known = (*COMMANDS, "-h", "--help", "--version")
     first = arguments[0] if arguments else "run"
-    if first not in known and not first.startswith("-"):
+    if first in ("-h", "--help", "--version"):
+        parser.parse_args([first])
+    if first not in COMMANDS and not first.startswith("-"):
         parser.error(
             f"there is no command {first}; the nearest is {nearest(first, COMMANDS)}. "
             f"Commands: {', '.join(COMMANDS)}."
         )
-    name, *rest = arguments if first in known and arguments else ["run", *arguments]
-    if name not in COMMANDS:
-        parser.parse_args([name])
+    name, *rest = arguments if first in COMMANDS and arguments else ["run", *arguments]
     options = parsers[name].parse_args(rest)
-    return name, _checked_run(parsers[name], rest, options) if name == "run" else options
+    if name == "run":
+        if options.config is not None:
+            # The command line overrides the file.
+            rest = [*from_config(parsers[name], options.config), *rest]
+            options = parsers[name].parse_args(rest)
+        _require_consistent(parsers[name], options, given(rest))
+    return name, options
 
 
 def _parsers() -> tuple[Parser, dict[str, Parser]]:
@@ -112,7 +97,7 @@ def _parsers() -> tuple[Parser, dict[str, Parser]]:
     adders = (_add_run, _add_study, _add_info, _add_plot, _add_cite)
     parsers = {}
     for (name, description), add in zip(COMMANDS.items(), adders, strict=True):
-        help = description.partition(":")[0].partition(";")[0].replace("\n", " ")
+        help = re.split("[:;]", description)[0]
         parsers[name] = commands.add_parser(name, help=help, description=description)
         add(parsers[name])
     return parser, parsers
@@ -121,10 +106,41 @@ def _parsers() -> tuple[Parser, dict[str, Parser]]:
 def _add_run(parser: Parser) -> None:
     help = "a TOML file of these options"
     parser.add_argument("--config", type=existing_file, metavar="FILE", help=help)
-    kinds = list(_STUDIES)
-    help = "kind of run (default %(default)s)"
-    parser.add_argument("--study", choices=kinds, default=kinds[0], help=help)
-    _add_problem(parser)
+    help = f"kind of run{_DEFAULT}"
+    parser.add_argument("--study", choices=["loop", "unloading"], default="loop", help=help)
+    add = parser.add_argument_group("generated surface (cut-offs in waves per side)").add_argument
+    add("--size", type=whole_number(2), default=256, help=f"points along a side{_DEFAULT}")
+    help = f"seed of the surface{_DEFAULT}"
+    add("--seed", type=whole_number(0, 2**32 - 1), default=0, help=help)
+    add("--hurst", type=number, default=0.8, help=f"Hurst exponent{_DEFAULT}")
+    add("--k-low", type=number, default=2.0, help=f"lower cut-off{_DEFAULT}")
+    add("--k-rolloff", type=number, help="roll-off (default: the lower cut-off)")
+    add("--k-high", type=number, default=32.0, help=f"upper cut-off{_DEFAULT}")
+    add("--rms-height", type=number, default=0.1, help=f"rms height{_DEFAULT}")
+    _add_file(parser, "measured surface", "--surface")
+    add = parser.add_argument_group("treatment of a measured surface").add_argument
+    help = f"order of the trend that is removed{_DEFAULT}"
+    add("--detrend", type=whole_number(0, 2), default=1, help=help)
+    help = "how to make its edges meet (default: as they are, with a warning)"
+    add("--periodic", choices=["window", "mirror", "as_is"], help=help)
+    # Defaults of the paper's example, which suit the generated surface.
+    add = parser.add_argument_group("solid and adhesion (all needed with --surface)").add_argument
+    add("--youngs-modulus", type=number, default=1e-3, help=f"E{_DEFAULT}")
+    add("--poisson-ratio", type=number, default=0.0, help=f"nu{_DEFAULT}")
+    help = "unit of pressures, as MPa, to be shown (default: Pa where lengths are in m)"
+    add("--pressure-unit", help=help)
+    add("--potential", choices=[*LAWS, "none"], default=LAWS[0], help=f"law{_DEFAULT}")
+    help = f"work of adhesion w, twice gamma of equal surfaces{_DEFAULT}"
+    add("--surface-energy", type=number, default=1e-2, help=help)
+    add("--range", type=number, default=1.0, help=f"rho{_DEFAULT}")
+    help = "edge width of Dugdale's law, over rho (default 0.1)"
+    add("--smoothing", type=number, help=help)
+    add = parser.add_argument_group("loads").add_argument
+    add("--load", choices=[*LOADS], default="gap", help=f"kind of load{_DEFAULT}")
+    add("--stiffness", type=number, help="stiffness of the spring")
+    help = "first load (default of a gap: 1e-4 rms heights, above the minimum of a law with a core)"
+    add("--first", type=number, help=help)
+    add("--last", type=number, help="last load (default of a gap: 20 rms heights more)")
     add = parser.add_argument_group("loop, from the last load to the first and back").add_argument
     help = (
         "locate jumps that lose at least this share of the problem's energy (default 2e-7, or "
@@ -132,56 +148,15 @@ def _add_run(parser: Parser) -> None:
     )
     add("--smallest-jump", type=number, help=help)
     add = parser.add_argument_group("unloading, from the first load to the last").add_argument
-    defaults = _STUDIES["unloading"]
-    add("--number", type=whole_number(1), help=f"number of loads (default {defaults['number']})")
-    help = f"start of the solver at each load (default {defaults['order']})"
-    add("--order", choices=["continuation", "independent"], help=help)
+    add("--number", type=whole_number(1), default=21, help=f"number of loads{_DEFAULT}")
+    orders = ["continuation", "independent"]
+    help = f"start of the solver at each load{_DEFAULT}"
+    add("--order", choices=orders, default=orders[0], help=help)
     add = parser.add_argument_group("run").add_argument
-    help = "precision of all numbers (default %(default)s)"
+    help = f"precision of all numbers{_DEFAULT}"
     add("--precision", choices=["float64", "float32"], default="float64", help=help)
-    help = "folder of the numbered runs (default %(default)s)"
+    help = f"folder of the numbered runs{_DEFAULT}"
     add("--output", type=Path, default=Path("results"), help=help)
-
-
-def _add_problem(parser: Parser) -> None:
-    """Add the options of surface, solid, law and loads."""
-    add = parser.add_argument_group("generated surface (cut-offs in waves per side)").add_argument
-    add("--size", type=whole_number(2), help=f"points along a side{_default('size')}")
-    add("--seed", type=whole_number(0, 2**32 - 1), help=f"seed of the surface{_default('seed')}")
-    add("--hurst", type=number, help=f"Hurst exponent{_default('hurst')}")
-    add("--k-low", type=number, help=f"lower cut-off{_default('k_low')}")
-    add("--k-rolloff", type=number, help="roll-off (default: the lower cut-off)")
-    add("--k-high", type=number, help=f"upper cut-off{_default('k_high')}")
-    add("--rms-height", type=number, help=f"rms height{_default('rms_height')}")
-    _add_file(parser, "measured surface", "--surface")
-    add = parser.add_argument_group("treatment of a measured surface").add_argument
-    help = f"order of the trend that is removed{_default('detrend')}"
-    add("--detrend", type=whole_number(0, 2), help=help)
-    help = "how to make its edges meet (default: as they are, with a warning)"
-    add("--periodic", choices=["window", "mirror", "as_is"], help=help)
-    add = parser.add_argument_group("solid and adhesion (all needed with --surface)").add_argument
-    add("--youngs-modulus", type=number, help=f"E{_default('youngs_modulus')}")
-    add("--poisson-ratio", type=number, default=0.0, help="nu (default %(default)g)")
-    help = "unit of pressures, as MPa, to be shown (default: Pa where lengths are in m)"
-    add("--pressure-unit", help=help)
-    choices = [*LAWS, "none"]
-    add("--potential", choices=choices, default=choices[0], help="law (default %(default)s)")
-    help = f"work of adhesion w, twice gamma of equal surfaces{_default('surface_energy')}"
-    add("--surface-energy", type=number, help=help)
-    add("--range", type=number, help=f"rho{_default('range')}")
-    help = "edge width of Dugdale's law, over rho (default 0.1)"
-    add("--smoothing", type=number, help=help)
-    add = parser.add_argument_group("loads").add_argument
-    add("--load", choices=[*LOADS], default="gap", help="kind of load (default %(default)s)")
-    add("--stiffness", type=number, help="stiffness of the spring")
-    help = "first load (default of a gap: 1e-4 rms heights, above the minimum of a law with a core)"
-    add("--first", type=number, help=help)
-    add("--last", type=number, help="last load (default of a gap: 20 rms heights more)")
-
-
-def _default(name: str) -> str:
-    """Return the default of an option in words, for its help."""
-    return f" (default {_DEFAULTS[name]:g})"
 
 
 def _add_file(parser: Parser, title: str, *names: str) -> None:
@@ -206,7 +181,7 @@ def _add_study(parser: Parser) -> None:
     parser.add_argument("file", type=existing_file, metavar="STUDY.py", help=help)
     help = "the folder of the results; made if it does not exist"
     parser.add_argument("--path", type=Path, metavar="FOLDER", required=True, help=help)
-    help = "number of cases that run at once, by jax.vmap (default %(default)s)"
+    help = f"number of cases that run at once, by jax.vmap{_DEFAULT}"
     parser.add_argument("--batch", type=whole_number(1), default=1, help=help)
     engine = parser.add_mutually_exclusive_group()
     help = "run cases in N processes of this machine"
@@ -234,7 +209,7 @@ def _add_plot(parser: Parser) -> None:
     parser.add_argument("--output", type=Path, metavar="FILE", help=help)
     help = "draw one state of a sweep, from 0 on"
     parser.add_argument("--state", type=whole_number(0), help=help)
-    help = "width in print, a column or a page (default double)"
+    help = f"width in print, a column or a page{_DEFAULT}"
     parser.add_argument("--width", choices=["single", "double"], default="double", help=help)
     _add_import(parser)
 
@@ -254,47 +229,31 @@ def _public_name(text: str) -> str:
     return text
 
 
-def _checked_run(
-    parser: Parser, arguments: list[str], options: argparse.Namespace
-) -> argparse.Namespace:
-    """Return the checked options of a run; the command line overrides a configuration file."""
-    if options.config is not None:
-        options = parser.parse_args([*from_config(parser, options.config), *arguments])
-    _settle(parser, options)
-    for study, defaults in _STUDIES.items():
-        for name, value in defaults.items():
-            if getattr(options, name) is None:
-                setattr(options, name, value)
-            elif study != options.study:
-                parser.refuse(name, f"belongs to --study {study}")
-    return options
-
-
-def _settle(parser: Parser, options: argparse.Namespace) -> None:
-    """Refuse options that do not belong together, and set the defaults of the others."""
-    is_measured = options.surface is not None
-    others, reason = (
-        (GENERATED, "describes a generated surface: leave it out with --surface")
-        if is_measured
-        else (_MEASURED, "belongs to --surface")
-    )
-    for name in others:
-        if getattr(options, name) is not None:
-            parser.refuse(name, reason)
-    for name in _MATERIAL:
-        is_given = getattr(options, name) is not None
-        is_needed = options.potential != "none" or name == "youngs_modulus"
-        if is_given and not is_needed:
-            parser.refuse(name, "belongs to a law, not to --potential none")
-        if is_measured and is_needed and not is_given:
-            parser.refuse(name, "is needed with --surface, in the units of the surface")
-    if options.smoothing is not None and options.potential != "dugdale":
-        parser.refuse("smoothing", "belongs to --potential dugdale")
-    if (options.stiffness is not None) != (options.load == "spring"):
-        parser.refuse("stiffness", "belongs to --load spring, which needs it")
-    for name in ("first", "last"):
-        if options.load not in ("gap", "displacement") and getattr(options, name) is None:
-            parser.refuse(name, f"is needed with --load {options.load}")
-    for name, value in _DEFAULTS.items():
-        if getattr(options, name) is None:
-            setattr(options, name, value)
+def _require_consistent(parser: Parser, options: argparse.Namespace, found: set[str]) -> None:
+    """Exit if options do not belong together, or one is missing."""
+    is_measured, has_law = options.surface is not None, options.potential != "none"
+    is_spring, law = options.load == "spring", ("surface_energy", "range")
+    of_another = "describes a generated surface: leave it out with --surface"
+    of_surface = "is needed with --surface, in the units of the surface"
+    for names, can_be_given, reason in (
+        (("size", "seed", *SPECTRUM), not is_measured, of_another),
+        ((*OF_A_FILE, "detrend", "periodic"), is_measured, "belongs to --surface"),
+        (law, has_law, "belongs to a law, not to --potential none"),
+        (["smoothing"], options.potential == "dugdale", "belongs to --potential dugdale"),
+        (["stiffness"], is_spring, "belongs to --load spring, which needs it"),
+        (["smallest_jump"], options.study == "loop", "belongs to --study loop"),
+        (("number", "order"), options.study == "unloading", "belongs to --study unloading"),
+    ):
+        for name in names:
+            if option_of(name) in found and not can_be_given:
+                parser.error(f"argument {option_of(name)} {reason}.")
+    needs_loads = options.load not in ("gap", "displacement")
+    for names, is_needed, reason in (
+        (["youngs_modulus"], is_measured, of_surface),
+        (law, is_measured and has_law, of_surface),
+        (["stiffness"], is_spring, "belongs to --load spring, which needs it"),
+        (("first", "last"), needs_loads, f"is needed with --load {options.load}"),
+    ):
+        for name in names:
+            if is_needed and option_of(name) not in found:
+                parser.error(f"argument {option_of(name)} {reason}.")

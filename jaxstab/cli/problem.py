@@ -9,11 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxstab import loads, potentials, surfaces
-from jaxstab.cli.options import GENERATED, LOADS, OF_A_FILE
+from jaxstab.cli.options import LOADS, OF_A_FILE, SPECTRUM
 from jaxstab.contact import Contact
-from jaxstab.core.display import amount, times
 from jaxstab.core.grid import Grid
-from jaxstab.core.units import LENGTH, PRESSURE, SURFACE_ENERGY
 from jaxstab.core.warn import warn
 from jaxstab.potentials.profile import innermost_gap
 from jaxstab.solids import HalfSpace
@@ -35,11 +33,8 @@ def contact_of(options: argparse.Namespace) -> Contact:
         grid = heights.grid
     else:
         grid = Grid(options.size)
-        heights = surfaces.self_affine(
-            grid,
-            jax.random.key(options.seed),
-            **{name: getattr(options, name) for name in GENERATED if name not in ("size", "seed")},
-        )
+        spectrum = {name: getattr(options, name) for name in SPECTRUM}
+        heights = surfaces.self_affine(grid, jax.random.key(options.seed), **spectrum)
     solid = HalfSpace(grid, options.youngs_modulus, options.poisson_ratio)
     return Contact(solid, heights, _potential(options), pressure_unit=options.pressure_unit)
 
@@ -76,26 +71,3 @@ def loads_of(
     values = jnp.asarray(first + (last - first) * np.asarray(shares))
     machine = [] if options.stiffness is None else [options.stiffness]
     return getattr(loads, LOADS[options.load])(values, *machine)
-
-
-def described(options: argparse.Namespace, contact: Contact) -> str:
-    """Describe the problem, in lines."""
-    shape = times(contact.grid.shape)
-    unit = f" {contact.unit}" if contact.unit else ""
-
-    def said(value: float, dimension: str) -> str:
-        return amount(value, contact.units, dimension)
-
-    surface = f"Self-affine surface {options.seed}"
-    if options.surface is not None:
-        lengths = times(map(float, contact.grid.lengths), ".4g")
-        surface = f"{options.surface.name}, {lengths}{unit}"
-    law = options.potential
-    if law != "none":
-        law += f", w = {said(options.surface_energy, SURFACE_ENERGY)}"
-        law += f", rho = {said(options.range, LENGTH)}"
-    return (
-        f"{surface}, {shape} points, rms height {float(np.std(contact.heights)):.4g}{unit}\n"
-        f"Half space, E = {said(options.youngs_modulus, PRESSURE)}, "
-        f"nu = {options.poisson_ratio:g}; adhesion: {law}; {contact.heights.dtype}\n"
-    )

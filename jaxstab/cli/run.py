@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> None:
     if not are_installed(*NETCDF):
         warn("No data will be written, for lack of packages: pip install 'jaxstab[data]'.")
     folder = _new_folder(options.output)
-    print(problem.described(options, contact))
+    print(f"{contact}\n")
     try:
         complaint = _loop if options.study == "loop" else _unloading
         complaint = complaint(options, contact, folder)

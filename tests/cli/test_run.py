@@ -101,7 +101,7 @@ def test_options_reach_the_problem_and_no_result_is_overwritten(twice):
     folder, results, _ = twice
     for result, name in zip(results, ("1", "2"), strict=True):
         assert result.returncode == 0, result.stderr
-        assert "E = 2" in result.stdout and "adhesion: none" in result.stdout
+        assert "youngs_modulus=2" in result.stdout and "NoAdhesion()" in result.stdout
         data = xarray.load_dataset(folder / name / "unloading.nc")
         assert data["gap"].dtype == np.float32
         assert data.attrs["load_kind"] == "MeanDisplacement"
