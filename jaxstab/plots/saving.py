@@ -1,16 +1,15 @@
 """Figures as files, at the sizes that journals print."""
 
-from collections.abc import Collection, Iterator
-from contextlib import ExitStack, contextmanager
+import pickle
+from collections.abc import Collection
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis, Tick
+from matplotlib.axis import Axis
 from matplotlib.collections import Collection as Marks
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
@@ -66,9 +65,11 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
             f"A figure of {drawn:.0f} mm is hard to read at {printed:.0f} mm, since letters keep "
             'their size: choose width="double".'
         )
-    with plt.rc_context(_AS_TEXT), _as_printed(whole, printed * _MM):
-        picture = BytesIO()
-        whole.savefig(picture, format=target.suffix[1:].lower(), dpi=_DPI)
+    copy = _copied(whole)
+    _resize(copy, printed * _MM)
+    picture = BytesIO()
+    with plt.rc_context(_AS_TEXT):
+        copy.savefig(picture, format=target.suffix[1:].lower(), dpi=_DPI)
     return written(target, picture.getvalue())
 
 
@@ -101,61 +102,36 @@ def _millimetres(width: Width | None, figure: Figure) -> float:
     return number
 
 
-@contextmanager
-def _as_printed(figure: Figure, width: float) -> Iterator[None]:
-    """Resize a figure to a printed width [inch] within a `with` block."""
-    with ExitStack() as afterwards:
-
-        def put(artist: Artist, **properties: Any) -> None:
-            afterwards.callback(artist.set, **{name: plt.getp(artist, name) for name in properties})
-            artist.set(**properties)
-
-        before, height = figure.get_size_inches()
-        afterwards.callback(figure.set_size_inches, before, height, forward=False)
-        figure.set_size_inches(width, height * width / before, forward=False)
-        _lay_out(figure, afterwards)
-        for axis in figure.findobj(Axis):
-            _set_ticks(axis, afterwards)
-        # Smaller labels bring more ticks into being.
-        at_ticks = _texts_at_ticks(figure)
-        for text in figure.findobj(Text):
-            put(text, fontsize=_TICK_FONT if text in at_ticks else _FONT)
-        # Another size may have more ticks.
-        figure.draw_without_rendering()
-        shrunk = min(max(width / before, _MOST_SHRUNK), 1)
-        for line in figure.findobj(Line2D):
-            put(line, linewidth=shrunk * line.get_linewidth())
-            put(line, markersize=shrunk * line.get_markersize())
-        for part in figure.findobj(Patch) + figure.findobj(Marks):
-            put(part, linewidth=shrunk * np.asarray(plt.getp(part, "linewidth")))
-        for marks in figure.findobj(PathCollection):
-            put(marks, sizes=shrunk**2 * marks.get_sizes())
-        yield
+def _copied(figure: Figure) -> Figure:
+    canvas: Any = figure.canvas
+    # A copy of a figure with a manager would open a window.
+    manager, canvas.manager = canvas.manager, None
+    try:
+        return pickle.loads(pickle.dumps(figure))
+    finally:
+        canvas.manager = manager
 
 
-def _lay_out(figure: Figure, afterwards: ExitStack) -> None:
-    """Have labels inside the figure, where nobody sees to it."""
-    if figure.get_layout_engine() is not None:
-        return
-    for axes in figure.axes:
-        afterwards.callback(axes.set_in_layout, axes.get_in_layout())
-        afterwards.callback(axes.set_position, axes.get_position(original=True))
-    afterwards.callback(figure.set_layout_engine, None)
-    figure.set_layout_engine("constrained")
-
-
-def _texts_at_ticks(figure: Figure) -> set[Text]:
-    """Return the labels of all ticks, and the offset texts of an axis."""
-    ticks: list[Tick] = figure.findobj(Tick)
+def _resize(figure: Figure, width: float) -> None:
+    """Resize a figure to a printed width [inch]."""
+    before, height = figure.get_size_inches()
+    figure.set_size_inches(width, height * width / before)
+    if figure.get_layout_engine() is None:
+        figure.set_layout_engine("constrained")
     axes: list[Axis] = figure.findobj(Axis)
-    labels = {text for tick in ticks for text in (tick.label1, tick.label2)}
-    return labels | {axis.get_offset_text() for axis in axes}
-
-
-def _set_ticks(axis: Axis, afterwards: ExitStack) -> None:
-    """Set the size of labels of ticks, also of those that another size of the figure adds."""
-    for which in ("major", "minor"):
-        if labels := axis.get_ticklabels(which=which):
-            size = labels[0].get_fontsize()
-            afterwards.callback(axis.set_tick_params, which=which, labelsize=size)
-            axis.set_tick_params(which=which, labelsize=_TICK_FONT)
+    for axis in axes:
+        axis.set_tick_params(which="both", labelsize=_TICK_FONT)
+    for text in figure.findobj(Text):
+        text.set_fontsize(_FONT)
+    # Smaller labels may bring more ticks into being.
+    for axis in axes:
+        for text in (*axis.get_ticklabels(which="both"), axis.get_offset_text()):
+            text.set_fontsize(_TICK_FONT)
+    figure.draw_without_rendering()
+    shrunk = min(max(width / before, _MOST_SHRUNK), 1)
+    for line in figure.findobj(Line2D):
+        line.set(linewidth=shrunk * line.get_linewidth(), markersize=shrunk * line.get_markersize())
+    for part in figure.findobj(Patch) + figure.findobj(Marks):
+        plt.setp(part, linewidth=shrunk * np.asarray(plt.getp(part, "linewidth")))
+    for marks in figure.findobj(PathCollection):
+        marks.set_sizes(shrunk**2 * marks.get_sizes())
