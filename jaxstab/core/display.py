@@ -7,16 +7,15 @@ they are known.
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
 from textwrap import shorten
-from typing import Any, SupportsFloat, TypeGuard
+from typing import Any, SupportsFloat
 
 import equinox as eqx
 import jax
 import jax.core
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, PyTree
+from jaxtyping import Array
 
-from jaxstab.core.checks import are_finite, is_spread, known
+from jaxstab.core.checks import are_finite, known
 from jaxstab.core.types import ArrayLike
 from jaxstab.core.unit_system import (
     NO_UNITS,
@@ -27,7 +26,7 @@ from jaxstab.core.unit_system import (
     typeset,
     unit_symbol,
 )
-from jaxstab.core.units import NUMBER, declared
+from jaxstab.core.units import NUMBER, axes_of, declared
 
 # Reading a field raises these where JAX traces, or where a transformation replaced the leaves.
 UNREADABLE = (AttributeError, IndexError, TypeError, ValueError, RuntimeError)
@@ -38,43 +37,22 @@ _LONGEST_TEXT = 120
 
 
 def inline(self: eqx.Module) -> str:
-    """Return a module on one line, without fields on a grid and history: a `__repr__`."""
-    return _line(self, with_grids=False)
-
-
-def in_full(self: eqx.Module) -> str:
-    """Return a module on one line with all of its fields: a `__repr__`."""
-    return _line(self, with_grids=True)
-
-
-def _line(module: eqx.Module, with_grids: bool, units: Units = NO_UNITS) -> str:
-    arguments = [f"{name}={value}" for name, value in _texts(module, with_grids, units)]
-    return f"{type(module).__name__}({', '.join(arguments)})"
+    """Return a module on one line, without fields on the grid: a `__repr__`."""
+    return _line(self, NO_UNITS)
 
 
 def block(self: eqx.Module) -> str:
     """Return a module as one aligned line for each field: a `__repr__`."""
+    units = units_of(self)
     rows = {
         name: shorten(value, _LONGEST_TEXT, placeholder=" ...")
-        for name, value in _texts(self, True, units_of(self))
+        for name, value in _texts(self, units)
         if value != "None"
     }
-    force = getattr(self, "force", None) if getattr(self, "is_window", False) else None
-    if _is_readable(force) and force.ndim == 0:
-        rows["force"] = amount(force, units_of(self), "force")
+    if getattr(self, "is_window", False) and np.ndim(force := getattr(self, "force", 0)) == 0:
+        rows["force"] = amount(force, units, "force")
     width = max(map(len, rows), default=0)
     return "\n".join([type(self).__name__, *(f"  {k:<{width}}  {v}" for k, v in rows.items())])
-
-
-def history(self: PyTree) -> str:
-    """Return the first and last of a solver's indicators, on one line: a `__repr__`."""
-    try:
-        used = np.flatnonzero(np.isfinite(self.steps))
-        recorded = {name: np.asarray(values)[used] for name, values in self.values.items()}
-        ends = [f"{name}={x[0]:.3g} to {x[-1]:.3g}" for name, x in recorded.items()]
-        return f"History({', '.join([f'{used.size} records', *ends])})"
-    except UNREADABLE:
-        return f"History({', '.join(self.names)})"
 
 
 def times(sides: Iterable[object], form: str = "") -> str:
@@ -129,70 +107,64 @@ def table(columns: Mapping[str, Iterable[str]]) -> str:
     return "\n".join([texts[0], "-" * len(texts[0]), *texts[1:]])
 
 
-def described(value: object) -> str:
-    """Return dtype and shape of an array, and its range if known; of a scalar the number."""
-    if not _is_readable(value):
-        return f"traced {_kind(value)}" if isinstance(value, jax.core.Tracer) else _kind(value)
-    numbers = known(value)
-    if numbers.size <= 3 and numbers.ndim <= 1:
-        texts = [number(x) for x in numbers.ravel().tolist()]
-        return texts[0] if numbers.ndim == 0 else f"[{', '.join(texts)}]"
-    return f"{_kind(value)} {_range(numbers)}"
-
-
-def _named(module: eqx.Module, with_grids: bool) -> Iterator[tuple[str, object]]:
-    """Yield the fields of a module; fields on a grid have more axes than scalars."""
-    shown = [f.name for f in fields(module) if f.repr and hasattr(module, f.name)]
-    values = {name: getattr(module, name) for name in shown}
-    axes = {name: value.ndim for name, value in values.items() if _is_array(value)}
-    fewest = min(axes.values(), default=0)
-    for name, value in values.items():
-        is_long = axes.get(name, 0) > fewest or type(value).__repr__ is history
-        if with_grids or not is_long:
-            yield name, value
-
-
 def units_of(module: eqx.Module) -> Units:
     """Return the units of a contact or a result: its own, or its state's."""
     holders = [module, *(getattr(module, field.name, None) for field in fields(module))]
     return next((x.units for x in holders if hasattr(x, "units")), NO_UNITS)
 
 
-def _texts(module: eqx.Module, with_grids: bool, units: Units) -> Iterator[tuple[str, str]]:
+def text(value: object, units: Units = NO_UNITS) -> str:
+    """Return the text for a field: the range of an array, or a number itself."""
+    if isinstance(value, jax.Array | np.ndarray | np.generic):
+        return described(value)
+    if isinstance(value, int | float | complex):
+        return number(value)
+    if isinstance(value, eqx.Module) and type(value).__repr__ in _SHOWN_ON_A_LINE:
+        return _line(value, units)
+    if isinstance(value, tuple | list):
+        return f"({', '.join(text(part, units) for part in value)})"
+    return " ".join(repr(value).split())
+
+
+_SHOWN_ON_A_LINE = (eqx.Module.__repr__, block, inline)
+
+
+def _line(module: eqx.Module, units: Units) -> str:
+    on_grid = {name for name, axes in axes_of(type(module)).items() if "grid" in axes}
+    texts = [
+        f"{name}={x}" for name, x in _texts(module, units) if name not in {*on_grid, "history"}
+    ]
+    return f"{type(module).__name__}({', '.join(texts)})"
+
+
+def _texts(module: eqx.Module, units: Units) -> Iterator[tuple[str, str]]:
     """Yield the name and the text of each field, with its unit."""
     dimensions = declared(type(module))
-    for name, value in _named(module, with_grids):
+    for name in [f.name for f in fields(module) if f.repr and hasattr(module, f.name)]:
+        value = getattr(module, name)
         unit = unit_symbol(units, dimensions.get(name, (NUMBER,))[0])
         is_known = value is not None and unit != NUMBER and not has_words(unit)
         yield name, text(value, units) + (f" {typeset(unit)}" if is_known else "")
 
 
-def text(value: object, units: Units = NO_UNITS) -> str:
-    """Return the text for a field: the range of an array, or a number itself."""
-    if _is_array(value):
-        return described(value)
-    if isinstance(value, int | float | complex):
-        return number(value)
-    form = type(value).__repr__
-    if isinstance(value, eqx.Module) and form in (eqx.Module.__repr__, block, inline, in_full):
-        return _line(value, form is in_full, units)
-    if isinstance(value, tuple | list | dict):
-        return repr(jax.tree.map(lambda part: _Word(text(part, units)), value, is_leaf=_is_content))
-    return " ".join(repr(value).split())
-
-
-class _Word(str):
-    """A text that containers show without quotes."""
-
-    __repr__ = str.__str__
-
-
-def _is_content(value: object) -> bool:
-    return not isinstance(value, tuple | list | dict)
-
-
-def _is_array(value: object) -> TypeGuard[Array | np.ndarray]:
-    return all(hasattr(value, name) for name in ("dtype", "shape", "ndim"))
+def described(value: Array | np.ndarray | np.generic) -> str:
+    """Return dtype and shape of an array, and its range if known; of a scalar the number."""
+    kind = f"{value.dtype}[{', '.join(map(str, value.shape))}]"
+    if isinstance(value, jax.core.Tracer):
+        return f"traced {kind}"
+    # Reading other processes' shards needs their participation.
+    if isinstance(value, jax.Array) and not (
+        value.is_fully_addressable or value.is_fully_replicated
+    ):
+        return kind
+    try:
+        numbers = known(value)
+        if numbers.size <= 3 and numbers.ndim <= 1:
+            texts = [number(x) for x in numbers.ravel().tolist()]
+            return texts[0] if numbers.ndim == 0 else f"[{', '.join(texts)}]"
+        return f"{kind} {_range(numbers)}"
+    except UNREADABLE:
+        return kind
 
 
 def number(value: complex) -> str:
@@ -200,34 +172,18 @@ def number(value: complex) -> str:
     return str(value) if isinstance(value, int) else f"{value:.6g}"
 
 
-def _kind(value: object) -> str:
-    if not _is_array(value):
-        return type(value).__name__
-    return f"{value.dtype}[{', '.join(map(str, value.shape))}]"
-
-
 def _range(numbers: Array | np.ndarray) -> str:
     if numbers.dtype == bool:
         return f"with {numbers.sum()} true"
-    xp, finite = jnp if is_spread(numbers) else np, are_finite(numbers)
+    finite = are_finite(numbers)
     missing = f"with {numbers.size - finite.sum()} not finite"
     if not finite.any():
         return missing
-    # Adding zero turns a negative zero into zero.
+    # Adding zero turns integers into floats, and a negative zero into zero.
+    values = numbers + 0.0
     least, most = (
-        float(reduce(numbers + 0.0, where=finite, initial=far)) + 0.0
-        for reduce, far in ((xp.min, np.inf), (xp.max, -np.inf))
+        values.min(where=finite, initial=np.inf),
+        values.max(where=finite, initial=-np.inf),
     )
-    ends = f"from {least:.4g} to {most:.4g}"
+    ends = f"from {float(least):.4g} to {float(most):.4g}"
     return ends if finite.all() else f"{ends}, {missing}"
-
-
-def _is_readable(leaf: object) -> TypeGuard[Array | np.ndarray]:
-    if isinstance(leaf, jax.core.Tracer) or not isinstance(leaf, np.ndarray | jax.Array):
-        return False
-    if isinstance(leaf, jax.Array):
-        # Reading other processes' shards needs their participation.
-        is_here = leaf.is_fully_addressable or leaf.is_fully_replicated
-        if leaf.is_deleted() or not is_here:
-            return False
-    return any(jnp.issubdtype(leaf.dtype, kind) for kind in (np.number, np.bool_))

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int
 
 from jaxstab.core.checks import array, known
-from jaxstab.core.display import UNREADABLE, described
+from jaxstab.core.display import UNREADABLE, text
 from jaxstab.core.stack import Stackable
 
 Tree = TypeVar("Tree")
@@ -107,7 +107,7 @@ class Enumeration(Stackable):
         try:
             return np.array2string(np.asarray(self.name), formatter={"all": str})
         except UNREADABLE:
-            return f"{type(self).__name__}({described(self.code)})"
+            return f"{type(self).__name__}({text(self.code)})"
 
 
 def _pick(words: np.ndarray, code: Array | np.ndarray) -> str | np.ndarray:

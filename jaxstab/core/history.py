@@ -11,7 +11,6 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
-from jaxstab.core import display
 from jaxstab.core.batching import with_entry
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Scalar
@@ -33,7 +32,8 @@ class History(Stackable, Dimensioned):
     table: Annotated[Float[Array, "records columns"], NUMBER]
     names: tuple[str, ...] = eqx.field(static=True)
 
-    __repr__ = display.history
+    def __repr__(self) -> str:
+        return f"History({', '.join(self.names)})"
 
     @property
     def stack_shape(self) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxstab.core.checks import known, parameter, require, require_positive
-from jaxstab.core.display import in_full
+from jaxstab.core.display import inline
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, NUMBER, SURFACE_ENERGY, Dimension
 from jaxstab.potentials.sums import Law
@@ -20,7 +20,7 @@ class _RangedLaw(Law):
     surface_energy: Annotated[Scalar, SURFACE_ENERGY]
     length: Annotated[Scalar, LENGTH]
 
-    __repr__ = in_full
+    __repr__ = inline
 
     def __init__(self, surface_energy: ArrayLike, length: ArrayLike):
         self.surface_energy = parameter(surface_energy)
@@ -169,7 +169,7 @@ class Electrostatic(Law):
     permittivity: Annotated[Scalar, Dimension("energy/(voltage^2 length)")]
     dielectric: Annotated[Scalar, LENGTH]
 
-    __repr__ = in_full
+    __repr__ = inline
 
     def __init__(self, voltage: ArrayLike, permittivity: ArrayLike, dielectric: ArrayLike = 0.0):
         self.voltage = parameter(voltage)
@@ -208,7 +208,7 @@ class Capillary(Law):
     radius: Annotated[Scalar, LENGTH]
     smoothing: Annotated[Scalar, NUMBER]
 
-    __repr__ = in_full
+    __repr__ = inline
 
     def __init__(
         self,
@@ -256,7 +256,7 @@ class CutOff(Law):
     law: Callable[[Scalar], Scalar]
     radius: Annotated[Scalar, LENGTH]
 
-    __repr__ = in_full
+    __repr__ = inline
 
     def __init__(self, law: Callable[[Scalar], Scalar], radius: ArrayLike):
         if not callable(law):

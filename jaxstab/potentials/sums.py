@@ -5,7 +5,7 @@ from typing import Any
 
 import equinox as eqx
 
-from jaxstab.core.display import in_full
+from jaxstab.core.display import inline
 from jaxstab.core.types import Scalar
 
 
@@ -34,7 +34,7 @@ class Sum(Law):
 
     laws: tuple[Callable[[Scalar], Scalar], ...]
 
-    __repr__ = in_full
+    __repr__ = inline
 
     def __check_init__(self) -> None:
         if not (self.laws and all(map(callable, self.laws))):

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, PyTree
 
-from jaxstab.core.display import in_full
+from jaxstab.core.display import inline
 from jaxstab.core.types import Mask, Scalar
 from jaxstab.core.units import NUMBER
 from jaxstab.potentials.sums import Law
@@ -36,7 +36,7 @@ class Varying(Law):
 
     law: Potential
 
-    __repr__ = in_full
+    __repr__ = inline
 
     def __check_init__(self) -> None:
         # A bare function does not say which of its arrays vary, and would be the mean everywhere.
