@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from jaxstab.calibration.least_squares import Curve, Measured
 from jaxstab.core.types import Scalar
-from jaxstab.core.warn import warn_once
+from jaxstab.core.warn import warn
 
 # The chance of a normal error, or of a lower misfit by chance, below which a warning is given.
 _CHANCE = 1e-4
@@ -40,10 +40,10 @@ class Hints(eqx.Module):
 def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) -> None:
     """Warn of an outlier, a wrong sign, and an offset or a baseline that the measurements show."""
     if outlier := outlier_of(measured, fitted, count):
-        warn_once(f"{outlier}.", FitWarning, per_line=True)
+        warn(f"{outlier}.", FitWarning, per_line=True)
     missed = np.linalg.norm(_missed(measured, fitted)) / np.linalg.norm(measured.deviation)
     if missed > _POOR and (sign := wrong_sign(measured, hints.guess)):
-        warn_once(f"{sign}. The misfit is {missed:.0%} of the curve.", FitWarning, per_line=True)
+        warn(f"{sign}. The misfit is {missed:.0%} of the curve.", FitWarning, per_line=True)
     missing = [name for name, zero in zip(("offset", "baseline"), hints.zeros, strict=True) if zero]
     freedom = int(jnp.sum(measured.weights > 0)) - count - len(missing)
     if not missing or freedom < 1 or _is_exact(measured, fitted):
@@ -51,7 +51,7 @@ def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) 
     chance = betainc(freedom / 2, len(missing) / 2, 1 - hints.drop)
     if chance < _CHANCE and hints.drop > 0.5:
         offset, baseline = hints.zeros
-        warn_once(
+        warn(
             f"the misfit would fall by {float(hints.drop):.0%} if the loads had an offset of about "
             f"{offset:.3g} and the measurements a baseline of about {baseline:.3g}: fit them with "
             f"{', '.join(f'{name}=True' for name in missing)}.",

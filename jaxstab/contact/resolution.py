@@ -6,7 +6,7 @@ import numpy as np
 from jaxstab.contact import Contact
 from jaxstab.core.checks import is_traced, known
 from jaxstab.core.display import times
-from jaxstab.core.warn import warn_once
+from jaxstab.core.warn import warn
 
 _MAX_REFINEMENT = 1024
 
@@ -41,7 +41,7 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
         f"stiffness of its shortest wave is {resolution:.3g} of the largest |f''|, so that "
         f"{effect}. {_cure(contact, resolution / needed)}"
     )
-    warn_once(message, ResolutionWarning, per_line=True)
+    warn(message, ResolutionWarning, per_line=True)
 
 
 def _cure(contact: Contact, share: np.floating) -> str:

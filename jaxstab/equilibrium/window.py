@@ -18,7 +18,7 @@ from jaxstab.core.grid import mean, mirrored, padded, where_window
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field
-from jaxstab.core.warn import warn_once
+from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrium import Equilibrium
 from jaxstab.loads import Load
 
@@ -83,7 +83,7 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
     largest, at_edges = pressures.max(), max(end.max() for end in ends)
     share = at_edges / largest if largest > 0 else 0
     if share > _MOST_AT_EDGES:
-        warn_once(
+        warn(
             f"at the edges of the window the pressure is {share:.2g} of its largest value: contact "
             "or adhesion reaches the edge of the window. Use a larger one.",
             WindowWarning,

@@ -13,7 +13,7 @@ from jaxstab.core.checks import is_traced, known, parameter, require_positive
 from jaxstab.core.grid import Grid, mean, mean_over, total
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.core.units import LENGTH, STIFFNESS
-from jaxstab.core.warn import warn_once
+from jaxstab.core.warn import warn
 from jaxstab.loads.load import Load, prescribed
 from jaxstab.loads.pressure import PressingControl
 from jaxstab.potentials.profile import Profile
@@ -178,7 +178,7 @@ class Spring(Load):
         stiffness, softest = known(self.stiffness).min(), known(solid.min_stiffness)
         if stiffness >= _SOFT * softest:
             return
-        warn_once(
+        warn(
             f"the stiffness of the spring is {stiffness:.3g} [pressure/length], the stiffness of "
             f"the solid's softest wave {softest:.3g}: the machine is so soft that it hardly "
             "presses. "

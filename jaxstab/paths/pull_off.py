@@ -15,7 +15,6 @@ from jaxstab.core.compile import program
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import ArrayLike, Field, Scalar
-from jaxstab.core.warn import said_once
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.equilibrium import State, single_start
@@ -80,7 +79,7 @@ def pull_off(
     constants = jax.lax.stop_gradient((contact, stiffness))
     bar = progress_bar(100, "%", shown=can_be_shown(progress, (constants, initial)))
     # What was not found is NaN.
-    with said_once(), jax.debug_nans(False), bar as bar:
+    with jax.debug_nans(False), bar as bar:
         warn_if_coarse(contact, FOR_JUMPS)
         pressure, start = _start(constants[0], initial)
         whole, start = whole_start(contact, MeanPressure(pressure), start)

@@ -22,7 +22,7 @@ from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import Stackable, first_entries, stacked
 from jaxstab.core.types import ArrayLike, Field, Flag
 from jaxstab.core.units import STIFFNESS
-from jaxstab.core.warn import said_once, warn
+from jaxstab.core.warn import warn
 from jaxstab.equilibrium import (
     Equilibrium,
     EquilibriumSolver,
@@ -136,7 +136,7 @@ def sweep(
         solve = _solve_together if order == "independent" else _solve_in_turn
         return solve(problem, load, start, throw)
     # NaN marks what was not found.
-    with said_once(), jax.debug_nans(False), bar as bar:
+    with jax.debug_nans(False), bar as bar:
         warn_if_coarse(contact)
         if order == "independent" and jax.default_backend() != "cpu":
             found = _solve_padded(problem, load, start)

@@ -23,7 +23,7 @@ from jaxstab.core.checks import integer, require
 from jaxstab.core.executors import run_tasks
 from jaxstab.core.optional_packages import require_packages, versions
 from jaxstab.core.progress import progress_bar
-from jaxstab.core.warn import said_once, warn, warn_once
+from jaxstab.core.warn import warn
 from jaxstab.studies.cases import LISTED, MARKS, RECORD, Case, Cases, read_axes
 from jaxstab.studies.worker import Worker
 
@@ -115,13 +115,13 @@ def study(
         if is_ours:
             signal.signal(signal.SIGINT, stop)
         tasks = [left[i : i + batch] for i in range(0, len(left), batch)]
-        with said_once(), progress_bar(len(files), "case", shown=progress, done=len(before)) as bar:
+        with progress_bar(len(files), "case", shown=progress, done=len(before)) as bar:
             here = ((x, worker.run(x)) for x in tasks if not is_stopped.is_set())
             there = run_tasks(executor, worker, tasks, is_stopped.is_set)
             for task, warning in here if executor is None else there:
                 bar.update(len(task))
                 if warning:
-                    warn_once(warning, UserWarning, per_line=True)
+                    warn(warning, per_line=True)
         found = before | _read([x for x in files if x not in before], files)
         blank = _agreed(cases, files, found, before)
     except (OSError, RuntimeError) as error:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from jaxstab.core.display import times
-from jaxstab.core.warn import warn_once
+from jaxstab.core.warn import warn as warn_caller
 from jaxstab.surfaces.processing import trend
 
 # Edges do not meet if the rms jump across them exceeds so many rms increments inside.
@@ -28,7 +28,7 @@ class SurfaceWarning(UserWarning):
 def warn(sentences: list[str]) -> None:
     """Warn of suspicious heights, once for each sentence."""
     for sentence in sentences:
-        warn_once(sentence, SurfaceWarning)
+        warn_caller(sentence, SurfaceWarning)
 
 
 def looks_wrong(heights: np.ndarray) -> list[str]:

@@ -3,7 +3,6 @@
 import inspect
 import warnings
 
-import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -53,16 +52,6 @@ def test_steps_of_a_fit_warn_once_and_filters_that_say_always_hold():
             warnings.simplefilter(action)
             fit()
         assert [warning.category for warning in said] == number * [js.ResolutionWarning]
-
-
-@pytest.mark.parametrize("order", ["independent", "continuation"])
-def test_a_sweep_warns_once_whatever_the_filters(order):
-    loads = js.MeanGap(jnp.array([0.3, 0.25, 0.2]))
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        js.sweep(coarse(0.12), loads, order=order)
-    assert [warning.category for warning in said] == [js.ResolutionWarning]
-    assert said[0].filename == __file__
 
 
 def test_steps_of_a_fit_through_a_soft_machine_warn_once_of_the_callers_line():
