@@ -21,24 +21,15 @@ _NUM_VECTORS = 30
 
 
 class _Space(eqx.Module):
-    """A Krylov space: orthonormal vectors and the rotated Hessenberg matrix.
+    """A Krylov space: orthonormal vectors, one more than columns of the Hessenberg matrix.
 
-    Attributes:
-        vectors: the orthonormal vectors, one more than columns of the matrix.
-        hessenberg: the Hessenberg matrix; zero where unused.
-        triangle: that matrix rotated to a triangle; the identity where unused.
-        right: the rotated right-hand side; its entry `count` is the residual.
-        cosines: of the Givens rotations.
-        sines: of the Givens rotations.
-        count: the number of columns.
+    `null` is orthogonal to these columns, and begins with 1. The least residual is that of the
+    start over its norm.
     """
 
     vectors: PyTree
     hessenberg: Float[Array, "room+1 room"]
-    triangle: Float[Array, "room room"]
-    right: Float[Array, " room+1"]
-    cosines: Float[Array, " room"]
-    sines: Float[Array, " room"]
+    null: Float[Array, " room+1"]
     count: Int[Array, ""]
 
 
@@ -77,27 +68,19 @@ def _cycle(
         room = jnp.zeros((_NUM_VECTORS + 1, *leaf.shape), leaf.dtype)
         return room.at[0].set(leaf / jnp.where(norm > 0, norm, 1))
 
-    none = jnp.zeros(_NUM_VECTORS, norm.dtype)
-    right = jnp.zeros(_NUM_VECTORS + 1, norm.dtype).at[0].set(norm)
-    space = _Space(
-        jax.tree.map(buffer, left),
-        jnp.zeros((_NUM_VECTORS + 1, _NUM_VECTORS), norm.dtype),
-        jnp.eye(_NUM_VECTORS, dtype=norm.dtype),
-        right,
-        none,
-        none,
-        jnp.array(0),
-    )
+    hessenberg = jnp.zeros((_NUM_VECTORS + 1, _NUM_VECTORS), norm.dtype)
+    first = jnp.zeros(_NUM_VECTORS + 1, norm.dtype).at[0].set(1)
+    space = _Space(jax.tree.map(buffer, left), hessenberg, first, jnp.array(0))
 
     def goes_on(space: _Space) -> Array:
-        return (jnp.abs(space.right[space.count]) > wanted) & (space.count < _NUM_VECTORS)
+        reached = norm / jnp.linalg.norm(space.null)
+        return (reached > wanted) & (space.count < _NUM_VECTORS)
 
     space = jax.lax.while_loop(goes_on, partial(_widened, operator), space)
-    is_used = jnp.arange(_NUM_VECTORS) < space.count
-    rotated = jnp.where(is_used, space.right[:-1], 0)
-    parts = jax.scipy.linalg.solve_triangular(space.triangle, rotated)
+    # Columns that are not used are zero, and so are their parts.
+    parts = jnp.linalg.lstsq(space.hessenberg, norm * first)[0]
     # The residual lies in the space too: no other product with A is needed.
-    missed, parts = right - space.hessenberg @ parts, jnp.append(parts, 0)
+    missed, parts = norm * first - space.hessenberg @ parts, jnp.append(parts, 0)
 
     def combine(index: Array, sums: tuple[Vector, Vector]) -> tuple[Vector, Vector]:
         vector = _at(space.vectors, index)
@@ -117,33 +100,16 @@ def _widened(operator: Callable[[PyTree], PyTree], space: _Space) -> _Space:
         overlap = _product(other, vector)
         return _sum(vector, -overlap, other), column.at[index].set(overlap)
 
-    def rotate(index: Array, column: Array) -> Array:
-        first, second = column[index], column[index + 1]
-        cosine, sine = space.cosines[index], space.sines[index]
-        column = column.at[index].set(cosine * first + sine * second)
-        return column.at[index + 1].set(cosine * second - sine * first)
-
-    start = operator(_at(space.vectors, last)), jnp.zeros_like(space.right)
+    start = operator(_at(space.vectors, last)), jnp.zeros_like(space.null)
     vector, column = jax.lax.fori_loop(0, last + 1, part, start)
     norm = _norm(vector)
-    hessenberg = space.hessenberg.at[:, last].set(column.at[last + 1].set(norm))
-    column = jax.lax.fori_loop(0, last, rotate, column)
-    pivot = jnp.hypot(column[last], norm)
-    pivot = jnp.where(pivot > 0, pivot, 1)
-    cosine, sine = column[last] / pivot, norm / pivot
     unit = jnp.where(norm > 0, norm, 1)
-    vectors = jax.tree.map(
-        lambda room, leaf: room.at[last + 1].set(leaf / unit), space.vectors, vector
-    )
-    value = space.right[last]
-    column = column.at[last].set(pivot)[:-1] * (jnp.arange(_NUM_VECTORS) <= last)
+    # Without a new vector the solution is in the space.
+    null = jnp.where(norm > 0, -jnp.vdot(space.null, column) / unit, jnp.inf)
     return _Space(
-        vectors,
-        hessenberg,
-        space.triangle.at[:, last].set(column),
-        space.right.at[last].set(cosine * value).at[last + 1].set(-sine * value),
-        space.cosines.at[last].set(cosine),
-        space.sines.at[last].set(sine),
+        jax.tree.map(lambda room, x: room.at[last + 1].set(x / unit), space.vectors, vector),
+        space.hessenberg.at[:, last].set(column.at[last + 1].set(norm)),
+        space.null.at[last + 1].set(null),
         last + 1,
     )
 
