@@ -25,7 +25,7 @@ def test_remainders_are_those_of_taylors_theorem():
     np.testing.assert_allclose(test.remainders, exact, rtol=1e-4, atol=1e-14)
     np.testing.assert_allclose(test.rates, (1, 2), atol=0.01)
     assert test.success and test.message == ""
-    assert "rates 1.00 and 2.00" in repr(test) and "2.01" in repr(test)
+    assert "rates 1.00 and 2.00" in repr(test)
 
 
 @pytest.mark.parametrize("mode", ["fwd", "rev"])
