@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Timer
 from time import time
-from typing import Literal
 
 import jax
 from jaxtyping import Array, PyTree
@@ -17,21 +16,14 @@ from jaxstab.core.warn import warn
 
 # Work that takes longer shows a bar by itself, where somebody sees it [s].
 _DELAY = 2.0
-# In place of a bar where nothing is known of the progress.
-COMPILING = "compiling and solving"
-Shown = bool | Literal["compiling and solving"] | None
 
 
 class Bar(tqdm):
     """A bar that says "compiling" until its first step, most of whose time that is."""
 
-    is_still: bool = False
-
     def update(self, n: float | None = 1) -> bool | None:
         """Move by a number of units."""
-        if self.is_still or self.disable:
-            return None
-        if self.desc:
+        if self.desc and not self.disable:
             self.set_description(refresh=not self.delay)
         return super().update(n)
 
@@ -46,18 +38,20 @@ _bars: list[Bar] = []
 
 
 @contextmanager
-def progress_bar(total: int, unit: str, *, shown: Shown = True, done: int = 0) -> Iterator[Bar]:
+def progress_bar(
+    total: int, unit: str, *, shown: bool | None = True, done: int = 0
+) -> Iterator[Bar]:
     """Show a bar of `total` units, some `done` before, that `advance` moves, to the block's end.
 
-    If `shown` is None, or `COMPILING`, which shows these words alone, it appears after a while in a
-    terminal or a notebook, but not within another one, and does not stay.
+    If `shown` is None it appears after a while in a terminal or a notebook, but not within another
+    one, and does not stay.
     """
-    is_late, is_still = shown in (None, COMPILING), shown == COMPILING
+    is_late = shown is None
     is_hidden = bool(_bars) or not is_watched() if is_late else not shown
     style = {"delay": _DELAY, "leave": False} if is_late else {}
-    style |= {"bar_format": f"{COMPILING} ..."} if is_still else {"desc": "compiling"}
-    with Bar(total=total, unit=unit, disable=is_hidden, initial=done, **style) as bar:
-        bar.is_still = is_still
+    with Bar(
+        total=total, unit=unit, desc="compiling", disable=is_hidden, initial=done, **style
+    ) as bar:
         timer = Timer(_DELAY, bar.appear)
         timer.daemon = True
         _bars.append(bar)
@@ -83,13 +77,13 @@ def is_watched() -> bool:
     return sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
 
 
-def can_be_shown(progress: bool | None, inputs: PyTree) -> Shown:
-    """Return how a bar is to be shown; one that is asked for is none under transformations."""
+def can_be_shown(progress: bool | None, inputs: PyTree) -> bool | None:
+    """Return how a bar is to be shown: not under transformations, where one cannot be asked for."""
     if not is_transformed(inputs):
         return progress
     if progress:
         warn("Inside of JAX transformations no progress is shown.")
-    return COMPILING if progress is None else False
+    return False
 
 
 def advance_if_known(after: PyTree) -> None:

@@ -17,7 +17,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.grid import resample
 from jaxstab.core.implicit import attach
 from jaxstab.core.loop import Iteration, solver_or_default
-from jaxstab.core.progress import COMPILING, progress_bar
+from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium.derivatives import changes_of_fields
@@ -93,7 +93,7 @@ def equilibrate(
         load,
         solver,
         start,
-        bar=progress_bar(1, "solve", shown=COMPILING),
+        bar=progress_bar(1, "solve", shown=None),
         derivatives=with_derivatives,
         describe=partial(_describe, contact),
         throw=throw,

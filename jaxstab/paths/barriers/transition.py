@@ -17,7 +17,7 @@ from jaxstab.core.checks import integer, parameter, require, require_positive
 from jaxstab.core.compile import program
 from jaxstab.core.display import block
 from jaxstab.core.grid import mean, total
-from jaxstab.core.progress import COMPILING, progress_bar
+from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
@@ -139,7 +139,7 @@ def transition(
         load,
         first,
         last,
-        bar=progress_bar(1, "pass", shown=COMPILING),
+        bar=progress_bar(1, "pass", shown=None),
         derivatives=_with_barriers,
         describe=lambda found: _describe(found, load),
         throw=throw,
