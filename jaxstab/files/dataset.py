@@ -21,7 +21,6 @@ from jaxstab.core.unit_system import unit_symbol
 from jaxstab.core.units import LENGTH
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.verify import recognised
-from jaxstab.files.labels import long_name
 from jaxstab.files.records import NamedArray, Recorder, Structure, indicators
 from jaxstab.files.tabulated_law import law_variables
 from jaxstab.loads import Load
@@ -42,6 +41,38 @@ Result = Equilibrium | Stability | Sweep | Path | Branch | Evolution | Transitio
 FORMAT = 2
 # The order of a material's moduli in a coated half space.
 _MODULI = ("youngs_modulus", "poisson_ratio")
+# The long names of fields whose own names do not say what they are.
+_NAMES = {
+    "back": "energy of the saddle above the end",
+    "bound": "proved lower bound of the smallest eigenvalue",
+    "complementarity": "least reaction over the rms pressure",
+    "contact_area": "number of contact points over the number of all points",
+    "datum": "height that heights count from",
+    "dielectric": "thickness of the dielectric over its relative permittivity",
+    "dissipated": "energy dissipated in the solid",
+    "end": "end of the branch",
+    "energies": "energy of the images and the load, above the start",
+    "factor": "factor of the law",
+    "images": "gap along the string",
+    "incremental_stiffness": "force over a small approach",
+    "index": "number of negative eigenvalues on the free points",
+    "length": "range",
+    "lost": "energy lost in jumps",
+    "mean_pressure": "mean pressure, positive in compression",
+    "mode": "mode of unit norm",
+    "num_applications": "applications of the Hessian",
+    "poisson_ratio": "Poisson's ratio",
+    "pressure": "elastic pressure, positive in compression",
+    "ratios": "moduli of the branches over the relaxed one",
+    "reached": "time of the last state found",
+    "residual": "relative residual",
+    "stored": "energy stored, above the start",
+    "strains": "displacement of each spring, first relative to the far side",
+    "surface_energy": "work of adhesion",
+    "there": "energy of the saddle above the start",
+    "true_area": "area corrected for the grid",
+    "youngs_modulus": "Young's modulus",
+}
 _STATES = {"load": ("state",), "equilibrium": ("state",)}
 _OWN_AXES: Mapping[type, Mapping[str, tuple[str, ...]]] = {
     Path: {**_STATES, "jumps": ("jump",)},
@@ -190,8 +221,7 @@ def _label(record: NamedArray, contact: Contact, result: Result) -> tuple[str, s
     else:
         if holders[-1:] in (["layer"], ["base"]):
             field = _MODULI[int(field)]
-        # A field of a user's class keeps its name.
-        name = long_name(field, holders) if record.is_known else field.replace("_", " ")
+        name = _NAMES.get(field, field.replace("_", " "))
     silent = ("equilibrium", "stability", "observables", "load", "solid", "grid", "potential")
     words = [word.replace("_", " ") for word in holders if word not in silent]
     return ", ".join([*words, name]), unit_symbol(contact.units, dimension)

@@ -20,7 +20,7 @@ from jaxstab.core.closures import BareFunction
 from jaxstab.core.enumeration import Enumeration
 from jaxstab.core.history import History
 from jaxstab.core.unit_system import Units
-from jaxstab.core.units import declared, is_own
+from jaxstab.core.units import declared
 
 # A structure is JSON, as Python objects.
 Structure = Any
@@ -58,14 +58,12 @@ class NamedArray:
         dims: the names of its axes.
         path: the fields that lead to it.
         dimension: the dimension that its field declares, "" for none.
-        is_known: whether its field is one of a class of this package.
     """
 
     values: np.ndarray
     dims: tuple[str, ...]
     path: tuple[str, ...]
     dimension: str
-    is_known: bool
 
 
 class Recorder:
@@ -82,27 +80,27 @@ class Recorder:
         axes: tuple[str, ...] = (),
         axes_of: Mapping[str, tuple[str, ...]] | None = None,
         dimensions: Sequence[str] = (),
-        is_known: bool = True,
     ) -> Structure:
         """Record the arrays of a pytree at a path of fields, and return its structure.
 
         All of its arrays have the given leading axes, except for the given fields.
         """
-        about = {"dimension": (*dimensions, "")[0], "is_known": is_known}
+        dimension = (*dimensions, "")[0]
         if value is None or isinstance(value, jax.sharding.Sharding):
             # Restored arrays lie on one device.
             return None
         if isinstance(value, Enumeration):
-            return {"members": type(value).__name__, **self._array(value.name, path, axes, **about)}
+            array = self._array(value.name, path, axes, dimension)
+            return {"members": type(value).__name__, **array}
         if isinstance(value, jax.Array | np.ndarray | np.generic):
-            return self._array(value, path, axes, **about)
+            return self._array(value, path, axes, dimension)
         if isinstance(value, bool | int | float | str):
             return {"value": value}
         if isinstance(value, Units):
             return {"units": list(value)}
         if type(value) in (tuple, list):
             parts = [
-                self.structure(x, (*path, str(i)), axes, None, dimensions[i:], is_known)
+                self.structure(x, (*path, str(i)), axes, None, dimensions[i:])
                 for i, x in enumerate(value)
             ]
             return {type(value).__name__: parts}
@@ -119,7 +117,6 @@ class Recorder:
                 (axes_of or {}).get(field.name, axes),
                 None,
                 declared(type(value)).get(field.name, ()),
-                is_own(type(value).__module__),
             )
             for field in fields(value)
         }
@@ -130,7 +127,7 @@ class Recorder:
         array: Array | np.ndarray | np.generic,
         path: tuple[str, ...],
         axes: tuple[str, ...],
-        **about: Any,
+        dimension: str,
     ) -> Structure:
         if is_traced(array):
             raise TypeError("JAX is tracing the result, without numbers: save it outside of jit.")
@@ -139,7 +136,7 @@ class Recorder:
         words = ["total", *words] if path in _TOTALS and not axes else words
         name = "_".join([word for word in words if word not in _SILENT]) or path[-1]
         dims = (*axes, *self._own_dims(name, path, values.shape[len(axes) :]))
-        record = NamedArray(values, dims, path, **about)
+        record = NamedArray(values, dims, path, dimension)
         if name in self.records and not _is_same(self.records[name], record):
             name = "_".join(words)
         self.records[name] = record
@@ -229,13 +226,14 @@ def _class(path: str) -> type:
     A file can name anything, and to import it would run its code.
     """
     module, _, name = path.partition(":")
-    if not is_own(module) and module not in sys.modules:
+    is_own = module.partition(".")[0] == _PACKAGE
+    if not is_own and module not in sys.modules:
         raise ValueError(
             f"The file names the class {path}, and a file imports no module: if you trust it, "
             f"write `import {module}` before jaxstab.load, or give the option --import {module}."
         )
-    found: object = _public(path) if is_own(module) else sys.modules[module]
-    for part in [] if is_own(module) else name.split("."):
+    found: object = _public(path) if is_own else sys.modules[module]
+    for part in [] if is_own else name.split("."):
         # `getattr` may import, a look-up in `__dict__` cannot.
         found = getattr(found, "__dict__", {}).get(part)
     if found is None:

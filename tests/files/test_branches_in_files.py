@@ -85,9 +85,9 @@ def test_data_sets_of_both_say_what_everything_is(contact, branch, transition):
             assert array.attrs["long_name"]
             assert array.dtype.kind != "f" or array.attrs["units"]
     one, other = sets
-    assert one.turn_kind.attrs["long_name"] == "turns, why the load turns"
+    assert one.turn_kind.attrs["long_name"] == "turns, kind"
     assert one.turn_mode.attrs["units"] == "1"
-    assert other.saddle_gap.attrs == {"long_name": "saddle, gap g", "units": "length"}
+    assert other.saddle_gap.attrs == {"long_name": "saddle, gap", "units": "length"}
     assert other.energies.attrs["units"] == "energy"
     assert other.start_load.attrs["long_name"] == "start, load: MeanDisplacement"
     scalars = js.to_dataset(contact, branch, fields=False)

@@ -46,7 +46,7 @@ def test_its_data_set_says_what_everything_is(evolution):
     np.testing.assert_array_equal(dataset.solid_times, evolution.contact.solid.times)
     units = {name: dataset[name].attrs["units"] for name in ("times", "work", "solid_times")}
     assert units == {"times": "time", "work": "pJ", "solid_times": "time"}
-    assert dataset.solid_times.attrs["long_name"] == "relaxation times"
+    assert dataset.solid_times.attrs["long_name"] == "times"
     for name, array in dataset.data_vars.items():
         assert "long_name" in array.attrs, name
         assert array.dtype.kind != "f" or "units" in array.attrs, name

@@ -86,8 +86,8 @@ def test_a_data_set_says_what_everything_is(case):
     for axis, name in enumerate(("x", "y")):
         places = np.moveaxis(contact.grid.coordinates[axis], axis, 0)[:, 0]
         np.testing.assert_allclose(dataset[name], places, rtol=1e-6)
-    assert dataset.gap.attrs == {"long_name": "gap g", "units": "length"}
-    assert dataset.cone_eigenvalue.attrs["long_name"] == "cone, smallest eigenvalue"
+    assert dataset.gap.attrs == {"long_name": "gap", "units": "length"}
+    assert dataset.cone_eigenvalue.attrs["long_name"] == "cone, eigenvalue"
     assert dataset["load"].attrs == {"long_name": "load: Spring", "units": "length"}
     assert dataset.verdict.values.tolist() == sweep.stability.verdict.name.tolist()
     assert json.loads(dataset.versions)["jax"] == jax.__version__
