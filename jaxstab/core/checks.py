@@ -5,6 +5,7 @@ checked there.
 """
 
 import operator
+from collections.abc import Iterable
 from types import UnionType
 from typing import Any, SupportsIndex, TypeGuard, TypeVar
 
@@ -121,6 +122,12 @@ def require_kind(value: object, kind: type | UnionType, sentence: str) -> None:
     """Raise `TypeError` for a value of another class, with the class to give."""
     if not isinstance(value, kind):
         raise TypeError(f"{type(value).__name__} is {sentence}")
+
+
+def require_one_of(name: str, value: object, choices: Iterable[object]) -> None:
+    """Raise `ValueError` for a value that is not one of the choices."""
+    if value not in (allowed := [*choices]):
+        raise ValueError(f"{name} is {value!r}: choose one of {', '.join(map(str, allowed))}.")
 
 
 def require_positive(name: str, value: Float[Array, "..."]) -> None:

@@ -63,9 +63,12 @@ def branch(
     if branch.load.value.ndim != 1:
         raise ValueError("These are several branches: draw one of them, chosen by jax.tree.map.")
     axes = axes_or_new(axes)
-    there, across = (_with_turns(branch, quantity) for quantity in (x, y))
+    states, turns = ([of_states(part, q) for q in (x, y)] for part in (branch, branch.turns))
+    # Each turn lies before the state of its number.
+    after = np.asarray(branch.turns.state)
+    there, across = (np.insert(s, after, t) for s, t in zip(states, turns, strict=True))
     # A segment is stable if both of its ends are; a turn counts as stable.
-    index = np.insert(np.asarray(branch.index), _after(branch), 0)
+    index = np.insert(np.asarray(branch.index), after, 0)
     is_unstable = (index[1:] != 0) | (index[:-1] != 0)
     ends = np.flatnonzero(np.diff(is_unstable)) + 1
     drawn = set()
@@ -76,7 +79,6 @@ def branch(
         axes.plot(there[places], across[places], **{**style, **label})
         drawn.add(style["label"])
     kinds = np.asarray(branch.turns.kind.name)
-    turns = [_of_turns(branch, quantity) for quantity in (x, y)]
     for kind, marker in _TURNS.items():
         chosen = kinds == kind
         if chosen.any():
@@ -86,22 +88,6 @@ def branch(
     scale(axes.yaxis, branch, y)
     add_legend(axes)
     return axes
-
-
-def _after(branch: Branch) -> np.ndarray:
-    """Return the number of the state after each turn."""
-    return np.asarray(branch.turns.state)
-
-
-def _of_turns(branch: Branch, quantity: Quantity) -> np.ndarray:
-    if quantity == "load":
-        return np.asarray(branch.turns.load.value)
-    return np.asarray(getattr(branch.turns.equilibrium, quantity))
-
-
-def _with_turns(branch: Branch, quantity: Quantity) -> np.ndarray:
-    """Return a quantity of states and turns, in the order of the branch."""
-    return np.insert(of_states(branch, quantity), _after(branch), _of_turns(branch, quantity))
 
 
 def transition(

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
-from jaxstab.core.checks import require_kind
+from jaxstab.core.checks import require_kind, require_one_of
 from jaxstab.core.unit_system import Units
 from jaxstab.paths.sweep import Sweep
 from jaxstab.plots.fields import require_pair
@@ -18,7 +18,6 @@ from jaxstab.plots.style import (
     axes_or_new,
     draw_zero,
     label_axes,
-    load_label,
     plain_decades,
     quantity_label,
 )
@@ -100,8 +99,7 @@ def stability_curve(
         ValueError: for a quantity that cannot be drawn, a single state, or a sweep without
             stability.
     """
-    if quantity not in (None, *_OF_A_SWEEP):
-        raise ValueError(f"quantity is {quantity!r}: choose one of {', '.join(_OF_A_SWEEP)}.")
+    require_one_of("quantity", quantity or "force", _OF_A_SWEEP)
     if not isinstance(sweep, Sweep) or len(sweep.stack_shape) != 1:
         raise ValueError(
             "stability_curve draws a whole sweep over one axis of loads: give a result of "
@@ -117,8 +115,8 @@ def stability_curve(
         chosen = verdicts == name
         if chosen.any():
             axes.scatter(load[chosen], values[chosen], label=name.replace("_", " "), **marker)
-    units = sweep.equilibrium.units
-    label_axes(axes, load_label(sweep.load), quantity_label(quantity), units)
+    labels = (quantity_label(name, sweep.load) for name in ("load", quantity))
+    label_axes(axes, *labels, sweep.equilibrium.units)
     add_legend(axes)
     return axes
 

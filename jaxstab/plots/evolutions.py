@@ -6,13 +6,12 @@ from typing import Literal
 import numpy as np
 from matplotlib.axes import Axes
 
-from jaxstab.core.checks import require_kind
+from jaxstab.core.checks import require_kind, require_one_of
 from jaxstab.paths import Evolution
 from jaxstab.plots.style import (
     add_legend,
     axes_or_new,
     label_axes,
-    load_label,
     plain_decades,
     quantity_label,
 )
@@ -45,10 +44,8 @@ def evolution(
         len(each)
     contact = evolutions[0].contact
     y = y or ("force" if contact.solid.is_window else "mean_pressure")
-    if x not in ("load", "time") or y not in Quantity.__args__:
-        raise ValueError(
-            f"x is {x!r} and y {y!r}: x is load or time, y one of {', '.join(Quantity.__args__)}."
-        )
+    require_one_of("x", x, ["load", "time"])
+    require_one_of("y", y, Quantity.__args__)
     if labels is not None and len(labels) != len(evolutions):
         raise ValueError(f"There are {len(labels)} labels for {len(evolutions)} evolutions.")
     axes = axes_or_new(axes)
@@ -56,8 +53,9 @@ def evolution(
         across = each.times if x == "time" else each.load.value
         shown = slice(1, None) if x == "time" else slice(None)
         axes.plot(np.asarray(across)[shown], np.asarray(getattr(each, y))[shown], ".-", label=label)
-    time = "time" if x == "time" else load_label(evolutions[0].load)
-    label_axes(axes, time, quantity_label(y), contact.units)
+    load = evolutions[0].load
+    across = x if x == "time" else quantity_label(x, load)
+    label_axes(axes, across, quantity_label(y, load), contact.units)
     if x == "time":
         axes.set_xscale("log")
         plain_decades(axes.xaxis)

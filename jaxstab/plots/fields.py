@@ -1,8 +1,8 @@
 """Fields over the surface: maps, or profiles on a line."""
 
+from collections.abc import Sequence
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
@@ -24,8 +24,7 @@ _MODE = "mode of unit norm"
 def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
     """Draw the heights h: a map, or a profile on a line."""
     require_contact(contact)
-    heights = jnp.asarray(np.asarray(contact.heights) + float(contact.datum))
-    return _field(contact, heights, "height h [length]", "cividis", axes)
+    return _field(contact, contact.heights + contact.datum, "height h [length]", "cividis", axes)
 
 
 def gap(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
@@ -43,17 +42,26 @@ def pressure(contact: Contact, equilibrium: State, *, axes: Axes | None = None) 
 def contact_map(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
     """Draw where the surfaces touch, in black (Rey & Bleyer, fig. 8)."""
     equilibrium = equilibrium_of(contact, equilibrium)
-    axes = axes_or_new(axes)
-    touches = np.asarray(equilibrium.in_contact)
-    x, *y = (np.asarray(side) for side in contact.grid.coordinates)
-    if y:
-        colours, norm = ListedColormap(["white", "black"]), BoundaryNorm([0, 0.5, 1], 2)
-        draw_map(axes, contact, touches, cmap=colours, norm=norm)
-    else:
-        axes.fill_between(x, touches, step="mid", color="black")
-        label_axis(axes.xaxis, "x [length]", contact.units)
-        axes.set(yticks=[0, 1], yticklabels=["apart", "in contact"])
+    axes = draw_areas(axes, contact, np.asarray(equilibrium.in_contact, int), ["black"])
     axes.set_title(f"contact area {100 * float(equilibrium.contact_area):.1f} %")
+    return axes
+
+
+def draw_areas(
+    axes: Axes | None, contact: Contact, numbers: np.ndarray, colours: Sequence[str]
+) -> Axes:
+    """Draw the points of each number from 1 on in its colour: a map, or bars on a line."""
+    axes = axes_or_new(axes)
+    if numbers.ndim == 2:
+        norm = BoundaryNorm(np.arange(len(colours) + 2) - 0.5, len(colours) + 1)
+        draw_map(axes, contact, numbers, cmap=ListedColormap(["white", *colours]), norm=norm)
+        return axes
+    for number, colour in enumerate(colours, 1):
+        own = numbers == number
+        x = np.asarray(contact.grid.coordinates[0])
+        axes.fill_between(x, own, where=own, step="mid", color=colour)
+    label_axis(axes.xaxis, "x [length]", contact.units)
+    axes.set(yticks=[0, 1], yticklabels=["apart", "in contact"])
     return axes
 
 
@@ -83,12 +91,7 @@ def mode(
     return axes
 
 
-def draw_mode(
-    contact: Contact,
-    mode: Field,
-    equilibrium: State | None,
-    axes: Axes | None,
-) -> Axes:
+def draw_mode(contact: Contact, mode: Field, equilibrium: State | None, axes: Axes | None) -> Axes:
     """Draw a mode of unit norm, and the outline of the contact where a state is given."""
     axes = _field(contact, mode, _MODE, "RdBu_r", axes, centred=True)
     if equilibrium is not None:

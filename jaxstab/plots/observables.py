@@ -4,10 +4,10 @@ from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm
+from matplotlib.colors import ListedColormap, LogNorm
 
 from jaxstab.contact import Contact, require_contact
-from jaxstab.core.checks import require_kind
+from jaxstab.core.checks import require_kind, require_one_of
 from jaxstab.core.stack import require_single
 from jaxstab.core.units import NUMBER, declared
 from jaxstab.equilibrium import observables
@@ -15,7 +15,7 @@ from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.observables import Leakage
 from jaxstab.equilibrium.observables.clusters import Neighbours
 from jaxstab.paths.observe import Observed, by_side
-from jaxstab.plots.fields import add_colour_bar, draw_map, outline_contact
+from jaxstab.plots.fields import add_colour_bar, draw_areas, draw_map, outline_contact
 from jaxstab.plots.paths import Quantity, of_states
 from jaxstab.plots.style import (
     PALETTE,
@@ -23,8 +23,6 @@ from jaxstab.plots.style import (
     add_legend,
     axes_or_new,
     label_axes,
-    label_axis,
-    load_label,
     plain_decades,
     quantity_label,
 )
@@ -50,29 +48,15 @@ def patches(
         axes: the axes to draw on; new ones by default.
     """
     found = observables.patches(contact, equilibrium, neighbours=neighbours)
-    axes = axes_or_new(axes)
-    labels = np.asarray(found.labels)
-    x, *y = (np.asarray(side) for side in contact.grid.coordinates)
-    colours = PALETTE[:-1]
+    labels, colours = np.asarray(found.labels), PALETTE[:-1]
     # Colours repeat when there are more patches.
     numbers = np.where(labels > 0, (labels - 1) % len(colours) + 1, 0)
-    if y:
-        norm = BoundaryNorm(np.arange(len(colours) + 2) - 0.5, len(colours) + 1)
-        draw_map(axes, contact, numbers, cmap=ListedColormap(["white", *colours]), norm=norm)
-    else:
-        for i, colour in enumerate(colours, 1):
-            own = numbers == i
-            axes.fill_between(x, own, where=own, step="mid", color=colour)
-        label_axis(axes.xaxis, "x [length]", contact.units)
-        axes.set(yticks=[0, 1], yticklabels=["apart", "in contact"])
-    axes.set_title(_title(int(found.number), np.asarray(found.percolates)))
-    return axes
-
-
-def _title(number: int, percolates: np.ndarray) -> str:
+    axes = draw_areas(axes, contact, numbers, colours)
+    number, percolates = int(found.number), np.asarray(found.percolates)
     along = [name for name, is_so in zip(_SIDES, percolates, strict=False) if is_so]
     spanning = f", percolating along {' and '.join(along)}" if along else ""
-    return f"{number} patch{'es' * (number != 1)}{spanning}"
+    axes.set_title(f"{number} patch{'es' * (number != 1)}{spanning}")
+    return axes
 
 
 def flow(
@@ -111,8 +95,7 @@ def flow(
             f"The leakage has fields of shape {leakage.drop.shape[1:]}, the contact's grid "
             f"{shape}: use the contact that it came from."
         )
-    if along not in _SIDES[: len(shape)]:
-        raise ValueError(f"along is {along!r}: choose of {', '.join(_SIDES[: len(shape)])}.")
+    require_one_of("along", along, _SIDES[: len(shape)])
     axes = axes_or_new(axes)
     touches = None if equilibrium is None else equilibrium_of(contact, equilibrium).in_contact
     side = _SIDES.index(along)
@@ -122,18 +105,15 @@ def flow(
             outline_contact(axes, contact, touches, "black")
         label_axes(axes, "x [length]", "drop of pressure over its gradient [length]", contact.units)
     else:
-        _draw_flux(axes, contact, _at_points(np.asarray(leakage.flux[side])))
+        # At points, the mean over the two faces along each side.
+        faces = enumerate(np.asarray(leakage.flux[side]))
+        _draw_flux(axes, contact, np.stack([(x + np.roll(x, 1, i)) / 2 for i, x in faces]))
         if touches is not None:
             shown = np.ma.masked_equal(np.asarray(touches), False)
             draw_map(axes, contact, shown, cmap=ListedColormap(["0.35"]))
     flows = np.asarray(leakage.flux[side]).any()
     axes.set_title(f"pressure falls along {along}" if flows else f"nothing flows along {along}")
     return axes
-
-
-def _at_points(flux: np.ndarray) -> np.ndarray:
-    """Return the flux at points, the mean over the two faces along each side."""
-    return np.stack([(x + np.roll(x, 1, side)) / 2 for side, x in enumerate(flux)])
 
 
 def _draw_flux(axes: Axes, contact: Contact, flux: np.ndarray) -> None:
@@ -179,10 +159,8 @@ def observed(
     columns = {f"{key}.{name}": key for key in results for name in results[key].columns()}
     first, result = next(iter(results.items()))
     column = column or f"{first}.{(result.shown or result.columns())[0]}"
-    if column not in columns:
-        raise ValueError(f"column is {column!r}: choose one of {', '.join(columns)}.")
-    if x not in (*QUANTITIES, "load"):
-        raise ValueError(f"x is {x!r}: choose one of {', '.join([*QUANTITIES, 'load'])}.")
+    require_one_of("column", column, columns)
+    require_one_of("x", x, [*QUANTITIES, "load"])
     result, name = results[columns[column]], column.rpartition(".")[2]
     axes, units = axes_or_new(axes), observed.equilibrium.units
     for side, values in by_side(getattr(result, name)):
@@ -190,7 +168,7 @@ def observed(
     dimension = declared(type(result)).get(name, (NUMBER,))[0]
     words = dict.fromkeys((columns[column], name))
     label = " ".join(words).replace("_", " ") + (f" [{dimension}]" if dimension != NUMBER else "")
-    label_axes(axes, load_label(observed.load) if x == "load" else quantity_label(x), label, units)
+    label_axes(axes, quantity_label(x, observed.load), label, units)
     if len(axes.lines) > 1:
         add_legend(axes)
     return axes
@@ -226,8 +204,7 @@ def distribution(
         ValueError: for another quantity, less than one bin, and a theory of gaps or of adhesion.
     """
     equilibrium = equilibrium_of(contact, equilibrium)
-    if quantity not in ("pressure", "gap"):
-        raise ValueError(f'quantity is {quantity!r}: choose "pressure" or "gap".')
+    require_one_of("quantity", quantity, ["pressure", "gap"])
     if bins < 1:
         raise ValueError(f"bins is {bins}: give one at least.")
     attracts = float(contact.profile.max_attraction) > 0

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
 
-from jaxstab.core.checks import require_kind
+from jaxstab.core.checks import require_kind, require_one_of
 from jaxstab.core.unit_system import measured
 from jaxstab.core.units import LENGTH
-from jaxstab.paths import Branch, Observed, Path
+from jaxstab.paths import Branch, Observed, Path, Turn
 from jaxstab.plots.style import (
     PALETTE,
     QUANTITIES,
@@ -19,14 +19,12 @@ from jaxstab.plots.style import (
     add_legend,
     axes_or_new,
     label_axis,
-    load_label,
     quantity_label,
     scaled_label,
 )
 
 Quantity = Literal["mean_gap", "mean_pressure", "force", "contact_area", "energy", "load"]
 _Curve = Path | Branch
-_States = Path | Branch | Observed
 
 # The least tension that is shown, over the largest compression.
 _LEAST_TENSION = 1e-3
@@ -99,15 +97,13 @@ def quantities_or_default(
     x = x or ("load" if is_window and path.load.unit == LENGTH else "mean_gap")
     y = y or ("force" if is_window else "mean_pressure")
     for name, quantity in (("x", x), ("y", y)):
-        if quantity not in (*QUANTITIES, "load"):
-            choices = ", ".join([*QUANTITIES, "load"])
-            raise ValueError(f"{name} is {quantity!r}: choose one of {choices}.")
+        require_one_of(name, quantity, [*QUANTITIES, "load"])
     return x, y
 
 
 def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
     loads, units = np.asarray(path.load.value), path.equilibrium.units
-    there, across = (of_states(path, quantity) for quantity in (x, y))
+    there, across, gap = (of_states(path, quantity) for quantity in (x, y, "mean_gap"))
     # A state belongs to the part of the programme that leads to it.
     forth = np.sign(np.diff(loads, prepend=2 * loads[0] - loads[1]))
     part = np.cumsum(np.diff(forth, prepend=forth[0]) != 0)
@@ -121,7 +117,8 @@ def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
         if before >= 0 and branch[before] == j:
             chosen = np.concatenate([[before], chosen])
         label = f"to {loads[part == i][-1] / divisor:.3g}" if j == branch[part == i][0] else None
-        style = _APPROACH if _approaches(path, part == i) else _RETREAT
+        gaps = gap[part == i]
+        style = _APPROACH if gaps[-1] < gaps[0] else _RETREAT
         colour = PALETTE[i % len(PALETTE)]
         axes.plot(there[chosen], across[chosen], ".-", color=colour, label=label, **style)
     scale(axes.xaxis, path, x)
@@ -136,12 +133,6 @@ def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
     return axes
 
 
-def _approaches(path: Path, is_part: np.ndarray) -> bool:
-    """Whether the surfaces come closer along a part of the programme."""
-    gaps = of_states(path, "mean_gap")[is_part]
-    return bool(gaps[-1] < gaps[0])
-
-
 def _with_legend(path: Path, axes: Axes) -> Axes:
     add_legend(axes, title=fill(_load_label(path)[1], _LEGEND_WIDTH))
     return axes
@@ -149,7 +140,7 @@ def _with_legend(path: Path, axes: Axes) -> Axes:
 
 def _load_label(path: Path) -> tuple[float, str]:
     units, largest = path.equilibrium.units, np.abs(path.load.value).max()
-    return scaled_label(units, load_label(path.load), largest)
+    return scaled_label(units, quantity_label("load", path.load), largest)
 
 
 def scale(axis: XAxis | YAxis, path: _Curve, quantity: Quantity) -> None:
@@ -159,8 +150,7 @@ def scale(axis: XAxis | YAxis, path: _Curve, quantity: Quantity) -> None:
         tension, compression = -np.nanmin(values), np.nanmax(values)
         if _LEAST_TENSION * compression < tension < compression:
             axis.axes.set(**{f"{axis.axis_name}lim": (-1.2 * tension, tension)})
-    label = load_label(path.load) if quantity == "load" else quantity_label(quantity)
-    label_axis(axis, label, path.equilibrium.units)
+    label_axis(axis, quantity_label(quantity, path.load), path.equilibrium.units)
 
 
 def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -> None:
@@ -185,7 +175,7 @@ def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -
         drawn.arrow_patch.set_clip_path(axes.patch)
 
 
-def of_states(path: _States, quantity: Quantity) -> np.ndarray:
+def of_states(path: _Curve | Turn | Observed, quantity: Quantity) -> np.ndarray:
     """Return a quantity of each state."""
     values = path.load.value if quantity == "load" else getattr(path.equilibrium, quantity)
     return np.asarray(values)

@@ -41,15 +41,12 @@ QUANTITIES = {
 }
 
 
-def quantity_label(quantity: str) -> str:
-    """Return the label of one of the `QUANTITIES`, with its dimension."""
+def quantity_label(quantity: str, load: Load) -> str:
+    """Return the label of one of the `QUANTITIES`, or of the "load", with its dimension."""
+    if quantity == "load":
+        return f"{load.quantity} [{load.unit}]" if load.quantity else type(load).__name__
     dimension = {**dimensions(States), "force": FORCE}[quantity]
     return QUANTITIES[quantity] + (f" [{dimension}]" if dimension != NUMBER else "")
-
-
-def load_label(load: Load) -> str:
-    """Return the quantity of a load, or the name of its class if it has none."""
-    return f"{load.quantity} [{load.unit}]" if load.quantity else type(load).__name__
 
 
 def figure_or_new(figure: Figure | None, size: tuple[float, float]) -> Figure:

@@ -12,7 +12,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.loads import MeanPressure
 from jaxstab.plots.fields import gap, mode, outline_contact, pressure, surface
-from jaxstab.plots.style import Panels, figure_or_new, load_label
+from jaxstab.plots.style import Panels, figure_or_new, quantity_label
 from jaxstab.stability import Eigenpair, Stability
 
 _PANELS: Panels = [["surface", "gap", "numbers"], ["pressure", "mode", "numbers"]]
@@ -73,7 +73,7 @@ def _numbers(state: Equilibrium, stability: Stability) -> list[tuple[str, str]]:
     verdict = "stable, locally" if stability.is_local else stability.verdict.name.replace("_", " ")
     value = float(load.value)
     # The symbol is left out, since its index would shift the lines below.
-    quantity = load_label(load).partition(" [")[0].split(" $")[0]
+    quantity = quantity_label("load", load).partition(" [")[0].split(" $")[0]
     text = measured(units, value, load.unit, digits=4) if load.unit else f"{value:.4g}"
     lines = [(quantity, text)]
     if state.is_window:

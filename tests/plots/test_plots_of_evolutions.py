@@ -36,7 +36,7 @@ def test_mistakes_are_named(run):
         js.plots.evolution()
     with pytest.raises(TypeError, match="single state"):
         js.plots.evolution(run[1])
-    with pytest.raises(ValueError, match="y 'energy': x is load or time"):
+    with pytest.raises(ValueError, match="y is 'energy': choose one of"):
         js.plots.evolution(run, y="energy")
     with pytest.raises(ValueError, match="1 labels for 2 evolutions"):
         js.plots.evolution(run, run, labels=["a"])

@@ -129,7 +129,7 @@ def test_perssons_curve_has_the_pressure_as_its_first_moment(rough, adhesive):
 
 def test_what_cannot_be_drawn_is_said(rough, adhesive, line):
     contact, state = rough
-    with pytest.raises(ValueError, match='choose "pressure" or "gap"'):
+    with pytest.raises(ValueError, match="choose one of pressure, gap"):
         plots.distribution(contact, state, "reaction")
     with pytest.raises(ValueError, match="bins is 0"):
         plots.distribution(contact, state, bins=0)
@@ -138,7 +138,7 @@ def test_what_cannot_be_drawn_is_said(rough, adhesive, line):
     with pytest.raises(TypeError, match="Equilibrium is no leakage"):
         plots.flow(contact, state)
     leakage = js.leakage(contact, state)
-    with pytest.raises(ValueError, match="along is 'z': choose of x, y"):
+    with pytest.raises(ValueError, match="along is 'z': choose one of x, y"):
         plots.flow(contact, leakage, along="z")
     with pytest.raises(ValueError, match="use the contact that it came from"):
         plots.flow(line[0], leakage)
