@@ -3,6 +3,7 @@
 import argparse
 from itertools import chain, count
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,12 +12,19 @@ from jaxstab import plots
 from jaxstab.cli.result import loaded
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.files.dataset import Result
 from jaxstab.paths import Branch, Evolution, Transition
 from jaxstab.paths import Path as Followed
 from jaxstab.paths.observe import Observed
 from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
+
+# The figures of results along a path, by the class of the result.
+_OF_STATES = {
+    Followed: plots.path,
+    Branch: plots.branch,
+    Evolution: plots.evolution,
+    Observed: plots.observed,
+}
 
 
 def run(options: argparse.Namespace) -> None:
@@ -40,25 +48,15 @@ def _free_name(path: Path) -> Path:
     return next(name for name in chain([path], numbered) if not name.exists())
 
 
-def _figure(contact: Contact, result: Result) -> Figure | Axes:
-    if isinstance(result, Followed):
-        return plots.path(result)
-    if isinstance(result, Branch):
-        return plots.branch(result)
-    if isinstance(result, Evolution):
-        return plots.evolution(result)
+def _figure(contact: Contact, result: Any) -> Figure | Axes:
+    if draw := _OF_STATES.get(type(result)):
+        return draw(result)
     if isinstance(result, Transition):
         return plots.transition(contact, result)
     if isinstance(result, Stability):
         return plots.mode(contact, result.cone)
-    if isinstance(result, Equilibrium):
+    if isinstance(result, Equilibrium) or (result.stability is None and not result.stack_shape):
         return plots.gap(contact, result)
-    if isinstance(result, Observed):
-        return plots.observed(result)
-    if result.stack_shape and result.stability is None:
-        raise ValueError("This sweep holds no stability: choose one of its states by --state.")
-    if result.stack_shape:
-        return plots.stability_curve(result)
     if result.stability is None:
-        return plots.gap(contact, result.equilibrium)
-    return plots.summary(contact, result)
+        raise ValueError("This sweep holds no stability: choose one of its states by --state.")
+    return plots.stability_curve(result) if result.stack_shape else plots.summary(contact, result)

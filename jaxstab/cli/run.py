@@ -2,8 +2,8 @@
 
 import argparse
 import warnings
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import jax
 import matplotlib.pyplot as plt
@@ -18,7 +18,7 @@ from jaxstab.core.warn import warn
 from jaxstab.files import save
 from jaxstab.files.dataset import Result
 from jaxstab.paths import PathInterrupted, follow
-from jaxstab.paths.sweep import Sweep, SweepInterrupted, sweep
+from jaxstab.paths.sweep import SweepInterrupted, sweep
 from jaxstab.plots import path as plot_path
 from jaxstab.plots import stability_curve
 
@@ -31,9 +31,9 @@ def run(options: argparse.Namespace) -> None:
         warn("No data will be written, for lack of packages: pip install 'jaxstab[data]'.")
     folder = _new_folder(options.output)
     print(f"{contact}\n")
+    study = _loop if options.study == "loop" else _unloading
     try:
-        complaint = _loop if options.study == "loop" else _unloading
-        complaint = complaint(options, contact, folder)
+        complaint = study(options, contact, folder)
     finally:
         # A run that fails at once leaves no folder.
         if not any(folder.iterdir()):
@@ -70,7 +70,11 @@ def _unloading(options: argparse.Namespace, contact: Contact, folder: Path) -> E
     with warnings.catch_warnings(action="ignore", category=SweepInterrupted):
         result = sweep(contact, loads, order=options.order, progress=True)
     print(result)
-    _draw(result, folder / "unloading.png")
+    # The two panels of Rey & Bleyer's fig. 12; one legend is enough.
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    stability_curve(result, "mean_pressure", axes=left).legend().remove()
+    stability_curve(result, "contact_area", axes=right)
+    figure.savefig(folder / "unloading.png", dpi=150)
     _save(folder / "unloading.nc", contact, result)
     done = result.load.value.size
     if done < options.number:
@@ -88,30 +92,11 @@ def _save(path: Path, contact: Contact, result: Result) -> None:
 
 def _new_folder(parent: Path) -> Path:
     """Make and return the first of parent/1, parent/2, ... that does not exist."""
+    parent.mkdir(parents=True, exist_ok=True)
     number = 1
     while True:
         folder = parent / str(number)
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            if not parent.is_dir():
-                raise
-            number += 1
-        else:
+        with suppress(FileExistsError):
+            folder.mkdir()
             return folder
-
-
-def _draw(result: Sweep, path: Path) -> None:
-    """Draw the two panels of Rey & Bleyer's fig. 12, the second where surfaces touch."""
-    touches = bool(np.any(result.equilibrium.contact_area > 0))
-    quantities: list[Any] = ["mean_pressure", "contact_area"] if touches else ["mean_pressure"]
-    size = (10, 4) if touches else None
-    figure, panels = plt.subplots(1, len(quantities), figsize=size, layout="constrained")
-    for axes, quantity in zip(np.atleast_1d(panels), quantities, strict=True):
-        stability_curve(result, quantity, axes=axes)
-    for axes in figure.axes[:-1]:
-        # The legend of the last panel is enough.
-        legend = axes.get_legend()
-        assert legend is not None
-        legend.remove()
-    figure.savefig(path, dpi=150)
+        number += 1

@@ -107,14 +107,10 @@ def _described(dataset: "xarray.Dataset", results: list[str]) -> str:
     lines = [f"{len(results)} cases: {', '.join(f'{n} {word}' for word, n in counts.items() if n)}"]
     lines.append(f"{float(dataset['seconds'].sum()):.3g} s of computation")
     if counts["failed"]:
-        first = dataset[dict(zip(dataset["result"].dims, _place(dataset, results), strict=True))]
-        own = [name for name, x in first.coords.items() if not x.ndim]
-        where = ", ".join(f"{name}={first[name].item()}" for name in own)
+        shape = dataset["result"].shape
+        place = np.unravel_index(results.index("failed"), shape)
+        first = dataset[dict(zip(dataset["result"].dims, place, strict=True))]
+        where = ", ".join(f"{n}={x.item()}" for n, x in first.coords.items() if not x.ndim)
         lines.append(f"The first that failed, {where}: {first['error'].item()}")
         lines.append("To run failed cases again: --retry")
     return "\n".join(lines)
-
-
-def _place(dataset: "xarray.Dataset", results: list[str]) -> tuple[np.intp, ...]:
-    """Return the index of the first case that failed."""
-    return np.unravel_index(results.index("failed"), dataset["result"].shape)
