@@ -3,15 +3,18 @@
 import os
 from collections.abc import Callable
 from functools import cache, wraps
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import jax
 
 from jaxstab.core.batching import has_accelerator
 from jaxstab.core.checks import is_transformed
-from jaxstab.core.memory_mappings import require_memory_mappings
 from jaxstab.core.switches import own_conventions
 
+# Linux gives a process 65 530 memory mappings, of which a compiled program takes hundreds. LLVM
+# aborts the process when none is left, so the error must come before.
+_MOST_MAPPINGS = 0.95
 Given = ParamSpec("Given")
 Out = TypeVar("Out")
 
@@ -21,7 +24,7 @@ def program(function: Callable[Given, Out], **options: Any) -> Callable[Given, O
 
     @wraps(function)
     def traced(*args: Given.args, **kwargs: Given.kwargs) -> Out:
-        require_memory_mappings()
+        _require_memory_mappings()
         return function(*args, **kwargs)
 
     # A program within another one cannot have compiler options.
@@ -47,3 +50,17 @@ def _compiler_options() -> dict[str, Any]:
     # The user's own flags take precedence.
     flags = os.environ.get("XLA_FLAGS", "")
     return {name: value for name, value in options.items() if name not in flags}
+
+
+def _require_memory_mappings() -> None:
+    """Raise `MemoryError` if a program to be compiled may exhaust the memory mappings."""
+    maps, limit = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
+    if not (maps.exists() and limit.exists()):
+        return
+    number, most = maps.read_bytes().count(b"\n"), int(limit.read_text())
+    if number > _MOST_MAPPINGS * most:
+        raise MemoryError(
+            f"The process has {number} of at most {most} memory mappings, nearly all of them by "
+            "compiled programs. Call jax.clear_caches(), which drops these, and go on; or raise "
+            "the limit vm.max_map_count of the system."
+        )

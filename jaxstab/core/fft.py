@@ -51,11 +51,6 @@ def num_waves(num_points: int, sharding: NamedSharding | None) -> int:
     return -(-(num_points // 2 + 1) // count) * count
 
 
-def with_leading_axes(leading: int, sharding: NamedSharding) -> NamedSharding:
-    """Return the sharding of a stack of fields with a number of leading axes."""
-    return NamedSharding(sharding.mesh, PartitionSpec(*(None,) * leading, *sharding.spec))
-
-
 def checked(sharding: object, shape: tuple[int, ...]) -> NamedSharding:
     """Return the sharding of fields of a shape, on axes that the compiler propagates.
 

@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import NamedSharding
+from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array, Complex, Float, Shaped
 
 from jaxstab.core import fft
@@ -124,7 +124,9 @@ class Grid(eqx.Module):
         """Put a field, a stack of fields or a spectrum on the grid's devices."""
         if self.sharding is None:
             return array(field) if isinstance(field, np.ndarray) else field
-        sharding = fft.with_leading_axes(field.ndim - len(self.shape), self.sharding)
+        leading = (None,) * (field.ndim - len(self.shape))
+        spec = PartitionSpec(*leading, *self.sharding.spec)
+        sharding = NamedSharding(self.sharding.mesh, spec)
         if isinstance(field, np.ndarray):
             # Each process fills its own devices, without communication.
             return jax.make_array_from_callback(

@@ -9,13 +9,11 @@ grid if its type names the last axes so, as `Field` does.
 from collections.abc import Callable, Container
 from dataclasses import fields
 from functools import cache
-from types import NoneType
 from typing import Protocol, Self, get_args
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array
 
-from jaxstab.core.stack import Stackable
 from jaxstab.core.switches import own_conventions
 from jaxstab.core.types import Scalar
 from jaxstab.core.unit_system import power_of_pressure
@@ -86,27 +84,10 @@ def in_units_of(value: Array, dimension: Dimension, pressure: Scalar) -> Array:
     return value / (pressure if power == 1 else pressure**power)
 
 
-def is_own(module: str) -> bool:
-    """Return whether a module is one of this package."""
-    return module.partition(".")[0] == __name__.partition(".")[0]
-
-
 @cache
 def dimensions(module: type[Dimensioned]) -> dict[str, Dimension]:
-    """Return the dimension of each field that has one.
-
-    Raises:
-        TypeError: for a field of this package without one.
-    """
-    found = declared(module)
-    for field in fields(module):
-        is_exempt = field.metadata.get("static") or all(map(_needs_none, _parts(field.type)))
-        if is_own(module.__module__) and not is_exempt and field.name not in found:
-            raise TypeError(
-                f"{module.__name__}.{field.name} has no dimension: declare it as "
-                "Annotated[..., PRESSURE], or NUMBER if it has none."
-            )
-    return {name: parts[0] for name, parts in found.items()}
+    """Return the dimension of each field that declares one."""
+    return {name: parts[0] for name, parts in declared(module).items()}
 
 
 @cache
@@ -132,9 +113,3 @@ def axes_of(module: type[Dimensioned]) -> dict[str, tuple[str, ...]]:
 
 def _parts(kind: object) -> list[object]:
     return [part for one in get_args(kind) for part in _parts(one)] or [kind]
-
-
-def _needs_none(kind: object) -> bool:
-    # Results have dimensions of their own, members of enumerations have none.
-    is_apart = isinstance(kind, type) and issubclass(kind, Dimensioned | Stackable | NoneType)
-    return is_apart or getattr(kind, "dtype", None) in (Int, Bool)
