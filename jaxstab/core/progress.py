@@ -23,7 +23,7 @@ class Bar(tqdm):
 
     def update(self, n: float | None = 1) -> bool | None:
         """Move by a number of units."""
-        if self.desc and not self.disable:
+        if not self.disable and self.desc:
             self.set_description(refresh=not self.delay)
         return super().update(n)
 

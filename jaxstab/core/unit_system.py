@@ -59,9 +59,15 @@ _SPELLINGS = {
 _PREFIXES = dict(
     zip(range(-18, 13, 3), ["a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"], strict=True)
 )
-# Derived SI units, with the powers of pressure and length that they are products of.
-_DERIVED = {"energy": ("J", 1, 3), "force": ("N", 1, 2), "area": ("m^2", 0, 2)}
-_BASIC = {"pressure": ("Pa", 1, 0), "length": ("m", 0, 1), "voltage": ("V", 0, 0)}
+# SI units, with the powers of pressure and length that they are products of.
+_SI = {
+    "energy": ("J", 1, 3),
+    "force": ("N", 1, 2),
+    "area": ("m^2", 0, 2),
+    "pressure": ("Pa", 1, 0),
+    "length": ("m", 0, 1),
+    "voltage": ("V", 0, 0),
+}
 _WORD = re.compile(r"([a-z]+)(?:\^(\d))?")
 _ON_A_LINE = {
     "energy": "energy/length",
@@ -127,7 +133,7 @@ def power_of_pressure(dimension: str) -> int:
 
 def has_words(unit: str) -> bool:
     """Whether a unit is unknown in a part, of which it holds the dimension."""
-    known = {*_BASIC, *_DERIVED, "time", "resistivity", "load"}
+    known = {*_SI, "time", "resistivity", "load"}
     return not known.isdisjoint(re.findall("[a-z]+", unit))
 
 
@@ -151,13 +157,12 @@ def _in_si(units: Units, dimension: str) -> tuple[int | None, str]:
     exponent = 0
     for sign, of_pressure, of_length in _powers(dimension):
         exponent += sign * (of_pressure * PRESSURES[pressure] + of_length * LENGTHS[length])
-    symbols = {word: symbol for word, (symbol, *_) in {**_BASIC, **_DERIVED}.items()}
-    return exponent, re.sub("[a-z]+", lambda word: symbols.get(word[0], word[0]), dimension)
+    return exponent, re.sub("[a-z]+", lambda word: _SI.get(word[0], word)[0], dimension)
 
 
 def _powers(dimension: str) -> Iterator[tuple[int, int, int]]:
     """Yield for each factor of a dimension its sign, and its powers of pressure and length."""
     for part, sign in zip(dimension.partition("/")[::2], (1, -1), strict=True):
         for word, power in _WORD.findall(part):
-            _, of_pressure, of_length = {**_BASIC, **_DERIVED}.get(word, ("", 0, 0))
+            _, of_pressure, of_length = _SI.get(word, ("", 0, 0))
             yield sign * int(power or 1), of_pressure, of_length
