@@ -5,9 +5,8 @@ import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from operator import itemgetter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import PyTree
@@ -24,7 +23,7 @@ from jaxstab.equilibrium.verify import recognised
 from jaxstab.files.records import NamedArray, Recorder, Structure, indicators
 from jaxstab.files.tabulated_law import law_variables
 from jaxstab.loads import Load
-from jaxstab.paths import Branch, Evolution, Path, States, Transition
+from jaxstab.paths import Branch, Evolution, Path, Transition
 from jaxstab.paths.observe import Observed
 from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
@@ -82,9 +81,7 @@ _OWN_AXES: Mapping[type, Mapping[str, tuple[str, ...]]] = {
 }
 
 
-def to_dataset(
-    contact: Contact, result: Result, *, solver: eqx.Module | None = None, fields: bool = True
-) -> "xarray.Dataset":
+def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> "xarray.Dataset":
     """Return a result as a data set with named dimensions, coordinates, units and long names.
 
     Fields have the dimensions x and y. The states of a sweep have the dimension `load`, the states
@@ -96,7 +93,6 @@ def to_dataset(
         contact: the contact problem.
         result: a result of `equilibrate`, `assess_stability`, `sweep`, `follow`, `continuation`,
             `transition`, `evolve` or `observe` for it.
-        solver: the algorithm if it was not the default, for the attributes.
         fields: whether to keep the fields and histories, without which `jaxstab.load` cannot give
             the result back.
 
@@ -114,8 +110,11 @@ def to_dataset(
     require_contact(contact)
     if contact.heights.shape != contact.grid.shape:
         raise ValueError("These are several contacts: choose one of them by jax.tree.map.")
-    axes = _axes(contact, result)
-    _require_own(contact, result)
+    # A transition is known by the state that it starts from.
+    holder: Any = result.start if isinstance(result, Transition) else result
+    states, load = getattr(holder, "equilibrium", holder), getattr(holder, "load", None)
+    axes = _axes(contact, result, states)
+    _require_own(contact, states)
     recorder = Recorder(contact.grid.shape)
     # Its contact is written once.
     alone = replace(result, contact=None) if isinstance(result, Evolution) else result
@@ -128,8 +127,8 @@ def to_dataset(
         long = {"x", "y", "record"}
         records = {name: x for name, x in records.items() if not long & set(x.dims)}
     dataset = xarray.Dataset(
-        {name: _variable(name, record, contact, result) for name, record in records.items()},
-        attrs=_attributes(contact, result, solver, structure if fields else None),
+        {name: _variable(record, contact, load) for name, record in records.items()},
+        attrs=_attributes(contact, result, load, structure if fields else None),
     )
     return dataset.assign_coords(_coordinates(contact, structure, dataset)).assign(
         law_variables(contact)
@@ -137,7 +136,7 @@ def to_dataset(
 
 
 def _axes(
-    contact: Contact, result: Result
+    contact: Contact, result: Result, states: PyTree
 ) -> tuple[tuple[str, ...], Mapping[str, tuple[str, ...]]]:
     """Return the names of a result's leading axes, and of fields with other leading axes."""
     if not isinstance(result, Result):
@@ -162,9 +161,8 @@ def _axes(
         stacked = len(result.stack_shape)
         last = "load" if isinstance(result, Sweep) else "state"
         axes = (*(f"lane_{i}" for i in range(stacked - 1)), last)[:stacked]
-        state: PyTree = _main_states(result)
         own = {name: (*axes, *last) for name, last in own.items()}
-        field = state.cone.mode if isinstance(state, Stability) else state.gap
+        field = states.cone.mode if isinstance(states, Stability) else states.gap
     if np.shape(field)[stacked:] != contact.grid.shape:
         raise ValueError(
             f"The result has fields of shape {np.shape(field)[stacked:]}, the contact's grid is "
@@ -173,27 +171,8 @@ def _axes(
     return axes, own
 
 
-def _main_states(
-    result: Equilibrium | Stability | Sweep | Transition | Observed,
-) -> Equilibrium | Stability | States:
-    """Return the states by which a result is checked."""
-    if isinstance(result, Sweep | Observed):
-        return result.equilibrium
-    return result.start if isinstance(result, Transition) else result
-
-
-def _load_of(result: Result) -> Load | None:
-    """Return the load of a result, None of a stability, which has none."""
-    if isinstance(result, Stability):
-        return None
-    return result.start.load if isinstance(result, Transition) else result.load
-
-
-def _require_own(contact: Contact, result: Result) -> None:
+def _require_own(contact: Contact, states: PyTree) -> None:
     """Raise `ValueError` if the first or the last state found is no equilibrium of the contact."""
-    if isinstance(result, Path | Branch | Evolution):
-        return
-    states = _main_states(result)
     if not isinstance(states, Equilibrium) or is_traced(states):
         return
     found = np.flatnonzero(np.ravel(states.result == RESULTS.successful))
@@ -207,15 +186,9 @@ def _require_own(contact: Contact, result: Result) -> None:
             )
 
 
-def _variable(name: str, record: NamedArray, contact: Contact, result: Result) -> Variable:
-    long_name, unit = _label(record, contact, result)
-    attributes = {"long_name": long_name, "units": unit}
-    return record.dims, record.values, {key: text for key, text in attributes.items() if text}
-
-
-def _label(record: NamedArray, contact: Contact, result: Result) -> tuple[str, str]:
+def _variable(record: NamedArray, contact: Contact, load: Load | None) -> Variable:
     *holders, field = (word for word in record.path if word not in ("table", "contact"))
-    load, dimension = _load_of(result), record.dimension
+    dimension = record.dimension
     if field == "value" and holders[-1:] == ["load"] and load is not None:
         name, dimension = f"load: {type(load).__name__}", load.unit
     else:
@@ -224,7 +197,9 @@ def _label(record: NamedArray, contact: Contact, result: Result) -> tuple[str, s
         name = _NAMES.get(field, field.replace("_", " "))
     silent = ("equilibrium", "stability", "observables", "load", "solid", "grid", "potential")
     words = [word.replace("_", " ") for word in holders if word not in silent]
-    return ", ".join([*words, name]), unit_symbol(contact.units, dimension)
+    attributes = {"long_name": ", ".join([*words, name])}
+    unit = unit_symbol(contact.units, dimension)
+    return record.dims, record.values, attributes | ({"units": unit} if unit else {})
 
 
 def _coordinates(
@@ -244,7 +219,7 @@ def _coordinates(
 
 
 def _attributes(
-    contact: Contact, result: Result, solver: eqx.Module | None, structure: Structure
+    contact: Contact, result: Result, load: Load | None, structure: Structure
 ) -> dict[str, object]:
     attributes = {
         "title": f"{type(result).__name__} of an adhesive contact, by jaxstab",
@@ -253,12 +228,10 @@ def _attributes(
         "versions": json.dumps(versions() | {"python": platform.python_version()}),
         "format": FORMAT,
     }
-    if (load := _load_of(result)) is not None:
+    if load is not None:
         attributes["load_kind"] = type(load).__name__
     units = {"unit_of_length": contact.unit, "unit_of_pressure": contact.pressure_unit}
     attributes |= {name: unit for name, unit in units.items() if unit}
-    if solver is not None:
-        attributes["solver"] = text(solver)
     if structure is not None:
         attributes["structure"] = json.dumps(structure)
     return attributes

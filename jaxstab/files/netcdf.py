@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import equinox as eqx
 import jax
 import numpy as np
 from jax.typing import DTypeLike
@@ -36,7 +35,6 @@ def save(
     contact: Contact,
     result: Result,
     *,
-    solver: eqx.Module | None = None,
     fields: bool = True,
 ) -> Path:
     """Write a contact and a result as NetCDF: the data set of `to_dataset`.
@@ -47,7 +45,7 @@ def save(
     Arguments:
         path: the file; it must not exist yet.
         contact: the contact problem.
-        result, solver, fields: as in `to_dataset`.
+        result, fields: as in `to_dataset`.
 
     Returns:
         The path of the file, which is there as a whole or not at all.
@@ -61,7 +59,7 @@ def save(
     if path.suffix != ".nc":
         raise ValueError(f"{path} does not end in .nc.")
     require_packages("NetCDF files", "data", *NETCDF)
-    dataset = to_dataset(contact, result, solver=solver, fields=fields)
+    dataset = to_dataset(contact, result, fields=fields)
     lost = functions_of(json.loads(dataset.attrs.get("structure", "null")))
     if lost:
         warn(

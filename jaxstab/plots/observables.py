@@ -180,7 +180,6 @@ def distribution(
     quantity: Literal["pressure", "gap"] = "pressure",
     *,
     bins: int = 50,
-    theory: bool | None = None,
     axes: Axes | None = None,
 ) -> Axes:
     """Draw the distribution of pressures or gaps over the points of a surface.
@@ -189,19 +188,19 @@ def distribution(
     integral over gaps one less the contact area. Points apart without attraction have no pressure,
     and are left out. With attraction the densities of pressures are on a logarithmic axis.
 
+    For a law without attraction in a periodic cell, Persson's distribution of the pressure on a
+    randomly rough surface (2001) is drawn too: P(p) = (N(p - p0) - N(p + p0)), N the normal
+    distribution with the variance of the pressure in full contact.
+
     Arguments:
         contact: the contact problem.
         equilibrium: one of its states.
         quantity: "pressure", the elastic one, or "gap".
         bins: the number of bins.
-        theory: whether to draw Persson's distribution of the pressure (2001). For a randomly rough
-            surface without adhesion it is P(p) = (N(p - p0) - N(p + p0)), N the normal distribution
-            with the variance of the pressure in full contact. By default it is drawn for a law
-            without attraction in a periodic cell.
         axes: the axes to draw on; new ones by default.
 
     Raises:
-        ValueError: for another quantity, less than one bin, and a theory of gaps or of adhesion.
+        ValueError: for another quantity, and less than one bin.
     """
     equilibrium = equilibrium_of(contact, equilibrium)
     require_one_of("quantity", quantity, ["pressure", "gap"])
@@ -209,11 +208,6 @@ def distribution(
         raise ValueError(f"bins is {bins}: give one at least.")
     attracts = float(contact.profile.max_attraction) > 0
     is_known = quantity == "pressure" and not attracts and not contact.solid.is_window
-    if theory and not is_known:
-        raise ValueError(
-            "Persson's theory is for pressures without adhesion in a periodic cell: leave out "
-            "`theory`."
-        )
     axes = axes_or_new(axes)
     touches = np.asarray(equilibrium.in_contact)
     values = np.asarray(getattr(equilibrium, quantity), float)
@@ -226,7 +220,7 @@ def distribution(
     for name, part in parts.items() if shown.any() else ():
         counts = np.histogram(part, edges)[0]
         axes.stairs(counts / (values.size * np.diff(edges)), edges, label=name, linewidth=1.2)
-    if is_known if theory is None else theory:
+    if is_known:
         rms, mean = float(contact.conforming_pressure), float(equilibrium.mean_pressure)
         pressures = np.linspace(0, max(shown.max(), rms), 200)
         axes.plot(pressures, _persson(pressures, mean, rms), "k--", label="Persson, random surface")

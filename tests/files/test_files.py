@@ -79,7 +79,7 @@ def test_a_path_comes_back_to_the_last_bit(followed, tmp_path):
 
 def test_a_data_set_says_what_everything_is(case):
     contact, sweep = case
-    dataset = js.to_dataset(contact, sweep, solver=js.PreconditionedConjugateGradient())
+    dataset = js.to_dataset(contact, sweep)
     assert dataset.gap.dims == ("load", "x", "y") and dataset.cone_mode.dims == ("load", "x", "y")
     np.testing.assert_array_equal(dataset["load"], sweep.load.value)
     np.testing.assert_array_equal(dataset.load_stiffness, sweep.load.stiffness)
@@ -91,7 +91,7 @@ def test_a_data_set_says_what_everything_is(case):
     assert dataset["load"].attrs == {"long_name": "load: Spring", "units": "length"}
     assert dataset.verdict.values.tolist() == sweep.stability.verdict.name.tolist()
     assert json.loads(dataset.versions)["jax"] == jax.__version__
-    assert "tolerance" in dataset.attrs["solver"] and "0.3" in dataset.attrs["solid"]
+    assert "0.3" in dataset.attrs["solid"]
     energies = [contact.potential(gap) for gap in dataset.law_gap.values.astype(dataset.gap.dtype)]
     np.testing.assert_allclose(dataset.law_energy, energies, rtol=1e-5)
     unlabelled = [

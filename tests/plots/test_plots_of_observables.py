@@ -120,21 +120,18 @@ def test_perssons_curve_has_the_pressure_as_its_first_moment(rough, adhesive):
     density = _persson(pressures, p0, rms)
     np.testing.assert_allclose(np.trapezoid(pressures * density, pressures), p0, rtol=1e-6)
     np.testing.assert_allclose(curve.get_ydata(), _persson(curve.get_xdata(), p0, rms))
-    assert not plots.distribution(*rough, theory=False).lines
     axes = plots.distribution(*adhesive)
     assert not axes.lines
     assert [text.get_text() for text in axes.get_legend().texts] == ["in contact", "apart"]
     assert axes.get_yscale() == "log"
 
 
-def test_what_cannot_be_drawn_is_said(rough, adhesive, line):
+def test_what_cannot_be_drawn_is_said(rough, line):
     contact, state = rough
     with pytest.raises(ValueError, match="choose one of pressure, gap"):
         plots.distribution(contact, state, "reaction")
     with pytest.raises(ValueError, match="bins is 0"):
         plots.distribution(contact, state, bins=0)
-    with pytest.raises(ValueError, match="Persson's theory is for pressures"):
-        plots.distribution(*adhesive, theory=True)
     with pytest.raises(TypeError, match="Equilibrium is no leakage"):
         plots.flow(contact, state)
     leakage = js.leakage(contact, state)
