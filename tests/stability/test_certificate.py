@@ -76,19 +76,6 @@ def test_on_a_linear_space_and_by_a_mode_the_verdict_is_proved():
     assert not failed.cone.proved and not failed.proved
 
 
-def test_under_pressure_control_on_a_line_the_cone_needs_no_search():
-    # The kernel has no positive entry off its diagonal, so that the lowest mode is of one sign.
-    grid = js.Grid((64,))
-    law = js.potentials.Exponential(0.002, 0.1)
-    contact = js.Contact(js.HalfSpace(grid, 1.0), js.surfaces.sinusoid(grid, 0.05), law)
-    state = js.equilibrate(contact, js.MeanPressure(0.02))
-    assert state.in_contact.any() and not state.in_contact.all()
-    stability = js.assess_stability(contact, state)
-    np.testing.assert_allclose(stability.cone.eigenvalue, stability.lower_bound.eigenvalue)
-    assert stability.cone.proved
-    assert stability.cone.num_applications < 60
-
-
 @pytest.mark.nightly
 def test_proofs_are_the_same_in_lanes_and_in_single_precision():
     problems = [nearly_closed(seed, load=js.MeanPressure) for seed in range(4)]

@@ -171,42 +171,6 @@ def test_the_fast_solver_never_ends_above_its_starts(unloading):
     assert fast.num_applications < slow.num_applications / 5
 
 
-def test_a_start_that_has_hardly_any_room_does_not_end_at_zero():
-    contact = rough_contact(8, lambda gap: 3 * gap**2)
-    random = np.random.default_rng(0)
-
-    @jax.jit
-    def descend(curvature, touches, start):
-        operator = Hessian(contact.solid, curvature)
-        cone = AdmissibleCone(touches)
-        found = js.ProjectedLOBPCG().solve(operator, cone, start[None])
-        return measured(operator, cone, found, found.vector)
-
-    results = []
-    for _ in range(100):
-        touches = (np.arange(64) != random.integers(64)).reshape(8, 8)
-        curvature, start = 5 + random.normal(size=(8, 8)), random.normal(size=(8, 8))
-        pair = descend(curvature, touches, start)
-        results.append(pair.result == js.RESULTS.successful)
-        if results[-1]:
-            assert np.isfinite(pair.eigenvalue)
-            assert np.linalg.norm(pair.mode) == pytest.approx(1)
-    # The others have no vector of the cone near to their start.
-    assert 30 < sum(results) < 100
-
-
-def test_the_history_on_the_cone_is_that_of_the_start_which_won(unloading):
-    pair = js.assess_stability(unloading, js.equilibrate(unloading, js.MeanGap(0.5))).cone
-    steps, residuals = np.asarray(pair.history.steps), np.asarray(pair.history.values["residual"])
-    records = np.isfinite(steps).sum()
-    np.testing.assert_array_equal(steps[:records], np.arange(records))
-    assert records > 20
-    # The residual of a start is known after its first step.
-    assert np.isfinite(residuals[1:records]).all()
-    assert residuals[1] > 1e-2
-    assert residuals[records - 1] <= 1e-7 < residuals[records - 2]
-
-
 @pytest.mark.parametrize("tolerance", [None, 1e20])
 def test_no_search_ends_before_its_first_vectors_or_while_its_residual_falls(tolerance):
     # Stiff points, whose residuals begin far above one.

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from brute_force import dense_hessian, smallest_on_zero_mean
 from problems import Waves, rough_contact, state_of
-from programs import compilations
 
 import jaxstab as js
 from jaxstab.stability.cones import AdmissibleCone
@@ -15,24 +14,6 @@ def check_admissible(pair, in_contact):
     np.testing.assert_allclose(np.linalg.norm(mode), 1)
     assert abs(mode.sum()) < 1e-10
     assert mode[np.asarray(in_contact)].min(initial=0) >= 0
-
-
-def test_hertz_with_contact_has_the_papers_eigenvalue(hertz):
-    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2))
-    stability = js.assess_stability(hertz, equilibrium)
-    assert stability.cone.eigenvalue == pytest.approx(-4.5537, abs=5e-4)
-    check_admissible(stability.cone, equilibrium.in_contact)
-    assert stability.verdict == js.VERDICTS.held_by_contact
-
-
-def test_hertz_on_the_papers_grid_has_the_papers_eigenvalue():
-    x = jnp.linspace(0, 1, 32)
-    heights = -((x[:, None] - 0.5) ** 2 + (x - 0.5) ** 2) / 4
-    solid = js.HalfSpace(js.Grid(32), 1.0)
-    contact = js.Contact(solid, heights, js.potentials.Exponential(10.0, 1.0))
-    equilibrium = js.equilibrate(contact, js.MeanDisplacement(1.2))
-    stability = js.assess_stability(contact, equilibrium)
-    assert stability.cone.eigenvalue == pytest.approx(-4.5512, abs=5e-4)
 
 
 def test_hertz_without_contact_equals_a_dense_eigensolver(hertz):
@@ -52,31 +33,18 @@ def random_state(contact, seed, touching):
     return state_of(contact, jnp.where(jax.random.uniform(keys[1], gap.shape) < touching, 0.0, gap))
 
 
-@pytest.mark.parametrize("seed", range(1, 6))
-@pytest.mark.parametrize("strength", [0.1, 10.0])
-def test_without_contact_it_equals_a_dense_eigensolver_for_any_curvature(seed, strength):
-    contact = rough_contact(16, Waves(strength, 3.0))
-    contact, state = random_state(contact, seed, 0)
-    pair = js.assess_stability(contact, state).cone
-    exact = smallest_on_zero_mean(dense_hessian(contact, state.gap))
-    assert pair.eigenvalue == pytest.approx(exact, rel=1e-6)
-    check_admissible(pair, state.in_contact)
-
-
 def test_adhesion_that_outweighs_the_stiffness_everywhere_does_not_upset_it():
-    contact = rough_contact(16, js.potentials.Exponential(200.0, 1.0))
-    contact, state = random_state(contact, 3, 0)
+    contact, state = random_state(rough_contact(16, Waves(70.0, 3.0)), 3, 0)
     pair = js.assess_stability(contact, state).cone
     exact = smallest_on_zero_mean(dense_hessian(contact, state.gap))
     assert contact.solid.max_stiffness < 50 < -exact
     assert pair.eigenvalue == pytest.approx(exact, rel=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(1, 6))
 @pytest.mark.parametrize("touching", [0.05, 0.5, 0.95])
-def test_with_contact_the_answer_is_admissible_and_optimal(seed, touching):
+def test_with_contact_the_answer_is_admissible_and_optimal(touching):
     contact = rough_contact(16, Waves(1.0, 3.0))
-    contact, state = random_state(contact, seed, touching)
+    contact, state = random_state(contact, 1, touching)
     pair = js.assess_stability(contact, state).cone
     check_admissible(pair, state.in_contact)
     matrix = dense_hessian(contact, state.gap)
@@ -111,25 +79,8 @@ def test_the_projection_is_the_nearest_admissible_field():
         assert (rest[~moving] <= shift + 1e-12).all()
 
 
-def test_full_contact_admits_no_perturbation_and_is_stable(hertz):
-    stability = js.assess_stability(*state_of(hertz, jnp.zeros((32, 32))))
-    assert stability.cone.eigenvalue == np.inf
-    assert not stability.cone.mode.any()
-    assert stability.verdict == js.VERDICTS.stable
-
-
-def test_one_free_point_can_still_sink_while_its_neighbours_lift():
-    contact = rough_contact(16, js.potentials.Exponential(1.0, 1.0))
-    contact, state = state_of(contact, jnp.zeros((16, 16)).at[3, 4].set(0.5))
-    pair = js.assess_stability(contact, state).cone
-    check_admissible(pair, state.in_contact)
-    assert pair.mode[3, 4] < 0
-    assert pair.result == js.RESULTS.successful
-
-
-@pytest.mark.parametrize("mean_gap", [1e-5, 1e-3])
-def test_it_converges_near_full_contact(unloading, mean_gap):
-    equilibrium = js.equilibrate(unloading, js.MeanGap(mean_gap))
+def test_it_converges_near_full_contact(unloading):
+    equilibrium = js.equilibrate(unloading, js.MeanGap(1e-5))
     assert 0.9 < equilibrium.contact_area < 1
     stability = js.assess_stability(unloading, equilibrium)
     assert stability.cone.eigenvalue > 0
@@ -164,33 +115,6 @@ def test_algorithm_1_takes_the_steps_that_its_condition_allows(hertz):
         js.ProximalIteration(tau=-1.0)
 
 
-def test_the_answer_does_not_depend_on_units(hertz):
-    def assess(length, pressure):
-        grid = js.Grid(32, length)
-        law = js.potentials.Exponential(10.0 * pressure * length, length)
-        heights = js.surfaces.paraboloid(grid, 2.0 * length)
-        contact = js.Contact(js.HalfSpace(grid, pressure), heights, law)
-        equilibrium = js.equilibrate(contact, js.MeanDisplacement(1.2 * length))
-        return equilibrium, js.assess_stability(contact, equilibrium).cone
-
-    equilibrium, pair = assess(1e-6, 1e9)
-    reference = js.equilibrate(hertz, js.MeanDisplacement(1.2))
-    assert equilibrium.num_steps == reference.num_steps
-    np.testing.assert_allclose(equilibrium.gap / 1e-6, reference.gap, atol=1e-8)
-    assert pair.eigenvalue / 1e15 == pytest.approx(-4.5537, abs=5e-4)
-
-
-def test_single_precision_gives_the_same_sign(hertz):
-    single = js.Contact(hertz.solid, hertz.heights.astype(jnp.float32), hertz.potential)
-    for displacement, eigenvalue in ((1.2, -4.5537), (1.31, None)):
-        load = js.MeanDisplacement(displacement)
-        pair = js.assess_stability(single, js.equilibrate(single, load)).cone
-        exact = js.assess_stability(hertz, js.equilibrate(hertz, load)).cone
-        assert pair.mode.dtype == jnp.float32
-        assert pair.eigenvalue == pytest.approx(float(exact.eigenvalue), rel=0.02)
-        assert eigenvalue is None or pair.eigenvalue == pytest.approx(eigenvalue, rel=1e-3)
-
-
 def test_a_step_limit_raises_or_is_coded(hertz):
     equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.302))
     solver = js.ProximalIteration(max_steps=50)
@@ -208,14 +132,6 @@ def test_a_verdict_needs_an_error_smaller_than_the_eigenvalue(hertz):
     solver = js.ProjectedLOBPCG(tolerance=1e-2)
     stability = js.assess_stability(hertz, equilibrium, solver)
     assert 0 < stability.cone.eigenvalue < stability.cone.error
-    assert stability.verdict == js.VERDICTS.undecided
-
-
-def test_a_verdict_needs_a_solver_that_converged(hertz):
-    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.302))
-    solver = js.ProximalIteration(tolerance=1e-30, max_steps=10_000)
-    stability = js.assess_stability(hertz, equilibrium, solver, throw=False)
-    assert stability.cone.error < 1e-6 < stability.cone.eigenvalue
     assert stability.verdict == js.VERDICTS.undecided
 
 
@@ -247,16 +163,3 @@ def test_the_eigenvalue_is_the_second_difference_of_the_energy_along_the_mode(un
 
     second = (energy(amplitude) - 2 * energy(0) + energy(-amplitude)) / amplitude**2
     assert second == pytest.approx(float(pair.eigenvalue), rel=1e-3)
-
-
-def test_an_assessment_without_contact_does_not_compile_the_search_of_the_cone():
-    law = js.potentials.Exponential(0.05, 0.1)
-    # No other test has this size.
-    grid = js.Grid((9, 8))
-    contact = js.Contact(js.HalfSpace(grid, 1.0), js.surfaces.sinusoid(grid, 0.05), law)
-    equilibrium = js.equilibrate(contact, js.MeanGap(5.0))
-    assert not equilibrium.in_contact.any()
-    with compilations() as compiled:
-        js.assess_stability(contact, equilibrium)
-    assert "jit(_lowest_on_hull)" in compiled
-    assert "jit(_from_all_starts)" not in compiled

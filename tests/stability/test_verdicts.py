@@ -32,7 +32,7 @@ def random_problems(number):
     return jnp.asarray(gaps)
 
 
-@pytest.fixture(scope="module", params=[150, pytest.param(500, marks=pytest.mark.nightly)])
+@pytest.fixture(scope="module", params=[100, pytest.param(500, marks=pytest.mark.nightly)])
 def faces(request):
     grid = js.Grid(SHAPE, (1.0, 1.2))
     contact = js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(SHAPE), Waves(STRENGTH))
@@ -80,25 +80,13 @@ def test_hertz_in_contact_is_held_by_it(hertz):
     assert stability.verdict == js.VERDICTS.held_by_contact
     exact = smallest_on_critical_cone(hertz, equilibrium)
     assert 0 < exact == pytest.approx(float(stability.critical.eigenvalue), abs=1e-8)
+    # The paper's number.
+    assert stability.cone.eigenvalue == pytest.approx(-4.5537, abs=5e-5)
     # The quadratic barrier is computed by hand.
     cost = float(jnp.sum(equilibrium.reaction * stability.cone.mode))
     eigenvalue = float(stability.cone.eigenvalue)
     assert stability.barrier.amplitude == pytest.approx(cost / abs(eigenvalue))
     assert stability.barrier.height == pytest.approx(cost**2 / (2 * abs(eigenvalue)) / 32**2)
-
-
-def test_the_contact_free_branch_ends_where_the_critical_eigenvalue_vanishes(hertz):
-    loads = js.MeanDisplacement(jnp.linspace(1.302, 1.2977, 12))
-    swept = js.sweep(hertz, loads, order="continuation")
-    critical = np.asarray(swept.stability.critical.eigenvalue)
-    assert (swept.equilibrium.contact_area == 0).all()
-    assert (np.diff(critical) < 0).all()
-    # As a square root: near the fold the square is linear in the load.
-    slope, offset = np.polyfit(loads.value[-4:], critical[-4:] ** 2, 1)
-    fold = -offset / slope
-    assert fold == pytest.approx(1.2975, abs=1e-3)
-    exponents = np.diff(np.log(critical)) / np.diff(np.log(np.asarray(loads.value) - fold))
-    np.testing.assert_allclose(exponents[-4:], 0.5, atol=0.03)
 
 
 @pytest.fixture(scope="module")
@@ -175,6 +163,7 @@ def test_a_saddle_of_a_symmetric_start_is_called_unstable():
     )
     equilibrium = js.equilibrate(contact, js.MeanDisplacement(1.2))
     stability = js.assess_stability(contact, equilibrium)
+    assert stability.cone.eigenvalue == pytest.approx(-4.5512, abs=5e-4)
     assert stability.verdict == js.VERDICTS.unstable
     released = js.release(contact, equilibrium, stability.critical.mode, amplitude=1e-2)
     assert released.energy < equilibrium.energy - 1e-9
@@ -279,29 +268,25 @@ def test_a_few_stiff_points_do_not_hide_a_soft_one():
         assert stability.result == js.RESULTS.successful or stiff > 1e8
 
 
-def test_a_state_with_nan_in_its_reaction_is_not_assessed(hertz):
-    equilibrium = js.equilibrate(hertz, js.MeanDisplacement(1.2))
-    for name in ("reaction", "pressure"):
-        broken = eqx.tree_at(
-            lambda state, name=name: getattr(state, name),
-            equilibrium,
-            replace_fn=lambda field: field.at[16, 16].set(jnp.nan),
-        )
-        stability = js.assess_stability(hertz, broken, throw=False)
-        assert stability.verdict == js.VERDICTS.undecided
-        assert stability.result == js.RESULTS.no_equilibrium
-
-
 def test_what_is_nan_is_undecided(hertz, far_side):
     stable, _ = far_side
+    for name in ("reaction", "pressure"):
+        spoiled = eqx.tree_at(
+            lambda state, name=name: getattr(state, name),
+            stable,
+            replace_fn=lambda field: field.at[16, 16].set(jnp.nan),
+        )
+        stability = js.assess_stability(hertz, spoiled, throw=False)
+        assert stability.verdict == js.VERDICTS.undecided
+        assert stability.result == js.RESULTS.no_equilibrium
     broken = js.Contact(
         hertz.solid, hertz.heights, lambda gap: jnp.where(gap > 1, jnp.nan, -1) * gap**2
     )
+    with pytest.raises(js.SolverError, match=r"lower_bound eigenvalue.*nonfinite"):
+        js.assess_stability(broken, stable)
     stability = js.assess_stability(broken, stable, throw=False)
     assert stability.verdict == js.VERDICTS.undecided
     assert stability.result == js.RESULTS.nonfinite
-    with pytest.raises(js.SolverError, match=r"lower_bound eigenvalue.*nonfinite"):
-        js.assess_stability(broken, stable)
 
 
 def test_the_same_key_gives_the_same_answer_and_another_one_the_same_verdict(unloading):
