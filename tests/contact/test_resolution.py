@@ -28,25 +28,6 @@ def test_the_grid_that_would_do_is_named_and_does():
     assert finer.resolution < 2
 
 
-def test_it_is_said_once_by_all_functions_together():
-    contact = rough_contact(16, COARSE, youngs_modulus=3e-3)
-
-    def use() -> None:
-        equilibrium = js.equilibrate(contact, LOAD)
-        js.assess_stability(contact, equilibrium, throw=False)
-        js.sweep(contact, js.MeanGap(jnp.array([0.2])))
-
-    # Compiling with a cache on disk makes Python forget what it has warned of.
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        use()
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("default")
-        use()
-        use()
-    assert [warning.category for warning in said] == [js.ResolutionWarning]
-
-
 @pytest.mark.parametrize("law", [COARSE, js.potentials.NoAdhesion()])
 def test_nothing_is_said_of_grids_that_do_and_inside_transformations(law):
     fine = rough_contact(16, law)

@@ -120,62 +120,6 @@ def test_a_sweep_over_positions_gives_what_each_gives_alone(contact):
         assert state.load.stiffness == 2.0
 
 
-def dense_fold(heights, gamma, rho, stiffness, guess):
-    """Return the position at the fold without contact, by NumPy and Newton's method.
-
-    Of gap g, position d and mode x: K (g + h) + k (mean(g + h) - d) + f'(g) = 0, A x = 0 and
-    x.x = 1.
-    """
-    matrix, h, g = stiffness_matrix(heights), heights.ravel(), guess.ravel()
-    n = g.size
-    spring = np.full((n, n), stiffness / n)
-
-    def slopes(g):
-        attraction = gamma / rho * np.exp(-g / rho)
-        return attraction, -attraction / rho, attraction / rho**2
-
-    first, second, _ = slopes(g)
-    x = np.linalg.eigh(matrix + np.diag(second) + spring)[1][:, 0]
-    position = np.mean(g + h) + np.mean(matrix @ (g + h) + first) / stiffness
-    for _ in range(20):
-        first, second, third = slopes(g)
-        a = matrix + np.diag(second) + spring
-        stretch = np.mean(g + h) - position
-        residual = np.concatenate(
-            [matrix @ (g + h) + stiffness * stretch + first, a @ x, [(x @ x - 1) / 2]]
-        )
-        column, zero = np.zeros((n, 1)), np.zeros((n, n))
-        jacobian = np.block(
-            [
-                [a, np.full((n, 1), -stiffness), zero],
-                [np.diag(third * x), column, a],
-                [column.T, 0, x[None]],
-            ]
-        )
-        change = np.linalg.solve(jacobian, -residual)
-        g, position, x = g + change[:n], position + change[n], x + change[n + 1 :]
-        if np.abs(change).max() < 1e-13:
-            break
-    return position
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("stiffness", [200.0, 20.0])
-def test_the_fold_of_hertz_moves_with_the_stiffness_as_in_dense_algebra(hertz, stiffness):
-    def fold(stiffness, throw=False):
-        ends = jnp.array([1.5, 1.2]) + 2.7 / stiffness
-        return js.critical_load(hertz, js.Spring(ends, stiffness), throw=throw)
-
-    found = fold(stiffness, throw=True)
-    gap = np.asarray(found.equilibrium.gap)
-    exact = dense_fold(np.asarray(hertz.heights), 10.0, 1.0, stiffness, gap)
-    np.testing.assert_allclose(found.load.position, exact, rtol=1e-9)
-    slope = jax.jit(jax.grad(lambda k: fold(k).load.position))(stiffness)
-    step = 1e-3 * stiffness
-    ahead, behind = (fold(stiffness + s * step).load.position for s in (1, -1))
-    np.testing.assert_allclose(slope, (ahead - behind) / (2 * step), rtol=1e-5)
-
-
 def test_units_do_not_matter(contact):
     pascals, metres = 70e9, 1e-6
     grid = js.Grid(N, metres)

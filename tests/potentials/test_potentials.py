@@ -15,7 +15,6 @@ from jaxstab.potentials import (
     slope,
 )
 from jaxstab.potentials.jumps import law_jump
-from jaxstab.potentials.profile import Profile
 
 GAPS = jnp.linspace(0.0, 3.0, 25).reshape(5, 5)
 # The laws f, f' and f'' are written out by hand, at gamma = 2, rho = 0.7.
@@ -75,18 +74,6 @@ def test_dugdales_attraction_is_even_up_to_its_range_and_then_gone():
     np.testing.assert_allclose(curvature(law, edge), difference, rtol=1e-3, atol=1e-6)
 
 
-def test_a_profile_tells_how_sharply_a_law_bends_and_how_far_it_reaches():
-    scale = jnp.array(100.0)
-    exponential = Profile(js.potentials.Exponential(2.0, 0.7), scale)
-    assert exponential.max_curvature == pytest.approx(2 / 0.7**2)
-    attraction = 2 / 0.7 * np.exp(-3)
-    assert exponential.outermost_gap(attraction) == pytest.approx(2.1, rel=0.011)
-    assert exponential.outermost_gap(1e9) == 0
-    # Only the attracting part counts: a wall may be as hard as it likes.
-    lennard_jones = Profile(js.potentials.LennardJones(2.0, 0.7), scale)
-    assert lennard_jones.max_curvature == pytest.approx(54 / 0.7**2, rel=0.12)
-
-
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
 @pytest.mark.parametrize(
     ("law", "has_core"),
@@ -104,25 +91,9 @@ def test_a_core_is_seen_in_any_units_compiled_or_not(law, has_core, dtype):
     assert jax.jit(lambda contact: contact.has_core)(contact) == has_core
 
 
-def test_a_core_without_strength_is_refused():
-    with pytest.raises(ValueError, match=r"surface energy of a law with a core is 0.0"):
-        js.potentials.LennardJones(0.0, 1.0)
-
-
-def test_a_smoothing_that_makes_no_sense_is_refused():
-    with pytest.raises(ValueError, match=r"smoothing of the potential is 0.0"):
-        js.potentials.Dugdale(1.0, 1.0, smoothing=0.0)
-
-
 def test_no_adhesion_has_no_energy_force_or_curvature():
     for derivative in (energy_density, slope, curvature):
         assert not derivative(js.potentials.NoAdhesion(), GAPS).any()
-
-
-@pytest.mark.parametrize(("energy", "length"), [(-1.0, 1.0), (np.nan, 1.0), (1.0, 0.0)])
-def test_parameters_that_make_no_sense_are_refused(energy, length):
-    with pytest.raises(ValueError, match=r"(surface energy|length of the potential) is"):
-        js.potentials.Exponential(energy, length)
 
 
 def contact_with(potential):
@@ -238,11 +209,10 @@ def steep_and_smooth(energy, length):
     }
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
 @pytest.mark.parametrize("length", [0.3, 1e-4])
 @pytest.mark.parametrize("name", steep_and_smooth(1.0, 1.0))
-def test_no_law_that_is_smooth_is_taken_for_one_that_jumps(name, length, dtype):
-    unit = 1e-6
+def test_no_law_that_is_smooth_is_taken_for_one_that_jumps(name, length):
+    unit, dtype = 1e-6, jnp.float32
     law = as_module(steep_and_smooth(0.02 * unit, length * unit)[name], dtype)
     # Rounding of half of the steepest slope of them is far below what counts.
     assert law_jump(law, jnp.array([unit, unit], dtype)).size.max() < 1e-5
@@ -272,8 +242,8 @@ def test_a_law_that_is_cut_off_is_zero_beyond_and_twice_differentiable():
         js.potentials.CutOff(3, 1.0)
 
 
-@pytest.mark.parametrize("kind", [js.potentials.Exponential, js.potentials.Dugdale])
-def test_a_law_may_vary_from_nothing_on(kind):
+def test_a_law_may_vary_from_nothing_on():
+    kind = js.potentials.Exponential
     energies = jnp.where(jnp.arange(8) % 2 == 0, 0.02, 0.0) * jnp.ones((8, 1))
     law = js.potentials.Varying(kind(energies, 0.07))
     contact = js.Contact(js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), law)
@@ -299,9 +269,9 @@ def test_a_law_with_a_loop_has_its_derivatives():
             -0.02 * jax.lax.while_loop(lambda state: state[0] < 3, further, (0, 1.0 + 0 * gap))[1]
         )
 
-    closed = contact_with(js.potentials.Exponential(0.02, 0.2))
-    state, expected = (js.equilibrate(x, js.MeanGap(0.1)) for x in (contact_with(law), closed))
-    np.testing.assert_allclose(state.mean_pressure, expected.mean_pressure, rtol=1e-9)
+    looped, closed = contact_with(law).potential, js.potentials.Exponential(0.02, 0.2)
+    for derivative in (energy_density, slope, curvature):
+        np.testing.assert_allclose(derivative(looped, GAPS), derivative(closed, GAPS), rtol=1e-9)
 
 
 def test_weak_and_long_ranged_laws_are_not_taken_for_piecewise_linear():
@@ -331,11 +301,11 @@ def test_a_potential_may_branch_on_the_scalar_gap():
     np.testing.assert_allclose(curvature(law, GAPS), -6 * np.maximum(1 - GAPS, 0), atol=1e-12)
 
 
-def varying(energies, dtype=float):
+def varying(energies):
     grid = js.Grid((24, 16), (1.0, 0.8))
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=7, rms_height=0.1)
     law = js.potentials.Varying(js.potentials.Exponential(energies, 0.2))
-    return js.Contact(js.HalfSpace(grid, 0.05), heights.astype(dtype), law)
+    return js.Contact(js.HalfSpace(grid, 0.05), heights, law)
 
 
 def stripes():
@@ -343,32 +313,20 @@ def stripes():
     return 0.01 + 0.008 * jnp.cos(4 * jnp.pi * x)
 
 
-@pytest.mark.parametrize(("dtype", "tolerance"), [(jnp.float64, 1e-8), (jnp.float32, 1e-3)])
-def test_a_law_that_varies_balances_at_every_point_by_its_own_parameters(dtype, tolerance):
+def test_a_law_that_varies_balances_at_every_point_by_its_own_parameters():
     energies = stripes()
-    contact = varying(energies, dtype)
+    contact = varying(energies)
     state = js.equilibrate(contact, js.MeanGap(0.12))
     n, m = contact.grid.shape
     waves = np.hypot(np.fft.fftfreq(n, 1 / n)[:, None], np.fft.fftfreq(m, 0.8 / m))
     elastic = np.fft.ifft2(0.05 * np.pi * waves * np.fft.fft2(state.displacement)).real
     net = elastic + float(state.mean_pressure) + energies / 0.2 * np.exp(-state.gap / 0.2)
     assert state.in_contact.any() and not state.in_contact.all()
-    assert np.abs(np.where(state.in_contact, np.minimum(net, 0), net)).max() < tolerance * 0.09
+    assert np.abs(np.where(state.in_contact, np.minimum(net, 0), net)).max() < 1e-8 * 0.09
     # The stickiest point has the largest curvature.
     stiffest = contact.solid.max_stiffness
     expected = stiffest / (energies.max() / 0.2**2)
     np.testing.assert_allclose(contact.resolution, expected, rtol=1e-6)
-
-
-@pytest.mark.nightly
-def test_a_law_that_varies_by_nothing_is_the_law_itself():
-    uniform = varying(0.01)
-    contact = varying(jnp.full((24, 16), 0.01))
-    load = js.MeanPressure(-0.005)
-    expected, state = (js.equilibrate(x, load) for x in (uniform, contact))
-    np.testing.assert_allclose(state.gap, expected.gap, atol=1e-12)
-    verdicts = [js.assess_stability(x, state) for x in (uniform, contact)]
-    np.testing.assert_allclose(*(v.cone.eigenvalue for v in verdicts), rtol=1e-6)
 
 
 @pytest.mark.nightly

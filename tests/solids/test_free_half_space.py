@@ -102,9 +102,7 @@ LAW = js.potentials.Exponential(0.01, 0.1)
 PLANE, LINE = js.Grid((5, 4), (1.0, 0.7)), js.Grid((9,), (1.0,))
 
 
-@pytest.mark.parametrize(
-    ("grid", "load"), [(PLANE, LOADS[0]), (LINE, LOADS[2]), (PLANE, js.MeanPressure(-1e-3))]
-)
+@pytest.mark.parametrize(("grid", "load"), [(PLANE, js.MeanPressure(-1e-3)), (LINE, LOADS[2])])
 def test_equilibrium_and_eigenvalues_agree_with_dense_algebra(grid, load):
     contact = sphere_contact(0, LAW, grid=grid)
     equilibrium = js.equilibrate(contact, load, TIGHT)
@@ -161,23 +159,6 @@ def test_the_derivative_of_a_pull_off_agrees_with_differences():
 
 
 @pytest.mark.nightly
-def test_paths_and_sweeps_show_the_window_and_agree():
-    contact = sphere_contact(16, LAW, 1.0)
-    loads = js.FarDisplacement(jnp.asarray([-0.02, -0.03, -0.04]))
-    sweep = js.sweep(contact, loads, order="continuation")
-    assert sweep.equilibrium.gap.shape == (3, 16, 16) == sweep.stability.cone.mode.shape
-    path = js.follow(contact, loads, fields=True)
-    assert path.equilibrium.gap.shape[1:] == (16, 16)
-    np.testing.assert_allclose(path.equilibrium.force[-1], sweep.equilibrium.force[-1], rtol=1e-6)
-    # The prescribed displacement does the work of the force.
-    forces, places = np.asarray(path.equilibrium.force), np.asarray(path.load.value)
-    work = -np.trapezoid(forces, places)
-    np.testing.assert_allclose(path.work, work, rtol=1e-3)
-    pushed = js.release(contact, sweep[1], sweep[1].stability.critical.mode)
-    np.testing.assert_allclose(pushed.gap, sweep[1].equilibrium.gap, atol=1e-7)
-
-
-@pytest.mark.nightly
 def test_batches_single_precision_and_derivatives_work():
     def force(modulus, load=-0.04):
         contact = sphere_contact(16, modulus=modulus)
@@ -230,27 +211,3 @@ def test_full_contact_stores_the_least_of_any_rigid_move(grid):
     least = (h @ pressure - (one @ pressure) ** 2 / (one @ rigid)) / 2 / size
     found = js.surfaces.full_contact_energy(solid, heights)
     np.testing.assert_allclose(found, least, rtol=1e-6)
-
-
-@pytest.mark.nightly
-def test_a_tip_jumps_in_at_a_fold_that_moves_as_its_derivative_says():
-    work, modulus = 1e-3, 0.75
-    unit = js.references.jkr.units(1.0, modulus, work)
-    grid = js.Grid(24, 8 * unit.contact_radius * np.ones(2))
-    # Maugis' parameter is 1.
-    length = work / (np.cbrt(np.pi * work * (4 / 3 * modulus) ** 2) / 2)
-    bracket = js.FarDisplacement(unit.displacement * jnp.array([1.2, 0.5]))
-
-    def fold(scale):
-        law = js.potentials.Dugdale(scale * work, scale * length)
-        solid = js.FreeHalfSpace(grid, modulus)
-        contact = js.Contact(solid, js.surfaces.paraboloid(grid, 1.0), law)
-        return js.critical_load(contact, bracket)
-
-    found = fold(1.0)
-    assert found.kind == "fold" and not found.equilibrium.in_contact.any()
-    softest = js.FreeHalfSpace(grid, modulus).min_stiffness
-    assert abs(found.critical.eigenvalue) < 1e-8 * softest
-    slope = jax.grad(lambda scale: fold(scale).load.value)(1.0)
-    difference = (fold(1 + 1e-5).load.value - fold(1 - 1e-5).load.value) / 2e-5
-    np.testing.assert_allclose(slope, difference, rtol=1e-4)

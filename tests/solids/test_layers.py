@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from problems import TIGHT, bisected
+from problems import TIGHT
 
 import jaxstab as js
 
@@ -114,41 +114,6 @@ def test_no_digits_are_lost_from_thin_to_thick(nu, dtype):
         np.testing.assert_allclose(found[near.size :], thick, rtol=20 * np.finfo(dtype).eps)
 
 
-@pytest.mark.parametrize("nu", RATIOS[:-1])
-def test_a_thin_layer_is_winklers_foundation(nu):
-    grid = js.Grid((16, 12), (1.0, 2.0))
-    solid = js.Layer(grid, 2.0, nu, 1e-6)
-    field = jax.random.normal(jax.random.key(0), grid.shape)
-    stiffness = 2.0 * (1 - nu) / ((1 + nu) * (1 - 2 * nu) * 1e-6)
-    error = abs(solid.pressure(field) - stiffness * field).max()
-    # A nearly incompressible one is thin only once x^2 is small beside 1 - 2 nu.
-    assert error < (1e-4 if nu > 0.49 else 1e-8) * abs(stiffness * field).max()
-    np.testing.assert_allclose(solid.uniform_stiffness, stiffness)
-    np.testing.assert_allclose(solid.displacement(solid.pressure(field)), field)
-
-
-def test_a_thin_incompressible_layer_is_reynolds_film():
-    q = jnp.asarray([1.0, 2.0])
-    # Flow of a film of thickness h past no wall on top: K = 3 G / (q^2 h^3), G = E / 3.
-    stiffness = 1.0 / (q**2 * 1e-9)
-    solid = js.Layer(js.Grid(8), 1.0, 0.5, 1e-3)
-    np.testing.assert_allclose(solid.stiffness_at(q), stiffness, rtol=1e-5)
-
-
-def test_coatings_have_their_limits():
-    grid, q = js.Grid(16), jnp.geomspace(1e-3, 1e3, 13)
-    same = js.CoatedHalfSpace(grid, (2.0, 0.3), 0.1, (2.0, 0.3))
-    half_space = js.HalfSpace(grid, 2.0, 0.3).stiffness_at(q)
-    np.testing.assert_allclose(same.stiffness_at(q), half_space, rtol=1e-13)
-    rigid = js.CoatedHalfSpace(grid, (2.0, 0.3), 0.1, (1e18, 0.2)).stiffness_at(q)
-    layer = js.Layer(grid, 2.0, 0.3, 0.1).stiffness_at(q)
-    np.testing.assert_allclose(rigid, layer, rtol=1e-12)
-    thick = js.CoatedHalfSpace(grid, (2.0, 0.3), 1e5, (50.0, 0.1)).stiffness_at(q)
-    np.testing.assert_allclose(thick, half_space, rtol=1e-12)
-    thin = js.CoatedHalfSpace(grid, (2.0, 0.3), 1e-15, (50.0, 0.1)).stiffness_at(q)
-    np.testing.assert_allclose(thin, js.HalfSpace(grid, 50.0, 0.1).stiffness_at(q), rtol=1e-10)
-
-
 SOLIDS = {
     "layer": lambda grid, h: js.Layer(grid, 1.0, 0.3, h),
     "incompressible": lambda grid, h: js.Layer(grid, 1.0, 0.5, h),
@@ -180,16 +145,6 @@ def test_the_verdict_on_a_layer_holds_when_it_is_tried():
     assert stability.verdict in ("stable", "held_by_contact")
     pushed = js.release(contact, equilibrium, stability.critical.mode)
     np.testing.assert_allclose(pushed.gap, equilibrium.gap, atol=1e-6)
-
-
-@pytest.mark.nightly
-def test_a_layer_is_pulled_off_where_no_warm_start_holds():
-    contact = contact_on("layer")
-    start = js.equilibrate(contact, js.MeanPressure(0.0))
-    pull = js.pull_off(contact, initial=start)
-    value = float(pull.load.value)
-    last = bisected(contact, js.MeanPressure, 0.0, value / 20, resolution=-value * 1e-5)
-    np.testing.assert_allclose(value, last, rtol=2e-5)
 
 
 def test_the_base_of_a_layer_can_be_held():
@@ -236,16 +191,6 @@ def test_an_incompressible_layer_presses_on_a_wave_alone():
     # A layer that nearly keeps its volume, on a wave without a mean.
     nearly = js.Layer(grid, 1.0, 0.5 - 1e-9, 0.2).pressure(wave - jnp.mean(wave))
     np.testing.assert_allclose(layer.pressure(wave), nearly, atol=1e-6)
-
-
-def test_batches_of_layers_give_what_each_gives():
-    def pressure(thickness):
-        return js.equilibrate(contact_on("layer", thickness), js.MeanGap(0.03)).mean_pressure
-
-    thicknesses = jnp.asarray([0.05, 0.2])
-    together = jax.jit(jax.vmap(pressure))(thicknesses)
-    np.testing.assert_allclose(together, [pressure(h) for h in thicknesses], rtol=1e-10)
-    assert together[0] != together[1]
 
 
 def test_what_makes_no_layer_is_refused():
