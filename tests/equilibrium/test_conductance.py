@@ -36,14 +36,6 @@ def test_a_disc_conducts_as_holm_says():
     assert errors[2] < errors[1] < errors[0] < 1e-2
 
 
-def test_a_disc_far_from_its_images_conducts_as_one_alone():
-    # In a narrow one the constriction takes 1 - 1.41 a / b less, b the radius of the cell's area.
-    radius = 12.5 / 256
-    found = js.conductance(*touching(disc(256, radius)), (0.5, 0.5))
-    narrowing = 1 - 1.41 * radius * np.sqrt(np.pi)
-    np.testing.assert_allclose(found.conductance * narrowing, 4 * radius, rtol=2e-2)
-
-
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
 def test_periodic_strips_constrict_as_westergaard_says(dtype):
     errors = []

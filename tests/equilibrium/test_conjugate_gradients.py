@@ -171,19 +171,6 @@ def test_the_reference_solver_refuses_a_pressure():
     assert coded.result == js.RESULTS.infeasible_load
 
 
-def test_loads_of_pressure_can_be_swept():
-    contact = rough_contact(N, js.potentials.Exponential(0.01, 0.1))
-    loads = js.MeanPressure(jnp.array([0.05, 0.01, 0.0, -1.0]))
-    quick = js.ProximalIteration(1e-4)
-    for order in ("independent", "continuation"):
-        swept = js.sweep(contact, loads, order=order, stability_solver=quick)
-        codes = swept.equilibrium.result
-        assert (codes == js.RESULTS.successful).tolist() == [True, True, True, False]
-        assert (codes == js.RESULTS.pulled_off).tolist() == [False, False, False, True]
-        area = swept.equilibrium.contact_area
-        assert area[0] > area[1] > area[2] > 0
-
-
 def test_moves_of_another_precision_are_taken_and_none_below_zero():
     contact = rough_contact(16, js.potentials.Exponential(0.01, 0.1))
     law = js.potentials.Exponential(np.float32(0.01), np.float32(0.1))

@@ -1,12 +1,10 @@
 """Derivatives of equilibria: against finite differences, and where none exist."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from problems import TIGHT, rough_contact, with_parameters
-from programs import compilations
 
 import jaxstab as js
 
@@ -154,37 +152,6 @@ def test_second_derivatives_are_right_too(contact, output):
         np.testing.assert_allclose(second, differences, rtol=1e-6, atol=1e-6)
 
 
-def test_the_energy_gives_the_force_that_holds_the_gap(contact):
-    def energy(value):
-        return js.equilibrate(contact, js.MeanGap(value), TIGHT).energy
-
-    pressure = js.equilibrate(contact, js.MeanGap(GAP), TIGHT).mean_pressure
-    np.testing.assert_allclose(jax.grad(energy)(GAP), -pressure, rtol=1e-10)
-
-
-@pytest.mark.nightly
-def test_a_program_serves_with_and_without_throw_and_under_grad(contact):
-    solve(contact, X, throw=True)
-    with compilations() as compiled:
-        solve(contact, X, throw=False)
-    assert not compiled
-    jax.clear_caches()
-    with compilations() as compiled:
-        solve(contact, X)
-        jax.grad(lambda x: solve(contact, x).mean_pressure)(X)
-    assert sum("find_in_own_units" in name for name in compiled) == 1
-
-
-def test_a_closure_over_the_value_gives_the_same_as_a_leaf(contact):
-    def pressure(law):
-        other = js.Contact(contact.solid, contact.heights, law)
-        return js.equilibrate(other, js.MeanGap(GAP), TIGHT).mean_pressure
-
-    by_leaf = jax.grad(lambda e: pressure(js.potentials.Exponential(e, X[1])))(X[0])
-    by_closure = jax.grad(lambda e: pressure(lambda gap: -e * jnp.exp(-gap / 0.1)))(X[0])
-    np.testing.assert_allclose(by_closure, by_leaf, rtol=1e-10)
-
-
 @pytest.mark.nightly
 def test_lanes_of_vmap_and_jacobians_equal_single_derivatives(contact):
     def pressure(x):
@@ -259,15 +226,6 @@ def test_where_a_point_is_about_to_touch_or_to_be_released_the_derivative_is_nan
     np.testing.assert_allclose(rate, -output(x), rtol=1e-8)
 
 
-def test_what_is_nowhere_nan_passes_a_search_for_nan(contact):
-    with jax.debug_nans(True):
-        equilibrium = solve(contact, X)
-        stability = js.assess_stability(contact, equilibrium)
-        rates = jax.grad(lambda x: solve(contact, x).mean_pressure)(X)
-    assert stability.result == js.RESULTS.successful
-    assert jnp.isfinite(rates).all()
-
-
 def test_memory_does_not_grow_with_the_steps_of_the_solver(contact):
     def gradient(x, max_steps):
         solver = js.PreconditionedConjugateGradient(max_steps=max_steps)
@@ -280,17 +238,6 @@ def test_memory_does_not_grow_with_the_steps_of_the_solver(contact):
     solve_alone = jax.jit(gradient).lower(X, 10**6).compile()
     needed, alone = (p.memory_analysis().temp_size_in_bytes for p in (program, solve_alone))
     assert needed < 3 * alone
-
-
-class Bonds(eqx.Module):
-    """A law of the user's own, of two lengths, with a parameter of each kind."""
-
-    strengths: jax.Array
-    length: jax.Array
-
-    def __call__(self, gap):
-        short, long = self.strengths
-        return -short * jnp.exp(-gap / self.length) - long / (1 + (gap / self.length) ** 2)
 
 
 def states(contact, energy, gaps, **options):
@@ -318,24 +265,6 @@ def test_a_sweep_has_the_derivatives_of_its_states(contact, single_rates, order)
     for i, alone in enumerate(single_rates):
         for rate, expected in zip(rates, alone, strict=True):
             np.testing.assert_allclose(rate[i], expected, rtol=1e-5)
-
-
-def test_a_law_of_ones_own_has_derivatives_by_its_leaves(contact):
-    law = Bonds(jnp.array([0.01, 0.005]), jnp.array(0.1))
-
-    def pressure(law):
-        other = js.Contact(contact.solid, contact.heights, law)
-        return js.equilibrate(other, js.MeanGap(GAP), TIGHT).mean_pressure
-
-    gradient = jax.grad(pressure)(law)
-    for leaf, at in (("strengths", 0), ("strengths", 1), ("length", ())):
-
-        def moved(step, leaf=leaf, at=at):
-            value = getattr(law, leaf)
-            return pressure(eqx.tree_at(lambda l: getattr(l, leaf), law, value.at[at].add(step)))
-
-        differences = (moved(1e-8) - moved(-1e-8)) / 2e-8
-        np.testing.assert_allclose(getattr(gradient, leaf)[at], differences, rtol=1e-5)
 
 
 def test_single_precision_has_derivatives(contact):
