@@ -10,7 +10,6 @@ from jaxtyping import Array
 from problems import TIGHT, rough_contact
 
 import jaxstab as js
-from jaxstab.core.loop import IterativeSolver
 
 SHAPE = (4, 5)
 SIZE = 20
@@ -93,25 +92,6 @@ def test_a_solid_of_ones_own_agrees_with_dense_algebra(name):
     assert found[0] - 1e-12 <= stability.cone.eigenvalue <= found[1] + 1e-12
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", ["gap", "spring"])
-def test_a_solid_of_ones_own_has_derivatives(name):
-    @jax.jit
-    def outputs(modulus, energy):
-        contact = dense_contact(modulus, energy)
-        equilibrium = js.equilibrate(contact, LOADS[name], TIGHT, throw=False)
-        stability = js.assess_stability(contact, equilibrium, throw=False)
-        numbers = equilibrium.mean_pressure, equilibrium.energy, stability.critical.eigenvalue
-        return jnp.stack([*numbers, jnp.vdot(contact.heights, equilibrium.gap)])
-
-    step = 1e-5
-    for changes in ((step, 0.0), (0.0, step)):
-        ahead, behind = (outputs(1 + s * changes[0], 0.1 + s * changes[1]) for s in (1, -1))
-        tangent = tuple(change / step for change in changes)
-        slopes = jax.jvp(outputs, (1.0, 0.1), tangent)[1]
-        np.testing.assert_allclose(slopes, (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-7)
-
-
 def unit(cone, vector):
     vector = cone.project(vector)
     return vector / jnp.linalg.norm(vector)
@@ -162,7 +142,6 @@ def test_a_solver_of_ones_own_finds_equilibria_in_every_call(contact):
     released = js.release(contact, found, mode, solver=solver)
     np.testing.assert_allclose(released.gap, expected.gap, atol=1e-6)
     lanes = jax.vmap(lambda value: js.equilibrate(contact, js.MeanGap(value), solver, throw=False))
-    # To the last bit only as users compile it: see batches_as_users_run_them.py.
     together = lanes(jnp.array([0.08, 0.1])).gap
     np.testing.assert_allclose(together, swept.equilibrium.gap, rtol=1e-12, atol=1e-15)
     short = js.equilibrate(contact, load, Descent(max_steps=3), throw=False)
@@ -188,15 +167,6 @@ def test_a_solver_of_ones_own_finds_the_cones_eigenvalue_in_every_call(contact):
     failed = js.assess_stability(contact, state, PowerIteration(max_steps=1), throw=False)
     assert failed.cone.result == js.RESULTS.max_steps_reached
     assert failed.verdict == "undecided"
-
-
-def test_solvers_of_a_kind_share_what_they_say():
-    for solver in (js.PreconditionedConjugateGradient, js.PolonskyKeerRey, js.SaddleNewton):
-        assert issubclass(solver, js.EquilibriumSolver)
-    for solver in (js.ProjectedLOBPCG, js.ProximalIteration):
-        assert issubclass(solver, js.ConeSolver)
-    assert issubclass(js.Davidson, js.SpaceSolver)
-    assert issubclass(js.SpaceSolver, IterativeSolver)
 
 
 def test_what_is_no_solver_of_the_kind_is_refused_by_name(contact):

@@ -4,7 +4,6 @@ import copy
 import math
 import os
 import pickle
-import subprocess
 import sys
 
 import equinox as eqx
@@ -13,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import jaxstab as js
 from jaxstab.core.closures import as_pytree
 
 X = 0.7
@@ -143,25 +141,6 @@ def test_a_number_that_a_function_reads_counts():
         assert run._cache_size() == programs
 
 
-def test_a_law_of_closed_over_tables_gives_each_contact_its_own_force():
-    grid = js.Grid(8)
-    heights = js.surfaces.sinusoid(grid, 0.05)
-    forces = []
-    for scale in (0.01, 0.02):
-        table = scale * jnp.array([1.0, 0.5])
-
-        def law(gap, table=table):
-            return -(table @ jnp.exp(-gap / jnp.array([0.1, 0.3])))
-
-        contact = js.Contact(js.HalfSpace(grid, 1.0), heights, law)
-        forces.append(js.equilibrate(contact, js.MeanGap(0.5)).mean_pressure)
-    scaled = js.potentials.Scaled(contact.potential, jnp.array(0.5))
-    contact = js.Contact(contact.solid, heights, scaled)
-    again = js.equilibrate(contact, js.MeanGap(0.5)).mean_pressure
-    np.testing.assert_allclose(forces[0], again, rtol=1e-6)
-    assert abs(forces[0] / forces[1]) < 0.6
-
-
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
 def test_a_function_answers_in_the_precision_that_it_is_asked_in(dtype):
     function = pytree(plain(jnp.asarray(TABLES[0])))
@@ -218,22 +197,3 @@ def test_a_module_may_have_fields_that_are_no_arrays():
 def test_a_function_that_asks_for_the_value_is_told_how_to_be_written(function):
     with pytest.raises(TypeError, match=r"f needs the value.*jax.numpy.*jnp.where"):
         pytree(function)
-
-
-@pytest.mark.nightly
-@pytest.mark.skipif(AS_LITERALS, reason="it is on")
-def test_all_of_this_holds_where_jax_keeps_constants_as_literals():
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        "-o",
-        "addopts=",
-        __file__,
-    ]
-    environment = {**os.environ, "JAX_USE_SIMPLIFIED_JAXPR_CONSTANTS": "True"}
-    ran = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert ran.returncode == 0, ran.stdout

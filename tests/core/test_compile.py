@@ -9,9 +9,11 @@ from jaxstab.core import compile as compiling
 from jaxstab.core.compile import program
 
 SOLVE = """
+import sys
 import jax
 before = dict(jax.config.values)
 import jaxstab as js
+assert not {"matplotlib", "optax"} & set(sys.modules), "imported too early"
 grid = js.Grid(8)
 law = js.potentials.Exponential(0.05, 0.1)
 contact = js.Contact(js.HalfSpace(grid, 1.0), js.surfaces.sinusoid(grid, 0.05), law)

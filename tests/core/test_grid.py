@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import jaxstab as js
-from jaxstab.core.grid import resample
 
 
 def test_coordinates_and_cell_area_of_a_rectangle():
@@ -60,15 +59,6 @@ def test_wavenumbers_can_be_differentiated_by_the_lengths():
     q = 2 * np.pi * np.hypot(1 / a, 2 / b)
     expected = -((2 * np.pi) ** 2) / q * np.array([1 / a**3, 4 / b**3])
     np.testing.assert_allclose(jax.grad(fifth)(jnp.array([a, b])), expected)
-
-
-@pytest.mark.parametrize("shape", [(8,), (9, 6)])
-def test_resampling_onto_more_points_keeps_the_given_ones(shape):
-    field = np.random.default_rng(0).normal(size=shape)
-    finer = resample(field, tuple(3 * n for n in shape))
-    np.testing.assert_allclose(finer[(slice(None, None, 3),) * len(shape)], field, atol=1e-14)
-    other = tuple(n + 3 for n in shape)
-    np.testing.assert_allclose(resample(resample(field, other), shape), field, atol=1e-14)
 
 
 def test_a_second_number_of_points_is_no_length():

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import jaxstab as js
-from jaxstab.calibration.result import LossProfile
 
 NUM_LOADS = 4
 
@@ -203,23 +202,6 @@ def test_a_state_of_another_precision_is_refused(sweep, contact):
             refused()
 
 
-def test_an_entry_of_a_sweep_is_drawn_like_its_equilibrium(sweep, contact):
-    for state in (sweep[3], sweep[3].equilibrium, sweep.equilibrium[3]):
-        image = js.plots.gap(contact, state).images[0]
-        assert image.get_array().shape == (6, 8)
-        assert (image.get_array() == 3).all()
-
-
-def test_contacts_print_their_numbers(contact):
-    assert repr(contact.grid) == "Grid(shape=(8, 6), lengths=[2, 3])"
-    assert "youngs_modulus=12.5, poisson_ratio=0)" in repr(contact.solid)
-    lines = repr(contact).splitlines()
-    assert len(lines) == 5
-    assert "float64[8, 6] from -0.25 to 0.25" in lines[2]
-    assert lines[3].split() == ["datum", "0"]
-    assert lines[4].endswith("Exponential(surface_energy=0.0625, length=0.5)")
-
-
 def test_states_print_numbers_shapes_and_words(sweep):
     equilibrium = replace(sweep[1].equilibrium, mean_pressure=jnp.array(-0.123456789))
     rows = dict(line.split(maxsplit=1) for line in repr(equilibrium).splitlines()[1:])
@@ -238,50 +220,6 @@ def test_states_print_numbers_shapes_and_words(sweep):
     assert "verdict          held_by_contact" in stability
     assert "[stable held_by_contact unstable undecided]" in repr(sweep.stability)
     assert repr(sweep[1].stability.cone.history) == "History(residual)"
-
-
-def test_folds_and_fits_print_what_they_found(sweep, contact):
-    state = sweep[1]
-    fold = js.CriticalLoad(
-        equilibrium=state.equilibrium,
-        kind=js.KINDS.fold,
-        critical=state.stability.critical,
-        after=None,
-        result=js.RESULTS.no_fold,
-    )
-    # Nothing is left after it.
-    equilibrium, kind, critical, result = repr(fold).splitlines()[1:]
-    assert kind.split() == ["kind", "fold"]
-    assert "Equilibrium(load=MeanGap(value=1), mean_pressure=1, " in equilibrium
-    assert "Eigenpair(eigenvalue=1, " in critical and "no_fold" in result
-
-    zero, none = jnp.array(0.0), jnp.zeros(0)
-    fit = js.Calibration(
-        contact=contact,
-        parameters=(contact.potential, contact.solid.youngs_modulus),
-        standard_errors=(contact.potential, zero),
-        offset=zero,
-        offset_error=zero,
-        baseline=zero,
-        baseline_error=zero,
-        covariance=jnp.diag(jnp.array([0.03125, 2.0, 0.5]) ** 2),
-        mean_pressure=jnp.linspace(-1, 1, 5),
-        area=jnp.array(6.0),
-        loss=jnp.array(2.5e-7),
-        residual=jnp.array(1e-7),
-        num_steps=jnp.array(12),
-        num_minima=jnp.array(2),
-        profile=LossProfile(jnp.array(0), none, none),
-        result=js.RESULTS.successful,
-        losses=none,
-        results=js.RESULTS.successful,
-        names=("surface_energy", "length", "modulus"),
-    )
-    head, *_, energy, length, modulus = repr(fit).splitlines()
-    assert head == "Calibration: successful, loss 2.5e-07, 2 minima seen"
-    assert energy.split() == ["surface_energy", "0.0625", "0.031"]
-    assert length.split() == ["length", "0.5", "2"]
-    assert modulus.split() == ["modulus", "12.5", "0.5"]
 
 
 def test_a_sweep_prints_as_a_table(sweep):
@@ -323,12 +261,3 @@ def test_nothing_that_is_printed_raises_or_reads_what_is_traced(sweep, contact):
     deleted = jax.tree.map(jnp.copy, sweep)
     jax.tree.map(lambda leaf: leaf.delete(), deleted)
     assert repr(deleted) and repr(deleted.stability.verdict)
-
-
-def test_laws_show_their_numbers_and_the_range_of_those_that_vary():
-    law = js.potentials.Exponential(0.06, 0.25)
-    assert repr(law) == "Exponential(surface_energy=0.06, length=0.25)"
-    field = jnp.linspace(0.01, 0.02, 64).reshape(8, 8)
-    assert repr(js.potentials.Varying(js.potentials.Exponential(field, 0.25))) == (
-        "Varying(law=Exponential(surface_energy=float64[8, 8] from 0.01 to 0.02, length=0.25))"
-    )

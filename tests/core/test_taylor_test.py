@@ -1,6 +1,5 @@
 """The Taylor test: derivatives known by hand, wrong ones, kinks and noise, and those of jaxstab."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -131,17 +130,3 @@ def test_laws_solids_and_equilibria_pass_in_any_units():
     ):
         test = js.check_derivative(function, point)
         assert test.success, test
-
-
-@pytest.mark.nightly
-def test_a_pull_off_passes():
-    contact = rough_contact(32, js.potentials.Exponential(0.02, 0.08), rms_height=0.05)
-
-    @jax.jit
-    def pull_off(energy):
-        law = eqx.tree_at(lambda law: law.surface_energy, contact.potential, energy)
-        changed = js.Contact(contact.solid, contact.heights, law)
-        return js.pull_off(changed, throw=False).load.value
-
-    test = js.check_derivative(pull_off, 0.02)
-    assert test.success, test

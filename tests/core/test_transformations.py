@@ -69,14 +69,6 @@ def test_a_potential_parameter_can_be_vmapped(solid, heights, law):
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("law", LAWS)
-def test_a_batch_of_contacts_can_be_made_and_then_solved(solid, heights, law):
-    contacts = jax.vmap(lambda energy: js.Contact(solid, heights, law(energy)))(ENERGIES)
-    batch = jax.vmap(solve)(contacts)
-    check_solution(lane(batch, 2), js.Contact(solid, heights, named_law(ENERGIES[2])))
-
-
-@pytest.mark.nightly
 def test_surfaces_loads_and_moduli_can_be_vmapped(solid, heights):
     surfaces = jnp.stack([heights, heights[::-1], heights.T * 0.8])
     by_surface = jax.vmap(lambda h: solve(js.Contact(solid, h, named_law(0.01))))(surfaces)
@@ -107,29 +99,12 @@ def test_a_failed_lane_leaves_the_others_identical(solid, heights):
         np.testing.assert_array_equal(actual.gap[i], expected.gap[i])
 
 
-def test_a_batch_outside_of_jit_is_compiled_once(solid, heights):
-    contact = js.Contact(solid, heights, named_law(0.01))
-    run = jax.vmap(solve, in_axes=(None, 0))
-    run(contact, js.MeanGap(jnp.array([0.05, 0.1, 0.2])))
-    with compilations() as compiled:
-        run(contact, js.MeanGap(jnp.array([0.1, 0.15, 0.3])))
-    assert compiled == []
-
-
 def test_throw_works_under_jit(solid, heights):
     contact = js.Contact(solid, heights, named_law(0.01))
     run = jax.jit(lambda value: js.equilibrate(contact, js.MeanGap(value)).mean_pressure)
     assert jnp.isfinite(run(0.1))
     with pytest.raises(Exception, match="infeasible_load"):
         run(-0.1)
-
-
-def test_numbers_without_a_precision_of_their_own_are_not_compiled_apart(solid, heights):
-    js.equilibrate(js.Contact(solid, heights, named_law(0.01)), LOAD)
-    with compilations() as compiled:
-        flat = js.Contact(solid, jnp.full(heights.shape, 0.3), named_law(jnp.asarray(0.01)))
-        js.equilibrate(flat, js.MeanGap(jnp.asarray(0.1)), initial=jnp.full(heights.shape, 0.1))
-    assert not any("find" in name for name in compiled), compiled
 
 
 class CountingLaw(eqx.Module):
@@ -171,20 +146,6 @@ def test_new_values_do_not_compile_again(solid, heights):
     assert run(0.02, 2.0, 0.2, 1e-5) == 0
 
 
-def test_a_bare_function_of_traced_values_does_not_compile_again(solid, heights):
-    traces = []
-
-    @jax.jit
-    def pressure(energy):
-        traces.append(None)
-        contact = js.Contact(solid, heights, bare_law(energy))
-        return js.equilibrate(contact, LOAD, throw=False).mean_pressure
-
-    values = [pressure(energy) for energy in (0.01, 0.02, 0.03)]
-    assert len(traces) == 1
-    assert len({float(value) for value in values}) == 3
-
-
 def test_a_bare_function_written_anew_compiles_anew_once(solid, heights):
     def pressure(law, gap):
         return js.equilibrate(js.Contact(solid, heights, law), js.MeanGap(gap)).mean_pressure
@@ -210,49 +171,6 @@ def test_a_bare_function_of_a_value_is_mapped_and_differentiated_by_it(solid, he
     np.testing.assert_allclose(found[0], expected, rtol=1e-7)
     sides = [pressure(named_law, energy) for energy in (0.00999, 0.01001)]
     np.testing.assert_allclose(found[1][1], (sides[1] - sides[0]) / 2e-5, rtol=1e-4)
-
-
-def test_a_function_that_reads_a_changed_value_is_computed_anew(solid, heights):
-    energy = {"value": 0.01}
-
-    def law(gap):
-        return -energy["value"] * jnp.exp(-gap / 0.1)
-
-    for energy["value"] in (0.01, 0.02):
-        found = js.equilibrate(js.Contact(solid, heights, law), LOAD).mean_pressure
-        named = js.Contact(solid, heights, named_law(energy["value"]))
-        np.testing.assert_allclose(found, js.equilibrate(named, LOAD).mean_pressure, rtol=1e-9)
-
-
-def test_functions_that_only_look_alike_are_told_apart(solid, heights):
-    def with_slope(factor):
-        @jax.custom_jvp
-        def law(gap):
-            return -0.01 * jnp.exp(-gap / 0.1)
-
-        law.defjvp(lambda gaps, rates: (law(*gaps), factor * jnp.exp(-gaps[0] / 0.1) * rates[0]))
-        return law
-
-    contacts = [js.Contact(solid, heights, with_slope(factor)) for factor in (0.1, 0.2)]
-    gradient = jax.jit(lambda contact, gap: contact.gradient(gap))
-    flat = jnp.ones(solid.grid.shape) * 0.1
-    weak, strong = (gradient(contact, flat) - solid.pressure(heights) for contact in contacts)
-    np.testing.assert_allclose(strong, 2 * weak)
-
-
-def test_the_same_function_object_does_not_compile_again(solid, heights):
-    traces = []
-
-    def law(gap):
-        traces.append(None)
-        return -0.01 * jnp.exp(-gap / 0.1)
-
-    contact = js.Contact(solid, heights, law)
-    js.equilibrate(contact, LOAD)
-    again = js.Contact(solid, 0.9 * heights, law)
-    before = len(traces)
-    js.equilibrate(again, LOAD)
-    assert len(traces) == before
 
 
 def test_fields_that_need_no_solver_can_be_differentiated(heights):
