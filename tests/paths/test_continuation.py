@@ -1,6 +1,5 @@
 """Branches of equilibria, stable or not, around their folds and corners."""
 
-import itertools
 from dataclasses import replace
 from functools import partial
 
@@ -8,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import fsolve
 
 import jaxstab as js
 from jaxstab.paths.curve import morse_index
@@ -85,92 +83,6 @@ def test_ways_down_that_the_modes_of_the_state_before_lack_are_counted():
     assert max(branch.index) >= 3
 
 
-LINE = js.Grid((6,), (1.0,))
-PROFILE = np.array([0.00, -0.05, -0.12, -0.03, -0.09, -0.16])
-STRENGTH, RANGE = 0.06, 0.05
-
-
-def all_equilibria(mean_gap):
-    """Return the gaps of all equilibria at a mean gap: every set of contact points, many starts."""
-    stiffness, number = dense_stiffness(LINE, 1.0), LINE.size
-    random = np.random.default_rng(0)
-    found = []
-    for size in range(number):
-        for touching in itertools.combinations(range(number), size):
-            free = np.setdiff1d(np.arange(number), touching)
-
-            def net(free_gap, pressure, free=free):
-                gap = np.zeros(number)
-                gap[free] = free_gap
-                return (
-                    stiffness @ (gap + PROFILE)
-                    - (-STRENGTH / RANGE * np.exp(-gap / RANGE))
-                    + pressure
-                )
-
-            def missed(x, free=free, net=net):
-                return np.append(net(x[:-1], x[-1])[free], np.sum(x[:-1]) - number * mean_gap)
-
-            for _ in range(40):
-                start = random.uniform(0, 2.5 * mean_gap, len(free))
-                x, _, ok, _ = fsolve(missed, np.append(start, 0.0), full_output=True, xtol=1e-12)
-                is_one = ok == 1 and np.all(x[:-1] > 0) and np.max(np.abs(missed(x))) < 1e-9
-                if is_one and np.all(net(x[:-1], x[-1])[list(touching)] >= 0):
-                    gap = np.zeros(number)
-                    gap[free] = x[:-1]
-                    if not any(np.allclose(gap, other, atol=1e-6) for other in found):
-                        found.append(gap)
-    return found
-
-
-@pytest.mark.nightly
-def test_what_it_passes_at_a_load_is_among_all_equilibria_there():
-    solid = js.HalfSpace(LINE, youngs_modulus=1.0, poisson_ratio=0.0)
-    contact = js.Contact(solid, PROFILE, js.potentials.Exponential(STRENGTH, RANGE))
-    loads = js.MeanGap(jnp.array([0.6, 0.01]))
-    steps = {"max_step": 0.004, "max_states": 4096}
-    branch = js.continuation(contact, loads, fields=True, **steps)
-    assert branch.end == "load"
-    assert np.max(branch.index) == 2
-    value, loads = 0.05, np.asarray(branch.load.value)
-    exact, solver = all_equilibria(value), js.SaddleNewton()
-    number = 0
-    passed = np.flatnonzero((loads[1:] - value) * (loads[:-1] - value) < 0)
-    assert len(passed) >= 3
-    for i in passed:
-        near = branch.equilibrium.gap[i + (abs(loads[i + 1] - value) < abs(loads[i] - value))]
-        state = js.equilibrate(contact, js.MeanGap(value), solver, initial=near)
-        assert min(np.max(np.abs(state.gap - gap)) for gap in exact) < 1e-6
-    # Equilibria that it does not pass lie on branches of their own, some of them closed.
-    for gap in exact:
-        state = js.equilibrate(contact, js.MeanGap(value), solver, initial=gap)
-        ends = js.MeanGap(jnp.array([value, 9.0]))
-        other = js.continuation(contact, ends, initial=state, max_states=200, throw=False)
-        number += other.end == "loop"
-    assert number > 3
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(("alpha", "number"), [(0.3, 512), (0.5, 2048)])
-def test_it_is_johnsons_wave_beyond_its_greatest_pressure(alpha, number):
-    height, grid = 0.02, js.Grid((number,), (1.0,))
-    work = alpha**2 * np.pi**2 * height**2 / 2
-    heights = height * jnp.cos(2 * np.pi * (jnp.arange(number) / number - 0.5))
-    solid = js.HalfSpace(grid, youngs_modulus=1.0, poisson_ratio=0.0)
-    contact = js.Contact(solid, heights, js.potentials.Dugdale(work, 0.1 * height))
-    start = js.equilibrate(contact, js.MeanGap(0.06 * height))
-    # Towards full contact the pressure falls, which no dead load holds.
-    pressures = start.mean_pressure + jnp.array([0.0, -0.03]) * np.pi * height
-    branch = js.continuation(contact, js.MeanPressure(pressures), initial=start)
-    assert branch.end == "load"
-    assert np.mean(np.asarray(branch.index) == 1) > 0.7
-    theta = np.linspace(0.6, 0.98, 5000) * np.pi / 2
-    pressure = np.pi * height * (np.sin(theta) ** 2 - alpha * np.sqrt(np.tan(theta)))
-    gap = height * np.cos(theta) ** 2 + 2 * pressure / np.pi * np.log(np.sin(theta))
-    expected = np.interp(branch.equilibrium.mean_gap, gap[::-1], pressure[::-1])
-    np.testing.assert_allclose(branch.load.value, expected, rtol=2e-2)
-
-
 @pytest.mark.nightly
 def test_a_spheres_unstable_branch_is_that_of_maugis():
     # In units of JKR: contact radius 1, displacement 0.01.
@@ -244,17 +156,3 @@ def test_bad_loads_are_refused():
         js.continuation(contact, js.MeanDisplacement(jnp.array([1.6, 1.6])))
     with pytest.raises(ValueError, match="max_states"):
         js.continuation(contact, js.MeanDisplacement(jnp.array([1.6, 1.0])), max_states=1)
-
-
-@pytest.mark.nightly
-def test_it_does_not_come_back_on_its_own_way_where_the_curve_turns_at_a_sharp_corner():
-    grid = js.Grid((24,), (1.0,))
-    heights = js.surfaces.self_affine(grid, jax.random.key(1), k_high=6, rms_height=0.05)
-    solid = js.HalfSpace(grid, youngs_modulus=1.0, poisson_ratio=0.0)
-    contact = js.Contact(solid, heights, js.potentials.Exponential(0.06, 0.05))
-    loads = js.MeanGap(jnp.array([0.6, 0.01]))
-    branch = js.continuation(contact, loads, max_states=150)
-    values = np.asarray(branch.turns.load.value)
-    assert len(np.unique(np.round(values, 6))) == len(values) >= 10
-    # At the touch where it turns, the curve goes back at less than 30 degrees to where it came.
-    assert np.any(np.isclose(values, 0.17619861, atol=1e-7))

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from brute_force import smallest_on_critical_cone
-from problems import bisected, rough_contact
+from problems import bisected
 from programs import compilations
 
 import jaxstab as js
@@ -130,21 +130,6 @@ def test_at_the_fold_an_equilibrium_has_no_derivative_and_beside_it_it_has(fold)
     np.testing.assert_allclose(jax.grad(pressure)(near, start), differences, rtol=1e-5)
 
 
-def test_a_saddle_has_derivatives_like_any_other_equilibrium(fold):
-    newton = js.SaddleNewton(tolerance=1e-12)
-    contact, value = paraboloid(VALUES), jnp.array(1.302)
-    stable = js.equilibrate(contact, js.MeanDisplacement(value))
-    start = contact.gap(2 * fold.equilibrium.displacement - stable.displacement)
-    saddle = js.equilibrate(contact, js.MeanDisplacement(value), newton, initial=start).gap
-
-    def pressure(value):
-        load = js.MeanDisplacement(value)
-        return js.equilibrate(contact, load, newton, initial=saddle).mean_pressure
-
-    differences = (pressure(value + 1e-6) - pressure(value - 1e-6)) / 2e-6
-    np.testing.assert_allclose(jax.grad(pressure)(value), differences, rtol=1e-5)
-
-
 @pytest.mark.parametrize(
     "ends", [(1.29, 1.31), pytest.param((1.4, 1.2), marks=pytest.mark.nightly)]
 )
@@ -181,24 +166,6 @@ def test_the_first_fold_is_found_where_a_long_step_could_leap_over_it():
     # It goes with the root of the distance, here 1e-6, and is 0.08 at a distance of 8e-5.
     assert lowest < 0.02
     np.testing.assert_allclose(found.equilibrium.gap, gap, atol=1e-2)
-
-
-@pytest.mark.nightly
-def test_the_pull_off_of_a_surface_with_a_core_is_found():
-    contact = rough_contact(32, js.potentials.LennardJones(0.05, 0.15))
-    # From the undeformed solid a first step may be one too many, and draw the surfaces apart.
-    pressed = js.equilibrate(contact, js.MeanPressure(0.5))
-    found = js.critical_load(contact, js.MeanPressure(jnp.array([0.0, -1.0])), initial=pressed)
-    pull = found.load.value
-    assert pull < 0
-    # Where the mean gap is held instead, it is where tension is largest.
-    gap = jnp.mean(found.equilibrium.gap)
-    below, at, above = (
-        js.equilibrate(contact, js.MeanGap(part * gap), initial=found.equilibrium.gap).mean_pressure
-        for part in (0.99, 1.0, 1.01)
-    )
-    np.testing.assert_allclose(at, pull, rtol=1e-7)
-    assert below > pull and above > pull
 
 
 def two_waves(tilt):

@@ -1,13 +1,11 @@
 """What a path loses: against quadrature of its loads, a march of small steps and closed forms."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from problems import rough_contact
 from scipy.integrate import simpson
 
 import jaxstab as js
@@ -55,28 +53,8 @@ def test_the_work_of_a_loop_is_that_of_its_pressures(loop):
     np.testing.assert_allclose(loop.dissipation, loop.jumps.dissipation.sum())
 
 
-def test_a_loop_with_a_jump_taken_out_of_its_record_does_not_balance(loop):
-    losses = np.asarray(loop.jumps.dissipation)
-    for i in np.flatnonzero(losses > 0.05 * losses.sum()):
-        is_after = np.arange(len(loop.load.value)) > int(loop.jumps.state[i])
-        states = loop.equilibrium
-        short = replace(
-            loop,
-            jumps=loop.jumps[np.arange(len(losses)) != i],
-            work=loop.work - losses[i],
-            dissipation=loop.dissipation - losses[i],
-            equilibrium=replace(
-                states,
-                work=states.work - is_after * losses[i],
-                dissipation=states.dissipation - is_after * losses[i],
-            ),
-        )
-        with pytest.raises(AssertionError, match="Not equal to tolerance"):
-            assert_balances(short)
-
-
-@pytest.mark.parametrize("energy", [0.005, 0.01])
-def test_a_reversible_contact_loses_nothing(energy):
+def test_a_reversible_contact_loses_nothing():
+    energy = 0.01
     contact = smooth_contact(js.potentials.Exponential(energy, 0.04))
     turns = jnp.array([0.25, 0.02, 0.25])
     path = js.follow(contact, js.MeanGap(turns), fields=True)
@@ -134,13 +112,3 @@ def test_a_flat_surface_leaves_the_state_that_is_no_longer_stable():
     assert (spread[uniform] < 1e-4).all() and (spread[path.load.value < end * 0.99] > 1e-3).all()
     last = js.equilibrate(contact, path.load[-1], initial=path.equilibrium.gap[-1])
     assert js.assess_stability(contact, last).verdict != "unstable"
-
-
-@pytest.mark.nightly
-def test_of_a_path_through_its_pull_off_the_work_is_told_up_to_there():
-    contact = rough_contact(32, js.potentials.Exponential(0.02, 0.08), rms_height=0.05)
-    path = js.follow(contact, js.MeanPressure(jnp.array([0.0, -0.2])))
-    assert jnp.isnan(path.work) and jnp.isnan(path.dissipation)
-    last = float(path.equilibrium.work[-1])
-    assert f"work until the surfaces fall apart  {last:.6g}" in repr(path)
-    assert "a dead load pulls surfaces apart without end" in repr(path)

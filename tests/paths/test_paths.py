@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from problems import bisected, rough_contact
-from programs import compilations
 
 import jaxstab as js
 from jaxstab.potentials import as_module
@@ -182,21 +181,6 @@ def test_of_a_path_nothing_else_has_a_derivative_nor_where_two_points_let_go_at_
     assert jnp.isnan(jax.grad(work)(1.4))
 
 
-@pytest.mark.nightly
-def test_jumps_take_one_program_for_any_number_and_none_where_there_are_none(hertz, loop):
-    jax.clear_caches()
-    with compilations() as compiled:
-        calm = js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.5, 1.4])))
-    assert "_jump" not in " ".join(compiled)
-    assert len(calm.jumps) == 0
-    assert calm.jumps.before.gap.shape == (0, 32, 32)
-    number = len(loop.jumps)
-    with compilations() as compiled:
-        in_part = js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2, 1.25])))
-    assert 0 < len(in_part.jumps) != number
-    assert [name for name in compiled if "_jump" in name] == ["jit(_jump)"]
-
-
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
     module = sys.modules["jaxstab.paths.walk"]
@@ -260,18 +244,6 @@ def test_a_gain_of_energy_that_no_load_supplies_ends_as_failed():
     path = told.value.found
     assert path.unlocated < -path.unlocated_error
     assert "lost between jumps, which cannot be" in repr(path)
-
-
-@pytest.mark.nightly
-def test_a_path_may_have_thousands_of_states():
-    grid = js.Grid((16,))
-    heights = js.surfaces.sinusoid(grid, 0.05)
-    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.01, 0.2))
-    gaps = jnp.linspace(0.5, 0.1, 2500)
-    path = js.follow(contact, js.MeanGap(gaps))
-    assert len(path.load.value) >= gaps.size and not len(path.jumps)
-    last = js.equilibrate(contact, js.MeanGap(gaps[-1]))
-    np.testing.assert_allclose(path.equilibrium.mean_pressure[-1], last.mean_pressure, rtol=1e-6)
 
 
 @pytest.mark.nightly

@@ -2,14 +2,12 @@
 
 import heapq
 import itertools
-import warnings
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from brute_force import dense_hessian
-from problems import rough_contact
 
 import jaxstab as js
 from jaxstab.references import maugis
@@ -169,16 +167,6 @@ def test_the_easiest_exit_is_the_one_that_a_nearby_jump_takes_or_lower(detachmen
     assert 0 < js.easiest_exit(contact, at.end).barrier.there < 1.001 * at.barrier.back
 
 
-@pytest.mark.nightly
-def test_the_easiest_exit_warns_of_a_coarse_grid_once():
-    contact = rough_contact(8, js.potentials.Exponential(0.02, 0.02))
-    state = js.equilibrate(contact, js.MeanGap(0.15))
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        js.easiest_exit(contact, state, num_modes=1, throw=False)
-    assert len([w for w in caught if w.category is js.ResolutionWarning]) == 1
-
-
 def sphere_on_a_half_space(parameter, window, smoothing):
     """Return a contact in units of JKR, of displacement 0.01, and the arguments of its theory."""
     radius = 100.0
@@ -229,31 +217,6 @@ def test_a_spheres_barriers_are_integrals_of_maugis_curve(
     np.testing.assert_allclose(found.barrier.there, saddle, rtol=3e-2)
     np.testing.assert_allclose(found.barrier.back, saddle - held, rtol=3e-2)
     np.testing.assert_allclose(found.saddle.force, force, rtol=2e-2)
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(("alpha", "number", "images"), [(0.3, 512, 32), (0.5, 2048, 16)])
-def test_a_waves_barrier_to_full_contact_is_the_integral_of_johnsons_curve(alpha, number, images):
-    height, grid = 0.02, js.Grid((number,), (1.0,))
-    heights = height * jnp.cos(2 * np.pi * jnp.arange(number) / number)
-    work = alpha**2 * np.pi**2 * height**2 / 2
-    solid = js.HalfSpace(grid, youngs_modulus=1.0, poisson_ratio=0.0)
-    contact = js.Contact(solid, heights, js.potentials.Dugdale(work, 0.1 * height))
-    theta = np.linspace(0.02, 0.9995, 100_000) * np.pi / 2
-    pressure = np.pi * height * (np.sin(theta) ** 2 - alpha * np.sqrt(np.tan(theta)))
-    gap = height * np.cos(theta) ** 2 + 2 * pressure / np.pi * np.log(np.sin(theta))
-    # Between the least pressure and the greatest, where the branch turns unstable.
-    last = np.argmax(pressure)
-    least = np.argmin(pressure[:last])
-    held = 0.6 * pressure[least] + 0.4 * pressure[last]
-    first = least + np.argmax(pressure[least:] > held)
-    between = slice(first, last + np.argmax(pressure[last:] < held))
-    expected = -np.trapezoid(pressure[between] - held, gap[between])
-    load = js.MeanPressure(held)
-    before = js.equilibrate(contact, js.MeanGap(1.3 * gap[last]))
-    start = js.equilibrate(contact, load, initial=before)
-    found = js.transition(contact, load, start, jnp.zeros_like(heights), num_images=images)
-    np.testing.assert_allclose(found.barrier.there, expected, rtol=2e-2)
 
 
 def passed(values, others):
@@ -313,42 +276,12 @@ def test_near_releases_barriers_fall_with_the_power_of_two():
 
 
 @pytest.mark.nightly
-def test_the_law_of_a_fold_foretells_the_barrier(detachment):
-    contact, at = detachment
-    path = js.follow(contact, js.MeanDisplacement(jnp.array([1.6, 1.25])))
-    law = path.jumps[0].barrier_law
-    fold = js.critical_load(contact, js.MeanDisplacement(jnp.array([1.6, 1.25]))).load.value
-    load = js.MeanDisplacement(fold + 1e-4)
-    found = js.transition(contact, load, path.jumps[0].before, at.end)
-    np.testing.assert_allclose(found.barrier.there, law.barrier(1e-4), rtol=2e-2)
-
-
-@pytest.mark.nightly
 def test_where_the_load_does_not_drive_the_mode_there_is_no_law():
     # Ahead the contact loses its symmetry, which all loads have.
     path = js.follow(hertz(), js.MeanDisplacement(jnp.array([1.1, 1.0])))
     assert path.jumps[0].kind == "fold"
     assert np.isnan(path.jumps[0].barrier_law.exponent)
     assert np.isnan(path.jumps[0].barrier_law.coefficient)
-
-
-@pytest.mark.nightly
-def test_before_every_jump_of_a_rough_loop_there_is_a_pass_between_both_sides():
-    contact, path = rough_loop()
-    tried = 0
-    for jump in path.jumps:
-        value = jump.load.value
-        ahead = jnp.sign(jump.after.load.value - value)
-        load = js.MeanGap(value - 2e-3 * ahead * value)
-        found = js.transition(contact, load, jump.before, jump.after, throw=False)
-        if found.result == "same_state":
-            continue
-        tried += 1
-        assert found.result == "successful"
-        assert min(found.barrier) > 0
-        for side, end in zip(found.minima, (found.start, found.end), strict=True):
-            np.testing.assert_allclose(side.gap, end.gap, atol=1e-6)
-    assert tried >= 15
 
 
 def test_more_modes_than_moves_are_refused_by_their_name():
