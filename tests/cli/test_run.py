@@ -72,31 +72,6 @@ def test_the_main_job_shows_a_loop_with_its_jumps_and_writes_figure_and_data(tmp
 
 
 @pytest.mark.nightly
-def test_the_unloading_study_prints_a_table_and_writes_figure_and_data(tmp_path, run):
-    result = run(tmp_path, *SMALL)
-    assert result.returncode == 0, result.stderr
-    lines = result.stdout.splitlines()
-    header = next(i for i, line in enumerate(lines) if "lower bound" in line)
-    rows = lines[header + 2 : header + 7]
-    assert " stable" in rows[0] and "held_by_contact" in rows[2] and " stable" in rows[4]
-    assert "5/5" in result.stderr
-    folder = tmp_path / "results" / "1"
-    assert lines[-1].endswith(str(folder))
-    assert (folder / "unloading.png").stat().st_size > 10_000
-    data = xarray.load_dataset(folder / "unloading.nc")
-    assert data["gap"].shape == (5, 32, 32)
-    np.testing.assert_allclose(data["gap"].mean(("x", "y")), data["load"])
-    assert data.attrs["load_kind"] == "MeanGap"
-    assert data["verdict"][0] == "stable"
-    assert set(data["result"].values) == {"successful"}
-    assert (data["lower_bound_eigenvalue"] <= data["cone_eigenvalue"]).all()
-    assert (data["cone_eigenvalue"] <= data["critical_eigenvalue"]).all()
-    assert np.isfinite(data["barrier_height"][2])
-    shown = float(rows[2].split()[1])
-    assert shown == pytest.approx(float(data["mean_pressure"][2]), rel=1e-3)
-
-
-@pytest.mark.nightly
 def test_options_reach_the_problem_and_no_result_is_overwritten(twice):
     folder, results, _ = twice
     for result, name in zip(results, ("1", "2"), strict=True):

@@ -46,22 +46,6 @@ def test_a_branch_comes_back_to_the_last_bit(contact, branch, tmp_path):
         assert plain.gap.dims == ("state", "x", "y") and plain.turn_gap.dims[0] == "turn"
 
 
-def test_a_branch_without_turns_or_gaps_comes_back_too(contact, branch, tmp_path):
-    none = jax.tree.map(lambda leaf: leaf[:0], branch.turns)
-    short = js.Branch(
-        branch.load,
-        js.States(*(getattr(branch.equilibrium, name) for name in SCALARS), None),
-        branch.index,
-        none,
-        branch.end,
-        branch.result,
-    )
-    assert_same_bits((contact, short), js.load(js.save(tmp_path / "a.nc", contact, short)))
-
-
-SCALARS = ["mean_gap", "mean_pressure", "contact_area", "area", "energy", "work", "dissipation"]
-
-
 def test_a_transition_comes_back_to_the_last_bit(contact, transition, tmp_path):
     path = js.save(tmp_path / "pass.nc", contact, transition)
     assert_same_bits((contact, transition), js.load(path))

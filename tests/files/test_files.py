@@ -233,18 +233,6 @@ def test_a_file_opens_that_is_older_than_a_field_with_a_default(case, tmp_path):
     assert_same_bits((contact, sweep[0].equilibrium), js.load(path))
 
 
-@pytest.mark.parametrize("package", ["xarray", "h5netcdf", "h5py"])
-def test_without_a_package_files_are_refused_and_left_alone(case, tmp_path, monkeypatch, package):
-    contact, sweep = case
-    path = js.save(tmp_path / "run.nc", contact, sweep[0])
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(ImportError, match=r"h5py: pip install 'jaxstab\[data\]'"):
-        js.save(tmp_path / "other.nc", contact, sweep[0])
-    with pytest.raises(ImportError, match=r"h5py: pip install 'jaxstab\[data\]'"):
-        js.load(path)
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_a_file_that_lacks_something_says_what(case, tmp_path):
     contact, sweep = case
     path = js.save(tmp_path / "run.nc", contact, sweep[0])

@@ -1,7 +1,6 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -50,18 +49,6 @@ def test_verdicts_differ_without_colour(sweep):
     assert len(looks) == len(js.VERDICTS.names) + 1
 
 
-def test_states_of_a_sweep_are_not_joined(sweep):
-    assert not plots.stability_curve(sweep).lines
-
-
-def test_curves_have_the_colours_of_okabe_and_ito():
-    gaps = jnp.linspace(0, 1, 5)
-    laws = [js.potentials.Exponential(depth, 0.5) for depth in (1.0, 2.0, 3.0)]
-    axes = plots.potential(laws, gaps)
-    drawn = [np.multiply(plt.matplotlib.colors.to_rgb(x.get_color()), 255) for x in axes.lines[:3]]
-    np.testing.assert_allclose(drawn, [(0, 114, 178), (213, 94, 0), (0, 158, 115)])
-
-
 def test_a_load_of_ones_own_is_named_as_it_says_or_by_its_class(sweep):
     class Magnet(js.MeanDisplacement):
         quantity, unit = "", ""
@@ -72,17 +59,6 @@ def test_a_load_of_ones_own_is_named_as_it_says_or_by_its_class(sweep):
     for load, label in ((Magnet, "Magnet"), (Coil, "current [A]")):
         pulled = eqx.tree_at(lambda x: x.load, sweep, load(sweep.load.value))
         assert plots.stability_curve(pulled).get_xlabel() == label
-
-
-def test_logarithmic_axes_have_plain_numbers_where_these_are_short():
-    grid = js.Grid(32)
-    heights = js.surfaces.sinusoid(grid, 0.1, (1, 0)) + js.surfaces.sinusoid(grid, 0.05, (0, 2))
-    axes = plots.spectrum(js.surfaces.power_spectrum(grid, heights))
-    axes.figure.draw_without_rendering()
-    ticks = (*axes.get_xticklabels(which="both"), *axes.get_yticklabels(which="both"))
-    texts = [label.get_text() for label in ticks if label.get_text()]
-    assert "10" in texts
-    assert not any("10^{0}" in text or "10^{1}" in text for text in texts)
 
 
 def test_a_spectrum_shows_the_rings_that_hold_waves():

@@ -1,4 +1,3 @@
-import equinox as eqx
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
@@ -46,13 +45,6 @@ def test_the_contact_is_outlined_on_modes(hertz, state, line):
     assert len(plots.mode(contact, pair, equilibrium).collections) == 1
 
 
-def test_the_axis_of_a_mode_is_not_called_as_a_side_is(line, state):
-    contact, _, pair = line
-    assert plots.mode(contact, pair).get_ylabel() == "mode of unit norm"
-    contact, _, pair = state
-    assert plots.mode_cut(contact, pair).get_ylabel() == "mode of unit norm"
-
-
 def test_a_stability_is_not_taken_for_one_of_its_modes(state, line_contact):
     contact, equilibrium, pair = state
     stability = js.assess_stability(contact, equilibrium)
@@ -61,18 +53,6 @@ def test_a_stability_is_not_taken_for_one_of_its_modes(state, line_contact):
             draw(stability)
     with pytest.raises(ValueError, match=r"shape \(32, 32\), the contact's grid \(64,\)"):
         plots.mode(line_contact, pair)
-
-
-def test_a_closed_gap_is_shown_as_zero(state):
-    contact, equilibrium, _ = state
-    closed = eqx.tree_at(lambda x: x.gap, equilibrium, jnp.zeros((32, 32)))
-    assert plots.gap(contact, closed).images[0].get_clim()[0] == 0
-
-
-def test_colours_reach_from_the_lowest_point_to_a_summit_at_zero(state):
-    contact, _, _ = state
-    image = plots.surface(contact).images[0]
-    assert image.get_clim() == (contact.heights.min(), 0)
 
 
 def test_maps_put_the_first_index_along_x(state):

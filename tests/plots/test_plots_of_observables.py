@@ -81,20 +81,6 @@ def test_a_flow_shows_flux_lines_and_contact(rough):
     assert plots.flow(contact, leakage, along="y").get_title() == "pressure falls along y"
 
 
-def test_where_nothing_flows_the_title_says_so(rough, line):
-    contact, _ = rough
-    full = js.equilibrate(contact, js.MeanPressure(1e9))
-    axes = plots.flow(contact, js.leakage(contact, full), full)
-    assert axes.get_title() == "nothing flows along x"
-    contact, state = line
-    assert plots.flow(contact, js.leakage(contact, state), state).get_title().startswith("nothing")
-    apart = js.equilibrate(contact, js.MeanGap(0.2))
-    leakage = js.leakage(contact, apart)
-    axes = plots.flow(contact, leakage, apart)
-    np.testing.assert_allclose(axes.lines[0].get_ydata(), leakage.drop[0])
-    assert axes.get_ylabel() == "drop of pressure over its gradient [length]"
-
-
 def test_densities_of_pressures_and_gaps_add_up_to_one(rough):
     contact, state = rough
     share = float(state.contact_area)

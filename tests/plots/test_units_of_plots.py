@@ -1,31 +1,10 @@
 import jax
 import jax.numpy as jnp
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from matplotlib.text import Text
 
 import jaxstab as js
 from jaxstab import plots
-
-
-def measured(contact, unit):
-    """Return a contact with a unit, with the numbers of another, and so its states."""
-    return js.Contact(contact.solid, contact.heights, contact.potential, unit=unit)
-
-
-@pytest.mark.parametrize("kind", ["state", "line"])
-def test_lengths_have_the_contacts_unit_and_pressures_none(kind, request):
-    contact, equilibrium, pair = request.getfixturevalue(kind)
-    for drawn, unit in ((contact, "length"), (measured(contact, "µm"), "µm")):
-        axes = plots.gap(drawn, equilibrium)
-        (bar,) = axes.child_axes or [axes]
-        assert axes.get_xlabel() == f"x [{unit}]"
-        assert bar.get_ylabel() == f"gap g [{unit}]"
-        axes = plots.pressure(drawn, equilibrium)
-        (bar,) = axes.child_axes or [axes]
-        assert bar.get_ylabel() == "elastic pressure p [pressure]"
-        assert plots.mode(drawn, pair).get_title().endswith(f"[pressure/{unit}]")
 
 
 @pytest.mark.parametrize("kind", ["state", "line"])
@@ -94,37 +73,3 @@ def test_every_curve_reads_in_si_units(pdms):
     assert plots.force(contact.potential, gaps).get_ylabel() == "attraction f'(g) [pressure]"
     rings = js.surfaces.power_spectrum(contact.grid, contact.heights)
     assert plots.spectrum(rings, unit="m").get_ylabel() == "power spectral density [m⁴]"
-
-
-def test_a_second_curve_takes_the_unit_that_suits_both():
-    law, axes = js.potentials.Exponential(0.04, 1e-7), plt.subplots()[1]
-    for most, label in ((5e-7, "gap g [nm]"), (5e-5, "gap g [µm]"), (50.0, "gap g [m]")):
-        plots.force(law, jnp.linspace(0, most, 9), unit="m", axes=axes)
-        assert axes.get_xlabel() == label
-        places, texts = ticks(axes.xaxis)
-        unit = {"[nm]": 1e-9, "[µm]": 1e-6, "[m]": 1}[label.split()[-1]]
-        np.testing.assert_allclose(texts, places / unit, rtol=1e-6, atol=1e-9)
-
-
-def test_a_line_has_energies_per_length(line):
-    contact, _, _ = line
-    sweep = js.sweep(contact, js.MeanGap(jnp.array([0.05, 0.1])), stability=True)
-    assert plots.stability_curve(sweep, "energy").get_ylabel() == "energy [energy/length]"
-    sweep = js.sweep(measured(contact, "m"), js.MeanGap(jnp.array([0.05, 0.1])), stability=True)
-    assert plots.stability_curve(sweep, "energy").get_ylabel().endswith("J/m]")
-
-
-def test_the_spectrum_of_a_line_has_the_unit_of_a_line(line_contact):
-    spectrum = js.surfaces.power_spectrum(line_contact.grid, line_contact.heights)
-    axes = plots.spectrum([spectrum, spectrum])
-    assert axes.get_ylabel() == "power spectral density [length³]"
-    assert len(axes.lines) == 2
-
-
-def test_a_summary_in_metres_tells_numbers_with_prefixes(pdms):
-    contact, sweep = pdms
-    state = sweep[0]
-    figure = plots.summary(contact, state)
-    shown = {text.get_text() for text in figure.findobj(Text)}
-    assert {"500 nm", f"{float(state.equilibrium.mean_pressure) / 1e3:.3g} kPa"} <= shown
-    assert shown & {"[GPa/m]", "[TPa/m]"}

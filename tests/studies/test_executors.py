@@ -1,6 +1,5 @@
 """Studies on executors: the folder is that of one process, whatever becomes of the workers."""
 
-import errno
 import multiprocessing
 import os
 import signal
@@ -84,7 +83,7 @@ def test_the_case_of_a_killed_worker_runs_again(kind, alone, request, tmp_path):
     assert len(count) == 30 and count["2 0.5"] == 2 and sum(count.values()) == 31
 
 
-@pytest.mark.parametrize("kind", ["number", "client"])
+@pytest.mark.parametrize("kind", ["number", pytest.param("client", marks=pytest.mark.nightly)])
 def test_a_case_that_ends_its_process_three_times_has_failed(kind, request, tmp_path):
     executor = 2 if kind == "number" else request.getfixturevalue(kind)
     case, path = case_in(tmp_path, lambda count: os._exit(1)), tmp_path / "study"
@@ -121,16 +120,6 @@ def test_a_case_that_exits_has_failed_and_the_others_go_on(pool, tmp_path):
         assert int((study["result"] == "successful").sum()) == 24
 
 
-@pytest.mark.nightly
-def test_an_executor_that_is_broken_says_how_to_go_on(alone, tmp_path):
-    case, path = case_in(tmp_path, killed), tmp_path / "study"
-    message = r" of 30 cases are in .*study. Mend this, then call again"
-    with ProcessPoolExecutor(2, SPAWNED) as pool, pytest.raises(RuntimeError, match=message):
-        js.study(case, AXES, path, executor=pool)
-    js.study(case, AXES, path)
-    assert_same(path, alone)
-
-
 class Losing(Executor):
     """Loses all that it is given."""
 
@@ -145,21 +134,6 @@ def test_an_executor_that_runs_nothing_is_an_error(tmp_path):
     with pytest.raises(RuntimeError, match=message):
         js.study(case_in(tmp_path), AXES, tmp_path / "study", executor=Losing())
     assert not runs(tmp_path)
-
-
-def test_a_full_disk_of_a_worker_says_what_is_stored_and_the_same_call_goes_on(
-    pool, alone, tmp_path
-):
-    def full(count):
-        if count == 1:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    case, path = case_in(tmp_path, full), tmp_path / "study"
-    message = r"No space left on device: \d+ of 30 cases are in .*study. Mend this"
-    with pytest.raises(OSError, match=message):
-        js.study(case, AXES, path, executor=pool)
-    js.study(case, AXES, path, executor=pool)
-    assert_same(path, alone)
 
 
 def test_outputs_and_functions_that_cannot_travel_are_refused(pool, tmp_path):
