@@ -30,28 +30,6 @@ def exact(start):
     return solve(LOAD)
 
 
-@pytest.mark.nightly
-def test_a_noisy_curve_gives_the_parameters_and_errors_that_cover_them(start, exact):
-    noise = jnp.asarray(np.random.default_rng(0).normal(size=(50, 16)))
-    curves = exact * (1 + 0.01 * noise)
-
-    def fit(measured):
-        return js.calibrate(
-            start, LOAD, measured, weights=1 / exact**2, where=potential, throw=False
-        )
-
-    fits = jax.vmap(fit)(curves)
-    assert (fits.result == js.RESULTS.successful).all()
-    found, errors = fits.parameters, fits.standard_errors
-    for name, truth in (("surface_energy", GAMMA), ("length", RHO)):
-        values, sigmas = np.asarray(getattr(found, name)), np.asarray(getattr(errors, name))
-        assert (abs(values - truth) < 0.02 * truth).all()
-        # Student's t with 14 degrees of freedom.
-        assert np.mean(abs(values - truth) < 2.145 * sigmas) >= 0.9
-        # They are no larger than need be either: one sigma covers two thirds.
-        assert np.mean(abs(values - truth) < sigmas) < 0.85
-
-
 def test_errors_are_those_of_linear_least_squares_also_of_loads_that_tell_nothing():
     grid = js.Grid((32,))
     contact = js.Contact(
@@ -82,48 +60,6 @@ def test_an_exact_curve_gives_potential_and_modulus_exactly(start, exact, order)
     np.testing.assert_allclose(fit.mean_pressure, exact, atol=1e-6 * abs(exact).max())
     assert fit.residual <= 1e-6 and fit.num_minima == 1
     assert fit.contact.solid.youngs_modulus == modulus
-
-
-@pytest.mark.nightly
-def test_the_modulus_of_a_layer_is_fitted_too(start):
-    grid = start.grid
-
-    def layer(modulus, law):
-        solid = js.Layer(grid, youngs_modulus=modulus, poisson_ratio=0.3, thickness=0.2)
-        return js.Contact(solid, start.heights, law)
-
-    truth = layer(1.0, js.potentials.Exponential(GAMMA, RHO))
-    curve = jax.vmap(lambda load: js.equilibrate(truth, load).mean_pressure)(LOAD)
-    fit = js.calibrate(layer(1.2, js.potentials.Exponential(0.025, 0.09)), LOAD, curve)
-    law, modulus = fit.parameters
-    found = [law.surface_energy, law.length, modulus]
-    np.testing.assert_allclose(found, [GAMMA, RHO, 1.0], rtol=1e-4)
-
-
-class Offset(eqx.Module):
-    """An exponential law with a constant pressure, which may have any sign."""
-
-    strengths: jax.Array
-    push: jax.Array
-
-    def __call__(self, gap):
-        return -self.strengths[0] * jnp.exp(-gap / self.strengths[1]) - self.push * gap
-
-
-@pytest.mark.nightly
-def test_a_law_of_ones_own_is_fitted_with_a_bar(start, exact, capsys):
-    law = Offset(jnp.array([0.03, 0.08]), jnp.array(0.0))
-    guess = eqx.tree_at(potential, start, law)
-    fit = js.calibrate(
-        guess,
-        LOAD,
-        exact + 0.004,
-        where=potential,
-        progress=True,
-    )
-    np.testing.assert_allclose(fit.parameters.strengths, [GAMMA, RHO], rtol=1e-5)
-    np.testing.assert_allclose(fit.parameters.push, 0.004, rtol=1e-5)
-    assert "/200" in capsys.readouterr().err
 
 
 # These contacts jump, on surfaces of different seeds.
@@ -184,45 +120,6 @@ def test_several_starts_are_tried_and_the_best_fit_counts():
     assert (abs(values - TRUE) < 2 * errors).all()
     with pytest.raises(ValueError, match="starts is 0: give at least 1"):
         js.calibrate(guess, loads, curve, starts=0)
-
-
-def curve_of_tip(n):
-    """A contact of a tip as a function of its law, its loads, and its curve at a known law."""
-    grid = js.Grid(n, (60.0, 60.0))
-    solid, tip = js.FreeHalfSpace(grid, 0.1), js.surfaces.paraboloid(grid, 20.0)
-    loads = js.FarDisplacement(-np.linspace(2.0, -2.5, 16))
-
-    def contact(energy, length):
-        return js.Contact(solid, tip, js.potentials.Exponential(energy, length))
-
-    states = js.sweep(contact(0.05, 1.5), loads, order="continuation", stability=False)
-    return contact, loads, np.asarray(states.equilibrium.mean_pressure)
-
-
-def noisy(curve, seed):
-    """A curve with a noise of 1 % of the pull-off."""
-    return curve + 0.01 * abs(curve).max() * np.random.default_rng(seed).normal(size=curve.size)
-
-
-@pytest.mark.nightly
-def test_the_scatter_of_a_tips_work_of_adhesion_is_its_standard_error():
-    contact, loads, curve = curve_of_tip(32)
-
-    def fit(seed):
-        return js.calibrate(
-            contact(0.06, 1.5),
-            loads,
-            noisy(curve, seed),
-            where=lambda contact: contact.potential.surface_energy,
-            tolerance=1e-3,
-        )
-
-    fits = [fit(seed) for seed in range(12)]
-    values = np.array([fit.parameters for fit in fits])
-    errors = np.array([fit.standard_errors for fit in fits])
-    assert 0.5 < values.std(ddof=1) / np.median(errors) < 1.7
-    # Student's t with 15 degrees of freedom leaves 5 % beyond.
-    assert np.mean(abs(values - 0.05) < 2.131 * errors) > 0.8
 
 
 def test_failure_is_told(start, exact):
@@ -292,19 +189,6 @@ def test_a_pick_that_is_written_anew_is_not_compiled_anew(start, exact):
     np.testing.assert_array_equal(again.covariance, fit.covariance)
     with pytest.raises(TypeError, match="may only pick"):
         js.calibrate(start, LOAD, exact, where=lambda contact: 2 * contact.potential.length)
-
-
-def push(contact):
-    return contact.potential.push
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("unit", [1.0, 1e-9])
-def test_a_parameter_of_any_sign_is_fitted_in_any_units(start, exact, unit):
-    law = Offset(unit * jnp.array([GAMMA, RHO / unit]), jnp.array(0.0))
-    guess = js.Contact(js.HalfSpace(start.grid, unit), start.heights, law)
-    fit = js.calibrate(guess, LOAD, unit * (exact + 0.004), where=push)
-    np.testing.assert_allclose(fit.parameters, 0.004 * unit, rtol=1e-5)
 
 
 def test_single_precision_is_refused(start, exact):

@@ -231,29 +231,6 @@ def test_of_several_minima_the_least_one_is_found(n, side, points, seed, start):
 
 
 @pytest.mark.nightly
-def test_a_shifted_curve_of_a_tip_gives_its_contact_point():
-    indentation = np.linspace(2.5, -1.0, 16)
-    forces = curve_of_tip(tip(32, 60.0, 0.05, 1.5), indentation, 0)
-    loads = js.FarDisplacement(0.3 - indentation)
-
-    def fit(**options):
-        return js.calibrate(
-            tip(32, 60.0, 0.06, 1.5),
-            loads,
-            forces=forces + 0.2,
-            where=lambda contact: contact.potential.surface_energy,
-            **options,
-        )
-
-    with pytest.warns(js.FitWarning):
-        biased = fit()
-    assert abs(biased.parameters - 0.05) > 3 * biased.standard_errors
-    found = fit(offset=True, baseline=True)
-    away = np.array([found.parameters - 0.05, found.offset - 0.3, found.baseline - 0.2])
-    assert (abs(away) < 3 * np.sqrt(np.diag(found.covariance))).all()
-
-
-@pytest.mark.nightly
 def test_a_curve_of_jkr_gives_what_a_fit_of_their_closed_form_gives():
     radius, modulus, energy = 20.0, 0.1, 0.05
     states = js.references.jkr.curve(np.linspace(3.0, 9.0, 400), radius, modulus, energy)

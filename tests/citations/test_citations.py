@@ -100,16 +100,6 @@ def test_the_whole_bibliography_is_well_formed_and_complete():
     assert js.__version__ in found["jaxstab"]
 
 
-def test_text_names_each_source_once_and_what_asked_for_it():
-    shown = str(js.cite(js.PolonskyKeerRey, js.references.maugis, js.PolonskyKeerRey))
-    assert max(map(len, shown.splitlines())) <= 88
-    text = " ".join(shown.split())
-    assert text.count("L. M. Keer") == text.count("Daniel Maugis") == 1
-    assert "Wear 231, 206-219 (1999). doi:10.1016/S0043-1648(99)00113-1" in text
-    assert "(behind references.maugis)" in text
-    assert "{" not in text
-
-
 def test_a_result_stands_for_its_class_and_its_parts():
     grid = js.Grid(4)
     contact = js.Contact(

@@ -17,13 +17,6 @@ def displacement_at(a):
     return jkr.curve(a, *SPHERE).displacement
 
 
-def held_energy(a, d):
-    """Return the energy of any contact radius at a held displacement."""
-    radius, contact_modulus, work = SPHERE
-    elastic = d**2 * a - 2 * d * a**3 / (3 * radius) + a**5 / (5 * radius**2)
-    return contact_modulus * elastic - np.pi * work * a**2
-
-
 def slope(curve, x):
     """Return dF/dd of a curve where its parameter is x."""
     return derivative(lambda x: curve(x)[0], x) / derivative(lambda x: curve(x)[1], x)
@@ -66,13 +59,6 @@ def test_the_loop_loses_the_area_that_it_encloses(stiffness):
         return force(a, *SPHERE) * (stage + derivative(lambda a: force(a, *SPHERE), a) / stiffness)
 
     assert_allclose(jkr.loop_loss(*SPHERE, stiffness), quad(power, a_in, a_out)[0], rtol=1e-10)
-
-
-def test_the_loop_under_held_displacement_loses_the_known_energy():
-    loss = jkr.loop_loss(*SPHERE)
-    radius, contact_modulus, work = SPHERE
-    assert_allclose(loss / (UNITS.force * UNITS.displacement), 1.27494, atol=5e-6)
-    assert_allclose(loss / np.cbrt(work**5 * radius**4 / contact_modulus**2), 7.0922, atol=5e-5)
 
 
 @pytest.mark.parametrize("a", [0.1, 0.5, 2.0])
@@ -123,27 +109,6 @@ def test_the_barriers_of_jkr_are_known_and_the_area_below_the_curve(displacement
     ends = np.sqrt([stable.contact_radius, top.contact_radius])
     assert_allclose(found.detach, quad(power, *ends)[0], rtol=1e-8)
     assert_allclose(found.jump_in, quad(power, 0, ends[1])[0], rtol=1e-8)
-
-
-def test_a_held_displacement_has_a_pass_between_the_two_energies():
-    displacement = -0.6 * UNITS.displacement
-    radii = np.linspace(1e-3, 2, 200_001) * UNITS.contact_radius
-    energies = held_energy(radii, displacement)
-    stable, top = jkr.held(displacement, *SPHERE)
-    highest = np.argmax(energies[radii < stable.contact_radius])
-    lowest = np.argmin(energies)
-    assert_allclose(
-        radii[[highest, lowest]], [top.contact_radius, stable.contact_radius], rtol=1e-4
-    )
-    found = jkr.barriers(displacement, *SPHERE)
-    assert_allclose(energies[highest], found.jump_in, rtol=1e-8)
-    assert_allclose(energies[highest] - energies[lowest], found.detach, rtol=1e-8)
-    assert_allclose(held_energy(0.7, -0.1), PARABOLOID.energy(0.7, -0.1), rtol=1e-10)
-
-
-def test_at_maxwells_displacement_both_barriers_are_the_same():
-    found = jkr.barriers(-0.802116 * UNITS.displacement, *SPHERE)
-    assert_allclose(found.detach, found.jump_in, rtol=1e-4)
 
 
 def test_beyond_pull_off_and_after_first_touch_there_is_no_pass():

@@ -50,12 +50,6 @@ def test_maugis_pulls_off_at_the_known_forces():
     assert_allclose(state.force / UNITS.force, known, atol=6e-5)
 
 
-def test_maugis_folds_at_the_known_displacements():
-    state = maugis.pull_off(*SPHERE, strength(np.array([1.0, 2, 5])), np.inf)
-    assert_allclose(state.displacement / UNITS.displacement, [-0.9917, -0.9386, -0.9139], atol=6e-5)
-    assert_allclose(state.force / UNITS.force, [-0.8917, -0.8402, -0.8347], atol=6e-5)
-
-
 @pytest.mark.parametrize("parameter", [1.0, 2.0, 5.0])
 def test_the_fold_of_maugis_is_that_of_the_quadrature(parameter):
     tension = strength(parameter)
@@ -95,14 +89,6 @@ def test_the_branch_of_maugis_goes_on_without_contact(parameter):
     assert_allclose(-touch.displacement, 2 * tension * touch.outer_radius / SPHERE[1], rtol=1e-12)
     end = maugis.without_contact(0.0, *SPHERE, tension)
     assert_allclose(end, (0, -SPHERE[2] / tension, 0, 0))
-
-
-def test_contact_is_lost_before_the_fold_for_small_lambda():
-    before, after = maugis.pull_off(
-        *SPHERE, strength(np.array([0.937, 0.939])), np.inf
-    ).contact_radius
-    assert before == 0
-    assert after > 0
 
 
 def test_maugis_nears_jkr_with_the_square_of_lambda():

@@ -167,20 +167,7 @@ def test_a_power_law_is_found_in_a_spectrum_of_its_form():
         surfaces.power_law(surfaces.PowerSpectrum(q[:4], density[:4], np.ones(4)))
 
 
-@pytest.mark.parametrize("hurst", [0.3, 0.8])
-def test_a_generated_surface_has_the_power_law_asked_for(hurst):
-    grid = js.Grid(256, (2.0, 2.0))
-    heights = surfaces.self_affine(
-        grid, jax.random.key(1), hurst=hurst, k_low=1, k_rolloff=6, k_high=60, rms_height=0.1
-    )
-    law = surfaces.power_law(surfaces.power_spectrum(grid, heights))
-    assert law.hurst == pytest.approx(hurst, abs=0.05)
-    assert law.rolloff / np.pi == pytest.approx(6, abs=1)
-    assert law.cutoff / np.pi == pytest.approx(60, rel=1e-5)
-
-
-@pytest.mark.parametrize("how", ["as it is", "window", "piece"])
-@pytest.mark.parametrize("k_high", [16, 32, 63])
+@pytest.mark.parametrize(("how", "k_high"), [("as it is", 63), ("window", 16), ("piece", 32)])
 def test_hurst_exponents_of_scans_are_found_within_their_errors(how, k_high):
     # A piece is cut out of a surface twice as large, as a scan is.
     size = 2 if how == "piece" else 1
@@ -204,8 +191,7 @@ def test_hurst_exponents_of_scans_are_found_within_their_errors(how, k_high):
     assert 0.3 < np.std(deviations) < 2.5
 
 
-@pytest.mark.parametrize("how", ["as_is", "window"])
-@pytest.mark.parametrize("k_high", [60, 250, 1000])
+@pytest.mark.parametrize(("how", "k_high"), [("as_is", 60), ("window", 250)])
 def test_hurst_exponents_of_profiles_are_found_within_their_errors(how, k_high):
     grid = js.Grid((2048,), 10.0)
     for seed in range(4):
@@ -233,17 +219,16 @@ def test_errors_of_a_power_law_are_those_of_its_waves():
     assert relative == pytest.approx(np.std(scaled), rel=0.3)
 
 
-@pytest.mark.parametrize("how", ["as_is", "window"])
 @pytest.mark.parametrize(
     ("power", "hurst"), [(0.0, -1.0), (1.0, -0.5), (5.0, 1.5), (7.0, 2.5), (None, None)]
 )
-def test_a_spectrum_without_a_self_affine_band_warns(power, hurst, how):
+def test_a_spectrum_without_a_self_affine_band_warns(power, hurst):
     grid = js.Grid(128, 10.0)
     k = np.asarray(grid.wavenumbers) * 10 / (2 * np.pi)
     # Noise, surfaces too smooth to be self-affine, and one with Gaussian correlations.
     density = np.exp(-((k / 8) ** 2)) if power is None else np.maximum(k / 3, 1) ** -power
     modes = np.sqrt(density) * np.fft.rfftn(np.random.default_rng(0).normal(size=grid.shape))
-    scan = surfaces.Topography(grid, np.fft.irfft2(modes)).periodic(how)
+    scan = surfaces.Topography(grid, np.fft.irfft2(modes)).periodic("window")
     with pytest.warns(js.SurfaceWarning, match=r"no self-affine band: .* needs one from 0 to 1"):
         law = surfaces.power_law(surfaces.power_spectrum(grid, scan))
     if hurst is not None and power > 0:
@@ -320,20 +305,6 @@ def test_the_roll_off_is_by_default_the_lower_cut_off():
         np.testing.assert_array_equal(default, given)
 
 
-def test_a_surface_drawn_in_double_precision_is_the_same_when_cast():
-    grid, key = js.Grid(16), jax.random.key(0)
-    drawn = surfaces.self_affine(grid, key, k_high=4, rms_height=1.0)
-    with jax.enable_x64(False):
-        other = surfaces.self_affine(js.Grid(16), jax.random.key(0), k_high=4, rms_height=1.0)
-        contact = js.Contact(js.HalfSpace(js.Grid(16), 1.0), drawn, js.potentials.NoAdhesion())
-    # As the docstring warns.
-    assert abs(np.corrcoef(np.ravel(drawn), np.ravel(other))[0, 1]) < 0.5
-    np.testing.assert_allclose(contact.heights, drawn.astype(jnp.float32), atol=1e-7)
-    assert "draw it in double precision and cast it" in " ".join(
-        surfaces.self_affine.__doc__.split()
-    )
-
-
 @pytest.mark.parametrize("statistic", STATISTICS)
 def test_statistics_refuse_heights_off_the_grid_and_missing(statistic):
     for wrong in (HEIGHTS[:6], HEIGHTS[0], 1.0):
@@ -375,11 +346,6 @@ def test_statistics_refuse_heights_off_the_grid_and_missing(statistic):
 def test_statistics_of_nonsense_are_refused_in_a_sentence(make, message):
     with pytest.raises((ValueError, TypeError), match=message):
         make()
-
-
-def test_the_rms_height_of_a_topography_is_that_of_its_heights():
-    topography = surfaces.Topography(GRID, HEIGHTS)
-    np.testing.assert_allclose(surfaces.rms_height(topography), HEIGHTS.std(), rtol=1e-12)
 
 
 def test_statistics_are_those_of_surface_topography():

@@ -339,12 +339,6 @@ def test_clean_surfaces_are_not_suspected():
             assert js.surfaces.faults.looks_wrong(surface[:, 0]) == []
 
 
-def test_statistics_printed_leave_missing_points_out():
-    x, y = sides((48, 64), (1.5, 2.0))
-    heights, _ = with_holes(0.3 * x - 0.4 * y)
-    assert "rms slope    0.5" in str(topography(heights))
-
-
 def test_every_method_takes_a_profile():
     grid = js.Grid((128,), (2.0,))
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=10, rms_height=0.05)
