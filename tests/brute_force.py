@@ -26,6 +26,20 @@ def check_optimality(contact, equilibrium, tolerance):
     np.testing.assert_allclose(pressure - pressure.mean(), elastic, atol=1e-6 * scale)
 
 
+def periodic_stiffness(shape, lengths, modulus):
+    """Return K of a half space as a matrix, from its symbol and NumPy's transforms."""
+    waves = [2 * np.pi * np.fft.fftfreq(n, 1 / n) / a for n, a in zip(shape, lengths, strict=True)]
+    symbol = modulus / 2 * np.sqrt(sum(np.square(q) for q in np.meshgrid(*waves, indexing="ij")))
+    return matrix_of(lambda x: np.fft.ifftn(symbol * np.fft.fftn(x)).real, shape)
+
+
+def matrix_of(operator, shape):
+    """Return a linear operator on fields as a matrix."""
+    units = np.eye(int(np.prod(shape))).reshape(-1, *shape)
+    matrix = np.stack([np.asarray(operator(unit)).ravel() for unit in units], axis=1)
+    return (matrix + matrix.T) / 2
+
+
 def dense_hessian(contact, gap):
     n = gap.size
     columns = jax.vmap(contact.hessian(gap))(jnp.eye(n).reshape(n, *gap.shape))

@@ -13,20 +13,6 @@ _LEAST_COSINE = np.cos(np.radians(1.2))
 _SHORTEST = 1e-11
 
 
-def periodic_stiffness(shape, lengths, modulus):
-    """Return K of a half space as a matrix, from its symbol and NumPy's transforms."""
-    waves = [2 * np.pi * np.fft.fftfreq(n, 1 / n) / a for n, a in zip(shape, lengths, strict=True)]
-    symbol = modulus / 2 * np.sqrt(sum(np.square(q) for q in np.meshgrid(*waves, indexing="ij")))
-    return matrix_of(lambda x: np.fft.ifftn(symbol * np.fft.fftn(x)).real, shape)
-
-
-def matrix_of(operator, shape):
-    """Return a linear operator on fields as a matrix."""
-    units = np.eye(int(np.prod(shape))).reshape(-1, *shape)
-    matrix = np.stack([np.asarray(operator(unit)).ravel() for unit in units], axis=1)
-    return (matrix + matrix.T) / 2
-
-
 @dataclass
 class DenseCurve:
     """The curve g_F(s), p0(s) with (K (g + h) + p0 + f'(g))_F = 0 and g = 0 elsewhere.

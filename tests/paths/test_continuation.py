@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from brute_force import periodic_stiffness
 
 import jaxstab as js
 from jaxstab.paths.curve import morse_index
@@ -21,17 +22,6 @@ def hertz(dtype=jnp.float64):
     return js.Contact(solid, heights, js.potentials.Exponential(10.0, 1.0))
 
 
-def dense_stiffness(grid, modulus):
-    """Return K as a matrix, from its symbol and NumPy's transforms."""
-    sides = zip(grid.shape, grid.lengths, strict=True)
-    q = [2 * np.pi * np.fft.fftfreq(n, 1 / n) / length for n, length in sides]
-    symbol = modulus / 2 * np.sqrt(sum(np.square(k) for k in np.meshgrid(*q, indexing="ij")))
-    unit = np.eye(grid.size).reshape(grid.size, *grid.shape)
-    axes = tuple(range(1, unit.ndim))
-    columns = np.fft.ifftn(symbol * np.fft.fftn(unit, axes=axes), axes=axes).real
-    return columns.reshape(grid.size, grid.size)
-
-
 def test_it_goes_on_around_a_fold_and_counts_the_ways_down():
     contact = hertz()
     branch = js.continuation(
@@ -42,7 +32,7 @@ def test_it_goes_on_around_a_fold_and_counts_the_ways_down():
     np.testing.assert_allclose(fold.load.value, 1.2974855, atol=1e-7)
     assert fold.kind == "fold"
     assert branch.end == "states"
-    stiffness = dense_stiffness(HERTZ, 1.0)
+    stiffness = periodic_stiffness((32, 32), (1.0, 1.0), 1.0)
     for gap, index in zip(branch.equilibrium.gap[::5], branch.index[::5], strict=True):
         free = np.asarray(gap).ravel() > 0
         hessian = stiffness + np.diag(-10.0 * np.exp(-np.asarray(gap).ravel()))
@@ -73,7 +63,7 @@ def test_ways_down_that_the_modes_of_the_state_before_lack_are_counted():
     heights = js.surfaces.self_affine(grid, jax.random.key(1), k_high=2, rms_height=0.1)
     contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.2, 0.05))
     branch = js.continuation(contact, js.MeanGap(jnp.array([0.6, 0.02])), fields=True)
-    stiffness = dense_stiffness(grid, 1.0)
+    stiffness = periodic_stiffness((4, 4), (1.0, 1.0), 1.0)
     for gap, index in zip(np.asarray(branch.equilibrium.gap), branch.index, strict=True):
         free = gap.ravel() > 0
         hessian = stiffness + np.diag(-0.2 / 0.05**2 * np.exp(-gap.ravel() / 0.05))

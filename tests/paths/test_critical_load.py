@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from brute_force import smallest_on_critical_cone
+from brute_force import periodic_stiffness, smallest_on_critical_cone
 from problems import bisected
 from programs import compilations
 
@@ -40,10 +40,7 @@ def dense_fold(heights, gamma, rho, guess):
     sum(x) = 0 and x.x = 1.
     """
     n = len(heights)
-    waves = np.fft.fftfreq(n, 1 / n)
-    multiplier = np.pi * np.hypot(*np.meshgrid(waves, waves, indexing="ij"))
-    identity = np.eye(n * n).reshape(-1, n, n)
-    stiffness = np.fft.ifft2(multiplier * np.fft.fft2(identity)).real.reshape(n * n, n * n)
+    stiffness = periodic_stiffness(heights.shape, (1.0, 1.0), 1.0)
     h, g = heights.ravel(), guess.ravel()
     one = np.ones((n * n, 1))
 

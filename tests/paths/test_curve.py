@@ -3,7 +3,8 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from dense_curve import DenseCurve, exponential, periodic_stiffness
+from brute_force import periodic_stiffness
+from dense_curve import DenseCurve, exponential
 
 import jaxstab as js
 
@@ -54,17 +55,6 @@ def test_it_does_not_cross_to_another_branch_and_depends_on_no_unit():
         assert len(other.index) == len(branch.index)
         scaled = np.asarray(other.turns.load.value) / length
         np.testing.assert_allclose(scaled, branch.turns.load.value, rtol=1e-8)
-
-
-@pytest.mark.nightly
-@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
-def test_eight_points_stay_on_their_branch():
-    ends = jnp.array([0.83, 0.003])
-    contact = line(EIGHT, 0.466, 0.2)
-    branch = js.continuation(contact, js.MeanDisplacement(ends))
-    curve, end = dense(EIGHT, 0.466, 0.2, contact, ends)
-    assert branch.end.name == end
-    assert_same(branch, curve)
 
 
 @pytest.mark.nightly

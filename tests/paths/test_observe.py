@@ -96,16 +96,6 @@ def test_a_state_of_a_path_is_had_again_from_its_gap(contact, path):
 
 
 @pytest.mark.nightly
-def test_a_branch_is_observed_too(contact):
-    load = js.MeanGap(jnp.array([0.1, 0.08]))
-    branch = js.continuation(contact, load, fields=True)
-    found = js.observe(contact, branch, js.patches)
-    np.testing.assert_allclose(
-        found.patches.area, branch.equilibrium.contact_area * contact.area, rtol=1e-12
-    )
-
-
-@pytest.mark.nightly
 def test_on_a_window_points_of_the_window_count(contact):
     window = js.Contact(js.FreeHalfSpace(js.Grid(16), 1.0), contact.heights, contact.potential)
     load = js.FarDisplacement(jnp.array([0.1, -0.05]))
@@ -128,20 +118,6 @@ def test_states_not_found_are_nan_and_leave_the_others(contact, sweep):
     assert found.patches.number[1] == 0
     assert np.isnan(found.leakage.permeability[1]).all()
     assert np.isfinite(found.patches.area[jnp.array([0, 2])]).all()
-
-
-@pytest.mark.nightly
-def test_columns_come_back_from_files(contact, path, sweep, tmp_path):
-    for name, states in [("path", path), ("sweep", sweep)]:
-        found = js.observe(contact, states, js.patches, js.leakage)
-        _, again = js.load(js.save(tmp_path / f"{name}.nc", contact, found))
-        np.testing.assert_array_equal(again.patches.true_area, found.patches.true_area)
-        np.testing.assert_array_equal(again.leakage.permeability, found.leakage.permeability)
-        np.testing.assert_array_equal(again.load.value, found.load.value)
-        dataset = js.to_dataset(contact, found, fields=False)
-        assert dataset["leakage_permeability"].dims[0] == "state"
-        assert dataset["leakage_permeability"].attrs["units"] == "length^3"
-        assert dataset["patches_true_area"].attrs["units"] == "length^2"
 
 
 def test_an_observable_of_the_user_is_a_column_of_a_path_a_figure_and_a_file(

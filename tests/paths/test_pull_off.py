@@ -163,17 +163,6 @@ def test_a_start_in_a_core_under_tension_is_not_lifted_off():
     assert jnp.abs(again.gap - near.gap).max() < 0.2 * jnp.mean(near.gap)
 
 
-@pytest.mark.nightly
-def test_any_unit_gives_the_same():
-    contact = surface(LAWS["exponential"])
-    pull = js.pull_off(contact)
-    for unit, dtype, rtol in ((1e-150, float, 1e-9), (1e-25, jnp.float32, 1e-3)):
-        solid = js.HalfSpace(js.Grid(32), jnp.asarray(unit, dtype))
-        law = js.potentials.Exponential(jnp.asarray(0.02 * unit, dtype), jnp.asarray(0.08, dtype))
-        scaled = js.pull_off(js.Contact(solid, contact.heights.astype(dtype), law))
-        np.testing.assert_allclose(scaled.load.value / unit, pull.load.value, rtol=rtol)
-
-
 def test_what_has_no_pull_off_is_told():
     repelling = surface(lambda gap: 0.06 * jnp.exp(-gap / 0.06))
     # Unlike a rough surface it has an equilibrium at zero pressure.
