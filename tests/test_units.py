@@ -107,14 +107,6 @@ def test_a_value_reads_with_the_prefix_that_suits_it(unit, value, text):
     assert measured(Units.checked(unit, None), value, "energy") == text
 
 
-def test_dimensions_read_in_units_that_are_known():
-    metres, micrometres = Units.checked("m", None), Units.checked("um", None)
-    assert measured(metres, 4e11, "pressure/length") == "400 GPa/m"
-    assert measured(metres, 0.042, "energy/area") == "42 mJ/m²"
-    assert measured(micrometres, 2.0, "length") == "2 µm"
-    assert measured(micrometres, 2.0, "pressure/length") == "2 [pressure/µm]"
-
-
 # In SI units by hand: 1 MPa µm^2 = 1e6 * 1e-12 N, and so on. The last is no power of a thousand.
 @pytest.mark.parametrize(
     ("units", "symbols"),
@@ -182,12 +174,6 @@ def test_tables_show_the_units_of_the_contact():
         (str(js.critical_load(contact, js.MeanGap(gaps[1:]), throw=False)), ["MPa"]),
     ):
         assert all(line in text for line in lines), text
-
-
-def test_without_units_tables_show_none():
-    state = js.equilibrate(flat(), js.MeanGap(5e-8))
-    assert "[" not in str(js.sweep(flat(), js.MeanGap(jnp.array([5e-8])))).splitlines()[0]
-    assert "pressure]" not in str(state) and "force" not in str(state)
 
 
 @pytest.fixture(scope="module")

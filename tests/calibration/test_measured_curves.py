@@ -10,7 +10,6 @@ from scipy.optimize import brentq, curve_fit, least_squares
 from scipy.stats import t as student
 
 import jaxstab as js
-from jaxstab.calibration.advice import Hints, warn_of_misfit
 from jaxstab.calibration.least_squares import FitProblem, Measured, minimise
 
 # Flat surfaces under a spring: a scalar equation, solved below without jaxstab.
@@ -134,17 +133,6 @@ def test_forces_of_the_wrong_sign_are_refused():
         fit_flat(-noisy(0))
     fit = fit_flat(-noisy(0), throw=False)
     assert fit.result != js.RESULTS.successful
-
-
-def test_a_poor_fit_of_a_curve_that_runs_the_other_way_is_warned_of():
-    x = jnp.linspace(0.0, 1.0, 8)
-    measured = Measured(js.MeanGap(x), x, jnp.ones(8), has_baseline=True)
-    hints = Hints(guess=-x, zeros=jnp.zeros(2), drop=jnp.array(0.0))
-    with pytest.warns(js.FitWarning, match=r"change the sign of the loads.*misfit is 2\d% of"):
-        warn_of_misfit(measured, 0.5 + 0.75 * (x - 0.5), 2, hints)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", js.FitWarning)
-        warn_of_misfit(measured, 0.5 + 0.99 * (x - 0.5), 2, hints)
 
 
 def test_an_outlier_is_named():

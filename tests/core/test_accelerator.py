@@ -1,7 +1,6 @@
 """Programs for accelerators and their numbers, without an accelerator."""
 
 import re
-from functools import partial
 
 import jax
 import jax.export
@@ -141,14 +140,3 @@ def test_steps_of_an_accelerator_lead_to_the_same_states_and_eigenvalues(law, lo
     for name, pair in stability.pairs.items():
         other = stability_there.pairs[name]
         assert abs(other.eigenvalue - pair.eigenvalue) <= pair.error + other.error, name
-
-
-@pytest.mark.nightly
-def test_newton_steps_of_an_accelerator_lead_to_the_same_saddle():
-    contact, load = rough_contact(N, js.potentials.Exponential(0.01, 0.05)), js.MeanGap(0.1)
-    solve = partial(js.equilibrate, contact, load, js.SaddleNewton(), throw=False)
-    state = solve()
-    with as_on_an_accelerator():
-        there = solve()
-    assert state.result == there.result == "successful"
-    np.testing.assert_allclose(there.gap, state.gap, atol=1e-8)

@@ -232,13 +232,6 @@ def test_a_sweep_prints_as_a_table(sweep):
     assert len(repr(sweep[2]).splitlines()) == 3
 
 
-def test_a_long_table_is_shortened_in_its_middle(sweep):
-    lines = repr(sweep[[0, 1, 2, 3] * 50]).splitlines()
-    assert len(lines) < 70
-    assert sum("..." in line for line in lines) == 1
-    assert lines[2].split()[0] == "0" and lines[-1].split()[0] == "3"
-
-
 def test_nothing_that_is_printed_raises_or_reads_what_is_traced(sweep, contact):
     shown = []
 

@@ -8,14 +8,10 @@ import pytest
 from nbclient import NotebookClient
 
 NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
-QUICK = ("first_contact",)
-BY_SPEED = [
-    pytest.param(path, marks=() if path.stem in QUICK else pytest.mark.nightly, id=path.stem)
-    for path in NOTEBOOKS
-]
 
 
-@pytest.mark.parametrize("path", BY_SPEED)
+@pytest.mark.nightly
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_from_a_clean_kernel_at_a_small_size(path, monkeypatch):
     monkeypatch.setitem(os.environ, "JAXSTAB_NOTEBOOK_SIZE", "32")
     notebook = nbformat.read(path, as_version=4)

@@ -56,12 +56,6 @@ def test_a_transition_comes_back_to_the_last_bit(contact, transition, tmp_path):
         assert plain.attrs["load_kind"] == "MeanDisplacement"
 
 
-def test_several_transitions_are_one_file(contact, transition, tmp_path):
-    both = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), transition)
-    assert_same_bits((contact, both), js.load(js.save(tmp_path / "two.nc", contact, both)))
-    assert js.to_dataset(contact, both).images.dims == ("state", "image", "x", "y")
-
-
 def test_data_sets_of_both_say_what_everything_is(contact, branch, transition):
     sets = js.to_dataset(contact, branch), js.to_dataset(contact, transition)
     for dataset in sets:

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -72,30 +71,6 @@ def test_names_of_a_law_do_not_clash_with_those_of_results(tmp_path):
     contact = contact_of(law)
     state = js.equilibrate(contact, js.MeanGap(0.1))
     assert_same_bits((contact, state), js.load(js.save(tmp_path / "odd.nc", contact, state)))
-
-
-class Numbers(NamedTuple):
-    """Parameters of a law, in no class that a file may name."""
-
-    depth: jax.Array
-
-
-class Named(eqx.Module):
-    """A law with a named tuple."""
-
-    numbers: Numbers
-
-    def __call__(self, gap):
-        return -self.numbers.depth * jnp.exp(-gap)
-
-
-def test_a_law_of_named_tuples_is_told_to_be_lost(tmp_path):
-    contact = contact_of(Named(Numbers(jnp.asarray(0.01))))
-    state = js.equilibrate(contact, js.MeanGap(0.1))
-    with pytest.warns(UserWarning, match="holds values of `Numbers`"):
-        path = js.save(tmp_path / "law.nc", contact, state)
-    loaded, again = js.load(path, potential=contact.potential)
-    assert js.equilibrate(loaded, again.load, initial=again).num_steps == 0
 
 
 def test_a_lost_law_inside_another_and_a_lost_solid_are_told(tmp_path):

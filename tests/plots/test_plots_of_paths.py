@@ -46,12 +46,6 @@ def test_a_pull_off_is_drawn_as_the_end_that_it_is(hertz):
     np.testing.assert_allclose(cross.get_xdata(), path.jumps.load.value[-1])
 
 
-def test_a_path_of_one_state_is_no_curve(hertz):
-    path = js.follow(hertz, js.MeanGap(jnp.array([-0.1, 0.2])), throw=False)
-    with pytest.raises(ValueError, match=r"The path has 1 states .*, a curve two or more"):
-        plots.path(path)
-
-
 def test_what_cannot_be_drawn_of_a_path_is_told(loop):
     with pytest.raises(ValueError, match=r"y is 'gap': choose one of mean_gap, .*, load\."):
         plots.path(loop, y="gap")

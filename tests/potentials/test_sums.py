@@ -108,25 +108,6 @@ def test_of_a_function_in_a_sum_a_file_asks_for_the_law(tmp_path):
     assert_same_law(again.potential, contact.potential)
 
 
-@pytest.mark.nightly
-def test_a_part_of_a_sum_is_fitted_and_differentiated():
-    loads = js.MeanGap(jnp.linspace(0.1, 0.4, 5))
-    truth = contact_of(ELECTRIC + EXPONENTIAL)
-    measured = js.sweep(truth, loads, stability=False).equilibrium.mean_pressure
-    start = contact_of(js.potentials.Electrostatic(0.2, 0.8, 0.2) + EXPONENTIAL)
-    fit = js.calibrate(start, loads, measured, where=lambda c: c.potential.laws[0].voltage)
-    np.testing.assert_allclose(fit.contact.potential.laws[0].voltage, 0.3, rtol=1e-5)
-
-    def pressure(voltage):
-        # A bare function beside it closes over a traced value.
-        law = js.potentials.Electrostatic(voltage, 0.8, 0.2) + (lambda gap: -voltage / (1 + gap))
-        return js.equilibrate(contact_of(law), js.MeanGap(0.3)).mean_pressure
-
-    step = 1e-4
-    difference = (pressure(0.1 + step) - pressure(0.1 - step)) / (2 * step)
-    np.testing.assert_allclose(jax.grad(pressure)(0.1), difference, rtol=1e-5)
-
-
 def test_electrodes_without_a_dielectric_need_a_core():
     bare = js.potentials.Electrostatic(0.01, 0.8)
     with pytest.raises(ValueError, match=r"is -inf: .* needs a `dielectric`"):

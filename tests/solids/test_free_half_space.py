@@ -141,24 +141,6 @@ def test_equilibrium_and_eigenvalues_agree_with_dense_algebra(grid, load):
 
 
 @pytest.mark.nightly
-def test_the_derivative_of_a_pull_off_agrees_with_differences():
-    def pull_off(energy):
-        contact = sphere_contact(16, js.potentials.Exponential(energy, 0.5), 4.0)
-        # Out of the middle, so that points let go one by one.
-        x, y = contact.grid.coordinates
-        heights = -((x - 2.03) ** 2 + (y - 1.96) ** 2) / 2
-        contact = js.Contact(contact.solid, heights, contact.potential)
-        return js.pull_off(contact, throw=False)
-
-    pull = pull_off(0.3)
-    assert pull.equilibrium.gap.shape == (16, 16) == pull.critical.mode.shape
-    np.testing.assert_allclose(pull.equilibrium.force, pull.load.value * 16.0, rtol=1e-8)
-    slope = jax.grad(lambda energy: pull_off(energy).load.value)(0.3)
-    difference = (pull_off(0.3 + 1e-6).load.value - pull_off(0.3 - 1e-6).load.value) / 2e-6
-    np.testing.assert_allclose(slope, difference, rtol=1e-4)
-
-
-@pytest.mark.nightly
 def test_batches_single_precision_and_derivatives_work():
     def force(modulus, load=-0.04):
         contact = sphere_contact(16, modulus=modulus)

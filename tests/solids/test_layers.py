@@ -137,16 +137,6 @@ def test_the_derivative_by_thickness_agrees_with_differences():
     np.testing.assert_allclose(jax.grad(pressure)(0.1), difference, rtol=1e-5)
 
 
-def test_the_verdict_on_a_layer_holds_when_it_is_tried():
-    contact = contact_on("incompressible")
-    equilibrium = js.equilibrate(contact, js.MeanGap(0.03))
-    assert 0 < equilibrium.contact_area < 1
-    stability = js.assess_stability(contact, equilibrium)
-    assert stability.verdict in ("stable", "held_by_contact")
-    pushed = js.release(contact, equilibrium, stability.critical.mode)
-    np.testing.assert_allclose(pushed.gap, equilibrium.gap, atol=1e-6)
-
-
 def test_the_base_of_a_layer_can_be_held():
     contact = contact_on("layer")
     stiffness = 1.0 * 0.7 / (1.3 * 0.4 * 0.1)
