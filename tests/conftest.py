@@ -78,3 +78,18 @@ def unloading():
     from problems import rough_contact
 
     return rough_contact(32, js.potentials.Exponential(1e-2, 1.0), youngs_modulus=1e-3)
+
+
+@pytest.fixture(scope="session")
+def branch(hertz):
+    """The first states of the adhesive paraboloid's curve of equilibria, around its fold."""
+    loads = js.MeanDisplacement([1.6, 1.0])
+    return js.continuation(hertz, loads, fields=True, max_states=22)
+
+
+@pytest.fixture(scope="session")
+def transition(hertz):
+    """The pass of the adhesive paraboloid between contact and none."""
+    load = js.MeanDisplacement(1.35)
+    closed = js.equilibrate(hertz, js.MeanDisplacement(0.8))
+    return js.transition(hertz, load, js.equilibrate(hertz, load), closed.gap, num_images=6)

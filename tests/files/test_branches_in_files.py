@@ -13,25 +13,10 @@ from saved import assert_same_bits
 import jaxstab as js
 from jaxstab.__main__ import main
 
-LOAD = js.MeanDisplacement(1.35)
 
-
-@pytest.fixture(scope="module")
+@pytest.fixture
 def contact(hertz):
     return hertz
-
-
-@pytest.fixture(scope="module")
-def branch(contact):
-    loads = js.MeanDisplacement(jnp.array([1.6, 1.0]))
-    return js.continuation(contact, loads, fields=True, max_states=22)
-
-
-@pytest.fixture(scope="module")
-def transition(contact):
-    apart = js.equilibrate(contact, LOAD)
-    closed = js.equilibrate(contact, js.MeanDisplacement(0.8))
-    return js.transition(contact, LOAD, apart, closed.gap, num_images=6)
 
 
 def test_a_branch_comes_back_to_the_last_bit(contact, branch, tmp_path):

@@ -22,11 +22,7 @@ def hertz(dtype=jnp.float64):
     return js.Contact(solid, heights, js.potentials.Exponential(10.0, 1.0))
 
 
-def test_it_goes_on_around_a_fold_and_counts_the_ways_down():
-    contact = hertz()
-    branch = js.continuation(
-        contact, js.MeanDisplacement(jnp.array([1.6, 1.0])), fields=True, max_states=22
-    )
+def test_it_goes_on_around_a_fold_and_counts_the_ways_down(branch):
     fold = branch.turns[0]
     # Where the contact-free branch ends, by the dense algebra of another test.
     np.testing.assert_allclose(fold.load.value, 1.2974855, atol=1e-7)

@@ -164,11 +164,11 @@ def test_a_start_in_a_core_under_tension_is_not_lifted_off():
 
 
 def test_what_has_no_pull_off_is_told():
-    repelling = surface(lambda gap: 0.06 * jnp.exp(-gap / 0.06))
+    repelling = rough_contact(8, lambda gap: 0.06 * jnp.exp(-gap / 0.06))
     # Unlike a rough surface it has an equilibrium at zero pressure.
     law = js.potentials.Exponential(0.0, 0.06)
     flat = js.Contact(js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), law)
-    for contact, spring in ((repelling, None), (repelling, 1.0), (flat, None), (flat, 1.0)):
+    for contact, spring in ((repelling, None), (flat, 1.0)):
         with pytest.raises(js.SolverError, match=r"No pull-off found .* the law attracts nowhere"):
             js.pull_off(contact, spring=spring)
     none = js.pull_off(repelling, throw=False)

@@ -79,6 +79,9 @@ def test_a_flow_shows_flux_lines_and_contact(rough):
     assert "m³" in axes.child_axes[0].get_ylabel()
     assert len(axes.collections) == 1
     assert plots.flow(contact, leakage, along="y").get_title() == "pressure falls along y"
+    full = js.equilibrate(contact, js.MeanPressure(1e9))
+    axes = plots.flow(contact, js.leakage(contact, full), full)
+    assert axes.get_title() == "nothing flows along x"
 
 
 def test_densities_of_pressures_and_gaps_add_up_to_one(rough):

@@ -1,3 +1,4 @@
+import equinox as eqx
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
@@ -38,6 +39,14 @@ def test_a_path_is_drawn_with_its_jumps_and_the_energy_of_its_loop(loop):
     assert over.get_xlabel() == "mean displacement $u_0$ [length]"
 
 
+def test_adhesion_is_seen_beside_a_compression_that_is_far_larger(loop):
+    pressures = loop.equilibrium.mean_pressure
+    pressed = eqx.tree_at(lambda x: x.equilibrium.mean_pressure, loop, pressures.at[40].set(1000.0))
+    tension = -float(pressures.min())
+    axes = plots.path(pressed, axes=plt.subplots()[1])
+    np.testing.assert_allclose(axes.get_ylim(), [-1.2 * tension, tension])
+
+
 def test_a_pull_off_is_drawn_as_the_end_that_it_is(hertz):
     path = js.follow(hertz, js.MeanPressure(jnp.array([0.0, -10.0])))
     axes = plots.path(path, x="load", y="contact_area", axes=plt.subplots()[1])
@@ -46,7 +55,10 @@ def test_a_pull_off_is_drawn_as_the_end_that_it_is(hertz):
     np.testing.assert_allclose(cross.get_xdata(), path.jumps.load.value[-1])
 
 
-def test_what_cannot_be_drawn_of_a_path_is_told(loop):
+def test_what_cannot_be_drawn_of_a_path_is_told(hertz, loop):
+    one = js.follow(hertz, js.MeanGap(jnp.array([-0.1, 0.2])), throw=False)
+    with pytest.raises(ValueError, match=r"The path has 1 states .*, a curve two or more"):
+        plots.path(one)
     with pytest.raises(ValueError, match=r"y is 'gap': choose one of mean_gap, .*, load\."):
         plots.path(loop, y="gap")
     with pytest.raises(TypeError, match="Equilibrium is not a path"):

@@ -53,6 +53,7 @@ def test_a_sum_is_the_sum_however_it_is_written():
         ELECTRIC + EXPONENTIAL + mine,
         mine + (ELECTRIC + EXPONENTIAL),
         js.potentials.Sum((EXPONENTIAL, mine, ELECTRIC)),
+        sum([ELECTRIC, EXPONENTIAL, mine]),
     ):
         assert len(law.laws) == 3
         for derivative in DERIVATIVES:
