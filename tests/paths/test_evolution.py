@@ -1,5 +1,6 @@
 """Viscoelastic contacts in time, against elastic limits, a hereditary integral and closed forms."""
 
+import importlib
 from dataclasses import replace
 
 import jax
@@ -168,6 +169,28 @@ def test_it_goes_on_from_where_it_ended():
     first = js.evolve(contact, load[:8], times[:8], rtol=ANY)
     rest = js.evolve(contact, load[7:], times[7:], rtol=ANY, initial=first)
     assert rest.mean_pressure == pytest.approx(np.array(whole.mean_pressure[7:]), abs=1e-12)
+
+
+def test_an_interrupted_evolution_keeps_its_states_and_goes_on(monkeypatch):
+    contact, (times, values) = viscoelastic(), cycle(9)
+    load = js.MeanDisplacement(values)
+    whole = js.evolve(contact, load, times, rtol=ANY)
+    module = importlib.import_module("jaxstab.paths.evolution.evolve")
+    found, calls = module._along, []
+
+    def interrupted(*inputs, **options):
+        calls.append(1)
+        if len(calls) > 3:
+            raise KeyboardInterrupt
+        return found(*inputs, **options)
+
+    monkeypatch.setattr(module, "_along", interrupted)
+    with pytest.warns(js.PathInterrupted, match="3 of 8 times"):
+        first = js.evolve(contact, load, times, rtol=ANY)
+    monkeypatch.undo()
+    assert len(first) == len(first.load.value) == 4
+    rest = js.evolve(contact, load[3:], times[3:], rtol=ANY, initial=first)
+    assert rest.mean_pressure == pytest.approx(np.array(whole.mean_pressure[3:]), abs=1e-12)
 
 
 def test_many_speeds_at_once_are_those_alone():

@@ -28,6 +28,7 @@ from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import stacked
 from jaxstab.core.types import ArrayLike
+from jaxstab.core.warn import warn
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.window import whole_start
@@ -44,6 +45,7 @@ from jaxstab.paths.evolution.march import (
     with_loss,
 )
 from jaxstab.paths.evolution.step import Internal, next_state, springs
+from jaxstab.paths.path import PathInterrupted
 from jaxstab.paths.record import Table
 from jaxstab.solids.viscoelastic import Viscoelastic
 
@@ -93,7 +95,8 @@ def evolve(
         throw: raise an error if the end is not reached; otherwise look at `result`.
 
     Returns:
-        The states at the given times. Where the surfaces are pulled apart, NaN follows.
+        The states at the given times; when interrupted, with a warning, those at the first times.
+        Where the surfaces are pulled apart, NaN follows.
 
     Raises:
         TypeError: for a solid that is not viscoelastic, and something that is not a load.
@@ -119,6 +122,8 @@ def evolve(
         find = partial(_one_by_one, bar.update) if is_alone else _along
         (end, steps), rest = find(*given, fields=fields)
     totals, internal, result, numbers = _with_first(_entry(start, fields), rest)
+    # Fewer than all, if it was interrupted.
+    load, instants = load[: numbers.size], instants[: numbers.size]
     last = end.internal
     if is_traced((contact, load, times)):
         totals, last = attach(_changes, (totals, last), (steps, numbers), inputs)
@@ -220,12 +225,19 @@ def _along(*inputs: Any, fields: bool) -> tuple[State, Entry]:
 
 
 def _one_by_one(report: Callable[[], object], *inputs: Any, fields: bool) -> tuple[State, Entry]:
-    """Return the same leg by leg, so that it can be watched and interrupted."""
+    """Return the same leg by leg, so that it can be watched, and interrupted after the first."""
     *given, state, legs = inputs
-    entries = []
-    for i in range(legs.number.size):
+    entries, number = [], legs.number.size
+    for i in range(number):
         leg = jax.tree.map(lambda leaf, i=i: leaf[i : i + 1], legs)
-        state, entry = _along(*given, state, leg, fields=fields)
+        try:
+            state, entry = jax.block_until_ready(_along(*given, state, leg, fields=fields))
+        except KeyboardInterrupt:
+            if not entries:
+                raise
+            message = f"The evolution was interrupted: {i} of {number} times after the first."
+            warn(message, PathInterrupted)
+            break
         entries.append(jax.tree.map(lambda leaf: leaf[0], entry))
         report()
     return state, stacked(entries, entries[0])

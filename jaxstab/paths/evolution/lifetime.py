@@ -69,6 +69,8 @@ def lifetime(
     while True:
         held = jax.tree.map(lambda leaf, times=times: jnp.broadcast_to(leaf, times.shape), load)
         found = evolve(contact, held, times, initial=start, rtol=rtol, fields=True, throw=False)
+        if len(found) < times.size:
+            raise KeyboardInterrupt
         result, touches = found.result[-1], np.asarray(found.contact_area) > 0
         if result == RESULTS.pulled_off:
             return float(found.reached)
