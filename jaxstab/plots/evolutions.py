@@ -37,11 +37,16 @@ def evolution(
 
     Raises:
         TypeError: for something that is not an evolution.
-        ValueError: for a quantity that cannot be drawn, and another number of labels.
+        ValueError: for a quantity that cannot be drawn, another number of labels,
+            and a single state or a batch.
     """
     for each in evolutions or [None]:
         require_kind(each, Evolution, "no evolution: give a result of jaxstab.evolve.")
-        len(each)
+    if any(each.times.ndim != 1 for each in evolutions):
+        raise ValueError(
+            "A single state has no times to draw, and a batch has several evolutions: give whole "
+            "evolutions, as batch[0]."
+        )
     contact = evolutions[0].contact
     y = y or ("force" if contact.solid.is_window else "mean_pressure")
     require_one_of("x", x, ["load", "time"])

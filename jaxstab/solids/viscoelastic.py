@@ -113,8 +113,8 @@ class Viscoelastic(Solid):
         t_0 = scalar_parameter(time, "The time")
         require_positive("The exponent", n)
         require_positive("The time", t_0)
-        require_positive("The number of decades", np.asarray(decades))
-        require_positive("The number of terms per decade", np.asarray(terms_per_decade))
+        require_positive("The number of decades", parameter(decades))
+        require_positive("The number of terms per decade", parameter(terms_per_decade))
         step = np.log(10) / terms_per_decade
         # Times range from below t_0, where exp(-u) cuts the spectrum off, to beyond `decades`.
         logs = np.arange(-np.log(40), (decades + 1) * np.log(10), step)

@@ -34,7 +34,7 @@ def test_mistakes_are_named(run):
         js.plots.evolution(run.contact)
     with pytest.raises(TypeError, match="NoneType is no evolution"):
         js.plots.evolution()
-    with pytest.raises(TypeError, match="single state"):
+    with pytest.raises(ValueError, match="single state"):
         js.plots.evolution(run[1])
     with pytest.raises(ValueError, match="y is 'energy': choose one of"):
         js.plots.evolution(run, y="energy")

@@ -187,7 +187,7 @@ def _start(contact: Contact, load: Load, initial: Any) -> Moment:
         # A step that takes for ever leaves the relaxed solid.
         relaxed, long = relaxed_contact(contact), jnp.asarray(jnp.finfo(dtype).max)
         held = getattr(initial, "load", load)
-        _, gap = whole_start(relaxed, held, initial_gap(relaxed, held, initial))
+        gap: Any = whole_start(relaxed, held, initial_gap(relaxed, held, initial))[1]
         strains = jnp.zeros((springs(whole)[0].size, *whole.grid.shape), dtype)
         memory, found = next_state(whole, held, Internal(gap, strains), long)
         if held is load:
@@ -213,10 +213,10 @@ def _along(*inputs: Any, fields: bool) -> tuple[State, Entry]:
     """Return the state after all legs along a leading axis, and the record at the end of each."""
 
     def along(*inputs: Any) -> tuple[State, Entry]:
-        *given, state, legs = inputs
+        contact, load, rtol, state, legs = inputs
 
         def one(state: State, leg: Leg) -> tuple[State, Entry]:
-            state = march(*given, *state, leg)
+            state = march(contact, load, rtol, *state, leg)
             return state, _entry(state, fields)
 
         return jax.lax.scan(one, state, legs)
