@@ -1,15 +1,13 @@
 """The steps around a search that the entry points share."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
-from typing import Protocol, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar, TypeVarTuple
 
 import jax
-from jaxtyping import PyTree
 
 from jaxstab.contact.contact import Contact
-from jaxstab.core.checks import is_traced
-from jaxstab.core.progress import Bar
+from jaxstab.core.implicit import refuse_derivatives
+from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import Dimensioned
@@ -23,40 +21,48 @@ class _Result(Protocol):
     def on_surface(self, solid: Solid) -> Self: ...
 
 
+State = TypeVar("State", bound=Dimensioned)
+Sought = TypeVar("Sought")
 Found = TypeVar("Found", bound=_Result)
+Others = TypeVarTuple("Others")
 
 
 def answer(
-    search: Callable[..., Found],
+    search: Callable[[Contact, State, *Others], Sought],
     contact: Contact,
-    state: Dimensioned,
-    *others: PyTree,
-    bar: AbstractContextManager[Bar],
-    derivatives: Callable[..., Found] | None,
+    state: State,
+    *others: *Others,
+    bar: tuple[int, str, bool | None],
     describe: Callable[[Found], str],
     throw: bool,
+    differentiable: Callable[[Contact, State, Sought], Found] | None = None,
     has_units: bool = False,
 ) -> Found:
     """Return the result of a search in the units and on the grid of the user, or raise its failure.
 
     Arguments:
-        search: called with the bar and the inputs, constants in the contact's own unit of pressure.
+        search: called with the inputs, as constants in the characteristic pressure.
         contact: the contact, on the grid that it is solved on.
-        state: its load or equilibrium there. By these two a result can be differentiated.
+        state: its load or equilibrium there.
         others: more inputs, without dimension of pressure.
-        bar: the progress bar.
-        derivatives: attaches them, given contact, state and result; None where there are none.
-        describe: says what has failed.
+        bar: the total and the unit of a progress bar, and whether to show it.
+        describe: returns the message for a failed result.
         throw: whether to raise a failure.
+        differentiable: returns the result as a differentiable function of contact and state; by
+            default an error is raised where derivatives are taken.
         has_units: whether the search converts units itself, within its programs.
     """
     own, unit = (contact, None) if has_units else contact.in_own_units()
-    inputs = own, state if unit is None else state.in_units_of(unit), *others
+    own_state = state if unit is None else state.in_units_of(unit)
+    given: Any = own, own_state, others
+    given = given if differentiable else refuse_derivatives(given)
+    constants: tuple[Contact, State, tuple[*Others]] = jax.lax.stop_gradient(given)
+    total, kind, progress = bar
+    shown = can_be_shown(progress, constants)
     # Histories end in NaN, and a result that was not found is NaN.
-    with jax.debug_nans(False), bar as shown:
-        found = search(shown, *jax.lax.stop_gradient(inputs))
-    if derivatives is not None and is_traced(inputs[:2]):
-        found = derivatives(*inputs[:2], found)
+    with jax.debug_nans(False), progress_bar(total, kind, shown=shown):
+        sought = search(*constants[:2], *constants[2])
+    found: Any = differentiable(own, own_state, sought) if differentiable else sought
     if unit is not None:
         found = found.in_units_of(1 / unit)
     found = found.on_surface(contact.solid)

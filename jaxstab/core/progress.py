@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Timer
 from time import time
@@ -91,6 +91,12 @@ def advance_if_known(after: PyTree) -> None:
     if _bars and not is_traced(after):
         jax.block_until_ready(after)
         _bars[-1].update()
+
+
+def advance_to(done: Callable[[], int]) -> None:
+    """Move the bar to a number of units, which is computed only where the bar is shown."""
+    if _bars and not _bars[-1].disable:
+        _bars[-1].update(done() - _bars[-1].n)
 
 
 def advance(after: Array) -> None:

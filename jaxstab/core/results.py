@@ -126,12 +126,14 @@ def throw_failure(
 ) -> Tree:
     """Return `tree`, or raise if `result` is not successful and failures are thrown.
 
+    Of several results the last one counts. An interrupted search has not failed.
     Outside of JAX transformations the error is a `SolverError` that begins with `describe()` and
     holds the tree. Inside, it is a runtime error of Equinox, raised if any entry of a batch failed.
     """
     if not throw:
         return tree
-    failed: Bool[Array, ...] = result != RESULTS.successful
+    result = result if result.stack_shape == () else result[-1]
+    failed: Bool[Array, ...] = (result != RESULTS.successful) & (result != RESULTS.interrupted)
     if is_traced(failed):
         return result.error_if(tree, failed)
     if failed:

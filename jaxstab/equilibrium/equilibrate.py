@@ -17,7 +17,6 @@ from jaxstab.core.compile import program
 from jaxstab.core.grid import resample
 from jaxstab.core.implicit import attach
 from jaxstab.core.loop import Iteration, solver_or_default
-from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium.derivatives import changes_of_fields
@@ -88,13 +87,13 @@ def equilibrate(
         # One program for all starts.
         start = _undeformed(load, whole.solid, whole.heights, whole.datum)
     equilibrium = answer(
-        lambda _, *inputs: find_equilibrium(*inputs),
+        find_equilibrium,
         whole,
         load,
         solver,
         start,
-        bar=progress_bar(1, "solve", shown=None),
-        derivatives=with_derivatives,
+        bar=(1, "solve", None),
+        differentiable=with_derivatives,
         describe=partial(_describe, contact),
         throw=throw,
         has_units=True,
@@ -146,6 +145,8 @@ def _find_in_own_units(
 
 def with_derivatives(contact: Contact, load: Load, found: Equilibrium) -> Equilibrium:
     """Return an equilibrium as a differentiable function of the contact and the load."""
+    if not is_traced((contact, load)):
+        return found
     unit = contact.own_pressure
     fields = in_units_of(unit, {name: getattr(found, name) for name in DIFFERENTIABLE})
     is_found = found.result == RESULTS.successful

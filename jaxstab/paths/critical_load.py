@@ -8,6 +8,7 @@ At a release the reaction of a contact point vanishes instead, and the energy fa
 """
 
 from dataclasses import replace
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -15,14 +16,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
 from jaxstab.core.conditional import first_good, if_needed
 from jaxstab.core.grid import mean
-from jaxstab.core.progress import advance_if_known, can_be_shown, progress_bar
-from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.progress import advance_if_known, advance_to
+from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find, first_gap
@@ -95,19 +97,25 @@ def critical_load(
     for load in bracket:
         whole, start = whole_start(contact, load, first_gap(contact, load, initial))
         starts.append(start)
-    own, unit = whole.in_own_units()
-    loads = bracket.in_units_of(unit)
-    inputs = jax.lax.stop_gradient((own, loads, starts))
-    bar = progress_bar(_NUM_SEARCHES, "search", shown=can_be_shown(progress, inputs))
-    # Histories end in NaN, and what was not found is NaN.
-    with jax.debug_nans(False), bar as bar:
-        # Outside of a trace nothing is compiled for a search that is not needed.
-        limit = (_find_lanes if is_traced(inputs) else _find)(*inputs)
-        # Not all searches are needed.
-        bar.update(_NUM_SEARCHES - bar.n)
-    found = critical_load_at(limit, own, loads[0]).in_units_of(1 / unit)
-    found = found.on_surface(whole.solid)
-    return throw_failure(found.result, found, lambda: _describe(bracket, found), throw)
+    return answer(
+        _search,
+        whole,
+        bracket,
+        starts,
+        bar=(_NUM_SEARCHES, "search", progress),
+        differentiable=critical_load_at,
+        describe=partial(_describe, bracket),
+        throw=throw,
+    )
+
+
+def _search(contact: Contact, bracket: Load, starts: Starts) -> Limit:
+    # Outside of a trace nothing is compiled for a search that is not needed.
+    find = _find_lanes if is_traced((contact, bracket, starts)) else _find
+    limit = find(contact, bracket, starts)
+    # Not all searches are needed.
+    advance_to(lambda: _NUM_SEARCHES)
+    return limit
 
 
 def _find(contact: Contact, bracket: Load, starts: Starts) -> Limit:

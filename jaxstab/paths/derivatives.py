@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jaxstab.contact import Contact
+from jaxstab.core.checks import is_traced
 from jaxstab.core.implicit import attach
 from jaxstab.core.types import Flag, Scalar
 from jaxstab.loads import Load
@@ -16,8 +17,12 @@ from jaxstab.paths.curve.limit_derivatives import differentiable_value
 from jaxstab.paths.path import Jump, Path
 
 
-def with_derivatives(path: Path, contact: Contact, load: Load, others: list[Array]) -> Path:
-    """Return a path with derivatives of the loads of its jumps; those of all else are NaN."""
+def with_derivatives(
+    others: tuple[Array | None, ...], contact: Contact, load: Load, path: Path
+) -> Path:
+    """Return a path with derivatives of the loads of its jumps; all others are NaN."""
+    if not is_traced((contact, load)):
+        return path
     jumps = path.jumps
 
     def value(jump: Jump) -> Scalar:

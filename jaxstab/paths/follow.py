@@ -1,11 +1,10 @@
 """The path of a contact under a programme of loads, through its jumps."""
 
 from dataclasses import replace
-from typing import Any
-
-import jax
+from functools import partial
 
 from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import (
     integer,
@@ -16,9 +15,8 @@ from jaxstab.core.checks import (
     require_finite,
     require_positive,
 )
-from jaxstab.core.progress import can_be_shown, progress_bar
-from jaxstab.core.results import RESULTS, throw_failure
-from jaxstab.core.types import ArrayLike, Field
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrate import first_gap
 from jaxstab.equilibrium.equilibrium import State
@@ -117,40 +115,48 @@ def follow(
     warn_if_coarse(contact, FOR_JUMPS)
     start = first_gap(contact, load[0], initial)
     whole, start = whole_start(contact, load[0], start)
-    own, unit = whole.in_own_units()
-    loads = load.in_units_of(unit)
-    constants = jax.lax.stop_gradient((own, loads, least, noise, share))
-    start = jax.lax.stop_gradient(start)
-    is_alone = not is_traced((constants, start))
-    # What was not found is NaN.
-    bar = progress_bar(100, "%", shown=can_be_shown(progress, (constants, start)))
-    with jax.debug_nans(False), bar as bar:
-        programme = programme_of(*constants, finds_all=True)
-        num_states, num_jumps = _ROOM if is_alone else sizes
-        stores = Stores(Room(num_states, fields), Room(num_jumps))
-        path = (_known_path if is_alone else _traced_path)(stores, bar, programme, start)
-    if is_traced((contact, load)):
-        others = [part for part in (start, least, noise) if part is not None]
-        path = with_derivatives(path, own, loads, others)
-    path = path.in_units_of(1 / unit).on_surface(whole.solid)
-    is_stopped = not is_traced(path.result) and bool(path.result == RESULTS.interrupted)
-    return throw_failure(path.result, path, lambda: _describe(path, load), throw and not is_stopped)
+    return answer(
+        partial(_search, fields, sizes),
+        whole,
+        load,
+        start,
+        least,
+        share,
+        noise,
+        bar=(100, "%", progress),
+        differentiable=partial(with_derivatives, (start, least, noise)),
+        describe=partial(_describe, load),
+        throw=throw,
+    )
 
 
-def _traced_path(
-    stores: Stores[Table], bar: Any, programme: Programme, start: Field | None
+def _search(
+    fields: bool,
+    sizes: tuple[int, int],
+    contact: Contact,
+    load: Load,
+    start: Field | None,
+    least: Scalar,
+    share: Scalar,
+    noise: Scalar,
 ) -> Path:
-    ended = travel(stores, bar, programme, start)
+    programme = programme_of(contact, load, least, noise, share, finds_all=True)
+    is_alone = not is_traced((programme, start))
+    num_states, num_jumps = _ROOM if is_alone else sizes
+    stores = Stores(Room(num_states, fields), Room(num_jumps))
+    if is_alone:
+        return _known_path(stores, programme, start)
+    ended = travel(stores, programme, start)
     is_short = ended.is_open(programme.load)
     ended = replace(ended, result=RESULTS.where(is_short, RESULTS.store_full, ended.result))
-    return path_with_room(ended, programme.contact, programme.load)
+    return path_with_room(ended, contact, load)
 
 
-def _known_path(stores: Stores[Table], bar: Any, programme: Programme, start: Field | None) -> Path:
+def _known_path(stores: Stores[Table], programme: Programme, start: Field | None) -> Path:
     """Return the path to the end, or until interrupted."""
     recording = Recording()
     try:
-        travel(stores, bar, programme, start, recording.emptied)
+        travel(stores, programme, start, recording.emptied)
     except KeyboardInterrupt:
         if recording.num_states == 0:
             raise
@@ -160,7 +166,7 @@ def _known_path(stores: Stores[Table], bar: Any, programme: Programme, start: Fi
     return path_of(recording, programme.contact, programme.load)
 
 
-def _describe(path: Path, load: Load) -> str:
+def _describe(load: Load, path: Path) -> str:
     last = float(path.load.value[-1]) if len(path.load.value) else float(load.value[0])
     return (
         f"The path ended at {type(load).__name__}({last:.6g}) after {len(path.load.value)} states "

@@ -8,12 +8,12 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import scalar_parameter
 from jaxstab.core.compile import program
-from jaxstab.core.progress import can_be_shown, progress_bar
-from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrate import initial_gap
@@ -76,31 +76,37 @@ def pull_off(
     stiffness = None
     if spring is not None:
         stiffness = scalar_parameter(spring, "The stiffness of the spring")
-    constants = jax.lax.stop_gradient((contact, stiffness))
-    bar = progress_bar(100, "%", shown=can_be_shown(progress, (constants, initial)))
-    # What was not found is NaN.
-    with jax.debug_nans(False), bar as bar:
-        warn_if_coarse(contact, FOR_JUMPS)
-        pressure, start = _start(constants[0], initial)
-        whole, start = whole_start(contact, MeanPressure(pressure), start)
-        constant = jax.lax.stop_gradient(whole)
-        if stiffness is None:
-            load: Load = _dead_load(constant, pressure)
-        else:
-            load = _retraction(constant, pressure, start, stiffness)
-            load.warn_if_soft(contact.solid)
-        own, unit = whole.in_own_units()
-        loads = load.in_units_of(unit)
-        fixed, ends, start = jax.lax.stop_gradient((own, loads, start))
-        resolution = _RESOLUTION[whole.heights.dtype.name]
-        programme = programme_of(fixed, ends, _SMALLEST_JUMP, DISTURBANCE, resolution=resolution)
-        ended = travel(Stores(Count.none, Strongest.none), bar, programme, start)
-        bar.set_description("locating")
-        limit, after = jax.block_until_ready(_end(programme, ended))
-        bar.update(0)
-    found = replace(critical_load_at(limit, own, loads[0]), after=after)
-    found = found.in_units_of(1 / unit).on_surface(whole.solid)
-    return throw_failure(found.result, found, lambda: _describe(load), throw)
+    warn_if_coarse(contact, FOR_JUMPS)
+    pressure, start = _start(jax.lax.stop_gradient(contact), initial)
+    whole, start = whole_start(contact, MeanPressure(pressure), start)
+    constant = jax.lax.stop_gradient(whole)
+    if stiffness is None:
+        load: Load = _dead_load(constant, pressure)
+    else:
+        load = _retraction(constant, pressure, start, stiffness)
+        load.warn_if_soft(contact.solid)
+    return answer(
+        _search,
+        whole,
+        load,
+        start,
+        bar=(100, "%", progress),
+        differentiable=_pull_off,
+        describe=lambda _: _describe(load),
+        throw=throw,
+    )
+
+
+def _search(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
+    resolution = _RESOLUTION[contact.heights.dtype.name]
+    programme = programme_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, resolution=resolution)
+    ended = travel(Stores(Count.none, Strongest.none), programme, start)
+    return jax.block_until_ready(_end(programme, ended))
+
+
+def _pull_off(contact: Contact, load: Load, end: tuple[Limit, Equilibrium]) -> CriticalLoad:
+    limit, after = end
+    return replace(critical_load_at(contact, load, limit), after=after)
 
 
 @program

@@ -6,7 +6,7 @@
 from collections.abc import Callable
 from functools import partial
 from time import perf_counter
-from typing import Any, Generic, NamedTuple
+from typing import Generic, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,7 @@ from jaxtyping import Array, Int
 from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
+from jaxstab.core.progress import advance_to
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.loads import Load
@@ -102,7 +103,6 @@ class Stores(NamedTuple, Generic[Jumps]):
 
 def travel(
     stores: Stores[Jumps],
-    bar: Any,
     programme: Programme,
     start: Field | None,
     keep: Callable[[Progress[Jumps]], Progress[Jumps]] = lambda walk: walk,
@@ -120,8 +120,7 @@ def travel(
         begun = perf_counter()
         # While it waits, an interrupt stays pending.
         walk = keep(jax.block_until_ready(_go_on(stores, walk, num_steps, programme)))
-        if not bar.disable:
-            bar.update(int(100 * travelled(programme.load, walk)) - bar.n)
+        advance_to(lambda walk=walk: int(100 * travelled(programme.load, walk)))
         # The first time it is compiled.
         if perf_counter() - begun < _BATCH_SECONDS:
             num_steps = min(2 * num_steps, _BATCH_STEPS)

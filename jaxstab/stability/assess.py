@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import PRNGKeyArray, PyTree
+from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact import Contact
 from jaxstab.contact.entry import answer
@@ -19,7 +19,7 @@ from jaxstab.core.checks import is_traced, require_key
 from jaxstab.core.compile import program
 from jaxstab.core.grid import total
 from jaxstab.core.loop import solver_or_default
-from jaxstab.core.progress import Bar, can_be_shown, progress_bar
+from jaxstab.core.progress import advance_to
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.equilibrium import Equilibrium
@@ -47,6 +47,7 @@ from jaxstab.stability.verdict import (
     verdict_on,
 )
 
+_Inputs = tuple[Contact, Equilibrium, ConeSolver, PRNGKeyArray]
 # For the lower bound, on the critical cone and on the cone.
 _NUM_SEARCHES = 3
 # Random vectors to start from.
@@ -120,33 +121,37 @@ def assess_stability(
     key = jax.random.key(0) if key is None else key
     require_key(key)
     contact, equilibrium = whole_state(contact, equilibrium)
-    inputs = contact, equilibrium, solver, key
     return answer(
         partial(_assess, verdict_only),
-        *inputs,
-        bar=progress_bar(_NUM_SEARCHES, "search", shown=can_be_shown(progress, inputs)),
-        derivatives=with_derivatives,
+        contact,
+        equilibrium,
+        solver,
+        key,
+        bar=(_NUM_SEARCHES, "search", progress),
+        differentiable=with_derivatives,
         describe=describe,
         throw=throw,
         has_units=True,
     )
 
 
-def _assess(verdict_only: bool, bar: Bar, *inputs: PyTree) -> Stability:
+def _assess(verdict_only: bool, *inputs: *_Inputs) -> Stability:
     stability = (_assess_batch if is_traced(inputs) else _assess_one)(verdict_only, *inputs)
     # Not all searches are needed.
-    bar.update(_NUM_SEARCHES - bar.n)
+    advance_to(lambda: _NUM_SEARCHES)
     return stability
 
 
 # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
 @partial(program, static_argnums=0)
-def _assess_batch(verdict_only: bool, *inputs: PyTree) -> Stability:
+def _assess_batch(verdict_only: bool, *inputs: *_Inputs) -> Stability:
     return by_entries(partial(_assess_one, verdict_only))(*inputs)
 
 
 def with_derivatives(contact: Contact, equilibrium: Equilibrium, stability: Stability) -> Stability:
     """Return a stability as a differentiable function of the contact and the equilibrium."""
+    if not is_traced((contact, equilibrium)):
+        return stability
     fixes_mean = contact.control(equilibrium.load).fixes_mean
 
     def attach(pair: Eigenpair, is_moving: Mask) -> Eigenpair:

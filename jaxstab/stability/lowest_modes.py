@@ -9,13 +9,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int, PRNGKeyArray
 
 from jaxstab.contact import Contact
+from jaxstab.contact.entry import answer
 from jaxstab.contact.hessian import Block
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import integer, require_key
 from jaxstab.core.compile import program
-from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.loop import solver_or_default
-from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
@@ -77,38 +77,33 @@ def lowest_modes(
     solver = solver_or_default(solver, SpaceSolver, Davidson)
     key = jax.random.key(0) if key is None else key
     require_key(key)
-    pairs, dimension = _lowest_modes(contact, equilibrium, solver, key, count, space == "critical")
-    if not throw:
-        return pairs
+    contact, equilibrium = whole_state(contact, equilibrium)
+    most = contact.grid.size - contact.control(equilibrium.load).fixes_mean
+    if count > most:
+        raise ValueError(f"count is {count}, but {most} directions are admissible: ask for fewer.")
+    return answer(
+        partial(_search, count, space == "critical"),
+        contact,
+        equilibrium,
+        solver,
+        key,
+        bar=(1, "search", None),
+        describe=_describe,
+        throw=throw,
+    )
 
-    def describe() -> str:
-        return (
-            f"The {count} lowest modes were not found among {dimension} admissible "
-            f"{'direction' if dimension == 1 else 'directions'}"
-        )
 
-    return throw_failure(pairs.result[-1], pairs, describe)
-
-
-@partial(program, static_argnames=("count", "stays_in_contact"))
-def _lowest_modes(
+@partial(program, static_argnums=(0, 1))
+def _search(
+    count: int,
+    stays_in_contact: bool,
     contact: Contact,
     equilibrium: Equilibrium,
     solver: SpaceSolver,
     key: PRNGKeyArray,
-    count: int,
-    stays_in_contact: bool,
-) -> tuple[Eigenpair, Int[Array, ""]]:
-    """Return the modes, and the dimension of the space."""
-    contact, equilibrium = refuse_derivatives((contact, equilibrium))
-    contact, equilibrium = whole_state(contact, equilibrium)
+) -> Eigenpair:
     state = recognised(contact, equilibrium)
-    unit = contact.own_pressure
-    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     control = contact.control(equilibrium.load)
-    most = contact.grid.size - control.fixes_mean
-    if count > most:
-        raise ValueError(f"count is {count}, but {most} directions are admissible: ask for fewer.")
     is_equilibrium = state == RESULTS.successful
     # Where there is nothing to assess, nothing moves.
     is_moving = is_equilibrium & ~(equilibrium.in_contact & stays_in_contact)
@@ -125,8 +120,15 @@ def _lowest_modes(
         result = RESULTS.where(is_equilibrium, result, state)
         return problem.pair(replace(found, result=result), place)
 
-    pairs = jax.vmap(pair_at)(jnp.arange(count))
-    return pairs.in_units_of(1 / unit).on_surface(contact.solid), jnp.maximum(dimension, 0)
+    return jax.vmap(pair_at)(jnp.arange(count))
+
+
+def _describe(pairs: Eigenpair) -> str:
+    message = f"The {len(pairs)} lowest modes were not found"
+    if pairs.result[-1] == RESULTS.too_many_modes:
+        dimension = int(jnp.sum(pairs.result != RESULTS.too_many_modes))
+        message += f" among {dimension} admissible directions"
+    return message
 
 
 def noise(key: PRNGKeyArray, count: int, like: Field) -> Block:

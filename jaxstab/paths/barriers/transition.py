@@ -13,11 +13,10 @@ from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS
 from jaxstab.core.batching import by_entries
-from jaxstab.core.checks import integer, parameter, require, require_positive
+from jaxstab.core.checks import integer, is_traced, parameter, require, require_positive
 from jaxstab.core.compile import program
 from jaxstab.core.display import block
 from jaxstab.core.grid import mean, total
-from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
@@ -31,6 +30,7 @@ from jaxstab.paths.barriers.string import Landscape, String, StringMethod
 from jaxstab.paths.curve.morse_index import index_of, some_modes
 from jaxstab.stability.perturb import amplitude_of
 
+Start = Field | None
 # Times that the string is drawn anew around its highest image.
 _MAX_ZOOMS = 5
 # Steps of a string that is drawn anew: with more its images slide down its sides.
@@ -134,13 +134,13 @@ def transition(
     require("num_images", number, number >= 3, "a string has a state between its ends.")
     (whole, first), (_, last) = (posed(contact, load, s, FOR_JUMPS) for s in (start, end))
     return answer(
-        lambda _, *inputs: _search(number, *inputs),
+        partial(_search, number),
         whole,
         load,
         first,
         last,
-        bar=progress_bar(1, "pass", shown=None),
-        derivatives=_with_barriers,
+        bar=(1, "pass", None),
+        differentiable=_with_barriers,
         describe=lambda found: _describe(found, load),
         throw=throw,
     )
@@ -148,6 +148,8 @@ def transition(
 
 def _with_barriers(contact: Contact, load: Load, found: Transition) -> Transition:
     """Return a pass whose barriers are functions of contact and load, at the gaps found."""
+    if not is_traced((contact, load)):
+        return found
     landscape = Landscape.under((contact, load))
 
     def energy(state: Equilibrium) -> Scalar:
@@ -171,11 +173,11 @@ class _Climb(eqx.Module):
 
 
 @partial(program, static_argnums=0)
-def _search(number: int, contact: Contact, load: Load, first: Field, last: Field) -> Transition:
+def _search(number: int, contact: Contact, load: Load, first: Start, last: Start) -> Transition:
     return by_entries(partial(_find, number))(contact, load, first, last)
 
 
-def _find(number: int, contact: Contact, load: Load, first: Field, last: Field) -> Transition:
+def _find(number: int, contact: Contact, load: Load, first: Start, last: Start) -> Transition:
     """Return what `transition` does, in the units of the contact."""
     solver = PreconditionedConjugateGradient()
     start, end = (find(contact, load, solver, gap) for gap in (first, last))

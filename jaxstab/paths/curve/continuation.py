@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import (
@@ -20,11 +20,10 @@ from jaxstab.core.checks import (
     require_positive,
 )
 from jaxstab.core.compile import program
-from jaxstab.core.implicit import refuse_derivatives
-from jaxstab.core.progress import can_be_shown, progress_bar
-from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.progress import advance_if_known
+from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import stacked
-from jaxstab.core.types import ArrayLike, Flag
+from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import initial_gap
@@ -108,17 +107,31 @@ def continuation(
     is_state = isinstance(getattr(initial, "equilibrium", initial), Equilibrium)
     start = initial_gap(contact, load[0], initial)
     whole, start = whole_start(contact, load[0], start)
-    own, unit = whole.in_own_units()
-    task: Any = refuse_derivatives(Task(own, load.in_units_of(unit), start, *steps))
-    bar = progress_bar(number, "states", shown=can_be_shown(progress, task))
-    # What was not found is NaN.
-    with jax.debug_nans(False), bar as bar:
-        if is_traced(task):
-            branch = by_entries(partial(_traced, number, fields, is_state))(task)
-        else:
-            branch = _eager(number, fields, is_state, task, bar)
-    branch = branch.in_units_of(1 / unit).on_surface(whole.solid)
-    return throw_failure(branch.result, branch, lambda: _describe(branch, load), throw)
+    return answer(
+        partial(_search, number, fields, is_state),
+        whole,
+        load,
+        start,
+        steps,
+        bar=(number, "states", progress),
+        describe=partial(_describe, load),
+        throw=throw,
+    )
+
+
+def _search(
+    number: int,
+    fields: bool,
+    is_state: bool,
+    contact: Contact,
+    load: Load,
+    start: Field | None,
+    steps: list[Scalar | None],
+) -> Branch:
+    task = Task(contact, load, start, *steps)
+    if is_traced(task):
+        return by_entries(partial(_traced, number, fields, is_state))(task)
+    return _eager(number, fields, is_state, task)
 
 
 @partial(program, static_argnums=0)
@@ -138,7 +151,7 @@ def _gone_on(task: Task, walk: Walk) -> tuple[Walk, Entry, Turn]:
     return ended, *entry_of(way, ended)
 
 
-def _eager(number: int, fields: bool, is_state: bool, task: Task, bar: Any) -> Branch:
+def _eager(number: int, fields: bool, is_state: bool, task: Task) -> Branch:
     """Return a branch to its end, or until interrupted, state by state."""
     walk, entry, like = _begun(is_state, task)
     entries, turns = [_kept(entry, fields)], []
@@ -148,7 +161,7 @@ def _eager(number: int, fields: bool, is_state: bool, task: Task, bar: Any) -> B
             walk, entry, turn = jax.block_until_ready(_gone_on(task, walk))
             if walk.stride.is_new:
                 entries.append(_kept(entry, fields))
-                bar.update(1)
+                advance_if_known(entry)
                 if walk.stride.turns:
                     if any(is_same(turn, other, span) for other in turns):
                         walk = replace(walk, end=KINDS.loop)
@@ -211,7 +224,7 @@ def _branch(task: Task, walk: Walk, entries: Entry, turns: Turn) -> Branch:
     return Branch(load.at(place.value), states, entries.index, turns, walk.end, result)
 
 
-def _describe(branch: Branch, load: Load) -> str:
+def _describe(load: Load, branch: Branch) -> str:
     count, last = len(branch.load.value), float(branch.load.value[-1])
     return (
         f"The branch ended at {type(load).__name__}({last:.6g}) after {count} states, "

@@ -49,12 +49,12 @@ class CriticalLoad(Stackable, Dimensioned):
         return self.equilibrium.load
 
 
-def critical_load_at(limit: Limit, contact: Contact, shared: Load) -> CriticalLoad:
-    """Return the limit of a branch as a differentiable function of the contact and its load.
+def critical_load_at(contact: Contact, loads: Load, limit: Limit) -> CriticalLoad:
+    """Return the limit of a branch as a differentiable function of the contact and its loads.
 
-    Of the shared load all but the value is to be differentiated with respect to.
+    The values of the loads have no effect on it.
     """
-    limit = replace(limit, load=shared.at(limit.load.value))
+    limit = replace(limit, load=loads[0].at(limit.load.value))
     load, gap = differentiable(limit, contact)
     is_found, in_contact = limit.is_found, limit.gap == 0
     fields, _ = fields_of(*jax.lax.stop_gradient((contact, limit.load, limit.gap)))
