@@ -1,8 +1,6 @@
 """The programme of a path: the data that stay the same all the way."""
 
-from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -12,7 +10,6 @@ from jaxtyping import Array, Int
 from jaxstab.contact import Contact
 from jaxstab.core.batching import by_entries
 from jaxstab.core.compile import program
-from jaxstab.core.loop import Iteration
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
@@ -64,15 +61,6 @@ class Programme(eqx.Module):
         )
 
     @property
-    def solver(self) -> PreconditionedConjugateGradient:
-        """The solver of the equilibria on the way.
-
-        Where the mean gap is held, no long step draws the surfaces apart.
-        """
-        fixes_mean = self.contact.control(self.load[0]).fixes_mean
-        return PreconditionedConjugateGradient(max_move=None if fixes_mean else _MAX_MOVE)
-
-    @property
     def longest(self) -> Scalar:
         """The longest step."""
         turns = self.load.value
@@ -101,29 +89,17 @@ class Programme(eqx.Module):
         Once the potential falls below the least, the search ends without a result; one that is
         final may lead down to another branch.
         """
-        solver, problem = self.search(value, part, least_potential, is_final)
-        return self.place(value, part, solver.run(problem, start))
-
-    def search(
-        self,
-        value: Scalar,
-        part: Int[Array, ""],
-        least_potential: ArrayLike = -jnp.inf,
-        is_final: ArrayLike = False,
-    ) -> tuple[PreconditionedConjugateGradient, Problem]:
-        """Return the solver for the equilibrium at a load, and its problem: as in `state`."""
-        contact, solver = self.contact, self.solver
-        solver = replace(solver, least_energy=least_potential / contact.grid.cell_area)
-        if solver.max_move is None:
-            solver = replace(solver, max_move=jnp.where(is_final, _MAX_MOVE_IN_JUMP, jnp.inf))
-        return solver, Problem.of(contact, contact.control(self.at(value, part)))
-
-    def place(
-        self, value: Scalar, part: Int[Array, ""], found: Iteration[Any]
-    ) -> tuple[Place, RESULTS]:
-        """Return the state of the solver at a load."""
-        state = concluded(self.contact, self.at(value, part), found)
-        return place_of(self.contact, state, value), state.result
+        contact, load = self.contact, self.at(value, part)
+        control = contact.control(load)
+        # Where the mean gap is held, no long step draws the surfaces apart.
+        longest = (
+            jnp.where(is_final, _MAX_MOVE_IN_JUMP, jnp.inf) if control.fixes_mean else _MAX_MOVE
+        )
+        solver = PreconditionedConjugateGradient(
+            max_move=longest, least_energy=least_potential / contact.grid.cell_area
+        )
+        found = concluded(contact, load, solver.run(Problem.of(contact, control), start))
+        return place_of(contact, found, value), found.result
 
     def apart(self) -> Field:
         """Return the gap of surfaces that are about to touch."""
@@ -150,30 +126,24 @@ def programme_of(
         resolution: how near a jump is located, over the range of the loads.
         finds_all: whether a jump is detected by the force too.
     """
-    made = by_entries(partial(_programme_of, finds_all))
-    return made(contact, load, smallest_jump, disturbance, share, resolution)
 
+    @by_entries
+    def scales(contact: Contact, load: Load) -> tuple[Scalar, Scalar, Scalar, Field]:
+        turns, heights = load.value, contact.heights
+        noise = jax.random.normal(jax.random.key(0), heights.shape, heights.dtype)
+        # Loads that are nearer to each other are the same.
+        finest = 4 * jnp.finfo(turns.dtype).eps * jnp.max(jnp.abs(turns))
+        span = jnp.max(turns) - jnp.min(turns)
+        return own_energy(contact), span, finest, _own_length(contact) * noise
 
-def _programme_of(
-    finds_all: bool,
-    contact: Contact,
-    load: Load,
-    smallest_jump: Scalar,
-    disturbance: Scalar,
-    share: Scalar,
-    resolution: Scalar,
-) -> Programme:
-    turns, heights = load.value, contact.heights
-    noise = jax.random.normal(jax.random.key(0), heights.shape, heights.dtype)
-    # Loads that are nearer to each other are the same.
-    finest = 4 * jnp.finfo(turns.dtype).eps * jnp.max(jnp.abs(turns))
+    energy, span, finest, field = scales(contact, load)
     return Programme(
         contact,
         load,
-        threshold=jnp.asarray(smallest_jump) * own_energy(contact),
+        threshold=jnp.asarray(smallest_jump) * energy,
         share=jnp.asarray(share),
-        resolution=jnp.maximum(resolution * (jnp.max(turns) - jnp.min(turns)), finest),
-        disturbance=jnp.asarray(disturbance) * _own_length(contact) * noise,
+        resolution=jnp.maximum(resolution * span, finest),
+        disturbance=jnp.asarray(disturbance) * field,
         finds_all=finds_all,
     )
 

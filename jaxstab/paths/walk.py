@@ -21,41 +21,29 @@ from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.loads import Load
 from jaxstab.paths.jump_detection import Bisection, Jumps, Progress, apply_step, next_step
 from jaxstab.paths.programme import Programme
-from jaxstab.paths.record import Count, Event, PathPoint, Place, Table
+from jaxstab.paths.record import Count, Event, PathPoint, Table
 
 _BATCH_SECONDS, _BATCH_STEPS = 0.5, 1024
 
 States = Table | Count
 
 
-def begin(
-    programme: Programme,
-    start: Field | None,
-    states: Callable[[PathPoint], States],
-    jumps: Callable[[Event], Jumps],
-) -> Progress[Jumps]:
+class Stores(NamedTuple, Generic[Jumps]):
+    """Functions that make an empty store of states, and of jumps, like one of them."""
+
+    states: Callable[[PathPoint], States]
+    jumps: Callable[[Event], Jumps]
+
+
+def begin(stores: Stores[Jumps], programme: Programme, start: Field | None) -> Progress[Jumps]:
     """Return a walk at the first turning point, its equilibrium sought from a gap if given."""
-    contact, value, part = programme.contact, programme.load.value[0], jnp.array(0)
+    contact, turns, none = programme.contact, programme.load.value, jnp.array(0)
     if start is None:
         start = contact.control(programme.load[0]).starting_gap(contact.heights)
-    start = programme.start(value, part, jnp.maximum(start, 0))
-    return begin_at(programme, programme.state(value, part, start), states, jumps)
-
-
-def begin_at(
-    programme: Programme,
-    first: tuple[Place, RESULTS],
-    states: Callable[[PathPoint], States],
-    jumps: Callable[[Event], Jumps],
-) -> Progress[Jumps]:
-    """Return a walk at the first turning point, given the equilibrium there and how it was found.
-
-    `states` and `jumps` make an empty store of entries like one of them.
-    """
-    turns = programme.load.value
+    start = programme.start(turns[0], none, jnp.maximum(start, 0))
+    place, result = programme.state(turns[0], none, start)
     span = jnp.max(turns) - jnp.min(turns)
-    none, zero = jnp.array(0), jnp.zeros_like(span)
-    place, result = first
+    zero = jnp.zeros_like(span)
     is_passable = jnp.isfinite(span) & (programme.resolution > 0)
     is_endless = (result == RESULTS.successful) & ~is_passable
     here = PathPoint(place, zero)
@@ -66,8 +54,8 @@ def begin_at(
         bisection=Bisection(zero + jnp.inf, zero, programme.resolution),
         part=none,
         is_apart=jnp.array(False),
-        states=states(here).with_entry(here, jnp.array(True)),
-        jumps=jumps(Event(place, place, zero, none, jnp.array(False))),
+        states=stores.states(here).with_entry(here, jnp.array(True)),
+        jumps=stores.jumps(Event(place, place, zero, none, jnp.array(False))),
         # Towards a load that is no number, or from zero to zero, no step would ever end.
         result=RESULTS.where(is_endless, RESULTS.infeasible_load, result),
     )
@@ -78,27 +66,20 @@ def go_on(
 ) -> Progress[Jumps]:
     """Return a walk after a number of steps more, where its room is full, or at its end."""
 
-    def goes_on(carry: tuple[Progress[Jumps], Int[Array, ""]]) -> Flag:
+    Carry = tuple[Progress[Jumps], Int[Array, ""]]
+
+    def goes_on(carry: Carry) -> Flag:
         walk, number = carry
         is_open = walk.is_open(programme.load) & ~walk.is_full
         return is_open if num_steps is None else is_open & (number < num_steps)
 
-    def step(
-        carry: tuple[Progress[Jumps], Int[Array, ""]],
-    ) -> tuple[Progress[Jumps], Int[Array, ""]]:
+    def step(carry: Carry) -> Carry:
         walk, number = carry
         aim = next_step(programme, walk)
         state = programme.state(aim.value, walk.part, aim.start, aim.least_potential, aim.is_final)
         return apply_step(programme, walk, aim, *state), number + 1
 
     return jax.lax.while_loop(goes_on, step, (walk, jnp.array(0)))[0]
-
-
-class Stores(NamedTuple, Generic[Jumps]):
-    """Functions that make an empty store of states, and of jumps, like one of them."""
-
-    states: Callable[[PathPoint], States]
-    jumps: Callable[[Event], Jumps]
 
 
 def travel(
@@ -114,12 +95,12 @@ def travel(
     """
     walk = keep(_begin(stores, programme, start))
     if is_traced((programme, start)):
-        return _go_on(stores, walk, None, programme)
+        return _go_on(programme, walk, None)
     num_steps = 1
     while walk.is_open(programme.load):
         begun = perf_counter()
         # While it waits, an interrupt stays pending.
-        walk = keep(jax.block_until_ready(_go_on(stores, walk, num_steps, programme)))
+        walk = keep(jax.block_until_ready(_go_on(programme, walk, num_steps)))
         advance_to(lambda walk=walk: int(100 * travelled(programme.load, walk)))
         # The first time it is compiled.
         if perf_counter() - begun < _BATCH_SECONDS:
@@ -129,17 +110,10 @@ def travel(
 
 @partial(program, static_argnums=0)
 def _begin(stores: Stores[Jumps], programme: Programme, start: Field | None) -> Progress[Jumps]:
-    def first(programme: Programme, start: Field | None) -> Progress[Jumps]:
-        return begin(programme, start, stores.states, stores.jumps)
-
-    return by_entries(first)(programme, start)
+    return by_entries(partial(begin, stores))(programme, start)
 
 
-@partial(program, static_argnums=0)
-def _go_on(
-    stores: Stores[Jumps], walk: Progress[Jumps], num_steps: int | None, programme: Programme
-) -> Progress[Jumps]:
-    return by_entries(go_on)(programme, walk, num_steps)
+_go_on = program(by_entries(go_on))
 
 
 @jax.jit

@@ -22,7 +22,7 @@ from jaxstab.core.history import Indicators
 from jaxstab.core.loop import IterativeSolver, integer_parameter
 from jaxstab.core.types import Field, Scalar
 from jaxstab.equilibrium.solvers.conjugate_gradients import preconditioner_of
-from jaxstab.loads import Control, Load
+from jaxstab.loads import Control
 
 Images = Float[Array, "images *grid"]
 
@@ -65,12 +65,6 @@ class Landscape:
 
     contact: Contact
     control: Control
-
-    @classmethod
-    def under(cls, given: tuple[Contact, Load]) -> "Landscape":
-        """Return that of a contact under a load."""
-        contact, load = given
-        return cls(contact, contact.control(load))
 
     def energy(self, gap: Field) -> Scalar:
         """Return the energy of a gap and of the load [energy]."""

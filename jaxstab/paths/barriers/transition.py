@@ -150,7 +150,7 @@ def _with_barriers(contact: Contact, load: Load, found: Transition) -> Transitio
     """Return a pass whose barriers are functions of contact and load, at the gaps found."""
     if not is_traced((contact, load)):
         return found
-    landscape = Landscape.under((contact, load))
+    landscape = Landscape(contact, contact.control(load))
 
     def energy(state: Equilibrium) -> Scalar:
         return landscape.energy(landscape.control.restore(jax.lax.stop_gradient(state.gap)))
@@ -182,8 +182,7 @@ def _find(number: int, contact: Contact, load: Load, first: Start, last: Start) 
     solver = PreconditionedConjugateGradient()
     start, end = (find(contact, load, solver, gap) for gap in (first, last))
     are_found = (start.result == RESULTS.successful) & (end.result == RESULTS.successful)
-    given = contact, load
-    landscape = Landscape.under(given)
+    landscape = Landscape(contact, contact.control(load))
     string = StringMethod().run(landscape, landscape.straight(start.gap, end.gap, number)).state
     nothing = jnp.zeros_like(start.gap)
     climb = _Climb(string, string.summit, nothing, jnp.array(0), jnp.array(False))
