@@ -8,7 +8,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array
 
-from jaxstab.core.checks import is_spread, is_traced, known, numbers, require_finite
+from jaxstab.core.checks import concrete, is_spread, is_traced, numbers, require_finite
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike
 from jaxstab.core.unit_system import unit_of
@@ -24,7 +24,7 @@ _LARGE = 16.0
 
 def relative_heights(heights: Array | np.ndarray) -> tuple[Array | np.ndarray, Array | np.ndarray]:
     """Return heights less a constant that would cost them digits, and this constant."""
-    values = known(heights)
+    values = concrete(heights)
     xp = np if isinstance(values, np.ndarray) else jnp
     constant = jax.lax.stop_gradient(values) if xp is jnp else values
     first = constant[(0,) * values.ndim]
@@ -80,7 +80,7 @@ def require_sound(
         faults.warn([*topography.wrong_scale, *topography.edge_faults] if is_window else wrong)
     elif not (is_traced((heights, solid.grid.lengths)) or is_spread(heights)):
         values = np.asarray(heights)
-        marks = faults.marks_missing(values, known(solid.grid.lengths))
+        marks = faults.marks_missing(values, concrete(solid.grid.lengths))
         faults.warn(marks if marks or solid.is_window else faults.looks_wrong(values))
 
 

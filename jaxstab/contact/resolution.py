@@ -4,7 +4,7 @@ import equinox as eqx
 import numpy as np
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import is_traced, known
+from jaxstab.core.checks import concrete, is_traced
 from jaxstab.core.display import times
 from jaxstab.core.warn import warn
 
@@ -27,7 +27,10 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
     It warns where `contact.resolution` is below the number needed. It does not warn inside of
     `jax.jit` and `jax.vmap`, where values are not known yet.
     """
-    stiffest, sharpest = known(contact.solid.max_stiffness), known(contact.profile.max_curvature)
+    stiffest, sharpest = (
+        concrete(contact.solid.max_stiffness),
+        concrete(contact.profile.max_curvature),
+    )
     if is_traced((stiffest, sharpest)) or stiffest >= needed * sharpest:
         return
     resolution = stiffest / sharpest

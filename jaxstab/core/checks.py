@@ -36,7 +36,7 @@ def is_spread(value: object) -> TypeGuard[Array]:
     return isinstance(value, jax.Array) and not is_traced(value) and not value.is_fully_replicated
 
 
-def known(value: ArrayLike) -> Any:
+def concrete(value: ArrayLike) -> Any:
     """Return `value` as a NumPy array; a traced or sharded one is returned unchanged."""
     return value if is_traced(value) or is_spread(value) else np.asarray(value)
 
@@ -72,7 +72,7 @@ def numbers(value: object, name: str) -> Float[Array | np.ndarray, "..."]:
         return cast(value, value.dtype) if isinstance(value, jax.Array) and value.ndim else value
     if not (jnp.issubdtype(value.dtype, jnp.integer) or value.dtype == bool):
         raise TypeError(f"{name} is {value.dtype}: give real numbers.")
-    return known(value).astype(float)
+    return concrete(value).astype(float)
 
 
 def scalar_parameter(value: ArrayLike, name: str) -> Scalar:
@@ -132,14 +132,14 @@ def require_one_of(name: str, value: object, choices: Iterable[object]) -> None:
 
 def require_positive(name: str, value: Float[Array, "..."]) -> None:
     """Raise `ValueError` where `value`, if known, is not positive and finite."""
-    value = known(value)
+    value = concrete(value)
     require(name, value, (value > 0) & (value < np.inf), "it must be positive and finite.")
 
 
 def are_finite(value: Float[Array | np.ndarray, "..."]) -> Array | np.ndarray:
     """Return the mask of finite entries of a known value."""
     # A comparison also works on sharded arrays.
-    return abs(known(value)) < np.inf
+    return abs(concrete(value)) < np.inf
 
 
 def require_finite(

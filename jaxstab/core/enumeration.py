@@ -93,7 +93,7 @@ class Enumeration(Stackable):
         code = np.int32(-1) if other is None else type(self).promote(other).code
         # Within a trace, too, known values stay known.
         with jax.ensure_compile_time_eval():
-            found = compare(known(self.code), known(code))
+            found = compare(concrete(self.code), concrete(code))
             return found if isinstance(found, jax.Array) else array(found)
 
     def __hash__(self) -> int:

@@ -18,7 +18,7 @@ from jaxtyping import Array, Complex, Float, Shaped
 
 from jaxstab.core import fft
 from jaxstab.core.batching import on_platform
-from jaxstab.core.checks import array, integer, is_traced, known, parameter, require_positive
+from jaxstab.core.checks import array, concrete, integer, is_traced, parameter, require_positive
 from jaxstab.core.display import inline
 from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
 from jaxstab.core.units import LENGTH
@@ -79,7 +79,7 @@ class Grid(eqx.Module):
                 f"Grid({lengths}, {lengths}) would have sides of length {lengths}: for {lengths} x "
                 f"{lengths} points write Grid(({lengths}, {lengths})), for a length {lengths}.0."
             )
-        given = known(parameter(lengths, "A grid length"))
+        given = concrete(parameter(lengths, "A grid length"))
         if given.shape not in ((), (len(self.shape),)):
             raise ValueError(f"Grid lengths are {given}: give one for each side of {self.shape}.")
         require_positive("A grid length", given)

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int, PyTree
 
-from jaxstab.core.checks import array, known, parameter, require, require_positive
+from jaxstab.core.checks import array, concrete, parameter, require, require_positive
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Flag, Scalar
@@ -95,7 +95,7 @@ class IterativeSolver(eqx.Module):
     def __check_init__(self) -> None:
         if self.tolerance is not None:
             require_positive("The tolerance", self.tolerance)
-        require("max_steps", self.max_steps, known(self.max_steps) > 0, "it must be positive.")
+        require("max_steps", self.max_steps, concrete(self.max_steps) > 0, "it must be positive.")
 
     def prepared(self, problem: PyTree, start: PyTree) -> PyTree:
         """Return the problem with precomputed quantities that are the same at every step."""

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
-from jaxstab.core.checks import is_spread, is_traced, known
+from jaxstab.core.checks import concrete, is_spread, is_traced
 
 Entry = TypeVar("Entry")
 
@@ -76,7 +76,7 @@ def nothing_like(leaf: Array) -> Array:
 
 def first_entries(tree: Entry, number: int) -> Entry:
     """Return the first entries of a stack with known values."""
-    return jax.tree.map(lambda leaf: jax.device_put(known(leaf)[:number]), tree)
+    return jax.tree.map(lambda leaf: jax.device_put(concrete(leaf)[:number]), tree)
 
 
 def require_single(value: Stackable) -> None:

@@ -12,7 +12,7 @@ from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_STATES, warn_if_coarse
 from jaxstab.core.batching import by_entries
-from jaxstab.core.checks import is_traced, known, numbers, require, require_finite
+from jaxstab.core.checks import concrete, is_traced, numbers, require, require_finite
 from jaxstab.core.compile import program
 from jaxstab.core.grid import resample
 from jaxstab.core.implicit import attach
@@ -237,7 +237,7 @@ def initial_gap(contact: Contact, load: Load, initial: ArrayLike | State | None)
     gap = contact.grid.placed(gap)
     require_finite("The initial gap", gap)
     if contact.control(load).fixes_mean:
-        largest = known(gap).max()
+        largest = concrete(gap).max()
         cure = "it must be positive somewhere, for a load that holds the mean gap."
         require("The largest initial gap", largest, largest > 0, cure)
     return gap

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
-from jaxstab.core.checks import is_traced, known
+from jaxstab.core.checks import concrete, is_traced
 from jaxstab.core.compile import program
 from jaxstab.core.grid import mean, mirrored, padded, where_window
 from jaxstab.core.linear_system import LinearSystem
@@ -78,7 +78,7 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
     is_found = equilibrium.result == RESULTS.successful
     if not contact.solid.is_window or is_traced((contact, equilibrium)) or not is_found:
         return
-    pressures = abs(known(equilibrium.pressure))
+    pressures = abs(concrete(equilibrium.pressure))
     ends = [pressures.take(np.array([0, n - 1]), axis) for axis, n in enumerate(pressures.shape)]
     largest, at_edges = pressures.max(), max(end.max() for end in ends)
     share = at_edges / largest if largest > 0 else 0

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxstab.core.checks import cast, is_traced, known, parameter
+from jaxstab.core.checks import cast, concrete, is_traced, parameter
 from jaxstab.core.display import inline
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
@@ -161,7 +161,7 @@ def require_loads(load: Load, shape: tuple[int, ...], takes: str, cure: str) -> 
 def require_same_machine(load: Load) -> None:
     """Raise `ValueError` if the entries of a load, where known, differ in more than their value."""
     for leaf in jax.tree.leaves(eqx.tree_at(lambda load: load.value, load, None)):
-        if not is_traced(leaf) and np.any(known(leaf) != known(leaf).flat[0]):
+        if not is_traced(leaf) and np.any(concrete(leaf) != concrete(leaf).flat[0]):
             raise ValueError(
                 f"The load is {load!r}: its values must belong to one machine, so give one "
                 "stiffness for all of them."

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.core import model
-from jaxstab.core.checks import is_traced, known, parameter, require_positive
+from jaxstab.core.checks import concrete, is_traced, parameter, require_positive
 from jaxstab.core.grid import Grid, mean, mean_over, total
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.core.units import LENGTH, STIFFNESS
@@ -175,7 +175,7 @@ class Spring(Load):
         """
         if is_traced((self.stiffness, solid)):
             return
-        stiffness, softest = known(self.stiffness).min(), known(solid.min_stiffness)
+        stiffness, softest = concrete(self.stiffness).min(), concrete(solid.min_stiffness)
         if stiffness >= _SOFT * softest:
             return
         warn(
@@ -184,7 +184,7 @@ class Spring(Load):
             "presses. "
             "If the number is a force per length, write Spring.cantilever(position, "
             f"{stiffness:.3g}, contact.grid): that divides it by the cell's area of "
-            f"{known(solid.grid.area):.3g}. For a dead load give a MeanPressure.",
+            f"{concrete(solid.grid.area):.3g}. For a dead load give a MeanPressure.",
             MachineWarning,
             per_line=True,
         )

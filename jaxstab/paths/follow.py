@@ -7,9 +7,9 @@ from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import (
+    concrete,
     integer,
     is_traced,
-    known,
     parameter,
     require,
     require_finite,
@@ -100,7 +100,7 @@ def follow(
             f"{type(load).__name__} holds an array of shape {load.value.shape}."
         )
     require_finite("The load", load.value)
-    turns = known(load.value)
+    turns = concrete(load.value)
     cure = "a turning point is that of the one before: leave it out."
     require("The load", turns[1:], turns[1:] != turns[:-1], cure)
     require_same_machine(load)
@@ -108,7 +108,7 @@ def follow(
     least = parameter(_SMALLEST_JUMP if smallest_jump is None else smallest_jump)
     share, noise = parameter(_SMALLEST_SHARE if is_default else 0.0), parameter(disturbance)
     require_positive("smallest_jump", least)
-    require("The disturbance", noise, known(noise) >= 0, "it must not be negative.")
+    require("The disturbance", noise, concrete(noise) >= 0, "it must not be negative.")
     sizes = integer("max_states", max_states), integer("max_jumps", max_jumps)
     require("max_states", sizes[0], sizes[0] >= 2, "a path has two states at least.")
     require("max_jumps", sizes[1], sizes[1] >= 1, "leave room for one.")

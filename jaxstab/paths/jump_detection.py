@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import known
+from jaxstab.core.checks import concrete
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads import Load
@@ -86,8 +86,8 @@ class Progress(eqx.Module, Generic[Jumps]):
     def is_open(self, load: Load) -> Flag:
         """Return whether there is a step to take along a programme."""
         # NumPy compiles nothing.
-        is_before_end = known(self.part) < load.value.size - 1
-        return is_before_end & known(self.result == RESULTS.successful)
+        is_before_end = concrete(self.part) < load.value.size - 1
+        return is_before_end & concrete(self.result == RESULTS.successful)
 
     @property
     def is_full(self) -> Flag:

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact
 from jaxstab.core.batching import by_entries
-from jaxstab.core.checks import known
+from jaxstab.core.checks import concrete
 from jaxstab.core.compile import program
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries, stacked
@@ -89,7 +89,7 @@ class Recording:
 
 
 def _entries(store: Any) -> Any:
-    return jax.tree.map(lambda leaf: known(leaf)[: int(store.count)], store.rows)
+    return jax.tree.map(lambda leaf: concrete(leaf)[: int(store.count)], store.rows)
 
 
 def _empty(store: Any) -> Any:

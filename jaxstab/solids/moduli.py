@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from jaxstab.core.checks import known, require, require_positive, scalar_parameter
+from jaxstab.core.checks import concrete, require, require_positive, scalar_parameter
 from jaxstab.core.types import ArrayLike, Scalar
 
 
@@ -14,7 +14,7 @@ def elastic_constants(
     modulus = scalar_parameter(youngs_modulus, modulus_name)
     ratio = scalar_parameter(poisson_ratio, ratio_name)
     require_positive(modulus_name, modulus)
-    nu = known(ratio)
+    nu = concrete(ratio)
     require(ratio_name, nu, (nu > -1) & (nu <= 0.5), "it must lie in (-1, 0.5].")
     return modulus, ratio
 

@@ -5,7 +5,7 @@ from typing import Annotated
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxstab.core.checks import known, require, require_positive, scalar_parameter
+from jaxstab.core.checks import concrete, require, require_positive, scalar_parameter
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import Dimension
@@ -88,7 +88,7 @@ class Sheet(SpectralSolid):
 
 def _not_negative(value: ArrayLike, name: str) -> Scalar:
     number = scalar_parameter(value, name)
-    given = known(number)
+    given = concrete(number)
     holds = (given >= 0) & (given < jnp.inf)
     require(name, given, holds, "it must be finite and not negative.")
     return number

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxstab.core.checks import known, parameter, require, require_positive, scalar_parameter
+from jaxstab.core.checks import concrete, parameter, require, require_positive, scalar_parameter
 from jaxstab.core.types import ArrayLike, Flag, Scalar
 from jaxstab.core.units import NUMBER, TIME
 from jaxstab.solids.solid import Solid
@@ -54,8 +54,8 @@ class Viscoelastic(Solid):
                 f"The ratios have shape {self.ratios.shape}, the relaxation times "
                 f"{self.times.shape}: give one ratio for each time."
             )
-        given = known(self.ratios)
-        order = known(self.times)
+        given = concrete(self.ratios)
+        order = concrete(self.times)
         is_ratio = (given >= 0) & (given < np.inf)
         require("A ratio of moduli", given, is_ratio, "it must be finite and not negative.")
         require_positive("A relaxation time", self.times)
@@ -78,7 +78,7 @@ class Viscoelastic(Solid):
         given = jnp.atleast_1d(parameter(fractions, "The fractions"))
         left = 1 - jnp.sum(given)
         cure = "it is negative or zero: the fractions must add up to less than one."
-        require("The relaxed part of the modulus", known(left), known(left) > 0, cure)
+        require("The relaxed part of the modulus", concrete(left), concrete(left) > 0, cure)
         return cls(glassy.scaled(left), given / left, times)
 
     @classmethod

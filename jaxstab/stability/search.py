@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from jaxstab.contact.hessian import Block, Hessian
-from jaxstab.core.checks import known
+from jaxstab.core.checks import concrete
 from jaxstab.core.compile import program
 from jaxstab.core.conditional import if_needed
 from jaxstab.core.progress import advance_if_known
@@ -37,24 +37,24 @@ def smallest_eigenpairs(
     With `verdict_only` the searches stop at a number that proves the verdict.
     """
     hessian, random = problems.hessian, problems.random
-    touches, is_doubtful = known(problems.touches), known(problems.is_doubtful)
+    touches, is_doubtful = concrete(problems.touches), concrete(problems.is_doubtful)
     is_default = isinstance(solver, ProjectedLOBPCG)
     fast = solver if is_default else ProjectedLOBPCG(solver.tolerance_in(random.dtype))
 
     # All perturbations that the load allows: the linear space around the cone.
     around = _lowest_on_hull(spaces, hessian, problems.cone, random)
     advance_if_known(around)
-    is_proved = verdict_only & (known(around.sign) > 0)
+    is_proved = verdict_only & (concrete(around.sign) > 0)
 
     # The critical cone: a linear space, unless some point touches without pressing.
     is_open, cone = touches & ~is_proved, problems.critical_cone
     hull = if_needed(
         is_open, lambda: _lowest_on_hull(spaces, hessian, cone, random), around.known_before()
     )
-    is_weak = is_open & known(problems.is_weak)
+    is_weak = is_open & concrete(problems.is_weak)
     critical = _lowest_on_cone(fast, spaces, hessian, cone, hull, random, is_weak)
     advance_if_known(critical)
-    is_decided = is_proved | (verdict_only & (known(critical.sign) < 0))
+    is_decided = is_proved | (verdict_only & (concrete(critical.sign) < 0))
 
     # The cone V0+; a solver that the caller has chosen always runs.
     is_open, cone = touches & ~is_decided, problems.cone
@@ -62,8 +62,8 @@ def smallest_eigenpairs(
     lowest = _lowest_on_cone(solver, spaces, hessian, cone, around, random, is_needed)
 
     # A proof, if the eigenvalue on the cone is positive and none is known.
-    lacks_proof = (known(lowest.sign) > 0) & (known(around.sign) <= 0)
-    lacks_proof &= ~known(lowest.pair.proved) & ~is_doubtful
+    lacks_proof = (concrete(lowest.sign) > 0) & (concrete(around.sign) <= 0)
+    lacks_proof &= ~concrete(lowest.pair.proved) & ~is_doubtful
     lowest = if_needed(
         is_open & lacks_proof, lambda: certified(spaces, hessian, cone, lowest, around), lowest
     )
@@ -103,7 +103,7 @@ def _lowest_on_cone(
         lambda: lowest_by_coarser(spaces, solver, *problem[1:]),
         (otherwise, np.True_),
     )
-    return if_needed(~known(is_trusted), lambda: _from_all_starts(*problem, first), first)
+    return if_needed(~concrete(is_trusted), lambda: _from_all_starts(*problem, first), first)
 
 
 @program

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxstab.core.checks import is_traced, known
+from jaxstab.core.checks import concrete, is_traced
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid
 from jaxstab.core.unit_system import unit_of
@@ -37,7 +37,7 @@ def checked_heights(values: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 def require_same_grid(grid: Grid, own: Grid) -> None:
     """Raise `ValueError` if a grid is not a topography's own."""
-    lengths = known(grid.lengths), known(own.lengths)
+    lengths = concrete(grid.lengths), concrete(own.lengths)
     if grid.shape != own.shape or not (is_traced(lengths) or np.allclose(*lengths, ROUNDING, 0)):
         given, expected = (
             times(one.shape) + " points" + ("" if is_traced(x) else f" of {times(x, '.6g')}")

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array, Complex, Int, PRNGKeyArray
 
 from jaxstab.core.checks import (
+    concrete,
     integer,
-    known,
     require,
     require_key,
     require_positive,
@@ -126,7 +126,7 @@ def self_affine(
     order = 0 if rms_slope is None else 1
     heights, num_waves = _filtered_noise(grid, key, hurst, cutoffs, target, exponent, order)
     name = "The number of waves between k_low and k_high"
-    require(name, num_waves, known(num_waves) > 0, "widen the cut-offs.")
+    require(name, num_waves, concrete(num_waves) > 0, "widen the cut-offs.")
     return heights
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.core.checks import (
-    known,
+    concrete,
     parameter,
     require,
     require_finite,
@@ -130,7 +130,7 @@ def wavy_sphere(
     """
     require_grid(grid)
     amplitude = scalar_parameter(amplitude, "The amplitude")
-    require("The amplitude", amplitude, abs(known(amplitude)) < np.inf, "it must be finite.")
+    require("The amplitude", amplitude, abs(concrete(amplitude)) < np.inf, "it must be finite.")
     radius, wavelength = _positive("The radius", radius), _positive("The wavelength", wavelength)
     return _wavy_sphere(grid, radius, amplitude, wavelength)
 
@@ -168,9 +168,9 @@ def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Fie
             "give as many heights as radii, two or more."
         )
     require_finite("The profile", heights)
-    r = known(radii)
+    r = concrete(radii)
     require("The profile", r, (r[0] == 0) & (r[1:] > r[:-1]).all(), "radii must ascend from zero.")
-    corner = (known(grid.lengths) ** 2).sum() ** 0.5 / 2
+    corner = (concrete(grid.lengths) ** 2).sum() ** 0.5 / 2
     cure = f"the corners of the cell lie at {corner}; continue the profile, or take a smaller cell."
     # Rounding must not decide whether it reaches them.
     require("The last radius of the profile", r[-1], r[-1] >= corner * (1 - 1e-6), cure)

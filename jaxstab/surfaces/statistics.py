@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxstab.core.checks import are_finite, is_traced, known, numbers, parameter, require
+from jaxstab.core.checks import are_finite, concrete, is_traced, numbers, parameter, require
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.switches import own_conventions
@@ -183,7 +183,7 @@ def effective_work_of_adhesion(
         TypeError: for anything but a solid.
     """
     heights = _heights_on(_grid_of(solid), heights)
-    given = known(parameter(work, "The work of adhesion"))
+    given = concrete(parameter(work, "The work of adhesion"))
     is_possible = (given >= 0) & (given < np.inf)
     require("The work of adhesion", given, is_possible, "it must be finite, and not negative.")
     squared_slope = sum(slope**2 for slope in _gradient(solid.grid, heights))

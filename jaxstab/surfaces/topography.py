@@ -7,7 +7,7 @@ from typing import Any, Literal
 import jax
 import numpy as np
 
-from jaxstab.core.checks import known
+from jaxstab.core.checks import concrete
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid, require_grid, resample
 from jaxstab.core.unit_system import converted, unit_of

@@ -11,9 +11,9 @@ from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import (
+    concrete,
     integer,
     is_traced,
-    known,
     parameter,
     require,
     require_finite,
@@ -94,7 +94,7 @@ def continuation(
     cure = "give that at which the branch begins and that where it ends."
     require_loads(load, (2,), "continuation takes two loads", cure)
     require_finite("The load", load.value)
-    ends = known(load.value)
+    ends = concrete(load.value)
     require("The load", ends[1:], ends[1:] != ends[:-1], "give two loads that differ.")
     require_same_machine(load)
     number = integer("max_states", max_states)

@@ -13,10 +13,10 @@ from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.batching import by_entries, entry_of
 from jaxstab.core.checks import (
+    concrete,
     integer,
     is_traced,
     is_transformed,
-    known,
     parameter,
     require,
     require_finite,
@@ -164,7 +164,7 @@ def _checked(contact: Contact, load: Load, times: ArrayLike) -> jnp.dtype:
     """Check the arguments, and return the precision of the contact."""
     require_viscoelastic(contact)
     require_load(load)
-    given = known(parameter(times, "The times"))
+    given = concrete(parameter(times, "The times"))
     if given.ndim != 1 or given.size < 2 or load.value.shape != given.shape:
         raise ValueError(
             f"The times have shape {given.shape}, the load has {load.value.shape}: give one value "
