@@ -8,7 +8,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array
 
-from jaxstab.core.checks import concrete, is_spread, is_traced, numbers, require_finite
+from jaxstab.core.checks import concrete, is_sharded, is_traced, numbers, require_finite
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike
 from jaxstab.core.unit_system import unit_of
@@ -78,7 +78,7 @@ def require_sound(
     if topography:
         is_window, wrong = solid.is_window, topography.suspicions
         faults.warn([*topography.wrong_scale, *topography.edge_faults] if is_window else wrong)
-    elif not (is_traced((heights, solid.grid.lengths)) or is_spread(heights)):
+    elif not (is_traced((heights, solid.grid.lengths)) or is_sharded(heights)):
         values = np.asarray(heights)
         marks = faults.marks_missing(values, concrete(solid.grid.lengths))
         faults.warn(marks if marks or solid.is_window else faults.looks_wrong(values))

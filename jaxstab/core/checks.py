@@ -31,18 +31,18 @@ def is_transformed(inputs: PyTree) -> bool:
     return is_traced((inputs, jax.device_put(np.zeros(()))))
 
 
-def is_spread(value: object) -> TypeGuard[Array]:
+def is_sharded(value: object) -> TypeGuard[Array]:
     """Whether `value` is an array sharded over several devices."""
     return isinstance(value, jax.Array) and not is_traced(value) and not value.is_fully_replicated
 
 
 def concrete(value: ArrayLike) -> Any:
     """Return `value` as a NumPy array; a traced or sharded one is returned unchanged."""
-    return value if is_traced(value) or is_spread(value) else np.asarray(value)
+    return value if is_traced(value) or is_sharded(value) else np.asarray(value)
 
 
 def array(value: ArrayLike | np.generic | list, dtype: DTypeLike | None = None) -> Array:
-    """Return a copy of a known value as an array of JAX, without compiling anything."""
+    """Return a copy of a concrete value as an array of JAX, without compiling anything."""
     return jax.device_put(np.array(value, dtype))
 
 
@@ -95,7 +95,7 @@ def cast(tree: Tree, dtype: DTypeLike) -> Tree:
             return leaf
         if isinstance(leaf, jax.Array) and leaf.dtype == dtype and not leaf.weak_type:
             return leaf
-        return leaf.astype(dtype) if is_traced(leaf) or is_spread(leaf) else array(leaf, dtype)
+        return leaf.astype(dtype) if is_traced(leaf) or is_sharded(leaf) else array(leaf, dtype)
 
     return jax.tree.map(cast_leaf, tree)
 

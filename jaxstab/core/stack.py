@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
-from jaxstab.core.checks import concrete, is_spread, is_traced
+from jaxstab.core.checks import concrete, is_sharded, is_traced
 
 Entry = TypeVar("Entry")
 
@@ -60,7 +60,7 @@ def stacked(entries: Sequence[Entry], like: Entry) -> Entry:
     """Stack results along a leading axis; `like` gives the shapes where there are none."""
 
     def stack(one: Array, *leaves: Array) -> Array:
-        if leaves and is_spread(leaves[0]):
+        if leaves and is_sharded(leaves[0]):
             return jnp.stack(leaves)
         # NumPy stacks them, since JAX would compile for every number of entries.
         empty = np.zeros((0, *one.shape), one.dtype)
