@@ -109,7 +109,7 @@ class Contact(eqx.Module):
             )
         given, topography = as_heights(heights, solid.grid)
         relative, datum = relative_heights(given)
-        self.heights = solid.grid.placed(relative)
+        self.heights = solid.grid.device_put(relative)
         dtype = self.heights.dtype
         self.datum = datum.astype(dtype) if isinstance(datum, jax.Array) else array(datum, dtype)
         if dtype not in (jnp.float32, jnp.float64):

@@ -85,7 +85,7 @@ def require_sound(
 
 
 def law_on(grid: Grid, potential: Potential, dtype: DTypeLike) -> Potential:
-    """Return a law as a module in a precision, its varying parameters placed on a grid."""
+    """Return a law as a module in a precision, its varying parameters on the devices of a grid."""
     law = as_module(potential, dtype)
     fields = varying_fields(law)
     for field in fields:
@@ -94,4 +94,4 @@ def law_on(grid: Grid, potential: Potential, dtype: DTypeLike) -> Potential:
                 f"A parameter of the law varies over points of shape {field.shape}, the "
                 f"heights have shape {grid.shape}: give one for each point."
             )
-    return with_fields(law, list(map(grid.placed, fields)))
+    return with_fields(law, list(map(grid.device_put, fields)))

@@ -19,5 +19,5 @@ def continued_surface(solid: Solid, heights: Field, law: Potential) -> tuple[Fie
     # Not deeper than need be, as digits are lost to it.
     depth = _DEPTH * spread + jnp.max(solid.grid.spacing).astype(heights.dtype)
     fields = [mirrored(field) for field in varying_fields(law)]
-    is_there = solid.grid.placed(where_window(heights))
+    is_there = solid.grid.device_put(where_window(heights))
     return padded(heights, lowest - depth), Within(with_fields(law, fields), is_there)

@@ -118,9 +118,9 @@ class Grid(eqx.Module):
             jnp.arange(n, dtype=dx.dtype) * dx
             for n, dx in zip(self.shape, self.spacing, strict=True)
         ]
-        return tuple(map(self.placed, jnp.meshgrid(*sides, indexing="ij")))
+        return tuple(map(self.device_put, jnp.meshgrid(*sides, indexing="ij")))
 
-    def placed(self, field: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."]:
+    def device_put(self, field: Shaped[Array | np.ndarray, "..."]) -> Shaped[Array, "..."]:
         """Put a field, a stack of fields or a spectrum on the grid's devices."""
         if self.sharding is None:
             return array(field) if isinstance(field, np.ndarray) else field
@@ -164,7 +164,7 @@ class Grid(eqx.Module):
         squared = sum((k.astype(ratio.dtype) * ratio) ** 2 for k, ratio in sides)
         # Two `where`s keep the infinite derivative of the root at zero out of the gradient.
         norm = jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)
-        return self.placed(2 * jnp.pi / longest * norm)
+        return self.device_put(2 * jnp.pi / longest * norm)
 
     @property
     def waves(self) -> tuple[Float[np.ndarray, "..."], ...]:
@@ -187,7 +187,7 @@ class Grid(eqx.Module):
         column = self._filled_up(column, "constant")
         if self.sharding is None:
             return jnp.broadcast_to(column, (*self.shape[:-1], column.size))
-        return self.placed(jnp.broadcast_to(column[:, None], (column.size, self.shape[0])))
+        return self.device_put(jnp.broadcast_to(column[:, None], (column.size, self.shape[0])))
 
     def _filled_up(self, column: np.ndarray, mode: Literal["edge", "constant"]) -> np.ndarray:
         """Pad a column of values along the last side to the stored number of modes."""

@@ -234,7 +234,7 @@ def initial_gap(contact: Contact, load: Load, initial: ArrayLike | State | None)
         gap = numbers(initial, "The initial gap")
     if gap.shape != shape:
         raise ValueError(f"The initial gap has shape {gap.shape}, the grid {shape}.")
-    gap = contact.grid.placed(gap)
+    gap = contact.grid.device_put(gap)
     require_finite("The initial gap", gap)
     if contact.control(load).fixes_mean:
         largest = concrete(gap).max()

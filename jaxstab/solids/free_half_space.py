@@ -148,14 +148,14 @@ class FreeHalfSpace(Solid):
 
 @jax.jit
 def _first(padded: Padded, field: Array) -> Array:
-    return padded.grid.placed(field[(..., *(slice(n) for n in padded.window))])
+    return padded.grid.device_put(field[(..., *(slice(n) for n in padded.window))])
 
 
 @program
 def _whole(grid: Grid, modulus: Scalar) -> Padded:
     doubled = tuple(2 * n for n in grid.shape)
     whole = Grid(doubled, 2 * grid.lengths, sharding=grid.sharding)
-    compliance = whole.transform(whole.placed(_coefficients(grid, doubled))).real
+    compliance = whole.transform(whole.device_put(_coefficients(grid, doubled))).real
     # Padding modes get the compliance of a wave.
     compliance = jnp.where(whole.mode_multiplicity > 0, compliance, compliance.ravel()[1])
     return Padded.of(whole, modulus / compliance)

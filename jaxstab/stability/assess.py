@@ -250,12 +250,12 @@ def _problems(
     weak = in_contact & (balance.net <= error)
     nearly_touching = ~in_contact & (gap * hessian.solid.max_stiffness <= error)
     # Where there is nothing to assess, nothing moves.
-    nowhere = contact.grid.placed(jnp.zeros_like(in_contact) | ~is_found)
+    nowhere = contact.grid.device_put(jnp.zeros_like(in_contact) | ~is_found)
     problems = Eigenproblems(
         hessian=hessian,
         cone=AdmissibleCone(in_contact, nowhere, control.fixes_mean),
         critical_cone=AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean),
-        random=contact.grid.placed(noise(key, _NUM_RANDOM, gap)),
+        random=contact.grid.device_put(noise(key, _NUM_RANDOM, gap)),
         nearly_touching=nearly_touching,
         touches=jnp.any(in_contact),
         is_weak=jnp.any(weak),

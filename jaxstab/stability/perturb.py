@@ -55,7 +55,7 @@ def release(
     x = numbers(mode, "The mode")
     if x.shape != contact.grid.shape:
         raise ValueError(f"The mode has shape {x.shape}, the grid {contact.grid.shape}.")
-    x = contact.grid.placed(x)
+    x = contact.grid.device_put(x)
     require_finite("The mode", x)
     cure = "release a converged one."
     is_finite = jnp.all(jnp.isfinite(equilibrium.gap))

@@ -159,8 +159,8 @@ def _wave_noise(grid: Grid, key: PRNGKeyArray) -> Complex[Array, " *modes"]:
     is_conjugate = (along == 0) & (k < 0)
     # On a line the high bits of a wave take the place of the wave across.
     rest = 0 if across else along >> 16
-    label = grid.placed((jnp.where(is_conjugate, -k, k) & 0xFFFF) | (along << 16) | rest)
+    label = grid.device_put((jnp.where(is_conjugate, -k, k) & 0xFFFF) | (along << 16) | rest)
     keys = jax.vmap(jax.random.fold_in, (None, 0))(key, label.ravel().astype(jnp.uint32))
     real, imaginary = jax.vmap(lambda key: jax.random.normal(key, (2,)))(keys).T
     noise = (real + 1j * jnp.where(is_conjugate.ravel(), -imaginary, imaginary)) * grid.size
-    return grid.placed(noise.reshape(label.shape))
+    return grid.device_put(noise.reshape(label.shape))

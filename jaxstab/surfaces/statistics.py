@@ -209,7 +209,7 @@ def _heights_on(grid: Grid, heights: object) -> Field:
         raise ValueError(
             f"heights have shape {heights.shape}, the grid {grid.shape}: they must agree."
         )
-    return grid.placed(heights)
+    return grid.device_put(heights)
 
 
 def _complete(heights: object) -> Float[Array | np.ndarray, " *grid"]:

@@ -105,7 +105,7 @@ def on_one_device(*spec, names=("x",)):
 def test_the_spectrum_of_a_spread_field_is_that_of_numpy(shape):
     grid = js.Grid(shape, (1.0, 3.0), sharding=on_one_device("x"))
     field = np.random.default_rng(0).normal(size=shape)
-    modes = grid.transform(grid.placed(field))
+    modes = grid.transform(grid.device_put(field))
     np.testing.assert_allclose(modes.T, np.fft.rfft2(field), atol=1e-12)
     np.testing.assert_allclose(grid.inverse_transform(modes), field, atol=1e-12)
     single = js.Grid(shape, (1.0, 3.0))

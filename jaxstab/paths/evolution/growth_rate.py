@@ -80,7 +80,7 @@ def _singular_stiffening(contact: Contact, equilibrium: Equilibrium, glassy: Sca
         _, slope = jax.jvp(lambda c: total(mode * operator(c)(mode)), (c,), (jnp.ones_like(c),))
         return jnp.clip(c - found.pair.eigenvalue / slope, 1, glassy), c, found.modes, number + 1
 
-    starts = contact.grid.placed(noise(jax.random.key(0), BLOCK_SIZE, gap))
+    starts = contact.grid.device_put(noise(jax.random.key(0), BLOCK_SIZE, gap))
     state = glassy, jnp.full_like(glassy, jnp.inf), starts, jnp.array(0)
     c, _, _, number = jax.lax.while_loop(goes_on, step, state)
     return jnp.where(space.is_trivial, 1, jnp.where(number < _MAX_STEPS, c, jnp.nan))
