@@ -75,7 +75,7 @@ def whole(tree):
 def window(grid):
     solid = js.FreeHalfSpace(grid, 1.0)
     displacement = solid.displacement(grid.device_put(np.eye(N)))
-    return {"window": displacement, "whole_on_window": whole((displacement, solid.whole))}
+    return {"window": displacement, "whole_on_window": whole((displacement, solid.padded))}
 
 
 def programs(grid):

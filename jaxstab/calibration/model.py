@@ -15,7 +15,7 @@ from jaxstab.contact import Contact
 from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
-from jaxstab.equilibrium.window import whole_start
+from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load
 
 Order = Literal["continuation", "independent"]
@@ -105,8 +105,8 @@ class Model:
         """Return the mean pressure at one load, and the gap, the start of the next load."""
         offset, baseline = values[-2:]
         load = load.at(load.value - offset)
-        whole, start = whole_start(self.contact_at(values), load, start)
-        inputs = jax.lax.stop_gradient((whole, load, PreconditionedConjugateGradient(), start))
-        found = with_derivatives(whole, load, find_equilibrium(*inputs)).on_surface(whole.solid)
+        padded, start = padded_start(self.contact_at(values), load, start)
+        inputs = jax.lax.stop_gradient((padded, load, PreconditionedConjugateGradient(), start))
+        found = with_derivatives(padded, load, find_equilibrium(*inputs)).on_surface(padded.solid)
         is_found = found.result == RESULTS.successful
         return jnp.where(is_found, found.mean_pressure, jnp.nan) + baseline, found.gap

@@ -136,9 +136,9 @@ class Contact(eqx.Module):
         return self.profile.has_core if known is None else known
 
     @property
-    def whole(self) -> "Contact":
+    def padded(self) -> "Contact":
         """The same contact on the grid that it is solved on: on a window a larger one."""
-        solid = self.solid.whole
+        solid = self.solid.padded
         if solid is self.solid:
             return self
         continued = solid, *continued_surface(solid, self.heights, self.potential)

@@ -82,13 +82,13 @@ def equilibrate(
     cure = "use jaxstab.sweep, or jax.vmap."
     require_loads(load, (), "equilibrate takes one load", cure)
     solver = solver_or_default(solver, EquilibriumSolver, PreconditionedConjugateGradient)
-    whole, start = posed(contact, load, initial)
+    padded, start = posed(contact, load, initial)
     if start is None:
         # One program for all starts.
-        start = _undeformed(load, whole.solid, whole.heights, whole.datum)
+        start = _undeformed(load, padded.solid, padded.heights, padded.datum)
     equilibrium = answer(
         find_equilibrium,
-        whole,
+        padded,
         load,
         solver,
         start,
@@ -110,7 +110,7 @@ def posed(
 ) -> tuple[Contact, Field | None]:
     """Return a checked contact on the grid that it is solved on, and a gap there to start from."""
     warn_if_coarse(contact, needed)
-    return whole_start(contact, load, initial_gap(contact, load, initial))
+    return padded_start(contact, load, initial_gap(contact, load, initial))
 
 
 @program

@@ -8,7 +8,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.grid import total
 from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium.equilibrium import Equilibrium
-from jaxstab.equilibrium.window import whole_state
+from jaxstab.equilibrium.window import padded_state
 
 # In units of the precision: what rounding may add to a residual, and to a load that is met.
 _ROUNDING = 1e3
@@ -17,7 +17,7 @@ _ROUNDING = 1e3
 @program
 def recognised(contact: Contact, equilibrium: Equilibrium) -> RESULTS:
     """Return whether a state is in equilibrium in this contact, under its load."""
-    contact, equilibrium = whole_state(contact, equilibrium)
+    contact, equilibrium = padded_state(contact, equilibrium)
     unit = contact.own_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     control = contact.control(equilibrium.load)

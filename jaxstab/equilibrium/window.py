@@ -32,22 +32,22 @@ class WindowWarning(UserWarning):
     """The contact is not small at the edges of the window that it is solved on."""
 
 
-def whole_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Equilibrium]:
+def padded_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Equilibrium]:
     """Return a contact and its equilibrium on the grid that it is solved on.
 
     Outside of the window the displacement is that which the pressures on it make there.
     """
-    whole = contact.whole
-    solid = whole.solid
-    if whole is contact:
+    extended = contact.padded
+    solid = extended.solid
+    if extended is contact:
         return contact, equilibrium
     shape = solid.displacement(padded(equilibrium.pressure, 0))
     window = equilibrium.gap + contact.heights
     far = mean(window - solid.surface(shape))
     is_there = where_window(equilibrium.gap)
     displacement = jnp.where(is_there, padded(window, 0), shape + far)
-    gap = jnp.where(is_there, padded(equilibrium.gap, 0), displacement - whole.heights)
-    return whole, replace(
+    gap = jnp.where(is_there, padded(equilibrium.gap, 0), displacement - extended.heights)
+    return extended, replace(
         equilibrium,
         displacement=displacement + contact.datum,
         gap=gap,
@@ -57,20 +57,20 @@ def whole_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Eq
     )
 
 
-def whole_start(contact: Contact, load: Load, gap: Start) -> tuple[Contact, Start | Field]:
+def padded_start(contact: Contact, load: Load, gap: Start) -> tuple[Contact, Start | Field]:
     """Return a contact on the grid that it is solved on, and a gap there to start from.
 
     Outside of the window its displacement leaves no pressure. By default it is on a window the gap
     of the undeformed solid, elsewhere none.
     """
-    whole = contact.whole
-    if whole is contact:
+    extended = contact.padded
+    if extended is contact:
         return contact, gap
-    constant, window, load, gap = jax.lax.stop_gradient((whole, contact, load, gap))
+    constant, window, load, gap = jax.lax.stop_gradient((extended, contact, load, gap))
     if gap is None:
         # A solid that is not deformed has no pressures anywhere.
-        return whole, _continued(constant, window.control(load).starting_gap(window.heights))
-    return whole, _relaxed_outside(constant, load, gap)
+        return extended, _continued(constant, window.control(load).starting_gap(window.heights))
+    return extended, _relaxed_outside(constant, load, gap)
 
 
 def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
@@ -92,23 +92,23 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
 
 
 @program
-def _continued(whole: Contact, gap: Field) -> Field:
+def _continued(extended: Contact, gap: Field) -> Field:
     """Return a gap of which the displacement goes on outside of the window by its mirror images."""
     is_there = where_window(gap)
-    displacement = mirrored(gap + whole.solid.surface(whole.heights))
-    return jnp.where(is_there, padded(gap, 0), displacement - whole.heights)
+    displacement = mirrored(gap + extended.solid.surface(extended.heights))
+    return jnp.where(is_there, padded(gap, 0), displacement - extended.heights)
 
 
 @program
-def _relaxed_outside(whole: Contact, load: Load, gap: Field) -> Field:
-    solid, control = whole.solid, whole.control(load)
+def _relaxed_outside(extended: Contact, load: Load, gap: Field) -> Field:
+    solid, control = extended.solid, extended.control(load)
     is_outside = ~where_window(gap)
-    start = _continued(whole, gap)
+    start = _continued(extended, gap)
     hessian = Hessian(solid, jnp.zeros_like(start), control.stiffness, is_outside)
     system = LinearSystem(
         hessian,
         hessian.inverse(solid.min_stiffness),
         lambda field: jnp.where(is_outside, field, 0),
     )
-    move, _ = system.solution(-control.net_pressure(whole.gradient(start), start))
+    move, _ = system.solution(-control.net_pressure(extended.gradient(start), start))
     return jnp.maximum(start + jnp.where(is_outside, move, 0), 0)

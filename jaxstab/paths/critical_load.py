@@ -29,7 +29,7 @@ from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find, first_gap
 from jaxstab.equilibrium.equilibrium import State, fields_of
-from jaxstab.equilibrium.window import whole_start
+from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, require_loads, require_same_machine
 from jaxstab.paths.curve.critical_load import CriticalLoad, critical_load_at
 from jaxstab.paths.curve.limit import Limit, limit_of
@@ -93,13 +93,13 @@ def critical_load(
     require_loads(bracket, (2,), "critical_load takes two loads", cure)
     require_same_machine(bracket)
     warn_if_coarse(contact, FOR_JUMPS)
-    whole, starts = contact, []
+    padded, starts = contact, []
     for load in bracket:
-        whole, start = whole_start(contact, load, first_gap(contact, load, initial))
+        padded, start = padded_start(contact, load, first_gap(contact, load, initial))
         starts.append(start)
     return answer(
         _search,
-        whole,
+        padded,
         bracket,
         starts,
         bar=(_NUM_SEARCHES, "search", progress),

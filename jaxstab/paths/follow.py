@@ -20,7 +20,7 @@ from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrate import first_gap
 from jaxstab.equilibrium.equilibrium import State
-from jaxstab.equilibrium.window import whole_start
+from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.derivatives import with_derivatives
 from jaxstab.paths.path import Path, PathInterrupted
@@ -114,10 +114,10 @@ def follow(
     require("max_jumps", sizes[1], sizes[1] >= 1, "leave room for one.")
     warn_if_coarse(contact, FOR_JUMPS)
     start = first_gap(contact, load[0], initial)
-    whole, start = whole_start(contact, load[0], start)
+    padded, start = padded_start(contact, load[0], start)
     return answer(
         partial(_search, fields, sizes),
-        whole,
+        padded,
         load,
         start,
         least,

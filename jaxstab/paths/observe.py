@@ -19,7 +19,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.equilibrium.observables.observable import Observable
 from jaxstab.equilibrium.observables.patches import require_known
-from jaxstab.equilibrium.window import whole_start
+from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load
 from jaxstab.paths.curve.branch import Branch
 from jaxstab.paths.evolution.evolution import Evolution
@@ -138,8 +138,8 @@ def _gaps(contact: Contact, equilibrium: States | Equilibrium) -> np.ndarray:
 
 
 def _state(contact: Contact, load: Load, gap: np.ndarray) -> Equilibrium:
-    whole, start = whole_start(contact, load, jax.device_put(gap))
-    return _state_on(whole, load, start).on_surface(whole.solid)
+    padded, start = padded_start(contact, load, jax.device_put(gap))
+    return _state_on(padded, load, start).on_surface(padded.solid)
 
 
 _state_on = program(state_at)

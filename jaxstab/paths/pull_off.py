@@ -18,7 +18,7 @@ from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.equilibrium import State, single_start
-from jaxstab.equilibrium.window import whole_start
+from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, MeanPressure, Spring
 from jaxstab.paths.curve.critical_load import CriticalLoad, critical_load_at
 from jaxstab.paths.curve.limit import Limit, limit_ahead
@@ -87,7 +87,7 @@ def pull_off(
         load.warn_if_soft(contact.solid)
     return answer(
         _search,
-        whole,
+        padded,
         load,
         start,
         bar=(100, "%", progress),

@@ -55,7 +55,7 @@ class FreeHalfSpace(Solid):
     rest far away: d is the displacement at a distance L, the window's length, from a line of
     force, and G is the integral of -2 / pi ln(r / L).
 
-    Computations run on twice the points a side (`Contact.whole`, which also has the energy and the
+    Computations run on twice the points a side (`Contact.padded`, which also has the energy and the
     Hessian of a gap); results show the window only. Eigenvalues and the unit norm of modes include
     displacements outside of the window. The energy of equilibria leaves out the energy of a uniform
     pressure on twice the window.
@@ -86,29 +86,29 @@ class FreeHalfSpace(Solid):
         return contact_modulus(self.youngs_modulus, self.poisson_ratio)
 
     @property
-    def whole(self) -> Padded:
+    def padded(self) -> Padded:
         """This solid on the padded grid."""
         return _whole(self.grid, self.contact_modulus)
 
     @property
     def max_stiffness(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The stiffness of the padded grid's stiffest wave [pressure/length]."""
-        return self.whole.max_stiffness
+        return self.padded.max_stiffness
 
     @property
     def min_stiffness(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The stiffness of its softest wave except q = 0 [pressure/length]."""
-        return self.whole.min_stiffness
+        return self.padded.min_stiffness
 
     @property
     def uniform_stiffness(self) -> Scalar:
         """A uniform pressure on the padded grid over its displacement [pressure/length]."""
-        return self.whole.uniform_stiffness
+        return self.padded.uniform_stiffness
 
     @property
     def is_valid(self) -> Array:
         """Whether every wave's stiffness is positive, and a number of full precision."""
-        return self.whole.is_valid
+        return self.padded.is_valid
 
     def scaled(self, factor: Scalar) -> "FreeHalfSpace":
         """Return the half space with its modulus times a factor."""
@@ -119,31 +119,31 @@ class FreeHalfSpace(Solid):
         """Raise `TypeError`: here a uniform displacement takes a pressure that is not uniform."""
         raise TypeError(
             "Energies, gradients, Hessians and balances of a contact on a FreeHalfSpace live on "
-            "twice its points a side: use `contact.whole`."
+            "twice its points a side: use `contact.padded`."
         )
 
     @program
     def displacement(self, pressure: Field) -> Field:
         """Return G p, the displacement under a pressure on the window [length]."""
-        whole = self.whole
-        return whole.surface(whole.displacement(padded(pressure, 0)))
+        larger = self.padded
+        return larger.surface(larger.displacement(padded(pressure, 0)))
 
     @program
     def apply(self, displacement: Field) -> Field:
         """Return the pressure of a displacement of the window; NaN if it is not found."""
-        whole = self.whole
+        larger = self.padded
 
         def precondition(field: Field) -> Field:
-            return whole.surface(whole.apply(padded(field, 0)))
+            return larger.surface(larger.apply(padded(field, 0)))
 
         system = LinearSystem(self.displacement, precondition, lambda field: field)
         return system.differentiable_solution(displacement)
 
     def precondition(self, shift: Scalar) -> FieldMap:
         """Return the window of the inverse of K + shift on the padded grid."""
-        whole = self.whole
-        inverse = whole.precondition(shift)
-        return lambda field: whole.surface(inverse(padded(field, 0)))
+        larger = self.padded
+        inverse = larger.precondition(shift)
+        return lambda field: larger.surface(inverse(padded(field, 0)))
 
 
 @jax.jit
@@ -154,11 +154,11 @@ def _first(padded: Padded, field: Array) -> Array:
 @program
 def _whole(grid: Grid, modulus: Scalar) -> Padded:
     doubled = tuple(2 * n for n in grid.shape)
-    whole = Grid(doubled, 2 * grid.lengths, sharding=grid.sharding)
-    compliance = whole.transform(whole.device_put(_coefficients(grid, doubled))).real
+    larger = Grid(doubled, 2 * grid.lengths, sharding=grid.sharding)
+    compliance = larger.transform(larger.device_put(_coefficients(grid, doubled))).real
     # Padding modes get the compliance of a wave.
-    compliance = jnp.where(whole.mode_multiplicity > 0, compliance, compliance.ravel()[1])
-    return Padded.of(whole, modulus / compliance)
+    compliance = jnp.where(larger.mode_multiplicity > 0, compliance, compliance.ravel()[1])
+    return Padded.of(larger, modulus / compliance)
 
 
 def _coefficients(grid: Grid, doubled: tuple[int, ...]) -> Field:

@@ -44,7 +44,7 @@ class Solid(eqx.Module):
         require_grid(self.grid)
 
     @property
-    def whole(self) -> "Solid":
+    def padded(self) -> "Solid":
         """The solid on the grid of the computation, which is larger than a window's grid."""
         return self
 

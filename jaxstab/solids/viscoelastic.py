@@ -159,10 +159,10 @@ class Viscoelastic(Solid):
         return 1 + jnp.sum(loss * turns, axis=-1), jnp.sum(loss, axis=-1)
 
     @property
-    def whole(self) -> "Viscoelastic":
+    def padded(self) -> "Viscoelastic":
         """The solid on the grid of the computation."""
-        whole = self.solid.whole
-        return self if whole is self.solid else eqx.tree_at(lambda s: s.solid, self, whole)
+        padded = self.solid.padded
+        return self if padded is self.solid else eqx.tree_at(lambda s: s.solid, self, padded)
 
     @property
     def is_valid(self) -> Flag:

@@ -26,7 +26,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.derivatives import third_derivative
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.verify import recognised_by
-from jaxstab.equilibrium.window import whole_state
+from jaxstab.equilibrium.window import padded_state
 from jaxstab.stability.barrier import differentiable as differentiable_margins
 from jaxstab.stability.barrier import margins_of, pressure_scale
 from jaxstab.stability.cones import AdmissibleCone, Subspace
@@ -120,7 +120,7 @@ def assess_stability(
     solver = solver_or_default(solver, ConeSolver, ProjectedLOBPCG)
     key = jax.random.key(0) if key is None else key
     require_key(key)
-    contact, equilibrium = whole_state(contact, equilibrium)
+    contact, equilibrium = padded_state(contact, equilibrium)
     return answer(
         partial(_assess, verdict_only),
         contact,

@@ -20,7 +20,7 @@ from jaxstab.core.types import Field
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.verify import recognised
-from jaxstab.equilibrium.window import whole_state
+from jaxstab.equilibrium.window import padded_state
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpair import Eigenpair
 from jaxstab.stability.solvers.base import ModesProblem, SpaceSolver
@@ -77,7 +77,7 @@ def lowest_modes(
     solver = solver_or_default(solver, SpaceSolver, Davidson)
     key = jax.random.key(0) if key is None else key
     require_key(key)
-    contact, equilibrium = whole_state(contact, equilibrium)
+    contact, equilibrium = padded_state(contact, equilibrium)
     most = contact.grid.size - contact.control(equilibrium.load).fixes_mean
     if count > most:
         raise ValueError(f"count is {count}, but {most} directions are admissible: ask for fewer.")

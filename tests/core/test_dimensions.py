@@ -53,7 +53,7 @@ def test_every_field_of_a_result_has_a_dimension():
 
 
 def test_pressures_change_their_unit_and_fields_are_cropped_also_within():
-    solid = js.FreeHalfSpace(js.Grid((2,), (1.0,)), 1.0).whole
+    solid = js.FreeHalfSpace(js.Grid((2,), (1.0,)), 1.0).padded
     inner = Result(jnp.array([3.0, 5.0]), jnp.arange(8.0).reshape(2, 4))
     outer = Result(jnp.array(6.0), None, jnp.arange(4) > 0, jnp.array(7), inner)
     found = jax.jit(lambda x: x.in_units_of(jnp.array(2.0)).on_surface(solid))(outer)

@@ -177,7 +177,7 @@ def test_energies_and_hessians_of_a_gap_are_those_of_the_whole():
     contact = sphere_contact(16)
     state = js.equilibrate(contact, js.FarDisplacement(-0.01))
     for ask in (contact.energy, contact.hessian, lambda gap: contact.gradient(gap)):
-        with pytest.raises(TypeError, match=r"twice its points a side: use `contact\.whole`"):
+        with pytest.raises(TypeError, match=r"twice its points a side: use `contact\.padded`"):
             ask(state.gap)
 
 

@@ -136,11 +136,11 @@ def _pressure(kind: type[HalfSpace | FreeHalfSpace], grid: Grid, touches: Mask) 
         return jnp.where(touches, field, 0)
 
     shift = solid.min_stiffness
-    whole = solid.whole
+    padded = solid.padded
 
     def stiffen(field: Field) -> Field:
         if isinstance(solid, FreeHalfSpace):
-            return whole.surface(whole.apply(jnp.pad(field, [(0, n) for n in field.shape])))
+            return padded.surface(padded.apply(jnp.pad(field, [(0, n) for n in field.shape])))
         return solid.apply(field) + shift * field
 
     return LinearSystem(solid.displacement, stiffen, apart).differentiable_solution(field)

@@ -132,10 +132,10 @@ def transition(
     require_loads(load, (), "transition takes one load", "use jax.vmap.")
     number = integer("num_images", num_images)
     require("num_images", number, number >= 3, "a string has a state between its ends.")
-    (whole, first), (_, last) = (posed(contact, load, s, FOR_JUMPS) for s in (start, end))
+    (padded, first), (_, last) = (posed(contact, load, s, FOR_JUMPS) for s in (start, end))
     return answer(
         partial(_search, number),
-        whole,
+        padded,
         load,
         first,
         last,

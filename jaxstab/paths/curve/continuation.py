@@ -28,7 +28,7 @@ from jaxstab.core.warn import warn
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.equilibrium import State
-from jaxstab.equilibrium.window import whole_start
+from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, require_loads, require_same_machine
 from jaxstab.paths.curve.branch import Branch, Turn
 from jaxstab.paths.curve.march import Entry, Task, Walk, begin, entry_of, is_same, next_walk
@@ -106,10 +106,10 @@ def continuation(
     warn_if_coarse(contact, FOR_JUMPS)
     is_state = isinstance(getattr(initial, "equilibrium", initial), Equilibrium)
     start = initial_gap(contact, load[0], initial)
-    whole, start = whole_start(contact, load[0], start)
+    padded, start = padded_start(contact, load[0], start)
     return answer(
         partial(_search, number, fields, is_state),
-        whole,
+        padded,
         load,
         start,
         steps,

@@ -126,7 +126,7 @@ class Evolution(Totals):
             energy=self.stored,
             work=self.work,
             dissipation=self.lost,
-            gap=None if kept is None else jax.lax.map(contact.solid.whole.surface, kept.gap),
+            gap=None if kept is None else jax.lax.map(contact.solid.padded.surface, kept.gap),
             units=contact.units,
             is_window=contact.solid.is_window,
         )
@@ -134,7 +134,7 @@ class Evolution(Totals):
     @property
     def gap(self) -> Field:
         """The gap of a single state, or of the last one [length]."""
-        return self.contact.solid.whole.surface(self.internal.gap)
+        return self.contact.solid.padded.surface(self.internal.gap)
 
     @property
     def instant(self) -> tuple[Contact, Equilibrium]:
@@ -143,10 +143,10 @@ class Evolution(Totals):
         The solid is the glassy one, on a surface moved by the memory; on a window both are those of
         the larger grid that it is solved on.
         """
-        whole, gap = self.contact.whole, self.internal.gap
-        contact = moved_contact(whole, self.internal, jnp.zeros((), gap.dtype))
+        padded, gap = self.contact.padded, self.internal.gap
+        contact = moved_contact(padded, self.internal, jnp.zeros((), gap.dtype))
         load = self.load if self.load.value.ndim == 0 else self.load[-1]
-        return contact, state_at(contact, load_on(contact, whole, load), gap)
+        return contact, state_at(contact, load_on(contact, padded, load), gap)
 
     def __repr__(self) -> str:
         try:

@@ -31,7 +31,7 @@ from jaxstab.core.types import ArrayLike
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import initial_gap
-from jaxstab.equilibrium.window import whole_start
+from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.evolution.evolution import Evolution, Totals, relaxed_contact
 from jaxstab.paths.evolution.march import (
@@ -110,8 +110,8 @@ def evolve(
     number = integer("max_steps", max_steps)
     require("max_steps", number, number > 0, "it must be positive.")
     room = jnp.zeros(number, dtype)
-    whole = contact.whole
-    inputs = whole, load, instants, _start(contact, load[0], initial)
+    padded = contact.padded
+    inputs = padded, load, instants, _start(contact, load[0], initial)
     constant, held, _, begin = jax.lax.stop_gradient(inputs)
     legs = jax.lax.stop_gradient(_legs(load, instants))
     start = begin, Table(Step(room.astype(int), room, room, room), jnp.array(0))
@@ -179,7 +179,7 @@ def _checked(contact: Contact, load: Load, times: ArrayLike) -> jnp.dtype:
 
 def _start(contact: Contact, load: Load, initial: Any) -> Moment:
     """Return the state at the first time."""
-    whole, dtype = contact.whole, contact.heights.dtype
+    padded, dtype = contact.padded, contact.heights.dtype
     if isinstance(initial, Evolution):
         require_same_contact(contact, initial.contact, "The initial evolution")
         memory = initial.internal
@@ -191,9 +191,9 @@ def _start(contact: Contact, load: Load, initial: Any) -> Moment:
         strains = jnp.zeros((springs(whole)[0].size, *whole.grid.shape), dtype)
         memory, found = next_state(whole, held, Internal(gap, strains), long)
         if held is load:
-            return first_moment(whole, load, memory, found)
+            return first_moment(padded, load, memory, found)
     # A state with a memory, or of another load, answers to the load at once.
-    return first_moment(whole, load, *next_state(whole, load, memory, jnp.zeros((), dtype)))
+    return first_moment(padded, load, *next_state(padded, load, memory, jnp.zeros((), dtype)))
 
 
 def _legs(load: Load, times: Float[Array, " times"]) -> Leg:
