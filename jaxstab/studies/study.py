@@ -25,7 +25,7 @@ from jaxstab.core.optional_packages import require_packages, versions
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.warn import warn
 from jaxstab.studies.cases import LISTED, MARKS, RECORD, Case, Cases, read_axes
-from jaxstab.studies.worker import Worker
+from jaxstab.studies.worker import CaseWorker
 
 if TYPE_CHECKING:
     import xarray
@@ -111,7 +111,7 @@ def study(
             file.unlink(missing_ok=True)
             del before[file]
         left = [x for file, x in files.items() if file not in before]
-        worker = Worker(case, cases, batch, uuid4().hex[:8])
+        worker = CaseWorker(case, cases, batch, uuid4().hex[:8])
         if is_ours:
             signal.signal(signal.SIGINT, stop)
         tasks = [left[i : i + batch] for i in range(0, len(left), batch)]

@@ -16,7 +16,7 @@ _MOST_DEATHS = 3
 
 
 @dataclass
-class Worker:
+class CaseWorker:
     """Runs cases and writes their files; it marks those that it begins, in its driver's name."""
 
     case: Callable[..., object]
