@@ -32,11 +32,12 @@ from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Scalar
 from jaxstab.core.unit_system import Units
 from jaxstab.core.units import LENGTH
-from jaxstab.loads import Control, Load
-from jaxstab.potentials import Potential, Scaled, curvature, energy_density, everywhere, slope
+from jaxstab.loads.load import Control, Load
+from jaxstab.potentials.evaluation import curvature, energy_density, slope
 from jaxstab.potentials.jumps import law_jump, require_no_jump
 from jaxstab.potentials.profile import Profile, profile_of, require_smooth
-from jaxstab.solids import Solid
+from jaxstab.potentials.varying import Potential, Scaled, everywhere
+from jaxstab.solids.solid import Solid
 
 if TYPE_CHECKING:
     from jaxstab.surfaces import Topography

@@ -11,7 +11,7 @@ from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import Dimensioned
-from jaxstab.solids import Solid
+from jaxstab.solids.solid import Solid
 
 
 class _Result(Protocol):

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from jaxstab.core import model
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, FieldMap, Mask, Scalar
-from jaxstab.solids import Solid, apart_from_mean
+from jaxstab.solids.solid import Solid, apart_from_mean
 
 # Several fields along a leading axis.
 Block = Float[Array, "block *grid"]

@@ -12,8 +12,9 @@ from jaxstab.core.checks import concrete, is_sharded, is_traced, numbers, requir
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike
 from jaxstab.core.unit_system import unit_of
-from jaxstab.potentials import Potential, as_module, varying_fields, with_fields
-from jaxstab.solids import Solid
+from jaxstab.potentials.evaluation import as_module
+from jaxstab.potentials.varying import Potential, varying_fields, with_fields
+from jaxstab.solids.solid import Solid
 
 if TYPE_CHECKING:
     from jaxstab.surfaces import Topography

@@ -8,9 +8,10 @@ import jax.numpy as jnp
 from jaxstab.core import model
 from jaxstab.core.grid import totals
 from jaxstab.core.types import Field, Flag, Scalar
-from jaxstab.loads import Control
-from jaxstab.potentials import Potential, derivatives
-from jaxstab.solids import Solid
+from jaxstab.loads.load import Control
+from jaxstab.potentials.evaluation import derivatives
+from jaxstab.potentials.varying import Potential
+from jaxstab.solids.solid import Solid
 
 # How much the mean of what is missed counts beside its rms.
 _MEAN_SHARE = 1e-2

@@ -3,7 +3,7 @@
 import equinox as eqx
 import numpy as np
 
-from jaxstab.contact import Contact
+from jaxstab.contact.contact import Contact
 from jaxstab.core.checks import concrete, is_traced
 from jaxstab.core.display import times
 from jaxstab.core.warn import warn

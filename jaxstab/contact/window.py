@@ -5,8 +5,8 @@ import jax.numpy as jnp
 from jaxstab.core.compile import program
 from jaxstab.core.grid import mirrored, padded, where_window
 from jaxstab.core.types import Field
-from jaxstab.potentials import Potential, Within, varying_fields, with_fields
-from jaxstab.solids import Solid
+from jaxstab.potentials.varying import Potential, Within, varying_fields, with_fields
+from jaxstab.solids.solid import Solid
 
 # How far below a surface that ends the solid may sink beyond it, over the surface's depth.
 _DEPTH = 2

@@ -5,16 +5,16 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
-from jaxstab.contact import Contact
+from jaxstab.contact.contact import Contact
 from jaxstab.core import model
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import finite, pushed
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium.equilibrium import Fields, fields_of
-from jaxstab.loads import Control, Load
-from jaxstab.potentials import slope
-from jaxstab.solids import Solid
+from jaxstab.loads.load import Control, Load
+from jaxstab.potentials.evaluation import slope
+from jaxstab.solids.solid import Solid
 
 # What the residual may do to the smallest eigenvalue, over it.
 _MAX_ERROR = 1e-2

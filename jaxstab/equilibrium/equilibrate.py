@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_STATES, warn_if_coarse
 from jaxstab.core.batching import by_entries

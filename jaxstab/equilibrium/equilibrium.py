@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.contact import Contact, require_contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core import model, units
 from jaxstab.core.display import block

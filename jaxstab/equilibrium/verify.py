@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from jaxstab.contact import Contact
+from jaxstab.contact.contact import Contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core.compile import program
 from jaxstab.core.grid import total

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxstab.contact import Contact
+from jaxstab.contact.contact import Contact
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core.checks import concrete, is_traced
 from jaxstab.core.compile import program
@@ -20,7 +20,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrium import Equilibrium
-from jaxstab.loads import Load
+from jaxstab.loads.load import Load
 
 Start = TypeVar("Start", Field, Field | None)
 

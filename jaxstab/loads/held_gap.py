@@ -11,7 +11,7 @@ from jaxstab.core.grid import mean
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.core.units import LENGTH
 from jaxstab.loads.load import Control, Load, prescribed
-from jaxstab.solids import Solid
+from jaxstab.solids.solid import Solid
 
 
 class GapControl(Control):

@@ -15,7 +15,7 @@ from jaxstab.core.stack import Stackable
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.core.units import Dimensioned, dimensions
 from jaxstab.potentials.profile import Profile
-from jaxstab.solids import Solid
+from jaxstab.solids.solid import Solid
 
 
 class Control(eqx.Module):

@@ -12,7 +12,7 @@ from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.core.units import PRESSURE
 from jaxstab.loads.load import Control, Load, prescribed
 from jaxstab.potentials.profile import Profile
-from jaxstab.solids import Solid
+from jaxstab.solids.solid import Solid
 
 
 class PressingControl(Control):

@@ -17,7 +17,7 @@ from jaxstab.core.warn import warn
 from jaxstab.loads.load import Load, prescribed
 from jaxstab.loads.pressure import PressingControl
 from jaxstab.potentials.profile import Profile
-from jaxstab.solids import Solid, apart_from_mean
+from jaxstab.solids.solid import Solid, apart_from_mean
 
 # The relative rounding error of a mean gap, in units of the precision.
 _ROUNDING = 4

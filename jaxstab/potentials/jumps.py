@@ -10,8 +10,9 @@ from jaxtyping import Array, Float
 
 from jaxstab.core.compile import program
 from jaxstab.core.types import Flag
-from jaxstab.potentials import Potential, derivatives, varying_fields, with_fields
+from jaxstab.potentials.evaluation import derivatives
 from jaxstab.potentials.profile import at_some_points, gaps_of
+from jaxstab.potentials.varying import Potential, varying_fields, with_fields
 
 # Gaps, a quantity there, and its derivative.
 _Side = tuple[Array, Array, Array]

@@ -9,7 +9,8 @@ from jaxtyping import Array, Float
 from jaxstab.core.checks import is_traced, require
 from jaxstab.core.compile import program
 from jaxstab.core.types import Flag, Scalar
-from jaxstab.potentials import Potential, derivatives, varying_fields, with_fields
+from jaxstab.potentials.evaluation import derivatives
+from jaxstab.potentials.varying import Potential, varying_fields, with_fields
 
 # From the largest gap to the smallest, as multiples of the size of the grid.
 _OCTAVES = (10, -40)

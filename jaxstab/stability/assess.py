@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
-from jaxstab.contact import Contact
+from jaxstab.contact.contact import Contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.hessian import Hessian
 from jaxstab.contact.resolution import warn_if_coarse
@@ -22,9 +22,8 @@ from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import advance_to
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Mask, Scalar
-from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.derivatives import third_derivative
-from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.equilibrium.equilibrium import Equilibrium, State, equilibrium_of
 from jaxstab.equilibrium.verify import recognised_by
 from jaxstab.equilibrium.window import padded_state
 from jaxstab.stability.barrier import differentiable as differentiable_margins
@@ -33,9 +32,8 @@ from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.derivatives import differentiable
 from jaxstab.stability.eigenpair import Eigenpair
 from jaxstab.stability.eigenproblems import Eigenproblems, Found
-from jaxstab.stability.lowest_modes import noise
 from jaxstab.stability.search import smallest_eigenpairs
-from jaxstab.stability.solvers.base import ConeSolver
+from jaxstab.stability.solvers.base import ConeSolver, noise
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 from jaxstab.stability.solvers.davidson import Davidson
 from jaxstab.stability.verdict import (

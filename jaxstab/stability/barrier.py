@@ -6,7 +6,7 @@ from typing import Annotated
 import jax
 import jax.numpy as jnp
 
-from jaxstab.contact import Contact
+from jaxstab.contact.contact import Contact
 from jaxstab.core.display import inline
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import attach, finite, pushed
@@ -14,9 +14,9 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.core.units import ENERGY, LENGTH, Dimensioned
-from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.derivatives import pressure_noise
-from jaxstab.potentials import slope
+from jaxstab.equilibrium.equilibrium import Equilibrium
+from jaxstab.potentials.evaluation import slope
 from jaxstab.stability.eigenpair import Eigenpair
 
 # Gap, elastic pressure and reaction; an eigenvalue and its mode.

@@ -18,9 +18,8 @@ from jaxstab.core.compile import program
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import admissible_pair
-from jaxstab.stability.lowest_modes import BLOCK_SIZE
 from jaxstab.stability.lowest_pair import Lowest, cone_starts, on_cone, on_space
-from jaxstab.stability.solvers.base import Eigensolver, SpaceSolver
+from jaxstab.stability.solvers.base import BLOCK_SIZE, Eigensolver, SpaceSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 
 Solver = TypeVar("Solver", bound=Eigensolver)

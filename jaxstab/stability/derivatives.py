@@ -6,14 +6,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxstab.contact import Contact
+from jaxstab.contact.contact import Contact
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import attach, finite, pushed
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
-from jaxstab.loads import Load
+from jaxstab.loads.load import Load
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpair import Eigenpair
 

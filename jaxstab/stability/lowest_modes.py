@@ -8,26 +8,21 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int, PRNGKeyArray
 
-from jaxstab.contact import Contact
+from jaxstab.contact.contact import Contact
 from jaxstab.contact.entry import answer
-from jaxstab.contact.hessian import Block
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import integer, require_key
 from jaxstab.core.compile import program
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Field
-from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.equilibrium.equilibrium import Equilibrium, State, equilibrium_of
 from jaxstab.equilibrium.verify import recognised
 from jaxstab.equilibrium.window import padded_state
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpair import Eigenpair
-from jaxstab.stability.solvers.base import ModesProblem, SpaceSolver
+from jaxstab.stability.solvers.base import BLOCK_SIZE, ModesProblem, SpaceSolver, noise
 from jaxstab.stability.solvers.davidson import Davidson
 
-# The modes that a search for the lowest carries on.
-BLOCK_SIZE = 4
 # Modes beyond those asked for, which make them converge sooner.
 _GUARD = 2
 
@@ -129,8 +124,3 @@ def _describe(pairs: Eigenpair) -> str:
         dimension = int(jnp.sum(pairs.result != RESULTS.too_many_modes))
         message += f" among {dimension} admissible directions"
     return message
-
-
-def noise(key: PRNGKeyArray, count: int, like: Field) -> Block:
-    """Return random fields to start from."""
-    return jax.random.uniform(key, (count, *like.shape), like.dtype, -1, 1)

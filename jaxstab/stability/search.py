@@ -21,7 +21,7 @@ from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenproblems import Eigenproblems, Found, covering_doubt
 from jaxstab.stability.lowest_modes import BLOCK_SIZE
 from jaxstab.stability.lowest_pair import Lowest, cone_starts, on_cone, on_space, with_cost_of
-from jaxstab.stability.solvers.base import ConeSolver, SpaceSolver
+from jaxstab.stability.solvers.base import BLOCK_SIZE, ConeSolver, SpaceSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 
 

@@ -13,7 +13,7 @@ import jaxstab as js
 from jaxstab.contact.hessian import Hessian, SymmetricOperator
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import measured
-from jaxstab.stability.lowest_modes import noise
+from jaxstab.stability.solvers.base import noise
 
 
 class Dense(SymmetricOperator):

@@ -6,12 +6,12 @@ from typing import Any
 
 import equinox as eqx
 
-from jaxstab.contact import Contact
+from jaxstab.contact.contact import Contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import IterativeSolver
 from jaxstab.core.types import Field
-from jaxstab.loads import Control
+from jaxstab.loads.load import Control
 
 
 class State(eqx.Module):

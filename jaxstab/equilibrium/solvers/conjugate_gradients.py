@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxstab.contact import Contact
+from jaxstab.contact.contact import Contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core.batching import on_platform
 from jaxstab.core.checks import require
@@ -20,7 +20,7 @@ from jaxstab.core.history import Indicators
 from jaxstab.core.loop import integer_parameter, optional_parameter
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
-from jaxstab.solids import Solid
+from jaxstab.solids.solid import Solid
 
 # Cuts of a step to a third before it is given up.
 _MAX_CUTS = 40

@@ -12,9 +12,8 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Mask
 from jaxstab.loads import Load
 from jaxstab.stability.cones import Subspace
-from jaxstab.stability.lowest_modes import noise
 from jaxstab.stability.ritz import norms
-from jaxstab.stability.solvers.base import ModesProblem
+from jaxstab.stability.solvers.base import ModesProblem, noise
 from jaxstab.stability.solvers.davidson import Davidson
 
 # Of eigenvalues, where the modes are used.

@@ -16,8 +16,8 @@ from jaxstab.core.types import Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.paths.evolution.evolution import Evolution
 from jaxstab.stability.cones import Subspace
-from jaxstab.stability.lowest_modes import BLOCK_SIZE, noise
 from jaxstab.stability.lowest_pair import on_space
+from jaxstab.stability.solvers.base import BLOCK_SIZE, noise
 from jaxstab.stability.solvers.davidson import Davidson
 
 _MAX_STEPS = 30

@@ -3,12 +3,17 @@
 from typing import Any
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Int
+import jax
+from jaxtyping import Array, Bool, Int, PRNGKeyArray
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core.loop import Iteration, IterativeSolver
+from jaxstab.core.types import Field
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import Eigenpair, Minimum, measured
+
+# The modes that a search for the lowest carries on.
+BLOCK_SIZE = 4
 
 
 class Eigenproblem(eqx.Module):
@@ -99,3 +104,8 @@ class SpaceSolver(Eigensolver):
         """
         problem = ModesProblem(operator, space, starts, count)
         return self.minimum(problem, self.run(problem, starts))
+
+
+def noise(key: PRNGKeyArray, count: int, like: Field) -> Block:
+    """Return random fields to start from."""
+    return jax.random.uniform(key, (count, *like.shape), like.dtype, -1, 1)
