@@ -65,7 +65,7 @@ class Contact(eqx.Module):
             towards zero.
         unit: unit of lengths, for heights without one: "m", "µm" or "um", "nm", ...
         pressure_unit: unit of pressures: "Pa", "kPa", "MPa", "GPa"; by default pascals where
-            lengths are in metres. Tables, figures and data sets show both units, and those of
+            lengths are in metres. Tables, figures and data sets show both units, and the units of
             forces and energies, which follow from them.
 
     Warns:
@@ -162,7 +162,7 @@ class Contact(eqx.Module):
 
     @property
     def area(self) -> Scalar:
-        """That of the surface [length^2]; on a line its length [length]."""
+        """The area of the surface [length^2]; on a line its length [length]."""
         return (self.grid.area * self.solid.area_fraction).astype(self.heights.dtype)
 
     @property

@@ -20,7 +20,7 @@ class SymmetricOperator(eqx.Module):
 
     Attributes:
         bound: a number not below the norm of A.
-        scale: the size of A on its lower modes, not above the bound: what residuals are relative
+        scale: the size of A on its lower modes, not above the bound: residuals are relative
             to.
     """
 
@@ -42,7 +42,7 @@ class Hessian(SymmetricOperator):
     Arguments:
         solid: K.
         curvature: f''(g), the diagonal of D [pressure/length].
-        stiffness: that of the load on the mean of a perturbation [pressure/length], None for none.
+        stiffness: the load's, on the mean of a perturbation [pressure/length], or None.
         mask: the points that may move, None for all.
     """
 
@@ -69,7 +69,7 @@ class Hessian(SymmetricOperator):
         highest = stiffest if stiffness is None else jnp.maximum(stiffest, stiffness)
         # K is not negative, so |A| <= max(K + D, -D).
         self.bound = jnp.maximum(highest + jnp.maximum(jnp.max(self.curvature), 0), softening)
-        # Points of large f'' take no part in lower modes, nor does what is stiffly held.
+        # Points of large f'' take no part in lower modes, nor do points that are stiffly held.
         self.scale = jnp.maximum(stiffest, softening)
 
     def __call__(self, field: Field) -> Field:

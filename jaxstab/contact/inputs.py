@@ -54,7 +54,7 @@ def as_heights(
 
 
 def unit_of_lengths(topography: "Topography | None", given: str | None) -> str | None:
-    """Return the unit of lengths: that of a topography if it has one, else that given."""
+    """Return the unit of lengths: the topography's if it has one, else the given one."""
     own = topography.unit if topography else None
     unit = own if given is None else unit_of(given)
     if own not in (None, unit):

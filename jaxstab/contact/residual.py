@@ -13,11 +13,11 @@ from jaxstab.potentials.evaluation import derivatives
 from jaxstab.potentials.varying import Potential
 from jaxstab.solids.solid import Solid
 
-# How much the mean of what is missed counts beside its rms.
+# How much the mean of the imbalance counts beside its rms.
 _MEAN_SHARE = 1e-2
 # Over the mean gap: below this spread of the heights a surface is nearly flat.
 _FLAT = 1e-2
-# How much larger than the rounding of what a gap takes the scale of residuals then is, so that the
+# How much larger than the rounding of a gap's pressure the scale of residuals then is, so that the
 # default tolerances can be reached.
 _ROUNDING = {"float64": 5e8, "float32": 2.5e3}
 # The inverse of the default tolerances: to reach them takes no more than that the stiffest wave is
@@ -69,7 +69,7 @@ def balance_of(
     """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
     held, stiffest = solid.with_uniform_stiffness(0), solid.max_stiffness
     conforming = conforming_pressure(solid, heights)
-    # What a hundredth of the elastic pressures hides moves no point by a part of the heights.
+    # An imbalance of a hundredth of the elastic pressures moves no point by a part of the heights.
     smallest_scale = conforming * max(1e-2, 1e6 * float(jnp.finfo(heights.dtype).eps))
     heights -= heights.ravel()[0]
     spread = jnp.max(jnp.abs(heights))
@@ -78,7 +78,7 @@ def balance_of(
     least_rounding = _FROM_TOLERANCE[heights.dtype.name] * precision * stiffest
 
     def balance(gap: Field) -> Balance:
-        # Less that of one point: K ignores a constant, but would lose digits to it.
+        # Less the height of one point: K ignores a constant, but would lose digits to it.
         displacement = gap - gap.ravel()[0] + heights
         elastic = held.apply(displacement)
         density, attraction, curvature = derivatives(potential, gap)
@@ -101,7 +101,7 @@ def balance_of(
         scale = jnp.where(is_nearly_flat, jnp.maximum(scale, rounding * stiffest * level), scale)
         residual = jnp.where(residual == 0, 0, residual / jnp.where(residual == 0, 1, scale))
         # A light load is all that keeps the surfaces where they are.
-        # So it counts in full where the scale is that of rounding, which has no mean.
+        # So it counts in full where the scale is rounding, which has no mean.
         share = jnp.where(is_nearly_flat, 1, _MEAN_SHARE)
         imbalance = share * control.mean_imbalance(missed, attraction, gap)
         return Balance(

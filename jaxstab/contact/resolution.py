@@ -15,7 +15,7 @@ class ResolutionWarning(UserWarning):
     """The grid is too coarse for the adhesion."""
 
 
-# What a state needs, and what a jump does: there pinning shows in full.
+# The resolution that a state needs, and a jump, where pinning shows in full.
 FOR_STATES, FOR_JUMPS = 1.0, 4.0
 # The error of a pull-off times the square of the resolution, measured on Johnson's wave.
 _PINNING = 0.2
@@ -54,7 +54,7 @@ def _cure(contact: Contact, share: np.floating) -> str:
         refinement *= 2
         if refinement > _MAX_REFINEMENT:
             return "No grid of a size to compute with would do: use a weaker adhesion."
-        # Waves that much shorter are those of as many points on a cell that much smaller.
+        # Waves that much shorter are the waves of as many points on a cell that much smaller.
         lengths = contact.grid.lengths / refinement
         solid = eqx.tree_at(lambda solid: solid.grid.lengths, solid, lengths)
     finer = times(refinement * n for n in contact.grid.shape)

@@ -59,7 +59,7 @@ def gradient(K: FieldMap, slope: FieldMap, heights: Field, gap: Field) -> Field:
 
 
 def hessian(K: FieldMap, curvature: Field, field: Field) -> Field:
-    """Return A x = (K + D) x, D the diagonal f''(g) (24) [pressure/length times that of x]."""
+    """Return A x = (K + D) x, D the diagonal f''(g) (24) [pressure/length times unit of x]."""
     return K(field) + curvature * field
 
 
@@ -128,7 +128,7 @@ def onto_cone(field: Field, one_sided: Mask, is_moving: Mask) -> Field:
 
         shift = jax.lax.fori_loop(0, _MOST_CLIMBS, closer, shift)
         near = onto_one_sided(field - shift, one_sided, is_moving)
-        # What is left, rounding nearly always, goes to the points that may take either sign.
+        # The rest, rounding nearly always, goes to the points that may take either sign.
         free = is_moving & ~one_sided
         left, number = totals([near, free.astype(field.dtype)])
         return jnp.where(free, near - left / jnp.maximum(number, 1), near)

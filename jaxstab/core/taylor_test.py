@@ -23,11 +23,11 @@ _LEAST_RATE = 1.8
 # Remainders count where they are so many times the noise, and the fewest steps that give a rate.
 _ABOVE_NOISE = 5
 _FEWEST = 3
-# A rate is that of the last so many of them.
+# A rate is taken from the last so many of them.
 _WINDOW = 4
 # Where too few count, the remainders of a linear function are this part of its differences.
 _LINEAR = 1e-4
-# The rates of second differences below which these are noise, and those of a kink.
+# The rates of second differences below which these are noise, and the rates of a kink.
 _FLAT, _SMOOTH = 0.5, 1.7
 # A rounding unit above this is not of double precision; a smaller error has another cause.
 _DOUBLE, _SMALL_ERROR = 1e-12, 0.005

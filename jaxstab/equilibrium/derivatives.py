@@ -16,7 +16,7 @@ from jaxstab.loads.load import Control, Load
 from jaxstab.potentials.evaluation import slope
 from jaxstab.solids.solid import Solid
 
-# What the residual may do to the smallest eigenvalue, over it.
+# The largest change of the smallest eigenvalue by the residual, over it.
 _MAX_ERROR = 1e-2
 
 

@@ -31,11 +31,11 @@ from jaxstab.equilibrium.equilibrium import (
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.equilibrium.solvers.base import State as SolverState
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
-from jaxstab.equilibrium.window import warn_at_edges, whole_start
+from jaxstab.equilibrium.window import padded_start, warn_at_edges
 from jaxstab.loads import Control, GapControl, Load, require_loads
 from jaxstab.solids import Solid
 
-# In units of the precision: what part of itself a mean gap may be off.
+# A mean gap may be off by this part of itself, in units of the precision.
 _ROUNDING = 1e3
 
 
@@ -63,7 +63,7 @@ def equilibrate(
         contact: the contact problem.
         load: the prescribed quantity, with a single value.
         solver: the algorithm, `PreconditionedConjugateGradient()` by default.
-        initial: a gap [length], an equilibrium or what holds one to start from, brought under the
+        initial: a gap [length], an equilibrium or a result with one as the start, brought under the
             load. By default the undeformed solid, cut where it meets the surface.
         throw: raise an error if the solver fails. With False look at `result` instead. Under vmap
             the failure of one entry raises for all, so choose False there.
@@ -121,7 +121,7 @@ def _undeformed(load: Load, solid: Solid, heights: Field, datum: Scalar) -> Fiel
 def find_equilibrium(
     contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
 ) -> Equilibrium:
-    """Do what `equilibrate` does, on checked arguments, without derivatives."""
+    """Return the result of `equilibrate` on checked arguments, without derivatives."""
     has_core = contact.has_core
     has_core = None if is_traced(has_core) else bool(has_core)
     return _find_in_own_units(contact, load, solver, initial, has_core)
@@ -158,7 +158,7 @@ def with_derivatives(contact: Contact, load: Load, found: Equilibrium) -> Equili
 def find(
     contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
 ) -> Equilibrium:
-    """Do what `find_equilibrium` does, on a contact and a load in units of their own."""
+    """Return the result of `find_equilibrium` in the characteristic pressure."""
     problem = Problem.of(contact, contact.control(load))
     return concluded(contact, load, solver.run(problem, started(contact, load, initial)))
 
@@ -201,7 +201,7 @@ def concluded(contact: Contact, load: Load, iteration: Iteration[SolverState]) -
 
 
 def _lift_off_core(contact: Contact, control: Control, gap: Field) -> Field:
-    """Return the gap, or a wider one if its energy is lower or that of the gap not finite."""
+    """Return the gap, or a wider one if its energy is lower or the gap's energy not finite."""
     profile = contact.profile
     # Under tension, energy falls without end further out: look for the minimum near the core.
     energies = profile.values + jnp.maximum(control.energy(profile.gaps), 0)

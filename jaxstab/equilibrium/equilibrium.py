@@ -36,9 +36,9 @@ class Equilibrium(Stackable, Dimensioned):
         reaction: mu, the pressure of contact; zero out of contact [pressure].
         in_contact: where the surfaces touch.
         mean_pressure: p0 = mean(mu - f'(g)), positive in compression [pressure].
-        contact_area: the number of contact points over that of all points.
-        area: that of the cell [length^2]; on a line its length [length].
-        energy: elastic and adhesive energy of the surface [energy]; not that of a uniform
+        contact_area: the number of contact points over the number of all points.
+        area: the area of the cell [length^2]; on a line its length [length].
+        energy: elastic and adhesive energy of the surface [energy]; without the energy of a uniform
             compression, nor of a spring.
         residual: the relative optimality residual.
         num_steps: steps that the solver took.
@@ -116,7 +116,7 @@ def assembled(contact: Contact, gap: Field, net: Field, energy: Scalar) -> Field
 
 
 def contact_area(contact: Contact, gap: Field) -> Scalar:
-    """Return the number of contact points over that of all points of the surface, NaN of NaN."""
+    """Return the fraction of contact points among the points of the surface, NaN of NaN."""
     return jnp.mean(
         contact.solid.surface(jnp.where(jnp.isnan(gap), gap, (gap == 0).astype(gap.dtype)))
     )

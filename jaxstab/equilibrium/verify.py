@@ -10,7 +10,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.equilibrium.equilibrium import Equilibrium
 from jaxstab.equilibrium.window import padded_state
 
-# In units of the precision: what rounding may add to a residual, and to a load that is met.
+# Rounding may add this to a residual, and to a load that is met, in units of the precision.
 _ROUNDING = 1e3
 
 

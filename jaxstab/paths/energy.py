@@ -1,6 +1,6 @@
 """The energy that a contact loses on a step of the load: none on a branch, some in a jump.
 
-On a branch the potential E + W, with W that of the load, changes by the work of the load:
+On a branch the potential E + W, with W the energy of the load, changes by the work of the load:
 dE + dW = F dl.
 """
 
@@ -11,14 +11,14 @@ from jaxstab.contact import Contact
 from jaxstab.core.types import Scalar
 from jaxstab.loads import Load
 
-# In units of the precision: what of a loss may be rounding.
+# The part of a loss that may be rounding, in units of the precision.
 _ROUNDING = 16
 
 
 def supply_of(
     contact: Contact, load: Load, mean_gap: Scalar, mean_pressure: Scalar
 ) -> tuple[Scalar, Scalar]:
-    """Return W [energy] at an equilibrium, and F = d(E + W) / dl [energy over that of l]."""
+    """Return W [energy] at an equilibrium, and F = d(E + W) / dl [energy over unit of l]."""
     area, control = contact.grid.area, contact.control(load)
 
     def potential(value: Scalar) -> Scalar:
@@ -26,13 +26,13 @@ def supply_of(
 
     held, force = jax.value_and_grad(potential)(load.value)
     if control.fixes_mean:
-        # What holds the gap does the work of its pressure.
+        # The machine that holds the gap does the work of its pressure.
         force = -area * mean_pressure
     return held, force
 
 
 def own_energy(contact: Contact) -> Scalar:
-    """Return the elastic energy of full contact and that of the deepest adhesion everywhere."""
+    """Return the elastic energy of full contact plus the deepest adhesive energy everywhere."""
     values = contact.profile.values
     deepest = -jnp.min(jnp.where(jnp.isfinite(values), values, 0))
     solid = contact.solid

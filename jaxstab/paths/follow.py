@@ -31,8 +31,8 @@ from jaxstab.paths.walk import Stores, travel, travelled
 
 # States and jumps of a batch.
 _ROOM = 32, 2
-# From which loss jumps are located by default: over the problem's own energy, and over what was
-# lost before.
+# Jumps are located by default from this loss: over the problem's own energy, and over the earlier
+# losses.
 _SMALLEST_JUMP = 2e-7
 _SMALLEST_SHARE = 3e-3
 
@@ -66,8 +66,8 @@ def follow(
         contact: the contact problem.
         load: the turning points of the programme, in order: two or more.
         initial: where the first equilibrium starts, as in `equilibrate`.
-        smallest_jump: the loss from which a jump is located, over the problem's own energy: that of
-            the elastic deformation in full contact and of the deepest adhesion. By default 2e-7, or
+        smallest_jump: the loss from which a jump is located, over the problem's own energy: the
+            elastic energy of full contact and the deepest adhesion. By default 2e-7, or
             0.3 % of the earlier losses of the path if that is more: jumps of 1 % of a loop's loss
             are located.
         disturbance: the size of a random field over the rms height; zero for none. The field is the
@@ -101,7 +101,7 @@ def follow(
         )
     require_finite("The load", load.value)
     turns = concrete(load.value)
-    cure = "a turning point is that of the one before: leave it out."
+    cure = "a turning point repeats the one before: leave it out."
     require("The load", turns[1:], turns[1:] != turns[:-1], cure)
     require_same_machine(load)
     is_default = smallest_jump is None

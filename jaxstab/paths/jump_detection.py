@@ -1,7 +1,7 @@
 """A step along a programme of loads: its target, its meaning, and the state after it.
 
 A step is one of the load, from a prediction by the two states before. On a branch the potential
-E + W, with W that of the load, changes by the work of the load: dE + dW = F dl. A step whose
+E + W, with W the energy of the load, changes by the work of the load: dE + dW = F dl. A step whose
 potential falls by more has left the branch. So has one over which F does not go on as before. The
 errors of a jump in energy and force cannot both vanish by chance. Steps shrink until both are next
 to nothing, or are as short as jumps are located. So the loss of a jump is the difference of the
@@ -24,12 +24,12 @@ from jaxstab.loads import Load
 from jaxstab.paths.programme import Programme
 from jaxstab.paths.record import Count, Event, PathPoint, Place, Strongest, Table
 
-# By what factor further on a state is sought where the solver is lost beyond the end of a branch.
+# A state is sought further on by this factor where the solver fails beyond the end of a branch.
 _FURTHER = 8
 # How much of the smallest loss the curvature of F may take from the work on a step.
 _MAX_CURVATURE = 4
-# The errors on a branch that may add up in a potential foreseen, and for steps once one has failed:
-# what is said of these too early costs less.
+# The errors on a branch that may add up in a predicted potential, and for steps once one has
+# failed: to reject these too early costs less.
 _LEEWAY, _LEEWAY_IN_SEARCH = 20, 5
 # The part of the errors allowed that a step aims at.
 _AIM = 0.7
@@ -40,7 +40,7 @@ class Bisection(eqx.Module):
 
     Attributes:
         distance: how far ahead the nearest such load lies; infinite if there is none.
-        error: that of a step there, over the tolerance, as far as it is known.
+        error: the error of a step there, over the tolerance, as far as it is known.
         nearness: how near the end of the branch is to be located.
     """
 
@@ -145,7 +145,7 @@ def next_step(programme: Programme, walk: Progress) -> TrialStep:
     here, bisection = walk.here.place, walk.bisection
     target = programme.load.value[walk.part + 1]
     left = jnp.abs(target - here.value)
-    # Where it failed by its length alone, what is left of the step is right.
+    # Where it failed by its length alone, the rest of the step is right.
     tries_whole = (bisection.distance <= bisection.nearness) | (bisection.error <= 1)
     within = jnp.where(tries_whole, bisection.distance, bisection.distance / 2)
     length = jnp.minimum(jnp.where(bisection.is_on, within, walk.stride), left)
@@ -250,7 +250,7 @@ def _bisected(
     bisection = walk.bisection
     distance = jnp.where(accepts, bisection.distance - aim.length, aim.length)
     is_over = is_event | (distance <= 0) | (accepts & aim.is_end)
-    # An error of quadrature falls with the cube of the length, what a jump loses does not.
+    # An error of quadrature falls with the cube of the length, the loss of a jump does not.
     error = jnp.where(accepts, bisection.error / 8, trial.error)
     # Where the solver is lost right beyond the end, it may find its way from further on.
     distance = jnp.where(trial.is_lost, _FURTHER * distance, distance)

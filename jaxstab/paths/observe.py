@@ -163,7 +163,7 @@ def _filled(rows: list[Observable], are_found: list[bool]) -> Observable:
 
 def _table(observed: Observed) -> dict[str, list[str]]:
     if is_traced(observed):
-        raise TypeError("What JAX is tracing has no numbers yet.")
+        raise TypeError("Results under JAX tracing have no numbers yet.")
     units = observed.equilibrium.units
     columns = display.load_column(observed.load, units, ".6g")
 

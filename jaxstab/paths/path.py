@@ -31,8 +31,8 @@ class States(Stackable, Dimensioned):
     Attributes:
         mean_gap: mean(g) [length].
         mean_pressure: p0, positive in compression [pressure].
-        contact_area: the number of contact points over that of all points.
-        area: that of the cell [length^2]; on a line its length [length].
+        contact_area: the number of contact points over the number of all points.
+        area: the area of the cell [length^2]; on a line its length [length].
         energy: elastic and adhesive energy of the surface [energy].
         work: done up to here on surface and spring by the load: the change of their energy and the
             loss in the jumps [energy].
@@ -68,7 +68,7 @@ class Jump(Stackable, Dimensioned):
     """Where a branch ends, and where the contact goes from there.
 
     Attributes:
-        load: the load [that of the path]; a function of the contact, the only thing of a path that
+        load: the load [as in the path]; a function of the contact, the only thing of a path that
             can be differentiated.
         kind: a member of `KINDS`: why the branch ends.
         before: the last equilibrium of the branch; NaN, with no contact area, before a touch.

@@ -37,7 +37,7 @@ class Programme(eqx.Module):
         load: the turning points of the programme.
         threshold: the loss from which a jump is located [energy].
         share: the same, over the earlier losses.
-        resolution: how near it is located [that of the load].
+        resolution: how near it is located [unit of the load].
         disturbance: a field that is added to where each equilibrium starts [length].
         finds_all: whether a jump is detected by the force too. Otherwise it is detected by its loss
             alone; that is enough for the end of one branch.
@@ -54,7 +54,7 @@ class Programme(eqx.Module):
     def smallest_loss(self, here: PathPoint) -> Scalar:
         """Return the loss from which a jump from a state is located."""
         place = here.place
-        # What surfaces that fell apart have lost is no number.
+        # The loss of surfaces that fell apart is NaN.
         threshold = jnp.fmax(self.threshold, self.share * here.dissipation)
         return smallest_loss(
             self.contact, threshold, place.potential, place.mean_gap, place.mean_pressure
@@ -149,7 +149,7 @@ def programme_of(
 
 
 def _own_length(contact: Contact) -> Scalar:
-    """Return the rms height, or of a flatter surface what the law and the grid resolve."""
+    """Return the rms height, or of a flatter surface the resolution of law and grid."""
     grid = contact.grid
     spacing = jnp.min(grid.lengths / jnp.asarray(grid.shape))
     return jnp.maximum(

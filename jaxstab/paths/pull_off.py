@@ -32,7 +32,7 @@ _SMALLEST_JUMP = 1e-4
 _RESOLUTION = {"float64": 1e-9, "float32": 1e-5}
 # The largest attraction is known at some gaps only.
 _BEYOND = 1.01
-# What part of the largest attraction is taken for none.
+# This part of the largest attraction is taken for none.
 _HARDLY_ANY = 1e-3
 
 
@@ -63,7 +63,7 @@ def pull_off(
     Returns:
         The last state before the pull-off, located exactly; its load is a `MeanPressure` or a
         `Spring`. `kind` is a fold or a release, and `after` is the state that remains, NaN if there
-        is none. It can be differentiated like that of `critical_load`, with respect to contact and
+        is none. It can be differentiated, as in `critical_load`, with respect to contact and
         spring.
 
     Raises:
@@ -136,7 +136,7 @@ def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar,
 
 
 def _dead_load(contact: Contact, pressure: Scalar) -> MeanPressure:
-    """Return the mean pressures from that of a state to one that leaves nothing together.
+    """Return the mean pressures from a state's to one that leaves nothing together.
 
     Without attraction both are the same.
     """
@@ -146,7 +146,7 @@ def _dead_load(contact: Contact, pressure: Scalar) -> MeanPressure:
 
 
 def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array) -> Spring:
-    """Return the positions of a spring from that of a state to one that leaves nothing together."""
+    """Return the positions of a spring from a state's to one that leaves nothing together."""
     mean_displacement = jnp.mean(gap) + jnp.mean(contact.heights) + contact.datum
     deepest = _BEYOND * contact.profile.max_attraction
     reach = contact.profile.outermost_gap(_HARDLY_ANY * deepest)

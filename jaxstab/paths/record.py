@@ -27,11 +27,11 @@ class Place(eqx.Module):
         gap: g [length].
         mean_gap: mean(g) [length].
         mean_pressure: p0 [pressure].
-        contact_area: the number of contact points over that of all points.
+        contact_area: the number of contact points over the number of all points.
         energy: E, of the surface [energy].
         stored: E and the energy of the machine [energy].
         potential: E + W [energy].
-        force: F, how the potential follows the load on a branch [energy over that of the load].
+        force: F, how the potential follows the load on a branch [energy over unit of the load].
     """
 
     value: Scalar

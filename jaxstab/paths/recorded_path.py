@@ -26,7 +26,7 @@ from jaxstab.paths.record import Event, Table
 
 # Of the states, so that one program serves paths of many lengths.
 _ROOM = 1024
-# In units of the precision: what of a gain of energy may be rounding, over the energies added.
+# The part of a gain of energy that may be rounding, over the energies, in units of the precision.
 _ROUNDING = 16
 _Values = Float[Array, " states"]
 
@@ -160,7 +160,7 @@ def _states(ended: Progress[Any], last: Event, contact: Contact, load: Load) -> 
     place = states.place
 
     def loads(values: Array) -> Load:
-        # What else a load has is the same all along.
+        # All but the value of a load is the same all along.
         return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, values.shape), one).at(values)
 
     dissipation = states.dissipation
@@ -202,7 +202,7 @@ _states_alone = program(_states)
 def _unlocated_loss(
     load: _Values, potential: _Values, force: _Values, is_branch: Bool[Array, " steps"]
 ) -> tuple[Scalar, Scalar]:
-    """Return what steps along branches have lost, and the error of the quadrature of their work.
+    """Return the loss of steps along branches, and the error of the quadrature of their work.
 
     On each step F is the mean of the two parabolas through its ends and the state before, or the
     one after. Half of the difference of their integrals is the error; where there is only one of

@@ -90,7 +90,7 @@ def sweep(
         order: "independent" solves each load from the same start; "continuation" each from the
             last equilibrium found (Rey & Bleyer, section 4.2.3). Surfaces that a tension has
             pulled apart stay so, `pulled_off`, until there is a pressure.
-        equilibrium_solver: the algorithm for equilibria, by default that of `equilibrate`.
+        equilibrium_solver: the algorithm for equilibria, by default the one of `equilibrate`.
         stability: whether to assess the equilibria too.
         stability_solver: the algorithm for the cone, as in `assess_stability`.
         initial: where to start, as in `equilibrate`.

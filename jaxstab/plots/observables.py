@@ -87,7 +87,7 @@ def flow(
     shape = contact.grid.shape
     if leakage.drop is None or leakage.flux is None:
         raise ValueError(
-            "A leakage along a path has no fields to draw: give that of one state, as jaxstab."
+            "A leakage along a path has no fields to draw: give one of a state, as jaxstab."
             "leakage(contact, state)."
         )
     if leakage.drop.shape[1:] != shape:
@@ -147,7 +147,7 @@ def observed(
         observed: the result of `jaxstab.observe`.
         column: "observable.field", as "patches.true_area"; by default the first. One for each side
             of the grid is a curve for each.
-        x: what to draw it over: the load, or a quantity of the states, as in `path`.
+        x: the abscissa: the load, or a quantity of the states, as in `path`.
         axes: where to draw.
 
     Raises:

@@ -139,7 +139,7 @@ class Viscoelastic(Solid):
 
     def step(self, dt: ArrayLike) -> Solid:
         """Return the elastic solid of a time step: K (1 + sum r_k b_k), with b_k of `ramp`."""
-        require("A time step", known(dt), known(dt) >= 0, "it must not be negative.")
+        require("A time step", concrete(dt), concrete(dt) >= 0, "it must not be negative.")
         return self.solid.scaled(self.stiffening(dt))
 
     def stiffening(self, dt: ArrayLike) -> Scalar:

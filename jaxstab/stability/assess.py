@@ -87,13 +87,13 @@ def assess_stability(
     the equilibrium: d lambda = x.(dA) x, A depending on the gap too. A derivative is NaN where it
     does not exist: for a multiple eigenvalue, for a least reaction that several points share, for
     the barrier of a state that is not held, and for an eigenvalue that was not found. If several
-    modes on different faces of the cone are equally low, the derivative is that of the mode found.
+    modes on different faces of the cone are equally low, the derivative belongs to the mode found.
 
     Arguments:
         contact: the contact problem; or one state of an `Evolution`, judged by the glassy solid,
             which answers at once.
-        equilibrium: one of its equilibria, or what holds it: an entry of a sweep, a fold; none for
-            a state of an evolution.
+        equilibrium: one of its equilibria, or a result that holds it: an entry of a sweep, a fold;
+            none for a state of an evolution.
         solver: the algorithm for the cone, `ProjectedLOBPCG()` by default. Its tolerance is that
             of all three numbers.
         key: the random key of the vectors to start from, `jax.random.key(0)` by default.
@@ -194,7 +194,7 @@ class _AssessedState(eqx.Module):
     Attributes:
         result: whether it is an equilibrium of this contact.
         unit: the contact's own unit of pressure, in which all is meanwhile.
-        area: that of a point [length^2].
+        area: the area of a point [length^2].
         scale: the rms of elastic pressure and attraction [pressure].
         imbalance: the norm of the pressures that are out of balance [pressure].
         sharpness: f'''(g) at the free points [pressure/length^2].
@@ -208,7 +208,7 @@ class _AssessedState(eqx.Module):
     sharpness: Field
 
     def covered(self, pair: Eigenpair, softest: Scalar) -> Eigenpair:
-        """Return a pair whose error covers that of the state, the softest of whose modes is given.
+        """Return a pair whose error covers the error of the state, given its softest eigenvalue.
 
         The gap may be off by dg = A^-1 r, and d lambda = sum f''' x^2 dg. Without an equilibrium
         there is no number.

@@ -22,7 +22,7 @@ from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.lowest_pair import Lowest
 from jaxstab.stability.solvers.base import ModesProblem, SpaceSolver
 
-# To what part of the cone's eigenvalue soft waves are stiffened, tried in turn.
+# Soft waves are stiffened to these parts of the cone's eigenvalue, tried in turn.
 _SHARES = (0.5, 0.25)
 
 
@@ -43,7 +43,7 @@ class _Stiffened(SymmetricOperator):
         return self.hessian(field) + jnp.where(self.one_sided, gained, 0)
 
     def preconditioner(self, mode: Field, eigenvalue: Scalar) -> FieldMap:
-        """Return that of A."""
+        """Return the preconditioner of A."""
         return self.hessian.preconditioner(mode, eigenvalue)
 
 

@@ -30,7 +30,7 @@ _LARGE = 2**18
 _FEWEST = 2**14
 # The residual to which a coarser problem is solved at most.
 _TOLERANCE = 1e-4
-# How far the eigenvalue may lie from that of the coarser problem, as a part of it: no other
+# How far the eigenvalue may lie from the coarser problem's, as a part of it: no other
 # minimiser is taken to be lower by more.
 _TRUST = 1e-2
 
@@ -108,7 +108,7 @@ def mode_by_coarser(
     cone: AdmissibleCone,
     random: Block,
 ) -> tuple[Field, Scalar, Int[Array, ""]]:
-    """Return a vector to start from on a cone, what its eigenvalue was there, and its cost.
+    """Return a vector to start from on a cone, its eigenvalue on the coarser grid, and its cost.
 
     It is zero where the coarser problem has no mode. The cost is in applications of A.
     """
@@ -140,7 +140,7 @@ def _roughly(solver: Solver, like: Block) -> Solver:
 
 
 def _share_of(cost: Int[Array, ""], fine: Subspace) -> Int[Array, ""]:
-    """Return how many applications on all points cost what some on the coarser grid do."""
+    """Return the number of applications on all points that cost as much as some on the coarser."""
     return -(-cost // 2**fine.is_moving.ndim)
 
 

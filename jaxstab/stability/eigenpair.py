@@ -20,7 +20,7 @@ from jaxstab.stability.cones import AdmissibleCone, Subspace
 
 Admissible = Subspace | AdmissibleCone
 
-# What rounding adds to an eigenvalue's error, in units of the precision and the bound on |A|.
+# Rounding adds this to an eigenvalue's error, in units of the precision and the bound on |A|.
 _ROUNDING = 32
 
 
@@ -124,7 +124,7 @@ def lowered(pair: Eigenpair, other: Eigenpair) -> Eigenpair:
     """Return a pair that is not above one on a smaller cone.
 
     If the other is lower by more than the pair's own error, the solver missed the smallest. The
-    pair becomes that of the other's mode, and counts as stagnated.
+    pair gets the other's mode, and counts as stagnated.
     """
     is_missed = other.eigenvalue < pair.eigenvalue - pair.error
     failed = is_missed & (pair.result == RESULTS.successful)

@@ -41,7 +41,7 @@ def lowest_modes(
 
     Arguments:
         contact: the contact problem.
-        equilibrium: one of its equilibria, or what holds it: an entry of a sweep, a fold.
+        equilibrium: one of its equilibria, or a result that holds it: an entry of a sweep, a fold.
         count: how many.
         space: "lower_bound" for all perturbations that the load allows, "critical" for those that
             leave the points in contact where they are.
@@ -51,7 +51,7 @@ def lowest_modes(
 
     Returns:
         The eigenpairs from the lowest up, along a leading axis; steps, applications and history,
-        the same for each, are those of all together. Beyond the dimension of the space they are
+        the same for each, are the sums over all. Beyond the dimension of the space they are
         +inf, with the result "too_many_modes".
 
     Raises:

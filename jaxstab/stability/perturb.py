@@ -34,11 +34,11 @@ def release(
 
     Arguments:
         contact: the contact problem.
-        equilibrium: one of its equilibria, or what holds it: an entry of a sweep, a fold.
+        equilibrium: one of its equilibria, or a result that holds it: an entry of a sweep, a fold.
         mode: x, the direction of the push, of any length.
         amplitude: t [length]; by default such that no point moves by more than a thousandth of
-            the mean gap. Its sign is that of the push.
-        solver: the algorithm, by default that of `equilibrate`. One that does not lower the
+            the mean gap. Its sign is the direction of the push.
+        solver: the algorithm, by default the one of `equilibrate`. One that does not lower the
             energy tests nothing.
         throw: as in `equilibrate`.
 

@@ -1,6 +1,6 @@
 """Several fields at once: their inner products, combinations, and lowest Ritz vectors.
 
-The time of an eigensolver is that of moving fields through memory, so each is read as seldom as
+An eigensolver spends its time moving fields through memory, so each is read as seldom as
 can be.
 """
 

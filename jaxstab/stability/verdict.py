@@ -33,18 +33,18 @@ class Stability(Stackable, Dimensioned):
     Always lower_bound <= cone <= critical.
 
     Attributes:
-        lower_bound: the smallest eigenvalue among all perturbations that the load allows: those of
+        lower_bound: the smallest eigenvalue among all perturbations that the load allows: of
             zero mean under a prescribed mean gap, all under a prescribed pressure.
-        cone: that on V0+, where perturbations do not enter the surface either (Rey & Bleyer,
+        cone: the smallest on V0+, whose perturbations do not enter the surface (Rey & Bleyer,
             eq. 26). Positive means stable; negative proves nothing where contact presses, since
             lifting off then costs energy at first order.
-        critical: that on the critical cone, where points in contact stay if they press, and may
-            lift off if they do not. Negative means unstable. That of a `CriticalLoad` has the
-            points that let go among the free ones.
+        critical: the smallest on the critical cone, where points in contact stay if they press,
+            and may lift off if they do not. Negative means unstable. In a `CriticalLoad` the points
+            that let go count as free.
         complementarity: the least reaction at a point in contact, over the rms of elastic pressure
             and attraction; +inf without contact. Near zero, a point is about to lift off.
-        barrier: that of a state held by contact, along the cone's mode to second order; NaN
-            elsewhere.
+        barrier: the energy that holds a state by contact, along the cone's mode to second order;
+            NaN elsewhere.
         verdict: a member of `VERDICTS`.
         proved: whether the verdict is proved, and not only found: that no eigenvalue on which it
             rests can have been missed.

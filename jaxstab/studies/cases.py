@@ -13,7 +13,7 @@ import numpy as np
 from jaxstab.core.checked_netcdf import Variable, Variables, write
 from jaxstab.core.enumeration import Enumeration
 
-# The dimension of listed combinations; what each case has beside its outputs; the record.
+# The dimension of listed combinations; the columns of each case beside its outputs; the record.
 LISTED, MARKS, RECORD = "case", ("result", "seconds", "error"), "study.json"
 # The coordinates of a case by name: numbers and words of Python.
 Case = dict[str, Any]

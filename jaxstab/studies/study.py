@@ -64,7 +64,7 @@ def study(
             combinations to be run, which lie on the dimension `case`.
         path: the folder of the study, which all processes must see; made where it does not exist.
         executor: where cases run: in this process (None), in so many processes of this machine, on
-            an executor as those of `concurrent.futures`, or on a Dask `Client`.
+            an executor of `concurrent.futures`, or on a Dask `Client`.
         batch: how many cases run at once, by `jax.vmap` of the compiled function; if this raises,
             they run one by one, with a warning.
         version: to be changed with functions and values to which the case refers.
@@ -88,7 +88,7 @@ def study(
     values, dims = read_axes(axes)
     require("batch", integer("batch", batch), batch > 0, "give at least 1.")
     is_fit = hasattr(executor, "submit") or (isinstance(executor, int) and executor > 0)
-    cure = "give a number, an executor as those of concurrent.futures, or a Dask Client."
+    cure = "give a number, an executor of concurrent.futures, or a Dask Client."
     require("executor", repr(executor), executor is None or is_fit, cure)
     try:
         inspect.signature(case).bind(**values)
@@ -185,7 +185,7 @@ def _source(case: Callable[..., object], version: object) -> list[str]:
 
 
 def _read(paths: Iterable[Path], files: Mapping[Path, Case]) -> dict[Path, Variables]:
-    """Return the cases of some files; rename damaged ones, and remove those of dead processes."""
+    """Return the cases of some files; rename damaged files, remove those left by dead processes."""
     found, damaged = {}, []
     for path in paths:
         # Another call may rename or remove it.

@@ -115,12 +115,12 @@ def self_affine(
     k_rolloff = k_low if k_rolloff is None else k_rolloff
     named = {"hurst": hurst, "k_low": k_low, "k_rolloff": k_rolloff, "k_high": k_high}
     hurst, *cutoffs = (scalar_parameter(value, name) for name, value in named.items())
-    given, low, rolloff, high = map(known, (hurst, *cutoffs))
+    given, low, rolloff, high = map(concrete, (hurst, *cutoffs))
     require("The Hurst exponent", given, (given >= 0) & (given <= 1), "it must lie in [0, 1].")
     is_ordered = (low > 0) & (low <= rolloff) & (rolloff <= high)
     cure = "they must be positive and ascend."
     require("[k_low, k_rolloff, k_high]", [low, rolloff, high], is_ordered, cure)
-    resolved = nyquist(grid.shape, known(grid.lengths)).min()
+    resolved = nyquist(grid.shape, concrete(grid.lengths)).min()
     cure = f"the grid resolves {resolved} waves per longest side; refine it or lower k_high."
     require("k_high", high, high <= resolved * (1 + _ROUNDING), cure)
     order = 0 if rms_slope is None else 1

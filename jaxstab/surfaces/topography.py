@@ -62,7 +62,7 @@ class Topography:
     def __post_init__(self) -> None:
         require_grid(self.grid)
         if (scan := scan_of(self.heights)) is not None:
-            require_agreement(scan, known(self.grid.lengths), self.unit)
+            require_agreement(scan, concrete(self.grid.lengths), self.unit)
             object.__setattr__(self, "heights", scan.heights)
             object.__setattr__(self, "unit", scan.unit or self.unit)
             object.__setattr__(self, "remarks", (*scan.remarks, *self.remarks))

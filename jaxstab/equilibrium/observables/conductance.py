@@ -1,7 +1,7 @@
-"""What flows through a contact: the electrical or thermal conductance of its constrictions.
+"""The electrical or thermal conductance of a contact: of its constrictions.
 
 Potential and elastic displacement are both harmonic, so that one follows from the other (J. R.
-Barber, 2003): the conductance is a stiffness, that of a small move with the contact points held.
+Barber, 2003): the conductance is the stiffness against a small move with the contact points held.
 """
 
 from functools import partial
@@ -26,7 +26,7 @@ CONDUCTANCE = Dimension("length/resistivity")
 
 
 class Conductance(Observable):
-    """What flows through a contact of two half spaces.
+    """The conductance of a contact of two half spaces, and its current.
 
     Attributes:
         conductance: C, the current over the difference of potentials, or heat over temperatures
@@ -59,9 +59,10 @@ def conductance(
     does not depend on E* but on the contact points alone, so that its derivatives by the load are
     zero between changes of these.
 
-    The potential is that between points far on both sides. In a periodic cell it is less the one
-    that drives a uniform current, so that C is that of the constrictions, for one cell. On a line
-    with a free half space it is that at a distance L, the length of the window.
+    The potential is the difference between points far on both sides. In a periodic cell it is less
+    the one that drives a uniform current, so that C is the conductance of the constrictions, for
+    one cell. On a line with a free half space the points lie at a distance L, the length of the
+    window.
 
     Works inside of `jax.jit` and `jax.vmap`, and with derivatives by resistivities and lengths.
 
@@ -69,7 +70,7 @@ def conductance(
         contact: the contact problem, on a half space.
         equilibrium: one of its states.
         resistivities: rho1 and rho2 of the two bodies; of heat 1 over the conductivity. One may be
-            zero, as that of a perfect conductor. By default they add up to one.
+            zero, as in a perfect conductor. By default they add up to one.
 
     Raises:
         TypeError: for another solid, and for something that is not a state.
@@ -82,7 +83,7 @@ def conductance(
     require_kind(
         solid,
         HalfSpace | FreeHalfSpace,
-        "a solid in which displacements do not spread as potentials do: conductances are those of "
+        "a solid in which displacements do not spread as potentials do: conductances are known for "
         "a HalfSpace or a FreeHalfSpace.",
     )
     assert isinstance(solid, HalfSpace | FreeHalfSpace)

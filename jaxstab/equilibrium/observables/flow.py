@@ -1,7 +1,7 @@
 """Slow flow through a periodic network: cells, and faces that conduct between them.
 
 Each cell of the grid is a node, each face to the next cell along a side a link. Fluxes are kept
-beside the pressures: what is left unbalanced is solved for again and added to them, so that they
+beside the pressures: the remaining imbalance is solved for again and added to them, so that they
 balance to all digits also where conductances differ by many orders, and differences of pressures
 are lost to rounding.
 """
@@ -24,7 +24,7 @@ _Solve = Callable[[Float[np.ndarray, " cells"]], Float[np.ndarray, " cells"]]
 
 # Of more cells the factors of a direct solver take several gigabytes.
 _LARGE = 1 << 21
-# What may stay unbalanced in a cell, over the largest flux, and what is too much.
+# The imbalance of a cell over the largest flux: the one aimed at, and the largest allowed.
 _BALANCED, _LIMIT = 1e-12, 1e-9
 _MAX_ROUNDS = 30
 # By how much two bounds of a conductance may differ.
@@ -47,7 +47,7 @@ class Flow:
 def conducting(
     conductivity: _Field, is_open: Bool[np.ndarray, " *grid"]
 ) -> tuple[_Faces, Bool[np.ndarray, " sides"]]:
-    """Return what each face conducts where a way leads around the cell, and along which sides.
+    """Return the conductance of each face on a way around the cell, and the sides of such ways.
 
     A face conducts the harmonic mean of its two cells.
     """
@@ -105,7 +105,7 @@ def _differences(field: _Field) -> _Faces:
 
 
 def _outflow(flux: _Faces) -> _Field:
-    """Return what flows out of each cell."""
+    """Return the flow out of each cell."""
     return sum((x - np.roll(x, 1, side) for side, x in enumerate(flux)), np.zeros(()))
 
 
@@ -162,7 +162,7 @@ def _require_bounds(links: _Faces, moved: _Field, flux: _Faces, side: int, step:
 
 
 def _solver(links: _Faces, solver: Solver | None) -> tuple[_Solve, Bool[np.ndarray, " *grid"]]:
-    """Return what solves for the drops that make given outflows, and where there are any."""
+    """Return a solver for the drops that make given outflows, and the mask of cells with flow."""
     from scipy.sparse import coo_array, diags_array
     from scipy.sparse.csgraph import connected_components
 
@@ -189,7 +189,7 @@ def _solver(links: _Faces, solver: Solver | None) -> tuple[_Solve, Bool[np.ndarr
 
 
 def _inverse(matrix: Any, solver: Solver | None) -> _Solve:
-    """Return what applies the inverse of a sparse positive matrix."""
+    """Return a function that applies the inverse of a sparse positive matrix."""
     from scipy.sparse.linalg import cg, splu
 
     if solver is None:
@@ -206,5 +206,5 @@ def _inverse(matrix: Any, solver: Solver | None) -> _Solve:
 
     levels: Any = pyamg.ruge_stuben_solver(matrix.tocsr())
     precondition = levels.aspreconditioner()
-    # What it leaves is solved for again.
+    # The remaining imbalance is solved for again.
     return lambda right_side: cg(matrix, right_side, rtol=1e-8, maxiter=500, M=precondition)[0]

@@ -1,4 +1,4 @@
-"""What leaks through the gap of a contact: Reynolds' flow."""
+"""The leakage through the gap of a contact: Reynolds' flow."""
 
 from typing import Annotated, ClassVar
 
@@ -16,7 +16,7 @@ from jaxstab.equilibrium.observables.patches import require_known
 
 
 class Leakage(Observable):
-    """What leaks through the gap, under a pressure that falls in the mean along x, and along y.
+    """The leakage through the gap under a pressure that falls in the mean along x, and along y.
 
     Along a path `drop` and `flux` are None.
 
@@ -24,7 +24,7 @@ class Leakage(Observable):
         permeability: k [length^3], a symmetric 2 x 2 tensor, on a line 1 x 1: the mean flux per
             length is k / viscosity times the drop of pressure per length; g^3 / 12 between parallel
             plates. The second index is the side along which the pressure falls.
-        viscosity: that given [pressure time].
+        viscosity: the given viscosity [pressure time].
         drop: for each side along which the pressure falls, by how much it has fallen, over the mean
             drop per length [length]; NaN where nothing flows through.
         flux: for each such side and each side of the grid, the flux per length through the face to
@@ -54,7 +54,7 @@ def leakage(
     *,
     solver: Solver | None = None,
 ) -> Leakage:
-    """Return what leaks through the gap of a contact.
+    """Return the leakage through the gap of a contact.
 
     Reynolds' equation div(g^3 grad p) = 0 under a mean gradient along each side, by finite volumes:
     the face between two points conducts the harmonic mean of their g^3, points in contact block.
@@ -67,7 +67,7 @@ def leakage(
     Arguments:
         contact: the contact problem, of a periodic solid.
         equilibrium: one of its states.
-        viscosity: that of the fluid [pressure time].
+        viscosity: the viscosity of the fluid [pressure time].
         solver: "direct" factors the sparse matrix, by SciPy: for any contrast. "multigrid" needs
             less memory and PyAMG (`pip install 'jaxstab[leakage]'`), and more steps the more gaps
             differ. By default direct up to two million points that conduct.

@@ -1,4 +1,4 @@
-"""Observables: results computed from a state, whose numbers stand beside those of the state."""
+"""Observables: results computed from a state, whose numbers stand beside its own."""
 
 from dataclasses import fields, replace
 from typing import ClassVar, Self

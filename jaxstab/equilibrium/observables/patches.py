@@ -32,8 +32,8 @@ class Patches(Observable):
             compression [force]; on a line [force/length].
         percolates: for each side, whether a patch goes on along it without end, around the periodic
             cell; on a window, whether a patch reaches both edges.
-        area: that of all points in contact [length^2]; on a line a length.
-        true_area: the same less what the grid counts too much, (pi - 1 + ln 2) / 24 of the
+        area: the area of all points in contact [length^2]; on a line a length.
+        true_area: the same less the excess of the grid, (pi - 1 + ln 2) / 24 of the
             perimeters times the spacing, and not below zero [length^2]. On a line the same.
         largest: the area of the largest patch, zero without contact [length^2].
         perimeter: the length of the whole interface, along the sides of points [length].
@@ -57,13 +57,13 @@ class Patches(Observable):
 def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4) -> Patches:
     """Return the patches of a contact: points that touch and are connected.
 
-    They are joined over the edges of a periodic cell; on a window, as that of a `FreeHalfSpace`,
+    They are joined over the edges of a periodic cell; on a window, as with a `FreeHalfSpace`,
     they are not, and points beyond its edges do not touch.
 
     The number of patches is a matter of the state, so this works on known numbers only: not inside
     of `jax.jit`, `jax.vmap` or `jax.grad`. Areas are constant between changes of the contact.
 
-    The correction of the area is that of V. A. Yastrebov, G. Anciaux and J. F. Molinari (2017): a
+    The area is corrected as by V. A. Yastrebov, G. Anciaux and J. F. Molinari (2017): a
     point counts with its whole cell, and a smooth interface cuts cells.
 
     Arguments:

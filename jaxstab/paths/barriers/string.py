@@ -2,7 +2,7 @@
 
 The simplified method of W. E, W. Ren and E. Vanden-Eijnden, J. Chem. Phys. 126, 164103 (2007):
 images of the gap go down in energy, each by itself, and are then set at equal distances along the
-string again. They stay on g >= 0 and under the load, which are convex, so that what lies between
+string again. They stay on g >= 0 and under the load, which are convex, so that all between
 two images does too.
 """
 
@@ -31,7 +31,7 @@ _LONGEST = 2.0
 
 
 class String(eqx.Module):
-    """Images of the gap from one state to another, and the energy of each over that of a point."""
+    """Images of the gap from one state to another, and the energy of each per point of the grid."""
 
     images: Images
     energies: Float[Array, " images"]
@@ -60,7 +60,7 @@ class Landscape:
 
     Attributes:
         contact: the contact, in units of its own.
-        control: what the load asks of the gap.
+        control: the condition of the load on the gap.
     """
 
     contact: Contact

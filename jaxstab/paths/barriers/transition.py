@@ -50,8 +50,8 @@ class Transition(Stackable, Dimensioned):
     """The pass between two equilibria at one load.
 
     Attributes:
-        there: energy of the saddle above that of the start, at one load [energy].
-        back: the same above that of the end.
+        there: energy of the saddle less the energy of the start, at one load [energy].
+        back: the same less the energy of the end.
         start: the equilibrium that is left.
         end: that which is reached.
         saddle: the equilibrium on the pass.
@@ -59,7 +59,7 @@ class Transition(Stackable, Dimensioned):
         minima: the two states that a small push to either side leads to, that which is nearer to
             the start first. Where they are not start and end, there are minima between.
         images: the gap along the string from start to end [length].
-        energies: of the images and of the load, above that of the start [energy].
+        energies: of the images and of the load, less the energy of the start [energy].
         result: how the search ended.
     """
 
@@ -178,7 +178,7 @@ def _search(number: int, contact: Contact, load: Load, first: Start, last: Start
 
 
 def _find(number: int, contact: Contact, load: Load, first: Start, last: Start) -> Transition:
-    """Return what `transition` does, in the units of the contact."""
+    """Return the transition between the minima near two gaps."""
     solver = PreconditionedConjugateGradient()
     start, end = (find(contact, load, solver, gap) for gap in (first, last))
     are_found = (start.result == RESULTS.successful) & (end.result == RESULTS.successful)
@@ -238,7 +238,7 @@ def _climbed(
 
 
 def _sides(contact: Contact, load: Load, climb: _Climb, start: Field) -> Equilibrium:
-    """Return what a push of the saddle to either side relaxes to, first what is near to a gap."""
+    """Return the minima on both sides of the saddle, the one nearer to a gap first."""
     solver, control = PreconditionedConjugateGradient(), contact.control(load)
     push = amplitude_of(climb.saddle, climb.mode) * climb.mode
 

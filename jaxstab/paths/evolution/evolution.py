@@ -29,9 +29,9 @@ class Totals(eqx.Module):
     Attributes:
         mean_gap: mean(g) [length].
         mean_pressure: p0, positive in compression [pressure].
-        contact_area: the number of contact points over that of all points.
-        stored: elastic energy of all branches, adhesive energy and that of the load's spring, above
-            that of the start [energy].
+        contact_area: the number of contact points over the number of all points.
+        stored: elastic energy of all branches, adhesive energy and the energy of a spring, less
+            their sum at the start [energy].
         work: done by the load since the start [energy].
         dissipated: in the solid, since the start [energy].
         lost: in jumps, since the start [energy].

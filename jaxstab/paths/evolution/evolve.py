@@ -203,7 +203,7 @@ def _legs(load: Load, times: Float[Array, " times"]) -> Leg:
 
 
 def _entry(state: State, fields: bool) -> Entry:
-    """Return what is recorded of a state."""
+    """Return the record of a state."""
     moment, steps = state
     return moment.totals, moment.internal if fields else None, moment.result, steps.count
 

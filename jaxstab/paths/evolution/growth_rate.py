@@ -56,7 +56,7 @@ def growth_rate(evolution: Evolution) -> Scalar:
 
 @program
 def _singular_stiffening(contact: Contact, equilibrium: Equilibrium, glassy: Scalar) -> Scalar:
-    """Return the c at which c K + D is singular, between one and that of the glassy solid."""
+    """Return the c at which c K + D is singular, from one to the stiffening of the glassy solid."""
     gap = equilibrium.gap
     is_moving = ~(equilibrium.in_contact & (equilibrium.reaction > 0))
     space = Subspace(is_moving, contact.control(equilibrium.load).fixes_mean)

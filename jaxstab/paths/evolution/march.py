@@ -29,7 +29,7 @@ from jaxstab.paths.evolution.step import (
 from jaxstab.paths.record import Table
 from jaxstab.potentials import energy_density
 
-# Of the surface's height and of its energy: what errors are relative to where nothing has moved.
+# Errors are relative to these parts of the height and energy of the surface before it moves.
 _LEAST = 1e-2
 # The shortest step, over the interval and over the shortest relaxation time.
 _SHORTEST = 1e-6, 1e-2

@@ -112,7 +112,7 @@ class ProjectedLOBPCG(ConeSolver):
         is_lost = (best.result == RESULTS.successful) & ~jnp.any(is_best)
         result = RESULTS.where(is_lost, RESULTS.stagnated, best.result)
         point = best.state.point
-        # A projected gradient step sets to exactly zero what the contact holds.
+        # A projected gradient step sets the points that the contact holds to exactly zero.
         vector = descended(operator, point.mode, point.product, point.eigenvalue)
         return Minimum(
             vector=jnp.where(cone.is_trivial, 0, vector),

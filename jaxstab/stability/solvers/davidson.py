@@ -70,7 +70,7 @@ class _Span(eqx.Module):
     def _apart_from(self, vector: Field) -> Field:
         (overlaps,), square = inner_products(self.basis, vector), total(vector**2)
         rest = vector - combination(overlaps, self.basis)
-        # None, where what is left is little more than rounding.
+        # None, where the rest is little more than rounding.
         is_new = total(rest**2) > _rounding(square.dtype) ** 2 * square
         return jnp.where(is_new, rest, 0)
 
@@ -178,7 +178,7 @@ class Davidson(SpaceSolver):
         return {"residual": jnp.max(self.doubts(problem, state))}
 
     def doubts(self, problem: ModesProblem, state: _RitzState) -> Float[Array, " count"]:
-        """Return how far each mode is from what is sought; the first above the tolerance leads."""
+        """Return the residual of each mode; the first above the tolerance leads."""
         return state.residuals
 
     def minimum(self, problem: ModesProblem, found: Iteration[_RitzState]) -> Minimum:
@@ -222,5 +222,5 @@ def _put_both(row: Array, matrix: Array, slot: Int[Array, ""]) -> Array:
 
 
 def _rounding(dtype: jnp.dtype) -> float:
-    """Return what part of a vector, orthogonal to all others, may be rounding."""
+    """Return the part of a vector, orthogonal to all others, that may be rounding."""
     return float(jnp.finfo(dtype).eps) ** (2 / 3)

@@ -1,7 +1,7 @@
 """Algorithm 1 of Rey & Bleyer: a primal-dual proximal iteration for the cone eigenvalue.
 
 The step is equations (34) to (37) as printed. Elsewhere the text cannot be meant, and a comment
-beside the line says what differs:
+beside the line names the difference:
 
 - The start is a random admissible vector: e has no component in the admissible space.
 - The loop goes on while *either* indicator is above the tolerance, where the text says "and"; since
