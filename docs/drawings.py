@@ -90,7 +90,7 @@ def verdicts() -> Figure:
     energy.text(1.95, 0.5, r"curvature" "\n" r"$\lambda<0$", color=FORCE)
     energy.set(
         xlabel="amplitude $t$ along the cone's mode $x$",
-        ylabel="energy less that of the equilibrium",
+        ylabel="energy above the equilibrium",
         xticks=[],
         yticks=[],
         ylim=(-0.75, 1.3),

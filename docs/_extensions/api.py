@@ -4,7 +4,7 @@
     module-text  shows what a module says of itself
     js           refers to something public by its name within the package
 
-Signatures are those of the source text, so that shapes read as they are written there.
+Signatures are taken from the source text, so that shapes read as they are written there.
 """
 
 import ast
@@ -195,7 +195,7 @@ def _construction(item: type) -> str:
 
 
 def _default(value: ast.expr | None) -> str:
-    """Return the default of a field, which may be that of an `eqx.field`."""
+    """Return the default of a field, which may stand in an `eqx.field`."""
     if isinstance(value, ast.Call):
         value = next((x.value for x in value.keywords if x.arg == "default"), None)
     return "" if value is None else f" = {ast.unparse(value)}"
@@ -267,7 +267,7 @@ def _linked(code: str, context: str) -> str:
 
 
 def _argument_names(name: str) -> list[str]:
-    """Return the names of the arguments of a function, which may be those of functions too."""
+    """Return the names of the arguments of a function, which may be functions too."""
     item = resolve(name)
     node = None if isinstance(item, ModuleType) else definition(item)
     if not isinstance(node, ast.FunctionDef):
