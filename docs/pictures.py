@@ -1,6 +1,6 @@
 """The pictures of README and documentation: `python docs/pictures.py`, from the repository's root.
 
-`first` draws the picture of the README, `curves` the pictures of the page on performance, from the tables
+`first` draws the picture of the README, `curves` the page on performance, from the tables
 in `benchmarks/results/`, and `films` the three films of the gallery. All are written into
 `docs/_static/`; without a name all are made.
 """
