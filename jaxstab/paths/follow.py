@@ -25,7 +25,7 @@ from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.derivatives import with_derivatives
 from jaxstab.paths.path import Path, PathInterrupted
 from jaxstab.paths.programme import DISTURBANCE, Programme, programme_of
-from jaxstab.paths.record import Room, Table
+from jaxstab.paths.record import Event, Room, Table
 from jaxstab.paths.recorded_path import Recording, path_of, path_with_room
 from jaxstab.paths.walk import Stores, travel, travelled
 
@@ -152,7 +152,7 @@ def _search(
     return path_with_room(ended, contact, load)
 
 
-def _known_path(stores: Stores[Table], programme: Programme, start: Field | None) -> Path:
+def _known_path(stores: Stores[Table[Event]], programme: Programme, start: Field | None) -> Path:
     """Return the path to the end, or until interrupted."""
     recording = Recording()
     try:

@@ -55,7 +55,7 @@ class Bisection(eqx.Module):
 
 
 # A store of jumps.
-Jumps = TypeVar("Jumps", Table, Strongest)
+Jumps = TypeVar("Jumps", Table[Event], Strongest)
 
 
 class Progress(eqx.Module, Generic[Jumps]):
@@ -79,7 +79,7 @@ class Progress(eqx.Module, Generic[Jumps]):
     bisection: Bisection
     part: Int[Array, ""]
     is_apart: Flag
-    states: Table | Count
+    states: Table[PathPoint] | Count
     jumps: Jumps
     result: RESULTS
 

@@ -1,7 +1,7 @@
 """The states and jumps that a walk records, in stores of a bounded size."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import equinox as eqx
 import jax
@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
+from jaxstab.core.checks import concrete
 from jaxstab.core.grid import mean
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import nothing_like
@@ -17,6 +18,9 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load
 from jaxstab.paths.energy import supply_of
+from jaxstab.paths.path import States
+
+Row = TypeVar("Row")
 
 
 class Place(eqx.Module):
@@ -104,10 +108,30 @@ def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
     )
 
 
-class Table(eqx.Module):
+def states_along(
+    contact: Contact, load: Load, place: Place, dissipation: Array
+) -> tuple[Load, States]:
+    """Return the loads and the states of places along a path, given the loss up to each."""
+    # All but the value of a load is the same all along.
+    loads = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], place.value.shape), load)
+    return loads.at(place.value), States(
+        place.mean_gap,
+        place.mean_pressure,
+        place.contact_area,
+        jnp.broadcast_to(contact.area, place.energy.shape),
+        place.energy,
+        place.stored - place.stored[0] + dissipation,
+        dissipation,
+        place.gap if place.gap.size else None,
+        contact.units,
+        contact.solid.is_window,
+    )
+
+
+class Table(eqx.Module, Generic[Row]):
     """Entries in order along a leading axis, in room for a number of them."""
 
-    rows: Any
+    rows: Row
     count: Int[Array, ""]
 
     @property
@@ -115,15 +139,23 @@ class Table(eqx.Module):
         """Return whether there is no room left."""
         return self.count >= len(jax.tree.leaves(self.rows)[0])
 
-    def with_entry(self, entry: Any, is_kept: Flag) -> "Table":
+    def entries(self) -> Row:
+        """Return the entries, without the room left, as arrays of NumPy."""
+        return jax.tree.map(lambda leaf: concrete(leaf)[: int(self.count)], self.rows)
+
+    def emptied(self) -> "Table[Row]":
+        """Return a table of the same size without entries."""
+        return Table(self.rows, self.count * 0)
+
+    def with_entry(self, entry: Row, is_kept: Flag) -> "Table[Row]":
         """Return the store with an entry, if it is kept."""
 
-        def placed(rows: Array, leaf: Array) -> Array:
+        def put(rows: Array, leaf: Array) -> Array:
             if rows.shape[1:] != leaf.shape:
                 return rows
             return rows.at[jnp.where(is_kept, self.count, len(rows))].set(leaf, mode="drop")
 
-        return Table(jax.tree.map(placed, self.rows, entry), self.count + is_kept)
+        return Table(jax.tree.map(put, self.rows, entry), self.count + is_kept)
 
 
 @dataclass(frozen=True)
@@ -133,7 +165,7 @@ class Room:
     size: int
     fields: bool = True
 
-    def __call__(self, like: Any) -> Table:
+    def __call__(self, like: Any) -> Any:
         """Return an empty table of entries like one."""
 
         def rows(leaf: Array) -> Array:
@@ -151,7 +183,7 @@ class Count(eqx.Module):
     count: Int[Array, ""]
 
     @classmethod
-    def none(cls, like: Any) -> "Count":
+    def none(cls, like: object) -> "Count":
         """Return that there is none as yet."""
         return cls(jnp.array(0))
 
@@ -160,7 +192,7 @@ class Count(eqx.Module):
         """Return that there is always room for another."""
         return jnp.array(False)
 
-    def with_entry(self, entry: Any, is_kept: Flag) -> "Count":
+    def with_entry(self, entry: object, is_kept: Flag) -> "Count":
         """Return the number with an entry, if it is counted."""
         return Count(self.count + is_kept)
 

@@ -11,7 +11,6 @@ from jaxtyping import Array, Bool, Float
 
 from jaxstab.contact import Contact
 from jaxstab.core.batching import by_entries
-from jaxstab.core.checks import concrete
 from jaxstab.core.compile import program
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries, stacked
@@ -21,8 +20,8 @@ from jaxstab.paths.barrier_law import BarrierLaw, barrier_law, no_barrier_law
 from jaxstab.paths.curve.limit import limit_ahead
 from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.kinds import KINDS
-from jaxstab.paths.path import Jump, Path, States
-from jaxstab.paths.record import Event, Table
+from jaxstab.paths.path import Jump, Path
+from jaxstab.paths.record import Event, PathPoint, Table, states_along
 
 # Of the states, so that one program serves paths of many lengths.
 _ROOM = 1024
@@ -35,75 +34,40 @@ class Recording:
     """All states and jumps of a walk, taken out of its tables from time to time.
 
     Attributes:
-        walk: where it is, with room for more states and jumps.
-        num_states: of all that is recorded.
+        walk: where it is, with empty tables.
+        states: the parts of the table of states.
         events: the jumps.
     """
 
     def __init__(self) -> None:
         self.walk: Any = None
-        self._states: list[Any] = []
-        self.num_states = 0
+        self.states: list[PathPoint] = []
         self.events: list[Event] = []
 
-    def emptied(self, walk: Progress[Table]) -> Progress[Table]:
+    @property
+    def num_states(self) -> int:
+        """The number of states that are recorded."""
+        return sum(len(part.dissipation) for part in self.states)
+
+    def emptied(self, walk: Progress[Table[Event]]) -> Progress[Table[Event]]:
         """Return a walk with empty tables, whose states and jumps are taken out."""
-        states, jumps = _entries(walk.states), _entries(walk.jumps)
-        events = [self._event(jumps, i) for i in range(int(walk.jumps.count))]
-        emptied = replace(walk, states=_empty(walk.states), jumps=_empty(walk.jumps))
-        self._states.append(states)
-        self.events += events
-        self.num_states += int(walk.states.count)
-        self.walk = emptied
-        return emptied
-
-    def _event(self, jumps: Any, i: int) -> Event:
-        event = jax.tree.map(lambda leaf: leaf[i], jumps)
-        return replace(event, state=event.state + self.num_states)
-
-    @property
-    def no_event(self) -> Event:
-        """An event of the right kind, where there is none."""
-        return jax.tree.map(lambda leaf: leaf[0], self.walk.jumps.rows)
-
-    @property
-    def ended(self) -> Progress[Any]:
-        """The walk with all of its states, without their fields, in room that it may not fill."""
-        size = _ROOM * max(-(-self.num_states // _ROOM), 1)
-
-        def padded(*parts: np.ndarray) -> np.ndarray:
-            # Fields, if there are any, are not needed.
-            rows = np.concatenate(parts) if parts[0].ndim == 1 else np.zeros((size, 0))
-            missing = np.full(size - len(rows), np.nan, rows.dtype)
-            return rows if rows.ndim > 1 else np.concatenate([rows, missing])
-
-        rows = jax.tree.map(padded, *self._states)
-        states = Table(rows, self.walk.states.count + self.num_states)
-        return replace(self.walk, states=states, jumps=None)
-
-    @property
-    def gaps(self) -> Array | None:
-        """The gap of each state, None where they are not kept."""
-        gaps = np.concatenate([states.place.gap for states in self._states])
-        return jax.device_put(gaps) if gaps.size else None
-
-
-def _entries(store: Any) -> Any:
-    return jax.tree.map(lambda leaf: concrete(leaf)[: int(store.count)], store.rows)
-
-
-def _empty(store: Any) -> Any:
-    return replace(store, count=store.count * 0)
+        assert isinstance(walk.states, Table)
+        before, jumps = self.num_states, walk.jumps.entries()
+        for i in range(len(jumps.state)):
+            event = jax.tree.map(lambda leaf, i=i: leaf[i], jumps)
+            self.events.append(replace(event, state=event.state + before))
+        self.states.append(walk.states.entries())
+        self.walk = replace(walk, states=walk.states.emptied(), jumps=walk.jumps.emptied())
+        return self.walk
 
 
 @program
 @by_entries
-def path_with_room(ended: Progress[Table], contact: Contact, load: Load) -> Path:
+def path_with_room(ended: Progress[Table[Event]], contact: Contact, load: Load) -> Path:
     """Return the path of a contact under a programme of loads.
 
     Only the first entries are of states, and of jumps, as many as the walk has recorded.
     """
-
     rows = ended.jumps.rows
     jumps = jax.lax.map(partial(_jump, contact, load[0]), rows)
     last = jax.tree.map(lambda leaf: leaf[ended.jumps.count - 1], rows)
@@ -116,15 +80,26 @@ def path_of(record: Recording, contact: Contact, load: Load) -> Path:
     Jumps are looked at one by one: any number of them needs one program, and no more memory than
     they take.
     """
-    one = load[0]
+    one, walk, number = load[0], record.walk, record.num_states
+    none = jax.tree.map(lambda leaf: leaf[0], walk.jumps.rows)
     jumps = [_jump_alone(contact, one, event) for event in record.events]
-    like = jumps[0] if jumps else jax.eval_shape(_jump_alone, contact, one, record.no_event)
-    last = record.events[-1] if record.events else record.no_event
-    parts = _states_alone(record.ended, last, contact, load)
+    like = jumps[0] if jumps else jax.eval_shape(_jump_alone, contact, one, none)
+    room = _ROOM * max(-(-number // _ROOM), 1)
+
+    def padded(*parts: np.ndarray) -> np.ndarray:
+        # Fields, if there are any, are not needed.
+        rows = np.concatenate(parts) if parts[0].ndim == 1 else np.zeros((room, 0))
+        rest = np.full((room - len(rows), *rows.shape[1:]), np.nan, rows.dtype)
+        return np.concatenate([rows, rest])
+
+    states = Table(jax.tree.map(padded, *record.states), walk.states.count + number)
+    last = [none, *record.events][-1]
+    parts = _states_alone(replace(walk, states=states, jumps=None), last, contact, load)
     for name in ("load", "equilibrium"):
-        parts[name] = first_entries(parts[name], record.num_states)
-    parts["equilibrium"] = replace(parts["equilibrium"], gap=record.gaps)
-    return Path(jumps=stacked(jumps, like), **parts)
+        parts[name] = first_entries(parts[name], number)
+    gaps = np.concatenate([part.place.gap for part in record.states])
+    states = replace(parts["equilibrium"], gap=jax.device_put(gaps) if gaps.size else None)
+    return Path(jumps=stacked(jumps, like), **parts | {"equilibrium": states})
 
 
 def _jump(contact: Contact, one: Load, event: Event) -> Jump:
@@ -156,35 +131,20 @@ def _jump(contact: Contact, one: Load, event: Event) -> Jump:
 def _states(ended: Progress[Any], last: Event, contact: Contact, load: Load) -> dict[str, Any]:
     """Return all of a path but its jumps, by name, given the last of them."""
     assert isinstance(ended.states, Table)
-    states, one = ended.states.rows, load[0]
+    states = ended.states.rows
     place = states.place
-
-    def loads(values: Array) -> Load:
-        # All but the value of a load is the same all along.
-        return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, values.shape), one).at(values)
-
     dissipation = states.dissipation
     is_branch = (jnp.diff(dissipation) == 0) & jnp.isfinite(place.value[1:])
     unlocated, error = _unlocated_loss(place.value, place.potential, place.force, is_branch)
+    along, recorded = states_along(contact, load, place, dissipation)
     end = ended.here
     # The sum of many terms, each as large as the energies, is rounded.
     sizes = jnp.where(is_branch, jnp.abs(place.potential[1:]), 0)
     rounding = _ROUNDING * jnp.finfo(sizes.dtype).eps * jnp.sum(sizes)
     gains = (ended.result == RESULTS.successful) & (unlocated < -error - rounding)
     return {
-        "load": loads(place.value),
-        "equilibrium": States(
-            place.mean_gap,
-            place.mean_pressure,
-            place.contact_area,
-            jnp.broadcast_to(contact.area, place.energy.shape),
-            place.energy,
-            place.stored - place.stored[0] + dissipation,
-            dissipation,
-            place.gap if place.gap.size else None,
-            contact.units,
-            contact.solid.is_window,
-        ),
+        "load": along,
+        "equilibrium": recorded,
         "work": end.place.stored - place.stored[0] + end.dissipation,
         "dissipation": end.dissipation,
         "result": RESULTS.where(gains, RESULTS.unbalanced_work, ended.result),

@@ -25,7 +25,7 @@ from jaxstab.paths.record import Count, Event, PathPoint, Table
 
 _BATCH_SECONDS, _BATCH_STEPS = 0.5, 1024
 
-States = Table | Count
+States = Table[PathPoint] | Count
 
 
 class Stores(NamedTuple, Generic[Jumps]):

@@ -33,8 +33,8 @@ from jaxstab.loads import Load, require_loads, require_same_machine
 from jaxstab.paths.curve.branch import Branch, Turn
 from jaxstab.paths.curve.march import Entry, Task, Walk, begin, entry_of, is_same, next_walk
 from jaxstab.paths.kinds import KINDS
-from jaxstab.paths.path import PathInterrupted, States
-from jaxstab.paths.record import Room, Table
+from jaxstab.paths.path import PathInterrupted
+from jaxstab.paths.record import Room, Table, states_along
 
 # Turns that there is room for under JAX transformations.
 _MAX_TURNS = 16
@@ -205,23 +205,11 @@ def _traced(number: int, fields: bool, is_state: bool, task: Task) -> Branch:
 
 
 def _branch(task: Task, walk: Walk, entries: Entry, turns: Turn) -> Branch:
-    place, loads = entries.place, task.loads
     is_unclear = (walk.end == KINDS.lost) | (walk.end == KINDS.uncertain)
     result = RESULTS.where(is_unclear, RESULTS.lost_branch, walk.result)
-    states = States(
-        place.mean_gap,
-        place.mean_pressure,
-        place.contact_area,
-        jnp.broadcast_to(task.contact.area, place.energy.shape),
-        place.energy,
-        place.stored - place.stored[0],
-        jnp.zeros_like(place.energy),
-        place.gap if place.gap.size else None,
-        task.contact.units,
-        task.contact.solid.is_window,
-    )
-    load = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], place.value.shape), loads)
-    return Branch(load.at(place.value), states, entries.index, turns, walk.end, result)
+    place = entries.place
+    load, states = states_along(task.contact, task.loads, place, jnp.zeros_like(place.energy))
+    return Branch(load, states, entries.index, turns, walk.end, result)
 
 
 def _describe(load: Load, branch: Branch) -> str:
