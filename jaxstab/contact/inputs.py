@@ -19,7 +19,7 @@ from jaxstab.solids.solid import Solid
 if TYPE_CHECKING:
     from jaxstab.surfaces import Topography
 
-# Over the range of the heights: a constant in them that costs digits.
+# A constant in the heights costs digits if it exceeds their range by this factor.
 _LARGE = 16.0
 
 

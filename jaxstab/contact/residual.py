@@ -15,7 +15,7 @@ from jaxstab.solids.solid import Solid
 
 # How much the mean of the imbalance counts beside its rms.
 _MEAN_SHARE = 1e-2
-# Over the mean gap: below this spread of the heights a surface is nearly flat.
+# A surface is nearly flat if its heights spread by less than this part of the mean gap.
 _FLAT = 1e-2
 # How much larger than the rounding of a gap's pressure the scale of residuals then is, so that the
 # default tolerances can be reached.

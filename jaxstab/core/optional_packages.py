@@ -6,7 +6,7 @@ from importlib.util import find_spec
 
 # h5netcdf does not install h5py.
 NETCDF = ("xarray", "h5netcdf", "h5py")
-# On these numbers depend.
+# Numbers depend on these packages.
 _PACKAGES = ("jaxstab", "jax", "jaxlib", "equinox", "numpy")
 
 

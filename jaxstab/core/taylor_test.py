@@ -18,7 +18,7 @@ from jaxstab.core import display
 from jaxstab.core.checks import is_traced
 
 _NUM_STEPS = 12
-# Of the rates 1 and 2, with which remainders fall along a line of steps.
+# Remainders fall with rates 1 and 2 along a line of steps: a rate of 2 is at least this.
 _LEAST_RATE = 1.8
 # Remainders count where they are so many times the noise, and the fewest steps that give a rate.
 _ABOVE_NOISE = 5

@@ -24,7 +24,7 @@ from jaxstab.loads.load import Load
 
 Start = TypeVar("Start", Field, Field | None)
 
-# Of the largest pressure.
+# The edges may carry this part of the largest pressure.
 _MOST_AT_EDGES = 1e-2
 
 

@@ -39,7 +39,7 @@ from jaxstab.paths.kinds import KINDS
 
 # Where the branches from the two loads start.
 Starts = list[Field | None]
-# Along the branches from either load.
+# A branch is followed from either load.
 _NUM_SEARCHES = 2
 # Releases that lose a smaller part of the problem's own energy do not end a branch: so little is
 # known in float32. The next one is sought so far beyond, over the way from load to load, by steps

@@ -216,7 +216,7 @@ def apply_step(
     is_event = trial.is_jump | trial.is_touch
     accepts = trial.is_smooth | is_event | trial.is_apart
     is_apart = (walk.is_apart & ~trial.is_touch) | trial.is_pulled
-    # Of surfaces that fall apart nothing is known, and of those that are, nothing is recorded.
+    # The loss is unknown where surfaces fall apart, and states of separated ones are not recorded.
     lost = jnp.where(trial.is_pulled | trial.is_touch, jnp.nan, trial.dissipation)
     new = PathPoint(place, walk.here.dissipation + jnp.where(is_event, lost, 0))
     here = _choose(accepts, new, walk.here)

@@ -19,13 +19,13 @@ from jaxstab.loads import Load
 from jaxstab.paths.energy import own_energy, smallest_loss
 from jaxstab.paths.record import PathPoint, Place, place_of
 
-# By default, over the size of the problem's own heights and gaps.
+# The default is relative to the size of the problem's own heights and gaps.
 DISTURBANCE = 1e-6
 # How far a step of a solver may move a point, over its gap and the range of the law: farther ones
 # were seen to leap over minima. On its way to another branch longer ones came to other minima than
 # an overdamped relaxation.
 _MAX_MOVE, _MAX_MOVE_IN_JUMP = 0.1, 0.03
-# Steps of a monotone part of the programme, at least.
+# A monotone part of the programme takes so many steps at least.
 _NUM_STEPS = 32
 
 

@@ -23,7 +23,7 @@ from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.path import Jump, Path
 from jaxstab.paths.record import Event, PathPoint, Table, states_along
 
-# Of the states, so that one program serves paths of many lengths.
+# Tables of states have multiples of this size, so that one program serves many lengths.
 _ROOM = 1024
 # The part of a gain of energy that may be rounding, over the energies, in units of the precision.
 _ROUNDING = 16

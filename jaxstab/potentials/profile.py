@@ -12,7 +12,7 @@ from jaxstab.core.types import Flag, Scalar
 from jaxstab.potentials.evaluation import derivatives
 from jaxstab.potentials.varying import Potential, varying_fields, with_fields
 
-# From the largest gap to the smallest, as multiples of the size of the grid.
+# Gaps run from the largest to the smallest, as multiples of the size of the grid.
 _OCTAVES = (10, -40)
 # The relative difference of the slopes at zero gap and right above it that counts as a jump.
 _JUMP = 0.25

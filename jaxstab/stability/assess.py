@@ -46,11 +46,11 @@ from jaxstab.stability.verdict import (
 )
 
 _Inputs = tuple[Contact, Equilibrium, ConeSolver, PRNGKeyArray]
-# For the lower bound, on the critical cone and on the cone.
+# The lower bound, the critical cone and the cone take one search each.
 _NUM_SEARCHES = 3
 # Random vectors to start from.
 _NUM_RANDOM = 8
-# In units of the precision: reactions below this part of the pressure are none.
+# Reactions below this part of the pressure count as none, in units of the precision.
 _ROUNDING = 1e3
 # How much more than estimated a gap may be off.
 _DOUBT = 10
@@ -243,7 +243,7 @@ def _problems(
     hessian = Hessian(contact.solid, curvature, control.stiffness)
     imbalance = jnp.sqrt(total(model.imbalance(balance.net, gap) ** 2))
     scale = pressure_scale(contact, gap, equilibrium.pressure)
-    # By how much the net pressure of a point may be wrong.
+    # The net pressure of a point may be wrong by this.
     error = imbalance + _ROUNDING * jnp.finfo(gap.dtype).eps * scale
     weak = in_contact & (balance.net <= error)
     nearly_touching = ~in_contact & (gap * hessian.solid.max_stiffness <= error)

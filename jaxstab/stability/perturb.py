@@ -12,7 +12,7 @@ from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.verify import recognised
 
-# By default: the part of the mean gap that a push moves the point that moves most.
+# A push moves the point that moves most by this part of the mean gap by default.
 SMALL = 1e-3
 
 

@@ -69,7 +69,7 @@ class CaseWorker:
     def _run_together(self, cases: Sequence[Case]) -> str:
         self._begin(cases)
         start = perf_counter()
-        # Of one length, with copies of the last case, all batches are one program.
+        # Batches of one length, with copies of the last case, share one program.
         padded = [*cases, *[cases[-1]] * (self.batch - len(cases))]
         values = {name: np.array([case[name] for case in padded]) for name in cases[0]}
         returned = jax.device_get(self._batched(values))

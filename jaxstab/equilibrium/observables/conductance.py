@@ -95,7 +95,7 @@ def conductance(
             "Use float64."
         )
     force, is_whole = total(pressure), jnp.all(touches) & (not solid.is_window)
-    # Of E* = 1.
+    # E* is one.
     stiffness = jnp.where(is_whole, jnp.inf, force * contact.grid.cell_area.astype(dtype))
     current = jnp.where(is_whole, 1 / pressure.size, pressure / jnp.where(force > 0, force, 1))
     return Conductance(

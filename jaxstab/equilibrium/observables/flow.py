@@ -22,12 +22,12 @@ _Field = Float[np.ndarray, " *grid"]
 _Faces = Float[np.ndarray, "sides *grid"]
 _Solve = Callable[[Float[np.ndarray, " cells"]], Float[np.ndarray, " cells"]]
 
-# Of more cells the factors of a direct solver take several gigabytes.
+# With more cells the factors of a direct solver take several gigabytes.
 _LARGE = 1 << 21
 # The imbalance of a cell over the largest flux: the one aimed at, and the largest allowed.
 _BALANCED, _LIMIT = 1e-12, 1e-9
 _MAX_ROUNDS = 30
-# By how much two bounds of a conductance may differ.
+# Two bounds of a conductance may differ by this part.
 _BOUNDS = 1e-7
 
 
@@ -182,7 +182,7 @@ def _solver(links: _Faces, solver: Solver | None) -> tuple[_Solve, Bool[np.ndarr
     diagonal = total[kept]
     diagonal[first] *= 2
     scale = 1 / np.sqrt(diagonal)
-    # With a unit diagonal, as conductances differ by many orders.
+    # The diagonal is scaled to one, since conductances differ by many orders.
     scaled = diags_array(scale) @ (diags_array(diagonal) - joined) @ diags_array(scale)
     inverse = _inverse(scaled, solver)
     return lambda outflow: scale * inverse(scale * outflow), (total > 0).reshape(shape)

@@ -92,7 +92,7 @@ def leakage(
     require_positive("The viscosity", resistance)
     values, dtype = np.asarray(gap, float), contact.heights.dtype
     largest = values.max()
-    # In units of the largest gap, whose cube can be beyond the range of numbers.
+    # The unit is the largest gap, whose cube can be beyond the range of numbers.
     conductivity = (values / largest) ** 3 / 12 if largest > 0 else values
     faces, leads = conducting(conductivity, values > 0)
     found = flows(faces, leads, np.asarray(contact.grid.spacing, float), solver)

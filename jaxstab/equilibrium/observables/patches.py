@@ -14,7 +14,7 @@ from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.observables.clusters import Neighbours, clusters_of
 from jaxstab.equilibrium.observables.observable import Observable
 
-# Of the counted interface times the spacing (Yastrebov, Anciaux & Molinari, 2017).
+# The grid counts this part of interface times spacing too much (Yastrebov et al., 2017).
 _STAIRCASE = (np.pi - 1 + np.log(2)) / 24
 
 

@@ -26,7 +26,7 @@ from jaxstab.solids.solid import Solid
 _MAX_CUTS = 40
 # The least part of the fall of energy that the slope promises.
 _ARMIJO = 1e-4
-# In units of the stiffest wave: the curvature from which a point moves by its own stiffness.
+# A point moves by its own stiffness from this curvature on, over the stiffest wave.
 _STIFF = 0.1
 
 

@@ -71,7 +71,7 @@ class PolonskyKeerRey(EquilibriumSolver):
         curvature = state.balance.curvature
         free_norm = total(jnp.where(is_free, net, 0) ** 2)
         momentum = _ratio(free_norm, state.free_norm)
-        # Over a stiffness, so that no product leaves the range of single precision.
+        # Dividing by a stiffness keeps products within the range of single precision.
         direction = net / solid.max_stiffness + momentum * state.direction
         direction = jnp.where(is_free, direction, 0)
 

@@ -19,7 +19,7 @@ from jaxstab.stability.perturb import amplitude_of
 
 # How far a state is pushed, one after another: parts of its mean gap.
 _SHARES = 0.1, 0.3, 1.0, 3.0
-# Over the mean gap: from this largest difference on two states are not the same.
+# Two states differ from this largest difference of their gaps on, over the mean gap.
 _APART = 1e-3
 
 

@@ -31,11 +31,11 @@ from jaxstab.paths.curve.morse_index import index_of, some_modes
 from jaxstab.stability.perturb import amplitude_of
 
 Start = Field | None
-# Times that the string is drawn anew around its highest image.
+# The string is drawn anew around its highest image so often at most.
 _MAX_ZOOMS = 5
-# Steps of a string that is drawn anew: with more its images slide down its sides.
+# A string that is drawn anew takes so few steps: with more its images slide down its sides.
 _FEW_STEPS = 8
-# How high a saddle may lie, over the barrier that the string shows.
+# A saddle may lie so high, over the barrier that the string shows.
 _HIGHEST = 2
 
 

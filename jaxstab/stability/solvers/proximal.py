@@ -110,7 +110,7 @@ class ProximalIteration(ConeSolver):
         eigenvalue, mode, _ = admissible_pair(operator, problem.domain, found.state.x)
         eigenvalue = jnp.where(eigenvalue == jnp.inf, 0, eigenvalue)
         tau, sigma = self._steps(operator.bound)
-        # To within the rounding of the defaults, which meet it exactly.
+        # The defaults meet it exactly, so rounding is allowed for.
         is_short = (1 / tau - sigma) * (1 + 8 * jnp.finfo(mode.dtype).eps) >= operator.bound / 2
         return Minimum(
             vector=descended(operator, mode, operator(mode), eigenvalue),

@@ -9,7 +9,7 @@ def scan_of(surface: object) -> Scan | None:
     """Return the content of an xarray, or of a surface of SurfaceTopography; None for others."""
     if isinstance(surface, Scan):
         return surface
-    # By their attributes, since neither package need be there.
+    # They are recognised by their attributes, since neither package need be there.
     makers = {
         "data_vars": scan_of_dataset,
         "dims": scan_of_array,
