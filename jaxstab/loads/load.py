@@ -42,6 +42,11 @@ class Control(eqx.Module):
     def is_feasible(self) -> Flag:
         """Whether any gap meets the load."""
 
+    @property
+    def presses(self) -> Flag:
+        """Whether the load brings surfaces together that are apart."""
+        return self.energy(jnp.ones(())) > self.energy(jnp.zeros(()))
+
     @abstractmethod
     def starting_gap(self, heights: Field) -> Field:
         """Return the gap of the undeformed solid, negative where it would enter the surface."""

@@ -3,6 +3,11 @@
 from dataclasses import replace
 from functools import partial
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, PyTree
+
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
@@ -15,15 +20,16 @@ from jaxstab.core.checks import (
     require_finite,
     require_positive,
 )
+from jaxstab.core.implicit import attach
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import ArrayLike, Field, Scalar
+from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrate import first_gap
 from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, require_load, require_same_machine
-from jaxstab.paths.derivatives import with_derivatives
-from jaxstab.paths.path import Path, PathInterrupted
+from jaxstab.paths.curve.limit_derivatives import differentiable_value
+from jaxstab.paths.path import Jump, Path, PathInterrupted
 from jaxstab.paths.programme import DISTURBANCE, Programme, programme_of
 from jaxstab.paths.record import Event, Room, Table
 from jaxstab.paths.recorded_path import Recording, path_of, path_with_room
@@ -124,7 +130,7 @@ def follow(
         share,
         noise,
         bar=(100, "%", progress),
-        differentiable=partial(with_derivatives, (start, least, noise)),
+        differentiable=partial(_with_derivatives, (start, least, noise)),
         describe=partial(_describe, load),
         throw=throw,
     )
@@ -150,6 +156,27 @@ def _search(
     is_short = ended.is_open(programme.load)
     ended = replace(ended, result=RESULTS.where(is_short, RESULTS.store_full, ended.result))
     return path_with_room(ended, contact, load)
+
+
+def _with_derivatives(
+    others: tuple[Array | None, ...], contact: Contact, load: Load, path: Path
+) -> Path:
+    """Return a path with derivatives of the loads of its jumps; all others are NaN."""
+    if not is_traced((contact, load)):
+        return path
+
+    def value(jump: Jump) -> Scalar:
+        shared, ahead = load[0].at(jump.load.value), jump.after.load.value - jump.load.value
+        return differentiable_value(shared, jump.before.gap, ahead, contact)
+
+    values = jax.lax.map(value, path.jumps)
+    numbers, rest = eqx.partition(path, eqx.is_inexact_array)
+    path = eqx.combine(attach(_undefined, numbers, None, (contact, load, others)), rest)
+    return replace(path, jumps=replace(path.jumps, load=path.jumps.load.at(values)))
+
+
+def _undefined(path: Path, _: None, inputs: PyTree, changes: PyTree) -> tuple[Path, Flag]:
+    return jax.tree.map(jnp.zeros_like, path), jnp.array(True)
 
 
 def _known_path(stores: Stores[Table[Event]], programme: Programme, start: Field | None) -> Path:

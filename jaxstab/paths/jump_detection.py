@@ -16,7 +16,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxstab.contact import Contact
 from jaxstab.core.checks import concrete
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
@@ -194,8 +193,8 @@ def _outcome_of(
     is_smooth = is_together & ((error <= 1) | (aim.is_final & (loss <= least)))
     is_pulled = (result == RESULTS.pulled_off) & ~walk.is_apart
     is_jump = ~is_smooth & aim.is_final & (is_together | is_pulled)
-    presses = _brings_together(programme.contact, programme.at(value, walk.part))
-    touches = walk.is_apart & is_found & presses
+    control = programme.contact.control(programme.at(value, walk.part))
+    touches = walk.is_apart & is_found & control.presses
     return StepOutcome(
         dissipation=here.potential + change * place.force - place.potential,
         error=jnp.where(is_together, error, jnp.inf),
@@ -281,11 +280,6 @@ def _stride(
     stride = jnp.where(is_event, programme.longest / 8, stride)
     stride = jnp.where(is_apart, programme.longest, stride)
     return jnp.where(is_free, stride, walk.stride)
-
-
-def _brings_together(contact: Contact, load: Load) -> Flag:
-    control = contact.control(load)
-    return control.energy(jnp.ones(())) > control.energy(jnp.zeros(()))
 
 
 def _choose(condition: Flag, one: Any, other: Any) -> Any:

@@ -235,9 +235,8 @@ def _solve_in_turn(problem: _Problem, load: Load, start: _Start, throw: bool) ->
 def _apart(contact: Contact, load: Load) -> Field:
     """Return a gap of surfaces that were pulled apart: far away, or about to touch if pressed."""
     control = contact.control(load)
-    presses = control.energy(jnp.ones(())) > control.energy(jnp.zeros(()))
     # Nothing holds surfaces beyond the gaps at which the law is looked at.
-    distance = jnp.where(presses, 0, 2 * contact.profile.gaps[0])
+    distance = jnp.where(control.presses, 0, 2 * contact.profile.gaps[0])
     return jnp.max(contact.heights) - contact.heights + distance
 
 
