@@ -60,9 +60,9 @@ def padded_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, E
 def padded_start(contact: Contact, load: Load, gap: Start) -> tuple[Contact, Start | Field]:
     """Return a contact on the grid that it is solved on, and a gap there to start from.
 
-            Outside of the window its displacement leaves no pressure. By default it is on a window the gap
-        of the undeformed solid, elsewhere none.
-        """
+    Outside of the window its displacement leaves no pressure. Without a gap to start from it is the
+    gap of the undeformed solid on a window, and elsewhere None.
+    """
     extended = contact.padded
     if extended is contact:
         return contact, gap

@@ -26,8 +26,8 @@ def differentiable(
 ) -> Eigenpair:
     """Return a pair whose eigenvalue and mode are functions of contact, load and gap.
 
-            The mode is that of the smallest eigenvalue on the linear space around the face.
-        """
+    The mode is that of the smallest eigenvalue on the linear space around the face.
+    """
     known = pair.error, pair.result == RESULTS.successful, face
     values = pair.eigenvalue, pair.mode
     eigenvalue, mode = attach(_changes_of_pair, values, known, (contact, load, gap))

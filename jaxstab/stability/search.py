@@ -19,7 +19,6 @@ from jaxstab.stability.certificate import certified
 from jaxstab.stability.coarse_start import is_large, lowest_by_coarser, space_starts
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenproblems import Eigenproblems, Found, covering_doubt
-from jaxstab.stability.lowest_modes import BLOCK_SIZE
 from jaxstab.stability.lowest_pair import Lowest, cone_starts, on_cone, on_space, with_cost_of
 from jaxstab.stability.solvers.base import BLOCK_SIZE, ConeSolver, SpaceSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
