@@ -15,7 +15,7 @@ import jax.core
 import numpy as np
 from jaxtyping import Array
 
-from jaxstab.core.checks import are_finite, known
+from jaxstab.core.checks import are_finite, concrete
 from jaxstab.core.types import ArrayLike
 from jaxstab.core.unit_system import (
     NO_UNITS,
@@ -158,7 +158,7 @@ def described(value: Array | np.ndarray | np.generic) -> str:
     ):
         return kind
     try:
-        numbers = known(value)
+        numbers = concrete(value)
         if numbers.size <= 3 and numbers.ndim <= 1:
             texts = [number(x) for x in numbers.ravel().tolist()]
             return texts[0] if numbers.ndim == 0 else f"[{', '.join(texts)}]"

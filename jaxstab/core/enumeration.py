@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int
 
-from jaxstab.core.checks import array, known
+from jaxstab.core.checks import array, concrete
 from jaxstab.core.display import UNREADABLE, text
 from jaxstab.core.stack import Stackable
 

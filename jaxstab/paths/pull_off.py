@@ -78,8 +78,8 @@ def pull_off(
         stiffness = scalar_parameter(spring, "The stiffness of the spring")
     warn_if_coarse(contact, FOR_JUMPS)
     pressure, start = _start(jax.lax.stop_gradient(contact), initial)
-    whole, start = whole_start(contact, MeanPressure(pressure), start)
-    constant = jax.lax.stop_gradient(whole)
+    padded, start = padded_start(contact, MeanPressure(pressure), start)
+    constant = jax.lax.stop_gradient(padded)
     if stiffness is None:
         load: Load = _dead_load(constant, pressure)
     else:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxstab.core.checks import known, parameter, require, require_positive
+from jaxstab.core.checks import concrete, parameter, require, require_positive
 from jaxstab.core.display import inline
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, NUMBER, SURFACE_ENERGY, Dimension
