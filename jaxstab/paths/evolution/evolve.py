@@ -187,9 +187,9 @@ def _start(contact: Contact, load: Load, initial: Any) -> Moment:
         # A step that takes for ever leaves the relaxed solid.
         relaxed, long = relaxed_contact(contact), jnp.asarray(jnp.finfo(dtype).max)
         held = getattr(initial, "load", load)
-        gap: Any = whole_start(relaxed, held, initial_gap(relaxed, held, initial))[1]
-        strains = jnp.zeros((springs(whole)[0].size, *whole.grid.shape), dtype)
-        memory, found = next_state(whole, held, Internal(gap, strains), long)
+        gap: Any = padded_start(relaxed, held, initial_gap(relaxed, held, initial))[1]
+        strains = jnp.zeros((springs(padded)[0].size, *padded.grid.shape), dtype)
+        memory, found = next_state(padded, held, Internal(gap, strains), long)
         if held is load:
             return first_moment(padded, load, memory, found)
     # A state with a memory, or of another load, answers to the load at once.
