@@ -40,18 +40,6 @@ def is_large(hessian: Hessian) -> bool:
     return hessian.solid.grid.size >= _LARGE and _has_coarser(hessian)
 
 
-def space_starts(
-    solver: SpaceSolver, hessian: Hessian, space: Subspace, random: Block
-) -> tuple[Block, Int[Array, ""]]:
-    """Return a block to start from on a linear space, and its cost in applications of A.
-
-    It is random, or on a large grid has the modes of the coarser problem.
-    """
-    if is_large(hessian):
-        return modes_by_coarser(solver, hessian, space, random)
-    return random, jnp.array(0)
-
-
 def modes_by_coarser(
     solver: SpaceSolver, hessian: Hessian, space: Subspace, random: Block
 ) -> tuple[Block, Int[Array, ""]]:

@@ -67,17 +67,13 @@ def on_cone(
 
 
 def cone_starts(
-    solver: ConeSolver,
-    cone: AdmissibleCone,
-    around: Lowest,
-    random: Block,
-    before: Lowest | None = None,
+    solver: ConeSolver, cone: AdmissibleCone, around: Lowest, random: Block
 ) -> tuple[Block, Bool[Array, " starts"], Flag]:
     """Return starts on a cone, which of them are needed, and whether the first is the answer.
 
     They are the two lowest modes of the linear space around it with both signs, and random vectors.
     On few points each contact point that lifts is one too. If the lowest mode converged and lies in
-    the cone, it is the answer and the only start, unless there is an earlier result beside it.
+    the cone, it is the answer and the only start.
     """
     modes = around.modes
     starts = jnp.concatenate([modes[:2], -modes[:2], random])
@@ -93,7 +89,4 @@ def cone_starts(
         lifted = jnp.eye(size, dtype=starts.dtype).reshape(size, *one_sided.shape)
         starts = jnp.concatenate([starts, lifted])
         is_needed = jnp.concatenate([is_needed, ~is_answer & one_sided.ravel()])
-    if before is None:
-        return starts, is_needed, is_answer
-    starts = jnp.concatenate([before.pair.mode[None], starts])
-    return starts, jnp.ones(len(starts), bool), is_answer
+    return starts, is_needed, is_answer

@@ -7,6 +7,7 @@ space.
 
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 
 from jaxstab.contact.hessian import Block, Hessian
@@ -16,7 +17,7 @@ from jaxstab.core.conditional import if_needed
 from jaxstab.core.progress import advance_if_known
 from jaxstab.core.types import ArrayLike
 from jaxstab.stability.certificate import certified
-from jaxstab.stability.coarse_start import is_large, lowest_by_coarser, space_starts
+from jaxstab.stability.coarse_start import is_large, lowest_by_coarser, modes_by_coarser
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenproblems import Eigenproblems, Found, covering_doubt
 from jaxstab.stability.lowest_pair import Lowest, cone_starts, on_cone, on_space, with_cost_of
@@ -76,8 +77,13 @@ def smallest_eigenpairs(
 def _lowest_on_hull(
     spaces: SpaceSolver, hessian: Hessian, cone: AdmissibleCone, random: Block
 ) -> Lowest:
-    """Return the lowest pair on the linear space around a cone."""
-    starts, cost = space_starts(spaces, hessian, cone.hull, random[:BLOCK_SIZE])
+    """Return the lowest pair on the linear space around a cone.
+
+    On a large grid the search begins with the modes of the coarser problem.
+    """
+    starts, cost = random[:BLOCK_SIZE], jnp.array(0)
+    if is_large(hessian):
+        starts, cost = modes_by_coarser(spaces, hessian, cone.hull, starts)
     return on_space(spaces, hessian, cone.hull, starts).costing(cost)
 
 
@@ -115,7 +121,9 @@ def _from_all_starts(
     before: Lowest | None = None,
 ) -> Lowest:
     """Return the lowest pair on a cone, also from an earlier result if there is one."""
-    starts, is_needed, is_answer = cone_starts(solver, cone, hull, random, before)
+    if before is not None:
+        random = jnp.concatenate([before.pair.mode[None], random])
+    starts, is_needed, is_answer = cone_starts(solver, cone, hull, random)
     found = solver.solve(hessian.restricted(cone.is_moving), cone, starts, is_needed)
     lowest = on_cone(hessian, cone, hull, found, is_answer)
     if before is None:
