@@ -3,18 +3,14 @@
 import re
 from dataclasses import replace
 from pkgutil import iter_modules
-from typing import Annotated
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jaxtyping import Array
 
 import jaxstab as js
 from jaxstab import plots
 from jaxstab.core.unit_system import Units, measured, unit_symbol
-from jaxstab.core.units import SURFACE_ENERGY
 
 
 def flat(unit=None, heights=None, length=1e-6):
@@ -213,16 +209,3 @@ def test_files_keep_both_units(tmp_path, probe):
     contact, loaded = js.load(js.save(tmp_path / "run.nc", probe, state))
     assert (contact.unit, contact.pressure_unit) == ("nm", "GPa")
     assert str(loaded) == str(state) and "nN" in str(loaded)
-
-
-def test_a_class_of_the_user_declares_dimensions_as_those_of_the_library(probe):
-    class Well(eqx.Module):
-        depth: Annotated[Array, SURFACE_ENERGY]
-        length: Array
-
-        def __call__(self, gap):
-            return -self.depth * jnp.exp(-gap / self.length)
-
-    law = Well(jnp.array(0.05), jnp.array(1.5))
-    contact = js.Contact(probe.solid, probe.heights, law, unit="nm", pressure_unit="GPa")
-    assert "depth=0.05 J/m², length=1.5)" in str(contact)

@@ -191,6 +191,29 @@ def test_a_pick_that_is_written_anew_is_not_compiled_anew(start, exact):
         js.calibrate(start, LOAD, exact, where=lambda contact: 2 * contact.potential.length)
 
 
+class Offset(eqx.Module):
+    """An exponential law with a constant pressure, which may have any sign."""
+
+    strengths: jax.Array
+    push: jax.Array
+
+    def __call__(self, gap):
+        return -self.strengths[0] * jnp.exp(-gap / self.strengths[1]) - self.push * gap
+
+
+def push(contact):
+    return contact.potential.push
+
+
+@pytest.mark.nightly
+def test_a_parameter_of_any_sign_is_fitted_in_any_units(start, exact):
+    unit = 1e-9
+    law = Offset(unit * jnp.array([GAMMA, RHO / unit]), jnp.array(0.0))
+    guess = js.Contact(js.HalfSpace(start.grid, unit), start.heights, law)
+    fit = js.calibrate(guess, LOAD, unit * (exact + 0.004), where=push)
+    np.testing.assert_allclose(fit.parameters, 0.004 * unit, rtol=1e-5)
+
+
 def test_single_precision_is_refused(start, exact):
     single = js.Contact(start.solid, start.heights.astype(jnp.float32), start.potential)
     with pytest.raises(TypeError, match="float32: a fit needs float64"):

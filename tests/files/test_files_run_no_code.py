@@ -102,6 +102,13 @@ def run_in(folder, *arguments):
     return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment)
 
 
+def test_no_command_imports_what_a_file_names_in_the_folder_it_runs_in(saved, trap):
+    rewritten(saved, "jaxstab:HalfSpace", "trap_module:Law")
+    run = run_in(trap, "info", str(saved))
+    assert run.returncode == 2
+    assert "--import trap_module" in run.stderr
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -71,7 +71,7 @@ def dense_fold(heights, gamma, rho, guess):
         change = np.linalg.solve(jacobian, -residual)
         g, p0 = g + change[: n * n], p0 + change[n * n]
         x, z = x + change[n * n + 1 : -1], z + change[-1]
-        if np.abs(change).max() < 1e-13:
+        if np.abs(change).max() < 1e-9:
             break
     return np.mean(g + h)
 

@@ -8,7 +8,6 @@ import pytest
 from problems import bisected, rough_contact
 
 import jaxstab as js
-from jaxstab.references import johnson
 
 LAWS = {
     "exponential": js.potentials.Exponential(0.02, 0.08),
@@ -126,32 +125,6 @@ def test_it_starts_where_it_is_told_to(case):
     )
     again = js.pull_off(contact, initial=pull.equilibrium)
     np.testing.assert_allclose(again.load.value, pull.load.value, rtol=1e-6)
-
-
-def test_a_start_on_another_grid_is_taken_to_this_one(case):
-    name, contact, pull = case
-    solid = js.HalfSpace(js.Grid(16), 1.0)
-    coarse = js.Contact(solid, contact.heights[::2, ::2], LAWS[name])
-    again = js.pull_off(contact, initial=js.equilibrate(coarse, js.MeanPressure(0.0)))
-    np.testing.assert_allclose(again.load.value, pull.load.value, rtol=1e-6)
-
-
-@pytest.mark.nightly
-def test_johnsons_wave_comes_off_where_it_says():
-    grid = js.Grid((1024,))
-    amplitude, alpha = 0.05, 0.5
-    work = (alpha * np.pi * amplitude) ** 2 / 2
-    # The grid resolves the law nine times.
-    law = js.potentials.Exponential(work, np.sqrt(9 * work / (np.pi * 512)))
-    (x,) = grid.coordinates
-    contact = js.Contact(js.HalfSpace(grid, 1.0), amplitude * jnp.cos(2 * np.pi * x), law)
-    assert contact.resolution == pytest.approx(9)
-    problem = amplitude, 1.0, 1.0, work
-    exact = johnson.pull_off(*problem)
-    start = js.equilibrate(contact, js.MeanGap(johnson.curve(0.3, *problem).mean_gap))
-    pull = js.pull_off(contact, initial=start)
-    np.testing.assert_allclose(pull.load.value, exact.mean_pressure, rtol=1e-2)
-    np.testing.assert_allclose(pull.equilibrium.contact_area, exact.contact_fraction, atol=2e-2)
 
 
 @pytest.mark.nightly

@@ -128,3 +128,21 @@ def test_ctrl_c_ends_after_the_case_in_hand_with_a_warning(tmp_path):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     study = js.study(case, {"seed": range(5)}, path)
     np.testing.assert_array_equal(study["a"], range(5))
+
+
+@pytest.mark.nightly
+@pytest.mark.usefixtures("interruptible")
+def test_ctrl_c_ends_a_study_in_many_processes_after_the_cases_in_hand(tmp_path):
+    command = ["-m", "jaxstab", "study", "script.py", "--path", "study", "--workers", "2"]
+    process = started(tmp_path, *command)
+    wait_until(lambda: sum(runs(tmp_path).values()) >= 5)
+    # As a terminal does, to all of them.
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate()
+    assert process.returncode == 130, said
+    done = len(finished(tmp_path))
+    assert f"interrupted, {done} of 30 cases are done." in said.decode()
+    assert 5 <= done == sum(runs(tmp_path).values()) < 30
+    # In this process alone it goes on.
+    assert started(tmp_path, *command[:-2]).wait() == 0
+    assert set(runs(tmp_path).values()) == {1} and len(runs(tmp_path)) == 30
