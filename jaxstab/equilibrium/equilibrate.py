@@ -32,8 +32,9 @@ from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
 from jaxstab.equilibrium.solvers.base import State as SolverState
 from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjugateGradient
 from jaxstab.equilibrium.window import padded_start, warn_at_edges
-from jaxstab.loads import Control, GapControl, Load, require_loads
-from jaxstab.solids import Solid
+from jaxstab.loads.held_gap import GapControl
+from jaxstab.loads.load import Control, Load, require_loads
+from jaxstab.solids.solid import Solid
 
 # A mean gap may be off by this part of itself, in units of the precision.
 _ROUNDING = 1e3

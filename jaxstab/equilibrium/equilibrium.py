@@ -16,8 +16,8 @@ from jaxstab.core.stack import Stackable, require_single
 from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.core.unit_system import NO_UNITS, Units
 from jaxstab.core.units import AREA, ENERGY, LENGTH, NUMBER, PRESSURE, Dimensioned, dimensions
-from jaxstab.loads import Load
-from jaxstab.potentials import slope
+from jaxstab.loads.load import Load
+from jaxstab.potentials.evaluation import slope
 
 Fields = dict[str, Array]
 
