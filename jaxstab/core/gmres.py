@@ -23,8 +23,8 @@ _NUM_VECTORS = 30
 class _Space(eqx.Module):
     """A Krylov space: orthonormal vectors, one more than columns of the Hessenberg matrix.
 
-    `null` is orthogonal to these columns, and begins with 1. The least residual is that of the
-    start over its norm.
+    `null` is orthogonal to these columns, and begins with 1. The least residual is the start's
+    over its norm.
     """
 
     vectors: PyTree

@@ -40,7 +40,7 @@ Result = Equilibrium | Stability | Sweep | Path | Branch | Evolution | Transitio
 FORMAT = 2
 # The order of a material's moduli in a coated half space.
 _MODULI = ("youngs_modulus", "poisson_ratio")
-# The long names of fields whose own names do not say what they are.
+# The long names of fields whose own names do not explain them.
 _NAMES = {
     "back": "energy of the saddle above the end",
     "bound": "proved lower bound of the smallest eigenvalue",

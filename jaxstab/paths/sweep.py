@@ -135,7 +135,7 @@ def sweep(
         warn_if_coarse(contact)
         solve = _solve_together if order == "independent" else _solve_in_turn
         return solve(problem, load, start, throw)
-    # NaN marks what was not found.
+    # A result that was not found is NaN.
     with jax.debug_nans(False), bar as bar:
         warn_if_coarse(contact)
         if order == "independent" and jax.default_backend() != "cpu":

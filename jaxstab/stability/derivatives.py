@@ -26,7 +26,7 @@ def differentiable(
 ) -> Eigenpair:
     """Return a pair whose eigenvalue and mode are functions of contact, load and gap.
 
-    The mode is that of the smallest eigenvalue on the linear space around the face.
+    The mode belongs to the smallest eigenvalue on the linear space around the face.
     """
     known = pair.error, pair.result == RESULTS.successful, face
     values = pair.eigenvalue, pair.mode

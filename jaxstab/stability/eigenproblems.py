@@ -79,7 +79,7 @@ def _unless(is_left_out: Bool[Array | np.ndarray, ""], pair: Eigenpair) -> Eigen
 def covering_doubt(problems: Eigenproblems, found: Found) -> Found:
     """Return the pairs on both cones with errors that cover the points in doubt.
 
-    The critical eigenvalue lies between that of the hull, where these points all move freely, and
+    The critical eigenvalue lies between the hull's, where these points all move freely, and
     the quotient of its mode where they all stay. On V0+ those that nearly touch may be one-sided
     too, which raises the quotient of the mode; and those that hardly press may be free, where the
     mode leaves a residual.

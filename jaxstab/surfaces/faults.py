@@ -98,8 +98,8 @@ def rms_slope(heights: np.ndarray, lengths: np.ndarray) -> float:
 def _increments(heights: np.ndarray, axis: int) -> tuple[float, float, float]:
     """Return rms increments between neighbours along a side.
 
-    They are those of all neighbours inside, of the line across on which they are largest, and of
-    the periodic edge.
+    The three are taken over all neighbours inside, over the line across on which they are largest,
+    and over the periodic edge.
     """
     lines = np.moveaxis(heights, axis, 0).reshape(heights.shape[axis], -1)
     squares, counts = _squares(np.diff(lines, axis=0))

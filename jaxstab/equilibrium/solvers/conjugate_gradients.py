@@ -60,7 +60,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
     """Projected conjugate gradients on the gap, preconditioned in Fourier space.
 
     A step moves the points out of contact, and those in contact that are pulled off it. Its
-    direction is that of Polak and Ribiere, never less than zero, with the preconditioner 1 / (K +
+    direction follows Polak and Ribiere, never less than zero, with the preconditioner 1 / (K +
     c) masked to those points. Its length minimises the energy along the direction to second order.
     It is cut until the energy falls, with the gap cut at zero and brought back under the load.
     Where the curvature is negative, lengths grow for as long as they succeed.

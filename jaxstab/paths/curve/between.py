@@ -1,4 +1,4 @@
-"""Checks of a step along a curve: what the values and rates at its ends say of the points between.
+"""Checks of a step along a curve, by the values and rates at its ends.
 
 On one smooth piece cubics go through both ends. No gap and no reaction may become negative between
 them, and the load may turn once at most. Over several corners each point must change sides where
@@ -20,7 +20,7 @@ _LEAP = 64
 _FORESEEN = 3
 # Places between two ends where the cubics are looked at.
 _BETWEEN = 16
-# What of a gap or reaction below zero is none, over the size of the pressures.
+# A gap or reaction less than this below zero counts as zero, over the size of the pressures.
 _SLACK = {"float64": 1e-8, "float32": 1e-3}
 
 
@@ -79,7 +79,7 @@ def stays_positive(
     is_over = ~ends & (end < -slack)
     dips = ~is_over & (value > slack) & (jnp.min(between, 0) < -slack)
     share = jnp.where(is_over, value / jnp.where(is_over, value - end, 1), 1)
-    # What was at zero, and is below at the end, was above between, or only just below.
+    # A value at zero that is below at the end was above between, or only just below.
     share = jnp.where(is_over & (value <= slack), 0.5, share)
     share = jnp.where(dips, 0.5, share)
     return ~jnp.any(is_over | dips), jnp.min(share)
@@ -97,7 +97,7 @@ def turns_as_said(curve: Curve, pieces: Cubics) -> Flag:
     rate, end_rate = curve.rate(old.tangent), curve.rate(new.tangent)
     between = pieces.between(jnp.zeros_like(value), rate, end - value, end_rate)
     steps = jnp.diff(jnp.concatenate([jnp.zeros((1,)), between, (end - value)[None]]))
-    # What rounding of the load hides.
+    # Rounding of the load hides smaller steps.
     noise = 16 * jnp.finfo(value.dtype).eps * (jnp.abs(value) + jnp.abs(end))
     signs = jnp.concatenate(
         [rate[None], jnp.where(jnp.abs(steps) > noise, steps, 0), end_rate[None]]

@@ -1,4 +1,4 @@
-"""A branch of equilibria, stable or not: what `continuation` returns."""
+"""A branch of equilibria, stable or not: the result of `continuation`."""
 
 from typing import Annotated
 
@@ -25,7 +25,7 @@ class Turn(Stackable, Dimensioned):
         kind: a member of `KINDS`: a fold, a release or a touch.
         equilibrium: the state.
         mode: the unit vector along which the branch goes on there.
-        state: the number of the state after it, among those of the branch.
+        state: the number of the state after it, among the states of the branch.
     """
 
     load: Load

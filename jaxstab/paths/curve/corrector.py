@@ -25,7 +25,7 @@ _ACCURACY = 1e-2
 _MAX_STEPS = 12
 # A step that lowers a residual below the tolerance by less ends a search for a smaller one.
 _LEAST_FALL = 0.5
-# What a step leaves at least of the gap over a core.
+# A step leaves at least this part of the gap over a core.
 _LEAST_SHARE = 0.2
 
 
@@ -71,7 +71,7 @@ def at_corner(curve: Curve, point: Mask, opens: Flag, scale: Scalar) -> Conditio
 
 
 class Correction(eqx.Module):
-    """What the corrector solves: a curve, a condition, and the free points.
+    """The problem of the corrector: a curve, a condition, and the free points.
 
     Attributes:
         curve: the curve.

@@ -25,7 +25,7 @@ TANGENT_ACCURACY = {"float64": 1e-8, "float32": 1e-4}
 _MAX_RESTARTS = 10
 # Over the rms elastic pressure of full contact.
 _LEAST_SCALE = 1e-2
-# What part of the largest attraction is taken for none.
+# This part of the largest attraction is taken for none.
 _HARDLY_ANY = 1e-3
 
 
@@ -76,7 +76,7 @@ class Curve(eqx.Module):
     Attributes:
         contact: the contact, in units of its own.
         load: the load, at any value.
-        least_scale: the pressure below which what is out of balance counts for less.
+        least_scale: the pressure below which an imbalance counts for less.
         load_offset: the value of the load at no gap and no pressure.
         load_gradient: the gradient of its value, which is the same anywhere.
         farthest: the gap beyond which there is hardly any attraction, under a load that does not
@@ -107,10 +107,10 @@ class Curve(eqx.Module):
         return self.contact.solid.min_stiffness
 
     def gradient_of(self, change: Point) -> Point:
-        """Return the gradient of what a change has in common with another one [1/length].
+        """Return the gradient of the product of a change with another one [1/length].
 
-        The common part is the mean product of the changes of gap, and the product of those of
-        pressure over the stiffness squared.
+        It is the mean product of the changes of gap, and the product of the changes of pressure
+        over the stiffness squared.
         """
         size = change.gap.size
         return Point(change.gap / size, change.pressure / self.stiffness**2)
@@ -221,7 +221,7 @@ class Curve(eqx.Module):
         share = jnp.where(is_open, share, 1)
         stiffness = total(uniform * hessian(uniform)) / (soft * share)
         along, other = total(row.gap * uniform), row.pressure * stiffness
-        # Never a small difference, which would blow up what is left of the right-hand side.
+        # A small difference would blow up the rest of the right-hand side.
         least = (jnp.abs(along) + jnp.abs(other)) / 2
         along = along - other
         along = jnp.where(jnp.abs(along) < least, jnp.where(along < 0, -2, 2) * least, along)
@@ -231,7 +231,7 @@ class Curve(eqx.Module):
         def bordered(change: Point) -> Point:
             moved = inside(change.gap)
             pressure = inside(hessian(moved)) / soft + change.pressure * uniform
-            # What does not move is left to the identity.
+            # Points that do not move are left to the identity.
             return Point(pressure + change.gap - moved, row.times(Point(moved, change.pressure)))
 
         def precondition(right: Point) -> Point:

@@ -13,7 +13,7 @@ from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.paths.curve.corrector import Correction, at_corner, correct, on_plane
 from jaxstab.paths.curve.curve import Curve, Place, Point, choose
 
-# What ties: points that change sides within this part of the distance to the first of them.
+# Points tie that change sides within this part of the distance to the first of them.
 _TIE = 1e-6
 _MAX_SECANTS = 40
 # How closely a fold is found, over the step that it lies in.

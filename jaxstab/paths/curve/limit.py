@@ -39,7 +39,7 @@ from jaxstab.stability.solvers.davidson import Davidson
 # How closely the point of the limit is found, and its mode.
 _CLOSE = {"float64": 1e-12, "float32": 1e-6}
 _MODE = {"float64": 1e-9, "float32": 1e-5}
-# What of an eigenvalue at a fold is zero, over the stiffness of the softest wave.
+# An eigenvalue below this counts as zero at a fold, over the stiffness of the softest wave.
 _ZERO = {"float64": 1e-6, "float32": 1e-2}
 # How closely a bifurcation is bracketed, over the longest step.
 _BRACKET = {"float64": 1e-10, "float32": 1e-5}

@@ -54,7 +54,7 @@ class Walk(eqx.Module):
         shortest: the shortest step [length].
         count: the number of its states.
         end: why it is followed no more, `KINDS.states` while it is.
-        result: that of the first equilibrium.
+        result: the result of the first equilibrium.
     """
 
     stride: Stride

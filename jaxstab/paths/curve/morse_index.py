@@ -35,7 +35,7 @@ class _Signs(Davidson):
     """Davidson's method until the signs of the lowest eigenvalues are known.
 
     There are at least as many negative eigenvalues as there are negative Ritz values. So those that
-    are positive decide; among them is that of a new vector, which modes of a state nearby may lack.
+    are positive decide; one of them belongs to a new vector, since modes from nearby may lack it.
     """
 
     def doubts(self, problem: ModesProblem, state: Any) -> Float[Array, " count"]:
@@ -63,7 +63,7 @@ def index_of(
 
     Modes are eigenvectors where they are to be precise. Otherwise they do for the count.
 
-    The modes are sought from others, those of a state nearby; from more of them if all that count
+    The search starts from the modes of a state nearby; from more of them if all that count
     are negative, or not known. More than `MOST` count as so many; `UNKNOWN` says that the search
     failed. Where not all are to be counted, three may stand for more.
     """
@@ -109,7 +109,7 @@ def _lowest(
     """Return which of the lowest eigenvalues are negative, whether that is known, and modes."""
     control = contact.control(load)
     space = Subspace(is_free, control.fixes_mean)
-    # What has no part in those that are known: the last, and any of a larger space, are new.
+    # New vectors replace the last mode, and modes that a smaller space did not have.
     is_new = (jnp.arange(len(modes)) == len(modes) - 1) | (norms(modes) == 0)
     fresh = noise(jax.random.key(2), len(modes), gap)
     modes = jnp.where(is_new.reshape(-1, *[1] * gap.ndim), fresh, modes)

@@ -56,7 +56,7 @@ _NEAREST = {"float64": 1e-8, "float32": 1e-5}
 
 
 class Stride(eqx.Module):
-    """What a step has led to.
+    """The outcome of a step, and the next one to try.
 
     Attributes:
         here: the last state.
@@ -88,7 +88,7 @@ class Stride(eqx.Module):
 
 
 class _Aim(NamedTuple):
-    """What a step is to meet.
+    """The target of a step.
 
     Attributes:
         reach: how far ahead it leads [length].
@@ -104,7 +104,7 @@ class _Aim(NamedTuple):
 
 
 class _Arrival(NamedTuple):
-    """What a step has found.
+    """The point that a step has found.
 
     Attributes:
         place: the point with the free points that it was found with.
@@ -159,7 +159,7 @@ def next_stride(way: Way, stride: Stride) -> Stride:
 
 
 def _aim(corners: Corners, old: Place, length: Scalar) -> _Aim:
-    """Return what the next step is to meet: a distance, or the first corner before it."""
+    """Return the target of the next step: a distance, or the first corner before it."""
     most = most_changes(corners.net.size)
     number = corners.within(length)
     follows = (number > jnp.sum(corners.tied)) & (most > 1)
@@ -171,7 +171,7 @@ def _aim(corners: Corners, old: Place, length: Scalar) -> _Aim:
 
 
 def _arrival(way: Way, stride: Stride, corners: Corners, aim: _Aim) -> _Arrival:
-    """Return what the corrector finds, and whether it lies on the same curve."""
+    """Return the point that the corrector finds, and whether it lies on the same curve."""
     curve, old, reach = way.curve, stride.here, aim.reach
     row = curve.gradient_of(old.tangent)
     scale = jnp.maximum(reach, 1e-5 * way.longest)
@@ -209,7 +209,7 @@ def _arrival(way: Way, stride: Stride, corners: Corners, aim: _Aim) -> _Arrival:
 def _accepted(
     way: Way, stride: Stride, corners: Corners, aim: _Aim, arrived: Place, turns: Flag
 ) -> Stride:
-    """Return the state that a step has led to, if the events in it explain what has changed."""
+    """Return the state that a step has led to, if the events in it explain the changes."""
     curve, old = way.curve, stride.here
     gap = jnp.where(arrived.is_free, jnp.maximum(arrived.at.gap, 0), 0)
     gap = jnp.where(aim.is_corner & corners.point, 0, gap)

@@ -50,7 +50,7 @@ class Evolution(Totals):
     """A viscoelastic contact at given times; arrays have a leading axis of times.
 
     `evolution[3]` is one state, without that axis. Its memory, and so its verdicts, need
-    `fields=True`, but for those of the last state. Of a batch, as after `jax.vmap`, it is the
+    `fields=True`, but for the last state. Of a batch, as after `jax.vmap`, it is the
     fourth evolution.
 
     Attributes:
@@ -140,8 +140,8 @@ class Evolution(Totals):
     def instant(self) -> tuple[Contact, Equilibrium]:
         """The contact of a single state, or the last, as it answers at once; its equilibrium.
 
-        The solid is the glassy one, on a surface moved by the memory; on a window both are those of
-        the larger grid that it is solved on.
+        The solid is the glassy one, on a surface moved by the memory; on a window both are on the
+        larger grid that it is solved on.
         """
         padded, gap = self.contact.padded, self.internal.gap
         contact = moved_contact(padded, self.internal, jnp.zeros((), gap.dtype))

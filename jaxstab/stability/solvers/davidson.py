@@ -116,7 +116,7 @@ class Davidson(SpaceSolver):
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-7, "float32": 1e-5}
 
     def init(self, problem: ModesProblem, start: Block) -> _RitzState:
-        """Return a space that has no vectors yet, or on an accelerator that of the starts."""
+        """Return a space that has no vectors yet, or on an accelerator the span of the starts."""
         room = len(start) + 1 + _NUM_RESIDUALS
         block = jnp.zeros((room, *start.shape[1:]), start.dtype)
         matrix = jnp.zeros((room, room), start.dtype)
