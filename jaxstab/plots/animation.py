@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from jaxstab import paths
 from jaxstab.contact import Contact
 from jaxstab.core.checks import require
-from jaxstab.plots.fields import add_colour_bar, draw_map
+from jaxstab.plots.fields import add_colour_bar, draw_map, require_own
 from jaxstab.plots.paths import of_states, quantities_or_default, require_path
 from jaxstab.plots.paths import path as draw_path
 from jaxstab.plots.saving import new_file, written
@@ -89,11 +89,7 @@ def _gaps(contact: Contact, path: paths.Path) -> np.ndarray:
     if path.equilibrium.gap is None:
         raise ValueError("This path left its fields out: follow it with fields=True.")
     gaps = np.asarray(path.equilibrium.gap)
-    if gaps.shape[1:] != contact.grid.shape:
-        raise ValueError(
-            f"The gaps of the path have shape {gaps.shape[1:]}, the contact's grid "
-            f"{contact.grid.shape}: use the contact that it came from."
-        )
+    require_own(contact, gaps.shape[1:], "path")
     return gaps
 
 

@@ -1,7 +1,6 @@
 """Curves: interaction laws, the steps of an eigensolver, states over the load, power spectra."""
 
 from collections.abc import Callable, Sequence
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -12,7 +11,9 @@ from jaxstab.core.checks import require_kind, require_one_of
 from jaxstab.core.unit_system import Units
 from jaxstab.paths.sweep import Sweep
 from jaxstab.plots.fields import require_pair
+from jaxstab.plots.paths import Quantity, of_states
 from jaxstab.plots.style import (
+    QUANTITIES,
     VERDICT_MARKERS,
     add_legend,
     axes_or_new,
@@ -24,8 +25,6 @@ from jaxstab.plots.style import (
 from jaxstab.potentials import Potential, energy_density, slope
 from jaxstab.stability import Eigenpair
 from jaxstab.surfaces import PowerSpectrum
-
-_OF_A_SWEEP = ("mean_pressure", "force", "contact_area", "energy")
 
 
 def potential(
@@ -81,7 +80,7 @@ def convergence(pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
 
 def stability_curve(
     sweep: Sweep,
-    quantity: Literal["mean_pressure", "force", "contact_area", "energy"] | None = None,
+    quantity: Quantity | None = None,
     *,
     axes: Axes | None = None,
 ) -> Axes:
@@ -99,7 +98,7 @@ def stability_curve(
         ValueError: for a quantity that cannot be drawn, a single state, or a sweep without
             stability.
     """
-    require_one_of("quantity", quantity or "force", _OF_A_SWEEP)
+    require_one_of("quantity", quantity or "force", QUANTITIES)
     if not isinstance(sweep, Sweep) or len(sweep.stack_shape) != 1:
         raise ValueError(
             "stability_curve draws a whole sweep over one axis of loads: give a result of "
@@ -109,14 +108,14 @@ def stability_curve(
         raise ValueError("This sweep left stability out: run it with stability=True.")
     axes, is_window = axes_or_new(axes), sweep.equilibrium.is_window
     quantity = quantity or ("force" if is_window else "mean_pressure")
-    load, values = np.asarray(sweep.load.value), np.asarray(getattr(sweep.equilibrium, quantity))
+    load, values = of_states(sweep, "load"), of_states(sweep, quantity)
     verdicts = np.where(sweep.stability.is_local, "stable, locally", sweep.stability.verdict.name)
     for name, marker in VERDICT_MARKERS.items():
         chosen = verdicts == name
         if chosen.any():
             axes.scatter(load[chosen], values[chosen], label=name.replace("_", " "), **marker)
-    labels = (quantity_label(name, sweep.load) for name in ("load", quantity))
-    label_axes(axes, *labels, sweep.equilibrium.units)
+    x, y = (quantity_label(name, sweep.load) for name in ("load", quantity))
+    label_axes(axes, x, y, sweep.equilibrium.units)
     add_legend(axes)
     return axes
 

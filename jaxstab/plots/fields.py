@@ -139,6 +139,15 @@ def mode_cut(
     return axes
 
 
+def require_own(contact: Contact, shape: tuple[int, ...], name: str) -> None:
+    """Raise `ValueError` if the shape of something is not that of the contact's grid."""
+    if shape != contact.grid.shape:
+        raise ValueError(
+            f"The {name} has fields of shape {shape}, the contact's grid {contact.grid.shape}: use "
+            "the contact that it came from."
+        )
+
+
 def require_pair(pair: Eigenpair) -> None:
     """Raise `TypeError` for anything but an eigenpair, and `ValueError` for a stack."""
     cure = "give one of a stability, for instance `stability.cone`."
@@ -204,8 +213,4 @@ def _shade(axes: Axes, x: np.ndarray, touches: np.ndarray) -> None:
 
 def _require_mode(contact: Contact, pair: Eigenpair) -> None:
     require_pair(pair)
-    if pair.mode.shape != contact.grid.shape:
-        raise ValueError(
-            f"The mode has shape {pair.mode.shape}, the contact's grid {contact.grid.shape}: use "
-            "the contact that it came from."
-        )
+    require_own(contact, pair.mode.shape, "mode")

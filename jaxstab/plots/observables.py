@@ -15,7 +15,7 @@ from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.observables import Leakage
 from jaxstab.equilibrium.observables.clusters import Neighbours
 from jaxstab.paths.observe import Observed, by_side
-from jaxstab.plots.fields import add_colour_bar, draw_areas, draw_map, outline_contact
+from jaxstab.plots.fields import add_colour_bar, draw_areas, draw_map, outline_contact, require_own
 from jaxstab.plots.paths import Quantity, of_states
 from jaxstab.plots.style import (
     PALETTE,
@@ -90,11 +90,7 @@ def flow(
             "A leakage along a path has no fields to draw: give one of a state, as jaxstab."
             "leakage(contact, state)."
         )
-    if leakage.drop.shape[1:] != shape:
-        raise ValueError(
-            f"The leakage has fields of shape {leakage.drop.shape[1:]}, the contact's grid "
-            f"{shape}: use the contact that it came from."
-        )
+    require_own(contact, leakage.drop.shape[1:], "leakage")
     require_one_of("along", along, _SIDES[: len(shape)])
     axes = axes_or_new(axes)
     touches = None if equilibrium is None else equilibrium_of(contact, equilibrium).in_contact

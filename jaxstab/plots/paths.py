@@ -12,6 +12,7 @@ from jaxstab.core.checks import require_kind, require_one_of
 from jaxstab.core.unit_system import measured
 from jaxstab.core.units import LENGTH
 from jaxstab.paths import Branch, Observed, Path, Turn
+from jaxstab.paths.sweep import Sweep
 from jaxstab.plots.style import (
     PALETTE,
     QUANTITIES,
@@ -175,7 +176,7 @@ def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -
         drawn.arrow_patch.set_clip_path(axes.patch)
 
 
-def of_states(path: _Curve | Turn | Observed, quantity: Quantity) -> np.ndarray:
+def of_states(path: _Curve | Turn | Observed | Sweep, quantity: Quantity) -> np.ndarray:
     """Return a quantity of each state."""
     values = path.load.value if quantity == "load" else getattr(path.equilibrium, quantity)
     return np.asarray(values)
