@@ -20,7 +20,7 @@ from jaxstab.core.unit_system import unit_symbol
 from jaxstab.core.units import LENGTH
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.verify import recognised
-from jaxstab.files.records import NamedArray, Recorder, Structure, indicators
+from jaxstab.files.records import NamedArray, Recorder, Structure
 from jaxstab.files.tabulated_law import law_variables
 from jaxstab.loads import Load
 from jaxstab.paths import Branch, Evolution, Path, Transition
@@ -130,7 +130,7 @@ def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> "xar
         {name: _variable(record, contact, load) for name, record in records.items()},
         attrs=_attributes(contact, result, load, structure if fields else None),
     )
-    return dataset.assign_coords(_coordinates(contact, structure, dataset)).assign(
+    return dataset.assign_coords(_coordinates(contact, recorder.indicators, dataset)).assign(
         law_variables(contact)
     )
 
@@ -203,7 +203,7 @@ def _variable(record: NamedArray, contact: Contact, load: Load | None) -> Variab
 
 
 def _coordinates(
-    contact: Contact, structure: Structure, dataset: "xarray.Dataset"
+    contact: Contact, indicators: dict[str, list[str]], dataset: "xarray.Dataset"
 ) -> dict[str, object]:
     grid, unit = contact.grid, unit_symbol(contact.units, LENGTH)
     coordinates: dict[str, object] = {}
@@ -212,9 +212,9 @@ def _coordinates(
             spacing = np.asarray(grid.spacing)[axis]
             places = np.arange(n, dtype=spacing.dtype) * spacing
             coordinates[name] = (name, places, {"long_name": name, "units": unit})
-    for name, columns in indicators(structure).items():
+    for name, columns in indicators.items():
         if name in dataset:
-            coordinates[f"{name}_indicator"] = (f"{name}_indicator", list(columns))
+            coordinates[f"{name}_indicator"] = (f"{name}_indicator", columns)
     return coordinates
 
 

@@ -124,13 +124,10 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
 
 def attributes_of(path: str | Path) -> dict[str, str] | None:
     """Return the attributes of a file that `save` wrote, None for any other file."""
-    path = Path(path)
-    if not path.is_file():
-        return None
-    with path.open("rb") as file:
+    with Path(path).open("rb") as file:
         if file.read(len(_MAGIC)) != _MAGIC:
             return None
-    with _opened(path) as dataset:
+    with _opened(Path(path)) as dataset:
         return dict(dataset.attrs) if "versions" in dataset.attrs else None
 
 

@@ -67,11 +67,12 @@ class NamedArray:
 
 
 class Recorder:
-    """The arrays of pytrees by name, `records`, as they are recorded."""
+    """The arrays of pytrees by name, `records`, and the columns of histories, `indicators`."""
 
     def __init__(self, grid_shape: tuple[int, ...]):
         self.grid_shape = grid_shape
         self.records: dict[str, NamedArray] = {}
+        self.indicators: dict[str, list[str]] = {}
 
     def structure(
         self,
@@ -120,6 +121,8 @@ class Recorder:
             )
             for field in fields(value)
         }
+        if isinstance(value, History):
+            self.indicators[contents["table"]["array"]] = ["step", *value.names]
         return {"class": _name_of(type(value)), "fields": contents}
 
     def _array(
@@ -273,19 +276,6 @@ def _is_same(one: NamedArray, other: NamedArray) -> bool:
 def functions_of(structure: Structure) -> list[str]:
     """Return the names of the bare functions in a structure."""
     return [part["function"] for part in _parts(structure) if set(part) == {"function"}]
-
-
-def indicators(structure: Structure) -> dict[str, list[str]]:
-    """Return the quantities in the columns of each history, by the name of its array."""
-    histories = [
-        part["fields"]
-        for part in _parts(structure)
-        if str(part.get("class", "")).endswith(f":{History.__name__}")
-    ]
-    return {
-        fields["table"]["array"]: ["step", *(name["value"] for name in fields["names"]["tuple"])]
-        for fields in histories
-    }
 
 
 def _parts(structure: Structure) -> Iterator[dict[str, Structure]]:
