@@ -26,7 +26,7 @@ from jaxstab.core.unit_system import (
     typeset,
     unit_symbol,
 )
-from jaxstab.core.units import NUMBER, axes_of, declared
+from jaxstab.core.units import NUMBER, declared, on_grid
 
 # Reading a field raises these where JAX traces, or where a transformation replaced the leaves.
 UNREADABLE = (AttributeError, IndexError, TypeError, ValueError, RuntimeError)
@@ -115,7 +115,7 @@ def units_of(module: eqx.Module) -> Units:
 
 def text(value: object, units: Units = NO_UNITS) -> str:
     """Return the text for a field: the range of an array, or a number itself."""
-    if isinstance(value, jax.Array | np.ndarray | np.generic):
+    if isinstance(value, jax.Array | np.ndarray | np.number | np.bool):
         return described(value)
     if isinstance(value, int | float | complex):
         return number(value)
@@ -130,10 +130,8 @@ _SHOWN_ON_A_LINE = (eqx.Module.__repr__, block, inline)
 
 
 def _line(module: eqx.Module, units: Units) -> str:
-    on_grid = {name for name, axes in axes_of(type(module)).items() if "grid" in axes}
-    texts = [
-        f"{name}={x}" for name, x in _texts(module, units) if name not in {*on_grid, "history"}
-    ]
+    hidden = {"history", *on_grid(type(module))}
+    texts = [f"{name}={x}" for name, x in _texts(module, units) if name not in hidden]
     return f"{type(module).__name__}({', '.join(texts)})"
 
 
@@ -147,7 +145,7 @@ def _texts(module: eqx.Module, units: Units) -> Iterator[tuple[str, str]]:
         yield name, text(value, units) + (f" {typeset(unit)}" if is_known else "")
 
 
-def described(value: Array | np.ndarray | np.generic) -> str:
+def described(value: Array | np.ndarray | np.number | np.bool) -> str:
     """Return dtype and shape of an array, and its range if known; of a scalar the number."""
     kind = f"{value.dtype}[{', '.join(map(str, value.shape))}]"
     if isinstance(value, jax.core.Tracer):

@@ -43,15 +43,11 @@ def solver_or_default(
     Raises:
         TypeError: for anything but a solver of this kind, and for a class.
     """
-    if solver is None:
-        return default()
-    if isinstance(solver, kind):
-        return solver
-    is_class = isinstance(solver, type)
-    given = f"the class {solver.__name__}" if is_class else f"of type {type(solver).__name__}"
-    raise TypeError(
-        f"The solver is {given}: give an instance of {kind.__name__}, as {default.__name__}()."
-    )
+    if solver is not None and not isinstance(solver, kind):
+        given = getattr(solver, "__name__", type(solver).__name__)
+        instance = f"an instance of {kind.__name__}, as {default.__name__}()"
+        raise TypeError(f"The solver is {given}: give {instance}.")
+    return default() if solver is None else solver
 
 
 class Iteration(eqx.Module, Generic[State]):

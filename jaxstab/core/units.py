@@ -55,9 +55,8 @@ class Dimensioned(eqx.Module):
 
     def on_surface(self, solid: _HasSurface) -> Self:
         """Restrict the fields to the part of a padded grid where the surface is."""
-        axes = axes_of(type(self))
-        on_grid = [name for name, names in axes.items() if "".join(names).endswith("grid")]
-        return self._changed(on_grid, lambda _, x: solid.surface(x), lambda x: x.on_surface(solid))
+        names = on_grid(type(self))
+        return self._changed(names, lambda _, x: solid.surface(x), lambda x: x.on_surface(solid))
 
     def _changed(
         self,
@@ -93,15 +92,15 @@ def dimensions(module: type[Dimensioned]) -> dict[str, Dimension]:
 @cache
 def declared(module: type) -> dict[str, tuple[Dimension, ...]]:
     """Return the declared dimensions of each field, several for a tuple."""
-    parts = {field.name: _parts(field.type) for field in fields(module)}
-    found = {
-        name: tuple(part for part in parts[name] if isinstance(part, Dimension)) for name in parts
-    }
-    return {name: each for name, each in found.items() if each}
+    found = {}
+    for field in fields(module):
+        if parts := [part for part in _parts(field.type) if isinstance(part, Dimension)]:
+            found[field.name] = tuple(parts)
+    return found
 
 
 @cache
-def axes_of(module: type[Dimensioned]) -> dict[str, tuple[str, ...]]:
+def axes_of(module: type) -> dict[str, tuple[str, ...]]:
     """Return the names of the axes of each field that is an array, as its type declares them."""
     parts = ((field.name, part) for field in fields(module) for part in _parts(field.type))
     return {
@@ -109,6 +108,12 @@ def axes_of(module: type[Dimensioned]) -> dict[str, tuple[str, ...]]:
         for name, part in parts
         if (axes := getattr(part, "dim_str", None)) is not None
     }
+
+
+@cache
+def on_grid(module: type) -> set[str]:
+    """Return the names of the fields whose last axes are the axes of the grid."""
+    return {name for name, axes in axes_of(module).items() if "".join(axes).endswith("grid")}
 
 
 def _parts(kind: object) -> list[object]:
