@@ -1,7 +1,7 @@
 """Figures as files, at the sizes that journals print."""
 
-import pickle
 from collections.abc import Collection
+from copy import deepcopy
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
@@ -107,7 +107,7 @@ def _copied(figure: Figure) -> Figure:
     # A copy of a figure with a manager would open a window.
     manager, canvas.manager = canvas.manager, None
     try:
-        return pickle.loads(pickle.dumps(figure))
+        return deepcopy(figure)
     finally:
         canvas.manager = manager
 

@@ -28,6 +28,8 @@ def drawn():
     axes = plt.subplots(figsize=(6, 4))[1]
     axes.plot([0, 1], [0, 1e6], "o-", label="a curve")
     axes.scatter([0.5], [2e5])
+    # A function that cannot be pickled.
+    axes.xaxis.set_major_formatter(lambda x, _: f"{x:.1f}")
     axes.set(xlabel="x [length]", ylabel="a label of some\nheight", title="a title")
     axes.legend()
     return axes
