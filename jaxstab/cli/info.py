@@ -1,7 +1,6 @@
 """`jaxstab info`: the content of a file, a surface or a result."""
 
 import argparse
-import json
 
 from jaxstab.cli.options import OF_A_FILE
 from jaxstab.cli.problem import surface_of
@@ -24,20 +23,10 @@ def run(options: argparse.Namespace) -> None:
             f"{options.file} is a result, which has its own lengths and unit: leave out --lengths, "
             "--unit and --channel."
         )
-    print(_described(attributes))
+    print(attributes["title"])
+    for name, text in attributes.items():
+        if name not in ("title", "structure"):
+            print(f"  {name.replace('_', ' ')}: {text}")
     if "structure" in attributes:
         contact, result = loaded(options)
         print(f"\n{contact}\n\n{result}")
-
-
-def _described(attributes: dict[str, str]) -> str:
-    versions = json.loads(attributes["versions"])
-    texts = {
-        name.replace("_", " "): text
-        for name, text in attributes.items()
-        if name not in ("title", "structure", "versions")
-    }
-    texts["versions"] = ", ".join(f"{name} {number}" for name, number in versions.items())
-    width = max(map(len, texts))
-    lines = (f"  {name:<{width}}  {text}" for name, text in texts.items())
-    return "\n".join([attributes["title"], *lines])

@@ -3,9 +3,8 @@
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Self
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,8 +13,6 @@ from jaxtyping import Array, ArrayLike, Bool, Int
 from jaxstab.core.checks import array, concrete
 from jaxstab.core.display import UNREADABLE, text
 from jaxstab.core.stack import Stackable
-
-Tree = TypeVar("Tree")
 
 
 def member(meaning: str) -> Any:
@@ -76,10 +73,6 @@ class Enumeration(Stackable):
         """Return one member where the condition holds, and the other elsewhere."""
         with jax.ensure_compile_time_eval():
             return cls(jnp.where(condition, cls.promote(one).code, cls.promote(other).code))
-
-    def error_if(self, tree: Tree, condition: Bool[ArrayLike, "..."]) -> Tree:
-        """Return `tree`, or raise with the member's text where the condition holds; in jit too."""
-        return eqx.branched_error_if(tree, condition, self.code, type(self).texts.tolist())
 
     def __eq__(self, other: object) -> Bool[Array, "..."]:  # pyright: ignore[reportIncompatibleMethodOverride]
         return self._compared(other, operator.eq)

@@ -7,7 +7,7 @@ spectrum of `rfftn` is stored. Fields may be sharded over several devices.
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated
 
 import equinox as eqx
 import jax
@@ -170,8 +170,9 @@ class Grid(eqx.Module):
     def waves(self) -> tuple[Float[np.ndarray, "..."], ...]:
         """Number of waves k along each side of the modes of `transform`, to be broadcast."""
         *full, half = self.shape
-        along = np.fft.rfftfreq(half, 1 / half)
-        axes = [*(np.fft.fftfreq(n, 1 / n) for n in full), self._filled_up(along, "edge")]
+        # Modes that pad the half spectrum repeat the last one.
+        along = np.minimum(np.arange(fft.num_waves(half, self.sharding)), half // 2)
+        axes = [*(np.fft.fftfreq(n, 1 / n) for n in full), along.astype(float)]
         waves = np.meshgrid(*axes, indexing="ij", sparse=True)
         return tuple(k if self.sharding is None else k.T for k in waves)
 
@@ -179,20 +180,11 @@ class Grid(eqx.Module):
     @jax.jit
     def mode_multiplicity(self) -> Float[Array, " *modes"]:
         """The number of modes of the full spectrum that each mode stands for: 1, 2, or 0."""
-        half = self.shape[-1]
-        column = np.full(half // 2 + 1, 2.0)
-        column[0] = 1
-        if half % 2 == 0:
-            column[-1] = 1
-        column = self._filled_up(column, "constant")
-        if self.sharding is None:
-            return jnp.broadcast_to(column, (*self.shape[:-1], column.size))
-        return self.device_put(jnp.broadcast_to(column[:, None], (column.size, self.shape[0])))
-
-    def _filled_up(self, column: np.ndarray, mode: Literal["edge", "constant"]) -> np.ndarray:
-        """Pad a column of values along the last side to the stored number of modes."""
-        count = fft.num_waves(self.shape[-1], self.sharding)
-        return np.pad(column, (0, count - column.size), mode)
+        *full, half = self.shape
+        k = np.arange(fft.num_waves(half, self.sharding))
+        along = np.where((k == 0) | (2 * k == half), 1.0, 2.0) * (k <= half // 2)
+        modes = jnp.broadcast_to(along, (*full, k.size))
+        return self.device_put(modes if self.sharding is None else modes.T)
 
 
 def resample(field: Field, shape: tuple[int, ...]) -> Float[Array, " *finer"]:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import TypeVar
 
+import equinox as eqx
 from jaxtyping import Array, Bool, PyTree
 
 from jaxstab.core.checks import is_traced
@@ -135,7 +136,7 @@ def throw_failure(
     result = result if result.stack_shape == () else result[-1]
     failed: Bool[Array, ...] = (result != RESULTS.successful) & (result != RESULTS.interrupted)
     if is_traced(failed):
-        return result.error_if(tree, failed)
+        return eqx.branched_error_if(tree, failed, result.code, RESULTS.texts.tolist())
     if failed:
         raise SolverError(f"{describe()}: {RESULTS[result]}.", tree)
     return tree
