@@ -64,7 +64,7 @@ def critical_load(
     be a pull-off: beyond it the contact may go on in another state, as rough surfaces often do.
     `jaxstab.pull_off` gives the last one, `jaxstab.follow` all of them. A release that loses less
     than 1e-5 of the problem's own energy (`follow`), as the edge of contact moves by a point of the
-    grid, counts as none. In float32 the branch behind such a release may be lost; the result says so.
+    grid, counts as none. In float32 the branch behind one may be lost, and the result says so.
 
     Arguments:
         contact: the contact problem.
