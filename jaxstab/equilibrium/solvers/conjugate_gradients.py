@@ -60,10 +60,11 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
     """Projected conjugate gradients on the gap, preconditioned in Fourier space.
 
     A step moves the points out of contact, and those in contact that are pulled off it. Its
-    direction follows Polak and Ribiere, never less than zero, with the preconditioner 1 / (K +
-    c) masked to those points. Its length minimises the energy along the direction to second order.
-    It is cut until the energy falls, with the gap cut at zero and brought back under the load.
-    Where the curvature is negative, lengths grow for as long as they succeed.
+    direction follows Polak and Ribiere, never less than zero, with the preconditioner 1 / (K + c)
+    masked to those points (`preconditioner_of`, once for each start). Its length minimises the
+    energy along the direction to second order. It is cut until the energy falls, with the gap cut
+    at zero and brought back under the load. Where the curvature is negative, lengths grow for as
+    long as they succeed.
 
     Arguments:
         tolerance: relative optimality residual to reach; by default 1e-9 in float64 and 1e-4 in
@@ -229,8 +230,9 @@ def preconditioner_of(
 ) -> Callable[[Field, Field], Field]:
     """Return the map from f'' and a force to 1 / (K + c) times the force.
 
-    The constant c is the stiffness of the softest wave and of the adhesion. Points that sit on a
-    core, stiffer than any wave, move by their own stiffness instead.
+    The constant c is the stiffness of the softest wave and the mean one of the adhesion; the first
+    keeps it positive without adhesion. The search for barriers uses the map as well. Points that
+    sit on a core, stiffer than any wave, move by their own stiffness instead.
     """
     stiff = _STIFF * solid.max_stiffness
 

@@ -1,7 +1,6 @@
 """Algorithm 1 of Rey & Bleyer: a primal-dual proximal iteration for the cone eigenvalue.
 
-The step is equations (34) to (37) as printed. Elsewhere the text cannot be meant, and a comment
-beside the line names the difference:
+The step is equations (34) to (37) as printed. Elsewhere the text cannot be meant:
 
 - The start is a random admissible vector: e has no component in the admissible space.
 - The loop goes on while *either* indicator is above the tolerance, where the text says "and"; since
@@ -74,7 +73,8 @@ class ProximalIteration(ConeSolver):
 
         A cone without the constraint of zero mean has no multiplier of it: there z = 0.
         """
-        # x = e in the text. One of the two signs survives the projection.
+        # In the text x = e, which has no component in the space. One of the two signs survives the
+        # projection.
         towards, away = (unit_vector(problem.domain, sign * start[-1]) for sign in (1, -1))
         x, one = jnp.where(jnp.any(towards != 0), towards, away), jnp.ones((), start.dtype)
         return _PrimalDual(x, jnp.zeros_like(x), one * problem.domain.fixes_mean, one)
@@ -94,7 +94,7 @@ class ProximalIteration(ConeSolver):
         return _PrimalDual(new, y, z + z_change, z_change)
 
     def measure(self, problem: Eigenproblem, state: _PrimalDual) -> Indicators:
-        """Return the projected residual, and epsilon and eta (38, 39)."""
+        """Return the projected residual, which ends the loop, and epsilon and eta (38, 39)."""
         _, _, residual = admissible_pair(problem.operator, problem.domain, state.x)
         tiny = jnp.finfo(state.z.dtype).tiny
         return {
@@ -107,6 +107,7 @@ class ProximalIteration(ConeSolver):
         """Return a minimiser of the Rayleigh quotient."""
         operator, num_steps = problem.operator, found.num_steps
         # One projected gradient step sets to exactly zero the points that the contact holds.
+        # The eigenvalue is the Rayleigh quotient; z is the multiplier of the mean over sigma.
         eigenvalue, mode, _ = admissible_pair(operator, problem.domain, found.state.x)
         eigenvalue = jnp.where(eigenvalue == jnp.inf, 0, eigenvalue)
         tau, sigma = self._steps(operator.bound)
