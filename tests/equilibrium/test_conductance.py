@@ -66,19 +66,6 @@ def test_the_stiffness_is_that_of_dense_algebra(kind, shape):
     assert not found.current[~mask].any()
 
 
-def test_it_is_the_slope_of_force_over_approach():
-    grid = js.Grid(48)
-    x, y = grid.coordinates
-    heights = -((x - 0.5) ** 2 + (y - 0.5) ** 2) / 4
-    contact = js.Contact(js.FreeHalfSpace(grid, 2.0), heights, NONE)
-    state = js.equilibrate(contact, js.FarDisplacement(-0.04))
-    far = jnp.array([-0.0401, -0.0399])
-    forces = [js.equilibrate(contact, js.FarDisplacement(x)).force for x in far]
-    slope = (forces[0] - forces[1]) / 2e-4
-    found = js.conductance(contact, state, (1.0, 1.0))
-    np.testing.assert_allclose(found.incremental_stiffness, slope, rtol=1e-2)
-
-
 def test_without_contact_nothing_flows_and_in_full_contact_nothing_constricts():
     none = js.conductance(*touching(np.zeros((4, 4), bool)), (1.0, 1.0))
     assert none.conductance == none.incremental_stiffness == 0

@@ -63,11 +63,6 @@ def test_heights_are_a_copy_that_stays():
         surface.heights[0, 0] = 1
 
 
-def test_masked_points_are_missing():
-    heights = np.ma.masked_greater(clean(), 0.05)
-    assert topography(heights).num_missing == heights.mask.sum() > 0
-
-
 @pytest.mark.parametrize("method", ["harmonic", "biharmonic"])
 def test_a_plane_with_holes_is_filled_exactly(method):
     x, y = sides((48, 64), (1.5, 2.0))
