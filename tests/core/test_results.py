@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import jaxstab as js
+from jaxstab.core.results import throw_failure
 
 NUM_LOADS = 4
 
@@ -254,3 +255,16 @@ def test_nothing_that_is_printed_raises_or_reads_what_is_traced(sweep, contact):
     deleted = jax.tree.map(jnp.copy, sweep)
     jax.tree.map(lambda leaf: leaf.delete(), deleted)
     assert repr(deleted) and repr(deleted.stability.verdict)
+
+
+def test_the_last_of_several_results_raises_and_an_interrupted_one_does_not():
+    good, bad, cut = js.RESULTS.successful, js.RESULTS.stagnated, js.RESULTS.interrupted
+
+    def thrown(*results):
+        codes = js.RESULTS(jnp.stack([result.code for result in results]))
+        return throw_failure(codes, len(results), lambda: "It ended")
+
+    assert thrown(bad, good) == thrown(good, cut) == 2
+    with pytest.raises(js.SolverError, match="It ended: stagnated") as error:
+        thrown(good, good, bad)
+    assert error.value.found == 3

@@ -91,7 +91,7 @@ def continuation(
             as "uncertain" or "lost".
     """
     require_contact(contact)
-    cure = "give that at which the branch begins and that where it ends."
+    cure = "give the load where the branch begins and the load where it ends."
     require_loads(load, (2,), "continuation takes two loads", cure)
     require_finite("The load", load.value)
     ends = concrete(load.value)
