@@ -36,7 +36,7 @@ def is_sharded(value: object) -> TypeGuard[Array]:
     return isinstance(value, jax.Array) and not is_traced(value) and not value.is_fully_replicated
 
 
-def concrete(value: ArrayLike) -> Any:
+def concrete(value: ArrayLike | np.generic) -> Any:
     """Return `value` as a NumPy array; a traced or sharded one is returned unchanged."""
     return value if is_traced(value) or is_sharded(value) else np.asarray(value)
 
