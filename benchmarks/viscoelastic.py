@@ -29,10 +29,8 @@ warnings.simplefilter("ignore", UserWarning)
 
 NONE = js.potentials.NoAdhesion()
 RATIOS, TIMES = (2.0, 1.0), (0.1, 1.0)
-HEAD = [
-    "| setting | reference | measured | expected | deviation | allowed | | s |",
-    "|---|---|---|---|---|---|---|---|",
-]
+HEAD = """| setting | reference | measured | expected | deviation | allowed | | s |
+|---|---|---|---|---|---|---|---|"""
 # A tolerance that no step misses: a step for each of the given times.
 ANY = 1e9
 
@@ -56,10 +54,9 @@ class Row(NamedTuple):
             deviation = max(expected[0] - measured, measured - expected[1], 0.0)
         else:
             shown, deviation = f"{expected:.6g}", abs(measured - expected) / (abs(expected) or 1.0)
-        limit, judged = "", ""
-        if allowed is not None:
-            limit, judged = f"{allowed:g}", "PASS" if deviation <= allowed else "FAIL"
-        numbers = f"{measured:.6g} | {shown} | {deviation:.2g} | {limit} | {judged}"
+        verdict = "PASS" if deviation <= (allowed or 0.0) else "FAIL"
+        judged = " | " if allowed is None else f"{allowed:g} | {verdict}"
+        numbers = f"{measured:.6g} | {shown} | {deviation:.2g} | {judged}".replace("nan", "")
         return f"| {self.setting} | {self.source} | {numbers} | {seconds:.1f} |"
 
 
@@ -233,9 +230,8 @@ def crack(is_quick: bool) -> Iterator[Row]:
         expected = float(persson_brener.work(speed, [ratio], [1.0], slow))
         where = f"crack at {speed / slow:.3g} a0 / t: w / w0"
         yield Row(where, "Persson & Brener", found, expected, 0.15)
-    decades = float(np.log10(speeds[-1] / speeds[0]))
     if not is_quick:
-        yield Row("decades of speed", "", decades, (3.0, 9.0))
+        yield Row("decades of speed", "", np.log10(speeds[-1] / speeds[0]), (3.0, 9.0))
         yield Row("largest w / w0", "E_glassy / E_relaxed", float(works[-1]), 1 + ratio, 0.1)
 
 
@@ -266,14 +262,13 @@ def cylinder(is_quick: bool) -> Iterator[Row]:
     _, runs = retractions("cylinder", law, 9.0, size, 0.04, speeds)
     tensions = np.array([-float(jnp.min(run.mean_pressure)) for run in runs])
     works = np.array([float(run.work[-1]) for run in runs])
-    falls = float(max(np.max(-np.diff(tensions)), 0) / tensions.max())
-    source = "arXiv 2108.02031"
+    falls, source = max(-np.diff(tensions).min(), 0.0) / tensions.max(), "arXiv 2108.02031"
     yield Row("cylinder: largest fall of the tension with speed", source, falls, (0.0, 1e-3))
     peak = works.max() / max(works[0], works[-1])
     yield Row("cylinder: largest work over that of both ends", source, peak, (1.05, np.inf))
     slow = 3 * (np.pi * 1e-8 / 16) ** (1 / 3)
-    allowed = 0.1 if is_quick else 0.04
-    yield Row("cylinder: tension of a slow pull", "JKR, line contact", tensions[0], slow, allowed)
+    margin = 0.1 if is_quick else 0.04
+    yield Row("cylinder: tension of a slow pull", "JKR, line contact", tensions[0], slow, margin)
 
 
 def bell(is_quick: bool) -> Iterator[Row]:
@@ -293,8 +288,7 @@ def bell(is_quick: bool) -> Iterator[Row]:
     source = "arXiv 2107.03796"
     peak = losses.max() / max(losses[0], losses[-1])
     yield Row("loop: largest loss over that of both ends", source, peak, (1.2, np.inf))
-    is_rising = np.diff(losses) > 0
-    turns = int(np.sum(np.diff(is_rising.astype(int)) != 0))
+    turns = np.count_nonzero(np.diff(np.diff(losses) > 0))
     yield Row("loop: changes from rising to falling loss", source, turns, (1, 1))
     for name, solid, loss in (
         ("slow", contact.solid.relaxed, losses[0]),
@@ -341,15 +335,21 @@ def gel(is_quick: bool) -> Iterator[Row]:
     a, angle = np.linspace(0, 0.4, 4000), 0.2
     pulls = 2 * np.pi * a * (angle - a / 2) / (1 - np.pi * a**2)
     in_cell = float(pulls.max() / (np.pi * angle**2))
-    for name, side, radius, modulus, tension, work, length, expected in (
-        ("elastic", 0.5, 1.0, 1.0, 1e-6, 1e-4, 1.22e-2 / np.sqrt(size), 1.5),
-        ("surface tension", 1.0, 2.0, 1e-3, 1.0, angle**2 / 2, 0.15 / size, in_cell),
+    reach = 1.22e-2 * np.sqrt(6 / size)
+
+    def short(gap):
+        # Without a tail, which raises the pull-off by half as much again.
+        return -1e-4 * jnp.maximum(1 - gap / reach, 0) ** 3
+
+    long = js.potentials.Exponential(angle**2 / 2, 0.15 / size)
+    for name, side, radius, modulus, tension, law, expected in (
+        ("elastic", 0.5, 1.0, 1.0, 1e-6, short, 1.5),
+        ("surface tension", 1.0, 2.0, 1e-3, 1.0, long, in_cell),
     ):
         grid = js.Grid(size, side)
         solid = js.SurfaceTension(js.HalfSpace(grid, modulus), tension)
-        law = js.potentials.Exponential(work, length)
         pull = js.pull_off(js.Contact(solid, js.surfaces.paraboloid(grid, radius), law))
-        force = -float(pull.load.value * grid.area) / (np.pi * work * radius)
+        force = float(pull.load.value * grid.area / law(0.0)) / (np.pi * radius)
         setting = f"sphere, {name}, {size}²: pull-off over pi w R"
         yield Row(setting, "JKR, Young & Dupré", force, expected, allowed)
 
@@ -382,8 +382,8 @@ def main() -> None:
     parser.add_argument("--cost", action="store_true", help="seconds alone, on an idle machine")
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()
-    lines = [*HEAD]
-    print(*lines, sep="\n", flush=True)
+    lines = [HEAD]
+    print(HEAD, flush=True)
     chosen = [rows for rows in ROWS if options.only in (None, rows.__name__)]
     for rows in [cost] if options.cost else chosen:
         began = time.perf_counter()
