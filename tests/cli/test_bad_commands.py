@@ -67,7 +67,7 @@ def test_options_that_make_no_sense_end_in_one_line(tmp_path, capsys, arguments,
         (["run", "--config", "other.toml"], "other.toml: config is 'wrong.toml': give options"),
         (
             ["--first", "1", "--last", "1", "--size", "16", "--k-high", "4"],
-            "that of the one before",
+            "repeats the one before",
         ),
         (["run", "--config", "wrong.toml"], "wrong.toml: size is True: give options as"),
         (
