@@ -57,10 +57,9 @@ def answer(
     given: Any = own, own_state, others
     given = given if differentiable else refuse_derivatives(given)
     constants: tuple[Contact, State, tuple[*Others]] = jax.lax.stop_gradient(given)
-    total, kind, progress = bar
-    shown = can_be_shown(progress, constants)
+    shown = can_be_shown(bar[2], constants)
     # Histories end in NaN, and a result that was not found is NaN.
-    with jax.debug_nans(False), progress_bar(total, kind, shown=shown):
+    with jax.debug_nans(False), progress_bar(*bar[:2], shown=shown):
         sought = search(*constants[:2], *constants[2])
     found: Any = differentiable(own, own_state, sought) if differentiable else sought
     if unit is not None:

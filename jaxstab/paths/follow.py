@@ -110,17 +110,16 @@ def follow(
     cure = "a turning point repeats the one before: leave it out."
     require("The load", turns[1:], turns[1:] != turns[:-1], cure)
     require_same_machine(load)
-    is_default = smallest_jump is None
     least = parameter(_SMALLEST_JUMP if smallest_jump is None else smallest_jump)
-    share, noise = parameter(_SMALLEST_SHARE if is_default else 0.0), parameter(disturbance)
+    share = parameter(_SMALLEST_SHARE if smallest_jump is None else 0.0)
+    noise = parameter(disturbance)
     require_positive("smallest_jump", least)
     require("The disturbance", noise, concrete(noise) >= 0, "it must not be negative.")
     sizes = integer("max_states", max_states), integer("max_jumps", max_jumps)
     require("max_states", sizes[0], sizes[0] >= 2, "a path has two states at least.")
     require("max_jumps", sizes[1], sizes[1] >= 1, "leave room for one.")
     warn_if_coarse(contact, FOR_JUMPS)
-    start = first_gap(contact, load[0], initial)
-    padded, start = padded_start(contact, load[0], start)
+    padded, start = padded_start(contact, load[0], first_gap(contact, load[0], initial))
     return answer(
         partial(_search, fields, sizes),
         padded,

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
-from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
+from jaxstab.contact.resolution import FOR_JUMPS
 from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import (
     concrete,
@@ -26,9 +26,8 @@ from jaxstab.core.stack import stacked
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.equilibrate import initial_gap
+from jaxstab.equilibrium.equilibrate import posed
 from jaxstab.equilibrium.equilibrium import State
-from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, require_loads, require_same_machine
 from jaxstab.paths.curve.branch import Branch, Turn
 from jaxstab.paths.curve.march import Entry, Task, Walk, begin, entry_of, is_same, next_walk
@@ -103,10 +102,8 @@ def continuation(
     for name, step in zip(("max_step", "min_step"), steps, strict=True):
         if step is not None:
             require_positive(name, step)
-    warn_if_coarse(contact, FOR_JUMPS)
     is_state = isinstance(getattr(initial, "equilibrium", initial), Equilibrium)
-    start = initial_gap(contact, load[0], initial)
-    padded, start = padded_start(contact, load[0], start)
+    padded, start = posed(contact, load[0], initial, FOR_JUMPS)
     return answer(
         partial(_search, number, fields, is_state),
         padded,
