@@ -19,8 +19,10 @@ import numpy as np
 
 import jaxstab as js
 
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "paths"))
-from dense_curve import DenseCurve, matrix_of
+from brute_force import matrix_of
+from dense_curve import DenseCurve
 
 jax.config.update("jax_enable_x64", True)
 warnings.simplefilter("ignore", js.ResolutionWarning)
