@@ -114,17 +114,14 @@ def study(
         worker = CaseWorker(case, cases, batch, uuid4().hex[:8])
         if is_ours:
             signal.signal(signal.SIGINT, stop)
-        warnings: list[str] = []
-        tasks = [left[i : i + batch] for i in range(0, len(left), batch)]
+        warned, tasks = "", [left[i : i + batch] for i in range(0, len(left), batch)]
         with progress_bar(len(files), "case", shown=progress, done=len(before)) as bar:
             here = ((x, worker.run(x)) for x in tasks if not is_stopped.is_set())
             there = run_tasks(executor, worker, tasks, is_stopped.is_set)
             for task, warning in here if executor is None else there:
                 bar.update(len(task))
-                warnings.append(warning)
-                # Once, whatever Python's filters say.
-                if warning and not any(warnings[:-1]):
-                    warn(warning)
+                if warning and not warned:
+                    warn(warned := warning)
         found = before | _read([x for x in files if x not in before], files)
         blank = _agreed(cases, files, found, before)
     except (OSError, RuntimeError) as error:
