@@ -135,6 +135,7 @@ def correct(
     ahead: Point,
     near: Point,
     closely: Scalar | float | None = None,
+    fine: float | None = None,
 ) -> Found:
     """Return the point of a curve that meets a condition, by Newton's method, and its direction.
 
@@ -144,10 +145,11 @@ def correct(
         ahead: the gradient of a linear function that grows along the direction.
         near: another direction, from which that is sought; where no point is found it is returned.
         closely: the residual to reach, if it can be.
+        fine: the accuracy of the direction, by default that of `Curve.tangent`.
     """
     curve, dtype = problem.curve, start.gap.dtype
     close = TOLERANCE[dtype.name] if closely is None else closely
-    enough, fine = TOLERANCE[dtype.name], TANGENT_ACCURACY[dtype.name]
+    enough, fine = TOLERANCE[dtype.name], fine or TANGENT_ACCURACY[dtype.name]
 
     def goes_on(old: _Iterate) -> Flag:
         return ~old.is_done & jnp.isfinite(old.residual) & (old.num_steps <= _MAX_STEPS)

@@ -16,8 +16,9 @@ from jaxstab.paths.curve.curve import Curve, Place, Point, choose
 # Points tie that change sides within this part of the distance to the first of them.
 _TIE = 1e-6
 _MAX_SECANTS = 40
-# How closely a fold is found, over the step that it lies in.
+# How closely a fold is found, over the step that it lies in, and by what tangents.
 _CLOSE = {"float64": 1e-9, "float32": 1e-4}
+_FINE = {"float64": 1e-10, "float32": 1e-4}
 # How far the rate of the load may be from zero at a fold, over the larger one at the step's ends.
 _FLAT = 1e-3
 
@@ -128,7 +129,7 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
     """
     row = curve.gradient_of(old.tangent)
     whole = row.times(new.at.minus(old.at))
-    close = _CLOSE[whole.dtype.name]
+    close, fine = _CLOSE[whole.dtype.name], _FINE[whole.dtype.name]
 
     def goes_on(bracket: _Bracket) -> Flag:
         is_wide = bracket.ends[1] - bracket.ends[0] > close * jnp.abs(whole)
@@ -142,7 +143,8 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
         missing = length - row.times(at.minus(old.at))
         start = at.plus(tangent, missing / row.times(tangent))
         plane = on_plane(row, row.times(old.at) + length, jnp.abs(whole))
-        place = correct(Correction(curve, plane, old.is_free, no), start, row, tangent).place
+        problem = Correction(curve, plane, old.is_free, no)
+        place = correct(problem, start, row, tangent, fine=fine).place
         rate = curve.rate(place.tangent)
         is_low = rate * rates[0] > 0
         # An end that stays a second time counts for half.
