@@ -267,8 +267,7 @@ def _problems(
 @program
 def _stability(equilibrium: Equilibrium, state: _AssessedState, found: Found) -> Stability:
     """Return the verdict on the eigenpairs of a search."""
-    equilibrium = equilibrium.in_units_of(state.unit)
-    found = found.ordered()
+    equilibrium, found = equilibrium.in_units_of(state.unit), found.ordered()
     softest = jnp.abs(found.hull.eigenvalue)
     lower_bound, cone, critical, hull = (
         state.covered(pair, softest)
