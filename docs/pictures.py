@@ -128,8 +128,8 @@ def _accelerator() -> Figure:
     page = (RESULTS.parents[1] / "docs" / "performance.md").read_text()
     rows = rows_of(page.partition("## On a GPU")[2])
     for column, label, colour, style in (
-        (1, "equilibrium, H100", BLUE, "o-"),
-        (4, "verdict, H100", BLUE, "s--"),
+        (1, "equilibrium, H200", BLUE, "o-"),
+        (4, "verdict, H200", BLUE, "s--"),
         (2, "equilibrium, two CPU cores", VERMILION, "o-"),
         (5, "verdict, two CPU cores", VERMILION, "s--"),
     ):

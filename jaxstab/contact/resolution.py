@@ -1,10 +1,13 @@
 """The warning that a grid is too coarse for the adhesion on it."""
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from jaxstab.contact.contact import Contact
 from jaxstab.core.checks import concrete, is_traced
+from jaxstab.core.compile import program
 from jaxstab.core.display import times
 from jaxstab.core.warn import warn
 
@@ -27,12 +30,10 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
     It warns where `contact.resolution` is below the number needed. It does not warn inside of
     `jax.jit` and `jax.vmap`, where values are not known yet.
     """
-    stiffest, sharpest = (
-        concrete(contact.solid.max_stiffness),
-        concrete(contact.profile.max_curvature),
-    )
-    if is_traced((stiffest, sharpest)) or stiffest >= needed * sharpest:
+    both = concrete(_stiffnesses(contact))
+    if is_traced(both) or both[0] >= needed * both[1]:
         return
+    stiffest, sharpest = both
     resolution = stiffest / sharpest
     effect = (
         "contact edges may be pinned to the grid, and jumps be artefacts"
@@ -45,6 +46,12 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
         f"{effect}. {_cure(contact, resolution / needed)}"
     )
     warn(message, ResolutionWarning, per_line=True)
+
+
+@program
+def _stiffnesses(contact: Contact) -> Float[Array, " two"]:
+    """Return the stiffness of the shortest wave, and the largest |f''| where the law attracts."""
+    return jnp.stack([contact.solid.max_stiffness, contact.profile.max_curvature])
 
 
 def _cure(contact: Contact, share: np.floating) -> str:

@@ -6,6 +6,7 @@ checked there.
 
 import operator
 from collections.abc import Iterable
+from functools import cache
 from types import UnionType
 from typing import Any, SupportsIndex, TypeGuard, TypeVar
 
@@ -28,7 +29,14 @@ def is_traced(value: PyTree) -> bool:
 
 def is_transformed(inputs: PyTree) -> bool:
     """Whether JAX transforms computations with `inputs`; under `jax.jit` always."""
-    return is_traced((inputs, jax.device_put(np.zeros(()))))
+    return is_traced((inputs, jax.device_put(_nothing())))
+
+
+@cache
+def _nothing() -> Array:
+    # Put on the device once: to put it there again is no transfer, but a tracer under `jax.jit`.
+    with jax.ensure_compile_time_eval():
+        return jax.device_put(np.zeros(()))
 
 
 def is_sharded(value: object) -> TypeGuard[Array]:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int
 
-from jaxstab.core.checks import array, concrete
+from jaxstab.core.checks import concrete
 from jaxstab.core.display import UNREADABLE, text
 from jaxstab.core.stack import Stackable
 
@@ -86,8 +86,8 @@ class Enumeration(Stackable):
         code = np.int32(-1) if other is None else type(self).promote(other).code
         # Within a trace, too, known values stay known.
         with jax.ensure_compile_time_eval():
-            found = compare(concrete(self.code), concrete(code))
-            return found if isinstance(found, jax.Array) else array(found)
+            found: Any = compare(concrete(self.code), concrete(code))
+        return found
 
     def __hash__(self) -> int:
         # A member equals its name, so their hashes must agree.

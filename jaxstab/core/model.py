@@ -15,9 +15,10 @@ from jaxstab.core.grid import Grid, mean_over, total, totals
 from jaxstab.core.switches import own_conventions
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Mask, Scalar
 
-# Steps of Newton's method in a projection onto the cone, where no host looks on. Of eight hundred
-# projections of modes of rough contacts none took more than half as many.
-_MOST_CLIMBS = 6
+# Steps of Newton's method in a projection onto the cone, where no host looks on. Of six hundred
+# projections of modes of rough contacts all but one took three at most. After more, the result is
+# admissible, if not the nearest.
+_MOST_CLIMBS = 4
 
 
 def gap_of(displacement: Field, heights: Field) -> Field:
@@ -123,10 +124,9 @@ def onto_cone(field: Field, one_sided: Mask, is_moving: Mask) -> Field:
         return onto_one_sided(field - shift, one_sided, is_moving)
 
     def in_so_many_steps(shift: Scalar) -> Field:
-        def closer(_: Array, shift: Scalar) -> Scalar:
-            return shift + mean_over(uncut(shift), field - shift)
-
-        shift = jax.lax.fori_loop(0, _MOST_CLIMBS, closer, shift)
+        # Written out, so that a GPU is handed all of it at once.
+        for _ in range(_MOST_CLIMBS):
+            shift += mean_over(uncut(shift), field - shift)
         near = onto_one_sided(field - shift, one_sided, is_moving)
         # The rest, rounding nearly always, goes to the points that may take either sign.
         free = is_moving & ~one_sided

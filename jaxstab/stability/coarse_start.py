@@ -119,7 +119,9 @@ def mode_by_coarser(
 
 def _has_coarser(hessian: Hessian) -> bool:
     solid = hessian.solid
-    return solid.grid.size >= 4 * _FEWEST and solid.coarser() is not None
+    if solid.grid.size < 4 * _FEWEST:
+        return False
+    return jax.eval_shape(lambda: solid.coarser()) is not None
 
 
 def _roughly(solver: Solver, like: Block) -> Solver:

@@ -114,6 +114,14 @@ def test_within_a_step_the_host_waits_for_nothing():
     assert waits == {name: int(name == "SaddleNewton") for name in runs} and len(waits) == 6
 
 
+def test_a_search_on_the_cone_takes_hardly_more_steps_than_on_a_cpu():
+    run, _ = solver_runs(N)["ProjectedLOBPCG"]
+    number = int(run().num_steps)
+    with as_on_an_accelerator():
+        number_there = int(run().num_steps)
+    assert 0.8 * number < number_there < 1.2 * number
+
+
 @pytest.mark.parametrize(
     ("law", "load"),
     [

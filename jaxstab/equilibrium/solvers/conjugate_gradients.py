@@ -217,12 +217,15 @@ def _searched(problem: _Prepared, state: _DescentState) -> _DescentState:
 
 def _tried_once(problem: _Prepared, state: _DescentState) -> _DescentState:
     """Return the state after one length, at which the search ends or after which it goes on."""
-    is_on = state.search.num_cuts > 0
-    search = jax.tree.map(partial(jnp.where, is_on), state.search, _begun(problem, state))
+    # A search that goes on begins again at the same direction: that costs no more fields.
+    num_cuts = state.search.num_cuts
+    search = _begun(problem, state)
+    length = jnp.where(num_cuts < _MAX_CUTS, search.length / 3.0**num_cuts, 0)
+    search = replace(search, length=length, num_cuts=num_cuts)
     trial = _attempt(problem, state, search)
-    cut = replace(search, length=trial.length, num_cuts=trial.num_cuts)
+    goes_on = replace(state, search=replace(state.search, num_cuts=trial.num_cuts))
     ended = _ended(state, search, trial)
-    return jax.tree.map(partial(jnp.where, trial.is_last), ended, replace(state, search=cut))
+    return jax.tree.map(partial(jnp.where, trial.is_last), ended, goes_on)
 
 
 def preconditioner_of(

@@ -238,7 +238,10 @@ def _tried_once(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     operator, cone = problem.operator, problem.domain
     plane = _Plane.around(problem, state.point, state)
     length = 3.0 ** -state.num_failures.astype(state.move.dtype)
-    vector = cone.project(combination(plane.at(length), plane.basis))
+    vector = combination(plane.at(length), plane.basis)
+    # On the cone already, its zeros stay zero: rounding in a projection would open the face there.
+    leaves = jnp.any(cone.one_sided & (vector < 0))
+    vector = jnp.where(leaves, cone.project(vector), vector)
     mode = model.onto_sphere(jnp.where(state.is_stuck, state.descended, vector))
     tried, is_lower = _compared(state.point, mode, operator(mode))
     is_taken = is_lower | state.is_stuck
