@@ -149,7 +149,10 @@ def outcome(seed):
         problem.contact, problem.loads, initial=start, fields=True, max_states=STATES, throw=False
     )
     end, number = branch.end.name, len(branch.turns)
-    curve, dense_end = problem.dense(start, number)
+    try:
+        curve, dense_end = problem.dense(start, number)
+    except np.linalg.LinAlgError:
+        return "dense undecided", f"{number} turns, a singular matrix in the dense steps"
     shared = min(number, len(curve.events))
     kinds = list(branch.turns.kind.name)[:shared] if number else []
     values = np.asarray(branch.turns.load.value)[:shared]
