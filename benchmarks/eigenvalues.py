@@ -34,6 +34,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 import scipy
+from machine import machine
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lobpcg
 
 import jaxstab as js
@@ -99,6 +100,7 @@ def parse_options() -> argparse.Namespace:
 def lines(options: argparse.Namespace) -> Iterator[str]:
     versions = f"jax {jax.__version__}, SciPy {scipy.__version__}"
     yield f"jaxstab {version('jaxstab')}, {versions}; float64; one thread; tolerance {TOLERANCE:g}"
+    yield machine()
     if not options.skip_reference:
         yield from compare_on_cone(options.sizes, options.repeats)
         yield from compare_on_space(options.sizes, options.repeats)

@@ -15,6 +15,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+from machine import machine
 
 import jaxstab as js
 
@@ -229,6 +230,7 @@ def main():
         rows.extend(lines)
         print(*lines, sep="\n", flush=True)
 
+    say(machine(), "")
     say(
         "| points | states | jumps | seconds | as many equilibria | ratio |",
         "|---|---|---|---|---|---|",

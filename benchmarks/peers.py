@@ -39,6 +39,7 @@ from typing import NamedTuple, TextIO
 import jax
 import jax.numpy as jnp
 import numpy as np
+from machine import machine
 
 import jaxstab as js
 
@@ -89,7 +90,7 @@ def main() -> None:
     versions = ", ".join(f"{package} {version(package)}" for package in packages)
     agree = True
     with options.out.open("w") as file:
-        emit(f"{versions}; float64; one thread on one of {os.cpu_count()} cores\n", file)
+        emit(f"{versions}; float64; one thread; {machine()}\n", file)
         emit(f"| {COLUMNS} |\n|{re.sub('[^|]', '-', f'-{COLUMNS}-')}|", file)
         for n in options.sizes:
             repeats = options.repeats if n <= TUNED else 1
