@@ -29,6 +29,8 @@ warnings.simplefilter("ignore", js.ResolutionWarning)
 warnings.simplefilter("ignore", js.SurfaceWarning)
 
 LAYER = "layer"
+# Why a dense curve may be given up.
+UNDECIDED = ("tie", "lost", "steps")
 # Shape, solid, whether the law has a core, load.
 FAMILIES = (
     ((32,), "half space", False, js.MeanDisplacement),
@@ -164,16 +166,20 @@ def outcome(seed):
     is_whole = dense_end == "load" and shared == len(curve.events)
     last = int(branch.turns.state[shared - 1]) if shared and not is_whole else len(branch.index)
     gaps = np.asarray(branch.equilibrium.gap).reshape(len(branch.index), -1)[:last]
-    far = max(np.sqrt(np.mean((states - gap) ** 2, axis=1).min()) for gap in gaps) if last else 0
+    away = np.array([np.sqrt(np.mean((states - gap) ** 2, axis=1)) for gap in gaps])
+    away = away.reshape(len(gaps), len(states))
+    # States nearest to the end of a dense curve that was given up may lie beyond it.
+    counts = (away.argmin(axis=1) < len(states) - 1) | (dense_end not in UNDECIDED)
+    far = away.min(axis=1)[counts].max(initial=0)
     if far > DISTANCE * problem.rms:
         return "wrong", f"a state lies {far / problem.rms:.2g} rms heights from the dense curve"
     if number > shared:
-        word = "dense undecided" if dense_end in ("tie", "lost", "steps") else "wrong"
+        word = "dense undecided" if dense_end in UNDECIDED else "wrong"
         return word, f"{number} turns, dense {shared} to its end: {dense_end}"
     if end in ("uncertain", "lost"):
         return "uncertain", f"{end} after {number} turns and {len(branch.index)} states"
     if end == "load" and not is_whole:
-        word = "dense undecided" if dense_end in ("tie", "lost", "steps") else "wrong"
+        word = "dense undecided" if dense_end in UNDECIDED else "wrong"
         return word, f"at the load after {number} turns, dense {len(curve.events)}: {dense_end}"
     return "agreed", end
 
