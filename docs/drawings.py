@@ -63,7 +63,7 @@ def verdicts() -> Figure:
     sets, energy = figure.subplots(1, 2, width_ratios=[1.15, 1])
     boxes = [
         (0.0, 0.0, 10.0, 8.0, "#eef3f8", "all that the load allows", "lower_bound"),
-        (0.7, 0.6, 8.6, 5.5, "#d5e3f1", "… that do not enter the surface", "cone"),
+        (0.7, 0.6, 8.6, 5.5, "#d5e3f1", "… that do not penetrate the surface", "cone"),
         (1.4, 1.1, 7.2, 2.9, "#b4cde6", "… that leave pressed points alone", "critical"),
     ]
     for left, bottom, width, height, colour, text, name in boxes:
