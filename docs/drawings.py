@@ -64,7 +64,7 @@ def verdicts() -> Figure:
     boxes = [
         (0.0, 0.0, 10.0, 8.0, "#eef3f8", "all that the load allows", "lower_bound"),
         (0.7, 0.6, 8.6, 5.5, "#d5e3f1", "… that do not penetrate the surface", "cone"),
-        (1.4, 1.1, 7.2, 2.9, "#b4cde6", "… that leave pressed points alone", "critical"),
+        (1.4, 1.1, 7.2, 2.9, "#b4cde6", "… that do not move points under pressure", "critical"),
     ]
     for left, bottom, width, height, colour, text, name in boxes:
         corner = "round,pad=0,rounding_size=0.35"

@@ -55,36 +55,35 @@ def calibrate(
 ) -> Calibration:
     """Fit the parameters of a contact to measured forces or mean pressures.
 
-    It minimises sum_i w_i (p0(load_i - offset) + baseline - m_i)^2 by the method of Levenberg and
-    Marquardt (J. SIAM 11, 431, 1963).
+    Minimises sum_i w_i (p0(load_i - offset) + baseline - m_i)^2 by the Levenberg-Marquardt method
+    (J. SIAM 11, 431, 1963).
 
-    Work of adhesion and range are nearly exchangeable, so the misfit can have several minima.
-    Therefore the worst determined parameter is held at values up to a factor of four away, the
-    others are fitted at each, and all of them again from each minimum of this profile. The least
-    misfit of all is returned.
+    Work of adhesion and range nearly compensate each other, so the misfit can have several minima.
+    Therefore the worst determined parameter is fixed at values up to a factor of four away, the
+    others are fitted at each, and all parameters again from each minimum of this profile. The fit
+    with the least misfit is returned.
 
     Contacts with hysteresis jump, and so does the curve as parameters change: the least misfit may
     lie at a jump, where no method converges. It is accepted if two fits agree on it within a
-    quarter. A load without a derivative, as beside a jump, contributes to the misfit but not to
-    the direction of a step.
+    quarter. A load without a derivative, such as one beside a jump, contributes to the misfit but
+    not to the direction of a step.
 
     A parameter that starts positive is fitted by its logarithm, and stays positive.
-    Only floating-point arrays are parameters: not integers, nor Python numbers written into a
-    function.
+    Only floating-point arrays are parameters, not integers or Python numbers in a function.
 
     Arguments:
         contact: the contact with the parameters to start from.
         load: one value for each measurement, in their order: a displacement, a gap, or the position
             of a spring. A load without an equilibrium fails the fit, unless its weight is zero.
-        mean_pressure: m, the measured mean pressures, positive in compression [pressure]. Values
-            that a masked array masks have no weight.
+        mean_pressure: m, the measured mean pressures, positive in compression [pressure]. Masked
+            values of a masked array have no weight.
         forces: measured forces instead, positive in compression: m times the area of the cell
             [pressure length^2].
         offset: fit the zero of the loads, the contact point of a measured curve.
         baseline: fit the zero of the measurements, a constant force or pressure.
         weights: w, one over the variance of each measurement up to a common factor; all equal by
             default.
-        where: picks the parameters to fit from a contact, as in `equinox.tree_at`; by default all
+        where: selects the parameters to fit from a contact, as in `equinox.tree_at`; by default all
             of the potential and Young's modulus.
         order: as in `sweep`: "continuation" starts each load from the one before, as a
             measurement does; "independent" starts all alike, without hysteresis.
@@ -108,8 +107,8 @@ def calibrate(
             than the parameters. For negative weights, an unknown order, and `starts` below 1.
         TypeError: for a load that prescribes the pressure, or a contact in single precision.
         SolverError: if `throw` and the fit did not converge, or does not describe the measurements:
-            a parameter ran to its bound or is not determined, or the misfit is hardly less than a
-            curve of zero has. The message names the likely cause, as a wrong sign or an outlier.
+            a parameter ran to its bound or is not determined, or the misfit is hardly less than for
+            a zero curve. The message names the likely cause, such as a wrong sign or an outlier.
 
     Warns:
         FitWarning: for an outlier, and for an offset or a baseline that is not fitted although the

@@ -79,7 +79,7 @@ class Citations:
 
 
 def cite(*objects: object) -> Citations:
-    """Return the sources behind functions, classes, modules or results of jaxstab, and jaxstab.
+    """Return the sources behind functions, classes, modules or results, and jaxstab itself.
 
     Arguments:
         objects: functions (`js.equilibrate`), classes (`js.potentials.Dugdale`), modules

@@ -46,12 +46,12 @@ if TYPE_CHECKING:
 class Contact(eqx.Module):
     """A rigid rough surface against an elastic solid, with adhesion between them.
 
-    Its fields, and all that is computed with them, have the precision of `heights`.
+    Its fields, and everything computed from them, have the precision of `heights`.
 
-    Nothing depends on a constant in the heights. One that would cost them digits is taken off in
-    the precision given, before they are cast: `contact.heights` are then relative to
-    `contact.datum`, which otherwise is zero. Displacements, and loads that prescribe them, count
-    from zero.
+    Nothing depends on a constant in the heights. A constant that would cost digits is subtracted in
+    the given precision, before the heights are cast: `contact.heights` are then relative to
+    `contact.datum`, which otherwise is zero. Displacements, and loads that prescribe them, are
+    relative to zero.
 
     Arguments:
         solid: the elastic solid.

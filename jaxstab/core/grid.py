@@ -43,9 +43,9 @@ class Grid(eqx.Module):
     Arguments:
         shape: number of points along each side; one integer n means an n x n square.
         lengths: side lengths [length], all 1 by default.
-        sharding: how fields lie on several devices: a `NamedSharding` with one axis of its mesh
-            over the first side, `PartitionSpec("x")`; on one device by default. Files do not
-            keep it.
+        sharding: how fields are distributed over several devices: a `NamedSharding` with one axis
+            of its mesh over the first side, `PartitionSpec("x")`; one device by default. Files do
+            not keep it.
 
     Raises:
         ValueError: unless there are one or two sides, 2 points or more along each, and positive

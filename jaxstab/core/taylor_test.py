@@ -97,7 +97,7 @@ def check_derivative(
 
     Arguments:
         function: maps a pytree to one array, or a scalar. A law, the pressure of a solid, a result.
-        point: x, a pytree with floating-point leaves; leaves of other kinds are held.
+        point: x, a pytree with floating-point leaves; other leaves are kept fixed.
         direction: v, a pytree like `point`. By default a random one: to each entry of a leaf a
             normal number, times the leaf's rms value. Twelve steps h are tried, from eps^(1/8) to
             eps^(2/5), with eps the rounding unit.

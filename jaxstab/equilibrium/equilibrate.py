@@ -52,13 +52,13 @@ def equilibrate(
 
     With strong adhesion there can be several; which one is found depends on where the solver
     starts. If surface and start share a symmetry, the result has it too. It can then be a saddle
-    towards states without the symmetry: start from a gap that lacks it to avoid this.
+    between states without the symmetry: to avoid this, start from a gap without it.
 
     Fields, mean pressure and energy are differentiable functions of the contact and the load, in
     both modes and to any order. Contact area, residual and history count as constants, and so does
     the start of the solver. A derivative is NaN where it does not exist: without a converged
     equilibrium, at a fold, and where a gap or a reaction is zero to within the residual, that is,
-    where a point is about to touch or to be released.
+    if a point is about to touch or to be released.
 
     Arguments:
         contact: the contact problem.

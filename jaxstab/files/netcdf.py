@@ -39,8 +39,8 @@ def save(
 ) -> Path:
     """Write a contact and a result as NetCDF: the data set of `to_dataset`.
 
-    A law that is a module is restored from the path of its class and its numbers. A bare function
-    is kept as a table of its values only, and a warning says so.
+    A law that is an `equinox.Module` is restored from the path of its class and its numbers. Of a
+    bare function only a table of values is kept, and a warning says so.
 
     Arguments:
         path: the file; it must not exist yet.
@@ -48,7 +48,7 @@ def save(
         result, fields: as in `to_dataset`.
 
     Returns:
-        The path of the file, which is there as a whole or not at all.
+        The path of the file, which is written completely or not at all.
 
     Raises:
         ValueError: if the name does not end in .nc, and as `to_dataset`.
@@ -83,11 +83,11 @@ def save(
 def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Contact, Any]:
     """Return the contact and the result that `save` wrote, to the last bit, on one device.
 
-    A file runs no code: classes of your own come back where their module has been imported.
+    Loading runs no code: your own classes are restored if their module has been imported.
 
     Arguments:
         path: the file.
-        potential: the law, where the file has values of it only, or its class is not imported.
+        potential: the law, if the file has only values of it, or its class is not imported.
 
     Returns:
         The contact, and the equilibrium, stability, sweep, path, branch, evolution or transition.

@@ -69,7 +69,7 @@ class GapControl(Control):
 
 
 class MeanDisplacement(Load):
-    """A prescribed mean(u) [length]: one value, or an array of them for a sweep."""
+    """A prescribed mean(u) [length]: one value, or an array for a sweep."""
 
     quantity: ClassVar[str] = "mean displacement $u_0$"
     is_position: ClassVar[bool] = True

@@ -58,19 +58,19 @@ def critical_load(
     progress: bool | None = None,
     throw: bool = True,
 ) -> CriticalLoad:
-    """Return the load at which a branch of stable equilibria ends, on the way between two loads.
+    """Return the load at which a branch of stable equilibria ends between two loads.
 
     The branch is followed as by `jaxstab.continuation` to its first fold or release. That need not
     be a pull-off: beyond it the contact may go on in another state, as rough surfaces often do.
     `jaxstab.pull_off` gives the last one, `jaxstab.follow` all of them. A release that loses less
-    than 1e-5 of the problem's own energy (`follow`), as the edge of contact moves by a point of the
-    grid, counts as none. In float32 the branch behind one may be lost, and the result says so.
+    than 1e-5 of the problem's own energy (`follow`), as when the edge of contact moves by a point
+    of the grid, is passed over. In float32 the branch beyond it may be lost, as the result says.
 
     Arguments:
         contact: the contact problem.
         bracket: a load that holds two values: one at which the branch is stable, and one beyond
-            its end. If the branch from the first does not end before the second, that from the
-            second is followed towards the first.
+            its end. If the branch from the first does not end before the second, the branch
+            from the second is followed towards the first.
         initial: where equilibria at both loads start, as in `equilibrate`.
         progress: show a progress bar; by default after two seconds, in a terminal or notebook.
         throw: raise an error if no end is found; otherwise look at `result`.
@@ -78,7 +78,7 @@ def critical_load(
     Returns:
         The end of the branch. Its load, equilibrium and mode can be differentiated with respect to
         the contact: dl = -(x.dr) / (x.dr/dl), with r the net pressure. At a fold x is the mode; at
-        a release it is the move that opens the point, with the free points following. The
+        a release it is the perturbation that opens the point, with the free points following. The
         derivative is NaN at a bifurcation of a symmetric state, where two events coincide (another
         point touches or is released at the same load), and where no end was found exactly.
 

@@ -56,21 +56,21 @@ def follow(
     max_jumps: int = 64,
     throw: bool = True,
 ) -> Path:
-    """Return the equilibria that a contact goes through as its load goes from value to value.
+    """Return the equilibria through which a contact goes as its load goes from value to value.
 
-    A step is predicted by the two states before, and corrected by conjugate gradients. Where a
-    branch ends, the load goes on by 1e-6 of its range. Conjugate gradients then lower the energy
+    A step is predicted from the two states before, and corrected by conjugate gradients. Where a
+    branch ends, the load goes on by 1e-6 of its range, and conjugate gradients lower the energy
     from the last state to an equilibrium. An overdamped relaxation, g' = -(K u + p0 + f'), reached
     the same contact points in all of 120 jumps of rough surfaces (benchmarks/results/jumps.md).
-    Between jumps a branch is reversible. So the loss of the path is the sum over its jumps, each a
-    difference of potentials at one load. `unlocated` estimates the loss in smaller jumps. Surfaces
-    that a tension has pulled apart stay so until there is a pressure.
+    Between jumps a branch is reversible. So the loss of the path is the sum over its jumps of the
+    differences of two potentials at one load. `unlocated` estimates the loss in smaller jumps.
+    Surfaces that a tension has pulled apart stay so until there is a pressure.
 
-    Ctrl-C ends a path after the steps in hand, about a second, and returns the states so far.
+    Ctrl-C ends a path after the current steps, in about a second, and returns the states so far.
 
     Arguments:
         contact: the contact problem.
-        load: the turning points of the programme, in order: two or more.
+        load: the turning points of the load path, in order: two or more.
         initial: where the first equilibrium starts, as in `equilibrate`.
         smallest_jump: the loss from which a jump is located, over the problem's own energy: the
             elastic energy of full contact and the deepest adhesion. By default 2e-7, or
@@ -78,8 +78,8 @@ def follow(
             are located.
         disturbance: the size of a random field over the rms height; zero for none. The field is the
             same at every step, and is added to the start of each equilibrium. On a surface flatter
-            than the range of the law and the spacing of the grid, the size is over the lesser of
-            these. So the path leaves branches that only a symmetry holds.
+            than the range of the law and the spacing of the grid, the size is relative to the
+            smaller of these. So the path leaves branches that are stable only by symmetry.
         fields: whether to keep the gap of every recorded state.
         progress: show a progress bar; by default after two seconds, in a terminal or notebook.
         max_states: how many states there is room for under JAX transformations. Elsewhere a path

@@ -1,18 +1,18 @@
-"""The events along a branch of equilibria, and why it is followed no more."""
+"""The events along a branch of equilibria, and why it is not followed further."""
 
 from jaxstab.core.enumeration import Enumeration, member
 
 
 class KINDS(Enumeration):
-    """Why a stable branch ends, where the load turns back, and why a branch is followed no more."""
+    """Why a stable branch ends, how the load turns back, and where a branch stops."""
 
     fold = member("the smallest eigenvalue on the free points vanishes")
-    release = member("a contact point lets go, and the energy falls as it opens")
-    touch = member("a free point comes into contact, or surfaces that a pull had taken apart do")
+    release = member("the reaction of a contact point vanishes, and opening lowers the energy")
+    touch = member("a free point comes into contact, or separated surfaces do")
     load = member("at the second load")
     loop = member("at a state that it has passed before: it is a closed loop")
-    states = member("at the number of states that was asked for")
-    full_contact = member("in full contact, from which a load that holds the gap leads nowhere")
-    uncertain = member("where steps of the least length do not tell one branch from another")
+    states = member("at the requested number of states")
+    full_contact = member("in full contact, where a load that prescribes the gap leads nowhere")
+    uncertain = member("where even the shortest steps do not tell one branch from another")
     lost = member("where no next state was found")
-    separated = member("where surfaces go apart without end: next to no attraction is left")
+    separated = member("where surfaces separate without end: hardly any attraction is left")

@@ -60,22 +60,22 @@ def observe(
     states: Path | Branch | Evolution | Sweep | Equilibrium,
     *observables: Callable[[Contact, Equilibrium], Observable],
 ) -> Observed:
-    """Return observables beside the states of a path or a sweep.
+    """Return observables for all states of a path or a sweep.
 
         observed = js.observe(contact, path, js.patches, js.conductance)
         observed.patches.number, observed.conductance.conductance
 
-    An observable is a function of a contact and an equilibrium that returns an `Observable`, also
-    one of your own. Settings are given by `functools.partial`, as in `partial(js.leakage,
-    viscosity=1e-3)`. They are computed one state after another, outside of JAX transformations. Of
+    An observable is a built-in or user-defined function of a contact and an equilibrium that
+    returns an `Observable`. Give settings by `functools.partial`, as in `partial(js.leakage,
+    viscosity=1e-3)`. States are evaluated one after another, outside JAX transformations. For
     states that were not found numbers are NaN, and there are no patches. `jaxstab.plots.observed`
     draws a column, and `jaxstab.save` writes them with the states.
 
     Arguments:
         contact: the contact of these states.
         states: the result of `follow`, `continuation` or `evolve`, with `fields=True`, or of
-            `sweep`; or a stack of equilibria. A viscoelastic contact has in a state the pressures
-            of that time, and the stiffness of its relaxed solid.
+            `sweep`; or a stack of equilibria. A state of a viscoelastic contact has the pressures
+            at its time, and the stiffness of the relaxed solid.
         observables: the functions: `jaxstab.patches`, `jaxstab.conductance`, `jaxstab.leakage`.
 
     Raises:

@@ -112,7 +112,7 @@ class PathState(Stackable, Dimensioned):
 
 
 class Path(Dimensioned):
-    """The equilibria that a contact goes through under a programme of loads.
+    """The equilibria through which a contact goes along a load path.
 
     `path[3]` is a recorded state, `len(path)` their number. The last state, `path[-1]`, always has
     its gap. So `follow(contact, rest, initial=path[-1])` goes on with a path that was interrupted.
@@ -127,9 +127,9 @@ class Path(Dimensioned):
         dissipation: the loss in all jumps [energy]; NaN as the work is.
         result: how the path ended. It has failed, as `unbalanced_work`, if steps between jumps have
             gained energy, so that `unlocated` is below zero by more than its error.
-        unlocated: the loss that steps between jumps may hide: the work by quadrature less the
+        unlocated: the loss that steps between jumps may hide: the work by quadrature minus the
             change of energy [energy].
-        unlocated_error: the error of that quadrature; less than this is nothing [energy].
+        unlocated_error: the error of that quadrature; a smaller loss is not significant [energy].
         last_gap: g of the last recorded state [length].
     """
 

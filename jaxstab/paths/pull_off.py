@@ -44,13 +44,13 @@ def pull_off(
     progress: bool | None = None,
     throw: bool = True,
 ) -> CriticalLoad:
-    """Return the largest tension that a contact survives as it is unloaded, and its end.
+    """Return the largest tension that a contact survives as it is unloaded, and how it ends.
 
-    The contact is followed as by `jaxstab.follow`: unlike a fold in a bracket, this is the last
-    jump, whatever jumps come before. Under a dead load it leaves no state. A machine of a finite
-    stiffness can catch the contact again: of its jumps the one from the largest tension counts. If
-    it is so stiff that tension passes a maximum without a jump, that maximum was larger. Jumps that
-    lose about 1e-4 of the problem's own energy may be passed over (`follow`).
+    The contact is followed as by `jaxstab.follow`: unlike `critical_load`, this finds the last
+    jump, whatever jumps come before. Under a dead load no state remains. With a machine of finite
+    stiffness the contact may survive a jump: the jump from the largest tension counts. If the
+    machine is so stiff that tension passes a maximum without a jump, that maximum is larger. Jumps
+    that lose about 1e-4 of the problem's own energy may be passed over (`follow`).
 
     Arguments:
         contact: the contact problem.

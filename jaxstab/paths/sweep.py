@@ -79,8 +79,8 @@ def sweep(
     """Return the equilibrium and its stability at each of many loads.
 
     `equilibrate` and `assess_stability` return the same for each load, by the same compiled
-    programs. Only inside of `jax.jit`, `jax.vmap` and `jax.grad`, and for independent loads on an
-    accelerator, all loads are one program, which can neither be interrupted nor show progress.
+    programs. Only inside `jax.jit`, `jax.vmap` and `jax.grad`, and for independent loads on an
+    accelerator, are all loads one program, which can neither be interrupted nor show progress.
 
     Ctrl-C ends a sweep after the load that is being solved, and returns the loads done so far.
 

@@ -119,7 +119,7 @@ def _left(reduced: Scalar, smoothing: Scalar) -> Scalar:
 class LennardJones(_RangedLaw):
     """f(g) = w / 2 ((z0 / g)^9 - 3 (z0 / g)^3): the 9-3 law between a solid and a wall.
 
-    It repels below z0, where it is least, at -w; no gap closes against it.
+    It has its minimum -w at z0 and repels below, so that no gap closes.
 
     Arguments:
         surface_energy: w, the work of adhesion [energy/area].

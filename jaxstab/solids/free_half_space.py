@@ -47,7 +47,7 @@ class Padded(Waves):
 
 
 class FreeHalfSpace(Solid):
-    """An isotropic elastic half space that is free of pressure outside of a window.
+    """An isotropic elastic half space that is free of pressure outside a window.
 
     The displacement of the window is u = d + G p, with the displacement d of the far side
     (`FarDisplacement`) and Love's coefficients G of a uniform pressure on each cell (Johnson,
@@ -55,10 +55,10 @@ class FreeHalfSpace(Solid):
     rest far away: d is the displacement at a distance L, the window's length, from a line of
     force, and G is the integral of -2 / pi ln(r / L).
 
-    Computations run on twice the points a side (`Contact.padded`, which also has the energy and the
-    Hessian of a gap); results show the window only. Eigenvalues and the unit norm of modes include
-    displacements outside of the window. The energy of equilibria leaves out the energy of a uniform
-    pressure on twice the window.
+    Computations run on twice the points per side (`Contact.padded`, which also has the energy and
+    the Hessian of a gap); results show only the window. Eigenvalues and the unit norm of modes
+    include displacements outside of the window. The energy of equilibria leaves out the energy of a
+    uniform pressure on twice the window.
 
     Arguments:
         grid: the window. It is not periodic.

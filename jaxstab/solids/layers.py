@@ -32,10 +32,10 @@ class Layer(SpectralSolid):
 
     K = (E* q / 2) ((3 - 4 nu) cosh 2x + 2x^2 + 5 - 12 nu + 8 nu^2) / ((3 - 4 nu) sinh 2x - 2x) with
     x = q h (Johnson, Contact Mechanics, 1985, sec. 5.8). At q = 0, where the base stays,
-    K = E (1 - nu) / ((1 + nu) (1 - 2 nu) h): `FarDisplacement` holds the base, and a `Spring` pulls
-    at it. An incompressible layer, nu = 0.5, keeps its volume, so that its mean displacement is its
-    base's, which `MeanDisplacement` holds. The derivative by nu under a `Spring` there leaves out
-    the change of the volume.
+    K = E (1 - nu) / ((1 + nu) (1 - 2 nu) h). `FarDisplacement` prescribes the displacement of the
+    base, and a `Spring` pulls at it. An incompressible layer, nu = 0.5, keeps its volume, so its
+    base moves by the mean displacement, which `MeanDisplacement` prescribes. Its derivative with
+    respect to nu under a `Spring` leaves out the change of the volume.
 
     Arguments:
         grid: the grid of its surface.

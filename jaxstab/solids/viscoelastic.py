@@ -23,7 +23,7 @@ class Viscoelastic(Solid):
 
     K is the stiffness of the relaxed solid, r_k = E_k / E_relaxed, t_k the relaxation times: a
     generalised Maxwell (Wiechert) solid of constant Poisson's ratio. Functions without time,
-    as `equilibrate` and `follow`, use the relaxed solid; `jaxstab.evolve` follows it in time.
+    such as `equilibrate` and `follow`, use the relaxed solid; `jaxstab.evolve` follows it in time.
 
     Arguments:
         solid: the relaxed solid, with the long-time modulus.

@@ -76,17 +76,17 @@ def assess_stability(
 ) -> Stability:
     """Return the stability of an equilibrium against admissible perturbations (Rey & Bleyer, 22).
 
-    On a linear space the eigenvalue is the smallest. The critical cone is such a space where all
-    contact presses. On the cone it is the smallest found from several starts. It is proved to be
-    the smallest if the mode of the lower bound is admissible. From 512 x 512 points on, the search
-    starts from the mode on every other point. It keeps its eigenvalue if that is within 1 % of the
-    coarser one. If all but a few points touch, the starts can miss the smallest; then a state may
-    be called "stable" that is only held by contact.
+    On a linear space the eigenvalue is the smallest. The critical cone is a linear space if all
+    contact points are under pressure. On the cone the eigenvalue is the smallest found from several
+    starts, and proved to be the smallest if the mode of the lower bound is admissible. From 512 x
+    512 points on, the search starts from the mode on every other point, and stops if its eigenvalue
+    is within 1 % of the coarser one. If all but a few points touch, the starts can miss the
+    smallest; then a state that is only held by contact may be called "stable".
 
     Eigenvalues, modes, barrier and complementarity are differentiable functions of the contact and
     the equilibrium: d lambda = x.(dA) x, A depending on the gap too. A derivative is NaN where it
     does not exist: for a multiple eigenvalue, for a least reaction that several points share, for
-    the barrier of a state that is not held, and for an eigenvalue that was not found. If several
+    the barrier of a state not held by contact, and for an eigenvalue that was not found. If several
     modes on different faces of the cone are equally low, the derivative belongs to the mode found.
 
     Arguments:
@@ -94,8 +94,8 @@ def assess_stability(
             which answers at once.
         equilibrium: one of its equilibria, or a result that holds it: an entry of a sweep, a fold;
             none for a state of an evolution.
-        solver: the algorithm for the cone, `ProjectedLOBPCG()` by default. Its tolerance is that
-            of all three numbers.
+        solver: the algorithm for the cone, `ProjectedLOBPCG()` by default. Its tolerance applies
+            to all three numbers.
         key: the random key of the vectors to start from, `jax.random.key(0)` by default.
         verdict_only: stop when a number proves the verdict; those not computed are NaN, with the
             result "not_computed".

@@ -44,7 +44,7 @@ def lowest_modes(
         equilibrium: one of its equilibria, or a result that holds it: an entry of a sweep, a fold.
         count: how many.
         space: "lower_bound" for all perturbations that the load allows, "critical" for those that
-            leave the points in contact where they are.
+            do not move points in contact.
         solver: the algorithm, `Davidson()` by default.
         key: the random key of the vectors to start from, `jax.random.key(0)` by default.
         throw: raise where the solver fails; otherwise look at `result`.

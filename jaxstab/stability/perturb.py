@@ -25,12 +25,11 @@ def release(
     solver: EquilibriumSolver | None = None,
     throw: bool = True,
 ) -> Equilibrium:
-    """Return the equilibrium that a state relaxes to after a push along a mode.
+    """Return the equilibrium to which a state relaxes after a push along a mode.
 
     The gap becomes g + t x, cut at zero, and is brought under the load; from there the energy
-    falls until it can fall no more. After a small push, a `stable` state and one `held_by_contact`
-    return to where they were. An `unstable` one, pushed along its critical mode, ends at a lower
-    energy.
+    descends to a minimum. After a small push, a state that is `stable` or `held_by_contact`
+    returns. An `unstable` state, pushed along its critical mode, ends at a lower energy.
 
     Arguments:
         contact: the contact problem.
@@ -38,8 +37,8 @@ def release(
         mode: x, the direction of the push, of any length.
         amplitude: t [length]; by default such that no point moves by more than a thousandth of
             the mean gap. Its sign is the direction of the push.
-        solver: the algorithm, by default the one of `equilibrate`. One that does not lower the
-            energy tests nothing.
+        solver: the algorithm, by default the one of `equilibrate`. A solver that does not
+            lower the energy tests nothing.
         throw: as in `equilibrate`.
 
     Returns:

@@ -35,19 +35,19 @@ class Stability(Stackable, Dimensioned):
     Attributes:
         lower_bound: the smallest eigenvalue among all perturbations that the load allows: of
             zero mean under a prescribed mean gap, all under a prescribed pressure.
-        cone: the smallest on V0+, whose perturbations do not enter the surface (Rey & Bleyer,
+        cone: the smallest on V0+, whose perturbations do not penetrate the surface (Rey & Bleyer,
             eq. 26). Positive means stable; negative proves nothing where contact presses, since
             lifting off then costs energy at first order.
         critical: the smallest on the critical cone, where points in contact stay if they press,
             and may lift off if they do not. Negative means unstable. In a `CriticalLoad` the points
-            that let go count as free.
+            that are released count as free.
         complementarity: the least reaction at a point in contact, over the rms of elastic pressure
             and attraction; +inf without contact. Near zero, a point is about to lift off.
         barrier: the energy that holds a state by contact, along the cone's mode to second order;
             NaN elsewhere.
         verdict: a member of `VERDICTS`.
-        proved: whether the verdict is proved, and not only found: that no eigenvalue on which it
-            rests can have been missed.
+        proved: whether the verdict is proved: no eigenvalue on which it rests can have been
+            missed.
         result: how the solvers ended: the first failure, or successful.
         units: the units of length and of pressure, None where unknown.
     """

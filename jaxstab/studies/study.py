@@ -50,24 +50,24 @@ def study(
     accept_changes: bool = False,
     progress: bool | None = None,
 ) -> "xarray.Dataset":
-    """Run a function for each case of a study, and keep each result in a NetCDF file of its own.
+    """Run a function for each case of a study, and keep each result in a separate NetCDF file.
 
-    A case is done once its file is in the folder, and never runs again: after an end of any kind
+    A case is done once its file is in the folder, and never runs again: however a call ends,
     the same call goes on. Values added to an axis extend a study. Cases of damaged files run again,
     with a warning. Several calls may run one study.
 
     Arguments:
-        case: the function, called by names with numbers and words of Python. It returns a dict of
-            numbers, words, members of enumerations such as `jaxstab.VERDICTS`, and arrays, or a
-            Dataset, of the same shapes in all cases. A case that raises has failed.
+        case: the function, called by keywords with Python numbers and strings. It returns a dict of
+            numbers, strings, members of enumerations such as `jaxstab.VERDICTS`, and arrays, or a
+            Dataset, with the same shapes in all cases. A case that raises has failed.
         axes: one-dimensional arrays by name, whose product is run; or a list of dicts, the
             combinations to be run, which lie on the dimension `case`.
-        path: the folder of the study, which all processes must see; made where it does not exist.
-        executor: where cases run: in this process (None), in so many processes of this machine, on
-            an executor of `concurrent.futures`, or on a Dask `Client`.
+        path: the folder of the study, which all processes must see; created if it does not exist.
+        executor: where cases run: in this process (None), in a number of processes on this machine,
+            on an executor of `concurrent.futures`, or on a Dask `Client`.
         batch: how many cases run at once, by `jax.vmap` of the compiled function; if this raises,
             they run one by one, with a warning.
-        version: to be changed with functions and values to which the case refers.
+        version: change it whenever functions or values to which the case refers change.
         retry: run failed cases again; by default they count as done.
         accept_changes: go on if the case, `version` or packages have changed; record the change.
         progress: show a progress bar.
@@ -76,7 +76,7 @@ def study(
         A data set of the cases in the order of the axes. Each has a `result` ("successful",
         "failed" or "missing"), its `seconds`, in a batch the average, and the text of its `error`.
         Missing values are NaN, the least integer, False or "missing". Fields of more than 1 GB are
-        read on access. `xarray.open_mfdataset(f"{path}/*.nc", combine="by_coords")` reads all too.
+        read on access. `xarray.open_mfdataset(f"{path}/*.nc", combine="by_coords")` also reads it.
 
     Raises:
         ValueError: for a study that was begun with another case, version, packages or axes; for

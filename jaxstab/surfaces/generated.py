@@ -80,8 +80,8 @@ def self_affine(
     waves per longest side of the cell. C follows from the given one of `rms_height` and
     `rms_slope`, which this surface has exactly. The noise belongs to the waves, not to the
     points: one key gives the same surface on every grid that resolves it. JAX's random numbers
-    differ in single precision, and so does the surface: to compute with one surface in both
-    precisions, draw it in double precision and cast it, `heights.astype(jnp.float32)`.
+    differ in single precision, and so does the surface: to use one surface in both precisions,
+    draw it in double precision and cast it, `heights.astype(jnp.float32)`.
 
     Arguments:
         grid: the grid.

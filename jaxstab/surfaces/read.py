@@ -34,7 +34,7 @@ def read(
     unit: str | None = None,
     channel: str | None = None,
 ) -> Topography:
-    """Read the surface in a file, whose content, not its name, determines the format.
+    """Read the surface in a file, whose content, and not its name, determines the format.
 
     The first index of heights runs along x.
 

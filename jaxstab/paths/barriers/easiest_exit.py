@@ -33,15 +33,15 @@ def easiest_exit(
 ) -> Transition:
     """Return the lowest pass found out of a stable state, and the state beyond it.
 
-    The state is pushed along its lowest modes, to both sides, and along the cone's, farther
-    and farther until it relaxes to another state. To each of these there is a transition: the one
-    with the lowest barrier is returned. That it is the lowest of all is not proved. It runs
+    The state is pushed along its lowest modes, in both directions, and along the cone's, farther
+    and farther until it relaxes to another state. Of the transitions to these states the one
+    with the lowest barrier is returned, which need not be the lowest of all. The function runs
     neither under `jax.jit` nor under `jax.vmap`.
 
     Arguments:
         contact: the contact problem.
         equilibrium: one of its stable equilibria, or a result that holds it.
-        num_modes: how many of the lowest modes on all moves that the load allows are tried.
+        num_modes: how many of the lowest modes that the load allows are tried.
         key: the random key of the searches for modes, `jax.random.key(0)` by default.
         throw: raise where no push leads to another state; otherwise look at `result`.
 

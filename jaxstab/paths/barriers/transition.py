@@ -106,12 +106,12 @@ def transition(
     num_images: int = 16,
     throw: bool = True,
 ) -> Transition:
-    """Return the pass between two equilibria at one load, by a way of least energy.
+    """Return the pass between two equilibria at one load, on a path of least energy.
 
-    A string of states between the two goes down in energy, on gaps that are nowhere negative. Its
-    highest state is drawn out, and Newton's method goes from there to the saddle: an equilibrium
-    with exactly one negative eigenvalue on the critical space, above both ends. There may be other
-    ways, and lower ones: this is the one that the straight line between the two leads to.
+    A string of states between the two descends in energy, with gaps that are nowhere negative. Its
+    highest state climbs, and Newton's method leads from there to the saddle: an equilibrium
+    with exactly one negative eigenvalue on the critical space, above both ends. This is the pass to
+    which the straight line between the two states leads; there may be others, and lower ones.
 
     The barriers are differentiable functions of the contact and the load: at states of
     equilibrium the energy follows them at a fixed gap.
@@ -120,8 +120,8 @@ def transition(
         contact: the contact problem.
         load: a single value, at which both states are.
         start: the equilibrium that is left, or a gap that relaxes to it.
-        end: that which is reached: another state of a branch, the other side of a jump.
-        num_images: the number of states on the string, with its ends.
+        end: the equilibrium that is reached, for instance the other side of a jump, or a gap.
+        num_images: the number of states on the string, including its ends.
         throw: raise where no saddle is found; otherwise look at `result`.
 
     Raises:

@@ -53,10 +53,10 @@ def continuation(
 ) -> Branch:
     """Return the branch of equilibria that begins at one load and leads on towards another.
 
-    It goes on around folds, where an eigenvalue vanishes, and around the corners where a point lets
-    go or touches, through states that are not stable: those that `follow` jumps over. Equilibria
+    It goes on around folds, where an eigenvalue vanishes, and active-set changes, where a point is
+    released or touches, through unstable states, over which `follow` jumps. Equilibria
     are curves in the gap and the mean pressure, which pseudo-arclength follows (Keller 1977). They
-    are smooth between two corners, and each corner is taken by itself; on grids of 128 points or
+    are smooth between active-set changes, which are located one by one; on grids of 128 points or
     more, one point in 64 may change sides in a step. A step that the events in it do not explain is
     cut: where Newton's method is slow, where tangents turn, gaps or reactions do not stay positive,
     or the number of negative eigenvalues changes otherwise than at these events. So a branch does

@@ -73,8 +73,8 @@ def evolve(
     equilibrium with a stiffness between the glassy and the relaxed one, on a surface moved by the
     memory of the solid (`jaxstab.paths.evolution.step`). Between the given times the load is
     linear in time, and steps adapt to an estimate of their error. Where the glassy solid itself
-    loses its stability, the contact jumps: the jump is located in time, and its loss counted apart
-    from the dissipation in the solid.
+    loses its stability, the contact jumps: the jump is located in time, and its loss counted
+    separately from the dissipation in the solid.
 
     The scalars and the last state are differentiable functions of contact, load and times, in both
     modes, at the steps that were taken; the states in `fields` count as constants.
@@ -83,10 +83,10 @@ def evolve(
         contact: the contact, of a `Viscoelastic` solid.
         load: a load with one value for each time.
         times: two times or more, in increasing order [time].
-        initial: where to start. An `Evolution` goes on from its end, or from one of its states; a
-            state of the relaxed contact with a load of its own, as an `Equilibrium`, answers to the
-            first load at once. Otherwise the contact is relaxed at the first load, a gap being
-            where its equilibrium is sought, as in `equilibrate`.
+        initial: where to start. From an `Evolution` the run goes on from its end, or from one of
+            its states. A state of the relaxed contact under another load, such as an `Equilibrium`,
+            responds to the first load at once. Otherwise the contact is relaxed at the first load;
+            a gap is then the start of its equilibrium, as in `equilibrate`.
         rtol: the error of a step, in deformation and in the balance of energies, over the largest
             ones so far.
         fields: whether to keep gap and memory at each time, for verdicts and growth rates.
@@ -95,8 +95,8 @@ def evolve(
         throw: raise an error if the end is not reached; otherwise look at `result`.
 
     Returns:
-        The states at the given times; when interrupted, with a warning, those at the first times.
-        Where the surfaces are pulled apart, NaN follows.
+        The states at the given times; if interrupted, with a warning, those reached so far.
+        Once the surfaces are pulled apart, NaN.
 
     Raises:
         TypeError: for a solid that is not viscoelastic, and something that is not a load.

@@ -28,10 +28,10 @@ def lifetime(
     until: ArrayLike | None = None,
     rtol: float = 1e-3,
 ) -> float:
-    """Return the time to detachment under a load that is applied at once, and then held.
+    """Return the time to detachment under a load that is applied at once and then held.
 
-    The contact has detached where a dead load has pulled the surfaces apart, or where no point is
-    in contact.
+    The contact has detached once a dead load has pulled the surfaces apart, or once no point is in
+    contact.
 
     Arguments:
         contact: the contact, of a `Viscoelastic` solid.
