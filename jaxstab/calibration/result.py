@@ -41,7 +41,7 @@ class Calibration(eqx.Module):
 
     Attributes:
         contact: the contact with the parameters found.
-        parameters: these parameters, as `where` picks them.
+        parameters: these parameters, as selected by `where`.
         standard_errors: their standard errors, in the same structure, from the slopes of the
             curve, or larger ones from the profile if it is wider.
         offset: the zero of the loads: the contact is at load - offset [length].

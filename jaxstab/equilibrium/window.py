@@ -29,7 +29,7 @@ _MOST_AT_EDGES = 1e-2
 
 
 class WindowWarning(UserWarning):
-    """The contact is not small at the edges of the window that it is solved on."""
+    """The contact is not small compared with its window."""
 
 
 def padded_state(contact: Contact, equilibrium: Equilibrium) -> tuple[Contact, Equilibrium]:

@@ -39,8 +39,8 @@ def save(
 ) -> Path:
     """Write a contact and a result as NetCDF: the data set of `to_dataset`.
 
-    A law that is an `equinox.Module` is restored from the path of its class and its numbers. Of a
-    bare function only a table of values is kept, and a warning says so.
+    A law that is an `equinox.Module` is restored from the path of its class and its numbers. A
+    bare function is kept only as a table of its values, and a warning says so.
 
     Arguments:
         path: the file; it must not exist yet.

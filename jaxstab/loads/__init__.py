@@ -1,7 +1,6 @@
 """Loads: their interface, and one file per kind.
 
-A load acts on the mean of the gap: it holds it, or presses with a mean pressure p0 that may depend
-on it.
+A load prescribes the mean of the gap, or presses with a mean pressure p0 that may depend on it.
 """
 
 from jaxstab.loads.held_gap import GapControl, MeanDisplacement, MeanGap

@@ -1,4 +1,4 @@
-"""Paths: the states of a contact under a programme of loads, and the ends of its branches."""
+"""Paths: the states of a contact along a load path, and the ends of its branches."""
 
 from jaxstab.paths.barrier_law import BarrierLaw
 from jaxstab.paths.barriers.easiest_exit import easiest_exit

@@ -28,7 +28,7 @@ class BarrierLaw(Stackable, Dimensioned):
     Attributes:
         exponent: e, 3/2 at a fold and 2 at a release; NaN at a touch, and at a bifurcation: there
             the load does not drive the mode, which breaks a symmetry.
-        coefficient: C [energy over the load to that power]; NaN likewise.
+        coefficient: C [energy over the load to that power]; NaN in the same cases.
         load_unit: the quantity of the load, "length" or "pressure".
     """
 

@@ -28,7 +28,7 @@ from jaxstab.paths.sweep import Sweep
 
 
 class Observed(Stackable, eqx.Module):
-    """The states of a path or a sweep, and observables beside them; all have an axis of states.
+    """The states of a path or a sweep and their observables; all have an axis of states.
 
     An observable is an attribute, by the name of its function: `observed.patches.number`.
 

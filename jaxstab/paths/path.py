@@ -68,19 +68,19 @@ class Jump(Stackable, Dimensioned):
     """Where a branch ends, and where the contact goes from there.
 
     Attributes:
-        load: the load [as in the path]; a function of the contact, the only thing of a path that
-            can be differentiated.
+        load: the load [as in the path], the only differentiable function of the contact in a
+            path.
         kind: a member of `KINDS`: why the branch ends.
         before: the last equilibrium of the branch; NaN, with no contact area, before a touch.
-        after: the one that the contact jumps to, at the next load; NaN, with no contact area, where
-            it is pulled off.
+        after: the equilibrium to which the contact jumps, at the next load; NaN, with no contact
+            area, where it is pulled off.
         mode: the unit vector along which the state loses its stability; NaN at a touch.
         dissipation: the energy lost, the difference of two potentials at one load [energy]; NaN
             where surfaces are pulled off or come together.
         state: the number of the state before, among those recorded.
-        barrier_law: the growth of the barrier that holds the state before with the distance from
-            the jump's load. It is of second order in the mode's amplitude at a release, of third at
-            a fold.
+        barrier_law: how the barrier that holds the state before grows with the distance from the
+            load of the jump. The energy is of second order in the mode's amplitude at a release, of
+            third at a fold.
     """
 
     load: Load
@@ -98,7 +98,7 @@ class Jump(Stackable, Dimensioned):
 class PathState(Stackable, Dimensioned):
     """A recorded state of a path, or several: `path[-1]`, `path[3:5]`.
 
-    One that has a gap is a start, `initial=`, of further equilibria and paths.
+    A state with a gap can start further equilibria and paths, as `initial=`.
 
     Attributes:
         load: its load.

@@ -1,7 +1,7 @@
 """Figures: each function draws into a Matplotlib `Axes`, its own or a given one, and returns it.
 
-`summary` and `transition` draw a whole figure, `save` writes one for print, `animation` a film of
-a path.
+`summary` and `transition` draw a whole figure, `save` writes a figure for print, and `animation` a
+film of a path.
 """
 
 from jaxstab.plots.animation import animation

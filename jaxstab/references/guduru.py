@@ -1,4 +1,4 @@
-"""Guduru (2007): an elastic sphere with concentric waves and adhesion of no range.
+"""Guduru (2007): an elastic sphere with concentric waves and adhesion of zero range.
 
 A rigid surface r^2 / (2 R) + A (1 - cos(2 pi r / L)) on an elastic half space of contact modulus
 E*, in contact everywhere up to the radius a. Outside nothing acts. Opening the contact costs w per

@@ -1,4 +1,4 @@
-"""Johnson, Kendall and Roberts (1971): an elastic sphere with adhesion of no range.
+"""Johnson, Kendall and Roberts (1971): an elastic sphere with adhesion of zero range.
 
 A rigid paraboloid r^2 / (2 R) on an elastic half space of contact modulus E*. Nothing acts outside
 the contact, which has the radius a. Opening it costs w per area.

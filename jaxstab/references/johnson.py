@@ -1,4 +1,4 @@
-"""Johnson (1995): a rigid sinusoid on an elastic half space with adhesion of no range, as lines.
+"""Johnson (1995): line contact of a rigid sinusoid and a half space, adhesion of zero range.
 
 h = A cos(2 pi x / L), so that peak and valley are 2 A apart. Around each crest the surfaces touch
 over a width 2 a; outside nothing acts, and opening the contact costs w per area.

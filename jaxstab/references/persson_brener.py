@@ -1,7 +1,7 @@
-"""Persson and Brener (2005): the work to open a crack in a viscoelastic solid, over its speed.
+"""Persson and Brener (2005): the work to open a viscoelastic crack, as a function of its speed.
 
 A long crack opens steadily in a solid of moduli 1 + sum r_k exp(-t / t_k), over the relaxed one.
-The solid dissipates around the tip, outside of a tip radius a. The stress there is the strength
+The solid dissipates around the tip, outside a tip radius a. The stress there is the strength
 of the law, so that the radius grows with the work: a = a0 w / w0. The solid is relaxed far from the
 tip, and glassy at the tip of a fast crack, where the work tends to w0 (1 + sum r_k).
 

@@ -1,4 +1,4 @@
-"""Westergaard (1939): a rigid sinusoid on an elastic half space, without adhesion, as line contact.
+"""Westergaard (1939): a rigid sinusoid on an elastic half space, without adhesion, in line contact.
 
 h = A cos(2 pi x / L). K. L. Johnson, *Contact Mechanics* (1985), section 13.2.
 """

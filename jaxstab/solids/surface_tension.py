@@ -25,7 +25,7 @@ class SurfaceTension(SpectralSolid):
         tension: s >= 0 [pressure length].
 
     Raises:
-        TypeError: for a solid without a stiffness for every wavenumber, as a `FreeHalfSpace`.
+        TypeError: for a solid without a stiffness for every wavenumber, such as a `FreeHalfSpace`.
         ValueError: if the tension is negative.
     """
 

@@ -28,8 +28,8 @@ class Minimum(eqx.Module):
     """The result of a solver: a vector near a minimiser of the Rayleigh quotient, and its cost.
 
     Attributes:
-        vector: the vector, which need not be admissible to the last digit; of a solver on a
-            linear space, a block of them.
+        vector: the vector, which need not be admissible to the last digit; for a solver on a
+            linear space, a block of vectors.
         num_steps: steps taken.
         num_applications: applications of A and of the preconditioner.
         result: how the solver ended.
@@ -53,7 +53,7 @@ class Eigenpair(Stackable, Dimensioned):
         residual: the projected residual |x - P(x - (A x - lambda x) / b)| b / s, with b a bound
             on |A| and s its size on the lower modes, which is b where f'' is nowhere positive.
         error: s times the residual, and rounding: how far lambda is from an eigenvalue of A on
-            the face of the cone that x lies on [pressure/length].
+            the face of the cone on which x lies [pressure/length].
         proved: whether it is proved to be the smallest, to within its error. That can be so on a
             linear space, and on a cone that holds the lowest mode of the space around it.
         bound: a proved lower bound of the smallest eigenvalue [pressure/length]; -inf if none is

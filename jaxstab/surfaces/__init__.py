@@ -1,7 +1,7 @@
 """Rough surfaces, generated and measured, and their statistics.
 
 A surface is an array of heights on a grid [length]; summits point towards the elastic solid. A
-measured surface is a `Topography`, which `read` makes of a file, with its grid, its unit and
+measured surface is a `Topography`, read from a file by `read`, with its grid, its unit and
 methods to prepare it for a contact.
 """
 

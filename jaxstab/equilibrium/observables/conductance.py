@@ -30,11 +30,11 @@ class Conductance(Observable):
 
     Attributes:
         conductance: C, the current over the difference of potentials, or heat over temperatures
-            [length/resistivity]; on a line that per length across it. Zero without contact,
+            [length/resistivity]; on a line per length across it. Zero without contact,
             infinite in full contact, where nothing constricts the current.
-        incremental_stiffness: the force over a small approach with the contact points held
+        incremental_stiffness: the force over a small approach with the contact points fixed
             [force/length]; on a line [pressure].
-        current: the part of the whole current that flows through each point, its sum 1; None along
+        current: the fraction of the current that flows through each point, its sum 1; None along
             a path.
     """
 
@@ -55,14 +55,14 @@ def conductance(
 
     C = 2 K / (E* (rho1 + rho2)), K the incremental stiffness at a fixed contact (J. R. Barber,
     *Bounds on the electrical resistance between contacting elastic rough bodies*, 2003):
-    the contact points sink by the same, nothing presses elsewhere. Adhesion takes no part in K. It
-    does not depend on E* but on the contact points alone, so that its derivatives by the load are
-    zero between changes of these.
+    all contact points move by the same displacement, without pressure elsewhere. Adhesion has no
+    part in K. C depends only on the contact points, not on E*, so its derivatives with respect to
+    the load are zero between changes of these points.
 
-    The potential is the difference between points far on both sides. In a periodic cell it is less
-    the one that drives a uniform current, so that C is the conductance of the constrictions, for
-    one cell. On a line with a free half space the points lie at a distance L, the length of the
-    window.
+    The potential is the difference between points far on both sides. In a periodic cell the
+    potential that drives a uniform current is subtracted, so that C is the conductance of the
+    constrictions in one cell. On a line with a free half space the points lie at a distance L, the
+    length of the window.
 
     Works inside of `jax.jit` and `jax.vmap`, and with derivatives by resistivities and lengths.
 

@@ -58,10 +58,10 @@ def leakage(
 
     Reynolds' equation div(g^3 grad p) = 0 under a mean gradient along each side, by finite volumes:
     the face between two points conducts the harmonic mean of their g^3, points in contact block.
-    Where no way leads around the periodic cell the permeability is exactly zero. Valid for gaps of
+    If no channel leads around the periodic cell the permeability is exactly zero. Valid for gaps of
     small slope and a viscous fluid that does not move the surfaces.
 
-    Works on known numbers only: not inside of `jax.jit`, `jax.vmap` or `jax.grad`. It computes in
+    Does not work inside `jax.jit`, `jax.vmap` or `jax.grad`. It computes in
     double precision, and its result has the contact's.
 
     Arguments:

@@ -28,12 +28,12 @@ class Patches(Observable):
         areas: of each, by its points [length^2]; on a line its length [length].
         perimeters: of each, along the sides of its points [length]: of a disc 4 / pi times the
             circumference. On a line the number of ends.
-        forces: the elastic pressure summed over each: reaction less attraction, positive in
+        forces: the elastic pressure summed over each: reaction minus attraction, positive in
             compression [force]; on a line [force/length].
         percolates: for each side, whether a patch goes on along it without end, around the periodic
             cell; on a window, whether a patch reaches both edges.
         area: the area of all points in contact [length^2]; on a line a length.
-        true_area: the same less the excess of the grid, (pi - 1 + ln 2) / 24 of the
+        true_area: the area minus the excess of the grid, (pi - 1 + ln 2) / 24 of the
             perimeters times the spacing, and not below zero [length^2]. On a line the same.
         largest: the area of the largest patch, zero without contact [length^2].
         perimeter: the length of the whole interface, along the sides of points [length].
@@ -57,11 +57,11 @@ class Patches(Observable):
 def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4) -> Patches:
     """Return the patches of a contact: points that touch and are connected.
 
-    They are joined over the edges of a periodic cell; on a window, as with a `FreeHalfSpace`,
+    Patches are joined across the edges of a periodic cell; on a window, as with a `FreeHalfSpace`,
     they are not, and points beyond its edges do not touch.
 
-    The number of patches is a matter of the state, so this works on known numbers only: not inside
-    of `jax.jit`, `jax.vmap` or `jax.grad`. Areas are constant between changes of the contact.
+    The number of patches depends on the state, so this does not work inside `jax.jit`, `jax.vmap`
+    or `jax.grad`. Areas are constant between changes of the contact.
 
     The area is corrected as by V. A. Yastrebov, G. Anciaux and J. F. Molinari (2017): a
     point counts with its whole cell, and a smooth interface cuts cells.

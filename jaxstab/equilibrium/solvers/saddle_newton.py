@@ -35,8 +35,8 @@ class _NewtonTrial(eqx.Module):
 class SaddleNewton(EquilibriumSolver):
     """Newton's method on the balance of pressures, whether the energy falls or not.
 
-    It finds the equilibrium near its start, be it a minimum or a saddle: the far side of a fold,
-    for one. A step moves the points out of contact, and those in contact that are pulled off it. It
+    It finds the equilibrium near its start, a minimum or a saddle, for instance beyond a fold.
+    A step moves the points out of contact, and points in contact that are in tension. It
     solves (K + D) d = -(K u + p0 + f') among them by MINRES with the preconditioner 1 / (K + c). It
     is cut at zero gap, and halved while it raises the residual.
 

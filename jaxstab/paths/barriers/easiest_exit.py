@@ -34,8 +34,8 @@ def easiest_exit(
     """Return the lowest pass found out of a stable state, and the state beyond it.
 
     The state is pushed along its lowest modes, in both directions, and along the cone's, farther
-    and farther until it relaxes to another state. Of the transitions to these states the one
-    with the lowest barrier is returned, which need not be the lowest of all. The function runs
+    and farther until it relaxes to another state. The transition to these states with
+    the lowest barrier is returned; there may be a lower one. The function runs
     neither under `jax.jit` nor under `jax.vmap`.
 
     Arguments:

@@ -50,16 +50,16 @@ class Transition(Stackable, Dimensioned):
     """The pass between two equilibria at one load.
 
     Attributes:
-        there: energy of the saddle less the energy of the start, at one load [energy].
-        back: the same less the energy of the end.
+        there: energy of the saddle minus the energy of the start, at one load [energy].
+        back: energy of the saddle minus the energy of the end [energy].
         start: the equilibrium that is left.
-        end: that which is reached.
+        end: the equilibrium that is reached.
         saddle: the equilibrium on the pass.
         mode: the unit vector along which its energy falls to both sides.
-        minima: the two states that a small push to either side leads to, that which is nearer to
+        minima: the two states to which a small push to either side leads, the one nearer to
             the start first. Where they are not start and end, there are minima between.
         images: the gap along the string from start to end [length].
-        energies: of the images and of the load, less the energy of the start [energy].
+        energies: of the images and of the load, minus the energy of the start [energy].
         result: how the search ended.
     """
 

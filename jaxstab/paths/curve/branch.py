@@ -44,11 +44,11 @@ class Branch(Dimensioned):
         load: the loads of the states, in the order of the branch.
         equilibrium: the states. A branch is reversible: nothing is lost, and the work is the change
             of energy.
-        index: the number of negative eigenvalues of A on the critical space of each: the moves of
-            its free points that the load allows. Zero where the state is a minimum; 19 stands for
-            as many or more, -1 for a number that was not found.
+        index: the Morse index of each: the number of negative eigenvalues of A among perturbations
+            of its free points that the load allows. Zero means a minimum, 19 that number or more,
+            -1 that it was not found.
         turns: where the load turns back, in order.
-        end: a member of `KINDS`: why the branch is followed no more.
+        end: a member of `KINDS`: why the branch ends there.
         result: how the search ended.
     """
 

@@ -22,16 +22,16 @@ from jaxstab.stability.derivatives import differentiable as differentiable_pair
 
 
 class CriticalLoad(Stackable, Dimensioned):
-    """Where a branch of equilibria ends; by symmetry it can branch off there instead.
+    """Where a branch of equilibria ends; a symmetric branch can bifurcate there instead.
 
     Attributes:
         equilibrium: the last equilibrium of the branch, with its load.
         kind: a member of `KINDS`: a fold or a release; uncertain where the branch ends, but the
             condition of neither is met.
-        critical: the smallest eigenvalue on the points that are free or let go, and its mode. It
-            is zero at a fold and negative at a release. `Stability.critical` is that without the
-            points that let go, which is still positive right before a release.
-        after: the state that remains beyond a pull-off; None of others.
+        critical: the smallest eigenvalue on the points that are free or released, and its mode. It
+            is zero at a fold and negative at a release. `Stability.critical` leaves out the points
+            that are released, and is still positive just before a release.
+        after: the state that remains beyond a pull-off; otherwise None.
         result: a member of `RESULTS`: how the search ended.
     """
 

@@ -50,7 +50,7 @@ class Evolution(Totals):
     """A viscoelastic contact at given times; arrays have a leading axis of times.
 
     `evolution[3]` is one state, without that axis. Its memory, and so its verdicts, need
-    `fields=True`, but for the last state. Of a batch, as after `jax.vmap`, it is the
+    `fields=True`, except for the last state. In a batch, as after `jax.vmap`, it is the
     fourth evolution.
 
     Attributes:
