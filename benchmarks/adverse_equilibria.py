@@ -140,7 +140,13 @@ def prepare() -> None:
 
 
 def judge_all(problems: list[Problem]) -> list[tuple[str, str]]:
-    return [judged(problem) for problem in problems]
+    judgements = []
+    for number, problem in enumerate(problems):
+        # Each bare function is compiled anew, and memory mappings are few.
+        if number % 50 == 0:
+            jax.clear_caches()
+        judgements.append(judged(problem))
+    return judgements
 
 
 def parse_options() -> argparse.Namespace:

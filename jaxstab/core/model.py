@@ -106,27 +106,31 @@ def onto_cone(field: Field, one_sided: Mask, is_moving: Mask) -> Field:
     def uncut(shift: Scalar) -> Mask:
         return is_moving & ((field - shift > 0) | ~one_sided)
 
-    def count(mask: Mask) -> Scalar:
-        return total(mask.astype(field.dtype))
+    def left_over(shift: Scalar) -> Float[Array, " two"]:
+        """Return the sum over the points that are not cut, and their number."""
+        mask = uncut(shift)
+        return totals([jnp.where(mask, field - shift, 0), mask.astype(field.dtype)])
 
     def climb(state: tuple[Array, ...]) -> tuple[Array, ...]:
-        shift, last, _, is_first = state
-        shift += total(jnp.where(uncut(shift), field - shift, 0)) / jnp.maximum(last, 1)
+        shift, before, _, is_first = state
+        left, number = before
+        shift += left / jnp.maximum(number, 1)
+        after = left_over(shift)
         # Each set holds the next: as many points are the same ones.
-        number = count(uncut(shift))
-        goes_on = (number < last) | (is_first & (number > last))
-        return shift, number, goes_on, jnp.array(False)
+        goes_on = (after[1] < number) | (is_first & (after[1] > number))
+        return shift, after, goes_on, jnp.array(False)
 
     def until_reached(shift: Scalar) -> Field:
         yes = jnp.array(True)
-        start = shift, count(uncut(shift)), yes, yes
+        start = shift, left_over(shift), yes, yes
         shift, *_ = jax.lax.while_loop(lambda state: state[2], climb, start)
         return onto_one_sided(field - shift, one_sided, is_moving)
 
     def in_so_many_steps(shift: Scalar) -> Field:
         # Written out, so that a GPU is handed all of it at once.
         for _ in range(_MOST_CLIMBS):
-            shift += mean_over(uncut(shift), field - shift)
+            left, number = left_over(shift)
+            shift += left / jnp.maximum(number, 1)
         near = onto_one_sided(field - shift, one_sided, is_moving)
         # The rest, rounding nearly always, goes to the points that may take either sign.
         free = is_moving & ~one_sided
