@@ -81,8 +81,8 @@ def require_sound(
         faults.warn([*topography.wrong_scale, *topography.edge_faults] if is_window else wrong)
     elif not (is_traced((heights, solid.grid.lengths)) or is_sharded(heights)):
         values = np.asarray(heights)
-        marks = faults.marks_missing(values, concrete(solid.grid.lengths))
-        faults.warn(marks if marks or solid.is_window else faults.looks_wrong(values))
+        wrong = faults.has_wrong_scale(values, concrete(solid.grid.lengths))
+        faults.warn(wrong if wrong or solid.is_window else faults.looks_wrong(values))
 
 
 def law_on(grid: Grid, potential: Potential, dtype: DTypeLike) -> Potential:

@@ -58,11 +58,18 @@ def looks_wrong(heights: np.ndarray) -> list[str]:
 
 
 def has_wrong_scale(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
-    """Return a sentence if the rms slope shows that heights and lengths differ in unit."""
+    """Return a sentence if the slopes show that heights and lengths differ in unit.
+
+    Steep walls between flats, as of a punch, make a large rms slope but few large slopes.
+    """
     slope = rms_slope(heights, lengths)
     if slope == 0 or _SLOPES[0] <= slope <= _SLOPES[1]:
         return []
-    return marks_missing(heights, lengths) or [
+    if marks := marks_missing(heights, lengths):
+        return marks
+    if slope > _SLOPES[1] and _median_slope(heights, lengths) < _SLOPES[1] / 2:
+        return []
+    return [
         f"the rms slope is {slope:.3g}: heights of rms {rms(heights):.3g} on sides of "
         f"{times(lengths, '.4g')} are hardly in one unit. Give `lengths` in the unit of the "
         "heights."
@@ -93,6 +100,13 @@ def rms_slope(heights: np.ndarray, lengths: np.ndarray) -> float:
     spacing = lengths / heights.shape
     squares = [(_increments(heights, axis)[0] / dx) ** 2 for axis, dx in enumerate(spacing)]
     return float(np.sqrt(sum(squares)))
+
+
+def _median_slope(heights: np.ndarray, lengths: np.ndarray) -> float:
+    """Return the largest of the median slopes along the sides."""
+    spacing = lengths / heights.shape
+    steps = (np.diff(heights, axis=axis) / dx for axis, dx in enumerate(spacing))
+    return max(float(np.nanmedian(np.abs(step))) for step in steps)
 
 
 def _increments(heights: np.ndarray, axis: int) -> tuple[float, float, float]:

@@ -1,6 +1,7 @@
 """Heights as users have them: with named axes, missing points, and from other packages."""
 
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -87,6 +88,13 @@ def test_a_number_for_missing_points_is_named(mark):
         contact_of(js.surfaces.Topography(GRID, heights))
 
 
-def test_a_punch_is_no_missing_point():
+def test_a_punch_is_no_missing_point_and_in_no_other_unit():
     punch = np.where(np.abs(X[:, None] - 1) < 0.5, 0, -9999.0) * np.ones(6)
-    assert np.ptp(contact_of(punch).heights) == 9999
+    with warnings.catch_warnings(action="error"):
+        assert np.ptp(contact_of(punch).heights) == 9999
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1e3])
+def test_an_array_in_another_unit_than_the_lengths_is_named(factor):
+    with pytest.warns(js.SurfaceWarning, match=r"rms slope is .*in one unit"):
+        contact_of(factor * HEIGHTS)
