@@ -91,6 +91,18 @@ def test_commas_that_cannot_be_decimal_separate_columns(tmp_path, text):
     assert topography.remarks == ()
 
 
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("x,y,z\n0,0,1\n0,1,2\n2,0,3\n2,1,4\n", [[1, 2], [3, 4]]),
+        ("X; Y; Height\r\n0;0;1\r\n0;1;2\r\n2;0;3\r\n2;1;4\r\n", [[1, 2], [3, 4]]),
+        ('"x"\t"z"\n0\t3\n1\t1\n2\t2\n', [3, 1, 2]),
+    ],
+)
+def test_a_line_may_name_the_columns_of_points(tmp_path, text, expected):
+    np.testing.assert_array_equal(read_text(tmp_path, text).heights, expected)
+
+
 def test_two_columns_are_a_profile_and_single_lines_too(tmp_path):
     topography = read_text(tmp_path, "0.5 3\n0.75 1\n1.0 2\n1.25 5\n")
     np.testing.assert_array_equal(topography.heights, [3, 1, 2, 5])

@@ -14,14 +14,21 @@ _HEADER = re.compile(
     r"^\s*[#%].*\w\s*[:=\uff1a]\s*(?=\S)(\d+([.,]\d+)?(e[-+]?\d+)?)?\s*([kmnpµu\u03bc]?m)?\s*$",
     re.MULTILINE | re.IGNORECASE,
 )
+# A line that names the columns of points, as programs write it above their numbers.
+_NAMES = re.compile(r"\s*\W?x\W+(y\W+)?(z|h|heights?)\W?\s*", re.IGNORECASE)
 
 
 def read_text(text: str, channel: str | None) -> Scan:
     """Return the surface in a text, a line for each row of numbers; # and % begin comments.
 
     Blanks, commas or semicolons separate numbers; nan marks a missing point. Two columns are a
-    profile x z and three are points x y z, anything else is a matrix or a single line.
+    profile x z and three are points x y z, anything else is a matrix or a single line. A first line
+    may name the columns of points.
     """
+    first, _, rest = text.lstrip().partition("\n")
+    widths = [len(re.split(r"[;,\s]+", line.strip())) for line in (first, rest.partition("\n")[0])]
+    if _NAMES.fullmatch(first) and widths[0] == widths[1]:
+        text = rest
     if header := _HEADER.search(text):
         raise UnknownContent(
             f"its comment {header[0].strip()!r} looks like an instrument's header: leave it out "
@@ -41,7 +48,11 @@ def read_text(text: str, channel: str | None) -> Scan:
     try:
         table = np.loadtxt(StringIO(text), delimiter=separator, comments=["#", "%"], ndmin=2)
     except ValueError as error:
-        raise UnknownContent(f"numpy.loadtxt finds no matrix in it: {error}") from None
+        raise UnknownContent(
+            f"numpy.loadtxt finds no matrix in it: {str(error).rstrip('.')}. Write numbers alone, "
+            "with decimal points and nan for a missing point, or read them yourself for "
+            "js.surfaces.Topography."
+        ) from None
     if len(table) > 1 and table.shape[1] in (2, 3):
         return _of_points(table)
     if _has_coordinates(table):
