@@ -75,11 +75,23 @@ def measured_column(
     name: str, values: ArrayLike, units: Units, dimension: str, form: str = "+.4e"
 ) -> dict[str, list[str]]:
     """Return a column of a table in one readable unit, which stands beside its name if known."""
-    numbers = np.asarray(values)
-    largest = np.abs(numbers[np.isfinite(numbers)]).max(initial=0)
-    divisor, unit = readable_unit(units, dimension, largest)
-    heading = name if has_words(unit) else f"{name} {in_brackets(unit)}".rstrip()
-    return {heading: column(numbers / divisor, f"{{:{form}}}".format)}
+    return measured_columns({name: values}, units, dimension, form)
+
+
+def measured_columns(
+    named: Mapping[str, ArrayLike], units: Units, dimension: str, form: str = "+.4e"
+) -> dict[str, list[str]]:
+    """Return columns that are compared with each other, all in one readable unit."""
+    arrays = [np.asarray(values) for values in named.values()]
+    divisor, unit = readable_unit(units, dimension, largest(*arrays))
+    suffix = "" if has_words(unit) else f" {in_brackets(unit)}"
+    cells = [column(values / divisor, f"{{:{form}}}".format) for values in arrays]
+    return dict(zip((f"{name}{suffix}".rstrip() for name in named), cells, strict=True))
+
+
+def largest(*arrays: np.ndarray) -> float:
+    """Return the largest finite absolute value of several arrays."""
+    return max(float(np.abs(values[np.isfinite(values)]).max(initial=0)) for values in arrays)
 
 
 def load_column(load: Any, units: Units, form: str) -> dict[str, list[str]]:

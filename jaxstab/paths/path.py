@@ -175,8 +175,12 @@ class Path(Dimensioned):
 def _energies(path: Path) -> list[str]:
     work, losses = np.asarray(path.equilibrium.work), np.asarray(path.jumps.dissipation)
 
+    # One unit for all, as they are compared.
+    divisor, unit = readable_unit(path.equilibrium.units, ENERGY, display.largest(work, losses))
+    unit = "" if has_words(unit) else f" {unit}"
+
     def energy(value: Any) -> str:
-        return display.amount(value, path.equilibrium.units, ENERGY)
+        return f"{display.number(float(value) / divisor)}{unit}"
 
     if np.isfinite(path.work):
         lines = [
@@ -191,9 +195,7 @@ def _energies(path: Path) -> list[str]:
             "  after that neither is known: a dead load pulls surfaces apart without end",
         ]
     if abs(path.unlocated) > path.unlocated_error:
-        divisor, unit = readable_unit(path.equilibrium.units, ENERGY, float(path.unlocated))
         amount, error = float(path.unlocated) / divisor, float(path.unlocated_error) / divisor
-        unit = "" if has_words(unit) else f" {unit}"
         name = "lost in jumps not located" if amount > 0 else "lost between jumps, which cannot be:"
         lines.append(f"  {name}  {amount:.2g} ± {error:.1g}{unit}")
     return lines

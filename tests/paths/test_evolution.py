@@ -1,6 +1,7 @@
 """Viscoelastic contacts in time, against elastic limits, a hereditary integral and closed forms."""
 
 import importlib
+import re
 from dataclasses import replace
 
 import jax
@@ -19,10 +20,10 @@ def line(n=32, length=1.0, height=0.02):
     return js.Grid((n,), length), height * jnp.cos(2 * jnp.pi * jnp.arange(n) / n + 0.3)
 
 
-def viscoelastic(ratios=RATIOS, times=TIMES, energy=0.002, n=32, length=1.0):
+def viscoelastic(ratios=RATIOS, times=TIMES, energy=0.002, n=32, length=1.0, **units):
     grid, heights = line(n, length)
     solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), ratios, times)
-    return js.Contact(solid, heights, js.potentials.Exponential(energy, 0.02))
+    return js.Contact(solid, heights, js.potentials.Exponential(energy, 0.02), **units)
 
 
 def cycle(number=21, period=4.0, top=0.05, bottom=0.01):
@@ -41,10 +42,13 @@ def elastic_gaps(contact, loads):
 
 @pytest.mark.parametrize(("ratios", "times"), [((0.0, 0.0), TIMES), (RATIOS, (1e-13, 2e-13))])
 def test_a_solid_without_memory_takes_the_elastic_path(ratios, times):
-    contact = viscoelastic(ratios, times)
+    units = {"unit": "µm", "pressure_unit": "MPa"}
+    contact = viscoelastic(ratios, times, **units)
     instants, values = cycle()
     load = js.MeanDisplacement(values)
     found = js.evolve(contact, load, instants, rtol=ANY, fields=True)
+    # The parts of the balance are in one unit, however small one of them is.
+    assert re.findall(r"(?:work|stored|dissipated|lost) \[(.*?)\]", repr(found)) == 4 * ["nJ/m"]
     relaxed = js.Contact(contact.solid.relaxed, contact.heights, contact.potential)
     assert np.max(np.abs(found.fields.gap - elastic_gaps(relaxed, load))) < 1e-9 * 0.02
     assert np.max(np.abs(found.dissipated)) < 1e-9 * np.max(np.abs(found.work))

@@ -166,7 +166,7 @@ def _columns(evolution: Evolution) -> dict[str, list[str]]:
     columns |= display.load_column(evolution.load, units, ".6g")
     columns |= display.measured_column("mean pressure", evolution.mean_pressure, units, PRESSURE)
     columns["contact area"] = column(evolution.contact_area, lambda part: f"{100 * part:.2f} %")
-    for name in ("work", "stored", "dissipated", "lost"):
-        columns |= display.measured_column(name, getattr(evolution, name), units, ENERGY)
+    balance = {name: getattr(evolution, name) for name in ("work", "stored", "dissipated", "lost")}
+    columns |= display.measured_columns(balance, units, ENERGY)
     columns["steps"] = column(evolution.num_steps, str)
     return columns | {"result": column(evolution.result.name, str)}
