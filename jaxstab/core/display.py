@@ -83,15 +83,11 @@ def measured_columns(
 ) -> dict[str, list[str]]:
     """Return columns that are compared with each other, all in one readable unit."""
     arrays = [np.asarray(values) for values in named.values()]
-    divisor, unit = readable_unit(units, dimension, largest(*arrays))
+    largest = max(np.abs(values[np.isfinite(values)]).max(initial=0) for values in arrays)
+    divisor, unit = readable_unit(units, dimension, largest)
     suffix = "" if has_words(unit) else f" {in_brackets(unit)}"
     cells = [column(values / divisor, f"{{:{form}}}".format) for values in arrays]
     return dict(zip((f"{name}{suffix}".rstrip() for name in named), cells, strict=True))
-
-
-def largest(*arrays: np.ndarray) -> float:
-    """Return the largest finite absolute value of several arrays."""
-    return max(float(np.abs(values[np.isfinite(values)]).max(initial=0)) for values in arrays)
 
 
 def load_column(load: Any, units: Units, form: str) -> dict[str, list[str]]:

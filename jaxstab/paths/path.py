@@ -174,24 +174,20 @@ class Path(Dimensioned):
 
 def _energies(path: Path) -> list[str]:
     work, losses = np.asarray(path.equilibrium.work), np.asarray(path.jumps.dissipation)
-
+    is_known = np.isfinite(path.work)
+    number = len(losses) if is_known else np.isfinite(np.cumsum(losses)).sum()
+    done = float(path.work if is_known else work[np.isfinite(work)][-1])
+    lost = float(losses[:number].sum())
     # One unit for all, as they are compared.
-    divisor, unit = readable_unit(path.equilibrium.units, ENERGY, display.largest(work, losses))
+    divisor, unit = readable_unit(path.equilibrium.units, ENERGY, max(abs(done), lost))
     unit = "" if has_words(unit) else f" {unit}"
-
-    def energy(value: Any) -> str:
-        return f"{display.number(float(value) / divisor)}{unit}"
-
-    if np.isfinite(path.work):
-        lines = [
-            f"  work  {energy(path.work)}",
-            f"  lost in {len(losses)} jumps  {energy(losses.sum())}",
-        ]
+    energies = [f"{display.number(value / divisor)}{unit}" for value in (done, lost)]
+    if is_known:
+        lines = [f"  work  {energies[0]}", f"  lost in {number} jumps  {energies[1]}"]
     else:
-        known, number = work[np.isfinite(work)][-1], np.isfinite(np.cumsum(losses)).sum()
         lines = [
-            f"  work until the surfaces fall apart  {energy(known)}",
-            f"  lost in {number} jumps before  {energy(losses[:number].sum())}",
+            f"  work until the surfaces fall apart  {energies[0]}",
+            f"  lost in {number} jumps before  {energies[1]}",
             "  after that neither is known: a dead load pulls surfaces apart without end",
         ]
     if abs(path.unlocated) > path.unlocated_error:
