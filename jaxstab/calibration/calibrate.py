@@ -123,7 +123,8 @@ def calibrate(
     if contact.heights.dtype != jnp.float64:
         raise TypeError(
             f"The heights are {contact.heights.dtype}: a fit needs float64, since near contact "
-            "edges single precision leaves too many loads without a derivative."
+            "edges single precision leaves too many loads without a derivative. Call "
+            'jax.config.update("jax_enable_x64", True) before you make the contact.'
         )
     starts = None if starts is None else integer("starts", starts)
     if starts is not None and starts < 1:

@@ -148,6 +148,8 @@ def require_load(load: Load) -> None:
     """Raise `TypeError` if `load` is not one."""
     if not isinstance(load, Load):
         given = load if isinstance(load, int | float) else f"a {type(load).__name__}"
+        if isinstance(load, type):
+            given = f"the class {load.__name__}, without its value"
         raise TypeError(
             f"The load is {given}: give the prescribed quantity, by MeanDisplacement, MeanGap, "
             "MeanPressure, FarDisplacement or Spring."

@@ -41,7 +41,7 @@ def potential(
     Arguments:
         laws: one or more functions of the gap.
         gaps: the gaps to draw them at [length].
-        labels: their names, by default the names of their classes.
+        labels: their names, by default the names of the functions or classes.
         unit, pressure_unit: the units of length and of pressure, as in `Contact`.
         axes: the axes to draw on; new ones by default.
     """
@@ -184,8 +184,15 @@ def _laws(
     axes: Axes | None,
 ) -> Axes:
     axes = axes_or_new(axes)
-    laws = [laws] if callable(laws) else list(laws)
-    labels = [type(law).__name__ for law in laws] if labels is None else labels
+    laws = list(laws) if isinstance(laws, Sequence) else [laws]
+    for law in laws:
+        if not callable(law):
+            raise TypeError(
+                f"The law is a {type(law).__name__}: give a function of the gap, as "
+                "`contact.potential`."
+            )
+    if labels is None:
+        labels = [getattr(law, "__name__", type(law).__name__) for law in laws]
     for law, label in zip(laws, labels, strict=True):
         axes.plot(np.asarray(gaps), np.asarray(derivative(law, gaps)), label=label)
     draw_zero(axes)

@@ -21,10 +21,15 @@ def as_module(potential: Potential, dtype: DTypeLike) -> Potential:
     Raises:
         ValueError: if it does not map a scalar gap to a real scalar, or hides that it varies over
             the surface.
-        TypeError: if it cannot be traced by JAX.
+        TypeError: if it cannot be traced by JAX, or is a class of laws instead of a law.
     """
     if not callable(potential):
         raise ValueError(f"The potential is {potential!r}: give a function of the gap.")
+    if isinstance(potential, type):
+        name = potential.__name__
+        raise TypeError(
+            f"The potential is the class {name}: give a law with its numbers, {name}(...)."
+        )
     if isinstance(potential, Sum):
         # Each law alone, so that parameters of modules keep their names beside a bare function.
         return Sum(tuple(as_module(law, dtype) for law in potential.laws))

@@ -43,8 +43,8 @@ def read(
       `unit` if they are known.
     - Text that `numpy.loadtxt` reads: three columns are x, y, z of points on a lattice, in any
       order, two are x, z of an evenly spaced profile; a first line may name them, as `x,y,z`.
-      More are a matrix with a line for each x, as
-      `numpy.savetxt(path, heights)` writes it; a single row or column is a profile.
+      More are a matrix with a line for each x, as `numpy.savetxt(path, heights)` writes it; a
+      single row or column is a profile.
     - NetCDF with dimensions x and y, in either order, as `jaxstab.save` and xarray write it.
     - Anything else, text with a header too, is read by SurfaceTopography.
 

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from jaxstab.core.checks import (
     concrete,
+    is_traced,
     parameter,
     require,
     require_finite,
@@ -18,6 +19,7 @@ from jaxstab.core.checks import (
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import ArrayLike, Field, Scalar
+from jaxstab.surfaces import faults
 
 
 def paraboloid(grid: Grid, radius: ArrayLike) -> Field:
@@ -158,6 +160,9 @@ def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Fie
     Raises:
         ValueError: for radii that do not ascend from zero, or end before the corners; for heights
             of another shape, or not finite.
+
+    Warns:
+        SurfaceWarning: for a profile that is highest at its end, as depths below the summit are.
     """
     require_grid(grid)
     radii = parameter(profile_radii, "The array of radii")
@@ -174,6 +179,13 @@ def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Fie
     cure = f"the corners of the cell lie at {corner}; continue the profile, or take a smaller cell."
     # Rounding must not decide whether it reaches them.
     require("The last radius of the profile", r[-1], r[-1] >= corner * (1 - 1e-6), cure)
+    if not is_traced(heights) and heights[-1] == heights.max() > heights[0]:
+        faults.warn(
+            [
+                f"the profile of the tip is highest at its end, r = {r[-1]:.4g}: a summit has the "
+                "largest height. Give depths as negative heights, -profile_heights."
+            ]
+        )
     return _tip(grid, radii, heights)
 
 

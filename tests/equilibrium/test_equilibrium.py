@@ -211,6 +211,8 @@ def test_one_state_of_many_is_chosen_to_start_from(hertz):
 def test_a_number_is_not_a_load(hertz):
     with pytest.raises(TypeError, match=r"load is 1.2.*MeanDisplacement"):
         js.equilibrate(hertz, 1.2)
+    with pytest.raises(TypeError, match=r"load is the class MeanGap, without its value"):
+        js.equilibrate(hertz, js.MeanGap)
 
 
 def test_a_step_limit_raises_or_is_coded(hertz):

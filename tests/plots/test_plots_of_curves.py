@@ -19,6 +19,14 @@ def test_laws_and_forces_are_those_asked_for():
     axes = plots.force(lambda gap: gap**2, gaps, labels=["mine"])
     np.testing.assert_allclose(axes.lines[0].get_ydata(), 2 * np.asarray(gaps))
 
+    def mine(gap):
+        return gap**2
+
+    assert plots.potential(mine, gaps).lines[0].get_label() == "mine"
+    contact = js.Contact(js.HalfSpace(js.Grid(4), 1.0), np.zeros((4, 4)), laws[0])
+    with pytest.raises(TypeError, match=r"law is a Contact: .*`contact.potential`"):
+        plots.force(contact, gaps)
+
 
 def test_stability_curves_fill_the_markers_of_stable_states(sweep):
     axes = plots.stability_curve(sweep, "contact_area")

@@ -73,6 +73,12 @@ def test_shapes_can_be_differentiated():
     assert single.dtype == np.float32
 
 
+def test_a_tip_given_by_its_depths_is_named():
+    radii, heights = PROFILE
+    with pytest.warns(js.SurfaceWarning, match="highest at its end, r = .*-profile_heights"):
+        js.surfaces.tip(js.Grid(6), radii, -heights)
+
+
 def test_what_makes_no_shape_is_refused():
     grid, (radii, heights) = js.Grid(6), PROFILE
     for shape in (js.surfaces.sphere, js.surfaces.cone):
