@@ -112,7 +112,7 @@ def contact_with(potential):
         (lambda gap: jnp.sqrt(gap), "slope value at zero gap is inf"),
         (lambda gap: gap**1.5, "curvature value at zero gap is inf"),
         (3.0, "give a function of the gap"),
-        (js.potentials.Gaussian, r"the class Gaussian: give its numbers, Gaussian\("),
+        (js.potentials.Gaussian, r"the class Gaussian: give a law with its numbers, Gaussian\("),
         (lambda gap: np.exp(-gap), "jax.numpy in place of NumPy"),
         (lambda gap: -1.0 if gap < 1 else 0.0, "jnp.where in place of `if`"),
         (lambda gap: jnp.where(gap > 0.5, jnp.nan, -gap), r"value at a gap of 0.50\d* is nan"),
