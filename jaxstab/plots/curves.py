@@ -101,8 +101,8 @@ def stability_curve(
     require_one_of("quantity", quantity or "force", QUANTITIES)
     if not isinstance(sweep, Sweep) or len(sweep.stack_shape) != 1:
         raise ValueError(
-            "stability_curve draws a whole sweep over one axis of loads: give a result of "
-            "jaxstab.sweep, not a state of it."
+            f"This {type(sweep).__name__} is no sweep over one axis of loads: give a whole "
+            "result of jaxstab.sweep. A path is drawn by jaxstab.plots.path."
         )
     if sweep.stability is None:
         raise ValueError("This sweep left stability out: run it with stability=True.")

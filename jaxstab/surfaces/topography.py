@@ -126,6 +126,10 @@ class Topography:
         require_same_grid(grid, self.grid)
         return self.heights
 
+    def __neg__(self) -> "Topography":
+        """Reverse the heights, so that their summits point the other way."""
+        return self._changed("heights reversed", heights=-self.heights)
+
     def filled(self, method: Literal["harmonic", "biharmonic"] = "harmonic") -> "Topography":
         """Fill missing points from the others.
 

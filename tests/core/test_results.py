@@ -185,7 +185,7 @@ def test_what_takes_one_state_says_how_to_choose_it(sweep, contact):
         with pytest.raises(ValueError, match=r"shape \(4,\): choose one: sweep\[3\]"):
             refused()
     for single in (state, state.equilibrium):
-        with pytest.raises(ValueError, match="draws a whole sweep"):
+        with pytest.raises(ValueError, match="no sweep over one axis"):
             js.plots.stability_curve(single)
     with pytest.raises(TypeError, match="Contact is not a state"):
         js.plots.gap(contact, contact)

@@ -54,6 +54,13 @@ def test_what_is_printed_names_numbers_unit_and_what_was_done():
     assert "looks wrong" not in text
 
 
+def test_reversed_heights_keep_their_holes_and_unit():
+    heights, _ = with_holes(clean())
+    reverse = -topography(heights)
+    np.testing.assert_array_equal(reverse.heights, -heights)
+    assert reverse.unit == topography(heights).unit and "heights reversed" in str(reverse)
+
+
 def test_heights_are_a_copy_that_stays():
     heights = clean().astype(np.float32)
     surface = topography(heights)
