@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxstab.core import model
+from jaxstab.core.conditional import either
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, FieldMap, Mask, Scalar
 from jaxstab.solids.solid import Solid, apart_from_mean
@@ -50,6 +51,7 @@ class Hessian(SymmetricOperator):
     curvature: Field
     stiffness: Scalar | None
     mask: Mask | None
+    max_curvature: Scalar
     bound: Scalar
     scale: Scalar
 
@@ -66,9 +68,10 @@ class Hessian(SymmetricOperator):
         self.mask = mask
         # Computed once, since eigensolvers ask for them at every step.
         stiffest, softening = solid.max_stiffness, -jnp.min(self.curvature)
+        self.max_curvature = jnp.max(self.curvature)
         highest = stiffest if stiffness is None else jnp.maximum(stiffest, stiffness)
         # K is not negative, so |A| <= max(K + D, -D).
-        self.bound = jnp.maximum(highest + jnp.maximum(jnp.max(self.curvature), 0), softening)
+        self.bound = jnp.maximum(highest + jnp.maximum(self.max_curvature, 0), softening)
         # Points of large f'' take no part in lower modes, nor do points that are stiffly held.
         self.scale = jnp.maximum(stiffest, softening)
 
@@ -88,10 +91,16 @@ class Hessian(SymmetricOperator):
         """
         elastic = eigenvalue - total(self.curvature * mode**2)
         shift = jnp.clip(elastic, self.solid.min_stiffness, self.solid.max_stiffness)
-        stiff = jnp.maximum(self.curvature - eigenvalue - shift, 0)
-        share = jnp.sqrt(shift / (shift + stiff))
+
+        def decay() -> Field:
+            stiff = jnp.maximum(self.curvature - eigenvalue - shift, 0)
+            return jnp.sqrt(shift / (shift + stiff))
+
+        # Most laws are nowhere that stiff.
+        is_stiff = self.max_curvature > eigenvalue + shift
+        factor = either(is_stiff, decay, lambda: jnp.ones_like(mode))
         inverse = self.inverse(shift)
-        return lambda field: share * inverse(share * field)
+        return lambda field: factor * inverse(factor * field)
 
     def inverse(self, shift: Scalar) -> FieldMap:
         """Return roughly the inverse of K + shift on fields that vanish outside the mask."""
