@@ -12,6 +12,7 @@ import numpy as np
 from jaxstab.cli import problem
 from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended
 from jaxstab.contact import Contact
+from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.optional_packages import NETCDF, are_installed
 from jaxstab.core.results import RESULTS
 from jaxstab.core.warn import warn
@@ -51,11 +52,12 @@ def _loop(options: argparse.Namespace, contact: Contact, folder: Path) -> Ended 
         path = follow(
             contact, turns, smallest_jump=options.smallest_jump, progress=True, throw=False
         )
-    print(path)
-    if len(path.load.value) > 1:
-        plot_path(path)
-        plt.savefig(folder / "loop.png", dpi=150)
-    _save(folder / "loop.nc", contact, path)
+    with interrupts_held():
+        print(path)
+        if len(path.load.value) > 1:
+            plot_path(path)
+            plt.savefig(folder / "loop.png", dpi=150)
+        _save(folder / "loop.nc", contact, path)
     if path.result == RESULTS.interrupted:
         return Ended(f"interrupted, {len(path.load.value)} states are done.", INTERRUPTED)
     if path.result != RESULTS.successful:
@@ -69,13 +71,14 @@ def _unloading(options: argparse.Namespace, contact: Contact, folder: Path) -> E
     # Said at the end instead.
     with warnings.catch_warnings(action="ignore", category=SweepInterrupted):
         result = sweep(contact, loads, order=options.order, progress=True)
-    print(result)
-    # The two panels of Rey & Bleyer's fig. 12; one legend is enough.
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    stability_curve(result, "mean_pressure", axes=left).legend().remove()
-    stability_curve(result, "contact_area", axes=right)
-    figure.savefig(folder / "unloading.png", dpi=150)
-    _save(folder / "unloading.nc", contact, result)
+    with interrupts_held():
+        print(result)
+        # The two panels of Rey & Bleyer's fig. 12; one legend is enough.
+        figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+        stability_curve(result, "mean_pressure", axes=left).legend().remove()
+        stability_curve(result, "contact_area", axes=right)
+        figure.savefig(folder / "unloading.png", dpi=150)
+        _save(folder / "unloading.nc", contact, result)
     done = result.load.value.size
     if done < options.number:
         return Ended(f"interrupted, {done} of {options.number} loads are done.", INTERRUPTED)

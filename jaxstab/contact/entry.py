@@ -7,6 +7,7 @@ import jax
 
 from jaxstab.contact.contact import Contact
 from jaxstab.core.implicit import refuse_derivatives
+from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Scalar
@@ -61,8 +62,10 @@ def answer(
     # Histories end in NaN, and a result that was not found is NaN.
     with jax.debug_nans(False), progress_bar(*bar[:2], shown=shown):
         sought = search(*constants[:2], *constants[2])
-    found: Any = differentiable(own, own_state, sought) if differentiable else sought
-    if unit is not None:
-        found = found.in_units_of(1 / unit)
-    found = found.on_surface(contact.solid)
+    # An interrupt here would lose the result.
+    with interrupts_held():
+        found: Any = differentiable(own, own_state, sought) if differentiable else sought
+        if unit is not None:
+            found = found.in_units_of(1 / unit)
+        found = found.on_surface(contact.solid)
     return throw_failure(found.result, found, lambda: describe(found), throw)

@@ -21,6 +21,7 @@ from jaxstab.core.checks import (
     require_positive,
 )
 from jaxstab.core.implicit import attach
+from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.warn import warn
@@ -189,7 +190,12 @@ def _known_path(stores: Stores[Table[Event]], programme: Programme, start: Field
         part = 100 * float(travelled(programme.load, recording.walk))
         warn(f"The path was interrupted at {part:.0f} %.", PathInterrupted)
         recording.walk = replace(recording.walk, result=RESULTS.interrupted)
-    return path_of(recording, programme.contact, programme.load)
+    # The ends of the branches at jumps are found after the last step, in seconds.
+    with interrupts_held() as held:
+        path = path_of(recording, programme.contact, programme.load)
+    if held:
+        warn("The path was interrupted after its last step; it is complete.", PathInterrupted)
+    return path
 
 
 def _describe(load: Load, path: Path) -> str:

@@ -11,6 +11,7 @@ import pytest
 from problems import bisected, rough_contact
 
 import jaxstab as js
+from jaxstab.core.interrupts import interrupts_held
 from jaxstab.potentials import as_module
 
 # Sticky enough to jump at a held gap.
@@ -207,6 +208,31 @@ def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
     turns = js.MeanDisplacement(jnp.array([last.load.value, 1.2]))
     rest = js.follow(hertz, turns, smallest_jump=1e-5, initial=last)
     np.testing.assert_allclose(rest.jumps.load.value[0], loop.jumps.load.value[0], atol=4e-6)
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupt_after_the_last_step_loses_nothing(hertz, loop, monkeypatch):
+    module = sys.modules["jaxstab.paths.follow"]
+    path_of = module.path_of
+
+    def interrupted(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        return path_of(*arguments)
+
+    monkeypatch.setattr(module, "path_of", interrupted)
+    with pytest.warns(js.PathInterrupted, match="after its last step; it is complete"):
+        turns = js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6]))
+        path = js.follow(hertz, turns, smallest_jump=1e-5)
+    assert path.result == "successful"
+    np.testing.assert_array_equal(path.jumps.load.value, loop.jumps.load.value)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_a_second_interrupt_acts():
+    with pytest.raises(KeyboardInterrupt), interrupts_held():
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
 
 
 def test_states_of_a_path_are_entries_of_a_sequence(hertz, loop):

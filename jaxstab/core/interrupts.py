@@ -1,0 +1,29 @@
+"""Ctrl-C that waits where it would lose a result."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import current_thread, main_thread
+
+
+@contextmanager
+def interrupts_held() -> Iterator[list[int]]:
+    """Hold back the first Ctrl-C within the block, and yield a list that it enters; a second acts.
+
+    Handlers run in the main thread, and only Python's own is replaced.
+    """
+    held: list[int] = []
+    own = signal.default_int_handler
+    if current_thread() is not main_thread() or signal.getsignal(signal.SIGINT) is not own:
+        yield held
+        return
+
+    def hold(number: int, _: object) -> None:
+        held.append(number)
+        signal.signal(signal.SIGINT, own)
+
+    signal.signal(signal.SIGINT, hold)
+    try:
+        yield held
+    finally:
+        signal.signal(signal.SIGINT, own)
