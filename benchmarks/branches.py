@@ -89,8 +89,8 @@ class Problem:
         self.law = self.make_law(has_core, resolution, length, share, other)
         self.contact = js.Contact(self.solid, heights, self.law)
         self.heights = heights
-        far = random.uniform(0.5, 1) * (3 * length + np.ptp(heights))
-        self.loads, self.value = self.make_loads(kind, random, far)
+        self.far = random.uniform(0.5, 1) * (3 * length + np.ptp(heights))
+        self.loads, self.value = self.make_loads(kind, random)
 
     def make_law(self, has_core, resolution, length, share, other):
         """Return a law whose steepest fall of attraction the grid resolves so."""
@@ -105,15 +105,14 @@ class Problem:
         gaps = jnp.linspace(1e-3, 5, 4000) * max(length, other)
         return law(stiffest / resolution / float(-jnp.min(curvature(law(1.0), gaps))))
 
-    def make_loads(self, kind, random, far):
+    def make_loads(self, kind, random):
         """Return the two loads, and how their value follows mean gap and pressure."""
         mean, rise = self.heights.mean(), np.ptp(self.heights)
         if kind is js.MeanPressure:
-            start = js.equilibrate(self.contact, js.MeanGap(far), throw=False)
-            first = float(start.mean_pressure)
-            last = random.uniform(-0.5, 1.5) * np.pi * self.rms
+            first = float(self.start_at(0.05 * rise).mean_pressure)
+            last = first - random.uniform(0.5, 2) * np.pi * self.rms
             return js.MeanPressure(jnp.array([first, last])), (0.0, 1.0, 0.0)
-        ends = np.array([far, 0.05 * rise])
+        ends = np.array([self.far, 0.05 * rise])
         if kind is js.MeanGap:
             return js.MeanGap(jnp.asarray(ends)), (1.0, 0.0, 0.0)
         if kind is js.MeanDisplacement:
@@ -121,8 +120,17 @@ class Problem:
         stiffness = 10 ** random.uniform(-1, 1.5)
         return js.Spring(jnp.asarray(ends + mean), stiffness), (1.0, -1 / stiffness, mean)
 
+    def start_at(self, gap):
+        """Return an equilibrium at a mean gap."""
+        return js.equilibrate(self.contact, js.MeanGap(gap), throw=False)
+
     def start(self):
-        """Return an equilibrium at the first load, from surfaces apart."""
+        """Return an equilibrium at the first load: from surfaces apart, under a pressure from near.
+
+        A dead load would pull those that are apart further.
+        """
+        if isinstance(self.loads, js.MeanPressure):
+            return self.start_at(0.05 * np.ptp(self.heights))
         apart = 1.0 + self.heights.max() - self.heights
         return js.equilibrate(self.contact, self.loads[0], initial=apart, throw=False)
 
