@@ -70,6 +70,7 @@ def numbers(value: object, name: str) -> Float[Array | np.ndarray, "..."]:
     if isinstance(value, bool | int | float) and not isinstance(value, np.generic):
         # A number of Python stays weakly typed.
         return jax.device_put(float(value))
+    given = repr(value) if isinstance(value, str) else f"a {type(value).__name__}"
     if is_traced(value):
         value = jnp.asarray(value)
     elif not isinstance(value, jax.Array):
@@ -79,7 +80,8 @@ def numbers(value: object, name: str) -> Float[Array | np.ndarray, "..."]:
     if jnp.issubdtype(value.dtype, jnp.floating):
         return cast(value, value.dtype) if isinstance(value, jax.Array) and value.ndim else value
     if not (jnp.issubdtype(value.dtype, jnp.integer) or value.dtype == bool):
-        raise TypeError(f"{name} is {value.dtype}: give real numbers.")
+        kind = value.dtype if jnp.issubdtype(value.dtype, jnp.number) else given
+        raise TypeError(f"{name} is {kind}: give real numbers.")
     return concrete(value).astype(float)
 
 

@@ -40,7 +40,8 @@ def as_pytree(
         ) from None
     has_shape = getattr(value, "shape", None) in ((), argument.shape)
     if not (has_shape and jnp.issubdtype(value.dtype, jnp.floating)):
-        raise ValueError(f"{name} maps {argument} to {value}: {cure}")
+        given, found = (eqx.tree_pformat(x, struct_as_array=True) for x in (argument, value))
+        raise ValueError(f"{name} maps {given} to {found}: {cure}")
     if _is_argument_of_jit(function):
         return function
     captured = list(map(jnp.asarray, closed.consts))

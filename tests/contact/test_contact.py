@@ -96,7 +96,7 @@ def test_flat_surfaces_without_adhesion_are_in_balance():
         (jnp.zeros((8, 8), jnp.bfloat16), "bfloat16: give them in float32 or float64"),
         (1j * np.ones((8, 8)), "heights is complex128: give real numbers"),
         (np.ma.masked_less(np.eye(8), 0.5), r"56 of 64 are missing: fill.* `js.*\.filled\(\)`"),
-        (js.Grid(8), "heights is object: give real numbers"),
+        (js.Grid(8), "heights is a Grid: give real numbers"),
     ],
 )
 def test_heights_that_cannot_be_used_are_refused(heights, message):

@@ -213,6 +213,8 @@ def test_a_number_is_not_a_load(hertz):
         js.equilibrate(hertz, 1.2)
     with pytest.raises(TypeError, match=r"load is the class MeanGap, without its value"):
         js.equilibrate(hertz, js.MeanGap)
+    with pytest.raises(TypeError, match=r"parameter is '0.5 µm': give real numbers"):
+        js.MeanGap("0.5 µm")
 
 
 def test_a_step_limit_raises_or_is_coded(hertz):

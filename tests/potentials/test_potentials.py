@@ -104,7 +104,10 @@ def contact_with(potential):
 @pytest.mark.parametrize(
     ("potential", "message"),
     [
-        (lambda gap: jnp.array([gap, gap]), "must return one real scalar"),
+        (
+            lambda gap: jnp.array([gap, gap]),
+            r"maps f64\[\] to f64\[2\]: it must return one real scalar",
+        ),
         (lambda gap: 1j * gap, "must return one real scalar"),
         (lambda gap: (gap, gap), "must return one real scalar"),
         (lambda gap: gap**-3 - gap**-9, "value at zero gap is nan.*or else rise without bound"),
