@@ -82,7 +82,7 @@ class Contact(eqx.Module):
             then `invalid_contact`. For a potential that, or whose first two derivatives, are not
             finite at some gap; at zero gap it may rise without bound.
         TypeError: for a solid that is not one, and for a potential that JAX cannot trace. For
-            heights that are complex, or floats of another precision than float32 and float64; integers are taken.
+            heights that are complex, or floats other than float32 and float64.
     """
 
     solid: Solid
