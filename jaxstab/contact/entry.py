@@ -1,6 +1,7 @@
 """The steps around a search that the entry points share."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any, Protocol, Self, TypeVar, TypeVarTuple
 
 import jax
@@ -62,8 +63,8 @@ def answer(
     # Histories end in NaN, and a result that was not found is NaN.
     with jax.debug_nans(False), progress_bar(*bar[:2], shown=shown):
         sought = search(*constants[:2], *constants[2])
-    # An interrupt here would lose the result.
-    with interrupts_held():
+    # An interrupt here would lose a long search. Short ones, whose loops it ends, have their units.
+    with nullcontext() if has_units else interrupts_held():
         found: Any = differentiable(own, own_state, sought) if differentiable else sought
         if unit is not None:
             found = found.in_units_of(1 / unit)
