@@ -181,19 +181,23 @@ def _undefined(path: Path, _: None, inputs: PyTree, changes: PyTree) -> tuple[Pa
 
 def _known_path(stores: Stores[Table[Event]], programme: Programme, start: Field | None) -> Path:
     """Return the path to the end, or until interrupted."""
-    recording = Recording()
+    recording, was_interrupted = Recording(programme.contact, programme.load), False
     try:
         travel(stores, programme, start, recording.emptied)
     except KeyboardInterrupt:
         if recording.num_states == 0:
             raise
+        was_interrupted = True
+    is_cut = bool(recording.walk.is_open(programme.load))
+    if is_cut:
+        recording.walk = replace(recording.walk, result=RESULTS.interrupted)
+    # The last end of a branch may not be located yet, which takes seconds.
+    with interrupts_held() as held:
+        path = path_of(recording)
+    if is_cut:
         part = 100 * float(travelled(programme.load, recording.walk))
         warn(f"The path was interrupted at {part:.0f} %.", PathInterrupted)
-        recording.walk = replace(recording.walk, result=RESULTS.interrupted)
-    # The ends of the branches at jumps are found after the last step, in seconds.
-    with interrupts_held() as held:
-        path = path_of(recording, programme.contact, programme.load)
-    if held:
+    elif was_interrupted or held:
         warn("The path was interrupted after its last step; it is complete.", PathInterrupted)
     return path
 

@@ -111,7 +111,28 @@ class PathState(Stackable, Dimensioned):
     __repr__ = block
 
 
-class Path(Dimensioned):
+class StateSequence(Dimensioned):
+    """States in order: `path[3]` is one of them, `path[3:5]` are several, `len(path)` all.
+
+    Attributes:
+        load: the loads of the recorded states.
+        equilibrium: these states.
+    """
+
+    load: Load
+    equilibrium: States
+
+    def __len__(self) -> int:
+        return len(self.load)
+
+    def __getitem__(self, index: Any) -> PathState:
+        return PathState(self.load[index], self.equilibrium[index])
+
+    def __iter__(self) -> Iterator[PathState]:
+        return (self[i] for i in range(len(self)))
+
+
+class Path(StateSequence):
     """The equilibria through which a contact goes along a load path.
 
     `path[3]` is a recorded state, `len(path)` their number. The last state, `path[-1]`, always has
@@ -133,8 +154,6 @@ class Path(Dimensioned):
         last_gap: g of the last recorded state [length].
     """
 
-    load: Load
-    equilibrium: States
     jumps: Jump
     work: Annotated[Scalar, ENERGY]
     dissipation: Annotated[Scalar, ENERGY]
@@ -143,19 +162,13 @@ class Path(Dimensioned):
     unlocated_error: Annotated[Scalar, ENERGY]
     last_gap: Annotated[Field, LENGTH]
 
-    def __len__(self) -> int:
-        return len(self.load)
-
     def __getitem__(self, index: Any) -> PathState:
-        state = PathState(self.load[index], self.equilibrium[index])
+        state = super().__getitem__(index)
         is_last = isinstance(index, int) and index % len(self) == len(self) - 1
         if is_last and self.equilibrium.gap is None:
             last = replace(state.equilibrium, gap=self.last_gap)
             return replace(state, equilibrium=last)
         return state
-
-    def __iter__(self) -> Iterator[PathState]:
-        return (self[i] for i in range(len(self)))
 
     def __repr__(self) -> str:
         try:

@@ -33,16 +33,24 @@ _Values = Float[Array, " states"]
 class Recording:
     """All states and jumps of a walk, taken out of its tables from time to time.
 
+    Jumps are looked at one by one: any number of them needs one program, and no more memory than
+    they take.
+
     Attributes:
+        contact: the contact, in units of its own.
+        load: the turning points.
         walk: where it is, with empty tables.
         states: the parts of the table of states.
-        events: the jumps.
+        events: the jumps, as they were detected.
+        jumps: the jumps with the ends of their branches, as far as these are located.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, contact: Contact, load: Load) -> None:
+        self.contact, self.load = contact, load
         self.walk: Any = None
         self.states: list[PathPoint] = []
         self.events: list[Event] = []
+        self.jumps: list[Jump] = []
 
     @property
     def num_states(self) -> int:
@@ -58,7 +66,14 @@ class Recording:
             self.events.append(replace(event, state=event.state + before))
         self.states.append(walk.states.entries())
         self.walk = replace(walk, states=walk.states.emptied(), jumps=walk.jumps.emptied())
+        self.locate_ends()
         return self.walk
+
+    def locate_ends(self) -> None:
+        """Locate the ends of the branches at the jumps since the last time."""
+        for event in self.events[len(self.jumps) :]:
+            jump = _jump_alone(self.contact, self.load[0], event)
+            self.jumps.append(jax.block_until_ready(jump))
 
 
 @program
@@ -74,16 +89,13 @@ def path_with_room(ended: Progress[Table[Event]], contact: Contact, load: Load) 
     return Path(jumps=jumps, **_states(ended, last, contact, load))
 
 
-def path_of(record: Recording, contact: Contact, load: Load) -> Path:
-    """Return the path as `path_with_room` does, from the records on the way.
-
-    Jumps are looked at one by one: any number of them needs one program, and no more memory than
-    they take.
-    """
-    one, walk, number = load[0], record.walk, record.num_states
+def path_of(record: Recording) -> Path:
+    """Return the path as `path_with_room` does, from the records on the way."""
+    contact, load = record.contact, record.load
+    walk, number = record.walk, record.num_states
     none = jax.tree.map(lambda leaf: leaf[0], walk.jumps.rows)
-    jumps = [_jump_alone(contact, one, event) for event in record.events]
-    like = jumps[0] if jumps else jax.eval_shape(_jump_alone, contact, one, none)
+    record.locate_ends()
+    like = [*record.jumps, jax.eval_shape(_jump_alone, contact, load[0], none)][0]
     room = _ROOM * max(-(-number // _ROOM), 1)
 
     def padded(*parts: np.ndarray) -> np.ndarray:
@@ -99,7 +111,7 @@ def path_of(record: Recording, contact: Contact, load: Load) -> Path:
         parts[name] = first_entries(parts[name], number)
     gaps = np.concatenate([part.place.gap for part in record.states])
     states = replace(parts["equilibrium"], gap=jax.device_put(gaps) if gaps.size else None)
-    return Path(jumps=stacked(jumps, like), **parts | {"equilibrium": states})
+    return Path(jumps=stacked(record.jumps, like), **parts | {"equilibrium": states})
 
 
 def _jump(contact: Contact, one: Load, event: Event) -> Jump:

@@ -39,6 +39,23 @@ def test_it_goes_on_around_a_fold_and_counts_the_ways_down(branch):
     assert set(np.asarray(branch.index)) == {0, 1}
 
 
+def test_states_of_a_branch_are_entries_of_a_sequence(branch):
+    assert len(branch) == len(branch.load.value) == len([*branch])
+    assert branch[3].load.value == branch.load.value[3]
+    np.testing.assert_array_equal(branch[-2:].equilibrium.gap, branch.equilibrium.gap[-2:])
+    with pytest.raises(IndexError):
+        branch[len(branch)]
+    # An unstable state of it is an equilibrium from which to go on.
+    middle = int(np.argmax(branch.index))
+    ends = jnp.stack([branch[middle].load.value, branch[middle + 2].load.value])
+    rest = js.continuation(hertz(), js.MeanDisplacement(ends), initial=branch[middle], fields=True)
+    assert rest.index[0] == 1 and rest.end == "load"
+    np.testing.assert_allclose(rest[0].equilibrium.gap, branch[middle].equilibrium.gap, atol=1e-7)
+    np.testing.assert_allclose(
+        rest[-1].equilibrium.gap, branch[middle + 2].equilibrium.gap, atol=1e-6
+    )
+
+
 def test_an_index_that_is_not_found_is_not_a_number_of_ways(monkeypatch):
     contact = hertz()
     load = js.MeanDisplacement(1.4)

@@ -14,7 +14,7 @@ from jaxstab.core.units import NUMBER, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
 from jaxstab.paths.kinds import KINDS
-from jaxstab.paths.path import States
+from jaxstab.paths.path import StateSequence
 
 
 class Turn(Stackable, Dimensioned):
@@ -37,8 +37,10 @@ class Turn(Stackable, Dimensioned):
     __repr__ = block
 
 
-class Branch(Dimensioned):
+class Branch(StateSequence):
     """Equilibria along a branch, stable or not, and where its load turns.
+
+    `branch[3]` is a state, `len(branch)` their number.
 
     Attributes:
         load: the loads of the states, in the order of the branch.
@@ -52,8 +54,6 @@ class Branch(Dimensioned):
         result: how the search ended.
     """
 
-    load: Load
-    equilibrium: States
     index: Int[Array, " states"]
     turns: Turn
     end: KINDS

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import partial
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -25,7 +26,6 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import stacked
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.warn import warn
-from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import posed
 from jaxstab.equilibrium.equilibrium import State
 from jaxstab.loads import Load, require_loads, require_same_machine
@@ -102,7 +102,7 @@ def continuation(
     for name, step in zip(("max_step", "min_step"), steps, strict=True):
         if step is not None:
             require_positive(name, step)
-    is_state = isinstance(getattr(initial, "equilibrium", initial), Equilibrium)
+    is_state = isinstance(initial, eqx.Module)
     padded, start = posed(contact, load[0], initial, FOR_JUMPS)
     return answer(
         partial(_search, number, fields, is_state),
