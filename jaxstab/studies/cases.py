@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxstab.core.checked_netcdf import Variable, Variables, write
 from jaxstab.core.enumeration import Enumeration
+from jaxstab.studies.checked_netcdf import Variable, Variables, write
 
 # The dimension of listed combinations; the columns of each case beside its outputs; the record.
 LISTED, MARKS, RECORD = "case", ("result", "seconds", "error"), "study.json"

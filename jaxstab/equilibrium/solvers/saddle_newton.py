@@ -15,9 +15,9 @@ from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.loop import integer_parameter, optional_parameter
-from jaxstab.core.minres import minres
 from jaxstab.core.types import Flag, Scalar
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem, State
+from jaxstab.equilibrium.solvers.minres import minres
 
 # Halvings of a step before it is taken as it is.
 _MAX_CUTS = 8

@@ -14,10 +14,10 @@ import jax.numpy as jnp
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
-from jaxstab.core.gmres import gmres
 from jaxstab.core.grid import mean, total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.loads import Load
+from jaxstab.paths.curve.gmres import gmres
 from jaxstab.potentials import derivatives
 
 # How well a tangent is solved for, and by how many restarts of GMRES at most.

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxstab.core.gmres import gmres
+from jaxstab.paths.curve.gmres import gmres
 
 
 def system(size, seed):

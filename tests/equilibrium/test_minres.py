@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxstab.core.linear_system import LinearSystem
-from jaxstab.core.minres import minres
+from jaxstab.equilibrium.solvers.minres import minres
 
 
 def indefinite(size, seed):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxstab.core.checked_netcdf import Damaged, Variable, read, write
+from jaxstab.studies.checked_netcdf import Damaged, Variable, read, write
 
 DIMS = ("seed", "x", "y")
 VARIABLES = {

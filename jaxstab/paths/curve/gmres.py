@@ -11,11 +11,13 @@ from typing import TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, PyTree
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float, Int
 
 from jaxstab.core.types import Scalar
 
-Vector = TypeVar("Vector")
+Tree = TypeVar("Tree")
+Vector = Float[Array, " unknowns"]
 
 _NUM_VECTORS = 30
 
@@ -27,15 +29,15 @@ class _Space(eqx.Module):
     over its norm.
     """
 
-    vectors: PyTree
+    vectors: Float[Array, "room+1 unknowns"]
     hessenberg: Float[Array, "room+1 room"]
     null: Float[Array, " room+1"]
     count: Int[Array, ""]
 
 
 def gmres(
-    operator: Callable[[Vector], Vector], right: Vector, residual: Scalar, max_restarts: int
-) -> Vector:
+    operator: Callable[[Tree], Tree], right: Tree, residual: Scalar, max_restarts: int
+) -> Tree:
     """Solve A x = b by restarted GMRES, or return the last iterate.
 
     Arguments:
@@ -44,87 +46,67 @@ def gmres(
         residual: |b - A x| to reach.
         max_restarts: the limit on cycles of 30 vectors.
     """
+    b, unravel = ravel_pytree(right)
+
+    def product(vector: Vector) -> Vector:
+        return ravel_pytree(operator(unravel(vector)))[0]
 
     def goes_on(state: tuple[Vector, Vector, Array]) -> Array:
         _, left, count = state
-        return (_norm(left) > residual) & (count < max_restarts)
+        return (jnp.linalg.norm(left) > residual) & (count < max_restarts)
 
     def cycle(state: tuple[Vector, Vector, Array]) -> tuple[Vector, Vector, Array]:
         solution, left, count = state
-        change, left = _cycle(operator, left, residual)
-        return _sum(solution, 1.0, change), left, count + 1
+        change, left = _cycle(product, left, residual)
+        return solution + change, left, count + 1
 
-    start = jax.tree.map(jnp.zeros_like, right), right, jnp.array(0)
-    return jax.lax.while_loop(goes_on, cycle, start)[0]
+    start = jnp.zeros_like(b), b, jnp.array(0)
+    return unravel(jax.lax.while_loop(goes_on, cycle, start)[0])
 
 
 def _cycle(
     operator: Callable[[Vector], Vector], left: Vector, wanted: Scalar
-) -> tuple[Vector, Vector]:
+) -> Float[Array, "two unknowns"]:
     """Return the vector of the Krylov space that minimizes the residual, and the residual then."""
-    norm = _norm(left)
-
-    def buffer(leaf: Array) -> Array:
-        room = jnp.zeros((_NUM_VECTORS + 1, *leaf.shape), leaf.dtype)
-        return room.at[0].set(leaf / jnp.where(norm > 0, norm, 1))
-
-    hessenberg = jnp.zeros((_NUM_VECTORS + 1, _NUM_VECTORS), norm.dtype)
-    first = jnp.zeros(_NUM_VECTORS + 1, norm.dtype).at[0].set(1)
-    space = _Space(jax.tree.map(buffer, left), hessenberg, first, jnp.array(0))
+    norm = jnp.linalg.norm(left)
+    vectors = jnp.zeros((_NUM_VECTORS + 1, left.size), left.dtype)
+    vectors = vectors.at[0].set(left / jnp.where(norm > 0, norm, 1))
+    hessenberg = jnp.zeros((_NUM_VECTORS + 1, _NUM_VECTORS), left.dtype)
+    first = jnp.zeros(_NUM_VECTORS + 1, left.dtype).at[0].set(1)
 
     def goes_on(space: _Space) -> Array:
         reached = norm / jnp.linalg.norm(space.null)
         return (reached > wanted) & (space.count < _NUM_VECTORS)
 
-    space = jax.lax.while_loop(goes_on, partial(_widened, operator), space)
+    start = _Space(vectors, hessenberg, first, jnp.array(0))
+    space = jax.lax.while_loop(goes_on, partial(_widened, operator), start)
     # Columns that are not used are zero, and so are their parts.
     parts = jnp.linalg.lstsq(space.hessenberg, norm * first)[0]
     # The residual lies in the space too: no other product with A is needed.
-    missed, parts = norm * first - space.hessenberg @ parts, jnp.append(parts, 0)
-
-    def combine(index: Array, sums: tuple[Vector, Vector]) -> tuple[Vector, Vector]:
-        vector = _at(space.vectors, index)
-        return _sum(sums[0], parts[index], vector), _sum(sums[1], missed[index], vector)
-
-    nothing = jax.tree.map(jnp.zeros_like, left)
-    return jax.lax.fori_loop(0, space.count + 1, combine, (nothing, nothing))
+    missed = norm * first - space.hessenberg @ parts
+    both = jnp.stack([jnp.append(parts, 0), missed])
+    return jnp.matmul(both, space.vectors, precision="highest")
 
 
-def _widened(operator: Callable[[PyTree], PyTree], space: _Space) -> _Space:
+def _widened(operator: Callable[[Vector], Vector], space: _Space) -> _Space:
     """Extend a Krylov space by one Arnoldi step."""
     last = space.count
 
     def part(index: Array, state: tuple[Vector, Array]) -> tuple[Vector, Array]:
         vector, column = state
-        other = _at(space.vectors, index)
-        overlap = _product(other, vector)
-        return _sum(vector, -overlap, other), column.at[index].set(overlap)
+        other = space.vectors[index]
+        overlap = jnp.vdot(other, vector)
+        return vector - overlap * other, column.at[index].set(overlap)
 
-    start = operator(_at(space.vectors, last)), jnp.zeros_like(space.null)
+    start = operator(space.vectors[last]), jnp.zeros_like(space.null)
     vector, column = jax.lax.fori_loop(0, last + 1, part, start)
-    norm = _norm(vector)
+    norm = jnp.linalg.norm(vector)
     unit = jnp.where(norm > 0, norm, 1)
     # Without a new vector the solution is in the space.
     null = jnp.where(norm > 0, -jnp.vdot(space.null, column) / unit, jnp.inf)
     return _Space(
-        jax.tree.map(lambda room, x: room.at[last + 1].set(x / unit), space.vectors, vector),
+        space.vectors.at[last + 1].set(vector / unit),
         space.hessenberg.at[:, last].set(column.at[last + 1].set(norm)),
         space.null.at[last + 1].set(null),
         last + 1,
     )
-
-
-def _at(vectors: PyTree, index: Int[Array, ""]) -> PyTree:
-    return jax.tree.map(lambda leaf: leaf[index], vectors)
-
-
-def _sum(one: Vector, factor: Scalar | float, other: Vector) -> Vector:
-    return jax.tree.map(lambda a, b: a + factor * b, one, other)
-
-
-def _product(one: Vector, other: Vector) -> Scalar:
-    return jax.tree.reduce(jnp.add, jax.tree.map(jnp.vdot, one, other))
-
-
-def _norm(vector: PyTree) -> Scalar:
-    return jnp.sqrt(_product(vector, vector))
