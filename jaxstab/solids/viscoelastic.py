@@ -41,11 +41,7 @@ class Viscoelastic(Solid):
     times: Annotated[Float[Array, " terms"], TIME]
 
     def __init__(self, solid: Solid, ratios: ArrayLike, times: ArrayLike):
-        if not isinstance(solid, Solid) or isinstance(solid, Viscoelastic):
-            raise TypeError(
-                f"The relaxed solid is a {type(solid).__name__}: give an elastic solid, as "
-                "HalfSpace(grid, ...)."
-            )
+        _require_elastic("The relaxed solid", solid)
         self.solid = solid
         self.ratios = jnp.atleast_1d(parameter(ratios, "The ratios"))
         self.times = jnp.atleast_1d(parameter(times, "The relaxation times"))
@@ -73,8 +69,10 @@ class Viscoelastic(Solid):
             times: t_k, in increasing order [time].
 
         Raises:
+            TypeError: for a solid that is not elastic.
             ValueError: if the fractions add up to one or more: nothing would be left at long times.
         """
+        _require_elastic("The glassy solid", glassy)
         given = jnp.atleast_1d(parameter(fractions, "The fractions"))
         left = 1 - jnp.sum(given)
         cure = "it is negative or zero: the fractions must add up to less than one."
@@ -155,8 +153,10 @@ class Viscoelastic(Solid):
             frequency: w [1/time], one or an array.
         """
         turns = jnp.asarray(frequency)[..., None] * self.times
-        loss = self.ratios * turns / (1 + turns**2)
-        return 1 + jnp.sum(loss * turns, axis=-1), jnp.sum(loss, axis=-1)
+        # The square of w t_k may overflow.
+        length = jnp.hypot(1, turns)
+        part = self.ratios * (turns / length)
+        return 1 + jnp.sum(part * (turns / length), axis=-1), jnp.sum(part / length, axis=-1)
 
     @property
     def padded(self) -> "Viscoelastic":
@@ -188,6 +188,13 @@ class Viscoelastic(Solid):
     scaled = _of_relaxed("scaled")
     coarser = _of_relaxed("coarser")
     stiffness_deficit = _of_relaxed("stiffness_deficit")
+
+
+def _require_elastic(name: str, solid: object) -> None:
+    if not isinstance(solid, Solid) or isinstance(solid, Viscoelastic):
+        raise TypeError(
+            f"{name} is a {type(solid).__name__}: give an elastic solid, as HalfSpace(grid, ...)."
+        )
 
 
 def decay(dt: ArrayLike, times: Array) -> Array:

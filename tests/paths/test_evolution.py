@@ -196,6 +196,29 @@ def test_an_interrupted_evolution_keeps_its_states_and_goes_on(monkeypatch):
     assert rest.mean_pressure == pytest.approx(np.array(whole.mean_pressure[3:]), abs=1e-12)
 
 
+@pytest.mark.parametrize("fields", [False, True])
+def test_after_a_failure_there_are_no_numbers_and_it_goes_on_from_the_last_state(fields):
+    contact, times = viscoelastic(), jnp.linspace(0, 4, 5)
+    load = js.MeanPressure(jnp.linspace(0, -0.16, 5))
+    found = js.evolve(contact, load, times, throw=False, fields=fields)
+    assert found.result.name.tolist() == 2 * ["successful"] + 3 * ["pulled_off"]
+    assert 1 < found.reached < 2
+    for name in ("mean_gap", "mean_pressure", "contact_area", "work", "stored", "dissipated"):
+        assert np.isnan(getattr(found, name)).tolist() == [False, False, True, True, True]
+    assert not fields or np.all(np.isnan(found.fields.gap[2:]))
+    assert np.isnan(js.growth_rate(found)) and np.isnan(js.growth_rate(found[-1]))
+    with pytest.raises(js.SolverError, match="no_equilibrium"):
+        js.assess_stability(found[-1])
+    # The last state was found, still in contact.
+    place = float(jnp.interp(found.reached, times, load.value))
+    held = js.MeanPressure(jnp.full(2, place))
+    rest = js.evolve(contact, held, found.reached + jnp.array([0, 1e-9]), initial=found)
+    assert rest.contact_area[0] > 0
+    if fields:
+        with pytest.raises(ValueError, match="start from a state that was found"):
+            js.evolve(contact, load, times, initial=found[2])
+
+
 def test_many_speeds_at_once_are_those_alone():
     times, values = cycle(9)
 
@@ -256,6 +279,12 @@ def test_mistakes_are_named():
         js.evolve(contact, load, times[1:])
     with pytest.raises(ValueError, match="the times must increase"):
         js.evolve(contact, load, times.at[3].set(0.0))
+    # In the precision of the contact they are one time.
+    single = js.Contact(contact.solid, contact.heights.astype("float32"), contact.potential)
+    with pytest.raises(ValueError, match=r"1000000\.0: the times must increase, in float32"):
+        js.evolve(single, load, 1e6 + 0.01 * times)
+    with pytest.raises(js.SolverError, match="has no start at t = 0, under FarDisplacement"):
+        js.evolve(contact, js.FarDisplacement(values), times)
     with pytest.raises(ValueError, match="max_steps is 0"):
         js.evolve(contact, load, times, max_steps=0)
     with pytest.raises(ValueError, match=r"until is -1\.0"):

@@ -64,11 +64,16 @@ def test_a_rough_contact_departs_along_its_mode_at_the_growth_rate(gap):
     assert np.log(growth[-1] / growth[20]) / 2 == pytest.approx(1, rel=0.01)
 
 
-@pytest.mark.parametrize(("part", "expected"), [(0.9, 0.0), (4.1, np.inf)])
-def test_nothing_grows_on_a_relaxed_minimum_and_a_glassy_instability_is_immediate(part, expected):
+@pytest.mark.parametrize(
+    ("ratios", "part", "expected"),
+    [(RATIOS, 0.9, 0.0), (RATIOS, 4.1, np.inf), ((0.0, 0.0), 0.9, 0.0), ((0.0, 0.0), 1.1, np.inf)],
+)
+def test_nothing_grows_on_a_relaxed_minimum_and_a_glassy_instability_is_immediate(
+    ratios, part, expected
+):
     grid = js.Grid(8)
     law = js.potentials.Exponential(part * np.pi * 0.02**2 * np.e, 0.02)
-    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), RATIOS, TIMES)
+    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), ratios, TIMES)
     contact = js.Contact(solid, jnp.zeros(grid.shape), law)
     found = js.evolve(contact, js.MeanGap(jnp.full(2, 0.02)), jnp.array([0.0, 1e-9]))
     assert js.growth_rate(found[-1]) == expected

@@ -34,6 +34,9 @@ def test_moduli_as_finite_elements_take_them_are_the_same_series():
     assert given.glassy.max_stiffness == pytest.approx(float(SOLID.max_stiffness))
     with pytest.raises(ValueError, match="add up to less than one"):
         js.Viscoelastic.from_moduli(SOLID, (0.5, 0.5), (0.1, 1.0))
+    for other in (given, 2.0):
+        with pytest.raises(TypeError, match=f"glassy solid is a {type(other).__name__}"):
+            js.Viscoelastic.from_moduli(other, (0.5, 0.25), (0.1, 1.0))
 
 
 def test_storage_and_loss_are_the_transform_of_the_relaxation():
@@ -46,6 +49,10 @@ def test_storage_and_loss_are_the_transform_of_the_relaxation():
     assert np.array(storage) == pytest.approx([1, 1 + transform.real, 4], rel=1e-6)
     assert loss[1] == pytest.approx(transform.imag, rel=1e-6)
     assert loss[0] == 0 and loss[2] < 1e-7
+    # The square of the frequency overflows in single precision.
+    single = js.Viscoelastic(SOLID, np.float32(3), np.float32(1))
+    storage, loss = single.storage_and_loss(np.float32(1e25))
+    assert storage == 4 and loss == pytest.approx(3e-25)
 
 
 @pytest.mark.parametrize("exponent", [0.3, 1.0])

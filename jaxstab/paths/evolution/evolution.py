@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -21,6 +21,8 @@ from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load
 from jaxstab.paths.evolution.step import Internal, load_on, moved_contact
 from jaxstab.paths.path import States
+
+Tree = TypeVar("Tree")
 
 
 class Totals(eqx.Module):
@@ -59,7 +61,7 @@ class Evolution(Totals):
         times: the times [time].
         force: the mean pressure times the area of the cell, positive in compression [force].
         fields: gap and memory at each time; None without `fields`.
-        last: gap and memory of the last state.
+        last: gap and memory of the last state that was found.
         reached: the time of the last state that was found [time].
         jump_times: when the contact jumped; under JAX transformations the end of each step [time].
         dissipation: the energy lost in each jump; under JAX transformations in each step [energy].
@@ -94,7 +96,7 @@ class Evolution(Totals):
             name: jax.tree.map(lambda leaf: leaf[places], getattr(self, name)) for name in names
         }
         last, kept = self.last if is_last else None, picked["fields"]
-        if kept is not None:
+        if kept is not None and not is_last:
             last = jax.tree.map(lambda leaf: leaf[-1], kept) if np.ndim(places) else kept
         return replace(self, last=last, **picked)
 
@@ -141,11 +143,13 @@ class Evolution(Totals):
         """The contact of a single state, or the last, as it answers at once; its equilibrium.
 
         The solid is the glassy one, on a surface moved by the memory; on a window both are on the
-        larger grid that it is solved on.
+        larger grid that it is solved on. After a failure the gap is NaN.
         """
-        padded, gap = self.contact.padded, self.internal.gap
-        contact = moved_contact(padded, self.internal, jnp.zeros((), gap.dtype))
-        load = self.load if self.load.value.ndim == 0 else self.load[-1]
+        padded, memory = self.contact.padded, self.internal
+        contact = moved_contact(padded, memory, jnp.zeros((), memory.gap.dtype))
+        state = self.load, self.result
+        load, result = state if self.load.value.ndim == 0 else (part[-1] for part in state)
+        gap = or_nan(memory.gap, result)
         return contact, state_at(contact, load_on(contact, padded, load), gap)
 
     def __repr__(self) -> str:
@@ -153,6 +157,12 @@ class Evolution(Totals):
             return display.table(_columns(self))
         except display.UNREADABLE:
             return display.block(self)
+
+
+def or_nan(tree: Tree, result: RESULTS) -> Tree:
+    """Return the leaves of a state, or NaN if it was not found."""
+    is_found = result == RESULTS.successful
+    return jax.tree.map(lambda leaf: jnp.where(is_found, leaf, jnp.nan), tree)
 
 
 def relaxed_contact(contact: Contact) -> Contact:

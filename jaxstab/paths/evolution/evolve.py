@@ -33,7 +33,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, require_load, require_same_machine
-from jaxstab.paths.evolution.evolution import Evolution, Totals, relaxed_contact
+from jaxstab.paths.evolution.evolution import Evolution, Totals, or_nan, relaxed_contact
 from jaxstab.paths.evolution.march import (
     Leg,
     Moment,
@@ -96,7 +96,7 @@ def evolve(
 
     Returns:
         The states at the given times; if interrupted, with a warning, those reached so far.
-        Once the surfaces are pulled apart, NaN.
+        After a failure, for instance once the surfaces are pulled apart, NaN.
 
     Raises:
         TypeError: for a solid that is not viscoelastic, and something that is not a load.
@@ -104,8 +104,9 @@ def evolve(
             initial evolution of another contact.
         SolverError: if `throw`, where an equilibrium is not found, or there is no room left.
     """
-    dtype = _checked(contact, load, times)
-    instants, tolerance = parameter(times, "The times").astype(dtype), parameter(rtol).astype(dtype)
+    instants = _checked(contact, load, times)
+    dtype = instants.dtype
+    tolerance = parameter(rtol).astype(dtype)
     require_positive("rtol", tolerance)
     number = integer("max_steps", max_steps)
     require("max_steps", number, number > 0, "it must be positive.")
@@ -160,21 +161,23 @@ def require_viscoelastic(contact: Contact) -> None:
         )
 
 
-def _checked(contact: Contact, load: Load, times: ArrayLike) -> jnp.dtype:
-    """Check the arguments, and return the precision of the contact."""
+def _checked(contact: Contact, load: Load, times: ArrayLike) -> Float[Array, " times"]:
+    """Check the arguments, and return the times in the precision of the contact."""
     require_viscoelastic(contact)
     require_load(load)
-    given = concrete(parameter(times, "The times"))
+    instants = parameter(times, "The times").astype(contact.heights.dtype)
+    given = concrete(instants)
     if given.ndim != 1 or given.size < 2 or load.value.shape != given.shape:
         raise ValueError(
             f"The times have shape {given.shape}, the load has {load.value.shape}: give one value "
             "of the load for each of two or more times."
         )
     require_finite("The times", given)
-    require("A time", given[1:], given[1:] > given[:-1], "the times must increase.")
+    cure = f"the times must increase, in {given.dtype} too."
+    require("A time", given[1:], given[1:] > given[:-1], cure)
     require_same_machine(load)
     warn_if_coarse(contact, FOR_JUMPS)
-    return contact.heights.dtype
+    return instants
 
 
 def _start(contact: Contact, load: Load, initial: Any) -> Moment:
@@ -183,6 +186,8 @@ def _start(contact: Contact, load: Load, initial: Any) -> Moment:
     if isinstance(initial, Evolution):
         require_same_contact(contact, initial.contact, "The initial evolution")
         memory = initial.internal
+        cure = "start from a state that was found."
+        require_finite("The gap of the initial evolution", memory.gap, cure)
     else:
         # A step that takes for ever leaves the relaxed solid.
         relaxed, long = relaxed_contact(contact), jnp.asarray(jnp.finfo(dtype).max)
@@ -203,9 +208,10 @@ def _legs(load: Load, times: Float[Array, " times"]) -> Leg:
 
 
 def _entry(state: State, fields: bool) -> Entry:
-    """Return the record of a state."""
+    """Return the record of a state, NaN where it was not found."""
     moment, steps = state
-    return moment.totals, moment.internal if fields else None, moment.result, steps.count
+    kept = moment.totals, moment.internal if fields else None
+    return *or_nan(kept, moment.result), moment.result, steps.count
 
 
 @partial(program, static_argnames="fields")
@@ -288,9 +294,6 @@ def _replay(
 def _describe(evolution: Evolution) -> str:
     results = jax.lax.stop_gradient(evolution.result)
     place = int(jnp.argmax(results != RESULTS.successful))
-    load = evolution.load
-    return (
-        f"The evolution ended between t = {float(evolution.times[place - 1]):.6g} and "
-        f"{float(evolution.times[place]):.6g}, under {type(load).__name__}"
-        f"({float(load.value[place]):.6g})"
-    )
+    load, times = evolution.load, [f"t = {float(t):.6g}" for t in evolution.times[: place + 1]]
+    where = f"ended between {times[-2]} and {times[-1]}" if place else f"has no start at {times[0]}"
+    return f"The evolution {where}, under {type(load).__name__}({float(load.value[place]):.6g})"

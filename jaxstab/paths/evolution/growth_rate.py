@@ -56,7 +56,7 @@ def growth_rate(evolution: Evolution) -> Scalar:
 
 @program
 def _singular_stiffening(contact: Contact, equilibrium: Equilibrium, glassy: Scalar) -> Scalar:
-    """Return the c at which c K + D is singular, from one to the stiffening of the glassy solid."""
+    """Return the c >= 1 at which c K + D is singular, above `glassy` if that is unstable."""
     gap = equilibrium.gap
     is_moving = ~(equilibrium.in_contact & (equilibrium.reaction > 0))
     space = Subspace(is_moving, contact.control(equilibrium.load).fixes_mean)
@@ -78,7 +78,12 @@ def _singular_stiffening(contact: Contact, equilibrium: Equilibrium, glassy: Sca
         mode = found.pair.mode
         # x.A(c) x lies above the smallest eigenvalue, and touches it: no root is passed over.
         _, slope = jax.jvp(lambda c: total(mode * operator(c)(mode)), (c,), (jnp.ones_like(c),))
-        return jnp.clip(c - found.pair.eigenvalue / slope, 1, glassy), c, found.modes, number + 1
+        return (
+            jnp.clip(c - found.pair.eigenvalue / slope, 1, 2 * glassy),
+            c,
+            found.modes,
+            number + 1,
+        )
 
     starts = contact.grid.device_put(noise(jax.random.key(0), BLOCK_SIZE, gap))
     state = glassy, jnp.full_like(glassy, jnp.inf), starts, jnp.array(0)
@@ -99,5 +104,6 @@ def _rate(stiffening: Scalar, glassy: Scalar, ratios: Array, times: Array) -> Sc
     beyond = _DOUBLINGS * np.log(2)
     ends = -jnp.log(times[-1]) - beyond, beyond - jnp.log(times[0])
     lower, upper = jax.lax.fori_loop(0, 2 * _DOUBLINGS, halve, ends)
-    rate = jnp.where(stiffening >= glassy, jnp.inf, jnp.exp((lower + upper) / 2))
-    return jnp.where(stiffening <= 1, 0.0, rate)
+    rate = jnp.where(stiffening > glassy, jnp.inf, jnp.exp((lower + upper) / 2))
+    rate = jnp.where(stiffening <= 1, 0.0, rate)
+    return jnp.where(jnp.isnan(stiffening), jnp.nan, rate)

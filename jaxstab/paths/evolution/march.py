@@ -16,7 +16,7 @@ from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load, Spring
 from jaxstab.paths.energy import own_energy
-from jaxstab.paths.evolution.evolution import Totals
+from jaxstab.paths.evolution.evolution import Totals, or_nan
 from jaxstab.paths.evolution.step import (
     Internal,
     load_on,
@@ -85,7 +85,7 @@ def first_moment(contact: Contact, load: Load, internal: Internal, found: Equili
     forms = spring_forms(contact, internal)
     extent = jnp.max(jnp.abs(heights - jnp.mean(heights)))
     return Moment(
-        internal=internal,
+        internal=or_nan(internal, found.result),
         rate=jnp.zeros_like(internal.gap),
         forms=forms,
         totals=_totals(contact, load, internal, found, forms, zero, zero, zero),
@@ -188,15 +188,17 @@ def march(
         error = _error(contact, old, new, dt) / rtol
         error = jnp.where(is_solved & ~jnp.isnan(error), error, jnp.inf)
         is_smooth = error <= 1
-        is_taken = is_smooth | (dt <= shortest)
+        is_shortest = dt <= shortest
+        is_taken = (is_smooth | is_shortest) & is_solved
         factor = jnp.clip(_CAUTION / jnp.sqrt(jnp.maximum(error, 1e-8)), _SHRINKAGE, _GROWTH)
         # The end of a leg cuts a step short, which says nothing of the next one.
         longer = jnp.where(factor >= 1, jnp.maximum(old.dt, dt * factor), dt * factor)
         next_dt = jnp.where(is_smooth, longer, dt * jnp.minimum(factor, 0.5))
-        new = with_loss(contact, held, old, new, dt, is_taken & ~is_smooth & is_solved)
+        new = with_loss(contact, held, old, new, dt, is_taken & ~is_smooth)
         taken = Step(leg.number, place, end, new.totals.lost - old.totals.lost)
         moment, place = jax.tree.map(partial(jnp.where, is_taken), (new, end), (old, place))
-        moment = replace(moment, dt=jnp.maximum(next_dt, shortest))
+        result = RESULTS.where(is_shortest, new.result, RESULTS.successful)
+        moment = replace(moment, dt=jnp.maximum(next_dt, shortest), result=result)
         return moment, steps.with_entry(taken, is_taken), place
 
     start = moment, steps, jnp.zeros_like(span)
