@@ -8,6 +8,7 @@ to nothing, or are as short as jumps are located. So the loss of a jump is the d
 potentials of two states at one load.
 """
 
+from dataclasses import replace
 from functools import partial
 from typing import Any, Generic, TypeVar
 
@@ -21,7 +22,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads import Load
 from jaxstab.paths.programme import Programme
-from jaxstab.paths.record import Count, Event, PathPoint, Place, Strongest, Table
+from jaxstab.paths.record import Count, Event, PathPoint, Strongest, Table
 
 # A state is sought further on by this factor where the solver fails beyond the end of a branch.
 _FURTHER = 8
@@ -61,7 +62,7 @@ class Progress(eqx.Module, Generic[Jumps]):
     """Where the path is, and all that it has recorded.
 
     Attributes:
-        here: the last state accepted, with the loss up to there.
+        here: the last state accepted.
         last: the state before.
         stride: the length of the next step.
         bisection: for the end of the branch.
@@ -73,7 +74,7 @@ class Progress(eqx.Module, Generic[Jumps]):
     """
 
     here: PathPoint
-    last: Place
+    last: PathPoint
     stride: Scalar
     bisection: Bisection
     part: Int[Array, ""]
@@ -141,7 +142,7 @@ class StepOutcome(eqx.Module):
 
 def next_step(programme: Programme, walk: Progress) -> TrialStep:
     """Return the next step to try."""
-    here, bisection = walk.here.place, walk.bisection
+    here, bisection = walk.here, walk.bisection
     target = programme.load.value[walk.part + 1]
     left = jnp.abs(target - here.value)
     # Where it failed by its length alone, the rest of the step is right.
@@ -168,26 +169,26 @@ def next_step(programme: Programme, walk: Progress) -> TrialStep:
 
 def _least_potential(programme: Programme, walk: Progress, change: Scalar) -> Scalar:
     """Return the potential below which a state ahead of the last lies on another branch."""
-    here, last = walk.here.place, walk.last
+    here, last = walk.here, walk.last
     slope = (here.force - last.force) / _nonzero(here.value - last.value)
     foreseen = here.potential + change * (here.force + change * slope / 2)
     leeway = jnp.where(walk.bisection.is_on, _LEEWAY_IN_SEARCH, _LEEWAY)
-    return foreseen - leeway * programme.smallest_loss(walk.here)
+    return foreseen - leeway * programme.smallest_loss(here)
 
 
 def _outcome_of(
-    programme: Programme, walk: Progress, aim: TrialStep, place: Place, result: RESULTS
+    programme: Programme, walk: Progress, aim: TrialStep, new: PathPoint, result: RESULTS
 ) -> StepOutcome:
-    here, last, value = walk.here.place, walk.last, aim.value
+    here, last, value = walk.here, walk.last, aim.value
     is_found = result == RESULTS.successful
     change, before = value - here.value, here.value - last.value
-    slope = (place.force - here.force) / _nonzero(change)
+    slope = (new.force - here.force) / _nonzero(change)
     turn = (slope - (here.force - last.force) / _nonzero(before)) / _nonzero(change + before)
     # The error of the trapezoid, where F is a parabola through three states.
     is_known = (change * before > 0) & programme.finds_all
     curved = jnp.where(is_known, turn * change**3 / 6, 0)
-    loss = here.potential + change * (here.force + place.force) / 2 - curved - place.potential
-    least = programme.smallest_loss(walk.here)
+    loss = here.potential + change * (here.force + new.force) / 2 - curved - new.potential
+    least = programme.smallest_loss(here)
     error = jnp.maximum(jnp.abs(loss), jnp.abs(curved) / _MAX_CURVATURE) / least
     is_together = is_found & ~walk.is_apart
     is_smooth = is_together & ((error <= 1) | (aim.is_final & (loss <= least)))
@@ -196,7 +197,7 @@ def _outcome_of(
     control = programme.contact.control(programme.at(value, walk.part))
     touches = walk.is_apart & is_found & control.presses
     return StepOutcome(
-        dissipation=here.potential + change * place.force - place.potential,
+        dissipation=here.potential + change * new.force - new.potential,
         error=jnp.where(is_together, error, jnp.inf),
         is_smooth=is_smooth,
         is_jump=is_jump,
@@ -208,25 +209,25 @@ def _outcome_of(
 
 
 def apply_step(
-    programme: Programme, walk: Progress[Jumps], aim: TrialStep, place: Place, result: RESULTS
+    programme: Programme, walk: Progress[Jumps], aim: TrialStep, found: PathPoint, result: RESULTS
 ) -> Progress[Jumps]:
     """Return the walk after a step, from the state that it led to and how the solver ended."""
-    trial = _outcome_of(programme, walk, aim, place, result)
+    trial = _outcome_of(programme, walk, aim, found, result)
     is_event = trial.is_jump | trial.is_touch
     accepts = trial.is_smooth | is_event | trial.is_apart
     is_apart = (walk.is_apart & ~trial.is_touch) | trial.is_pulled
     # The loss is unknown where surfaces fall apart, and states of separated ones are not recorded.
     lost = jnp.where(trial.is_pulled | trial.is_touch, jnp.nan, trial.dissipation)
-    new = PathPoint(place, walk.here.dissipation + jnp.where(is_event, lost, 0))
+    new = replace(found, dissipation=walk.here.dissipation + jnp.where(is_event, lost, 0))
     here = _choose(accepts, new, walk.here)
-    last = _choose(accepts, walk.here.place, walk.last)
-    event = Event(walk.here.place, here.place, lost, walk.states.count - 1, trial.is_touch)
+    last = _choose(accepts, walk.here, walk.last)
+    event = Event(walk.here, here, lost, walk.states.count - 1, trial.is_touch)
     # The solver may find its way from further on, but not from anywhere.
     has_failed = trial.is_lost & (aim.is_end | (aim.length > programme.longest / _FURTHER))
     bisection = _bisected(programme, walk, aim, trial, accepts, is_event)
     return Progress(
         here=here,
-        last=_choose(is_event, here.place, last),
+        last=_choose(is_event, here, last),
         stride=_stride(programme, walk, aim, trial, is_event, is_apart, accepts & ~bisection.is_on),
         bisection=bisection,
         part=walk.part + (accepts & aim.is_end),

@@ -17,7 +17,7 @@ from jaxstab.equilibrium.equilibrate import concluded, started
 from jaxstab.equilibrium.solvers.base import Problem
 from jaxstab.loads import Load
 from jaxstab.paths.energy import own_energy, smallest_loss
-from jaxstab.paths.record import PathPoint, Place, place_of
+from jaxstab.paths.record import PathPoint, point_of
 
 # The default is relative to the size of the problem's own heights and gaps.
 DISTURBANCE = 1e-6
@@ -53,11 +53,10 @@ class Programme(eqx.Module):
 
     def smallest_loss(self, here: PathPoint) -> Scalar:
         """Return the loss from which a jump from a state is located."""
-        place = here.place
         # The loss of surfaces that fell apart is NaN.
         threshold = jnp.fmax(self.threshold, self.share * here.dissipation)
         return smallest_loss(
-            self.contact, threshold, place.potential, place.mean_gap, place.mean_pressure
+            self.contact, threshold, here.potential, here.mean_gap, here.mean_pressure
         )
 
     @property
@@ -83,7 +82,7 @@ class Programme(eqx.Module):
         start: Field,
         least_potential: ArrayLike = -jnp.inf,
         is_final: ArrayLike = False,
-    ) -> tuple[Place, RESULTS]:
+    ) -> tuple[PathPoint, RESULTS]:
         """Return the equilibrium at a load that the solver finds from a start.
 
         Once the potential falls below the least, the search ends without a result; one that is
@@ -99,7 +98,7 @@ class Programme(eqx.Module):
             max_move=longest, least_energy=least_potential / contact.grid.cell_area
         )
         found = concluded(contact, load, solver.run(Problem.of(contact, control), start))
-        return place_of(contact, found, value), found.result
+        return point_of(contact, found, value), found.result
 
     def apart(self) -> Field:
         """Return the gap of surfaces that are about to touch."""

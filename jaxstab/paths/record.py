@@ -23,8 +23,8 @@ from jaxstab.paths.path import States
 Row = TypeVar("Row")
 
 
-class Place(eqx.Module):
-    """A state on the way: its load and gap, and the quantities that follow from them.
+class PathPoint(eqx.Module):
+    """A state on a path: its load and gap, and the quantities that follow from them.
 
     Attributes:
         value: of the load.
@@ -36,6 +36,7 @@ class Place(eqx.Module):
         stored: E and the energy of the machine [energy].
         potential: E + W [energy].
         force: F, how the potential follows the load on a branch [energy over unit of the load].
+        dissipation: lost in the jumps up to there [energy].
     """
 
     value: Scalar
@@ -47,20 +48,14 @@ class Place(eqx.Module):
     stored: Scalar
     potential: Scalar
     force: Scalar
-
-
-class PathPoint(eqx.Module):
-    """A state recorded, and the energy lost in the jumps up to there [energy]."""
-
-    place: Place
     dissipation: Scalar
 
 
 class Event(eqx.Module):
     """A jump: its two states, its loss, the number of its state, whether it is a touch."""
 
-    before: Place
-    after: Place
+    before: PathPoint
+    after: PathPoint
     dissipation: Scalar
     state: Int[Array, ""]
     is_touch: Flag
@@ -80,10 +75,10 @@ class Event(eqx.Module):
         return _state_unless(is_pulled, contact, one, self.after)
 
 
-def _state_unless(is_apart: Flag, contact: Contact, one: Load, place: Place) -> Equilibrium:
-    """Return the equilibrium of a place; where surfaces are apart there is none."""
-    gap = jnp.where(is_apart, jnp.nan, place.gap)
-    state = state_at(contact, one.at(place.value), gap)
+def _state_unless(is_apart: Flag, contact: Contact, one: Load, point: PathPoint) -> Equilibrium:
+    """Return the equilibrium of a point; where surfaces are apart there is none."""
+    gap = jnp.where(is_apart, jnp.nan, point.gap)
+    state = state_at(contact, one.at(point.value), gap)
     return replace(
         state,
         contact_area=jnp.where(is_apart, 0, state.contact_area),
@@ -91,11 +86,11 @@ def _state_unless(is_apart: Flag, contact: Contact, one: Load, place: Place) -> 
     )
 
 
-def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
-    """Return an equilibrium as a place of a walk, at a value of the load that may be meant."""
+def point_of(contact: Contact, found: Equilibrium, value: Scalar) -> PathPoint:
+    """Return an equilibrium as a point of a path without jumps, at the value of the load."""
     load, mean_gap = found.load.at(value), mean(found.gap)
     held, force = supply_of(contact, load, mean_gap, found.mean_pressure)
-    return Place(
+    return PathPoint(
         value,
         found.gap,
         mean_gap,
@@ -105,24 +100,22 @@ def place_of(contact: Contact, found: Equilibrium, value: Scalar) -> Place:
         found.energy + (held if contact.control(load).stores_energy else 0),
         found.energy + held,
         force,
+        jnp.zeros_like(held),
     )
 
 
-def states_along(
-    contact: Contact, load: Load, place: Place, dissipation: Array
-) -> tuple[Load, States]:
-    """Return the loads and the states of places along a path, given the loss up to each."""
-    # All but the value of a load is the same all along.
-    loads = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], place.value.shape), load)
-    return loads.at(place.value), States(
-        place.mean_gap,
-        place.mean_pressure,
-        place.contact_area,
-        jnp.broadcast_to(contact.area, place.energy.shape),
-        place.energy,
-        place.stored - place.stored[0] + dissipation,
-        dissipation,
-        place.gap if place.gap.size else None,
+def states_along(contact: Contact, one: Load, points: PathPoint) -> tuple[Load, States]:
+    """Return the loads and the states of points along a path, given the load at any value."""
+    loads = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, points.value.shape), one)
+    return loads.at(points.value), States(
+        points.mean_gap,
+        points.mean_pressure,
+        points.contact_area,
+        jnp.broadcast_to(contact.area, points.energy.shape),
+        points.energy,
+        points.stored - points.stored[0] + points.dissipation,
+        points.dissipation,
+        points.gap if points.gap.size else None,
         contact.units,
         contact.solid.is_window,
     )

@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
 from jaxstab.contact import Contact
 from jaxstab.core.batching import by_entries
@@ -27,7 +27,6 @@ from jaxstab.paths.record import Event, PathPoint, Table, states_along
 _ROOM = 1024
 # The part of a gain of energy that may be rounding, over the energies, in units of the precision.
 _ROUNDING = 16
-_Values = Float[Array, " states"]
 
 
 class Recording:
@@ -55,7 +54,7 @@ class Recording:
     @property
     def num_states(self) -> int:
         """The number of states that are recorded."""
-        return sum(len(part.dissipation) for part in self.states)
+        return sum(len(part.value) for part in self.states)
 
     def emptied(self, walk: Progress[Table[Event]]) -> Progress[Table[Event]]:
         """Return a walk with empty tables, whose states and jumps are taken out."""
@@ -109,7 +108,7 @@ def path_of(record: Recording) -> Path:
     parts = _states_alone(replace(walk, states=states, jumps=None), last, contact, load)
     for name in ("load", "equilibrium"):
         parts[name] = first_entries(parts[name], number)
-    gaps = np.concatenate([part.place.gap for part in record.states])
+    gaps = np.concatenate([part.gap for part in record.states])
     states = replace(parts["equilibrium"], gap=jax.device_put(gaps) if gaps.size else None)
     return Path(jumps=stacked(record.jumps, like), **parts | {"equilibrium": states})
 
@@ -143,27 +142,24 @@ def _jump(contact: Contact, one: Load, event: Event) -> Jump:
 def _states(ended: Progress[Any], last: Event, contact: Contact, load: Load) -> dict[str, Any]:
     """Return all of a path but its jumps, by name, given the last of them."""
     assert isinstance(ended.states, Table)
-    states = ended.states.rows
-    place = states.place
-    dissipation = states.dissipation
-    is_branch = (jnp.diff(dissipation) == 0) & jnp.isfinite(place.value[1:])
-    unlocated, error = _unlocated_loss(place.value, place.potential, place.force, is_branch)
-    along, recorded = states_along(contact, load, place, dissipation)
-    end = ended.here
+    points, end = ended.states.rows, ended.here
+    is_branch = (jnp.diff(points.dissipation) == 0) & jnp.isfinite(points.value[1:])
+    unlocated, error = _unlocated_loss(points, is_branch)
+    along, recorded = states_along(contact, load[0], points)
     # The sum of many terms, each as large as the energies, is rounded.
-    sizes = jnp.where(is_branch, jnp.abs(place.potential[1:]), 0)
+    sizes = jnp.where(is_branch, jnp.abs(points.potential[1:]), 0)
     rounding = _ROUNDING * jnp.finfo(sizes.dtype).eps * jnp.sum(sizes)
     gains = (ended.result == RESULTS.successful) & (unlocated < -error - rounding)
     return {
         "load": along,
         "equilibrium": recorded,
-        "work": end.place.stored - place.stored[0] + end.dissipation,
+        "work": end.stored - points.stored[0] + end.dissipation,
         "dissipation": end.dissipation,
         "result": RESULTS.where(gains, RESULTS.unbalanced_work, ended.result),
         "unlocated": unlocated,
         "unlocated_error": error,
         # A surface that was pulled apart has no state after the last one recorded.
-        "last_gap": jnp.where(ended.is_apart, last.before.gap, end.place.gap),
+        "last_gap": jnp.where(ended.is_apart, last.before.gap, end.gap),
     }
 
 
@@ -171,16 +167,14 @@ _jump_alone = program(_jump)
 _states_alone = program(_states)
 
 
-def _unlocated_loss(
-    load: _Values, potential: _Values, force: _Values, is_branch: Bool[Array, " steps"]
-) -> tuple[Scalar, Scalar]:
+def _unlocated_loss(points: PathPoint, is_branch: Bool[Array, " steps"]) -> tuple[Scalar, Scalar]:
     """Return the loss of steps along branches, and the error of the quadrature of their work.
 
     On each step F is the mean of the two parabolas through its ends and the state before, or the
     one after. Half of the difference of their integrals is the error; where there is only one of
     them, all that it takes from the trapezoid.
     """
-    step = jnp.diff(load)
+    step, force = jnp.diff(points.value), points.force
     slope = jnp.diff(force) / jnp.where(step == 0, 1, step)
     pair = step[1:] + step[:-1]
     # Through three states, where these lie on one branch and in the order of their loads.
@@ -192,5 +186,5 @@ def _unlocated_loss(
     work = step * (force[1:] + force[:-1]) / 2 - cubes * (before + after) / jnp.maximum(number, 1)
     error = jnp.where(number == 2, (before - after) / 2, before + after)
     error = jnp.where(number == 0, slope * step**2 / 2, cubes * error)
-    lost = jnp.sum(jnp.where(is_branch, work - jnp.diff(potential), 0))
+    lost = jnp.sum(jnp.where(is_branch, work - jnp.diff(points.potential), 0))
     return lost, jnp.sum(jnp.where(is_branch, jnp.abs(error), 0))

@@ -41,21 +41,20 @@ def begin(stores: Stores[Jumps], programme: Programme, start: Field | None) -> P
     if start is None:
         start = contact.control(programme.load[0]).starting_gap(contact.heights)
     start = programme.start(turns[0], none, jnp.maximum(start, 0))
-    place, result = programme.state(turns[0], none, start)
+    here, result = programme.state(turns[0], none, start)
     span = jnp.max(turns) - jnp.min(turns)
     zero = jnp.zeros_like(span)
     is_passable = jnp.isfinite(span) & (programme.resolution > 0)
     is_endless = (result == RESULTS.successful) & ~is_passable
-    here = PathPoint(place, zero)
     return Progress(
         here=here,
-        last=place,
+        last=here,
         stride=programme.longest / 8,
         bisection=Bisection(zero + jnp.inf, zero, programme.resolution),
         part=none,
         is_apart=jnp.array(False),
         states=stores.states(here).with_entry(here, jnp.array(True)),
-        jumps=stores.jumps(Event(place, place, zero, none, jnp.array(False))),
+        jumps=stores.jumps(Event(here, here, zero, none, jnp.array(False))),
         # Towards a load that is no number, or from zero to zero, no step would ever end.
         result=RESULTS.where(is_endless, RESULTS.infeasible_load, result),
     )
@@ -119,7 +118,7 @@ _go_on = program(by_entries(go_on))
 @jax.jit
 def travelled(load: Load, walk: Progress) -> Scalar:
     """Return the part of the programme that is done."""
-    turns, here = load.value, walk.here.place.value
+    turns, here = load.value, walk.here.value
     lengths = jnp.abs(jnp.diff(turns))
     done = jnp.sum(jnp.where(jnp.arange(lengths.size) < walk.part, lengths, 0))
     return (done + jnp.abs(here - turns[walk.part])) / jnp.sum(lengths)

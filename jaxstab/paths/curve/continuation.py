@@ -170,7 +170,7 @@ def _eager(number: int, fields: bool, is_state: bool, task: Task) -> Branch:
 
 
 def _kept(entry: Entry, fields: bool) -> Entry:
-    return entry if fields else replace(entry, place=replace(entry.place, gap=jnp.zeros((0,))))
+    return entry if fields else replace(entry, point=replace(entry.point, gap=jnp.zeros((0,))))
 
 
 def _traced(number: int, fields: bool, is_state: bool, task: Task) -> Branch:
@@ -204,8 +204,7 @@ def _traced(number: int, fields: bool, is_state: bool, task: Task) -> Branch:
 def _branch(task: Task, walk: Walk, entries: Entry, turns: Turn) -> Branch:
     is_unclear = (walk.end == KINDS.lost) | (walk.end == KINDS.uncertain)
     result = RESULTS.where(is_unclear, RESULTS.lost_branch, walk.result)
-    place = entries.place
-    load, states = states_along(task.contact, task.loads, place, jnp.zeros_like(place.energy))
+    load, states = states_along(task.contact, task.loads[0], entries.point)
     return Branch(load, states, entries.index, turns, walk.end, result)
 
 

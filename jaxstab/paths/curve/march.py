@@ -19,8 +19,7 @@ from jaxstab.paths.curve.curve import Curve, Place, Point, Way
 from jaxstab.paths.curve.morse_index import UNKNOWN, index_of, some_modes
 from jaxstab.paths.curve.step import Stride, next_stride
 from jaxstab.paths.kinds import KINDS
-from jaxstab.paths.record import Place as Recorded
-from jaxstab.paths.record import place_of
+from jaxstab.paths.record import PathPoint, point_of
 
 # The longest step over the way from load to load; the first and the shortest over the longest.
 _LONGEST, _FIRST = 0.1, 0.2
@@ -74,7 +73,7 @@ class Walk(eqx.Module):
 class Entry(eqx.Module):
     """A state of a branch."""
 
-    place: Recorded
+    point: PathPoint
     index: Int[Array, ""]
 
 
@@ -172,7 +171,7 @@ def entry_of(way: Way, walk: Walk) -> tuple[Entry, Turn]:
         return state_at(contact, load.at(way.curve.value(at)), at.gap)
 
     here, equilibrium = stride.here, state(stride.turn)
-    entry = Entry(place_of(contact, state(here.at), way.curve.value(here.at)), stride.index)
+    entry = Entry(point_of(contact, state(here.at), way.curve.value(here.at)), stride.index)
     size = jnp.sqrt(jnp.sum(here.tangent.gap**2))
     mode = here.tangent.gap / jnp.where(size > 0, size, 1)
     return entry, Turn(equilibrium.load, stride.kind, equilibrium, mode, walk.count - 1)
