@@ -163,7 +163,7 @@ def next_step(programme: Programme, walk: Progress) -> TrialStep:
     moves = here.value != walk.last.value
     is_foreseen = ~walk.is_apart & ~is_final & moves & programme.finds_all
     least = jnp.where(is_foreseen, _least_potential(programme, walk, change), -jnp.inf)
-    start = programme.start(value, walk.part, gap)
+    start = programme.start(value, gap)
     return TrialStep(value, length, start, least, is_end, is_final)
 
 
@@ -194,7 +194,7 @@ def _outcome_of(
     is_smooth = is_together & ((error <= 1) | (aim.is_final & (loss <= least)))
     is_pulled = (result == RESULTS.pulled_off) & ~walk.is_apart
     is_jump = ~is_smooth & aim.is_final & (is_together | is_pulled)
-    control = programme.contact.control(programme.at(value, walk.part))
+    control = programme.contact.control(programme.at(value))
     touches = walk.is_apart & is_found & control.presses
     return StepOutcome(
         dissipation=here.potential + change * new.force - new.potential,

@@ -5,7 +5,6 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.batching import by_entries
@@ -65,20 +64,19 @@ class Programme(eqx.Module):
         turns = self.load.value
         return jnp.maximum((jnp.max(turns) - jnp.min(turns)) / _NUM_STEPS, self.resolution)
 
-    def at(self, value: Scalar, part: Int[Array, ""]) -> Load:
-        """Return the load at a value on a part of the programme."""
-        return jax.tree.map(lambda leaf: leaf[part], self.load).at(value)
+    def at(self, value: Scalar) -> Load:
+        """Return the load at a value; all else of it is the same all along."""
+        return self.load[0].at(value)
 
-    def start(self, value: Scalar, part: Int[Array, ""], gap: Field) -> Field:
+    def start(self, value: Scalar, gap: Field) -> Field:
         """Return a gap, disturbed and brought under a load, from which to seek an equilibrium."""
         # Contact points stay where they are.
         disturbed = jnp.where(gap > 0, jnp.maximum(gap + self.disturbance, 0), 0)
-        return started(self.contact, self.at(value, part), disturbed)
+        return started(self.contact, self.at(value), disturbed)
 
     def state(
         self,
         value: Scalar,
-        part: Int[Array, ""],
         start: Field,
         least_potential: ArrayLike = -jnp.inf,
         is_final: ArrayLike = False,
@@ -88,7 +86,7 @@ class Programme(eqx.Module):
         Once the potential falls below the least, the search ends without a result; one that is
         final may lead down to another branch.
         """
-        contact, load = self.contact, self.at(value, part)
+        contact, load = self.contact, self.at(value)
         control = contact.control(load)
         # Where the mean gap is held, no long step draws the surfaces apart.
         longest = (

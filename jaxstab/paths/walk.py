@@ -40,8 +40,8 @@ def begin(stores: Stores[Jumps], programme: Programme, start: Field | None) -> P
     contact, turns, none = programme.contact, programme.load.value, jnp.array(0)
     if start is None:
         start = contact.control(programme.load[0]).starting_gap(contact.heights)
-    start = programme.start(turns[0], none, jnp.maximum(start, 0))
-    here, result = programme.state(turns[0], none, start)
+    start = programme.start(turns[0], jnp.maximum(start, 0))
+    here, result = programme.state(turns[0], start)
     span = jnp.max(turns) - jnp.min(turns)
     zero = jnp.zeros_like(span)
     is_passable = jnp.isfinite(span) & (programme.resolution > 0)
@@ -75,7 +75,7 @@ def go_on(
     def step(carry: Carry) -> Carry:
         walk, number = carry
         aim = next_step(programme, walk)
-        state = programme.state(aim.value, walk.part, aim.start, aim.least_potential, aim.is_final)
+        state = programme.state(aim.value, aim.start, aim.least_potential, aim.is_final)
         return apply_step(programme, walk, aim, *state), number + 1
 
     return jax.lax.while_loop(goes_on, step, (walk, jnp.array(0)))[0]
