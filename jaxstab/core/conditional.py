@@ -26,6 +26,11 @@ def if_needed(is_needed: ArrayLike, compute: Callable[[], Out], otherwise: Out) 
     return compute() if is_needed else otherwise
 
 
+def choose(condition: Array, one: Out, other: Out) -> Out:
+    """Return one of two trees of arrays; both are computed."""
+    return jax.tree.map(partial(jnp.where, condition), one, other)
+
+
 def either(
     is_first: ArrayLike, first: Callable[..., Out], second: Callable[..., Out], *args: Array
 ) -> Out:
@@ -38,7 +43,7 @@ def either(
         return (first if is_first else second)(*args)
 
     def both(*args: Array) -> Out:
-        return jax.tree.map(partial(jnp.where, is_first), first(*args), second(*args))
+        return choose(is_first, first(*args), second(*args))
 
     return on_platform(partial(jax.lax.cond, is_first, first, second), both, *args)
 
@@ -61,7 +66,7 @@ def first_good(compute: Callable[..., Out], is_good: Callable[[Out], Array], num
         count, first = state
         found = compute(count)
         is_kept = (count == 0) | is_good(found)
-        return count + 1, jax.tree.map(partial(jnp.where, is_kept), found, first)
+        return count + 1, choose(is_kept, found, first)
 
     zero = jnp.array(0)
     like = jax.eval_shape(compute, zero)

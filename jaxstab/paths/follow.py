@@ -32,9 +32,9 @@ from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.curve.limit_derivatives import differentiable_value
 from jaxstab.paths.path import Jump, Path, PathInterrupted
 from jaxstab.paths.programme import DISTURBANCE, Programme, programme_of
-from jaxstab.paths.record import Event, Room, Table
+from jaxstab.paths.record import Room
 from jaxstab.paths.recorded_path import Recording, path_of, path_with_room
-from jaxstab.paths.walk import Stores, travel, travelled
+from jaxstab.paths.walk import travel, travelled
 
 # States and jumps of a batch.
 _ROOM = 32, 2
@@ -148,11 +148,10 @@ def _search(
 ) -> Path:
     programme = programme_of(contact, load, least, noise, share, finds_all=True)
     is_alone = not is_traced((programme, start))
-    num_states, num_jumps = _ROOM if is_alone else sizes
-    stores = Stores(Room(num_states, fields), Room(num_jumps))
+    room = Room(*(_ROOM if is_alone else sizes), fields)
     if is_alone:
-        return _known_path(stores, programme, start)
-    ended = travel(stores, programme, start)
+        return _known_path(room, programme, start)
+    ended = travel(room, programme, start)
     is_short = ended.is_open(programme.load)
     ended = replace(ended, result=RESULTS.where(is_short, RESULTS.store_full, ended.result))
     return path_with_room(ended, contact, load)
@@ -179,13 +178,13 @@ def _undefined(path: Path, _: None, inputs: PyTree, changes: PyTree) -> tuple[Pa
     return jax.tree.map(jnp.zeros_like, path), jnp.array(True)
 
 
-def _known_path(stores: Stores[Table[Event]], programme: Programme, start: Field | None) -> Path:
+def _known_path(room: Room, programme: Programme, start: Field | None) -> Path:
     """Return the path to the end, or until interrupted."""
     recording, was_interrupted = Recording(programme.contact, programme.load), False
     try:
-        travel(stores, programme, start, recording.emptied)
+        travel(room, programme, start, recording.emptied)
     except KeyboardInterrupt:
-        if recording.num_states == 0:
+        if recording.walk is None:
             raise
         was_interrupted = True
     is_cut = bool(recording.walk.is_open(programme.load))

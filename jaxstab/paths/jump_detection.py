@@ -9,20 +9,19 @@ potentials of two states at one load.
 """
 
 from dataclasses import replace
-from functools import partial
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.core.checks import concrete
+from jaxstab.core.conditional import choose
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads import Load
 from jaxstab.paths.programme import Programme
-from jaxstab.paths.record import Count, Event, PathPoint, Strongest, Table
+from jaxstab.paths.record import Event, PathPoint, Strongest, Tables
 
 # A state is sought further on by this factor where the solver fails beyond the end of a branch.
 _FURTHER = 8
@@ -54,11 +53,10 @@ class Bisection(eqx.Module):
         return jnp.isfinite(self.distance)
 
 
-# A store of jumps.
-Jumps = TypeVar("Jumps", Table[Event], Strongest)
+Records = TypeVar("Records", Tables, Strongest)
 
 
-class Progress(eqx.Module, Generic[Jumps]):
+class Progress(eqx.Module, Generic[Records]):
     """Where the path is, and all that it has recorded.
 
     Attributes:
@@ -68,8 +66,9 @@ class Progress(eqx.Module, Generic[Jumps]):
         bisection: for the end of the branch.
         part: the number of the monotone part of the programme.
         is_apart: whether the load has pulled the surfaces apart.
-        states: those recorded.
-        jumps: those recorded.
+        gap: of the last state recorded.
+        num_states: of states recorded.
+        records: these states and the jumps, or the jumps alone.
         result: how it goes.
     """
 
@@ -79,8 +78,9 @@ class Progress(eqx.Module, Generic[Jumps]):
     bisection: Bisection
     part: Int[Array, ""]
     is_apart: Flag
-    states: Table[PathPoint] | Count
-    jumps: Jumps
+    gap: Field
+    num_states: Int[Array, ""]
+    records: Records
     result: RESULTS
 
     def is_open(self, load: Load) -> Flag:
@@ -88,11 +88,6 @@ class Progress(eqx.Module, Generic[Jumps]):
         # NumPy compiles nothing.
         is_before_end = concrete(self.part) < load.value.size - 1
         return is_before_end & concrete(self.result == RESULTS.successful)
-
-    @property
-    def is_full(self) -> Flag:
-        """Return whether there is no room for another state or jump."""
-        return self.states.is_full | self.jumps.is_full
 
 
 class TrialStep(eqx.Module):
@@ -209,8 +204,8 @@ def _outcome_of(
 
 
 def apply_step(
-    programme: Programme, walk: Progress[Jumps], aim: TrialStep, found: PathPoint, result: RESULTS
-) -> Progress[Jumps]:
+    programme: Programme, walk: Progress[Records], aim: TrialStep, found: PathPoint, result: RESULTS
+) -> Progress[Records]:
     """Return the walk after a step, from the state that it led to and how the solver ended."""
     trial = _outcome_of(programme, walk, aim, found, result)
     is_event = trial.is_jump | trial.is_touch
@@ -219,21 +214,23 @@ def apply_step(
     # The loss is unknown where surfaces fall apart, and states of separated ones are not recorded.
     lost = jnp.where(trial.is_pulled | trial.is_touch, jnp.nan, trial.dissipation)
     new = replace(found, dissipation=walk.here.dissipation + jnp.where(is_event, lost, 0))
-    here = _choose(accepts, new, walk.here)
-    last = _choose(accepts, walk.here, walk.last)
-    event = Event(walk.here, here, lost, walk.states.count - 1, trial.is_touch)
+    here = choose(accepts, new, walk.here)
+    last = choose(accepts, walk.here, walk.last)
+    event = Event(walk.here, here, lost, walk.num_states - 1, trial.is_touch)
+    is_state = accepts & ~is_apart
     # The solver may find its way from further on, but not from anywhere.
     has_failed = trial.is_lost & (aim.is_end | (aim.length > programme.longest / _FURTHER))
     bisection = _bisected(programme, walk, aim, trial, accepts, is_event)
     return Progress(
         here=here,
-        last=_choose(is_event, here, last),
+        last=choose(is_event, here, last),
         stride=_stride(programme, walk, aim, trial, is_event, is_apart, accepts & ~bisection.is_on),
         bisection=bisection,
         part=walk.part + (accepts & aim.is_end),
         is_apart=is_apart,
-        states=walk.states.with_entry(here, accepts & ~is_apart),
-        jumps=walk.jumps.with_entry(event, is_event),
+        gap=jnp.where(is_state, here.gap, walk.gap),
+        num_states=walk.num_states + is_state,
+        records=walk.records.with_step(here, is_state, event, is_event),
         result=RESULTS.where(has_failed, result, walk.result),
     )
 
@@ -281,10 +278,6 @@ def _stride(
     stride = jnp.where(is_event, programme.longest / 8, stride)
     stride = jnp.where(is_apart, programme.longest, stride)
     return jnp.where(is_free, stride, walk.stride)
-
-
-def _choose(condition: Flag, one: Any, other: Any) -> Any:
-    return jax.tree.map(partial(jnp.where, condition), one, other)
 
 
 def _nonzero(value: Scalar) -> Scalar:

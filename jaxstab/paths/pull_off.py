@@ -24,8 +24,8 @@ from jaxstab.paths.curve.critical_load import CriticalLoad, critical_load_at
 from jaxstab.paths.curve.limit import Limit, limit_ahead
 from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.programme import DISTURBANCE, Programme, programme_of
-from jaxstab.paths.record import Count, Strongest
-from jaxstab.paths.walk import Stores, travel
+from jaxstab.paths.record import Strongest
+from jaxstab.paths.walk import travel
 
 # Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4
@@ -100,7 +100,7 @@ def pull_off(
 def _search(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
     resolution = _RESOLUTION[contact.heights.dtype.name]
     programme = programme_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, resolution=resolution)
-    ended = travel(Stores(Count.none, Strongest.none), programme, start)
+    ended = travel(Strongest.none, programme, start)
     return jax.block_until_ready(_end(programme, ended))
 
 
@@ -114,10 +114,10 @@ def _pull_off(contact: Contact, load: Load, end: tuple[Limit, Equilibrium]) -> C
 def _end(programme: Programme, ended: Progress[Strongest]) -> tuple[Limit, Equilibrium]:
     """Return the pull-off of a contact that was unloaded, and the state that remains."""
     contact, one = programme.contact, programme.load[0]
-    jump = ended.jumps.event
+    jump = ended.records.event
     before = jump.before
     limit = limit_ahead(contact, one.at(before.value), before.gap, jump.ahead)
-    result = RESULTS.where(ended.jumps.is_found, limit.result, RESULTS.no_jump)
+    result = RESULTS.where(ended.records.is_found, limit.result, RESULTS.no_jump)
     result = RESULTS.where(ended.result == RESULTS.successful, result, ended.result)
     attracts = contact.profile.max_attraction > 0
     result = RESULTS.where(attracts, result, RESULTS.no_attraction)

@@ -1,7 +1,7 @@
 """The states and jumps that a walk records, in stores of a bounded size."""
 
-from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from dataclasses import replace
+from typing import Generic, NamedTuple, Self, TypeVar
 
 import equinox as eqx
 import jax
@@ -10,6 +10,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.checks import concrete
+from jaxstab.core.conditional import choose
 from jaxstab.core.grid import mean
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import nothing_like
@@ -127,6 +128,17 @@ class Table(eqx.Module, Generic[Row]):
     rows: Row
     count: Int[Array, ""]
 
+    @classmethod
+    def like(cls, entry: Row, size: int, fields: bool = True) -> "Table[Row]":
+        """Return an empty table of entries like one, with or without their fields."""
+
+        def rows(leaf: Array) -> Array:
+            if leaf.ndim > 0 and not fields:
+                return jnp.zeros((size, 0), leaf.dtype)
+            return jnp.broadcast_to(nothing_like(leaf), (size, *leaf.shape))
+
+        return cls(jax.tree.map(rows, entry), jnp.array(0))
+
     @property
     def is_full(self) -> Flag:
         """Return whether there is no room left."""
@@ -151,43 +163,39 @@ class Table(eqx.Module, Generic[Row]):
         return Table(jax.tree.map(put, self.rows, entry), self.count + is_kept)
 
 
-@dataclass(frozen=True)
-class Room:
-    """Room for a number of entries, with or without their fields."""
+class Tables(eqx.Module):
+    """The states and the jumps of a path."""
 
-    size: int
-    fields: bool = True
-
-    def __call__(self, like: Any) -> Any:
-        """Return an empty table of entries like one."""
-
-        def rows(leaf: Array) -> Array:
-            is_field = leaf.ndim > 0
-            if is_field and not self.fields:
-                return jnp.zeros((self.size, 0), leaf.dtype)
-            return jnp.broadcast_to(nothing_like(leaf), (self.size, *leaf.shape))
-
-        return Table(jax.tree.map(rows, like), jnp.array(0))
-
-
-class Count(eqx.Module):
-    """The number of entries, where nothing else of them is kept."""
-
-    count: Int[Array, ""]
-
-    @classmethod
-    def none(cls, like: object) -> "Count":
-        """Return that there is none as yet."""
-        return cls(jnp.array(0))
+    states: Table[PathPoint]
+    jumps: Table[Event]
 
     @property
     def is_full(self) -> Flag:
-        """Return that there is always room for another."""
-        return jnp.array(False)
+        """Return whether there is no room for another state or jump."""
+        return self.states.is_full | self.jumps.is_full
 
-    def with_entry(self, entry: object, is_kept: Flag) -> "Count":
-        """Return the number with an entry, if it is counted."""
-        return Count(self.count + is_kept)
+    def with_step(self, point: PathPoint, is_state: Flag, event: Event, is_jump: Flag) -> "Tables":
+        """Return the tables with the state and the jump of a step, as far as there are any."""
+        return Tables(
+            self.states.with_entry(point, is_state), self.jumps.with_entry(event, is_jump)
+        )
+
+    def emptied(self) -> "Tables":
+        """Return tables of the same size without entries."""
+        return Tables(self.states.emptied(), self.jumps.emptied())
+
+
+class Room(NamedTuple):
+    """Room for the states and the jumps of a path, with or without the gaps of the states."""
+
+    num_states: int
+    num_jumps: int
+    fields: bool
+
+    def __call__(self, like: Event) -> Tables:
+        """Return empty tables for jumps like one."""
+        states = Table.like(like.before, self.num_states, self.fields)
+        return Tables(states, Table.like(like, self.num_jumps))
 
 
 class Strongest(eqx.Module):
@@ -211,9 +219,8 @@ class Strongest(eqx.Module):
         """Return that there is always room for another."""
         return jnp.array(False)
 
-    def with_entry(self, event: Event, is_kept: Flag) -> "Strongest":
-        """Return the stronger one of this and another that is kept, if that is no touch."""
+    def with_step(self, point: PathPoint, is_state: Flag, event: Event, is_jump: Flag) -> Self:
+        """Return the stronger one of this and the jump of a step, if that is no touch."""
         tension = -event.before.mean_pressure
-        is_stronger = is_kept & ~event.is_touch & (tension > self.tension)
-        new = Strongest(event, tension)
-        return jax.tree.map(lambda one, other: jnp.where(is_stronger, one, other), new, self)
+        is_stronger = is_jump & ~event.is_touch & (tension > self.tension)
+        return choose(is_stronger, Strongest(event, tension), self)

@@ -21,7 +21,7 @@ from jaxstab.paths.curve.limit import limit_ahead
 from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.path import Jump, Path
-from jaxstab.paths.record import Event, PathPoint, Table, states_along
+from jaxstab.paths.record import Event, PathPoint, Tables, states_along
 
 # Tables of states have multiples of this size, so that one program serves many lengths.
 _ROOM = 1024
@@ -38,8 +38,8 @@ class Recording:
     Attributes:
         contact: the contact, in units of its own.
         load: the turning points.
-        walk: where it is, with empty tables.
-        states: the parts of the table of states.
+        walk: where it is, with empty tables; None before its first state.
+        points: the parts of the table of states.
         events: the jumps, as they were detected.
         jumps: the jumps with the ends of their branches, as far as these are located.
     """
@@ -47,24 +47,17 @@ class Recording:
     def __init__(self, contact: Contact, load: Load) -> None:
         self.contact, self.load = contact, load
         self.walk: Any = None
-        self.states: list[PathPoint] = []
+        self.points: list[PathPoint] = []
         self.events: list[Event] = []
         self.jumps: list[Jump] = []
 
-    @property
-    def num_states(self) -> int:
-        """The number of states that are recorded."""
-        return sum(len(part.value) for part in self.states)
-
-    def emptied(self, walk: Progress[Table[Event]]) -> Progress[Table[Event]]:
+    def emptied(self, walk: Progress[Tables]) -> Progress[Tables]:
         """Return a walk with empty tables, whose states and jumps are taken out."""
-        assert isinstance(walk.states, Table)
-        before, jumps = self.num_states, walk.jumps.entries()
-        for i in range(len(jumps.state)):
-            event = jax.tree.map(lambda leaf, i=i: leaf[i], jumps)
-            self.events.append(replace(event, state=event.state + before))
-        self.states.append(walk.states.entries())
-        self.walk = replace(walk, states=walk.states.emptied(), jumps=walk.jumps.emptied())
+        events = walk.records.jumps.entries()
+        for i in range(len(events.state)):
+            self.events.append(jax.tree.map(lambda leaf, i=i: leaf[i], events))
+        self.points.append(walk.records.states.entries())
+        self.walk = replace(walk, records=walk.records.emptied())
         self.locate_ends()
         return self.walk
 
@@ -77,24 +70,22 @@ class Recording:
 
 @program
 @by_entries
-def path_with_room(ended: Progress[Table[Event]], contact: Contact, load: Load) -> Path:
+def path_with_room(walk: Progress[Tables], contact: Contact, load: Load) -> Path:
     """Return the path of a contact under a programme of loads.
 
     Only the first entries are of states, and of jumps, as many as the walk has recorded.
     """
-    rows = ended.jumps.rows
-    jumps = jax.lax.map(partial(_jump, contact, load[0]), rows)
-    last = jax.tree.map(lambda leaf: leaf[ended.jumps.count - 1], rows)
-    return Path(jumps=jumps, **_states(ended, last, contact, load))
+    jumps = jax.lax.map(partial(_jump, contact, load[0]), walk.records.jumps.rows)
+    return replace(_path(walk, walk.records.states.rows, contact, load[0]), jumps=jumps)
 
 
 def path_of(record: Recording) -> Path:
     """Return the path as `path_with_room` does, from the records on the way."""
-    contact, load = record.contact, record.load
-    walk, number = record.walk, record.num_states
-    none = jax.tree.map(lambda leaf: leaf[0], walk.jumps.rows)
+    contact, one, walk = record.contact, record.load[0], record.walk
+    number = int(walk.num_states)
+    none = jax.tree.map(lambda leaf: leaf[0], walk.records.jumps.rows)
     record.locate_ends()
-    like = [*record.jumps, jax.eval_shape(_jump_alone, contact, load[0], none)][0]
+    like = [*record.jumps, jax.eval_shape(_jump_alone, contact, one, none)][0]
     room = _ROOM * max(-(-number // _ROOM), 1)
 
     def padded(*parts: np.ndarray) -> np.ndarray:
@@ -103,14 +94,11 @@ def path_of(record: Recording) -> Path:
         rest = np.full((room - len(rows), *rows.shape[1:]), np.nan, rows.dtype)
         return np.concatenate([rows, rest])
 
-    states = Table(jax.tree.map(padded, *record.states), walk.states.count + number)
-    last = [none, *record.events][-1]
-    parts = _states_alone(replace(walk, states=states, jumps=None), last, contact, load)
-    for name in ("load", "equilibrium"):
-        parts[name] = first_entries(parts[name], number)
-    gaps = np.concatenate([part.gap for part in record.states])
-    states = replace(parts["equilibrium"], gap=jax.device_put(gaps) if gaps.size else None)
-    return Path(jumps=stacked(record.jumps, like), **parts | {"equilibrium": states})
+    path = _path_alone(walk, jax.tree.map(padded, *record.points), contact, one)
+    load, states = (first_entries(part, number) for part in (path.load, path.equilibrium))
+    gaps = np.concatenate([part.gap for part in record.points])
+    states = replace(states, gap=jax.device_put(gaps) if gaps.size else None)
+    return replace(path, load=load, equilibrium=states, jumps=stacked(record.jumps, like))
 
 
 def _jump(contact: Contact, one: Load, event: Event) -> Jump:
@@ -139,32 +127,30 @@ def _jump(contact: Contact, one: Load, event: Event) -> Jump:
     )
 
 
-def _states(ended: Progress[Any], last: Event, contact: Contact, load: Load) -> dict[str, Any]:
-    """Return all of a path but its jumps, by name, given the last of them."""
-    assert isinstance(ended.states, Table)
-    points, end = ended.states.rows, ended.here
+def _path(walk: Progress[Tables], points: PathPoint, contact: Contact, one: Load) -> Path:
+    """Return the path of a walk through points, without its jumps."""
     is_branch = (jnp.diff(points.dissipation) == 0) & jnp.isfinite(points.value[1:])
     unlocated, error = _unlocated_loss(points, is_branch)
-    along, recorded = states_along(contact, load[0], points)
     # The sum of many terms, each as large as the energies, is rounded.
     sizes = jnp.where(is_branch, jnp.abs(points.potential[1:]), 0)
     rounding = _ROUNDING * jnp.finfo(sizes.dtype).eps * jnp.sum(sizes)
-    gains = (ended.result == RESULTS.successful) & (unlocated < -error - rounding)
-    return {
-        "load": along,
-        "equilibrium": recorded,
-        "work": end.stored - points.stored[0] + end.dissipation,
-        "dissipation": end.dissipation,
-        "result": RESULTS.where(gains, RESULTS.unbalanced_work, ended.result),
-        "unlocated": unlocated,
-        "unlocated_error": error,
-        # A surface that was pulled apart has no state after the last one recorded.
-        "last_gap": jnp.where(ended.is_apart, last.before.gap, end.gap),
-    }
+    gains = (walk.result == RESULTS.successful) & (unlocated < -error - rounding)
+    load, states = states_along(contact, one, points)
+    return Path(
+        load=load,
+        equilibrium=states,
+        jumps=None,
+        work=walk.here.stored - points.stored[0] + walk.here.dissipation,
+        dissipation=walk.here.dissipation,
+        result=RESULTS.where(gains, RESULTS.unbalanced_work, walk.result),
+        unlocated=unlocated,
+        unlocated_error=error,
+        last_gap=walk.gap,
+    )
 
 
 _jump_alone = program(_jump)
-_states_alone = program(_states)
+_path_alone = program(_path)
 
 
 def _unlocated_loss(points: PathPoint, is_branch: Bool[Array, " steps"]) -> tuple[Scalar, Scalar]:

@@ -6,7 +6,6 @@
 from collections.abc import Callable
 from functools import partial
 from time import perf_counter
-from typing import Generic, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,24 +18,20 @@ from jaxstab.core.progress import advance_to
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.loads import Load
-from jaxstab.paths.jump_detection import Bisection, Jumps, Progress, apply_step, next_step
+from jaxstab.paths.jump_detection import Bisection, Progress, Records, apply_step, next_step
 from jaxstab.paths.programme import Programme
-from jaxstab.paths.record import Count, Event, PathPoint, Table
+from jaxstab.paths.record import Event
 
 _BATCH_SECONDS, _BATCH_STEPS = 0.5, 1024
 
-States = Table[PathPoint] | Count
 
+def _first(
+    store: Callable[[Event], Records], programme: Programme, start: Field | None
+) -> Progress[Records]:
+    """Return a walk at the first turning point, its equilibrium sought from a gap if given.
 
-class Stores(NamedTuple, Generic[Jumps]):
-    """Functions that make an empty store of states, and of jumps, like one of them."""
-
-    states: Callable[[PathPoint], States]
-    jumps: Callable[[Event], Jumps]
-
-
-def begin(stores: Stores[Jumps], programme: Programme, start: Field | None) -> Progress[Jumps]:
-    """Return a walk at the first turning point, its equilibrium sought from a gap if given."""
+    The store makes empty records of jumps like one, and of their states.
+    """
     contact, turns, none = programme.contact, programme.load.value, jnp.array(0)
     if start is None:
         start = contact.control(programme.load[0]).starting_gap(contact.heights)
@@ -46,30 +41,42 @@ def begin(stores: Stores[Jumps], programme: Programme, start: Field | None) -> P
     zero = jnp.zeros_like(span)
     is_passable = jnp.isfinite(span) & (programme.resolution > 0)
     is_endless = (result == RESULTS.successful) & ~is_passable
+    yes, no = jnp.array(True), jnp.array(False)
+    event = Event(here, here, zero, none, no)
     return Progress(
         here=here,
         last=here,
         stride=programme.longest / 8,
         bisection=Bisection(zero + jnp.inf, zero, programme.resolution),
         part=none,
-        is_apart=jnp.array(False),
-        states=stores.states(here).with_entry(here, jnp.array(True)),
-        jumps=stores.jumps(Event(here, here, zero, none, jnp.array(False))),
+        is_apart=no,
+        gap=here.gap,
+        num_states=none + 1,
+        records=store(event).with_step(here, yes, event, no),
         # Towards a load that is no number, or from zero to zero, no step would ever end.
         result=RESULTS.where(is_endless, RESULTS.infeasible_load, result),
     )
 
 
-def go_on(
-    programme: Programme, walk: Progress[Jumps], num_steps: ArrayLike | None = None
-) -> Progress[Jumps]:
+@partial(program, static_argnums=0)
+def _begin(
+    store: Callable[[Event], Records], programme: Programme, start: Field | None
+) -> Progress[Records]:
+    return by_entries(partial(_first, store))(programme, start)
+
+
+@program
+@by_entries
+def _go_on(
+    programme: Programme, walk: Progress[Records], num_steps: ArrayLike | None = None
+) -> Progress[Records]:
     """Return a walk after a number of steps more, where its room is full, or at its end."""
 
-    Carry = tuple[Progress[Jumps], Int[Array, ""]]
+    Carry = tuple[Progress[Records], Int[Array, ""]]
 
     def goes_on(carry: Carry) -> Flag:
         walk, number = carry
-        is_open = walk.is_open(programme.load) & ~walk.is_full
+        is_open = walk.is_open(programme.load) & ~walk.records.is_full
         return is_open if num_steps is None else is_open & (number < num_steps)
 
     def step(carry: Carry) -> Carry:
@@ -82,17 +89,17 @@ def go_on(
 
 
 def travel(
-    stores: Stores[Jumps],
+    store: Callable[[Event], Records],
     programme: Programme,
     start: Field | None,
-    keep: Callable[[Progress[Jumps]], Progress[Jumps]] = lambda walk: walk,
-) -> Progress[Jumps]:
+    keep: Callable[[Progress[Records]], Progress[Records]] = lambda walk: walk,
+) -> Progress[Records]:
     """Return a walk at its end; outside of a trace in batches, inside of one if it has room.
 
     The first equilibrium is sought from the start. The bar shows the part of the way that is done,
     in per cent. The records can be taken out after each batch, of about a second.
     """
-    walk = keep(_begin(stores, programme, start))
+    walk = keep(_begin(store, programme, start))
     if is_traced((programme, start)):
         return _go_on(programme, walk, None)
     num_steps = 1
@@ -105,14 +112,6 @@ def travel(
         if perf_counter() - begun < _BATCH_SECONDS:
             num_steps = min(2 * num_steps, _BATCH_STEPS)
     return walk
-
-
-@partial(program, static_argnums=0)
-def _begin(stores: Stores[Jumps], programme: Programme, start: Field | None) -> Progress[Jumps]:
-    return by_entries(partial(begin, stores))(programme, start)
-
-
-_go_on = program(by_entries(go_on))
 
 
 @jax.jit

@@ -33,7 +33,7 @@ from jaxstab.paths.curve.branch import Branch, Turn
 from jaxstab.paths.curve.march import Entry, Task, Walk, begin, entry_of, is_same, next_walk
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.path import PathInterrupted
-from jaxstab.paths.record import Room, Table, states_along
+from jaxstab.paths.record import Table, states_along
 
 # Turns that there is room for under JAX transformations.
 _MAX_TURNS = 16
@@ -179,8 +179,8 @@ def _traced(number: int, fields: bool, is_state: bool, task: Task) -> Branch:
     way = task.way(walk.longest)
     span = jnp.abs(way.last - way.first)
     entry, turn = entry_of(way, walk)
-    states = Room(number, fields)(entry).with_entry(entry, jnp.array(True))
-    turns = Room(_MAX_TURNS)(turn)
+    states = Table.like(entry, number, fields).with_entry(entry, jnp.array(True))
+    turns = Table.like(turn, _MAX_TURNS)
 
     def further(state: tuple[Walk, Table, Table]) -> tuple[Walk, Table, Table]:
         walk, states, turns = state

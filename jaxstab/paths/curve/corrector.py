@@ -15,9 +15,10 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core import model
+from jaxstab.core.conditional import choose
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
-from jaxstab.paths.curve.curve import TANGENT_ACCURACY, Curve, Forces, Place, Point, choose
+from jaxstab.paths.curve.curve import TANGENT_ACCURACY, Curve, Forces, Place, Point
 
 # The residual at which a point counts as found, and how well a step is solved for.
 TOLERANCE = {"float64": 1e-9, "float32": 1e-4}

@@ -5,9 +5,6 @@ unknown these are curves, which no load is a part of: a load only says where on 
 smooth where the free points stay the same, and have corners where one touches or lets go.
 """
 
-from functools import partial
-from typing import TypeVar
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -27,14 +24,6 @@ _MAX_RESTARTS = 10
 _LEAST_SCALE = 1e-2
 # This part of the largest attraction is taken for none.
 _HARDLY_ANY = 1e-3
-
-
-Tree = TypeVar("Tree")
-
-
-def choose(condition: Flag, one: Tree, other: Tree) -> Tree:
-    """Return one of two trees."""
-    return jax.tree.map(partial(jnp.where, condition), one, other)
 
 
 class Point(eqx.Module):

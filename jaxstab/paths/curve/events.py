@@ -9,9 +9,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jaxstab.core.conditional import choose
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.paths.curve.corrector import Correction, at_corner, correct, on_plane
-from jaxstab.paths.curve.curve import Curve, Place, Point, choose
+from jaxstab.paths.curve.curve import Curve, Place, Point
 
 # Points tie that change sides within this part of the distance to the first of them.
 _TIE = 1e-6

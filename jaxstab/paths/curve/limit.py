@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
-from jaxstab.core.conditional import first_good
+from jaxstab.core.conditional import choose, first_good
 from jaxstab.core.grid import mean
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
@@ -20,7 +20,7 @@ from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.loads import Load
 from jaxstab.paths.curve.corrector import TOLERANCE, Correction, at_corner, correct, on_plane
-from jaxstab.paths.curve.curve import Curve, Place, Point, Way, choose
+from jaxstab.paths.curve.curve import Curve, Place, Point, Way
 from jaxstab.paths.curve.march import (
     SHORTEST,
     Walk,

@@ -5,12 +5,11 @@ points following at no cost. Both do no work to first order, and A x = 0 on the 
 r the net pressure, dl = -(x.dr) / (x.dr/dl).
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
+from jaxstab.core.conditional import choose
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import attach, finite, pushed
 from jaxstab.core.linear_system import LinearSystem
@@ -112,7 +111,7 @@ def _changes_of_limit(
         direction = opening(contact, load, gap, limit.point)
         return moved(direction, free_system(contact, control, gap), is_release)
 
-    change, move = jax.tree.map(partial(jnp.where, is_release), released(), folded())
+    change, move = choose(is_release, released(), folded())
     return (change, shift + move), is_undefined
 
 

@@ -22,6 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Block
+from jaxstab.core.conditional import choose
 from jaxstab.core.types import Flag, Mask, Scalar
 from jaxstab.paths.curve.between import (
     Cubics,
@@ -31,7 +32,7 @@ from jaxstab.paths.curve.between import (
     turns_as_said,
 )
 from jaxstab.paths.curve.corrector import Correction, at_corner, correct, on_plane
-from jaxstab.paths.curve.curve import Place, Point, Way, choose
+from jaxstab.paths.curve.curve import Place, Point, Way
 from jaxstab.paths.curve.events import (
     Corners,
     behind,
