@@ -33,7 +33,7 @@ from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, require_loads, require_same_machine
 from jaxstab.paths.curve.critical_load import CriticalLoad, critical_load_at
 from jaxstab.paths.curve.limit import Limit, limit_of
-from jaxstab.paths.curve.march import Task, begin_at
+from jaxstab.paths.curve.march import begin
 from jaxstab.paths.energy import own_energy, supply_of
 from jaxstab.paths.kinds import KINDS
 
@@ -224,12 +224,11 @@ def _limit_from(contact: Contact, loads: Load, found: Equilibrium, is_first: Arr
     An unstable state is on no stable branch. Behind a release that loses next to nothing it means
     that the next branch was not found.
     """
-    task = Task(contact, loads, None, None, None)
-    walk = begin_at(found, task, to_limit=True)
+    way, walk = begin(contact, loads, found, to_limit=True)
     unstable = RESULTS.where(jnp.asarray(is_first), RESULTS.no_fold, RESULTS.lost_branch)
     stable = RESULTS.where(walk.stride.index == 0, RESULTS.successful, unstable)
     result = RESULTS.where(walk.result == RESULTS.successful, stable, walk.result)
-    return limit_of(task.way(walk.longest, to_limit=True), replace(walk, result=result))
+    return limit_of(way, replace(walk, result=result))
 
 
 # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.

@@ -26,17 +26,21 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import stacked
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.warn import warn
-from jaxstab.equilibrium.equilibrate import posed
+from jaxstab.equilibrium import PreconditionedConjugateGradient, SaddleNewton
+from jaxstab.equilibrium.equilibrate import find, posed
 from jaxstab.equilibrium.equilibrium import State
 from jaxstab.loads import Load, require_loads, require_same_machine
 from jaxstab.paths.curve.branch import Branch, Turn
-from jaxstab.paths.curve.march import Entry, Task, Walk, begin, entry_of, is_same, next_walk
+from jaxstab.paths.curve.curve import Way
+from jaxstab.paths.curve.march import Entry, Walk, begin, entry_of, is_same, next_walk
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.path import PathInterrupted
 from jaxstab.paths.record import Table, states_along
 
 # Turns that there is room for under JAX transformations.
 _MAX_TURNS = 16
+# A branch at its first state, and its turn as if it had one.
+Begun = tuple[Way, Walk, Entry, Turn]
 
 
 def continuation(
@@ -125,22 +129,25 @@ def _search(
     start: Field | None,
     steps: list[Scalar | None],
 ) -> Branch:
-    task = Task(contact, load, start, *steps)
-    if is_traced(task):
-        return by_entries(partial(_traced, number, fields, is_state))(task)
-    return _eager(number, fields, is_state, task)
+    inputs = contact, load, start, steps
+    if is_traced(inputs):
+        traced = by_entries(lambda *inputs: _traced(number, fields, _begun(is_state, *inputs)))
+        return traced(*inputs)
+    return _eager(number, fields, _begun(is_state, *inputs))
 
 
 @partial(program, static_argnums=0)
-def _begun(is_state: bool, task: Task) -> tuple[Walk, Entry, Turn]:
-    walk = begin(is_state, task)
-    return walk, *entry_of(task.way(walk.longest), walk)
+def _begun(
+    is_state: bool, contact: Contact, load: Load, start: Field | None, steps: list[Scalar | None]
+) -> Begun:
+    solver = SaddleNewton() if is_state else PreconditionedConjugateGradient()
+    way, walk = begin(contact, load, find(contact, load[0], solver, start), *steps)
+    return way, walk, *entry_of(way, walk)
 
 
 @program
-def _gone_on(task: Task, walk: Walk) -> tuple[Walk, Entry, Turn]:
+def _gone_on(way: Way, walk: Walk) -> tuple[Walk, Entry, Turn]:
     """Return a branch after the next new state, which it also returns, or at its end."""
-    way = task.way(walk.longest)
     fresh = replace(walk, stride=replace(walk.stride, is_new=jnp.array(False)))
     ended = jax.lax.while_loop(
         lambda walk: walk.is_on & ~walk.stride.is_new, partial(next_walk, way), fresh
@@ -148,46 +155,40 @@ def _gone_on(task: Task, walk: Walk) -> tuple[Walk, Entry, Turn]:
     return ended, *entry_of(way, ended)
 
 
-def _eager(number: int, fields: bool, is_state: bool, task: Task) -> Branch:
+def _eager(number: int, fields: bool, begun: Begun) -> Branch:
     """Return a branch to its end, or until interrupted, state by state."""
-    walk, entry, like = _begun(is_state, task)
+    way, walk, entry, like = begun
     entries, turns = [_kept(entry, fields)], []
-    span = jnp.abs(task.loads.value[1] - task.loads.value[0])
     try:
         while walk.is_on and len(entries) < number:
-            walk, entry, turn = jax.block_until_ready(_gone_on(task, walk))
+            walk, entry, turn = jax.block_until_ready(_gone_on(way, walk))
             if walk.stride.is_new:
                 entries.append(_kept(entry, fields))
                 advance_if_known(entry)
                 if walk.stride.turns:
-                    if any(is_same(turn, other, span) for other in turns):
+                    if any(is_same(way, turn, other) for other in turns):
                         walk = replace(walk, end=KINDS.loop)
                     turns.append(turn)
     except KeyboardInterrupt:
         warn(f"The branch was interrupted after {len(entries)} states.", PathInterrupted)
         walk = replace(walk, result=RESULTS.interrupted)
-    return _branch(task, walk, stacked(entries, entry), stacked(turns, like))
+    return _branch(way, walk, stacked(entries, entry), stacked(turns, like))
 
 
 def _kept(entry: Entry, fields: bool) -> Entry:
     return entry if fields else replace(entry, point=replace(entry.point, gap=jnp.zeros((0,))))
 
 
-def _traced(number: int, fields: bool, is_state: bool, task: Task) -> Branch:
+def _traced(number: int, fields: bool, begun: Begun) -> Branch:
     """Return a branch in room for a number of states, within a program."""
-    walk = begin(is_state, task)
-    way = task.way(walk.longest)
-    span = jnp.abs(way.last - way.first)
-    entry, turn = entry_of(way, walk)
+    way, walk, entry, turn = begun
     states = Table.like(entry, number, fields).with_entry(entry, jnp.array(True))
-    turns = Table.like(turn, _MAX_TURNS)
 
     def further(state: tuple[Walk, Table, Table]) -> tuple[Walk, Table, Table]:
         walk, states, turns = state
-        walk = next_walk(way, walk)
-        entry, turn = entry_of(way, walk)
+        walk, entry, turn = _gone_on(way, walk)
         is_turn = walk.stride.is_new & walk.stride.turns
-        is_loop = is_turn & is_same(turn, turns.rows, span)
+        is_loop = is_turn & is_same(way, turn, turns.rows)
         walk = replace(walk, end=KINDS.where(is_loop, KINDS.loop, walk.end))
         states = states.with_entry(entry, walk.stride.is_new)
         return walk, states, turns.with_entry(turn, is_turn)
@@ -195,16 +196,17 @@ def _traced(number: int, fields: bool, is_state: bool, task: Task) -> Branch:
     def goes_on(state: tuple[Walk, Table, Table]) -> Flag:
         return state[0].is_on & ~state[1].is_full & ~state[2].is_full
 
-    walk, states, turns = jax.lax.while_loop(goes_on, further, (walk, states, turns))
+    start = walk, states, Table.like(turn, _MAX_TURNS)
+    walk, states, turns = jax.lax.while_loop(goes_on, further, start)
     is_cut = walk.is_on & turns.is_full & ~states.is_full
     walk = replace(walk, result=RESULTS.where(is_cut, RESULTS.store_full, walk.result))
-    return _branch(task, walk, states.rows, turns.rows)
+    return _branch(way, walk, states.rows, turns.rows)
 
 
-def _branch(task: Task, walk: Walk, entries: Entry, turns: Turn) -> Branch:
+def _branch(way: Way, walk: Walk, entries: Entry, turns: Turn) -> Branch:
     is_unclear = (walk.end == KINDS.lost) | (walk.end == KINDS.uncertain)
     result = RESULTS.where(is_unclear, RESULTS.lost_branch, walk.result)
-    load, states = states_along(task.contact, task.loads[0], entries.point)
+    load, states = states_along(way.curve.contact, way.curve.load, entries.point)
     return Branch(load, states, entries.index, turns, walk.end, result)
 
 

@@ -251,7 +251,7 @@ class Place(eqx.Module):
 
 
 class Way(eqx.Module):
-    """A curve, the values of the load that begin and end a branch, and the longest step on it.
+    """A curve, the values of the load that begin and end a branch, and the limits of steps on it.
 
     One to a limit ends with its first unstable state: of negative eigenvalues only few are counted.
     """
@@ -260,6 +260,7 @@ class Way(eqx.Module):
     first: Scalar
     last: Scalar
     longest: Scalar
+    shortest: Scalar
     to_limit: bool = eqx.field(static=True, default=False)
 
     def is_beyond(self, at: Point) -> Flag:

@@ -120,7 +120,7 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
     sign = jnp.sign(ahead)
     row = Point(sign * curve.load_gradient.gap, sign * curve.load_gradient.pressure)
     end = load.value + _LEEWAY * _horizon(load, gap, ahead)
-    way = Way(curve, load.value, end, longest, to_limit=True)
+    way = Way(curve, load.value, end, longest, SHORTEST[dtype.name] * longest, to_limit=True)
 
     def back(number: Array) -> tuple[Place, Flag]:
         closes = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
@@ -144,9 +144,8 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
 
     here, is_found = first_good(back, lambda found: found[1], _NUM_STARTS)
     result = RESULTS.where(is_found, RESULTS.successful, RESULTS.lost_branch)
-    lengths = _FIRST * longest, longest, SHORTEST[dtype.name] * longest
-    unknown = jnp.array(UNKNOWN)
-    limit = limit_of(way, walk_from(here, lengths, unknown, some_modes(gap), result))
+    walk = walk_from(here, _FIRST * longest, jnp.array(UNKNOWN), some_modes(gap), result)
+    limit = limit_of(way, walk)
     residual = contact.balance(contact.control(load))(gap).residual
     result = RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite)
     state = replace(limit, load=load, gap=gap, residual=residual, result=result)
@@ -167,8 +166,7 @@ def _horizon(load: Load, gap: Field, ahead: Scalar) -> Scalar:
 
 def limit_of(way: Way, walk: Walk) -> Limit:
     """Return the limit of a branch that begins so."""
-    dtype = walk.longest.dtype
-    close = _BRACKET[dtype.name] * walk.longest
+    close = _BRACKET[way.longest.dtype.name] * way.longest
 
     def goes_on(march: _March) -> Flag:
         is_open = (march.width > close) & ~(march.is_past & march.after.stride.turns)
@@ -185,7 +183,7 @@ def limit_of(way: Way, walk: Walk) -> Limit:
         width = jnp.where(next_march.is_past, taken, march.width - taken)
         return replace(next_march, width=jnp.where(new.stride.is_new, width, march.width))
 
-    infinite = jnp.full_like(walk.longest, jnp.inf)
+    infinite = jnp.full_like(way.longest, jnp.inf)
     start = _March(walk, walk, infinite, jnp.array(0))
     march = jax.lax.while_loop(goes_on, further, start)
     ended = march.after.end

@@ -10,8 +10,7 @@ from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
-from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient, SaddleNewton
-from jaxstab.equilibrium.equilibrate import find
+from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load
 from jaxstab.paths.curve.branch import Turn
@@ -28,29 +27,12 @@ SHORTEST = {"float64": 1e-7, "float32": 1e-4}
 _SAME = {"float64": 1e-7, "float32": 1e-3}
 
 
-class Task(eqx.Module):
-    """The contact, in units of its own, the two loads, where to start, and the limits of steps."""
-
-    contact: Contact
-    loads: Load
-    start: Field | None
-    max_step: Scalar | None
-    min_step: Scalar | None
-
-    def way(self, longest: Scalar, to_limit: bool = False) -> Way:
-        """Return the curve, its ends, and the longest step on it."""
-        first, last = self.loads.value.astype(self.contact.heights.dtype)
-        return Way(Curve.of(self.contact, self.loads[0]), first, last, longest, to_limit)
-
-
 class Walk(eqx.Module):
     """A branch under way.
 
     Attributes:
         stride: the last step.
         start: where the branch began.
-        longest: the longest step [length].
-        shortest: the shortest step [length].
         count: the number of its states.
         end: why it is followed no more, `KINDS.states` while it is.
         result: the result of the first equilibrium.
@@ -58,8 +40,6 @@ class Walk(eqx.Module):
 
     stride: Stride
     start: Place
-    longest: Scalar
-    shortest: Scalar
     count: Int[Array, ""]
     end: KINDS
     result: RESULTS
@@ -77,48 +57,42 @@ class Entry(eqx.Module):
     index: Int[Array, ""]
 
 
-def begin(is_state: bool, task: Task) -> Walk:
-    """Return a branch at its first state."""
-    solver = SaddleNewton() if is_state else PreconditionedConjugateGradient()
-    return begin_at(find(task.contact, task.loads[0], solver, task.start), task)
-
-
-def begin_at(found: Equilibrium, task: Task, to_limit: bool = False) -> Walk:
-    """Return a branch at its first state, an equilibrium at the first load."""
-    contact, first, values = task.contact, task.loads[0], task.loads.value
+def begin(
+    contact: Contact,
+    loads: Load,
+    found: Equilibrium,
+    max_step: Scalar | None = None,
+    min_step: Scalar | None = None,
+    *,
+    to_limit: bool = False,
+) -> tuple[Way, Walk]:
+    """Return the way between two loads, and a branch at its first state, an equilibrium there."""
     gap, dtype = found.gap, found.gap.dtype
-    at = Point(gap, pressure_of(contact, first, gap))
-    curve = Curve.of(contact, first)
+    at = Point(gap, pressure_of(contact, loads[0], gap))
+    curve = Curve.of(contact, loads[0])
     row = curve.load_gradient
-    span = (values[1] - values[0]).astype(dtype)
+    first, last = loads.value.astype(dtype)
+    span = last - first
     ahead = Point(jnp.sign(span) * row.gap, jnp.sign(span) * row.pressure)
     here = Place(at, gap > 0, curve.tangent(at, gap > 0, ahead))
     speed, size = jnp.abs(row.times(here.tangent)), curve.length(at)
     longest = _LONGEST * jnp.abs(span) / jnp.where(speed > 0, speed, 1)
     longest = jnp.where(size > 0, jnp.minimum(longest, size), longest)
-    if task.max_step is not None:
-        longest = task.max_step.astype(dtype)
-    shortest = SHORTEST[dtype.name] * longest
-    if task.min_step is not None:
-        shortest = task.min_step.astype(dtype)
-    index, modes = index_of(contact, first, gap, some_modes(gap), counts_all=not to_limit)
-    lengths = _FIRST * longest, longest, shortest
-    return walk_from(here, lengths, index, modes, found.result)
+    longest = longest if max_step is None else max_step.astype(dtype)
+    shortest = SHORTEST[dtype.name] * longest if min_step is None else min_step.astype(dtype)
+    index, modes = index_of(contact, loads[0], gap, some_modes(gap), counts_all=not to_limit)
+    way = Way(curve, first, last, longest, shortest, to_limit)
+    return way, walk_from(here, _FIRST * longest, index, modes, found.result)
 
 
 def walk_from(
-    here: Place,
-    lengths: tuple[Scalar, Scalar, Scalar],
-    index: Int[Array, ""],
-    modes: Block,
-    result: RESULTS,
+    here: Place, length: Scalar, index: Int[Array, ""], modes: Block, result: RESULTS
 ) -> Walk:
-    """Return a branch that begins at a place, given its first, longest and shortest step."""
-    first, longest, shortest = lengths
+    """Return a branch that begins at a place with a step of a length."""
     yes, no = jnp.array(True), jnp.array(False)
     expected = jnp.where(index >= 0, index, UNKNOWN)
-    stride = Stride(here, first, index, expected, modes, here.at, KINDS.fold, no, no, no, yes, yes)
-    return Walk(stride, here, longest, shortest, jnp.array(1), KINDS.states, result)
+    stride = Stride(here, length, index, expected, modes, here.at, KINDS.fold, no, no, no, yes, yes)
+    return Walk(stride, here, jnp.array(1), KINDS.states, result)
 
 
 def pressure_of(contact: Contact, load: Load, gap: Field) -> Scalar:
@@ -130,7 +104,7 @@ def pressure_of(contact: Contact, load: Load, gap: Field) -> Scalar:
 def next_walk(way: Way, walk: Walk) -> Walk:
     """Return a branch after a step, which may have been cut."""
     stride = next_stride(way, walk.stride)
-    no_more = stride.length < walk.shortest
+    no_more = stride.length < way.shortest
     unclear = KINDS.where(stride.is_found, KINDS.uncertain, KINDS.lost)
     end = KINDS.where(no_more & ~stride.is_new & ~stride.lands, unclear, KINDS.states)
     # In full contact a load that holds the gap stays where it is, whatever the pressure.
@@ -177,11 +151,11 @@ def entry_of(way: Way, walk: Walk) -> tuple[Entry, Turn]:
     return entry, Turn(equilibrium.load, stride.kind, equilibrium, mode, walk.count - 1)
 
 
-def is_same(one: Turn, other: Turn, span: Scalar) -> Flag:
+def is_same(way: Way, one: Turn, other: Turn) -> Flag:
     """Return whether a turn is one of others: then the branch comes back to where it has been."""
     gap, gaps = one.equilibrium.gap, other.equilibrium.gap
     grid = tuple(range(-gap.ndim, 0))
     close = _SAME[gap.dtype.name]
     is_near = jnp.max(jnp.abs(gap - gaps), axis=grid) <= close * jnp.max(gap)
-    is_near &= jnp.abs(one.load.value - other.load.value) <= close * span
+    is_near &= jnp.abs(one.load.value - other.load.value) <= close * jnp.abs(way.last - way.first)
     return jnp.any(is_near & (one.kind.code == other.kind.code))
