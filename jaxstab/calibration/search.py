@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PyTree
+from jaxtyping import Array, Float, Int
 
 from jaxstab.calibration.least_squares import (
     Chosen,
@@ -17,6 +17,7 @@ from jaxstab.calibration.least_squares import (
     directions,
     minimise,
 )
+from jaxstab.core.conditional import choose, zeros_of
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Flag, Scalar
 
@@ -165,7 +166,7 @@ def search(
         # A finite loss is lower than NaN.
         is_lower = (loss < jnp.inf) & ~(loss >= so_far.best.point.loss)
         is_better = (number == 0) | (may_win & is_lower)
-        best = jax.tree.map(partial(jnp.where, is_better), end, so_far.best)
+        best = choose(is_better, end, so_far.best)
         errors = jnp.sqrt(jnp.diag(directions(problem, best.point, held).covariance))
         weakest = jnp.argmax(jnp.where(is_profiled, errors, -1))
         result = RESULTS.where(is_needed, end.result, RESULTS.not_computed)
@@ -182,8 +183,7 @@ def search(
         )
 
     zero = jnp.zeros_like(problem.start)
-    like = jax.eval_shape(partial(minimise, problem, zero, held, 0))
-    nothing: PyTree = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
+    nothing = zeros_of(partial(minimise, problem, zero, held, 0))
     first = Search(
         guess=nothing.first,
         best=nothing,

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from jaxstab.core.batching import on_platform
 from jaxstab.core.checks import is_traced, is_transformed
@@ -69,6 +69,10 @@ def first_good(compute: Callable[..., Out], is_good: Callable[[Out], Array], num
         return count + 1, choose(is_kept, found, first)
 
     zero = jnp.array(0)
-    like = jax.eval_shape(compute, zero)
-    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
-    return jax.lax.while_loop(goes_on, try_next, (zero, nothing))[1]
+    return jax.lax.while_loop(goes_on, try_next, (zero, zeros_of(compute, zero)))[1]
+
+
+def zeros_of(function: Callable[..., Out], *args: PyTree) -> Out:
+    """Return zeros in the shape of a function's result, which is not computed."""
+    like = jax.eval_shape(function, *args)
+    return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)

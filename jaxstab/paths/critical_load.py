@@ -21,7 +21,7 @@ from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
-from jaxstab.core.conditional import first_good, if_needed
+from jaxstab.core.conditional import first_good, if_needed, zeros_of
 from jaxstab.core.grid import mean
 from jaxstab.core.progress import advance_if_known, advance_to
 from jaxstab.core.results import RESULTS
@@ -198,10 +198,9 @@ def _limit_between(contact: Contact, loads: Load, start: Field | None) -> Limit:
     def goes_on(search: _Search) -> Flag:
         return ~search.is_over & ((last - search.value) * (last - first) > 0)
 
-    like = jax.eval_shape(
+    none = zeros_of(
         lambda: _limit_from(contact, loads, _found(contact, loads[0], last, start), is_first=True)
     )
-    none = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
     search = _Search(none, first, start, jnp.array(0), jnp.array(False))
     search = jax.lax.while_loop(goes_on, next_limit, search)
     is_lost = search.limit.result == RESULTS.lost_branch

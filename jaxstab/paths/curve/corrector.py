@@ -15,7 +15,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core import model
-from jaxstab.core.conditional import choose
+from jaxstab.core.conditional import choose, zeros_of
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.paths.curve.curve import TANGENT_ACCURACY, Curve, Forces, Place, Point
@@ -121,15 +121,6 @@ class Found(eqx.Module):
     is_found: Flag
 
 
-class _Iterate(eqx.Module):
-    at: Point
-    tangent: Point
-    forces: Forces
-    residual: Scalar
-    num_steps: Int[Array, ""]
-    is_done: Flag
-
-
 def correct(
     problem: Correction,
     start: Point,
@@ -152,46 +143,37 @@ def correct(
     close = TOLERANCE[dtype.name] if closely is None else closely
     enough, fine = TOLERANCE[dtype.name], fine or TANGENT_ACCURACY[dtype.name]
 
-    def goes_on(old: _Iterate) -> Flag:
-        return ~old.is_done & jnp.isfinite(old.residual) & (old.num_steps <= _MAX_STEPS)
+    def goes_on(old: Found) -> Flag:
+        return ~old.is_found & jnp.isfinite(old.residual) & (old.num_steps <= _MAX_STEPS)
 
-    def step(old: _Iterate) -> _Iterate:
-        at, follows = old.at, problem.follows
+    def step(old: Found) -> Found:
+        at, follows = old.place.at, problem.follows
         forces = problem.forces(at)
         imbalance, missed = problem.residual(at, forces)
         residual = jnp.maximum(imbalance, jnp.abs(missed))
         falls = residual <= _LEAST_FALL * old.residual
-        is_done = (residual <= close) | ((residual <= enough) & ~falls)
+        is_found = (residual <= close) | ((residual <= enough) & ~falls)
         moves = at.gap > 0, (at.gap > 0) | (forces.net < 0)
-        is_free = jnp.where(follows, jnp.where(is_done, *moves), problem.is_free)
+        is_free = jnp.where(follows, jnp.where(is_found, *moves), problem.is_free)
         direction = curve.scaled(near, is_free, ahead)
         rest = curve.missed_by(direction, forces.curvature, ahead)
         change = curve.solution(
             forces.curvature,
             is_free,
-            choose(is_done, ahead, problem.condition.gradient(curve, forces)),
-            choose(is_done, rest, Point(-forces.net, -missed)),
-            jnp.where(is_done, fine, _ACCURACY),
-            jnp.where(is_done, curve.length(direction), 0),
+            choose(is_found, ahead, problem.condition.gradient(curve, forces)),
+            choose(is_found, rest, Point(-forces.net, -missed)),
+            jnp.where(is_found, fine, _ACCURACY),
+            jnp.where(is_found, curve.length(direction), 0),
         )
         least = jnp.where(follows, 0, -jnp.inf)
         least = jnp.where(curve.contact.has_core, _LEAST_SHARE * at.gap, least)
         gap = jnp.where(is_free, jnp.maximum(at.gap + change.gap, least), 0)
-        moved = Point(gap, at.pressure + change.pressure)
-        tangent = curve.unit(direction.plus(change))
-        return _Iterate(
-            choose(is_done, at, moved),
-            choose(is_done, tangent, near),
-            forces,
-            residual,
-            old.num_steps + ~is_done,
-            is_done,
-        )
+        at = choose(is_found, at, Point(gap, at.pressure + change.pressure))
+        tangent = choose(is_found, curve.unit(direction.plus(change)), near)
+        place = Place(at, problem.free_points(at), tangent)
+        return Found(place, forces, residual, old.num_steps + ~is_found, is_found)
 
     infinite = jnp.full((), jnp.finfo(dtype).max, dtype)
-    like = jax.eval_shape(problem.forces, start)
-    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), like)
-    first = _Iterate(start, near, nothing, infinite, jnp.array(0), jnp.array(False))
-    end = jax.lax.while_loop(goes_on, step, first)
-    place = Place(end.at, problem.free_points(end.at), end.tangent)
-    return Found(place, end.forces, end.residual, end.num_steps, end.is_done)
+    place = Place(start, problem.free_points(start), near)
+    first = Found(place, zeros_of(problem.forces, start), infinite, jnp.array(0), jnp.array(False))
+    return jax.lax.while_loop(goes_on, step, first)

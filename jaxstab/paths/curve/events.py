@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxstab.core.conditional import choose
+from jaxstab.core.conditional import choose, first_good
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.paths.curve.corrector import Correction, at_corner, correct, on_plane
 from jaxstab.paths.curve.curve import Curve, Place, Point
@@ -43,10 +43,6 @@ class Corners(eqx.Module):
     point: Mask
     tied: Mask
 
-    def within(self, length: Scalar) -> Array:
-        """Return how many points change sides within a distance."""
-        return jnp.sum(self.distances <= length)
-
 
 def corners_ahead(curve: Curve, place: Place, shortest: Scalar) -> Corners:
     """Return the corners ahead of a place; those nearer to each other than the shortest tie."""
@@ -66,43 +62,27 @@ def corners_ahead(curve: Curve, place: Place, shortest: Scalar) -> Corners:
     return Corners(forces.net, rate, distances, first, point, tied)
 
 
-def follow(curve: Curve, place: Place, flipped: Mask) -> Flag:
-    """Return whether points that let go open further along a tangent, or are pressed more."""
-    rate = curve.net_rate(curve.contact.curvature(place.at.gap), place.tangent)
-    return jnp.all(jnp.where(flipped, jnp.where(place.is_free, place.tangent.gap, rate) > 0, True))
-
-
 def behind(curve: Curve, at: Place, corners: Corners, opens: Flag) -> tuple[Place, Flag]:
     """Return the place behind a corner, and whether the points that change sides there do so.
 
     All points that tie change sides, or the first alone.
     """
 
-    def flipped(number: Array) -> Mask:
-        return jnp.where(number == 0, corners.tied, corners.point)
-
     # The first has a gap that grows, or a reaction.
     unit = at_corner(curve, corners.point, ~opens, jnp.ones_like(at.at.pressure))
-    forces = curve.forces(at.at, at.is_free)
-    ahead = unit.gradient(curve, forces)
+    ahead = unit.gradient(curve, curve.forces(at.at, at.is_free))
 
     def beyond(number: Array) -> tuple[Place, Flag]:
-        flips = flipped(number)
-        gap = jnp.where(flips, 0, at.at.gap)
+        flips = jnp.where(number == 0, corners.tied, corners.point)
         is_free = at.is_free ^ flips
-        point = Point(gap, at.at.pressure)
+        point = Point(jnp.where(flips, 0, at.at.gap), at.at.pressure)
         place = Place(point, is_free, curve.tangent(point, is_free, ahead, at.tangent))
-        return place, follow(curve, place, flips)
+        rate = curve.net_rate(curve.contact.curvature(point.gap), place.tangent)
+        # Points that let go open further along the tangent, others are pressed more.
+        goes_on = jnp.where(is_free, place.tangent.gap, rate) > 0
+        return place, jnp.all(goes_on | ~flips)
 
-    def goes_on(state: tuple[Array, Place, Flag]) -> Flag:
-        number, _, is_good = state
-        return (number < 2) & ~is_good
-
-    def try_next(state: tuple[Array, Place, Flag]) -> tuple[Array, Place, Flag]:
-        return state[0] + 1, *beyond(state[0])
-
-    start = jnp.array(0), at, jnp.array(False)
-    return jax.lax.while_loop(goes_on, try_next, start)[1:]
+    return first_good(beyond, lambda found: found[1], 2)
 
 
 class _Bracket(eqx.Module):

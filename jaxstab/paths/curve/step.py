@@ -162,7 +162,7 @@ def next_stride(way: Way, stride: Stride) -> Stride:
 def _aim(corners: Corners, old: Place, length: Scalar) -> _Aim:
     """Return the target of the next step: a distance, or the first corner before it."""
     most = most_changes(corners.net.size)
-    number = corners.within(length)
+    number = jnp.sum(corners.distances <= length)
     follows = (number > jnp.sum(corners.tied)) & (most > 1)
     if most > 1:
         length = jnp.minimum(length, jnp.sort(corners.distances.ravel())[most])
