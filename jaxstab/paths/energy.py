@@ -11,9 +11,6 @@ from jaxstab.contact import Contact
 from jaxstab.core.types import Scalar
 from jaxstab.loads import Load
 
-# The part of a loss that may be rounding, in units of the precision.
-_ROUNDING = 16
-
 
 def supply_of(
     contact: Contact, load: Load, mean_gap: Scalar, mean_pressure: Scalar
@@ -40,15 +37,3 @@ def own_energy(contact: Contact) -> Scalar:
         solid.conforming(contact.heights)
     )
     return elastic + contact.area * deepest
-
-
-def smallest_loss(
-    contact: Contact, threshold: Scalar, potential: Scalar, mean_gap: Scalar, mean_pressure: Scalar
-) -> Scalar:
-    """Return the loss from which a jump counts, above rounding.
-
-    That of the gap counts too: under a high pressure it does work.
-    """
-    work = contact.area * mean_pressure * mean_gap
-    rounding = _ROUNDING * jnp.finfo(work.dtype).eps * (jnp.abs(potential) + jnp.abs(work))
-    return jnp.fmax(threshold, rounding)

@@ -134,6 +134,16 @@ class StepOutcome(eqx.Module):
     is_touch: Flag
     is_lost: Flag
 
+    @property
+    def is_event(self) -> Flag:
+        """Whether it has located a jump or a touch."""
+        return self.is_jump | self.is_touch
+
+    @property
+    def is_accepted(self) -> Flag:
+        """Whether the path goes on from where it led to."""
+        return self.is_smooth | self.is_event | self.is_apart
+
 
 def next_step(programme: Programme, walk: Progress) -> TrialStep:
     """Return the next step to try."""
@@ -208,8 +218,7 @@ def apply_step(
 ) -> Progress[Records]:
     """Return the walk after a step, from the state that it led to and how the solver ended."""
     trial = _outcome_of(programme, walk, aim, found, result)
-    is_event = trial.is_jump | trial.is_touch
-    accepts = trial.is_smooth | is_event | trial.is_apart
+    is_event, accepts = trial.is_event, trial.is_accepted
     is_apart = (walk.is_apart & ~trial.is_touch) | trial.is_pulled
     # The loss is unknown where surfaces fall apart, and states of separated ones are not recorded.
     lost = jnp.where(trial.is_pulled | trial.is_touch, jnp.nan, trial.dissipation)
@@ -220,11 +229,12 @@ def apply_step(
     is_state = accepts & ~is_apart
     # The solver may find its way from further on, but not from anywhere.
     has_failed = trial.is_lost & (aim.is_end | (aim.length > programme.longest / _FURTHER))
-    bisection = _bisected(programme, walk, aim, trial, accepts, is_event)
+    bisection = _bisected(programme, walk.bisection, aim, trial)
+    stride = _stride(programme, walk, aim, trial)
     return Progress(
         here=here,
         last=choose(is_event, here, last),
-        stride=_stride(programme, walk, aim, trial, is_event, is_apart, accepts & ~bisection.is_on),
+        stride=jnp.where(accepts & ~bisection.is_on, stride, walk.stride),
         bisection=bisection,
         part=walk.part + (accepts & aim.is_end),
         is_apart=is_apart,
@@ -236,17 +246,12 @@ def apply_step(
 
 
 def _bisected(
-    programme: Programme,
-    walk: Progress,
-    aim: TrialStep,
-    trial: StepOutcome,
-    accepts: Flag,
-    is_event: Flag,
+    programme: Programme, bisection: Bisection, aim: TrialStep, trial: StepOutcome
 ) -> Bisection:
     """Return the knowledge of a load ahead after a step."""
-    bisection = walk.bisection
+    accepts = trial.is_accepted
     distance = jnp.where(accepts, bisection.distance - aim.length, aim.length)
-    is_over = is_event | (distance <= 0) | (accepts & aim.is_end)
+    is_over = trial.is_event | (distance <= 0) | (accepts & aim.is_end)
     # An error of quadrature falls with the cube of the length, the loss of a jump does not.
     error = jnp.where(accepts, bisection.error / 8, trial.error)
     # Where the solver is lost right beyond the end, it may find its way from further on.
@@ -259,15 +264,7 @@ def _bisected(
     )
 
 
-def _stride(
-    programme: Programme,
-    walk: Progress,
-    aim: TrialStep,
-    trial: StepOutcome,
-    is_event: Flag,
-    is_apart: Flag,
-    is_free: Flag,
-) -> Scalar:
+def _stride(programme: Programme, walk: Progress, aim: TrialStep, trial: StepOutcome) -> Scalar:
     """Return the length of the next step where none has failed, after a step."""
     growth = jnp.cbrt(_AIM / jnp.maximum(trial.error, jnp.finfo(trial.error.dtype).tiny))
     stride = jnp.minimum(aim.length * jnp.clip(growth, 0.5, 2), programme.longest)
@@ -275,9 +272,8 @@ def _stride(
     stride = jnp.where(walk.bisection.is_on, 2 * aim.length, stride)
     # A step cut short by the end of a part, to no length even, says nothing against a long one.
     stride = jnp.where(aim.is_end, jnp.maximum(stride, walk.stride), stride)
-    stride = jnp.where(is_event, programme.longest / 8, stride)
-    stride = jnp.where(is_apart, programme.longest, stride)
-    return jnp.where(is_free, stride, walk.stride)
+    stride = jnp.where(trial.is_event, programme.longest / 8, stride)
+    return jnp.where(trial.is_apart | trial.is_pulled, programme.longest, stride)
 
 
 def _nonzero(value: Scalar) -> Scalar:

@@ -15,7 +15,7 @@ from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import concluded, started
 from jaxstab.equilibrium.solvers.base import Problem
 from jaxstab.loads import Load
-from jaxstab.paths.energy import own_energy, smallest_loss
+from jaxstab.paths.energy import own_energy
 from jaxstab.paths.record import PathPoint, point_of
 
 # The default is relative to the size of the problem's own heights and gaps.
@@ -26,6 +26,8 @@ DISTURBANCE = 1e-6
 _MAX_MOVE, _MAX_MOVE_IN_JUMP = 0.1, 0.03
 # A monotone part of the programme takes so many steps at least.
 _NUM_STEPS = 32
+# The part of a loss that may be rounding, in units of the precision.
+_ROUNDING = 16
 
 
 class Programme(eqx.Module):
@@ -51,12 +53,13 @@ class Programme(eqx.Module):
     finds_all: bool = eqx.field(static=True)
 
     def smallest_loss(self, here: PathPoint) -> Scalar:
-        """Return the loss from which a jump from a state is located."""
+        """Return the loss from which a jump from a state is located, above rounding."""
+        # The rounding of the gap counts too: under a high pressure it does work.
+        work = self.contact.area * here.mean_pressure * here.mean_gap
+        rounding = _ROUNDING * jnp.finfo(work.dtype).eps * (jnp.abs(here.potential) + jnp.abs(work))
         # The loss of surfaces that fell apart is NaN.
         threshold = jnp.fmax(self.threshold, self.share * here.dissipation)
-        return smallest_loss(
-            self.contact, threshold, here.potential, here.mean_gap, here.mean_pressure
-        )
+        return jnp.fmax(threshold, rounding)
 
     @property
     def longest(self) -> Scalar:
@@ -115,13 +118,8 @@ def programme_of(
 ) -> Programme:
     """Return the programme of a contact, in units of its own, from turning point to turning point.
 
-    Arguments:
-        contact, load: the contact, and these points.
-        smallest_jump: the loss from which a jump is located, over the problem's own energy.
-        disturbance: the size of a random field, over `_own_length`.
-        share: the loss from which a jump is located, over the earlier losses.
-        resolution: how near a jump is located, over the range of the loads.
-        finds_all: whether a jump is detected by the force too.
+    Here the smallest jump is relative to the problem's own energy, the resolution to the range of
+    the loads, and the disturbance to `_own_length`.
     """
 
     @by_entries
