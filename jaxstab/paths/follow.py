@@ -29,7 +29,7 @@ from jaxstab.equilibrium.equilibrate import first_gap
 from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, require_load, require_same_machine
-from jaxstab.paths.curve.limit_derivatives import differentiable_value
+from jaxstab.paths.curve.critical_load import differentiable_value
 from jaxstab.paths.path import Jump, Path, PathInterrupted
 from jaxstab.paths.programme import DISTURBANCE, Programme, programme_of
 from jaxstab.paths.record import Room
