@@ -79,9 +79,3 @@ def barrier_law(
     exponent = jnp.where(kind == KINDS.uncertain, jnp.nan, exponent)
     coefficient = jnp.where(kind == KINDS.uncertain, jnp.nan, coefficient)
     return BarrierLaw(exponent, coefficient * contact.grid.cell_area, load.unit)
-
-
-def no_barrier_law(gap: Field, load: Load) -> BarrierLaw:
-    """Return the law where there is none."""
-    nothing = jnp.full((), jnp.nan, gap.dtype)
-    return BarrierLaw(nothing, nothing, load.unit)

@@ -137,6 +137,10 @@ def _find(contact: Contact, bracket: Load, starts: Starts) -> Limit:
     return first_good(end_of, is_answer, _NUM_SEARCHES)
 
 
+# A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
+_find_lanes = program(by_entries(_find))
+
+
 class _Search(eqx.Module):
     """The limit of the branch before, or none yet, and where its next branch is sought.
 
@@ -155,7 +159,8 @@ class _Search(eqx.Module):
     is_over: Flag
 
 
-def _limit_between(contact: Contact, loads: Load, start: Field | None) -> Limit:
+@program
+def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
     """Return where the branch from the first load ends on its way to the second.
 
     At a contact edge that moves by one point of the grid a release may lose next to nothing. Then
@@ -228,11 +233,6 @@ def _limit_from(contact: Contact, loads: Load, found: Equilibrium, is_first: Arr
     stable = RESULTS.where(walk.stride.index == 0, RESULTS.successful, unstable)
     result = RESULTS.where(walk.result == RESULTS.successful, stable, walk.result)
     return limit_of(way, replace(walk, result=result))
-
-
-# A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
-_find_lanes = program(by_entries(_find))
-_limit = program(_limit_between)
 
 
 def _describe(bracket: Load, found: CriticalLoad) -> str:

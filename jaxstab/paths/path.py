@@ -131,6 +131,13 @@ class StateSequence(Dimensioned):
     def __iter__(self) -> Iterator[PathState]:
         return (self[i] for i in range(len(self)))
 
+    @property
+    def _extent(self) -> str:
+        """The first and the last load and the number of states, in words."""
+        loads, units = np.asarray(self.load.value), self.equilibrium.units
+        first, last = (display.amount(loads[i], units, self.load.unit) for i in (0, -1))
+        return f"{type(self.load).__name__} {first} to {last} in {loads.size} states"
+
 
 class Path(StateSequence):
     """The equilibria through which a contact goes along a load path.
@@ -172,11 +179,8 @@ class Path(StateSequence):
 
     def __repr__(self) -> str:
         try:
-            loads, units = np.asarray(self.load.value), self.equilibrium.units
-            first, last = (display.amount(loads[i], units, self.load.unit) for i in (0, -1))
             lines = [
-                f"Path: {type(self.load).__name__} {first} to {last} in "
-                f"{loads.size} states, {len(self.jumps)} jumps; {self.result.name}",
+                f"Path: {self._extent}, {len(self.jumps)} jumps; {self.result.name}",
                 *_energies(self),
             ]
             table = [display.table(_jumps(self.jumps))] if len(self.jumps) else []

@@ -16,7 +16,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries, stacked
 from jaxstab.core.types import Field, Scalar
 from jaxstab.loads import Load
-from jaxstab.paths.barrier_law import BarrierLaw, barrier_law, no_barrier_law
+from jaxstab.paths.barrier_law import BarrierLaw, barrier_law
 from jaxstab.paths.curve.limit import limit_ahead
 from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.kinds import KINDS
@@ -111,7 +111,8 @@ def _jump(contact: Contact, one: Load, event: Event) -> Jump:
         return limit.kind, limit.mode, barrier_law(contact, *where)
 
     def unexplained() -> tuple[KINDS, Field, BarrierLaw]:
-        return KINDS.fold, jnp.full_like(here.gap, jnp.nan), no_barrier_law(here.gap, load)
+        nan = jnp.full((), jnp.nan, here.gap.dtype)
+        return KINDS.fold, jnp.full_like(here.gap, nan), BarrierLaw(nan, nan, load.unit)
 
     is_end = jnp.isfinite(here.value) & ~event.is_touch
     kind, mode, law = jax.lax.cond(is_end, explained, unexplained)

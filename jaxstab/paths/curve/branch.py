@@ -61,13 +61,10 @@ class Branch(StateSequence):
 
     def __repr__(self) -> str:
         try:
-            loads, units = np.asarray(self.load.value), self.equilibrium.units
-            first, last = (display.amount(loads[i], units, self.load.unit) for i in (0, -1))
             index = np.asarray(self.index)
             unknown = f"{np.sum(index < 0)} of unknown index, " if np.any(index < 0) else ""
             lines = [
-                f"Branch: {type(self.load).__name__} {first} to {last} in "
-                f"{loads.size} states, {np.sum(index > 0)} of them unstable, {unknown}"
+                f"Branch: {self._extent}, {np.sum(index > 0)} of them unstable, {unknown}"
                 f"{len(self.turns)} turns; "
                 f"ends {str(KINDS[self.end]).split(': ', 1)[1]}; {self.result.name}"
             ]

@@ -84,7 +84,7 @@ class Correction(eqx.Module):
     curve: Curve
     condition: Condition
     is_free: Mask
-    follows: Flag
+    follows: Flag | bool = False
 
     def forces(self, point: Point) -> Forces:
         """Return the pressures at a point."""

@@ -124,7 +124,7 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
         missing = length - row.times(at.minus(old.at))
         start = at.plus(tangent, missing / row.times(tangent))
         plane = on_plane(row, row.times(old.at) + length, jnp.abs(whole))
-        problem = Correction(curve, plane, old.is_free, no)
+        problem = Correction(curve, plane, old.is_free)
         place = correct(problem, start, row, tangent, fine=fine).place
         rate = curve.rate(place.tangent)
         is_low = rate * rates[0] > 0
@@ -134,11 +134,10 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
         halved = jnp.where(is_low, jnp.stack([rate, stays * fast]), jnp.stack([stays * slow, rate]))
         return _Bracket(ends, halved, place, rate, is_low, bracket.count + 1)
 
-    no = jnp.array(False)
     rates = jnp.stack([curve.rate(old.tangent), curve.rate(new.tangent)])
     steepest = jnp.max(jnp.abs(rates))
     ends = jnp.stack([jnp.zeros_like(whole), whole])
     near = choose(jnp.abs(rates[0]) < jnp.abs(rates[1]), old, new)
-    first = _Bracket(ends, rates, near, steepest, ~no, jnp.array(0))
+    first = _Bracket(ends, rates, near, steepest, jnp.array(True), jnp.array(0))
     found = jax.lax.while_loop(goes_on, narrow, first)
     return found.place.at, jnp.abs(found.rate) < _FLAT * steepest

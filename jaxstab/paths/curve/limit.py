@@ -132,7 +132,7 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
             here, is_first = begun[0], count == 0
             ahead = choose(is_first, row, curve.gradient_of(here.tangent))
             plane = on_plane(ahead, ahead.times(here.at) - length, longest)
-            problem = Correction(curve, plane, is_free, jnp.array(False))
+            problem = Correction(curve, plane, is_free)
             closely = jnp.where(is_first, jnp.inf, TOLERANCE[dtype.name])
             found = correct(problem, here.at, ahead, here.tangent, closely)
             signs = jnp.where(is_free, found.place.at.gap, found.forces.net) > 0
@@ -215,7 +215,7 @@ def _located(way: Way, old: Stride, new: Stride, count: Int[Array, ""]) -> Limit
     corner = at_corner(curve, point, jnp.array(True), longest)
     condition = choose(is_release, corner, on_plane(row, row.times(seen), longest))
     start = Point(jnp.where(is_free, seen.gap, 0), seen.pressure)
-    problem = Correction(curve, condition, is_free, jnp.array(False))
+    problem = Correction(curve, condition, is_free)
     found = correct(problem, start, row, old.here.tangent, _CLOSE[dtype.name])
     at = found.place.at
     gap = jnp.where(is_free, jnp.maximum(at.gap, 0), 0)
