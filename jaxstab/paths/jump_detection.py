@@ -96,7 +96,7 @@ class TrialStep(eqx.Module):
     Attributes:
         value: the load it leads to.
         length: its length.
-        start: where the equilibrium there is sought from, brought under that load.
+        gap: from which the equilibrium there is sought.
         least_potential: below which the state sought is known to lie on another branch [energy].
         is_end: whether it leads to the end of this part of the programme.
         is_final: whether a jump is located there, if there is one.
@@ -104,7 +104,7 @@ class TrialStep(eqx.Module):
 
     value: Scalar
     length: Scalar
-    start: Field
+    gap: Field
     least_potential: Scalar
     is_end: Flag
     is_final: Flag
@@ -164,12 +164,11 @@ def next_step(programme: Programme, walk: Progress) -> TrialStep:
     # From the end of a branch the way goes down from its last state.
     stays = is_final if programme.finds_all else bisection.is_on
     gap = here.gap + jnp.where(stays, 0, change * rate)
-    gap = jnp.where(walk.is_apart, programme.apart(), jnp.maximum(gap, 0))
+    gap = jnp.where(walk.is_apart, programme.apart(), gap)
     moves = here.value != walk.last.value
     is_foreseen = ~walk.is_apart & ~is_final & moves & programme.finds_all
     least = jnp.where(is_foreseen, _least_potential(programme, walk, change), -jnp.inf)
-    start = programme.start(value, gap)
-    return TrialStep(value, length, start, least, is_end, is_final)
+    return TrialStep(value, length, gap, least, is_end, is_final)
 
 
 def _least_potential(programme: Programme, walk: Progress, change: Scalar) -> Scalar:

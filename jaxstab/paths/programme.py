@@ -71,26 +71,23 @@ class Programme(eqx.Module):
         """Return the load at a value; all else of it is the same all along."""
         return self.load[0].at(value)
 
-    def start(self, value: Scalar, gap: Field) -> Field:
-        """Return a gap, disturbed and brought under a load, from which to seek an equilibrium."""
-        # Contact points stay where they are.
-        disturbed = jnp.where(gap > 0, jnp.maximum(gap + self.disturbance, 0), 0)
-        return started(self.contact, self.at(value), disturbed)
-
     def state(
         self,
         value: Scalar,
-        start: Field,
+        gap: Field,
         least_potential: ArrayLike = -jnp.inf,
         is_final: ArrayLike = False,
     ) -> tuple[PathPoint, RESULTS]:
-        """Return the equilibrium at a load that the solver finds from a start.
+        """Return the equilibrium at a load that the solver finds from a gap, once disturbed.
 
         Once the potential falls below the least, the search ends without a result; one that is
         final may lead down to another branch.
         """
         contact, load = self.contact, self.at(value)
         control = contact.control(load)
+        # Contact points stay where they are.
+        disturbed = jnp.where(gap > 0, jnp.maximum(gap + self.disturbance, 0), 0)
+        start = started(contact, load, disturbed)
         # Where the mean gap is held, no long step draws the surfaces apart.
         longest = (
             jnp.where(is_final, _MAX_MOVE_IN_JUMP, jnp.inf) if control.fixes_mean else _MAX_MOVE

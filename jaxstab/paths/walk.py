@@ -35,7 +35,6 @@ def _first(
     contact, turns, none = programme.contact, programme.load.value, jnp.array(0)
     if start is None:
         start = contact.control(programme.load[0]).starting_gap(contact.heights)
-    start = programme.start(turns[0], jnp.maximum(start, 0))
     here, result = programme.state(turns[0], start)
     span = jnp.max(turns) - jnp.min(turns)
     zero = jnp.zeros_like(span)
@@ -82,7 +81,7 @@ def _go_on(
     def step(carry: Carry) -> Carry:
         walk, number = carry
         aim = next_step(programme, walk)
-        state = programme.state(aim.value, aim.start, aim.least_potential, aim.is_final)
+        state = programme.state(aim.value, aim.gap, aim.least_potential, aim.is_final)
         return apply_step(programme, walk, aim, *state), number + 1
 
     return jax.lax.while_loop(goes_on, step, (walk, jnp.array(0)))[0]
