@@ -4,7 +4,6 @@ from jaxstab.paths.barrier_law import BarrierLaw
 from jaxstab.paths.barriers.easiest_exit import easiest_exit
 from jaxstab.paths.barriers.transition import Transition, transition
 from jaxstab.paths.critical_load import critical_load
-from jaxstab.paths.curve.branch import Branch, Turn
 from jaxstab.paths.curve.continuation import continuation
 from jaxstab.paths.evolution.evolution import Evolution
 from jaxstab.paths.evolution.evolve import evolve
@@ -17,7 +16,7 @@ from jaxstab.paths.observe import (
     Observed,
     observe,
 )
-from jaxstab.paths.path import Jump, Path, PathInterrupted, PathState, States
+from jaxstab.paths.path import Branch, Jump, Path, PathInterrupted, PathState, States, Turn
 from jaxstab.paths.pull_off import pull_off
 
 __all__ = [

@@ -21,9 +21,8 @@ from jaxstab.equilibrium.observables.observable import Observable
 from jaxstab.equilibrium.observables.patches import require_known
 from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load
-from jaxstab.paths.curve.branch import Branch
 from jaxstab.paths.evolution.evolution import Evolution
-from jaxstab.paths.path import Path, States
+from jaxstab.paths.path import Branch, Path, States
 from jaxstab.paths.sweep import Sweep
 
 

@@ -30,11 +30,10 @@ from jaxstab.equilibrium import PreconditionedConjugateGradient, SaddleNewton
 from jaxstab.equilibrium.equilibrate import find, posed
 from jaxstab.equilibrium.equilibrium import State
 from jaxstab.loads import Load, require_loads, require_same_machine
-from jaxstab.paths.curve.branch import Branch, Turn
 from jaxstab.paths.curve.curve import Way
 from jaxstab.paths.curve.march import Entry, Walk, begin, entry_of, is_same, next_walk
 from jaxstab.paths.kinds import KINDS
-from jaxstab.paths.path import PathInterrupted
+from jaxstab.paths.path import Branch, PathInterrupted, Turn
 from jaxstab.paths.record import Table, states_along
 
 # Turns that there is room for under JAX transformations.

@@ -13,11 +13,11 @@ from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load
-from jaxstab.paths.curve.branch import Turn
 from jaxstab.paths.curve.curve import Curve, Place, Point, Way
 from jaxstab.paths.curve.morse_index import UNKNOWN, index_of, some_modes
 from jaxstab.paths.curve.step import Stride, next_stride
 from jaxstab.paths.kinds import KINDS
+from jaxstab.paths.path import Turn
 from jaxstab.paths.record import PathPoint, point_of
 
 # The longest step over the way from load to load; the first and the shortest over the longest.
