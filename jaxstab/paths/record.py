@@ -1,7 +1,7 @@
 """The states and jumps that a walk records, in stores of a bounded size."""
 
 from dataclasses import replace
-from typing import Generic, NamedTuple, Self, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -219,7 +219,9 @@ class Strongest(eqx.Module):
         """Return that there is always room for another."""
         return jnp.array(False)
 
-    def with_step(self, point: PathPoint, is_state: Flag, event: Event, is_jump: Flag) -> Self:
+    def with_step(
+        self, point: PathPoint, is_state: Flag, event: Event, is_jump: Flag
+    ) -> "Strongest":
         """Return the stronger one of this and the jump of a step, if that is no touch."""
         tension = -event.before.mean_pressure
         is_stronger = is_jump & ~event.is_touch & (tension > self.tension)

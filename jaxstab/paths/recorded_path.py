@@ -76,7 +76,7 @@ def path_with_room(walk: Progress[Tables], contact: Contact, load: Load) -> Path
     Only the first entries are of states, and of jumps, as many as the walk has recorded.
     """
     jumps = jax.lax.map(partial(_jump, contact, load[0]), walk.records.jumps.rows)
-    return replace(_path(walk, walk.records.states.rows, contact, load[0]), jumps=jumps)
+    return _path(walk, walk.records.states.rows, contact, load[0], jumps)
 
 
 def path_of(record: Recording) -> Path:
@@ -128,8 +128,10 @@ def _jump(contact: Contact, one: Load, event: Event) -> Jump:
     )
 
 
-def _path(walk: Progress[Tables], points: PathPoint, contact: Contact, one: Load) -> Path:
-    """Return the path of a walk through points, without its jumps."""
+def _path(
+    walk: Progress[Tables], points: PathPoint, contact: Contact, one: Load, jumps: Any = None
+) -> Path:
+    """Return the path of a walk through points, with jumps if they are given."""
     is_branch = (jnp.diff(points.dissipation) == 0) & jnp.isfinite(points.value[1:])
     unlocated, error = _unlocated_loss(points, is_branch)
     # The sum of many terms, each as large as the energies, is rounded.
@@ -140,7 +142,7 @@ def _path(walk: Progress[Tables], points: PathPoint, contact: Contact, one: Load
     return Path(
         load=load,
         equilibrium=states,
-        jumps=None,
+        jumps=jumps,
         work=walk.here.stored - points.stored[0] + walk.here.dissipation,
         dissipation=walk.here.dissipation,
         result=RESULTS.where(gains, RESULTS.unbalanced_work, walk.result),

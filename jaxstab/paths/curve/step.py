@@ -23,7 +23,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Block
 from jaxstab.core.conditional import choose
-from jaxstab.core.types import Flag, Mask, Scalar
+from jaxstab.core.types import Flag, Scalar
 from jaxstab.paths.curve.between import (
     Cubics,
     leaps_as_foreseen,
@@ -276,14 +276,13 @@ def _explains(
         return ~is_known | (found == change)
 
     def is_driven() -> Flag:
-        def driven(place: Place, is_free: Mask) -> Int[Array, ""]:
+        def driven(place: Place) -> Int[Array, ""]:
             gap, tangent = place.at.gap, place.tangent.gap
-            return driven_index_of(curve.contact, curve.load, gap, is_free, tangent)
+            return driven_index_of(curve.contact, curve.load, gap, place.is_free, tangent)
 
         is_free = arrived.is_free & (~touches | (arrived.at.gap > 0))
-        places = jax.tree.map(lambda *leaves: jnp.stack(leaves), old, arrived)
-        masks = jnp.stack([old.is_free, is_free])
-        before, after = jax.lax.map(lambda pair: driven(*pair), (places, masks))
+        ends = old, replace(arrived, is_free=is_free)
+        before, after = jax.lax.map(driven, jax.tree.map(lambda *pair: jnp.stack(pair), *ends))
         return (before >= 0) & (after >= 0) & is_as_said(before, after)
 
     agrees = is_as_said(stride.expected, index)
