@@ -12,10 +12,7 @@ from jaxstab.paths.evolution.lifetime import lifetime
 from jaxstab.paths.evolution.step import Internal
 from jaxstab.paths.follow import follow
 from jaxstab.paths.kinds import KINDS
-from jaxstab.paths.observe import (
-    Observed,
-    observe,
-)
+from jaxstab.paths.observe import Observed, observe
 from jaxstab.paths.path import Branch, Jump, Path, PathInterrupted, PathState, States, Turn
 from jaxstab.paths.pull_off import pull_off
 

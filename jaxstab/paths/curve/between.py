@@ -108,15 +108,13 @@ def turns_as_said(curve: Curve, pieces: Cubics) -> Flag:
     return ~jnp.any(went_back & forth) & (jnp.any(back) == (rate * end_rate < 0))
 
 
-def leaps_as_foreseen(
-    old: Place, new: Place, corners: Corners, after: tuple[Field, Field], length: Scalar
-) -> Flag:
+def leaps_as_foreseen(pieces: Cubics, corners: Corners, after: tuple[Field, Field]) -> Flag:
     """Return whether each point that changed sides did so as the lines from both ends foresee."""
-    flipped = old.is_free != new.is_free
+    new, flipped = pieces.new, pieces.old.is_free != pieces.new.is_free
     net, net_rate = after
     value = jnp.where(new.is_free, new.at.gap, net)
     rate = jnp.where(new.is_free, new.tangent.gap, net_rate)
     behind = jnp.where(rate > 0, value / jnp.where(rate > 0, rate, 1), jnp.inf)
-    is_foreseen = corners.distances + behind <= _FORESEEN * length
+    is_foreseen = corners.distances + behind <= _FORESEEN * pieces.length
     most = most_changes(net.size)
     return jnp.all(jnp.where(flipped, is_foreseen, True)) & (jnp.sum(flipped) <= 2 * most)

@@ -21,13 +21,7 @@ from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.loads import Load
 from jaxstab.paths.curve.corrector import TOLERANCE, Correction, at_corner, correct, on_plane
 from jaxstab.paths.curve.curve import Curve, Place, Point, Way
-from jaxstab.paths.curve.march import (
-    SHORTEST,
-    Walk,
-    next_walk,
-    pressure_of,
-    walk_from,
-)
+from jaxstab.paths.curve.march import SHORTEST, Walk, next_walk, pressure_of, walk_from
 from jaxstab.paths.curve.morse_index import UNKNOWN, some_modes
 from jaxstab.paths.curve.step import Stride
 from jaxstab.paths.kinds import KINDS

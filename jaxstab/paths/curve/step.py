@@ -33,12 +33,7 @@ from jaxstab.paths.curve.between import (
 )
 from jaxstab.paths.curve.corrector import Correction, at_corner, correct, on_plane
 from jaxstab.paths.curve.curve import Place, Point, Way
-from jaxstab.paths.curve.events import (
-    Corners,
-    behind,
-    corners_ahead,
-    fold_between,
-)
+from jaxstab.paths.curve.events import Corners, behind, corners_ahead, fold_between
 from jaxstab.paths.curve.morse_index import MOST, UNKNOWN, driven_index_of, index_of
 from jaxstab.paths.kinds import KINDS
 
@@ -196,7 +191,7 @@ def _arrival(way: Way, stride: Stride, corners: Corners, aim: _Aim) -> _Arrival:
     pieces = Cubics(old, place, length, cosine)
     forces = found.forces
     after = forces.net, curve.net_rate(forces.curvature, tangent)
-    leaps = leaps_as_foreseen(old, place, corners, after, length)
+    leaps = leaps_as_foreseen(pieces, corners, after)
     smooth, share = stays_positive(curve, pieces, corners, aim.is_corner, after, forces.scale)
     # Where gaps or reactions alone are at fault, up to where they are positive.
     is_over = found.is_found & is_near & is_straight & ~aim.follows & (share < 1)
