@@ -55,6 +55,18 @@ def block(self: eqx.Module) -> str:
     return "\n".join([type(self).__name__, *(f"  {k:<{width}}  {v}" for k, v in rows.items())])
 
 
+def readable(text: Callable[[Any], str]) -> Callable[[Any], str]:
+    """Return a `__repr__` that falls back to `block` where a result has no numbers to read."""
+
+    def shown(self: eqx.Module) -> str:
+        try:
+            return text(self)
+        except UNREADABLE:
+            return block(self)
+
+    return shown
+
+
 def times(sides: Iterable[object], form: str = "") -> str:
     """Join the numbers of all sides, as in 256 x 256."""
     return " x ".join(f"{side:{form}}" for side in sides)

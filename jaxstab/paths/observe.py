@@ -10,7 +10,6 @@ import numpy as np
 
 from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.core import display
-from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
 from jaxstab.core.stack import Stackable, nothing_like, stacked
 from jaxstab.core.types import Field
@@ -47,11 +46,9 @@ class Observed(Stackable, eqx.Module):
             raise AttributeError(f"Observed has no {name}: it holds {', '.join(found)}.")
         return found[name]
 
+    @display.readable
     def __repr__(self) -> str:
-        try:
-            return display.table(_table(self))
-        except display.UNREADABLE:
-            return display.block(self)
+        return display.table(_table(self))
 
 
 def observe(
@@ -161,8 +158,6 @@ def _filled(rows: list[Observable], are_found: list[bool]) -> Observable:
 
 
 def _table(observed: Observed) -> dict[str, list[str]]:
-    if is_traced(observed):
-        raise TypeError("Results under JAX tracing have no numbers yet.")
     units = observed.equilibrium.units
     columns = display.load_column(observed.load, units, ".6g")
 

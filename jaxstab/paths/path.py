@@ -197,16 +197,14 @@ class Path(StateSequence):
             return replace(state, equilibrium=last)
         return state
 
+    @display.readable
     def __repr__(self) -> str:
-        try:
-            lines = [
-                f"Path: {self._extent}, {len(self.jumps)} jumps; {self.result.name}",
-                *_energies(self),
-            ]
-            table = [display.table(_jumps(self.jumps))] if len(self.jumps) else []
-            return "\n".join([*lines, *table])
-        except display.UNREADABLE:
-            return display.block(self)
+        lines = [
+            f"Path: {self._extent}, {len(self.jumps)} jumps; {self.result.name}",
+            *_energies(self),
+        ]
+        table = [display.table(_jumps(self.jumps))] if len(self.jumps) else []
+        return "\n".join([*lines, *table])
 
 
 class Branch(StateSequence):
@@ -231,19 +229,17 @@ class Branch(StateSequence):
     end: KINDS
     result: RESULTS
 
+    @display.readable
     def __repr__(self) -> str:
-        try:
-            index = np.asarray(self.index)
-            unknown = f"{np.sum(index < 0)} of unknown index, " if np.any(index < 0) else ""
-            lines = [
-                f"Branch: {self._extent}, {np.sum(index > 0)} of them unstable, {unknown}"
-                f"{len(self.turns)} turns; "
-                f"ends {str(KINDS[self.end]).split(': ', 1)[1]}; {self.result.name}"
-            ]
-            table = [display.table(_turns(self.turns))] if len(self.turns) else []
-            return "\n".join([*lines, *table])
-        except display.UNREADABLE:
-            return display.block(self)
+        index = np.asarray(self.index)
+        unknown = f"{np.sum(index < 0)} of unknown index, " if np.any(index < 0) else ""
+        lines = [
+            f"Branch: {self._extent}, {np.sum(index > 0)} of them unstable, {unknown}"
+            f"{len(self.turns)} turns; "
+            f"ends {str(KINDS[self.end]).split(': ', 1)[1]}; {self.result.name}"
+        ]
+        table = [display.table(_turns(self.turns))] if len(self.turns) else []
+        return "\n".join([*lines, *table])
 
 
 def _energies(path: Path) -> list[str]:

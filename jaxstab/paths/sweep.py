@@ -56,11 +56,9 @@ class Sweep(Stackable, eqx.Module):
     equilibrium: Equilibrium
     stability: Stability | None
 
+    @display.readable
     def __repr__(self) -> str:
-        try:
-            return display.table(_columns(self))
-        except display.UNREADABLE:
-            return display.block(self)
+        return display.table(_columns(self))
 
 
 def sweep(
