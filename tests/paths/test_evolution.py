@@ -296,6 +296,20 @@ def test_mistakes_are_named():
         js.growth_rate(contact)
 
 
+def test_times_that_do_not_increase_have_no_states_under_jit():
+    contact, (times, values) = viscoelastic(), cycle(5)
+
+    @jax.jit
+    def found(times):
+        load = js.MeanDisplacement(values)
+        run = js.evolve(contact, load, times, rtol=ANY, max_steps=4, throw=False)
+        return run.mean_pressure, run.num_steps
+
+    pressure, steps = found(times.at[2].set(times[1]))
+    assert np.isnan(pressure).tolist() == [False, False, True, True, True]
+    assert steps.sum() == 1
+
+
 def test_a_state_of_a_path_starts_at_its_own_load():
     contact, (times, values) = viscoelastic(), cycle()
     relaxed = js.Contact(contact.solid.relaxed, contact.heights, contact.potential)

@@ -167,6 +167,8 @@ def march(
 ) -> tuple[Moment, Table]:
     """Return the state at the end of a leg, and the steps up to there with those that led to it."""
     span = leg.times[1] - leg.times[0]
+    # Under JAX transformations nothing has refused times that do not increase.
+    span = jnp.where(span > 0, span, jnp.nan)
     fastest = springs(contact)[1][1]
     shortest = jnp.minimum(_SHORTEST[0] * span, _SHORTEST[1] * fastest)
     shortest = jnp.maximum(shortest, 8 * jnp.finfo(span.dtype).eps * span)
@@ -188,7 +190,7 @@ def march(
         error = _error(contact, old, new, dt) / rtol
         error = jnp.where(is_solved & ~jnp.isnan(error), error, jnp.inf)
         is_smooth = error <= 1
-        is_shortest = dt <= shortest
+        is_shortest = ~(dt > shortest)
         is_taken = (is_smooth | is_shortest) & is_solved
         factor = jnp.clip(_CAUTION / jnp.sqrt(jnp.maximum(error, 1e-8)), _SHRINKAGE, _GROWTH)
         # The end of a leg cuts a step short, which says nothing of the next one.
