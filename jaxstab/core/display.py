@@ -21,7 +21,6 @@ from jaxstab.core.unit_system import (
     NO_UNITS,
     Units,
     has_words,
-    in_brackets,
     readable_unit,
     typeset,
     unit_symbol,
@@ -81,38 +80,6 @@ def amount(value: SupportsFloat, units: Units, dimension: str) -> str:
     """Return a number in a readable unit, and the unit where it is known."""
     divisor, unit = readable_unit(units, dimension, abs(float(value)))
     return f"{number(float(value) / divisor)} {'' if has_words(unit) else typeset(unit)}".rstrip()
-
-
-def measured_column(
-    name: str, values: ArrayLike, units: Units, dimension: str, form: str = "+.4e"
-) -> dict[str, list[str]]:
-    """Return a column of a table in one readable unit, which stands beside its name if known."""
-    return measured_columns({name: values}, units, dimension, form)
-
-
-def measured_columns(
-    named: Mapping[str, ArrayLike], units: Units, dimension: str, form: str = "+.4e"
-) -> dict[str, list[str]]:
-    """Return columns that are compared with each other, all in one readable unit."""
-    arrays = [np.asarray(values) for values in named.values()]
-    largest = max(np.abs(values[np.isfinite(values)]).max(initial=0) for values in arrays)
-    divisor, unit = readable_unit(units, dimension, largest)
-    suffix = "" if has_words(unit) else f" {in_brackets(unit)}"
-    cells = [column(values / divisor, f"{{:{form}}}".format) for values in arrays]
-    return dict(zip((f"{name}{suffix}".rstrip() for name in named), cells, strict=True))
-
-
-def load_column(load: Any, units: Units, form: str) -> dict[str, list[str]]:
-    """Return the column of the values of a load."""
-    return measured_column(type(load).__name__, load.value, units, load.unit or NUMBER, form)
-
-
-def pressure_columns(states: Any) -> dict[str, list[str]]:
-    """Return the column of the mean pressures of states, on a window beside the forces."""
-    units = states.units
-    forces = measured_column("force", states.force, units, "force", "+.4g")
-    pressures = measured_column("mean pressure", states.mean_pressure, units, "pressure")
-    return {**(forces if states.is_window else {}), **pressures}
 
 
 def table(columns: Mapping[str, Iterable[str]]) -> str:

@@ -23,6 +23,7 @@ from jaxstab.loads import Load
 from jaxstab.paths.evolution.evolution import Evolution
 from jaxstab.paths.path import Branch, Path, States
 from jaxstab.paths.sweep import Sweep
+from jaxstab.paths.tables import load_column, measured_columns
 
 
 class Observed(Stackable, eqx.Module):
@@ -159,10 +160,10 @@ def _filled(rows: list[Observable], are_found: list[bool]) -> Observable:
 
 def _table(observed: Observed) -> dict[str, list[str]]:
     units = observed.equilibrium.units
-    columns = display.load_column(observed.load, units, ".6g")
+    columns = load_column(observed.load, units, ".6g")
 
     def add(name: str, values: Field, dimension: str) -> None:
-        columns.update(display.measured_column(name, values, units, dimension, ".6g"))
+        columns.update(measured_columns({name: values}, units, dimension, ".6g"))
 
     add("contact area", observed.equilibrium.contact_area, NUMBER)
     for key, result in observed.observables.items():

@@ -19,6 +19,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
 from jaxstab.paths.barrier_law import BarrierLaw
 from jaxstab.paths.kinds import KINDS
+from jaxstab.paths.tables import load_column, measured_columns, percent_column, state_columns
 
 
 class PathInterrupted(UserWarning):
@@ -269,23 +270,19 @@ def _energies(path: Path) -> list[str]:
 
 def _jumps(jumps: Jump) -> dict[str, list[str]]:
     units = jumps.before.units
-    areas = [state.contact_area for state in (jumps.before, jumps.after)]
-    before, after = (column(area, lambda part: f"{100 * part:.2f} %") for area in areas)
     return {
-        **display.load_column(jumps.load, units, ".8g"),
+        **load_column(jumps.load, units, ".8g"),
         "kind": column(jumps.kind.name, str),
-        **display.measured_column("dissipation", jumps.dissipation, units, ENERGY, ".4e"),
-        **display.pressure_columns(jumps.before),
-        "contact area": before,
-        "after": after,
+        **measured_columns({"dissipation": jumps.dissipation}, units, ENERGY, ".4e"),
+        **state_columns(jumps.before),
+        "after": percent_column(jumps.after.contact_area),
     }
 
 
 def _turns(turns: Turn) -> dict[str, list[str]]:
     state = turns.equilibrium
     return {
-        **display.load_column(turns.load, state.units, ".8g"),
+        **load_column(turns.load, state.units, ".8g"),
         "kind": column(turns.kind.name, str),
-        **display.pressure_columns(state),
-        "contact area": column(state.contact_area, lambda part: f"{100 * part:.2f} %"),
+        **state_columns(state),
     }

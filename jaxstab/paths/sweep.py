@@ -31,6 +31,7 @@ from jaxstab.equilibrium import (
 )
 from jaxstab.equilibrium.equilibrate import first_gap, initial_gap
 from jaxstab.loads import Load, require_load
+from jaxstab.paths.tables import load_column, measured_columns, state_columns
 from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability, assess_stability
 
 Order = Literal["independent", "continuation"]
@@ -265,14 +266,12 @@ def _columns(sweep: Sweep) -> dict[str, list[str]]:
     equilibrium, stability = sweep.equilibrium, sweep.stability
     pairs = {} if stability is None else stability.pairs
     columns = {
-        **display.load_column(sweep.load, equilibrium.units, ".6g"),
-        **display.pressure_columns(equilibrium),
-        "contact area": column(equilibrium.contact_area, lambda part: f"{100 * part:.2f} %"),
+        **load_column(sweep.load, equilibrium.units, ".6g"),
+        **state_columns(equilibrium),
     }
     for name, pair in pairs.items():
-        columns |= display.measured_column(
-            name.replace("_", " "), pair.eigenvalue, equilibrium.units, STIFFNESS
-        )
+        values = {name.replace("_", " "): pair.eigenvalue}
+        columns |= measured_columns(values, equilibrium.units, STIFFNESS)
     solvers = column(equilibrium.result.name, str)
     if stability is not None:
         is_local = np.atleast_1d(stability.is_local)

@@ -21,6 +21,7 @@ from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load
 from jaxstab.paths.evolution.step import Internal, load_on, moved_contact
 from jaxstab.paths.path import States
+from jaxstab.paths.tables import load_column, measured_columns, percent_column
 
 Tree = TypeVar("Tree")
 
@@ -152,11 +153,9 @@ class Evolution(Totals):
         gap = or_nan(memory.gap, result)
         return contact, state_at(contact, load_on(contact, padded, load), gap)
 
+    @display.readable
     def __repr__(self) -> str:
-        try:
-            return display.table(_columns(self))
-        except display.UNREADABLE:
-            return display.block(self)
+        return display.table(_columns(self))
 
 
 def or_nan(tree: Tree, result: RESULTS) -> Tree:
@@ -173,10 +172,10 @@ def relaxed_contact(contact: Contact) -> Contact:
 
 def _columns(evolution: Evolution) -> dict[str, list[str]]:
     units, columns = evolution.contact.units, {"time": column(evolution.times, "{:.6g}".format)}
-    columns |= display.load_column(evolution.load, units, ".6g")
-    columns |= display.measured_column("mean pressure", evolution.mean_pressure, units, PRESSURE)
-    columns["contact area"] = column(evolution.contact_area, lambda part: f"{100 * part:.2f} %")
+    columns |= load_column(evolution.load, units, ".6g")
+    columns |= measured_columns({"mean pressure": evolution.mean_pressure}, units, PRESSURE)
+    columns["contact area"] = percent_column(evolution.contact_area)
     balance = {name: getattr(evolution, name) for name in ("work", "stored", "dissipated", "lost")}
-    columns |= display.measured_columns(balance, units, ENERGY)
+    columns |= measured_columns(balance, units, ENERGY)
     columns["steps"] = column(evolution.num_steps, str)
     return columns | {"result": column(evolution.result.name, str)}
