@@ -1,4 +1,4 @@
-"""Tasks in other processes, on an executor of any kind."""
+"""Tasks, batches of cases, on an executor of any kind."""
 
 import multiprocessing
 import os
@@ -9,41 +9,35 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent import futures
 from functools import lru_cache, partial
-from typing import Any, Protocol
+from typing import Any
 
 import jax
 
 from jaxstab.core.optional_packages import versions
+from jaxstab.studies.cases import Case
+from jaxstab.studies.worker import CaseWorker
 
+Task = Sequence[Case]
 # How often a task may be lost before it begins, and how many a foreign executor gets at a time.
 _MOST_LOSSES, _WINDOW = 3, 1000
 
 
-class Worker(Protocol):
-    """Runs tasks; it can be pickled, and knows, in each process, which have begun."""
-
-    def run(self, task: Any) -> Any:
-        """Run a task."""
-        ...
-
-    def is_begun(self, task: Any) -> bool:
-        """Return whether a process has begun a task without an end."""
-        ...
-
-
 def run_tasks(
-    executor: Any, worker: Worker, tasks: Sequence[Any], is_stopped: Callable[[], bool]
-) -> Iterator[tuple[Any, Any]]:
-    """Run tasks in so many processes, on a Dask client, or on anything with `submit`.
+    executor: Any, worker: CaseWorker, tasks: Sequence[Task], is_stopped: Callable[[], bool]
+) -> Iterator[tuple[Task, str]]:
+    """Run tasks here (None), in so many processes, on a Dask client, or anything with `submit`.
 
     Tasks of processes that die are submitted again. After a stop those that have begun end.
 
     Yields:
-        Tasks and their results, as they end.
+        Tasks and their warnings, as they end.
 
     Raises:
         RuntimeError: if the executor takes no more tasks, or loses one before it begins.
     """
+    if executor is None:
+        yield from ((task, worker.run(task)) for task in tasks if not is_stopped())
+        return
     import cloudpickle
 
     is_own, left, num_lost = isinstance(executor, int), deque(enumerate(tasks)), Counter[int]()
@@ -107,7 +101,7 @@ _spawn = multiprocessing.get_context("spawn")
 _process = partial(futures.ProcessPoolExecutor, 1, _spawn, initializer=_begin_process)
 
 
-def _run(order: bytes, task: bytes) -> Any:
+def _run(order: bytes, task: bytes) -> str | Exception:
     """Run a task in a process of an executor; return an error of the worker."""
     try:
         return _worker(order).run(pickle.loads(task))
@@ -116,7 +110,7 @@ def _run(order: bytes, task: bytes) -> Any:
 
 
 @lru_cache(maxsize=1)
-def _worker(order: bytes) -> Worker:
+def _worker(order: bytes) -> CaseWorker:
     # Arrays are unpickled in the precision that is found first.
     settings, expected, content = pickle.loads(order)
     for name, value in settings.items():

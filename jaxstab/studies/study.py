@@ -4,8 +4,6 @@ import difflib
 import inspect
 import json
 import math
-import signal
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -19,6 +17,7 @@ import jax
 import numpy as np
 
 from jaxstab.core.checks import integer, require
+from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.optional_packages import require_packages, versions
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.warn import warn
@@ -95,14 +94,7 @@ def study(
     except TypeError as error:
         raise TypeError(f"The axes give the case {', '.join(values)}: {error}.") from None
     cases = Cases(Path(path).absolute(), tuple(values), dims)
-    files, is_stopped = cases.files(values), threading.Event()
-
-    def stop(*_: object) -> None:
-        is_stopped.set()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    is_ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    is_ours = is_ours and threading.current_thread() is threading.main_thread()
+    files = cases.files(values)
     try:
         cases = _begin(cases, case, version, accept_changes)
         files = cases.files(values)
@@ -112,26 +104,20 @@ def study(
             del before[file]
         left = [x for file, x in files.items() if file not in before]
         worker = CaseWorker(case, cases, batch, uuid4().hex[:8])
-        if is_ours:
-            signal.signal(signal.SIGINT, stop)
         warned, tasks = "", [left[i : i + batch] for i in range(0, len(left), batch)]
-        with progress_bar(len(files), "case", shown=progress, done=len(before)) as bar:
-            here = ((x, worker.run(x)) for x in tasks if not is_stopped.is_set())
-            there = run_tasks(executor, worker, tasks, is_stopped.is_set)
-            for task, warning in here if executor is None else there:
-                bar.update(len(task))
-                if warning and not warned:
-                    warn(warned := warning)
-        found = before | _read([x for x in files if x not in before], files)
-        blank = _agreed(cases, files, found, before)
+        with interrupts_held() as held:
+            with progress_bar(len(files), "case", shown=progress, done=len(before)) as bar:
+                for task, warning in run_tasks(executor, worker, tasks, lambda: bool(held)):
+                    bar.update(len(task))
+                    if warning and not warned:
+                        warn(warned := warning)
+            found = before | _read([x for x in files if x not in before], files)
+            blank = _agreed(cases, files, found, before)
     except (OSError, RuntimeError) as error:
         done = f"{sum(file.exists() for file in files)} of {len(files)} cases are in {cases.path}"
         said = f"{getattr(error, 'strerror', None) or error}: {done}. Mend this, then call again."
         number = getattr(error, "errno", None)
         raise OSError(number, said) if number else RuntimeError(said) from error
-    finally:
-        if is_ours:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
     if len(found) < len(files):
         done = f"{len(found)} of {len(files)} cases are in {cases.path}"
         warn(f"The study was interrupted: {done}. The same call goes on.", StudyInterrupted)
