@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import Formatter, LogFormatterSciNotation, ScalarFormatter
+from matplotlib.ticker import Formatter, FuncFormatter, LogFormatterSciNotation, ScalarFormatter
 
 from jaxstab.core.unit_system import Units, in_brackets, readable_unit
 from jaxstab.core.units import FORCE, NUMBER, dimensions
@@ -74,15 +74,6 @@ def scaled_label(units: Units, label: str, largest: float) -> tuple[float, str]:
     return divisor, name + in_brackets(unit)
 
 
-class _Prefixed(Formatter):
-    def __init__(self, divisor: float):
-        self.divisor = divisor
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        # Rounding moves ticks off zero.
-        return self.fix_minus(f"{round(x / self.divisor, 9) + 0.0:g}")
-
-
 class _Plain(LogFormatterSciNotation):
     def __call__(self, x: float, pos: int | None = None) -> str:
         text = super().__call__(x, pos)
@@ -100,8 +91,13 @@ def label_axis(axis: Axis, label: str, units: Units) -> None:
     divisor, text = scaled_label(units, label, max(map(abs, axis.get_view_interval())))
     axis.set_label_text(text)
     if divisor != 1:
-        axis.set_major_formatter(_Prefixed(divisor))
-    elif isinstance(axis.get_major_formatter(), _Prefixed):
+
+        def number(x: float, _: float) -> str:
+            # Rounding moves ticks off zero.
+            return Formatter.fix_minus(f"{round(x / divisor, 9) + 0.0:g}")
+
+        axis.set_major_formatter(number)
+    elif isinstance(axis.get_major_formatter(), FuncFormatter):
         axis.set_major_formatter(ScalarFormatter())
 
 
