@@ -42,7 +42,9 @@ def inline(self: eqx.Module) -> str:
 
 def block(self: eqx.Module) -> str:
     """Return a module as one aligned line for each field: a `__repr__`."""
-    units = units_of(self)
+    # The units of a contact or a result are its own, or those of its state.
+    holders = [self, *(getattr(self, field.name, None) for field in fields(self))]
+    units = next((x.units for x in holders if hasattr(x, "units")), NO_UNITS)
     rows = {
         name: shorten(value, _LONGEST_TEXT, placeholder=" ...")
         for name, value in _texts(self, units)
@@ -94,26 +96,18 @@ def table(columns: Mapping[str, Iterable[str]]) -> str:
     return "\n".join([texts[0], "-" * len(texts[0]), *texts[1:]])
 
 
-def units_of(module: eqx.Module) -> Units:
-    """Return the units of a contact or a result: its own, or its state's."""
-    holders = [module, *(getattr(module, field.name, None) for field in fields(module))]
-    return next((x.units for x in holders if hasattr(x, "units")), NO_UNITS)
-
-
 def text(value: object, units: Units = NO_UNITS) -> str:
     """Return the text for a field: the range of an array, or a number itself."""
     if isinstance(value, jax.Array | np.ndarray | np.number | np.bool):
         return described(value)
     if isinstance(value, int | float | complex):
         return number(value)
-    if isinstance(value, eqx.Module) and type(value).__repr__ in _SHOWN_ON_A_LINE:
+    without_own_text = eqx.Module.__repr__, block, inline
+    if isinstance(value, eqx.Module) and type(value).__repr__ in without_own_text:
         return _line(value, units)
     if isinstance(value, tuple | list):
         return f"({', '.join(text(part, units) for part in value)})"
     return " ".join(repr(value).split())
-
-
-_SHOWN_ON_A_LINE = (eqx.Module.__repr__, block, inline)
 
 
 def _line(module: eqx.Module, units: Units) -> str:

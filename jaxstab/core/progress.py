@@ -101,9 +101,4 @@ def advance_to(done: Callable[[], int]) -> None:
 
 def advance(after: Array) -> None:
     """Move the bar by one unit once `after` is known; works inside compiled code."""
-    jax.debug.callback(_advance, after)
-
-
-def _advance(_: Array) -> None:
-    if _bars:
-        _bars[-1].update()
+    jax.debug.callback(advance_if_known, after)
