@@ -67,7 +67,9 @@ def contents(study):
     for path in study.glob("*.nc"):
         with h5py.File(path) as file:
             arrays = {name: file[name][()] for name in file if name != "seconds"}
-        found[path.name] = {n: (x.dtype, x.shape, x.tobytes()) for n, x in arrays.items()}
+        # The bytes of words are addresses.
+        parts = {n: x.tolist() if x.dtype.hasobject else x.tobytes() for n, x in arrays.items()}
+        found[path.name] = {n: (x.dtype, x.shape, parts[n]) for n, x in arrays.items()}
     return found
 
 

@@ -16,6 +16,8 @@ import numpy as np
 
 # The bytes of a digest of the whole file and its name, behind those that HDF5 reads.
 _DIGEST = 16
+# The data type of words in NumPy.
+_WORDS = "|O"
 
 
 class Damaged(OSError):
@@ -40,10 +42,8 @@ def write(path: Path, variables: Variables) -> None:
         if values.dtype.kind == "b":
             values, attrs = values.astype("i1"), {**attrs, "dtype": "bool"}
         if values.dtype.kind == "U":
-            # Words of fixed length have checksums; few lengths are few layouts.
-            words = np.char.encode(values, "utf-8")
-            values = words.astype(f"S{(words.itemsize // 32 + 1) * 32}")
-            attrs = {**attrs, "_Encoding": "utf-8"}
+            # All engines of xarray read words of any length; those of fixed length some do not.
+            values = values.astype(h5py.string_dtype())
         stored[name] = np.ascontiguousarray(values)
         layout[name] = dims, values.shape, values.dtype.str, attrs
     image = h5py.h5f.open_file_image(_empty(json.dumps(layout)), h5py.h5f.ACC_RDWR)
@@ -70,14 +70,14 @@ def read(path: Path, largest: float = math.inf) -> Variables:
     with h5py.File(h5py.h5f.open_file_image(image)) as file:
         for name, (dims, shape, dtype, attrs) in json.loads(file.attrs["layout"]).items():
             num_bytes = math.prod(shape) * np.dtype(dtype).itemsize
-            is_read = num_bytes <= largest or "S" in dtype or dims == [name]
+            is_read = num_bytes <= largest or dims == [name]
             values: Any = np.empty(shape, dtype) if is_read else np.zeros((), dtype)
-            if not is_read:
+            if dtype == _WORDS:
+                values = file[name].asstr()[()].astype(str)
+            elif not is_read:
                 values = np.broadcast_to(values, shape)
             elif num_bytes:
                 h5py.h5d.open(file.id, name.encode()).read(h5py.h5s.ALL, h5py.h5s.ALL, values)
-            if attrs.pop("_Encoding", ""):
-                values = np.char.decode(values, "utf-8")
             values = values.astype(attrs.pop("dtype", values.dtype), copy=False)
             variables[name] = Variable(tuple(dims), values, attrs)
     return variables
@@ -103,15 +103,16 @@ def _empty(layout: str) -> bytes:
 
     variables, image, text = json.loads(layout), io.BytesIO(), layout.encode()
     pairs = [zip(dims, shape, strict=True) for dims, shape, *_ in variables.values()]
-    # The first format with checksums of all but the numbers, for which there is Fletcher-32.
+    # The first format with checksums of its structure; Fletcher-32 adds those of numbers.
     with h5netcdf.File(image, "w", libver=("v110", "v110")) as file:
         file.dimensions = {name: size for pair in pairs for name, size in pair}
         file.attrs["layout"] = np.array(text, _h5py().string_dtype("utf-8", len(text)))
         for name, (dims, shape, dtype, attrs) in variables.items():
             is_one = math.prod(shape) * np.dtype(dtype).itemsize < 2**28
             chunks = {"chunks": tuple(shape) if is_one else True, "fletcher32": True}
-            options = chunks if 0 not in shape else {}
-            file.create_variable(name, dims, np.dtype(dtype), **options).attrs.update(attrs)
+            options = chunks if 0 not in shape and dtype != _WORDS else {}
+            stored = _h5py().string_dtype() if dtype == _WORDS else np.dtype(dtype)
+            file.create_variable(name, dims, stored, **options).attrs.update(attrs)
     return image.getvalue()
 
 

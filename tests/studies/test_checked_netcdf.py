@@ -38,7 +38,8 @@ def test_hdf5_itself_finds_a_changed_number_of_any_variable(tmp_path):
     write(file, VARIABLES)
     content = file.read_bytes()
     with h5py.File(file) as opened:
-        for name in VARIABLES:
+        # Words have no checksum but the digest of the file.
+        for name in VARIABLES.keys() - {"word"}:
             places[name] = opened[name].id.get_chunk_info(0).byte_offset
     for name, place in places.items():
         changed = bytearray(content)
@@ -48,9 +49,12 @@ def test_hdf5_itself_finds_a_changed_number_of_any_variable(tmp_path):
             opened[name][()]
 
 
-def test_xarray_reads_the_variables(tmp_path):
+@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
+def test_xarray_reads_the_variables(engine, tmp_path):
+    if engine == "netcdf4":
+        pytest.importorskip("netCDF4")
     write(tmp_path / "case.nc", VARIABLES)
-    dataset = xarray.load_dataset(tmp_path / "case.nc", engine="h5netcdf")
+    dataset = xarray.load_dataset(tmp_path / "case.nc", engine=engine)
     assert set(dataset.coords) == {"x"} and dataset["field"].attrs == {"units": "µm"}
     for name, (dims, values, _) in VARIABLES.items():
         assert dataset[name].dims == dims
