@@ -1,7 +1,11 @@
-"""Compiled programs, with compiler options that halve the cold compile time on a CPU."""
+"""Compiled programs, with compiler options that halve the cold compile time on a CPU.
+
+JAX's checks of the user's code are disabled in them.
+"""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache, wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -10,13 +14,23 @@ import jax
 
 from jaxstab.core.batching import has_accelerator
 from jaxstab.core.checks import is_transformed
-from jaxstab.core.switches import own_conventions
 
 # Linux gives a process 65 530 memory mappings, of which a compiled program takes hundreds. LLVM
 # aborts the process when none is left, so the error must come before.
 _MOST_MAPPINGS = 0.95
 Given = ParamSpec("Given")
 Out = TypeVar("Out")
+
+
+@contextmanager
+def own_conventions() -> Iterator[None]:
+    """Disable JAX's checks of the user's code: here NaN is an answer, and numbers broadcast."""
+    with (
+        jax.debug_nans(False),
+        jax.numpy_dtype_promotion("standard"),
+        jax.numpy_rank_promotion("allow"),
+    ):
+        yield
 
 
 def program(function: Callable[Given, Out], **options: Any) -> Callable[Given, Out]:

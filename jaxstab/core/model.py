@@ -11,8 +11,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxstab.core.batching import on_platform
+from jaxstab.core.compile import own_conventions
 from jaxstab.core.grid import Grid, mean_over, total, totals
-from jaxstab.core.switches import own_conventions
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Mask, Scalar
 
 # Steps of Newton's method in a projection onto the cone, where no host looks on. Of six hundred

@@ -14,7 +14,7 @@ from typing import Protocol, Self, get_args
 import equinox as eqx
 from jaxtyping import Array
 
-from jaxstab.core.switches import own_conventions
+from jaxstab.core.compile import own_conventions
 from jaxstab.core.types import Scalar
 from jaxstab.core.unit_system import power_of_pressure
 

@@ -12,9 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jaxstab.core import model
+from jaxstab.core.compile import own_conventions
 from jaxstab.core.display import inline
 from jaxstab.core.grid import Grid, mean, mean_over, require_grid
-from jaxstab.core.switches import own_conventions
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 
 

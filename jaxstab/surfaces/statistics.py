@@ -13,9 +13,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.core.checks import are_finite, concrete, is_traced, numbers, parameter, require
-from jaxstab.core.compile import program
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.grid import Grid, require_grid
-from jaxstab.core.switches import own_conventions
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.surfaces.topography import FILL, Topography, as_topography
 

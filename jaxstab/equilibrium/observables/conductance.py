@@ -11,11 +11,10 @@ import jax.numpy as jnp
 
 from jaxstab.contact import Contact
 from jaxstab.core.checks import cast, is_traced, require, require_kind, scalar_parameter
-from jaxstab.core.compile import program
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.grid import Grid, total
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import SolverError
-from jaxstab.core.switches import own_conventions
 from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
 from jaxstab.core.units import NUMBER, SPRING_CONSTANT, Dimension
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
