@@ -161,9 +161,13 @@ class IterativeSolver(eqx.Module):
 
         def further(carry: tuple[Iteration[State], Indicators, Int[Array, ""]]) -> tuple:
             old, best, best_step = carry
-            state = jax.lax.fori_loop(
-                0, self.steps_per_check, lambda _, state: self.step(problem, state), old.state
-            )
+            state = old.state
+            if self.steps_per_check == 1:
+                state = self.step(problem, state)
+            else:
+                state = jax.lax.fori_loop(
+                    0, self.steps_per_check, lambda _, s: self.step(problem, s), state
+                )
             steps = old.num_steps + self.steps_per_check
             new = self.measure(problem, state)
             history = old.history.record(steps // self.steps_per_check, steps, new)
