@@ -1,4 +1,4 @@
-"""The energy that a contact loses on a step of the load: none on a branch, some in a jump.
+"""The energy that a load supplies, and the energy of a contact that losses are compared with.
 
 On a branch the potential E + W, with W the energy of the load, changes by the work of the load:
 dE + dW = F dl.
