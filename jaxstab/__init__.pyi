@@ -6,7 +6,6 @@ from .contact.resolution import ResolutionWarning
 from .core.grid import Grid
 from .core.history import History
 from .core.results import RESULTS, SolverError
-from .core.taylor_test import TaylorTest, check_derivative
 from .core.units import Dimension
 from .equilibrium import (
     Equilibrium,
@@ -62,6 +61,7 @@ from .paths import (
 )
 from .paths.curve.critical_load import CriticalLoad
 from .paths.sweep import Sweep, SweepInterrupted, sweep
+from .references.taylor_test import TaylorTest, check_derivative
 from .solids import (
     CoatedHalfSpace,
     FreeHalfSpace,

@@ -3,8 +3,7 @@
 import argparse
 
 from jaxstab.cli.options import OF_A_FILE
-from jaxstab.cli.problem import surface_of
-from jaxstab.cli.result import loaded
+from jaxstab.cli.problem import loaded, surface_of
 from jaxstab.files.netcdf import attributes_of
 
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxstab import plots
-from jaxstab.cli.result import loaded
+from jaxstab.cli.problem import loaded
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.paths import Branch, Evolution, Transition

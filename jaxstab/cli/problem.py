@@ -1,7 +1,8 @@
-"""The contact and the loads that options describe."""
+"""The contact, the loads and the result that options describe."""
 
 import argparse
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
 import jax
@@ -13,6 +14,8 @@ from jaxstab.cli.options import LOADS, OF_A_FILE, SPECTRUM
 from jaxstab.contact import Contact
 from jaxstab.core.grid import Grid
 from jaxstab.core.warn import warn
+from jaxstab.files import load
+from jaxstab.files.dataset import Result
 from jaxstab.potentials.profile import innermost_gap
 from jaxstab.solids import HalfSpace
 
@@ -71,3 +74,11 @@ def loads_of(
     values = jnp.asarray(first + (last - first) * np.asarray(shares))
     machine = [] if options.stiffness is None else [options.stiffness]
     return getattr(loads, LOADS[options.load])(values, *machine)
+
+
+def loaded(options: argparse.Namespace) -> tuple[Contact, Result]:
+    """Return the contact and the result of a file, in double precision."""
+    jax.config.update("jax_enable_x64", True)
+    for name in vars(options)["import"]:
+        import_module(name)
+    return load(options.file)
