@@ -237,6 +237,8 @@ def test_many_speeds_at_once_are_those_alone():
     assert batch[2][3].work == pytest.approx(float(runs[2][3].work), abs=1e-12)
     assert batch[2].force == pytest.approx(np.array(runs[2].force), abs=1e-12)
     assert batch[2].contact.heights.shape == (32,)
+    with pytest.raises(ValueError, match="3 evolutions: choose one"):
+        js.growth_rate(batch)
     assert np.ptp(alone[:, -2]) > 1e-4
 
 
@@ -378,3 +380,14 @@ def test_lifetime_ends_between_the_relaxed_and_the_glassy_pull_off():
     times = [js.lifetime(contact, js.MeanPressure(part * strength)) for part in (1.001, 1.01, 1.1)]
     assert times[0] > 2 * times[1] > 4 * times[2] > 0
     assert js.lifetime(contact, js.MeanPressure(100 * strength)) == 0
+
+
+@pytest.mark.parametrize("part", [2, 9])
+def test_a_lifetime_in_coarse_steps_is_the_one_in_fine_steps(part):
+    contact = viscoelastic(energy=0.003)
+    relaxed = js.Contact(contact.solid.relaxed, contact.heights, contact.potential)
+    rest = js.equilibrate(relaxed, js.MeanDisplacement(0.01))
+    held = js.Spring(float(np.linspace(0.128, 0.1335, 40)[part]), 0.5)
+    # In shorter steps the contact outlasts the interval in which longer ones lost it.
+    times = [js.lifetime(contact, held, initial=rest, rtol=rtol) for rtol in (0.03, 1e-3)]
+    assert times[0] == pytest.approx(times[1], rel=0.1)

@@ -109,8 +109,10 @@ class Evolution(Totals):
         """Gap and memory of a single state, or of the last one.
 
         Raises:
-            ValueError: where they were not kept.
+            ValueError: where they were not kept, and for several evolutions.
         """
+        if self.times.ndim > 1:
+            raise ValueError(f"These are {len(self)} evolutions: choose one, as batch[0].")
         if self.last is None:
             raise ValueError(
                 "The gap and the memory of this state were not kept: call evolve with fields=True."

@@ -66,6 +66,7 @@ def lifetime(
     first = jnp.minimum(_FIRST * solid.times[0], end / 2)
     count = int(_PER_DECADE * np.log10(float(end / first))) + 2
     times = jnp.concatenate([jnp.zeros(1), jnp.geomspace(first, end, count)])
+    after = np.inf
     while True:
         held = jax.tree.map(lambda leaf, times=times: jnp.broadcast_to(leaf, times.shape), load)
         found = evolve(contact, held, times, initial=start, rtol=rtol, fields=True, throw=False)
@@ -77,6 +78,9 @@ def lifetime(
         if result != RESULTS.successful:
             raise SolverError(f"The contact could not be followed: {RESULTS[result]}.", found)
         if touches[-1]:
+            if after < np.inf:
+                # In longer steps it had detached by then.
+                return after
             break
         place = int(np.argmin(touches))
         before, after = (float(found.times[i]) for i in (max(place - 1, 0), place))
