@@ -1,5 +1,7 @@
 """The fold of a branch: against dense Newton steps, finite differences, and where there is none."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -259,11 +261,14 @@ def test_a_branch_that_a_contact_point_ends_is_found_with_its_derivative(hertz):
     heights = hertz.heights + 1e-3 * jax.random.normal(jax.random.key(0), hertz.heights.shape)
     bracket = js.MeanDisplacement(jnp.array([1.2, 1.6]))
 
+    @jax.jit
+    @partial(jax.value_and_grad, has_aux=True)
     def release(energy):
         law = js.potentials.Exponential(energy, 1.0)
-        return js.critical_load(js.Contact(hertz.solid, heights, law), bracket)
+        found = js.critical_load(js.Contact(hertz.solid, heights, law), bracket)
+        return found.load.value, found
 
-    found = release(10.0)
+    (_, found), rate = release(10.0)
     assert found.kind == "release" and found.after is None
     assert found.equilibrium.in_contact.any()
     contact = js.Contact(hertz.solid, heights, hertz.potential)
@@ -272,8 +277,7 @@ def test_a_branch_that_a_contact_point_ends_is_found_with_its_derivative(hertz):
     reaction = jnp.where(found.equilibrium.in_contact, found.equilibrium.reaction, jnp.inf)
     assert jnp.abs(reaction).min() < 1e-8 < jnp.sort(reaction.ravel())[1]
     assert found.critical.eigenvalue < -1e-3
-    rate = jax.grad(lambda energy: release(energy).load.value)(10.0)
-    ends = [release(10.0 + sign * 1e-3).load.value for sign in (1, -1)]
+    ends = [release(10.0 + sign * 1e-3)[0][0] for sign in (1, -1)]
     np.testing.assert_allclose(rate, (ends[0] - ends[1]) / 2e-3, rtol=1e-6)
 
 
