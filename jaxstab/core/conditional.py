@@ -26,7 +26,7 @@ def if_needed(is_needed: ArrayLike, compute: Callable[[], Out], otherwise: Out) 
     return compute() if is_needed else otherwise
 
 
-def choose(condition: Array, one: Out, other: Out) -> Out:
+def choose(condition: ArrayLike, one: Out, other: Out) -> Out:
     """Return one of two trees of arrays; both are computed."""
     return jax.tree.map(partial(jnp.where, condition), one, other)
 

@@ -150,8 +150,9 @@ class Evolution(Totals):
         """
         padded, memory = self.contact.padded, self.internal
         contact = moved_contact(padded, memory, jnp.zeros((), memory.gap.dtype))
-        state = self.load, self.result
-        load, result = state if self.load.value.ndim == 0 else (part[-1] for part in state)
+        load, result = self.load, self.result
+        if load.value.ndim > 0:
+            load, result = load[-1], result[-1]
         gap = or_nan(memory.gap, result)
         return contact, state_at(contact, load_on(contact, padded, load), gap)
 
