@@ -153,9 +153,7 @@ def test_tables_show_the_units_of_the_contact():
     contact = small_contact()
     gaps = jnp.array([0.3, 0.05, 0.3])
     path, sweep = js.follow(contact, js.MeanGap(gaps)), js.sweep(contact, js.MeanGap(gaps[:2]))
-    branch = js.continuation(contact, js.MeanGap(gaps[:2]))
     assert "MeanGap 0.3 µm to 0.3 µm in" in str(path) and re.search(r"work  \S+ .J\n", str(path))
-    assert "MeanGap 0.3 µm to 0.05 µm in" in str(branch)
     heading = str(sweep).splitlines()[0]
     for column in ("MeanGap [µm]", "mean pressure [MPa]", "cone [MPa/µm]"):
         assert column in heading
@@ -167,9 +165,15 @@ def test_tables_show_the_units_of_the_contact():
         (str(js.patches(contact, sweep[1])), [" µm²\n", " µN\n"]),
         (str(js.leakage(contact, sweep[0])), [" µm³\n"]),
         (str(js.observe(contact, sweep, js.patches)), ["true area [µm²]"]),
-        (str(js.critical_load(contact, js.MeanGap(gaps[1:]), throw=False)), ["MPa"]),
     ):
         assert all(line in text for line in lines), text
+
+
+@pytest.mark.nightly
+def test_branches_and_their_ends_show_the_units_of_the_contact():
+    contact, ends = small_contact(), js.MeanGap(jnp.array([0.3, 0.05]))
+    assert "MeanGap 0.3 µm to 0.05 µm in" in str(js.continuation(contact, ends))
+    assert "MPa" in str(js.critical_load(contact, ends[::-1], throw=False))
 
 
 @pytest.fixture(scope="module")

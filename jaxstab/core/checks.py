@@ -118,6 +118,15 @@ def integer(name: str, value: SupportsIndex) -> int:
         raise TypeError(f"{name} is {value!r}: give an integer.") from None
 
 
+def require_known(inputs: object, name: str) -> None:
+    """Raise `TypeError` inside of a JAX transformation."""
+    if is_traced(inputs):
+        raise TypeError(
+            f"{name} works on known numbers, and JAX is tracing these: call it outside of jax.jit, "
+            "jax.vmap and jax.grad, for one state after another."
+        )
+
+
 def require(name: str, value: object, holds: ArrayLike, cure: str) -> None:
     """Raise `ValueError` naming `value` and the `cure` where `holds`, if known, is false."""
     if is_traced(holds) or np.all(holds):

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.core import display
+from jaxstab.core.checks import require_known
 from jaxstab.core.compile import program
 from jaxstab.core.stack import Stackable, nothing_like, stacked
 from jaxstab.core.types import Field
@@ -17,7 +18,6 @@ from jaxstab.core.units import NUMBER, declared
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.equilibrium.observables.observable import Observable
-from jaxstab.equilibrium.observables.patches import require_known
 from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load
 from jaxstab.paths.evolution.evolution import Evolution

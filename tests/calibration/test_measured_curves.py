@@ -85,6 +85,7 @@ def test_the_profile_is_that_of_fits_with_the_work_held():
         np.testing.assert_allclose(fit.profile.losses[at], held.cost / deviation, rtol=2e-3)
 
 
+@pytest.mark.nightly
 def test_errors_are_the_scatter_of_repeated_measurements():
     curves = jnp.asarray([noisy(number) for number in range(40)])
     fits = jax.vmap(lambda forces: fit_flat(forces, throw=False))(curves)

@@ -160,19 +160,28 @@ def test_a_pull_off_through_a_machine_far_too_soft_is_warned_of():
             js.pull_off(contact, spring=2e-9)
 
 
+def electrodes():
+    """Two flat ones of unit stiffness, with a dielectric."""
+    grid = js.Grid(16)
+    law = js.potentials.Electrostatic(1.0, 0.02, 0.1)
+    return js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(grid.shape), law)
+
+
+def test_a_soft_spring_far_away_begins_apart():
+    load = js.Spring([1.0, 0.05], 1.0)
+    swept = js.sweep(electrodes(), load, order="continuation", stability=False)
+    np.testing.assert_array_equal(swept.equilibrium.contact_area, [0, 1])
+
+
+@pytest.mark.nightly
 def test_a_path_under_a_soft_spring_far_away_begins_apart():
-    # Two flat electrodes: pulled in at a third of the way, dielectric included.
-    grid, stiffness, dielectric = js.Grid(16), 1.0, 0.1
-    law = js.potentials.Electrostatic(1.0, 0.02, dielectric)
-    contact = js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(grid.shape), law)
-    load = js.Spring([1.0, 0.05], stiffness)
-    pull_in = (27 / 8 * 0.02 / stiffness) ** (1 / 3) - dielectric
+    # They are pulled in at a third of the way, dielectric included.
+    contact, load = electrodes(), js.Spring([1.0, 0.05], 1.0)
+    pull_in = (27 / 8 * 0.02) ** (1 / 3) - 0.1
     path = js.follow(contact, load)
     np.testing.assert_allclose(path.jumps.load.value, [pull_in], rtol=1e-5)
     assert path.equilibrium.contact_area[0] == 0 and path.equilibrium.contact_area[-1] == 1
     np.testing.assert_allclose(js.critical_load(contact, load).load.value, pull_in, rtol=1e-7)
-    swept = js.sweep(contact, load, order="continuation", stability=False)
-    np.testing.assert_array_equal(swept.equilibrium.contact_area, [0, 1])
     # A spring that pulls harder than the law at no gap begins in contact.
-    near = js.follow(contact, js.Spring([0.2, 0.3], stiffness))
+    near = js.follow(contact, js.Spring([0.2, 0.3], 1.0))
     assert near.equilibrium.contact_area[0] == 1

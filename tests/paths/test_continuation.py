@@ -45,7 +45,10 @@ def test_states_of_a_branch_are_entries_of_a_sequence(branch):
     np.testing.assert_array_equal(branch[-2:].equilibrium.gap, branch.equilibrium.gap[-2:])
     with pytest.raises(IndexError):
         branch[len(branch)]
-    # An unstable state of it is an equilibrium from which to go on.
+
+
+@pytest.mark.nightly
+def test_it_goes_on_from_an_unstable_state_of_a_branch(branch):
     middle = int(np.argmax(branch.index))
     ends = jnp.stack([branch[middle].load.value, branch[middle + 2].load.value])
     rest = js.continuation(hertz(), js.MeanDisplacement(ends), initial=branch[middle], fields=True)

@@ -256,6 +256,8 @@ def test_where_no_fold_is_the_user_is_told():
         find(VALUES, 1.3)
 
 
+# Of a pull-off the same is tested daily.
+@pytest.mark.nightly
 def test_a_branch_that_a_contact_point_ends_is_found_with_its_derivative(hertz):
     # Points that are mirror images of each other would let go at once.
     heights = hertz.heights + 1e-3 * jax.random.normal(jax.random.key(0), hertz.heights.shape)

@@ -291,6 +291,8 @@ def test_mistakes_are_named():
         js.evolve(contact, load, times, max_steps=0)
     with pytest.raises(ValueError, match=r"until is -1\.0"):
         js.lifetime(contact, js.MeanPressure(0.1), until=-1.0)
+    with pytest.raises(TypeError, match=r"lifetime works on known numbers.* outside of jax\.jit"):
+        jax.jit(lambda value: js.lifetime(contact, js.MeanPressure(value)))(0.1)
     found = js.evolve(contact, load, times, rtol=ANY)
     with pytest.raises(ValueError, match="fields=True"):
         _ = found[3].internal

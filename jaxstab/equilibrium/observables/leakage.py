@@ -6,13 +6,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import array, require_positive, scalar_parameter
+from jaxstab.core.checks import array, require_known, require_positive, scalar_parameter
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, VISCOSITY, VOLUME
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.observables.flow import Flow, Solver, conducting, flows
 from jaxstab.equilibrium.observables.observable import Observable
-from jaxstab.equilibrium.observables.patches import require_known
 
 
 class Leakage(Observable):

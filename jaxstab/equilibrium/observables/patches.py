@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import array, is_traced
+from jaxstab.core.checks import array, require_known
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import AREA, FORCE, LENGTH
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
@@ -105,15 +105,6 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
         labels=jax.device_put(ranks[found.labels]),
         units=contact.units,
     )
-
-
-def require_known(inputs: object, name: str) -> None:
-    """Raise `TypeError` inside of a JAX transformation."""
-    if is_traced(inputs):
-        raise TypeError(
-            f"{name} works on known numbers, and JAX is tracing these: call it outside of jax.jit, "
-            "jax.vmap and jax.grad, for one state after another."
-        )
 
 
 def _ends(

@@ -8,7 +8,7 @@ from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact import Contact
 from jaxstab.contact.resolution import FOR_JUMPS, ResolutionWarning, warn_if_coarse
-from jaxstab.core.checks import integer, is_traced, require
+from jaxstab.core.checks import integer, require, require_known
 from jaxstab.core.results import RESULTS, SolverError
 from jaxstab.core.types import Field
 from jaxstab.equilibrium import Equilibrium, equilibrate
@@ -51,8 +51,7 @@ def easiest_exit(
         SolverError: where modes are not found, and if `throw` where no pass is.
     """
     equilibrium = equilibrium_of(contact, equilibrium)
-    if is_traced((contact, equilibrium)):
-        raise TypeError("easiest_exit does not run under JAX transformations: call it outside.")
+    require_known((contact, equilibrium), "easiest_exit")
     number = integer("num_modes", num_modes)
     require("num_modes", number, number >= 1, "try one mode or more.")
     most = contact.grid.size - contact.control(equilibrium.load).fixes_mean

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import parameter, require_positive
+from jaxstab.core.checks import parameter, require_known, require_positive
 from jaxstab.core.results import RESULTS, SolverError
 from jaxstab.core.types import ArrayLike
 from jaxstab.equilibrium import Equilibrium, equilibrate
@@ -46,12 +46,13 @@ def lifetime(
         equilibrium in contact where the contact has come to rest.
 
     Raises:
-        TypeError: for a solid that is not viscoelastic.
+        TypeError: for a solid that is not viscoelastic, and under JAX transformations.
         ValueError: for an array of loads, and an initial state without contact.
         SolverError: where an equilibrium is not found for another reason than detachment, and for a
             contact that has not come to rest.
     """
     require_viscoelastic(contact)
+    require_known((contact, load, initial, until), "lifetime")
     require_loads(load, (), "lifetime takes one load", "use a loop.")
     relaxed = relaxed_contact(contact)
     solid: Any = contact.solid
