@@ -195,12 +195,10 @@ def work_and_range(contact):
     return contact.potential.surface_energy, contact.potential.length
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("n", "side", "points", "seed", "start"),
-    [
-        (16, 40.0, 12, 0, (0.06, 4.0)),
-        pytest.param(32, 60.0, 16, 7, (0.06, 1.2), marks=pytest.mark.nightly),
-    ],
+    [(16, 40.0, 12, 0, (0.06, 4.0)), (32, 60.0, 16, 7, (0.06, 1.2))],
 )
 def test_of_several_minima_the_least_one_is_found(n, side, points, seed, start):
     indentation = np.linspace(2.5, -1.0, points)
