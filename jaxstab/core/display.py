@@ -42,7 +42,7 @@ def inline(self: eqx.Module) -> str:
 
 def block(self: eqx.Module) -> str:
     """Return a module as one aligned line for each field: a `__repr__`."""
-    # The units of a contact or a result are its own, or those of its state.
+    # A contact or a result has units itself, or its state has them.
     holders = [self, *(getattr(self, field.name, None) for field in fields(self))]
     units = next((x.units for x in holders if hasattr(x, "units")), NO_UNITS)
     rows = {

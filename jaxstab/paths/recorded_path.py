@@ -85,7 +85,8 @@ def path_of(record: Recording) -> Path:
     number = int(walk.num_states)
     none = jax.tree.map(lambda leaf: leaf[0], walk.records.jumps.rows)
     record.locate_ends()
-    like = [*record.jumps, jax.eval_shape(_jump_alone, contact, one, none)][0]
+    jumps = record.jumps
+    like = jumps[0] if jumps else jax.eval_shape(_jump_alone, contact, one, none)
     room = _ROOM * max(-(-number // _ROOM), 1)
 
     def padded(*parts: np.ndarray) -> np.ndarray:
@@ -98,7 +99,7 @@ def path_of(record: Recording) -> Path:
     load, states = (first_entries(part, number) for part in (path.load, path.equilibrium))
     gaps = np.concatenate([part.gap for part in record.points])
     states = replace(states, gap=jax.device_put(gaps) if gaps.size else None)
-    return replace(path, load=load, equilibrium=states, jumps=stacked(record.jumps, like))
+    return replace(path, load=load, equilibrium=states, jumps=stacked(jumps, like))
 
 
 def _jump(contact: Contact, one: Load, event: Event) -> Jump:

@@ -42,7 +42,7 @@ def write(path: Path, variables: Variables) -> None:
         if values.dtype.kind == "b":
             values, attrs = values.astype("i1"), {**attrs, "dtype": "bool"}
         if values.dtype.kind == "U":
-            # All engines of xarray read words of any length; those of fixed length some do not.
+            # All engines of xarray read words of any length, not all of them words of fixed length.
             values = values.astype(h5py.string_dtype())
         stored[name] = np.ascontiguousarray(values)
         layout[name] = dims, values.shape, values.dtype.str, attrs
