@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import Formatter, FuncFormatter, LogFormatterSciNotation, ScalarFormatter
+from matplotlib.ticker import Formatter, LogFormatterSciNotation, ScalarFormatter
 
 from jaxstab.core.unit_system import Units, in_brackets, readable_unit
 from jaxstab.core.units import FORCE, NUMBER, dimensions
@@ -86,18 +86,23 @@ def plain_decades(axis: Axis) -> None:
     axis.set_minor_formatter(_Plain(labelOnlyBase=False))
 
 
+class _Prefixed(Formatter):
+    # Of a class of its own, so that a formatter of the user is left alone.
+    def __init__(self, divisor: float):
+        self.divisor = divisor
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        # Rounding moves ticks off zero.
+        return self.fix_minus(f"{round(x / self.divisor, 9) + 0.0:g}")
+
+
 def label_axis(axis: Axis, label: str, units: Units) -> None:
     """Label an axis and its ticks in a unit with a prefix that suits its limits."""
     divisor, text = scaled_label(units, label, max(map(abs, axis.get_view_interval())))
     axis.set_label_text(text)
     if divisor != 1:
-
-        def number(x: float, _: float) -> str:
-            # Rounding moves ticks off zero.
-            return Formatter.fix_minus(f"{round(x / divisor, 9) + 0.0:g}")
-
-        axis.set_major_formatter(number)
-    elif isinstance(axis.get_major_formatter(), FuncFormatter):
+        axis.set_major_formatter(_Prefixed(divisor))
+    elif isinstance(axis.get_major_formatter(), _Prefixed):
         axis.set_major_formatter(ScalarFormatter())
 
 

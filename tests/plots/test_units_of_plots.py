@@ -1,10 +1,13 @@
 import jax
 import jax.numpy as jnp
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 import jaxstab as js
 from jaxstab import plots
+from jaxstab.core.unit_system import NO_UNITS
+from jaxstab.plots import style
 
 
 @pytest.mark.parametrize("kind", ["state", "line"])
@@ -73,3 +76,11 @@ def test_every_curve_reads_in_si_units(pdms):
     assert plots.force(contact.potential, gaps).get_ylabel() == "attraction f'(g) [pressure]"
     rings = js.surfaces.power_spectrum(contact.grid, contact.heights)
     assert plots.spectrum(rings, unit="m").get_ylabel() == "power spectral density [m⁴]"
+
+
+def test_a_formatter_of_the_user_stays_on_an_axis_whose_unit_needs_no_prefix():
+    _, axes = plt.subplots()
+    axes.set_ylim(1.0, 5.0)
+    axes.yaxis.set_major_formatter(lambda value, _: f"<{value:g}>")
+    style.label_axis(axes.yaxis, "gap [length]", NO_UNITS)
+    assert axes.yaxis.get_major_formatter()(2.0, 0) == "<2>"
