@@ -62,13 +62,13 @@ def _changes(rule: Rule, values: Tree, known: PyTree, inputs: PyTree, changes: P
                 return None
             # The factor depends on the input, so that second derivatives are NaN too.
             factor = jnp.where(jnp.isfinite(leaf), leaf, 0)
-            return jnp.sum(_nan_if(undefined, change) * factor)
+            return jnp.sum(nan_if(undefined, change) * factor)
 
         causes = jax.tree.leaves(jax.tree.map(cause, changes, inputs, is_leaf=_is_none))
 
         def defined_leaf(leaf: Array) -> Array:
             total = sum((x.astype(leaf.dtype) for x in causes), jnp.zeros((), leaf.dtype))
-            return _nan_if(undefined, jnp.where(undefined, total, leaf))
+            return nan_if(undefined, jnp.where(undefined, total, leaf))
 
         return jax.tree.map(defined_leaf, moved)
 
@@ -80,7 +80,7 @@ def nan_where(is_undefined: Flag, cause: Array, effect: Array) -> Array:
     return jnp.where(is_undefined & jnp.any(cause != 0), jnp.nan, effect)
 
 
-def _nan_if(is_undefined: Flag, change: Array) -> Array:
+def nan_if(is_undefined: Flag, change: Array) -> Array:
     """Return a tangent or a cotangent, or NaN if it is undefined and nonzero."""
     # JAX takes this for a linear function that is its own transpose.
     return jax.lax.custom_linear_solve(

@@ -81,7 +81,8 @@ class RESULTS(Enumeration):
     )
     store_full = member(
         "the store is full before the end. Raise `max_steps`, `max_states` or `max_jumps`, follow "
-        "a shorter programme, or locate fewer jumps (`smallest_jump`)"
+        "a shorter programme, or locate fewer jumps (`smallest_jump`). In time raise `rtol`: below "
+        "1e-5, and 1e-3 in float32, rounding of equilibria makes steps ever shorter"
     )
     interrupted = member("it was interrupted; the states before are kept")
     same_state = member(
@@ -108,6 +109,7 @@ class RESULTS(Enumeration):
         "the steps violate 1 / tau - sigma >= beta / 2, beta the bound on |A|, from which the "
         "iteration is known to converge. Lower `tau` or `sigma`, or leave them out"
     )
+    unordered_times = member("the times do not increase: give them in increasing order, each once")
 
 
 class SolverError(RuntimeError):

@@ -5,11 +5,10 @@ from jaxstab.paths.barriers.easiest_exit import easiest_exit
 from jaxstab.paths.barriers.transition import Transition, transition
 from jaxstab.paths.critical_load import critical_load
 from jaxstab.paths.curve.continuation import continuation
-from jaxstab.paths.evolution.evolution import Evolution
+from jaxstab.paths.evolution.evolution import Evolution, Internal
 from jaxstab.paths.evolution.evolve import evolve
 from jaxstab.paths.evolution.growth_rate import growth_rate
 from jaxstab.paths.evolution.lifetime import lifetime
-from jaxstab.paths.evolution.step import Internal
 from jaxstab.paths.follow import follow
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.observe import Observed, observe

@@ -20,7 +20,12 @@ def measured_columns(
     largest = max(np.abs(values[np.isfinite(values)]).max(initial=0) for values in arrays)
     divisor, unit = readable_unit(units, dimension, largest)
     suffix = "" if has_words(unit) else f" {in_brackets(unit)}"
-    cells = [column(values / divisor, f"{{:{form}}}".format) for values in arrays]
+
+    def cell(number: float) -> str:
+        # A number that was not found has no sign.
+        return f"{number:{form}}".replace("+nan", "nan")
+
+    cells = [column(values / divisor, cell) for values in arrays]
     return dict(zip((f"{name}{suffix}".rstrip() for name in named), cells, strict=True))
 
 

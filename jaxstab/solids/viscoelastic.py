@@ -50,8 +50,7 @@ class Viscoelastic(Solid):
                 f"The ratios have shape {self.ratios.shape}, the relaxation times "
                 f"{self.times.shape}: give one ratio for each time."
             )
-        given = concrete(self.ratios)
-        order = concrete(self.times)
+        given, order = concrete(self.ratios), concrete(self.times)
         is_ratio = (given >= 0) & (given < np.inf)
         require("A ratio of moduli", given, is_ratio, "it must be finite and not negative.")
         require_positive("A relaxation time", self.times)
@@ -140,9 +139,16 @@ class Viscoelastic(Solid):
         require("A time step", concrete(dt), concrete(dt) >= 0, "it must not be negative.")
         return self.solid.scaled(self.stiffening(dt))
 
+    @property
+    def springs(self) -> tuple[Array, Array]:
+        """r_k and t_k of all springs in parallel, first of the relaxed one: 1 and infinity."""
+        ratios = jnp.pad(self.ratios, (1, 0), constant_values=1)
+        return ratios, jnp.pad(self.times, (1, 0), constant_values=jnp.inf)
+
     def stiffening(self, dt: ArrayLike) -> Scalar:
-        """Return 1 + sum r_k b_k: the stiffness that a time step meets, over the relaxed one."""
-        return 1 + jnp.sum(self.ratios * ramp(dt, self.times))
+        """Return the sum of r_k b_k: the stiffness that a time step meets, over the relaxed one."""
+        ratios, times = self.springs
+        return jnp.sum(ratios * ramp(dt / times))
 
     def storage_and_loss(self, frequency: ArrayLike) -> tuple[Array, Array]:
         """Return the storage and the loss modulus at an angular frequency, over the relaxed one.
@@ -173,12 +179,10 @@ class Viscoelastic(Solid):
     # Functions without time use the relaxed solid.
     grid = _of_relaxed("grid")
     is_window = _of_relaxed("is_window")
-    area_fraction = _of_relaxed("area_fraction")  # pyright: ignore[reportIncompatibleMethodOverride]
+    area_fraction = _of_relaxed("area_fraction")  # pyright: ignore
     max_stiffness = _of_relaxed("max_stiffness")
     min_stiffness = _of_relaxed("min_stiffness")
-    uniform_stiffness = _of_relaxed(  # pyright: ignore[reportIncompatibleMethodOverride]
-        "uniform_stiffness"
-    )
+    uniform_stiffness = _of_relaxed("uniform_stiffness")  # pyright: ignore
     apply = _of_relaxed("apply")
     precondition = _of_relaxed("precondition")
     surface = _of_relaxed("surface")
@@ -197,12 +201,6 @@ def _require_elastic(name: str, solid: object) -> None:
         )
 
 
-def decay(dt: ArrayLike, times: Array) -> Array:
-    """Return e_k = exp(-dt / t_k): the part of a branch's strain that remains after a step."""
-    return jnp.exp(-jnp.asarray(dt) / times)
-
-
-def ramp(dt: ArrayLike, times: Array) -> Array:
-    """Return b_k = (1 - e_k) t_k / dt: the part of a ramp that remains in a branch; 1 at dt = 0."""
-    x = jnp.asarray(dt) / times
+def ramp(x: Array) -> Array:
+    """Return (1 - exp(-x)) / x, 1 at x = 0: with x = dt / t_k the part of a ramp that remains."""
     return jnp.where(x > 0, -jnp.expm1(-x) / jnp.where(x > 0, x, 1), 1)

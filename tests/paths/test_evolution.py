@@ -179,15 +179,15 @@ def test_an_interrupted_evolution_keeps_its_states_and_goes_on(monkeypatch):
     load = js.MeanDisplacement(values)
     whole = js.evolve(contact, load, times, rtol=ANY)
     module = importlib.import_module("jaxstab.paths.evolution.evolve")
-    found, calls = module._along, []
+    found, calls = module._march, []
 
-    def interrupted(*inputs, **options):
+    def interrupted(*inputs):
         calls.append(1)
-        if len(calls) > 3:
+        if len(calls) > 4:
             raise KeyboardInterrupt
-        return found(*inputs, **options)
+        return found(*inputs)
 
-    monkeypatch.setattr(module, "_along", interrupted)
+    monkeypatch.setattr(module, "_march", interrupted)
     with pytest.warns(js.PathInterrupted, match="3 of 8 times"):
         first = js.evolve(contact, load, times, rtol=ANY)
     monkeypatch.undo()
@@ -203,6 +203,7 @@ def test_after_a_failure_there_are_no_numbers_and_it_goes_on_from_the_last_state
     found = js.evolve(contact, load, times, throw=False, fields=fields)
     assert found.result.name.tolist() == 2 * ["successful"] + 3 * ["pulled_off"]
     assert 1 < found.reached < 2
+    assert "nan" in repr(found) and "+nan" not in repr(found)
     for name in ("mean_gap", "mean_pressure", "contact_area", "work", "stored", "dissipated"):
         assert np.isnan(getattr(found, name)).tolist() == [False, False, True, True, True]
     assert not fields or np.all(np.isnan(found.fields.gap[2:]))
@@ -217,6 +218,34 @@ def test_after_a_failure_there_are_no_numbers_and_it_goes_on_from_the_last_state
     if fields:
         with pytest.raises(ValueError, match="start from a state that was found"):
             js.evolve(contact, load, times, initial=found[2])
+
+
+def test_after_a_failure_there_are_no_derivatives():
+    times, load = jnp.linspace(0, 4, 5), js.MeanPressure(jnp.linspace(0, -0.16, 5))
+
+    def gaps(energy):
+        contact = viscoelastic(energy=energy)
+        return js.evolve(contact, load, times, rtol=0.1, max_steps=64, throw=False).mean_gap
+
+    _, changes = jax.jvp(gaps, (0.002,), (1.0,))
+    assert np.isnan(changes).tolist() == [False, False, True, True, True]
+    # Where failed states do not count, they spoil nothing.
+    found, failed = (jax.grad(lambda energy, i=i: gaps(energy)[i])(0.002) for i in (1, 3))
+    assert found == pytest.approx(float(changes[1])) and found != 0
+    assert np.isnan(failed)
+
+
+def test_a_tolerance_below_the_rounding_of_equilibria_is_named():
+    times, values = cycle(3)
+
+    def end(energy):
+        load, contact = js.MeanDisplacement(values), viscoelastic(energy=energy)
+        return js.evolve(contact, load, times, rtol=1e-6, max_steps=40).mean_pressure[-1]
+
+    # Also where derivatives are taken.
+    for call in (end, jax.grad(end)):
+        with pytest.raises(js.SolverError, match=r"with rtol = 1e-06: store_full.*raise `rtol`"):
+            call(0.002)
 
 
 def test_many_speeds_at_once_are_those_alone():
@@ -255,6 +284,7 @@ def test_derivatives_by_law_ratio_time_and_speed_are_those_of_differences():
 
     point = jnp.array([0.002, 2.0, 0.1, 1.0])
     gradient = jax.grad(pull)(point)
+    assert np.array(jax.jacfwd(pull)(point)) == pytest.approx(np.array(gradient), rel=1e-9)
     for i, derivative in enumerate(gradient):
         step = 1e-5 * point[i] * jnp.eye(4)[i]
         difference = (pull(point + step) - pull(point - step)) / (2e-5 * point[i])
@@ -275,7 +305,7 @@ def test_mistakes_are_named():
     contact, (times, values) = viscoelastic(), cycle()
     load = js.MeanDisplacement(values)
     relaxed = js.Contact(contact.solid.relaxed, contact.heights, contact.potential)
-    with pytest.raises(TypeError, match="HalfSpace, which has no relaxation times"):
+    with pytest.raises(TypeError, match="HalfSpace is no solid with relaxation times"):
         js.evolve(relaxed, load, times)
     with pytest.raises(ValueError, match=r"\(20,\).*\(21,\)"):
         js.evolve(contact, load, times[1:])
@@ -306,12 +336,12 @@ def test_times_that_do_not_increase_have_no_states_under_jit():
     @jax.jit
     def found(times):
         load = js.MeanDisplacement(values)
-        run = js.evolve(contact, load, times, rtol=ANY, max_steps=4, throw=False)
-        return run.mean_pressure, run.num_steps
+        return js.evolve(contact, load, times, rtol=ANY, max_steps=4, throw=False)
 
-    pressure, steps = found(times.at[2].set(times[1]))
-    assert np.isnan(pressure).tolist() == [False, False, True, True, True]
-    assert steps.sum() == 1
+    run = found(times.at[2].set(times[1]))
+    assert np.isnan(run.mean_pressure).tolist() == [False, False, True, True, True]
+    assert run.result.name.tolist() == 2 * ["successful"] + 3 * ["unordered_times"]
+    assert run.num_steps.sum() == 1
 
 
 def test_a_state_of_a_path_starts_at_its_own_load():

@@ -1,6 +1,5 @@
 """The history of a viscoelastic contact, and one state of it."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Annotated, Any, TypeVar
 
@@ -10,20 +9,33 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxstab.contact import Contact
+from jaxstab.contact import Contact, require_contact
 from jaxstab.core import display
+from jaxstab.core.checks import require_kind
 from jaxstab.core.display import column
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
 from jaxstab.core.units import ENERGY, FORCE, LENGTH, NUMBER, PRESSURE, TIME
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
-from jaxstab.loads import Load
-from jaxstab.paths.evolution.step import Internal, load_on, moved_contact
+from jaxstab.loads import Load, MeanDisplacement, MeanGap
 from jaxstab.paths.path import States
 from jaxstab.paths.tables import load_column, measured_columns, percent_column
+from jaxstab.solids.viscoelastic import Viscoelastic
 
 Tree = TypeVar("Tree")
+
+
+class Internal(eqx.Module):
+    """The memory of a viscoelastic contact, on the grid that it is solved on.
+
+    Attributes:
+        gap: g [length].
+        strains: v_k of each spring, first w, the displacement relative to the far side [length].
+    """
+
+    gap: Annotated[Field, LENGTH]
+    strains: Annotated[Float[Array, " springs_and_grid"], LENGTH]
 
 
 class Totals(eqx.Module):
@@ -88,21 +100,15 @@ class Evolution(Totals):
         return len(self.times)
 
     def __getitem__(self, index: Any) -> "Evolution":
-        if self.times.ndim > 1:
-            return jax.tree.map(lambda leaf: leaf[index], self)
         places = np.arange(len(self))[index]
-        is_last = np.size(places) > 0 and np.ravel(places)[-1] == len(self) - 1
-        names = [*Totals.__annotations__, "load", "times", "force", "fields", "num_steps", "result"]
-        picked = {
-            name: jax.tree.map(lambda leaf: leaf[places], getattr(self, name)) for name in names
-        }
-        last, kept = self.last if is_last else None, picked["fields"]
-        if kept is not None and not is_last:
-            last = jax.tree.map(lambda leaf: leaf[-1], kept) if np.ndim(places) else kept
-        return replace(self, last=last, **picked)
-
-    def __iter__(self) -> Iterator["Evolution"]:
-        return (self[i] for i in range(len(self)))
+        if self.times.ndim > 1:
+            return jax.tree.map(lambda leaf: leaf[places], self)
+        names = "contact", "last", "reached", "jump_times", "dissipation"
+        of_all, end = {name: getattr(self, name) for name in names}, np.ravel(places)[-1]
+        if end < len(self) - 1:
+            of_all["last"] = jax.tree.map(lambda leaf: leaf[end], self.fields)
+        picked = replace(self, **dict.fromkeys(names))
+        return replace(jax.tree.map(lambda leaf: leaf[places], picked), **of_all)
 
     @property
     def internal(self) -> Internal:
@@ -149,16 +155,23 @@ class Evolution(Totals):
         larger grid that it is solved on. After a failure the gap is NaN.
         """
         padded, memory = self.contact.padded, self.internal
-        contact = moved_contact(padded, memory, jnp.zeros((), memory.gap.dtype))
         load, result = self.load, self.result
         if load.value.ndim > 0:
             load, result = load[-1], result[-1]
-        gap = or_nan(memory.gap, result)
-        return contact, state_at(contact, load_on(contact, padded, load), gap)
+        contact = moved_contact(padded, memory, jnp.zeros((), memory.gap.dtype))
+        return contact, state_at(contact, on_gap(padded, load), or_nan(memory.gap, result))
 
     @display.readable
     def __repr__(self) -> str:
-        return display.table(_columns(self))
+        units = self.contact.units
+        columns = {"time": column(self.times, "{:.6g}".format)}
+        columns |= load_column(self.load, units, ".6g")
+        columns |= measured_columns({"mean pressure": self.mean_pressure}, units, PRESSURE)
+        columns["contact area"] = percent_column(self.contact_area)
+        balance = {name: getattr(self, name) for name in ("work", "stored", "dissipated", "lost")}
+        columns |= measured_columns(balance, units, ENERGY)
+        columns["steps"] = column(self.num_steps, str)
+        return display.table(columns | {"result": column(self.result.name, str)})
 
 
 def or_nan(tree: Tree, result: RESULTS) -> Tree:
@@ -168,17 +181,28 @@ def or_nan(tree: Tree, result: RESULTS) -> Tree:
 
 
 def relaxed_contact(contact: Contact) -> Contact:
-    """Return the contact of the relaxed elastic solid of a viscoelastic one."""
+    """Return the contact of the relaxed solid; raise `TypeError` if it is not viscoelastic."""
+    require_contact(contact)
     solid: Any = contact.solid
+    cure = "give the contact a Viscoelastic(solid, ratios, times)."
+    require_kind(solid, Viscoelastic, f"no solid with relaxation times: {cure}")
     return eqx.tree_at(lambda contact: contact.solid, contact, solid.relaxed)
 
 
-def _columns(evolution: Evolution) -> dict[str, list[str]]:
-    units, columns = evolution.contact.units, {"time": column(evolution.times, "{:.6g}".format)}
-    columns |= load_column(evolution.load, units, ".6g")
-    columns |= measured_columns({"mean pressure": evolution.mean_pressure}, units, PRESSURE)
-    columns["contact area"] = percent_column(evolution.contact_area)
-    balance = {name: getattr(evolution, name) for name in ("work", "stored", "dissipated", "lost")}
-    columns |= measured_columns(balance, units, ENERGY)
-    columns["steps"] = column(evolution.num_steps, str)
-    return columns | {"result": column(evolution.result.name, str)}
+def moved_contact(contact: Contact, memory: Internal, dt: Scalar) -> Contact:
+    """Return the elastic contact of a step from a state: K_step on h + m."""
+    solid: Any = contact.solid
+    ratios, times = solid.springs
+    kept = jnp.tensordot(ratios * jnp.exp(-dt / times), memory.strains, 1) / solid.stiffening(dt)
+    return eqx.tree_at(
+        lambda contact: (contact.solid, contact.heights),
+        contact,
+        (solid.step(dt), contact.heights + kept - memory.strains[0]),
+    )
+
+
+def on_gap(contact: Contact, load: Load) -> Load:
+    """Return a mean displacement as the mean gap, which no memory moves, and other loads."""
+    if isinstance(load, MeanDisplacement):
+        return MeanGap(contact.control(load).mean_gap)
+    return load

@@ -1,21 +1,19 @@
 """A viscoelastic contact in time, under a load with one value for each time."""
 
-from collections.abc import Callable
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxstab.contact import Contact, require_contact, require_same_contact
+from jaxstab.contact import Contact, require_same_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.batching import by_entries, entry_of
 from jaxstab.core.checks import (
     concrete,
     integer,
-    is_traced,
     is_transformed,
     parameter,
     require,
@@ -23,36 +21,20 @@ from jaxstab.core.checks import (
     require_positive,
 )
 from jaxstab.core.compile import program
-from jaxstab.core.implicit import attach, pushed
+from jaxstab.core.implicit import attach, nan_if, pushed
 from jaxstab.core.progress import can_be_shown, progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import stacked
-from jaxstab.core.types import ArrayLike
+from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, require_load, require_same_machine
-from jaxstab.paths.evolution.evolution import Evolution, Totals, or_nan, relaxed_contact
-from jaxstab.paths.evolution.march import (
-    Leg,
-    Moment,
-    Step,
-    between,
-    first_moment,
-    march,
-    stepped,
-    with_loss,
-)
-from jaxstab.paths.evolution.step import Internal, next_state, springs
+from jaxstab.paths.evolution.evolution import Evolution, Internal, Totals, relaxed_contact
+from jaxstab.paths.evolution.step import Moment, Step, along, first_moment, march, stepped
 from jaxstab.paths.path import PathInterrupted
 from jaxstab.paths.record import Table
-from jaxstab.solids.viscoelastic import Viscoelastic
-
-Tree = TypeVar("Tree")
-State = tuple[Moment, Table]
-# Scalars, memory, result and number of steps of a state.
-Entry = tuple[Totals, Internal | None, RESULTS, Int[Array, ""]]
 
 
 def evolve(
@@ -104,66 +86,59 @@ def evolve(
             initial evolution of another contact.
         SolverError: if `throw`, where an equilibrium is not found, or there is no room left.
     """
+    relaxed = relaxed_contact(contact)
     instants = _checked(contact, load, times)
-    dtype = instants.dtype
-    tolerance = parameter(rtol).astype(dtype)
+    tolerance = parameter(rtol).astype(instants.dtype)
     require_positive("rtol", tolerance)
-    number = integer("max_steps", max_steps)
-    require("max_steps", number, number > 0, "it must be positive.")
-    room = jnp.zeros(number, dtype)
-    padded = contact.padded
-    inputs = padded, load, instants, _start(contact, load[0], initial)
-    constant, held, _, begin = jax.lax.stop_gradient(inputs)
-    legs = jax.lax.stop_gradient(_legs(load, instants))
-    start = begin, Table(Step(room.astype(int), room, room, room), jnp.array(0))
-    given = constant, held[0], jax.lax.stop_gradient(tolerance), start, legs
-    is_alone = not is_transformed(given)
-    bar = progress_bar(instants.size - 1, "time", shown=can_be_shown(progress, given))
-    with jax.debug_nans(False), bar as bar:
-        find = partial(_one_by_one, bar.update) if is_alone else _along
-        (end, steps), rest = find(*given, fields=fields)
-    totals, internal, result, numbers = _with_first(_entry(start, fields), rest)
-    # Fewer than all, if it was interrupted.
-    load, instants = load[: numbers.size], instants[: numbers.size]
-    last = end.internal
-    if is_traced((contact, load, times)):
-        totals, last = attach(_changes, (totals, last), (steps, numbers), inputs)
-    taken = steps.rows
-    ends = between(legs.times[taken.leg], taken.end)
-    jumps = ends, taken.lost
-    if is_alone:
-        has_jumped = np.asarray(taken.lost) > 0
-        jumps = tuple(jnp.asarray(np.asarray(column)[has_jumped]) for column in jumps)
+    size = integer("max_steps", max_steps)
+    require("max_steps", size, size > 0, "it must be positive.")
+    room = jnp.zeros(size, instants.dtype)
+    inputs = contact.padded, load, instants, _start(contact, relaxed, load[0], initial)
+    *given, moment = jax.lax.stop_gradient(inputs)
+    state = moment, Table((room.astype(int), room, room, room), jnp.array(0))
+    keeps, known = jnp.array(True) if fields else None, jax.lax.stop_gradient(tolerance)
+    rows, numbers, is_alone = [], np.arange(instants.size), not is_transformed((inputs, known))
+    shown = can_be_shown(progress, (inputs, known))
+    with jax.debug_nans(False), progress_bar(numbers.size, "time", shown=shown) as bar:
+        # Time by time, so that it can be watched, and interrupted.
+        for number in numbers if is_alone else [numbers]:
+            try:
+                state, row = jax.block_until_ready(_march(*given, known, keeps, state, number))
+                rows.append(row)
+            except KeyboardInterrupt:
+                if not rows:
+                    raise
+                done = f"{len(rows) - 1} of {numbers.size - 1} times after the first"
+                warn(f"The evolution was interrupted: {done}.", PathInterrupted)
+                break
+            bar.update()
+    (moment, steps), found = state, stacked(rows, rows[0]) if is_alone else rows[0]
+    totals, kept, result, counts = found
+    known = steps, counts, result == RESULTS.successful
+    totals, last = attach(_changes, (totals, moment.internal), known, inputs)
+    ways, _, parts, lost = steps.rows
+    ends = along(given[2], ways, parts)
+    has_jumped = np.asarray(lost) > 0 if is_alone else slice(None)
     evolution = Evolution(
         **vars(totals) | {"stored": totals.stored - totals.stored[0]},
         contact=contact,
-        load=load,
-        times=instants,
+        # Fewer than all, if it was interrupted.
+        load=load[: counts.size],
+        times=instants[: counts.size],
         force=totals.mean_pressure * contact.area,
-        fields=internal,
+        fields=kept,
         last=last,
         reached=jnp.where(steps.count > 0, ends[steps.count - 1], instants[0]),
-        jump_times=jumps[0],
-        dissipation=jumps[1],
-        num_steps=jnp.diff(numbers, prepend=0),
+        jump_times=ends[has_jumped],
+        dissipation=lost[has_jumped],
+        num_steps=jnp.diff(counts, prepend=0),
         result=result,
     )
-    return throw_failure(result[-1], evolution, lambda: _describe(evolution), throw)
-
-
-def require_viscoelastic(contact: Contact) -> None:
-    """Raise `TypeError` for a contact whose solid has no relaxation times."""
-    require_contact(contact)
-    if not isinstance(contact.solid, Viscoelastic):
-        raise TypeError(
-            f"The solid is a {type(contact.solid).__name__}, which has no relaxation times: give "
-            "the contact a Viscoelastic(solid, ratios, times)."
-        )
+    return throw_failure(result[-1], evolution, lambda: _describe(evolution, tolerance), throw)
 
 
 def _checked(contact: Contact, load: Load, times: ArrayLike) -> Float[Array, " times"]:
     """Check the arguments, and return the times in the precision of the contact."""
-    require_viscoelastic(contact)
     require_load(load)
     instants = parameter(times, "The times").astype(contact.heights.dtype)
     given = concrete(instants)
@@ -180,7 +155,7 @@ def _checked(contact: Contact, load: Load, times: ArrayLike) -> Float[Array, " t
     return instants
 
 
-def _start(contact: Contact, load: Load, initial: Any) -> Moment:
+def _start(contact: Any, relaxed: Contact, load: Load, initial: Any) -> Moment:
     """Return the state at the first time."""
     padded, dtype = contact.padded, contact.heights.dtype
     if isinstance(initial, Evolution):
@@ -189,111 +164,67 @@ def _start(contact: Contact, load: Load, initial: Any) -> Moment:
         cure = "start from a state that was found."
         require_finite("The gap of the initial evolution", memory.gap, cure)
     else:
-        # A step that takes for ever leaves the relaxed solid.
-        relaxed, long = relaxed_contact(contact), jnp.asarray(jnp.finfo(dtype).max)
-        held = getattr(initial, "load", load)
+        held, solid = getattr(initial, "load", load), contact.solid
         gap: Any = padded_start(relaxed, held, initial_gap(relaxed, held, initial))[1]
-        strains = jnp.zeros((springs(padded)[0].size, *padded.grid.shape), dtype)
-        memory, found = next_state(padded, held, Internal(gap, strains), long)
-        if held is load:
-            return first_moment(padded, load, memory, found)
-    # A state with a memory, or of another load, answers to the load at once.
-    return first_moment(padded, load, *next_state(padded, load, memory, jnp.zeros((), dtype)))
+        if gap is None:
+            gap = padded.control(held).starting_gap(padded.heights)
+        strains = jnp.zeros((1 + solid.times.size, *padded.grid.shape), dtype)
+        # A step that takes for ever leaves the relaxed solid.
+        long = solid.times[-1] / jnp.finfo(dtype).eps ** 2
+        memory = first_moment(padded, held, Internal(gap, strains), long).internal
+    # It answers to the load at once.
+    return first_moment(padded, load, memory, jnp.zeros((), dtype))
 
 
-def _legs(load: Load, times: Float[Array, " times"]) -> Leg:
-    """Return the legs between the times, along a leading axis."""
-    columns = times, load.value.astype(times.dtype)
-    return Leg(jnp.arange(times.size - 1), *(jnp.stack([c[:-1], c[1:]], 1) for c in columns))
-
-
-def _entry(state: State, fields: bool) -> Entry:
-    """Return the record of a state, NaN where it was not found."""
-    moment, steps = state
-    kept = moment.totals, moment.internal if fields else None
-    return *or_nan(kept, moment.result), moment.result, steps.count
-
-
-@partial(program, static_argnames="fields")
-def _along(*inputs: Any, fields: bool) -> tuple[State, Entry]:
-    """Return the state after all legs along a leading axis, and the record at the end of each."""
-
-    def along(*inputs: Any) -> tuple[State, Entry]:
-        contact, load, rtol, state, legs = inputs
-
-        def one(state: State, leg: Leg) -> tuple[State, Entry]:
-            state = march(contact, load, rtol, *state, leg)
-            return state, _entry(state, fields)
-
-        return jax.lax.scan(one, state, legs)
-
-    return by_entries(along)(*inputs)
-
-
-def _one_by_one(report: Callable[[], object], *inputs: Any, fields: bool) -> tuple[State, Entry]:
-    """Return the same leg by leg, so that it can be watched, and interrupted after the first."""
-    *given, state, legs = inputs
-    entries, number = [], legs.number.size
-    for i in range(number):
-        leg = jax.tree.map(lambda leaf, i=i: leaf[i : i + 1], legs)
-        try:
-            state, entry = jax.block_until_ready(_along(*given, state, leg, fields=fields))
-        except KeyboardInterrupt:
-            if not entries:
-                raise
-            message = f"The evolution was interrupted: {i} of {number} times after the first."
-            warn(message, PathInterrupted)
-            break
-        entries.append(jax.tree.map(lambda leaf: leaf[0], entry))
-        report()
-    return state, stacked(entries, entries[0])
-
-
-def _with_first(first: Tree, rest: Tree) -> Tree:
-    """Return a stack with an entry before its first."""
-    return jax.tree.map(lambda one, others: jnp.concatenate([one[None], others]), first, rest)
+@program
+@by_entries
+def _march(*inputs: Any) -> tuple[Any, Any]:
+    """Return the state at a given time, or after several, and the rows of these times."""
+    *given, state, numbers = inputs
+    one = partial(march, *given)
+    return jax.lax.scan(one, state, numbers) if numbers.ndim else one(state, numbers)
 
 
 def _changes(
-    values: Any, known_of: tuple[Table, Int[Array, " times"]], inputs: tuple, changes: tuple
+    values: Any, known: tuple[Table[Step], Array, Array], inputs: tuple, changes: tuple
 ) -> tuple[Any, Any]:
     """Return how the scalars and the last state change, a rule for `attach`."""
-    return pushed(partial(_replay, *known_of), inputs, changes), jnp.array(False)
+    steps, counts, is_found = known
+    totals, last = pushed(partial(_replay, steps, counts), inputs, changes)
+    totals = jax.tree.map(partial(jax.vmap(nan_if), ~is_found), totals)
+    return (totals, last), jnp.array(False)
 
 
 def _replay(
-    steps: Table,
-    numbers: Int[Array, " times"],
+    steps: Table[Step],
+    counts: Int[Array, " times"],
     contact: Contact,
     load: Load,
     times: Float[Array, " times"],
     moment: Moment,
 ) -> tuple[Totals, Internal]:
     """Return scalars and last state anew, by known steps: a scan, which has derivatives."""
-    legs = _legs(load, times)
 
     def one(old: Moment, i: Int[Array, ""]) -> tuple[Moment, Totals]:
-        taken = entry_of(steps.rows, i)
-        leg = entry_of(legs, taken.leg)
-        dt = (taken.end - taken.start) * (leg.times[1] - leg.times[0])
-        held = load[0].at(between(leg.values, taken.end))
-
         def step() -> Moment:
-            new = stepped(contact, held, old, dt)
-            return with_loss(contact, held, old, new, dt, taken.lost > 0)
+            way, start, end, lost = entry_of(steps.rows, i)
+            held = load[0].at(along(load.value, way, end))
+            dt = (end - start) * (times[way + 1] - times[way])
+            new, loss = stepped(contact, held, old, dt)
+            return new.with_loss(loss(lost > 0))
 
-        new = jax.lax.cond(i < steps.count, step, lambda: old)
-        return new, new.totals
+        return jax.lax.cond(i < steps.count, step, lambda: old), old.totals
 
     # Reverse mode keeps one state for each step, and computes the rest of it again.
-    end, totals = jax.lax.scan(jax.checkpoint(one), moment, jnp.arange(len(steps.rows.leg)))
-    totals = _with_first(moment.totals, totals)
-    return jax.tree.map(lambda leaf: leaf[numbers], totals), end.internal
+    numbers = jnp.arange(len(steps.rows[0]) + 1)
+    end, totals = jax.lax.scan(jax.checkpoint(one), moment, numbers)
+    return jax.tree.map(lambda leaf: leaf[counts], totals), end.internal
 
 
-def _describe(evolution: Evolution) -> str:
-    results = jax.lax.stop_gradient(evolution.result)
-    place = int(jnp.argmax(results != RESULTS.successful))
-    load, times = evolution.load, [f"t = {float(t):.6g}" for t in evolution.times[: place + 1]]
+def _describe(evolution: Evolution, rtol: Scalar) -> str:
+    evolution, rtol = jax.lax.stop_gradient((evolution, rtol))
+    load, place = evolution.load, int(jnp.argmax(evolution.result != RESULTS.successful))
+    times = [f"t = {float(t):.6g}" for t in evolution.times[: place + 1]]
     where = f"ended between {times[-2]} and {times[-1]}" if place else f"has no start at {times[0]}"
-    return f"The evolution {where}, under {type(load).__name__}({float(load.value[place]):.6g})"
+    under = f"{type(load).__name__}({float(load.value[place]):.6g})"
+    return f"The evolution {where}, under {under} with rtol = {float(rtol):.3g}"

@@ -13,7 +13,7 @@ from jaxstab.core.types import ArrayLike
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.loads import Load, MeanPressure, require_loads
 from jaxstab.paths.evolution.evolution import Evolution, relaxed_contact
-from jaxstab.paths.evolution.evolve import evolve, require_viscoelastic
+from jaxstab.paths.evolution.evolve import evolve
 
 # When to look first, over the shortest relaxation time; until when, over the longest.
 _FIRST, _LAST = 1e-4, 1e3
@@ -51,10 +51,9 @@ def lifetime(
         SolverError: where an equilibrium is not found for another reason than detachment, and for a
             contact that has not come to rest.
     """
-    require_viscoelastic(contact)
+    relaxed = relaxed_contact(contact)
     require_known((contact, load, initial, until), "lifetime")
     require_loads(load, (), "lifetime takes one load", "use a loop.")
-    relaxed = relaxed_contact(contact)
     solid: Any = contact.solid
     start = equilibrate(relaxed, MeanPressure(0.0)) if initial is None else initial
     if not np.asarray(start.contact_area).flat[-1] > 0:
@@ -79,15 +78,15 @@ def lifetime(
         if result != RESULTS.successful:
             raise SolverError(f"The contact could not be followed: {RESULTS[result]}.", found)
         if touches[-1]:
-            if after < np.inf:
-                # In longer steps it had detached by then.
-                return after
             break
         place = int(np.argmin(touches))
         before, after = (float(found.times[i]) for i in (max(place - 1, 0), place))
-        if place == 0 or after - before <= rtol * after:
-            return after
+        if after - before <= rtol * after:
+            break
         times, start = jnp.linspace(before, after, _PER_LEG + 1), found[place - 1]
+    if after < np.inf:
+        # Where shorter steps hold the contact for longer, it is lost at their end.
+        return after
     rest = equilibrate(relaxed, load, initial=found.gap, throw=False)
     if rest.result == RESULTS.successful and rest.contact_area > 0:
         return np.inf

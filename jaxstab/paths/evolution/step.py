@@ -1,4 +1,4 @@
-"""A step in time of a viscoelastic contact: an elastic equilibrium on a surface moved by memory.
+"""Steps in time of a viscoelastic contact, each an elastic equilibrium, from one load to the next.
 
 The solid is springs r_k K in parallel, r_0 = 1 the relaxed one, and each other in series with a
 dashpot. The strain of spring k is a displacement v_k, v_k' = w' - v_k / t_k with t_0 infinite, so
@@ -12,139 +12,250 @@ m = sum r_k e_k v_k / sum r_k b_k - w. A step is the elastic equilibrium of K_st
 h + m, exact for any dt if w is linear in it, of second order otherwise.
 """
 
-from typing import Annotated, Any
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact
+from jaxstab.core.compile import program
+from jaxstab.core.conditional import choose
 from jaxstab.core.grid import mean, total
-from jaxstab.core.types import Field, Scalar
-from jaxstab.core.units import LENGTH
-from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
-from jaxstab.loads import Load, MeanDisplacement
+from jaxstab.loads import Load, Spring
+from jaxstab.paths.energy import own_energy
+from jaxstab.paths.evolution.evolution import Internal, Totals, moved_contact, on_gap, or_nan
+from jaxstab.paths.record import Table
+from jaxstab.potentials import energy_density
 from jaxstab.solids.solid import finite_or_zero
-from jaxstab.solids.viscoelastic import decay, ramp
+from jaxstab.solids.viscoelastic import ramp
 
+# Errors are relative to these parts of the height and energy of the surface before it moves.
+_LEAST = 1e-2
+# The shortest step, over the interval and over the shortest relaxation time.
+_SHORTEST = 1e-6, 1e-2
+# How much longer or shorter than the last a step may be.
+_GROWTH, _SHRINKAGE, _CAUTION = 4.0, 0.1, 0.9
 _NODES, _WEIGHTS = (values / 2 for values in np.polynomial.legendre.leggauss(8))
-_Springs = Float[Array, " springs"]
 
 
-class Internal(eqx.Module):
-    """The memory of a viscoelastic contact, on the grid that it is solved on.
+class Moment(eqx.Module):
+    """A state in time, and all that the next step needs.
 
-    Attributes:
-        gap: g [length].
-        strains: v_k of each spring, first w, the displacement relative to the far side [length].
+    These are the rate of the deformation in the last step, v_k.K v_k of each spring, the largest
+    deformation and energy exchanged so far, the length of step that the error allows, and how the
+    last equilibrium ended.
     """
 
-    gap: Annotated[Field, LENGTH]
-    strains: Annotated[Float[Array, " springs_and_grid"], LENGTH]
+    internal: Internal
+    rate: Field
+    forms: Float[Array, " springs"]
+    totals: Totals
+    scales: Float[Array, "2"]
+    dt: Scalar
+    result: RESULTS
+
+    def with_loss(self, lost: Scalar) -> "Moment":
+        """Return the state with the loss of a jump, whose rate says nothing of the next step."""
+        totals = replace(self.totals, lost=self.totals.lost + lost)
+        return replace(self, totals=totals, rate=jnp.where(lost > 0, 0, self.rate))
 
 
-def springs(contact: Contact) -> tuple[_Springs, _Springs]:
-    """Return r_k and t_k of all springs, first of the relaxed one."""
-    solid: Any = contact.solid
-    return (
-        jnp.pad(solid.ratios, (1, 0), constant_values=1),
-        jnp.pad(solid.times, (1, 0), constant_values=jnp.inf),
+# The ways between given times count from zero. A step is on one of them, from one part of it to
+# another, with the loss of a jump.
+Step = tuple[Int[Array, "..."], Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]
+State = tuple[Moment, Table[Step]]
+
+
+def along(column: Float[Array, " times"], way: Int[Array, "..."], part: Array) -> Array:
+    """Return the time or the value of the load at a part of the way between two given times."""
+    return column[way] + part * (column[way + 1] - column[way])
+
+
+@program
+def first_moment(contact: Contact, load: Load, memory: Internal, dt: Scalar) -> Moment:
+    """Return the state after a step from a memory, where nothing has been done yet."""
+    zero, heights = jnp.zeros_like(dt), contact.solid.surface(contact.heights)
+    extent = jnp.max(jnp.abs(heights - jnp.mean(heights)))
+    begin = Moment(
+        internal=memory,
+        rate=jnp.zeros_like(contact.heights),
+        forms=jnp.concatenate([_forms(contact, [v], v) for v in memory.strains]),
+        totals=Totals(*[zero] * 7),
+        scales=jnp.stack([_LEAST * extent, _LEAST**2 * own_energy(contact)]),
+        dt=jnp.full_like(zero, jnp.inf),
+        result=RESULTS.successful,
     )
+    end, _ = stepped(contact, load, begin, dt)
+    totals = replace(end.totals, work=zero, dissipated=zero, lost=zero)
+    internal = or_nan(end.internal, end.result)
+    return replace(end, internal=internal, rate=begin.rate, totals=totals, scales=begin.scales)
 
 
-def moved_contact(contact: Contact, memory: Internal, dt: Scalar) -> Contact:
-    """Return the elastic contact of a step from a state: K_step on h + m."""
+def stepped(
+    contact: Contact, load: Load, old: Moment, dt: Scalar
+) -> tuple[Moment, Callable[[Flag], Scalar]]:
+    """Return the state after a step to a load, and the loss in it, zero unless it has jumped.
+
+    Both are differentiable functions. A dashpot dissipates the work r_k v_k.K w' on its branch less
+    the energy stored there: the integral of r_k v_k.K v_k / t_k, in closed form.
+    """
     solid: Any = contact.solid
-    ratios, times = springs(contact)
-    kept = jnp.tensordot(ratios * decay(dt, times), memory.strains, 1) / solid.stiffening(dt)
-    return eqx.tree_at(
-        lambda contact: (contact.solid, contact.heights),
-        contact,
-        (solid.step(dt), contact.heights + kept - memory.strains[0]),
-    )
-
-
-def load_on(moved: Contact, contact: Contact, load: Load) -> Load:
-    """Return a load as it holds the moved surface: a mean displacement moves along."""
-    if not isinstance(load, MeanDisplacement):
-        return load
-    return load.at(load.value + mean(moved.heights - contact.heights))
-
-
-def next_state(
-    contact: Contact, load: Load, memory: Internal, dt: Scalar
-) -> tuple[Internal, Equilibrium]:
-    """Return the state after a step, and its elastic equilibrium, differentiable functions."""
-    moved = moved_contact(contact, memory, dt)
-    held = load_on(moved, contact, load)
-    solver, start = PreconditionedConjugateGradient(), memory.gap
-    if start is not None and moved.control(held).fixes_mean:
+    memory, before = old.internal, old.totals
+    moved, load = moved_contact(contact, memory, dt), on_gap(contact, load)
+    control, start = moved.control(load), memory.gap
+    if control.fixes_mean:
         # Full contact opens everywhere at once.
         start = jnp.where(jnp.max(start) > 0, start, 1)
-    found = find_equilibrium(*jax.lax.stop_gradient((moved, held, solver, start)))
-    found = with_derivatives(moved, held, found)
+    given = jax.lax.stop_gradient((moved, load, PreconditionedConjugateGradient(), start))
+    found = with_derivatives(moved, load, find_equilibrium(*given))
+    gap, pressure, area = found.gap, found.mean_pressure, contact.area
+
     # Relative to the far side the mean is mean(p) / K_step(q = 0) - mean(m), or has no memory.
     stiffness = finite_or_zero(moved.solid.uniform_stiffness)
     is_held = stiffness > 0
     level = mean(found.pressure) / jnp.where(is_held, stiffness, 1)
     level = jnp.where(is_held, level - mean(moved.heights - contact.heights), 0)
-    displacement = found.gap + contact.heights
+    displacement = gap + contact.heights
     deformation = displacement - mean(displacement) + level
-    _, times = springs(contact)
-    e, b = (f(dt, times).reshape(-1, *(1,) * deformation.ndim) for f in (decay, ramp))
-    strains = e * memory.strains + b * (deformation - memory.strains[0])
-    return Internal(found.gap, strains.at[0].set(deformation)), found
+    change = deformation - memory.strains[0]
+    ratios, times = solid.springs
+    x = dt / times
+    e, b = jnp.exp(-x), ramp(x)
+    strains = jax.vmap(lambda e, b, v: e * v + b * change)(e, b, memory.strains)
+
+    *cross, square = _forms(contact, [*memory.strains, change], change)
+    cross = jnp.stack(cross)
+    forms = e**2 * old.forms + 2 * e * b * cross + b**2 * square
+    branches = -jnp.expm1(-2 * x) / 2 * old.forms - jnp.expm1(-x) * b * cross + _gain(x) * square
+    dissipated = before.dissipated + jnp.sum(ratios * branches)
+    # Above zero strain and no law.
+    stored = total(energy_density(contact.potential, gap)) * contact.grid.cell_area
+    stored = stored.astype(gap.dtype) + jnp.sum(ratios * forms) / 2
+    # The far side, or the far end of a spring, moves against the pressure, by the trapezoidal rule.
+    far = mean(gap - memory.gap - change)
+    if isinstance(load, Spring):
+        far -= (pressure - before.mean_pressure) / load.stiffness
+        stored += area * pressure**2 / (2 * load.stiffness.astype(gap.dtype))
+    work = before.work - area * (before.mean_pressure + pressure) / 2 * far
+
+    def potential(gap: Field) -> Scalar:
+        return moved.energy(gap) + moved.grid.area.astype(gap.dtype) * control.energy(mean(gap))
+
+    def loss(has_jumped: Flag) -> Scalar:
+        def fall() -> Scalar:
+            return jnp.maximum(potential(control.restore(start)) - potential(gap), 0)
+
+        return jax.lax.cond(has_jumped, fall, lambda: jnp.zeros_like(dt))
+
+    mean_gap, touching = jnp.mean(solid.surface(gap)), found.contact_area
+    largest = jnp.max(jnp.abs(deformation)), jnp.maximum(jnp.abs(work), dissipated)
+    new = Moment(
+        internal=Internal(gap, strains.at[0].set(deformation)),
+        rate=change / jnp.where(dt > 0, dt, 1),
+        forms=forms,
+        totals=Totals(mean_gap, pressure, touching, stored, work, dissipated, before.lost),
+        scales=jnp.maximum(old.scales, jnp.stack(largest)),
+        dt=old.dt,
+        result=found.result,
+    )
+    return new, loss
 
 
-def spring_forms(contact: Contact, memory: Internal) -> _Springs:
-    """Return v_k.K v_k of each spring [energy]."""
-    return jnp.stack([_form(contact, v, _pressure(contact, v)) for v in memory.strains])
+def march(
+    contact: Contact,
+    load: Load,
+    times: Float[Array, " times"],
+    rtol: Scalar,
+    keeps: Flag | None,
+    state: State,
+    number: Int[Array, ""],
+) -> tuple[State, tuple]:
+    """Return the state at a given time, from the time before, with all steps, and its row.
 
-
-def spring_forms_after(
-    contact: Contact, forms: _Springs, old: Internal, new: Internal, dt: Scalar
-) -> tuple[_Springs, Scalar]:
-    """Return v_k.K v_k after a step, and the energy that its dashpots dissipate [energy].
-
-    The rate is sum r_k v_k.K v_k / t_k. With x = dt / t_k and s = dt * theta, a spring is at
-    v_k exp(-x theta) + dw theta ramp(x theta): the integral of its square is in closed form.
+    That is of scalars and memory, NaN without a state, the result, and the number of all steps.
     """
-    ratios, times = springs(contact)
-    change = new.strains[0] - old.strains[0]
-    pressure = _pressure(contact, change)
-    square = _form(contact, change, pressure)
-    cross = jnp.stack([_form(contact, v, pressure) for v in old.strains])
-    x, e, b = dt / times, decay(dt, times), ramp(dt, times)
-    left, both, gained = _integrals(x)
-    dissipated = x * (left * forms + 2 * both * cross + gained * square)
-    return e**2 * forms + 2 * e * b * cross + b**2 * square, jnp.sum(ratios * dissipated)
+    Carry = tuple[Moment, Table[Step], Scalar]
+    way, solid = number - 1, contact.solid
+    span = times[number] - times[way]
+    shortest = jnp.minimum(_SHORTEST[0] * span, _SHORTEST[1] * solid.times[0])
+    shortest = jnp.maximum(shortest, 8 * jnp.finfo(span.dtype).eps * span)
+
+    def goes_on(carry: Carry) -> Flag:
+        moment, steps, part = carry
+        # Under JAX transformations nothing has refused times that do not increase.
+        is_open = (part < 1) & (span > 0) & ~steps.is_full
+        return is_open & (moment.result == RESULTS.successful)
+
+    def step(carry: Carry) -> Carry:
+        old, steps, part = carry
+        left = (1 - part) * span
+        dt = jnp.minimum(old.dt, left)
+        # Two equal steps rather than a long one and a tiny one.
+        dt = jnp.where((dt < left) & (2 * dt > left), left / 2, dt)
+        end = jnp.where(dt < left, part + dt / span, 1)
+        new, loss = stepped(contact, load[0].at(along(load.value, way, end)), old, dt)
+        is_solved = new.result == RESULTS.successful
+        error = _error(contact, old, new, dt) / rtol
+        error = jnp.where(is_solved & ~jnp.isnan(error), error, jnp.inf)
+        is_smooth, is_shortest = error <= 1, ~(dt > shortest)
+        is_taken = (is_smooth | is_shortest) & is_solved
+        factor = jnp.clip(_CAUTION / jnp.sqrt(jnp.maximum(error, 1e-8)), _SHRINKAGE, _GROWTH)
+        # A given time cuts a step short, which says nothing of the next one.
+        longer = jnp.where(factor >= 1, jnp.maximum(old.dt, dt * factor), dt * factor)
+        next_dt = jnp.where(is_smooth, longer, dt * jnp.minimum(factor, 0.5))
+        lost = loss(is_taken & ~is_smooth)
+        result = RESULTS.where(is_shortest, new.result, RESULTS.successful)
+        steps = steps.with_entry((way, part, end, lost), is_taken)
+        moment, part = choose(is_taken, (new.with_loss(lost), end), (old, part))
+        return replace(moment, dt=jnp.maximum(next_dt, shortest), result=result), steps, part
+
+    start = *state, jnp.where(number > 0, 0, jnp.ones_like(span))
+    moment, steps, part = jax.lax.while_loop(goes_on, step, start)
+    why = RESULTS.where(span > 0, RESULTS.store_full, RESULTS.unordered_times)
+    is_short = (part < 1) & (moment.result == RESULTS.successful)
+    result = RESULTS.where(is_short, why, moment.result)
+    kept = or_nan((moment.totals, None if keeps is None else moment.internal), result)
+    return (replace(moment, result=result), steps), (*kept, result, steps.count)
 
 
-def _pressure(contact: Contact, field: Field) -> Field:
-    """Return K of a displacement relative to the far side [pressure]."""
-    solid = contact.solid
-    uniform = finite_or_zero(solid.uniform_stiffness)
-    return solid.with_uniform_stiffness(uniform).apply(field)
+def _error(contact: Contact, old: Moment, new: Moment, dt: Scalar) -> Scalar:
+    """Return the estimated error of a step.
 
-
-def _form(contact: Contact, field: Field, pressure: Field) -> Scalar:
-    return contact.grid.cell_area.astype(field.dtype) * total(field * pressure)
-
-
-def _integrals(x: _Springs) -> tuple[_Springs, _Springs, _Springs]:
-    """Return the integrals over theta in (0, 1) of a^2, a c and c^2.
-
-    a = exp(-x theta) and c = theta ramp(x theta): in closed form, but by quadrature for small x,
-    where the closed form loses its digits.
+    Of the memory: half of how far the deformation is from its extrapolation, as much of it as the
+    springs forget, over the largest deformation. Of the energies: the imbalance of work, storage
+    and dissipation, over the largest energy exchanged.
     """
-    theta, weights = jnp.asarray(_NODES + 0.5, x.dtype), jnp.asarray(_WEIGHTS, x.dtype)
-    turns = x[:, None] * theta
-    a, c = jnp.exp(-turns), theta * ramp(turns, jnp.ones((), x.dtype))
-    y = jnp.maximum(x, 1)
-    once, twice = -jnp.expm1(-y) / y, -jnp.expm1(-2 * y) / (2 * y)
-    near = a**2 @ weights, (a * c) @ weights, c**2 @ weights
-    away = twice, (once - twice) / y, (1 - 2 * once + twice) / y**2
-    return jax.tree.map(lambda n, a: jnp.where(x < 1, n, a), near, away)
+    solid: Any = contact.solid
+    share = 1 - 1 / solid.stiffening(dt)
+    bend = new.internal.strains[0] - old.internal.strains[0] - dt * old.rate
+    change = jax.tree.map(jnp.subtract, new.totals, old.totals)
+    imbalance = change.work - change.stored - change.dissipated
+    errors = jnp.abs(jnp.stack([share * jnp.max(jnp.abs(bend)) / 2, imbalance]))
+    return jnp.max(errors / jnp.where(new.scales > 0, new.scales, 1))
+
+
+def _forms(contact: Contact, fields: Sequence[Field], field: Field) -> Float[Array, " fields"]:
+    """Return v.K u of several fields v and one u, both relative to the far side [energy]."""
+    uniform = finite_or_zero(contact.solid.uniform_stiffness)
+    pressure = contact.solid.with_uniform_stiffness(uniform).apply(field)
+    forms = jnp.stack([total(v * pressure) for v in fields])
+    return contact.grid.cell_area.astype(forms.dtype) * forms
+
+
+def _gain(x: Float[Array, " springs"]) -> Float[Array, " springs"]:
+    """Return the integral of (1 - exp(-x theta))^2 / x over theta in (0, 1)."""
+    near, y = jnp.minimum(x, 1), jnp.maximum(x, 1)
+    # By quadrature for small x, where the closed form loses its digits.
+    theta, weights = (jnp.asarray(values, x.dtype) for values in (_NODES + 0.5, _WEIGHTS))
+    risen = theta * ramp(near[:, None] * theta)
+    closed = (1 - (3 - 4 * jnp.exp(-y) + jnp.exp(-2 * y)) / (2 * y)) / y
+    return jnp.where(x < 1, near * (risen**2 @ weights), closed)
