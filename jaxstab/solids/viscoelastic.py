@@ -148,7 +148,7 @@ class Viscoelastic(Solid):
     def stiffening(self, dt: ArrayLike) -> Scalar:
         """Return the sum of r_k b_k: the stiffness that a time step meets, over the relaxed one."""
         ratios, times = self.springs
-        return jnp.sum(ratios * ramp(dt / times))
+        return jnp.sum(ratios * ramp(jnp.asarray(dt) / times))
 
     def storage_and_loss(self, frequency: ArrayLike) -> tuple[Array, Array]:
         """Return the storage and the loss modulus at an angular frequency, over the relaxed one.

@@ -360,14 +360,15 @@ def test_a_window_has_the_gap_of_its_surface_and_the_glassy_answer():
     solid = js.Viscoelastic(js.FreeHalfSpace(grid, 1.0), 3.0, 1.0)
     law, heights = js.potentials.Exponential(0.005, 0.05), js.surfaces.paraboloid(grid, 1.5)
     places = jnp.max(heights) + jnp.array([5.0, -0.05])
-    fast = js.evolve(
-        js.Contact(solid, heights, law), js.FarDisplacement(places), [0, 1e-9], rtol=ANY
-    )
+    contact, load = js.Contact(solid, heights, law), js.FarDisplacement(places)
+    fast = js.evolve(contact, load, [0, 1e-9], rtol=ANY, fields=True)
     glassy = js.Contact(js.FreeHalfSpace(grid, 4.0), heights, law)
     expected = js.equilibrate(glassy, js.FarDisplacement(places[1]))
     # Far away the relaxed solid was hardly deformed.
     assert fast.gap == pytest.approx(np.array(expected.gap), abs=1e-8)
     assert fast.force[1] == pytest.approx(float(expected.mean_pressure) * 4, rel=1e-7)
+    assert np.array_equal(fast[1].equilibrium.gap, fast.gap)
+    assert "force" in repr(fast)
 
 
 def test_full_contact_opens_under_a_mean_gap():

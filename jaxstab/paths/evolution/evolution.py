@@ -20,7 +20,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load, MeanDisplacement, MeanGap
 from jaxstab.paths.path import States
-from jaxstab.paths.tables import load_column, measured_columns, percent_column
+from jaxstab.paths.tables import load_column, measured_columns, state_columns
 from jaxstab.solids.viscoelastic import Viscoelastic
 
 Tree = TypeVar("Tree")
@@ -137,7 +137,7 @@ class Evolution(Totals):
             energy=self.stored,
             work=self.work,
             dissipation=self.lost,
-            gap=None if kept is None else jax.lax.map(contact.solid.padded.surface, kept.gap),
+            gap=None if kept is None else contact.solid.padded.surface(kept.gap),
             units=contact.units,
             is_window=contact.solid.is_window,
         )
@@ -165,9 +165,7 @@ class Evolution(Totals):
     def __repr__(self) -> str:
         units = self.contact.units
         columns = {"time": column(self.times, "{:.6g}".format)}
-        columns |= load_column(self.load, units, ".6g")
-        columns |= measured_columns({"mean pressure": self.mean_pressure}, units, PRESSURE)
-        columns["contact area"] = percent_column(self.contact_area)
+        columns |= load_column(self.load, units, ".6g") | state_columns(self.equilibrium)
         balance = {name: getattr(self, name) for name in ("work", "stored", "dissipated", "lost")}
         columns |= measured_columns(balance, units, ENERGY)
         columns["steps"] = column(self.num_steps, str)
@@ -194,15 +192,11 @@ def moved_contact(contact: Contact, memory: Internal, dt: Scalar) -> Contact:
     solid: Any = contact.solid
     ratios, times = solid.springs
     kept = jnp.tensordot(ratios * jnp.exp(-dt / times), memory.strains, 1) / solid.stiffening(dt)
-    return eqx.tree_at(
-        lambda contact: (contact.solid, contact.heights),
-        contact,
-        (solid.step(dt), contact.heights + kept - memory.strains[0]),
-    )
+    moved = solid.step(dt), contact.heights + kept - memory.strains[0]
+    return eqx.tree_at(lambda contact: (contact.solid, contact.heights), contact, moved)
 
 
 def on_gap(contact: Contact, load: Load) -> Load:
     """Return a mean displacement as the mean gap, which no memory moves, and other loads."""
-    if isinstance(load, MeanDisplacement):
-        return MeanGap(contact.control(load).mean_gap)
-    return load
+    control: Any = contact.control(load)
+    return MeanGap(control.mean_gap) if isinstance(load, MeanDisplacement) else load

@@ -93,7 +93,7 @@ def evolve(
     size = integer("max_steps", max_steps)
     require("max_steps", size, size > 0, "it must be positive.")
     room = jnp.zeros(size, instants.dtype)
-    inputs = contact.padded, load, instants, _start(contact, relaxed, load[0], initial)
+    inputs: Any = contact.padded, load, instants, _start(contact, relaxed, load[0], initial)
     *given, moment = jax.lax.stop_gradient(inputs)
     state = moment, Table((room.astype(int), room, room, room), jnp.array(0))
     keeps, known = jnp.array(True) if fields else None, jax.lax.stop_gradient(tolerance)

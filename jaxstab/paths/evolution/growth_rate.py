@@ -89,12 +89,12 @@ def _singular_stiffening(contact: Contact, equilibrium: Equilibrium, glassy: Sca
 def _rate(stiffening: Scalar, ratios: Array, times: Array) -> Scalar:
     """Return s of K(s) / K = 1 + sum r_k s t_k / (1 + s t_k), by Newton's method from zero.
 
-    The sum is concave, so no step passes the root; the slowest ones, near the ends, double s.
+    The sum is concave, so no step passes the root but by rounding; the slowest ones double s.
     """
 
     def step(_: int, s: Scalar) -> Scalar:
         turns = 1 + s * times
         missing = stiffening - 1 - jnp.sum(ratios * s * times / turns)
-        return s + missing / jnp.sum(ratios * times / turns**2)
+        return s + jnp.maximum(missing, 0) / jnp.sum(ratios * times / turns**2)
 
     return jax.lax.fori_loop(0, _MOST_DOUBLINGS, step, jnp.zeros_like(stiffening))

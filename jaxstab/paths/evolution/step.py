@@ -184,7 +184,8 @@ def march(
     That is of scalars and memory, NaN without a state, the result, and the number of all steps.
     """
     Carry = tuple[Moment, Table[Step], Scalar]
-    way, solid = number - 1, contact.solid
+    solid: Any = contact.solid
+    way = number - 1
     span = times[number] - times[way]
     shortest = jnp.minimum(_SHORTEST[0] * span, _SHORTEST[1] * solid.times[0])
     shortest = jnp.maximum(shortest, 8 * jnp.finfo(span.dtype).eps * span)
