@@ -87,23 +87,35 @@ def evolve(
         SolverError: if `throw`, where an equilibrium is not found, or there is no room left.
     """
     relaxed = relaxed_contact(contact)
-    instants = _checked(contact, load, times)
+    require_load(load)
+    instants = parameter(times, "The times").astype(contact.heights.dtype)
+    known = concrete(instants)
+    if known.ndim != 1 or known.size < 2 or load.value.shape != known.shape:
+        raise ValueError(
+            f"The times have shape {known.shape}, the load has {load.value.shape}: give one value "
+            "of the load for each of two or more times."
+        )
+    require_finite("The times", known)
+    cure = f"the times must increase, in {known.dtype} too."
+    require("A time", known[1:], known[1:] > known[:-1], cure)
+    require_same_machine(load)
     tolerance = parameter(rtol).astype(instants.dtype)
     require_positive("rtol", tolerance)
     size = integer("max_steps", max_steps)
     require("max_steps", size, size > 0, "it must be positive.")
+    warn_if_coarse(contact, FOR_JUMPS)
     room = jnp.zeros(size, instants.dtype)
     inputs: Any = contact.padded, load, instants, _start(contact, relaxed, load[0], initial)
     *given, moment = jax.lax.stop_gradient(inputs)
+    given += [jax.lax.stop_gradient(tolerance), jnp.array(True) if fields else None]
     state = moment, Table((room.astype(int), room, room, room), jnp.array(0))
-    keeps, known = jnp.array(True) if fields else None, jax.lax.stop_gradient(tolerance)
-    rows, numbers, is_alone = [], np.arange(instants.size), not is_transformed((inputs, known))
-    shown = can_be_shown(progress, (inputs, known))
+    rows, numbers, is_alone = [], np.arange(instants.size), not is_transformed((inputs, given))
+    shown = can_be_shown(progress, (inputs, given))
     with jax.debug_nans(False), progress_bar(numbers.size, "time", shown=shown) as bar:
         # Time by time, so that it can be watched, and interrupted.
         for number in numbers if is_alone else [numbers]:
             try:
-                state, row = jax.block_until_ready(_march(*given, known, keeps, state, number))
+                state, row = jax.block_until_ready(_march(*given, state, number))
                 rows.append(row)
             except KeyboardInterrupt:
                 if not rows:
@@ -135,24 +147,6 @@ def evolve(
         result=result,
     )
     return throw_failure(result[-1], evolution, lambda: _describe(evolution, tolerance), throw)
-
-
-def _checked(contact: Contact, load: Load, times: ArrayLike) -> Float[Array, " times"]:
-    """Check the arguments, and return the times in the precision of the contact."""
-    require_load(load)
-    instants = parameter(times, "The times").astype(contact.heights.dtype)
-    given = concrete(instants)
-    if given.ndim != 1 or given.size < 2 or load.value.shape != given.shape:
-        raise ValueError(
-            f"The times have shape {given.shape}, the load has {load.value.shape}: give one value "
-            "of the load for each of two or more times."
-        )
-    require_finite("The times", given)
-    cure = f"the times must increase, in {given.dtype} too."
-    require("A time", given[1:], given[1:] > given[:-1], cure)
-    require_same_machine(load)
-    warn_if_coarse(contact, FOR_JUMPS)
-    return instants
 
 
 def _start(contact: Any, relaxed: Contact, load: Load, initial: Any) -> Moment:
@@ -210,8 +204,8 @@ def _replay(
             way, start, end, lost = entry_of(steps.rows, i)
             held = load[0].at(along(load.value, way, end))
             dt = (end - start) * (times[way + 1] - times[way])
-            new, loss = stepped(contact, held, old, dt)
-            return new.with_loss(loss(lost > 0))
+            _, with_loss = stepped(contact, held, old, dt)
+            return with_loss(lost > 0)
 
         return jax.lax.cond(i < steps.count, step, lambda: old), old.totals
 

@@ -63,11 +63,6 @@ class Moment(eqx.Module):
     dt: Scalar
     result: RESULTS
 
-    def with_loss(self, lost: Scalar) -> "Moment":
-        """Return the state with the loss of a jump, whose rate says nothing of the next step."""
-        totals = replace(self.totals, lost=self.totals.lost + lost)
-        return replace(self, totals=totals, rate=jnp.where(lost > 0, 0, self.rate))
-
 
 # The ways between given times count from zero. A step is on one of them, from one part of it to
 # another, with the loss of a jump.
@@ -102,11 +97,11 @@ def first_moment(contact: Contact, load: Load, memory: Internal, dt: Scalar) -> 
 
 def stepped(
     contact: Contact, load: Load, old: Moment, dt: Scalar
-) -> tuple[Moment, Callable[[Flag], Scalar]]:
-    """Return the state after a step to a load, and the loss in it, zero unless it has jumped.
+) -> tuple[Moment, Callable[[Flag], Moment]]:
+    """Return the state after a step to a load, and the function that adds the loss of a jump.
 
-    Both are differentiable functions. A dashpot dissipates the work r_k v_k.K w' on its branch less
-    the energy stored there: the integral of r_k v_k.K v_k / t_k, in closed form.
+    Both are differentiable. A dashpot dissipates the work r_k v_k.K w' on its branch less the
+    energy stored there: the integral of r_k v_k.K v_k / t_k, in closed form.
     """
     solid: Any = contact.solid
     memory, before = old.internal, old.totals
@@ -147,15 +142,6 @@ def stepped(
         stored += area * pressure**2 / (2 * load.stiffness.astype(gap.dtype))
     work = before.work - area * (before.mean_pressure + pressure) / 2 * far
 
-    def potential(gap: Field) -> Scalar:
-        return moved.energy(gap) + moved.grid.area.astype(gap.dtype) * control.energy(mean(gap))
-
-    def loss(has_jumped: Flag) -> Scalar:
-        def fall() -> Scalar:
-            return jnp.maximum(potential(control.restore(start)) - potential(gap), 0)
-
-        return jax.lax.cond(has_jumped, fall, lambda: jnp.zeros_like(dt))
-
     mean_gap, touching = jnp.mean(solid.surface(gap)), found.contact_area
     largest = jnp.max(jnp.abs(deformation)), jnp.maximum(jnp.abs(work), dissipated)
     new = Moment(
@@ -167,7 +153,21 @@ def stepped(
         dt=old.dt,
         result=found.result,
     )
-    return new, loss
+
+    def potential(gap: Field) -> Scalar:
+        return moved.energy(gap) + moved.grid.area.astype(gap.dtype) * control.energy(mean(gap))
+
+    def fall() -> Scalar:
+        # At one load, in one step.
+        return jnp.maximum(potential(control.restore(start)) - potential(gap), 0)
+
+    def with_loss(has_jumped: Flag) -> Moment:
+        lost = jax.lax.cond(has_jumped, fall, lambda: jnp.zeros_like(dt))
+        totals = replace(new.totals, lost=before.lost + lost)
+        # The rate of a jump says nothing of the next step.
+        return replace(new, totals=totals, rate=jnp.where(lost > 0, 0, new.rate))
+
+    return new, with_loss
 
 
 def march(
@@ -203,7 +203,7 @@ def march(
         # Two equal steps rather than a long one and a tiny one.
         dt = jnp.where((dt < left) & (2 * dt > left), left / 2, dt)
         end = jnp.where(dt < left, part + dt / span, 1)
-        new, loss = stepped(contact, load[0].at(along(load.value, way, end)), old, dt)
+        new, with_loss = stepped(contact, load[0].at(along(load.value, way, end)), old, dt)
         is_solved = new.result == RESULTS.successful
         error = _error(contact, old, new, dt) / rtol
         error = jnp.where(is_solved & ~jnp.isnan(error), error, jnp.inf)
@@ -213,10 +213,11 @@ def march(
         # A given time cuts a step short, which says nothing of the next one.
         longer = jnp.where(factor >= 1, jnp.maximum(old.dt, dt * factor), dt * factor)
         next_dt = jnp.where(is_smooth, longer, dt * jnp.minimum(factor, 0.5))
-        lost = loss(is_taken & ~is_smooth)
+        new = with_loss(is_taken & ~is_smooth)
+        taken = way, part, end, new.totals.lost - old.totals.lost
         result = RESULTS.where(is_shortest, new.result, RESULTS.successful)
-        steps = steps.with_entry((way, part, end, lost), is_taken)
-        moment, part = choose(is_taken, (new.with_loss(lost), end), (old, part))
+        steps = steps.with_entry(taken, is_taken)
+        moment, part = choose(is_taken, (new, end), (old, part))
         return replace(moment, dt=jnp.maximum(next_dt, shortest), result=result), steps, part
 
     start = *state, jnp.where(number > 0, 0, jnp.ones_like(span))
