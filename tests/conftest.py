@@ -51,7 +51,7 @@ def few_programs_at_a_time():
     """Compiled programs hold memory maps, of which a process may have 65 530."""
     yield
     maps = Path("/proc/self/maps")
-    if maps.exists() and maps.read_bytes().count(b"\n") > 20_000:
+    if maps.exists() and maps.read_bytes().count(b"\n") > 35_000:
         jax.clear_caches()
 
 
@@ -78,6 +78,23 @@ def unloading():
     from problems import rough_contact
 
     return rough_contact(32, js.potentials.Exponential(1e-2, 1.0), youngs_modulus=1e-3)
+
+
+@pytest.fixture(scope="session")
+def loop(hertz):
+    """The adhesive paraboloid's path into contact and out again, with a jump on each leg."""
+    turns = js.MeanDisplacement(jax.numpy.array([1.6, 1.2, 1.6]))
+    return js.follow(hertz, turns, smallest_jump=1e-5, fields=True)
+
+
+@pytest.fixture(scope="session")
+def rough_path():
+    """A sticky rough contact, pressed to a small mean gap and lifted again, with its jumps."""
+    grid = js.Grid(32)
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=0.05)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.06, 0.06))
+    turns = js.MeanGap(jax.numpy.array([0.25, 0.02, 0.25]))
+    return contact, js.follow(contact, turns, fields=True)
 
 
 @pytest.fixture(scope="session")

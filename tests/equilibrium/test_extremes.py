@@ -14,7 +14,7 @@ import jaxstab as js
 @pytest.mark.parametrize("pressure", [-0.4, 0.0, 0.5, 50.0])
 @pytest.mark.parametrize("youngs_modulus", [1e-3, 1.0, 1e3])
 def test_flat_surfaces_settle_where_lennard_jones_says(pressure, youngs_modulus):
-    grid = js.Grid((16, 12))
+    grid = js.Grid(16)
     law = js.potentials.LennardJones(0.02, 0.05)
     contact = js.Contact(js.HalfSpace(grid, youngs_modulus), jnp.zeros(grid.shape), law)
     exact = scipy.optimize.brentq(
@@ -28,7 +28,7 @@ def test_flat_surfaces_settle_where_lennard_jones_says(pressure, youngs_modulus)
 
 
 def test_a_core_holds_rough_surfaces_apart():
-    contact = rough_contact(32, js.potentials.LennardJones(1e-2, 0.05))
+    contact = rough_contact(16, js.potentials.LennardJones(1e-2, 0.05))
     for load in (js.MeanGap(0.15), js.MeanGap(0.02), js.MeanPressure(0.2)):
         equilibrium = js.equilibrate(contact, load)
         assert equilibrium.gap.min() > 0
@@ -39,9 +39,9 @@ def test_a_core_holds_rough_surfaces_apart():
 
 @pytest.mark.parametrize("width", [0.0, 1e-3, 1e-6, 1e-15, 1e-30])
 def test_a_start_inside_a_core_is_lifted_off_it(width):
-    contact, load = rough_contact(32, js.potentials.LennardJones(1e-2, 0.05)), js.MeanGap(0.1)
+    contact, load = rough_contact(16, js.potentials.LennardJones(1e-2, 0.05)), js.MeanGap(0.1)
     reference = js.equilibrate(contact, load)
-    touching = js.equilibrate(rough_contact(32, js.potentials.NoAdhesion()), load)
+    touching = js.equilibrate(rough_contact(16, js.potentials.NoAdhesion()), load)
     lifted = js.equilibrate(contact, load, initial=touching.gap + width)
     np.testing.assert_allclose(lifted.gap, reference.gap, atol=1e-8)
     assert js.equilibrate(contact, load, initial=reference).num_steps == 0
@@ -100,12 +100,12 @@ def test_full_contact_and_flat_surfaces_are_met_without_breaking(law):
 
 @pytest.mark.parametrize("depth", [1e-5, 1e-7, 1e-9])
 def test_the_last_contact_point_carries_what_its_own_stiffness_gives(depth):
-    contact = rough_contact(32, js.potentials.NoAdhesion())
+    contact = rough_contact(16, js.potentials.NoAdhesion())
     summit = float(contact.heights.max())
     equilibrium = js.equilibrate(contact, js.MeanGap(summit - depth))
     assert equilibrium.in_contact.sum() == 1
-    # The displacement under one pressed point of 32 x 32, by superposition of waves.
-    compliance = contact.solid.displacement(jnp.zeros((32, 32)).at[0, 0].set(1.0))[0, 0]
+    # The displacement under one pressed point of 16 x 16, by superposition of waves.
+    compliance = contact.solid.displacement(jnp.zeros((16, 16)).at[0, 0].set(1.0))[0, 0]
     np.testing.assert_allclose(equilibrium.reaction.max() * compliance, depth, rtol=1e-3)
     parted = js.equilibrate(contact, js.MeanGap(summit + depth))
     assert not parted.in_contact.any()
@@ -113,11 +113,11 @@ def test_the_last_contact_point_carries_what_its_own_stiffness_gives(depth):
 
 @pytest.mark.parametrize("strength", [1e-10, 1e4, 1e8])
 def test_adhesion_may_vanish_or_prevail(strength):
-    contact = rough_contact(32, js.potentials.Exponential(strength, 0.1))
+    contact = rough_contact(16, js.potentials.Exponential(strength, 0.1))
     load = js.MeanGap(0.05)
     equilibrium = js.equilibrate(contact, load)
     if strength < 1:
-        bare = js.equilibrate(rough_contact(32, js.potentials.NoAdhesion()), load)
+        bare = js.equilibrate(rough_contact(16, js.potentials.NoAdhesion()), load)
         np.testing.assert_allclose(equilibrium.gap, bare.gap, atol=1e-8)
     else:
         # The gap gathers in few points, so that the rest may close.

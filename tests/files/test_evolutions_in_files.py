@@ -30,7 +30,7 @@ def test_an_evolution_comes_back_to_the_last_bit_and_goes_on(evolution, tmp_path
         assert_same_bits((contact, result), js.load(saved))
     _, state = js.load(tmp_path / "one.nc")
     load = js.MeanDisplacement(jnp.array([0.02, 0.05]))
-    gaps = [js.evolve(contact, load, jnp.array([2.0, 3.0]), initial=state).gap]
+    gaps = [js.evolve(contact, load, jnp.array([2.0, 3.0]), initial=state, fields=True).gap]
     gaps.append(evolution.gap)
     # Steps of the whole evolution are not begun anew.
     np.testing.assert_allclose(*gaps, atol=1e-3 * 0.02)

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import warnings
 
 import equinox as eqx
 import h5netcdf
@@ -49,15 +48,6 @@ def case(request):
     return contact, sweep
 
 
-@pytest.fixture(scope="module")
-def followed():
-    contact = contact_of(js.potentials.Exponential(0.02, 0.03))
-    turns = js.MeanGap(jnp.array([0.3, 0.05, 0.3]))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", js.ResolutionWarning)
-        return contact, js.follow(contact, turns, smallest_jump=1e-3, fields=True)
-
-
 def test_each_result_comes_back_to_the_last_bit(case, tmp_path):
     contact, sweep = case
     results = sweep, sweep[1], sweep.equilibrium, sweep[2].equilibrium, sweep[0].stability
@@ -66,10 +56,10 @@ def test_each_result_comes_back_to_the_last_bit(case, tmp_path):
         assert_same_bits((contact, result), js.load(path))
 
 
-def test_a_path_comes_back_to_the_last_bit(followed, tmp_path):
-    contact, path = followed
+def test_a_path_comes_back_to_the_last_bit(rough_path, tmp_path):
+    contact, path = rough_path
     assert len(path.jumps) >= 2
-    assert_same_bits(followed, js.load(js.save(tmp_path / "path.nc", contact, path)))
+    assert_same_bits(rough_path, js.load(js.save(tmp_path / "path.nc", contact, path)))
     scalars = js.to_dataset(contact, path, fields=False)
     np.testing.assert_array_equal(scalars.jump_load, path.jumps.load.value)
     assert scalars.jump_kind.values.tolist() == path.jumps.kind.name.tolist()
@@ -145,7 +135,7 @@ def test_nothing_is_overwritten_and_no_half_of_a_file_is_left(case, tmp_path, mo
     assert [file.name for file in tmp_path.iterdir()] == ["a.nc"]
 
 
-def test_what_cannot_be_written_is_refused(case, followed, tmp_path):
+def test_what_cannot_be_written_is_refused(case, rough_path, tmp_path):
     contact, sweep = case
     with pytest.raises(ValueError, match=r"run.npz does not end in .nc"):
         js.save(tmp_path / "run.npz", contact, sweep)
@@ -161,9 +151,9 @@ def test_what_cannot_be_written_is_refused(case, followed, tmp_path):
     contacts = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), contact)
     with pytest.raises(ValueError, match="several contacts"):
         js.to_dataset(contacts, sweep)
-    twice = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), followed[1])
+    twice = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), rough_path[1])
     with pytest.raises(ValueError, match="several paths"):
-        js.to_dataset(followed[0], twice)
+        js.to_dataset(rough_path[0], twice)
 
 
 def test_what_cannot_be_read_is_refused_in_a_sentence(case, tmp_path):

@@ -59,14 +59,10 @@ def test_it_goes_on_from_an_unstable_state_of_a_branch(branch):
     )
 
 
-def test_an_index_that_is_not_found_is_not_a_number_of_ways(monkeypatch):
-    contact = hertz()
-    load = js.MeanDisplacement(1.4)
-    gap = 1.4 - contact.heights
-    found, _ = morse_index.index_of(contact, load, gap, morse_index.some_modes(gap))
-    assert found == 0
-    branch = js.continuation(contact, js.MeanDisplacement(jnp.array([1.6, 1.4])))
+def test_an_index_that_is_not_found_is_not_a_number_of_ways(branch, monkeypatch):
     assert "unknown" not in repr(branch)
+    contact, load = hertz(), branch[0].load
+    gap = branch.equilibrium.gap[0]
     monkeypatch.setattr(morse_index, "_Signs", partial(morse_index._Signs, max_steps=2))
     found, _ = morse_index.index_of(contact, load, gap, morse_index.some_modes(gap))
     assert found == -1

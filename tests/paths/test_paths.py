@@ -1,31 +1,25 @@
 """Paths through jumps: against bisection, the energy balance, and each state against NumPy."""
 
+import re
 import signal
 import sys
+from itertools import pairwise
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from brute_force import periodic_stiffness
 from problems import bisected, rough_contact
+from scipy.integrate import simpson
 
 import jaxstab as js
 from jaxstab.core.interrupts import interrupts_held
-from jaxstab.potentials import as_module
-
-# Sticky enough to jump at a held gap.
-STICKY = js.potentials.Exponential(0.02, 0.02)
 
 
 def touches(state):
     return state.in_contact.any()
-
-
-@pytest.fixture(scope="module")
-def loop(hertz):
-    turns = jnp.array([1.6, 1.2, 1.6])
-    return js.follow(hertz, js.MeanDisplacement(turns), smallest_jump=1e-5)
 
 
 def test_hertz_jumps_into_contact_at_the_fold_and_lets_go_where_a_reaction_vanishes(hertz, loop):
@@ -41,7 +35,8 @@ def test_hertz_jumps_into_contact_at_the_fold_and_lets_go_where_a_reaction_vanis
     # The mode that leads away opens a contact point, at no cost but to second order.
     assert (jnp.where(out.before.in_contact, out.mode, 0) >= 0).any()
     np.testing.assert_allclose(jnp.linalg.norm(out.mode), 1)
-    still = js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6])), disturbance=0.0)
+    turns = js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6]))
+    still = js.follow(hertz, turns, disturbance=0.0, fields=True)
     np.testing.assert_allclose(still.jumps.load.value, loop.jumps.load.value, atol=2e-6)
 
 
@@ -61,19 +56,16 @@ def test_around_a_loop_the_work_is_what_the_jumps_lose(hertz, loop, load):
     np.testing.assert_allclose(loop.work, quadrature, rtol=2e-2)
 
 
-def test_every_state_of_a_rough_path_is_an_equilibrium_and_every_jump_goes_down():
-    contact = rough_contact(32, STICKY, rms_height=0.05)
-    turns = js.MeanGap(jnp.array([0.2, 0.02, 0.2]))
-    path = js.follow(contact, turns, smallest_jump=1e-3, fields=True)
+def test_every_state_of_a_rough_path_is_an_equilibrium_and_every_jump_goes_down(rough_path):
+    contact, path = rough_path
     assert len(path.jumps) >= 3
-    waves = np.fft.fftfreq(32, 1 / 32)
-    multiplier = np.pi * np.hypot(*np.meshgrid(waves, waves, indexing="ij"))
+    stiffness = periodic_stiffness((32, 32), (1.0, 1.0), 1.0)
     for value, gap, pressure in zip(
         path.load.value, path.equilibrium.gap, path.equilibrium.mean_pressure, strict=True
     ):
-        displacement = np.asarray(gap + contact.heights)
-        elastic = np.fft.ifft2(multiplier * np.fft.fft2(displacement)).real
-        net = elastic + pressure + np.exp(-np.asarray(gap) / 0.02)
+        gap = np.asarray(gap).ravel()
+        elastic = stiffness @ (gap + np.asarray(contact.heights).ravel())
+        net = elastic + pressure + np.exp(-gap / 0.06)
         missed = np.where(gap > 0, net, np.minimum(net, 0))
         np.testing.assert_allclose(missed, 0, atol=1e-6)
         np.testing.assert_allclose(gap.mean(), value, rtol=1e-9)
@@ -82,8 +74,49 @@ def test_every_state_of_a_rough_path_is_an_equilibrium_and_every_jump_goes_down(
         assert jump.before.energy > jump.after.energy
         verdict = js.assess_stability(contact, jump.before, throw=False).verdict
         assert verdict != "unstable"
-    down, up = path.jumps.load.value[:1], path.jumps.load.value[-1:]
-    assert down < up
+    assert set(path.jumps.kind.name) == {"fold", "release"}
+
+
+def work_by_quadrature(path):
+    """Return the integral of the mean pressure over the mean gap, by Simpson's rule.
+
+    In each step that has jumped the trapezoid is as good.
+    """
+    loads, pressures = np.asarray(path.load.value), np.asarray(path.equilibrium.mean_pressure)
+    ends = {0, len(loads), *(np.asarray(path.jumps.state) + 1), int(np.argmin(loads)) + 1}
+    work = -np.trapezoid(pressures, loads)
+    for first, last in pairwise(sorted(ends)):
+        part = slice(first, last)
+        if last - first > 2:
+            smooth = simpson(pressures[part], x=loads[part])
+            work += np.trapezoid(pressures[part], loads[part]) - smooth
+    return work
+
+
+def test_the_work_of_a_rough_loop_is_that_of_its_pressures(rough_path):
+    _, path = rough_path
+    quadrature = work_by_quadrature(path)
+    np.testing.assert_allclose(path.work, quadrature, rtol=0.02)
+    change = path.equilibrium.energy[-1] - path.equilibrium.energy[0]
+    np.testing.assert_allclose(path.dissipation, quadrature - change, rtol=0.02)
+    np.testing.assert_allclose(path.dissipation, path.jumps.dissipation.sum())
+
+
+def test_a_reversible_contact_loses_nothing(rough_path):
+    energy = 0.01
+    contact, _ = rough_path
+    law, units = js.potentials.Exponential(energy, 0.04), {"unit": "µm", "pressure_unit": "MPa"}
+    contact = js.Contact(contact.solid, contact.heights, law, **units)
+    path = js.follow(contact, js.MeanGap(jnp.array([0.25, 0.02, 0.25])), fields=True)
+    # Both legs lead through the same states.
+    way_back = js.equilibrate(contact, js.MeanGap(0.1), initial=path.equilibrium.gap[-1])
+    way_in = js.equilibrate(contact, js.MeanGap(0.1), initial=path.equilibrium.gap[0])
+    np.testing.assert_allclose(way_back.gap, way_in.gap, atol=1e-9)
+    assert len(path.jumps) == 0 and path.dissipation == 0
+    assert abs(path.unlocated) <= path.unlocated_error
+    np.testing.assert_allclose(path.work, 0, atol=1e-9 * energy)
+    # Rounding is compared with the losses: both are in one unit.
+    assert re.search(r"work  \S+ (\w+)\n  lost in 0 jumps  0 \1$", repr(path))
 
 
 def test_a_tension_pulls_apart_where_bisection_says_and_a_pressure_brings_back():
@@ -205,7 +238,7 @@ def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
     assert path.equilibrium.gap is None and path[0].equilibrium.gap is None
     last = path[-1]
     np.testing.assert_allclose(jnp.mean(last.equilibrium.gap), last.equilibrium.mean_gap)
-    turns = js.MeanDisplacement(jnp.array([last.load.value, 1.2]))
+    turns = js.MeanDisplacement(jnp.array([last.load.value, 1.2, 1.6]))
     rest = js.follow(hertz, turns, smallest_jump=1e-5, initial=last)
     np.testing.assert_allclose(rest.jumps.load.value[0], loop.jumps.load.value[0], atol=4e-6)
 
@@ -242,8 +275,9 @@ def test_states_of_a_path_are_entries_of_a_sequence(hertz, loop):
     assert len(loop[2:5]) == 3 and len([*loop]) == len(loop)
     with pytest.raises(IndexError):
         loop[len(loop)]
+    bare = eqx.tree_at(lambda path: path.equilibrium.gap, loop, None)
     with pytest.raises(ValueError, match=r"without its gap: start from path\[-1\]"):
-        js.equilibrate(hertz, loop[3].load, initial=loop[3])
+        js.equilibrate(hertz, loop[3].load, initial=bare[3])
     with pytest.raises(ValueError, match=r"is a stack .* path\[-1\]"):
         js.equilibrate(hertz, loop[3].load, initial=loop[2:5])
     held = js.equilibrate(hertz, loop[-1].load, initial=loop[-1])
@@ -252,21 +286,26 @@ def test_states_of_a_path_are_entries_of_a_sequence(hertz, loop):
     np.testing.assert_allclose(held.mean_pressure, pressure, rtol=1e-6)
 
 
+class Reaching(eqx.Module):
+    """A law with a core, which is zero beyond its reach."""
+
+    reach: jax.Array
+
+    def __call__(self, gap):
+        core = 0.05 / gap
+        return jnp.where(gap < self.reach, 0.002 * (0.5 * core**9 - 1.5 * core**3), 0.0)
+
+
 def test_a_gain_of_energy_that_no_load_supplies_ends_as_failed():
     grid = js.Grid(8)
     heights = js.surfaces.self_affine(grid, jax.random.key(3), k_high=2, rms_height=0.05)
-
-    def law(gap):
-        core = 0.05 / gap
-        return 0.002 * (0.5 * core**9 - 1.5 * core**3)
-
-    smooth = js.Contact(js.HalfSpace(grid, 1.0), heights, law)
-    assert js.follow(smooth, js.MeanGap([0.25, 0.2])).result == "successful"
+    smooth = js.Contact(js.HalfSpace(grid, 1.0), heights, Reaching(jnp.array(jnp.inf)))
+    turns = js.MeanGap([0.25, 0.2, 0.25])
+    assert js.follow(smooth, turns).result == "successful"
     # Without its check: a value that jumps by 2e-4.
-    broken = as_module(lambda gap: jnp.where(gap < 0.12, law(gap), 0.0), float)
-    jumping = eqx.tree_at(lambda contact: contact.potential, smooth, broken)
+    jumping = eqx.tree_at(lambda contact: contact.potential.reach, smooth, jnp.array(0.12, float))
     with pytest.raises(js.SolverError, match=r"unbalanced_work.*CutOff") as told:
-        js.follow(jumping, js.MeanGap([0.25, 0.2, 0.25]))
+        js.follow(jumping, turns)
     path = told.value.found
     assert path.unlocated < -path.unlocated_error
     assert "lost between jumps, which cannot be" in repr(path)
@@ -288,7 +327,7 @@ def test_what_cannot_be_followed_is_told(hertz):
     with pytest.raises(ValueError, match="takes the turning points of a load, two or more"):
         js.follow(hertz, js.MeanDisplacement(1.3))
     with pytest.raises(js.SolverError, match=r"MeanGap\(\S+\) after \d+ states") as told:
-        js.follow(hertz, js.MeanGap(jnp.array([1.6, -0.1])))
+        js.follow(hertz, js.MeanGap(jnp.array([1.6, 1.4, -0.1])), fields=True)
     assert len(told.value.found.load.value) > 8
     with pytest.raises(ValueError, match=r"The load has 1 NaN or infinite values, the first at"):
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, jnp.nan])))
@@ -325,3 +364,49 @@ def test_a_path_prints_what_it_is_and_its_jumps(loop):
     traced = []
     jax.eval_shape(lambda path: traced.append(repr(path)), loop)
     assert traced[0].startswith("Path")
+
+
+@pytest.mark.nightly
+def test_every_jump_of_a_march_of_small_steps_is_found():
+    grid = js.Grid((64,), (1.0,))
+    heights = js.surfaces.self_affine(grid, jax.random.key(3), k_high=8, rms_height=0.05)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.05, 0.05))
+
+    @jax.jit
+    def march(gap, values):
+        def step(gap, value):
+            state = js.equilibrate(contact, js.MeanGap(value), initial=gap, throw=False)
+            return state.gap, (state.energy, state.mean_pressure)
+
+        return jax.lax.scan(step, gap, values)
+
+    turns, jumps = (0.3, 0.02, 0.3), []
+    gap = js.equilibrate(contact, js.MeanGap(turns[0])).gap
+    for first, last in pairwise(turns):
+        values = np.linspace(first, last, 4001)
+        gap, (energy, pressure) = march(gap, values)
+        work = -np.diff(values) * np.asarray(pressure[1:] + pressure[:-1]) / 2
+        lost = work - np.diff(energy)
+        jumps += [(values[i + 1], lost[i]) for i in np.flatnonzero(lost > 1e-7)]
+    loads, losses = np.array(jumps).T
+    assert len(loads) >= 3
+    path = js.follow(contact, js.MeanGap(jnp.array(turns)))
+    for load, loss in zip(loads, losses, strict=True):
+        if loss > 0.01 * losses.sum():
+            assert jnp.abs(path.jumps.load.value - load).min() < 1e-4
+    np.testing.assert_allclose(path.dissipation, losses.sum(), rtol=0.06)
+
+
+@pytest.mark.nightly
+def test_a_flat_surface_leaves_the_state_that_is_no_longer_stable():
+    grid, law = js.Grid(16), js.potentials.Exponential(0.06, 0.06)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(grid.shape), law)
+    path = js.follow(contact, js.MeanGap(jnp.array([0.3, 0.05])), fields=True)
+    # The softest wave has the stiffness pi E / L.
+    end = 0.06 * np.log(0.06 / 0.06**2 / np.pi)
+    np.testing.assert_allclose(path.jumps.load.value[0], end, rtol=1e-2)
+    uniform = path.load.value > end * 1.01
+    spread = jnp.std(path.equilibrium.gap, axis=(1, 2))
+    assert (spread[uniform] < 1e-4).all() and (spread[path.load.value < end * 0.99] > 1e-3).all()
+    last = js.equilibrate(contact, path.load[-1], initial=path.equilibrium.gap[-1])
+    assert js.assess_stability(contact, last).verdict != "unstable"

@@ -8,13 +8,6 @@ import jaxstab as js
 from jaxstab import plots
 
 
-@pytest.fixture(scope="module")
-def loop(hertz):
-    return js.follow(
-        hertz, js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6])), smallest_jump=1e-5, fields=True
-    )
-
-
 def test_a_path_is_drawn_with_its_jumps_and_the_energy_of_its_loop(loop):
     axes = plots.path(loop)
     left, right = axes.figure.axes
@@ -48,7 +41,7 @@ def test_adhesion_is_seen_beside_a_compression_that_is_far_larger(loop):
 
 
 def test_a_pull_off_is_drawn_as_the_end_that_it_is(hertz):
-    path = js.follow(hertz, js.MeanPressure(jnp.array([0.0, -10.0])))
+    path = js.follow(hertz, js.MeanPressure(jnp.array([0.0, -5.0, -10.0])))
     axes = plots.path(path, x="load", y="contact_area", axes=plt.subplots()[1])
     assert not axes.texts and not axes.patches
     (cross,) = (line for line in axes.lines if line.get_marker() == "x")
@@ -56,7 +49,8 @@ def test_a_pull_off_is_drawn_as_the_end_that_it_is(hertz):
 
 
 def test_what_cannot_be_drawn_of_a_path_is_told(hertz, loop):
-    one = js.follow(hertz, js.MeanGap(jnp.array([-0.1, 0.2])), throw=False)
+    load = js.MeanDisplacement(jnp.array([-2.0, 1.2, 1.6]))
+    one = js.follow(hertz, load, throw=False, fields=True)
     with pytest.raises(ValueError, match=r"The path has 1 states .*, a curve two or more"):
         plots.path(one)
     with pytest.raises(ValueError, match=r"y is 'gap': choose one of mean_gap, .*, load\."):

@@ -5,7 +5,6 @@ import sys
 
 import equinox as eqx
 import imageio_ffmpeg
-import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -14,13 +13,7 @@ from matplotlib.patches import Patch
 from matplotlib.text import Text
 from PIL import Image, ImageSequence
 
-import jaxstab as js
 from jaxstab import plots
-
-
-@pytest.fixture(scope="module")
-def loop(hertz):
-    return js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.1, 1.6])), fields=True)
 
 
 @pytest.fixture
@@ -113,7 +106,7 @@ def test_a_film_shows_contact_in_black_throughout(hertz, loop, tmp_path):
     states = np.linspace(0, len(loop.load.value) - 1, 7).round().astype(int)
     area = np.asarray(loop.equilibrium.contact_area)[states]
     black = [(frame[:, : frame.shape[1] // 2] < 10).sum() for frame in frames]
-    assert np.ptp(area) > 0.1
+    assert np.ptp(area) > 0.05
     slope, rest = np.polyfit(area, black, 1)
     np.testing.assert_allclose(slope * area + rest, black, atol=0.02 * slope)
 

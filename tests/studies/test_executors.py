@@ -29,7 +29,7 @@ def alone(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def pool():
-    with ProcessPoolExecutor(2, SPAWNED) as pool:
+    with ProcessPoolExecutor(1, SPAWNED) as pool:
         yield pool
 
 
@@ -74,7 +74,7 @@ def killed(count, times=1):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-@pytest.mark.parametrize("kind", ["number", "client"])
+@pytest.mark.parametrize("kind", [pytest.param("number", marks=pytest.mark.nightly), "client"])
 def test_the_case_of_a_killed_worker_runs_again(kind, alone, request, tmp_path):
     executor = 2 if kind == "number" else request.getfixturevalue(kind)
     js.study(case_in(tmp_path, killed), AXES, tmp_path / "study", executor=executor)
