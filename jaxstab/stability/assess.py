@@ -33,7 +33,7 @@ from jaxstab.stability.derivatives import differentiable
 from jaxstab.stability.eigenpair import Eigenpair
 from jaxstab.stability.eigenproblems import Eigenproblems, Found
 from jaxstab.stability.search import smallest_eigenpairs
-from jaxstab.stability.solvers.base import ConeSolver, noise
+from jaxstab.stability.solvers.base import ConeSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 from jaxstab.stability.solvers.davidson import Davidson
 from jaxstab.stability.verdict import (
@@ -48,8 +48,6 @@ from jaxstab.stability.verdict import (
 _Inputs = tuple[Contact, Equilibrium, ConeSolver, PRNGKeyArray]
 # The lower bound, the critical cone and the cone take one search each.
 _NUM_SEARCHES = 3
-# Random vectors to start from.
-_NUM_RANDOM = 8
 # Reactions below this part of the pressure count as none, in units of the precision.
 _ROUNDING = 1e3
 # How much more than estimated a gap may be off.
@@ -253,7 +251,7 @@ def _problems(
         hessian=hessian,
         cone=AdmissibleCone(in_contact, nowhere, control.fixes_mean),
         critical_cone=AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean),
-        random=contact.grid.device_put(noise(key, _NUM_RANDOM, gap)),
+        key=key,
         nearly_touching=nearly_touching,
         touches=jnp.any(in_contact),
         is_weak=jnp.any(weak),

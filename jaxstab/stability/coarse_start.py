@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.core import model
@@ -19,7 +19,7 @@ from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import admissible_pair
 from jaxstab.stability.lowest_pair import Lowest, cone_starts, on_cone, on_space
-from jaxstab.stability.solvers.base import BLOCK_SIZE, Eigensolver, SpaceSolver
+from jaxstab.stability.solvers.base import BLOCK_SIZE, NUM_RANDOM, Eigensolver, SpaceSolver, noise
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 
 Solver = TypeVar("Solver", bound=Eigensolver)
@@ -41,21 +41,21 @@ def is_large(hessian: Hessian) -> bool:
 
 
 def modes_by_coarser(
-    solver: SpaceSolver, hessian: Hessian, space: Subspace, random: Block
+    solver: SpaceSolver, hessian: Hessian, space: Subspace, key: PRNGKeyArray
 ) -> tuple[Block, Int[Array, ""]]:
     """Return a block to start from on a linear space, and its cost in applications of A.
 
     The last of its vectors is a random one, in which no mode is missing.
     """
-    nowhere = jnp.zeros_like(space.is_moving)
+    fine, nowhere = hessian.curvature, jnp.zeros_like(space.is_moving)
     cone = AdmissibleCone(nowhere, ~space.is_moving, space.fixes_mean)
     hessian, cone = _coarser(hessian, cone)
-    starts, cost = _on_sublattices(random)[:BLOCK_SIZE], jnp.array(0)
-    rough = _roughly(solver, random)
+    starts, cost = noise(key, BLOCK_SIZE, hessian.curvature), jnp.array(0)
+    rough = _roughly(solver, starts)
     if _has_coarser(hessian):
-        starts, cost = modes_by_coarser(rough, hessian, cone.hull, starts)
+        starts, cost = modes_by_coarser(rough, hessian, cone.hull, key)
     found = on_space(rough, hessian, cone.hull, starts)
-    modes = jnp.stack([*map(_refined, found.modes[:-1]), random[-1]])
+    modes = jnp.stack([*map(_refined, found.modes[:-1]), *noise(key, 1, fine)])
     return modes, _share_of(cost + found.pair.num_applications, space)
 
 
@@ -66,19 +66,19 @@ def lowest_by_coarser(
     hessian: Hessian,
     cone: AdmissibleCone,
     hull: Lowest,
-    random: Block,
+    key: PRNGKeyArray,
 ) -> tuple[Lowest, Flag]:
     """Return the pair on a cone that the coarser problem's mode leads to, and whether to trust it.
 
     It agrees with the coarser problem, or the lowest mode around the cone is the answer. This is a
     program of its own, as the search from all starts takes the memory of them all.
     """
-    starts, _, is_answer = cone_starts(solver, cone, hull, random)
+    starts, _, is_answer = cone_starts(solver, cone, hull, hull.modes[:0])
     is_known = is_answer | cone.is_trivial
     guess, coarser, cost = jax.lax.cond(
         is_known,
-        lambda: (starts[0], jnp.zeros((), random.dtype), jnp.array(0)),
-        lambda: mode_by_coarser(spaces, solver, hessian, cone, random),
+        lambda: (starts[0], jnp.zeros_like(hull.pair.eigenvalue), jnp.array(0)),
+        lambda: mode_by_coarser(spaces, solver, hessian, cone, key),
     )
     is_start = jnp.any(guess != 0)
     restricted = hessian.restricted(cone.is_moving)
@@ -94,7 +94,7 @@ def mode_by_coarser(
     solver: ProjectedLOBPCG,
     hessian: Hessian,
     cone: AdmissibleCone,
-    random: Block,
+    key: PRNGKeyArray,
 ) -> tuple[Field, Scalar, Int[Array, ""]]:
     """Return a vector to start from on a cone, its eigenvalue on the coarser grid, and its cost.
 
@@ -102,10 +102,10 @@ def mode_by_coarser(
     """
     hull = cone.hull
     hessian, cone = _coarser(hessian, cone)
-    random = _on_sublattices(random)
+    random = noise(key, NUM_RANDOM, hessian.curvature)
     spaces, rough = _roughly(spaces, random), _roughly(solver, random)
     if _has_coarser(hessian):
-        start, _, cost = mode_by_coarser(spaces, rough, hessian, cone, random)
+        start, _, cost = mode_by_coarser(spaces, rough, hessian, cone, key)
         starts, is_needed = start[None], jnp.array([True])
     else:
         around = on_space(spaces, hessian, cone.hull, random[:BLOCK_SIZE])
@@ -160,11 +160,6 @@ def _refined(field: Float[Array, " *coarse"]) -> Field:
     for axis in range(field.ndim):
         field = jnp.repeat(field, 2, axis=axis)
     return model.onto_sphere(field)
-
-
-def _on_sublattices(random: Block) -> Block:
-    """Return random vectors on the coarser grid: the points of a cell are in different ones."""
-    return jnp.concatenate([_cells(field) for field in random])[: len(random)]
 
 
 def _cells(field: Array) -> Array:

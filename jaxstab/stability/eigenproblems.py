@@ -5,9 +5,9 @@ from dataclasses import replace
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, PRNGKeyArray
 
-from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.contact.hessian import Hessian
 from jaxstab.core.compile import program
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag, Mask, Scalar
@@ -23,7 +23,7 @@ class Eigenproblems(eqx.Module):
         hessian: A.
         cone: V0+.
         critical_cone: the critical cone.
-        random: vectors to start from.
+        key: the random key of vectors to start from.
         nearly_touching: points that may be in contact, to within the error of the state.
         touches: whether the surfaces touch anywhere.
         is_weak: whether they do so anywhere without pressing beyond an error.
@@ -33,7 +33,7 @@ class Eigenproblems(eqx.Module):
     hessian: Hessian
     cone: AdmissibleCone
     critical_cone: AdmissibleCone
-    random: Block
+    key: PRNGKeyArray
     nearly_touching: Mask
     touches: Flag
     is_weak: Flag

@@ -40,24 +40,48 @@ def norms(block: Block | Sequence[Field]) -> Float[Array, " block"]:
 
 
 def rayleigh_ritz(
-    gram: Float[Array, "block block"], energies: Float[Array, "block block"], count: int
+    axes: Float[Array, "block block"], energies: Float[Array, "block block"], count: int
 ) -> tuple[Float[Array, " count"], Float[Array, "block count"]]:
     """Return the lowest Ritz values of A on a basis, and their vectors in terms of it.
 
-    Vectors of the basis may be zero or depend on each other. Where too few are left, Ritz values
-    lie above all others, and their vectors are zero. Given are the inner products of the basis
-    vectors with each other, and with A times each.
+    Given are orthonormal vectors in terms of the basis, a column each or zero, and the inner
+    products of the basis vectors with A times each. Where too few columns are not zero, Ritz values
+    lie above all others, and their vectors are zero.
     """
-    norms = jnp.sqrt(jnp.diagonal(gram))
-    scale = jnp.where(norms > 0, 1 / jnp.where(norms > 0, norms, 1), 0)
-    weights, axes = _eigh(scale[:, None] * gram * scale)
-    independent = weights > jnp.finfo(gram.dtype).eps ** 0.75 * jnp.max(weights)
-    roots = jnp.sqrt(jnp.where(independent, weights, 1))
-    to_basis = scale[:, None] * axes * jnp.where(independent, 1 / roots, 0)
-    matrix = to_basis.T @ ((energies + energies.T) / 2) @ to_basis
+    matrix = axes.T @ ((energies + energies.T) / 2) @ axes
     far = 2 * jnp.sum(jnp.abs(matrix)) + jnp.finfo(matrix.dtype).tiny
-    eigenvalues, vectors = _eigh(matrix + jnp.diag(jnp.where(independent, 0, far)))
-    return eigenvalues[:count], (to_basis @ vectors)[:, :count]
+    is_zero = jnp.all(axes == 0, axis=0)
+    eigenvalues, vectors = _eigh(matrix + jnp.diag(jnp.where(is_zero, far, 0)))
+    return eigenvalues[:count], (axes @ vectors)[:, :count]
+
+
+def orthonormal(
+    part: Float[Array, " block"],
+    axes: Float[Array, "block columns"],
+    gram: Float[Array, "block block"],
+    least: float,
+) -> Float[Array, " block"]:
+    """Return a vector made orthogonal to others, and of unit norm, all in terms of a basis.
+
+    It is zero where less than a part of its norm is left.
+
+    Arguments:
+        part: the vector.
+        axes: the others, orthonormal columns.
+        gram: the inner products of the basis vectors.
+        least: that part.
+    """
+    square = part @ gram @ part
+    for _ in range(2):
+        part -= axes @ (axes.T @ (gram @ part))
+    rest = part @ gram @ part
+    is_new = rest > least**2 * square
+    return jnp.where(is_new, part / jnp.sqrt(jnp.where(is_new, rest, 1)), 0)
+
+
+def least_new(dtype: jnp.dtype) -> float:
+    """Return the least part of a basis vector apart from the others: below, products are noise."""
+    return float(jnp.finfo(dtype).eps) ** (3 / 8)
 
 
 def _eigh(matrix: Float[Array, "block block"]) -> tuple[Array, Array]:

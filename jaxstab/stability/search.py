@@ -9,8 +9,9 @@ from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PRNGKeyArray
 
-from jaxstab.contact.hessian import Block, Hessian
+from jaxstab.contact.hessian import Hessian
 from jaxstab.core.checks import concrete
 from jaxstab.core.compile import program
 from jaxstab.core.conditional import if_needed
@@ -21,7 +22,7 @@ from jaxstab.stability.coarse_start import is_large, lowest_by_coarser, modes_by
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenproblems import Eigenproblems, Found, covering_doubt
 from jaxstab.stability.lowest_pair import Lowest, cone_starts, on_cone, on_space, with_cost_of
-from jaxstab.stability.solvers.base import BLOCK_SIZE, ConeSolver, SpaceSolver
+from jaxstab.stability.solvers.base import BLOCK_SIZE, NUM_RANDOM, ConeSolver, SpaceSolver, noise
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 
 
@@ -36,30 +37,30 @@ def smallest_eigenpairs(
 
     With `verdict_only` the searches stop at a number that proves the verdict.
     """
-    hessian, random = problems.hessian, problems.random
+    hessian, key = problems.hessian, problems.key
     touches, is_doubtful = concrete(problems.touches), concrete(problems.is_doubtful)
     is_default = isinstance(solver, ProjectedLOBPCG)
-    fast = solver if is_default else ProjectedLOBPCG(solver.tolerance_in(random.dtype))
+    fast = solver if is_default else ProjectedLOBPCG(solver.tolerance_in(hessian.curvature.dtype))
 
     # All perturbations that the load allows: the linear space around the cone.
-    around = _lowest_on_hull(spaces, hessian, problems.cone, random)
+    around = _lowest_on_hull(spaces, hessian, problems.cone, key)
     advance_if_known(around)
     is_proved = verdict_only & (concrete(around.sign) > 0)
 
     # The critical cone: a linear space, unless some point touches without pressing.
     is_open, cone = touches & ~is_proved, problems.critical_cone
     hull = if_needed(
-        is_open, lambda: _lowest_on_hull(spaces, hessian, cone, random), around.known_before()
+        is_open, lambda: _lowest_on_hull(spaces, hessian, cone, key), around.known_before()
     )
     is_weak = is_open & concrete(problems.is_weak)
-    critical = _lowest_on_cone(fast, spaces, hessian, cone, hull, random, is_weak)
+    critical = _lowest_on_cone(fast, spaces, hessian, cone, hull, key, is_weak)
     advance_if_known(critical)
     is_decided = is_proved | (verdict_only & (concrete(critical.sign) < 0))
 
     # The cone V0+; a solver that the caller has chosen always runs.
     is_open, cone = touches & ~is_decided, problems.cone
     is_needed = is_open if is_default else True
-    lowest = _lowest_on_cone(solver, spaces, hessian, cone, around, random, is_needed)
+    lowest = _lowest_on_cone(solver, spaces, hessian, cone, around, key, is_needed)
 
     # A proof, if the eigenvalue on the cone is positive and none is known.
     lacks_proof = (concrete(lowest.sign) > 0) & (concrete(around.sign) <= 0)
@@ -75,15 +76,16 @@ def smallest_eigenpairs(
 
 @program
 def _lowest_on_hull(
-    spaces: SpaceSolver, hessian: Hessian, cone: AdmissibleCone, random: Block
+    spaces: SpaceSolver, hessian: Hessian, cone: AdmissibleCone, key: PRNGKeyArray
 ) -> Lowest:
     """Return the lowest pair on the linear space around a cone.
 
     On a large grid the search begins with the modes of the coarser problem.
     """
-    starts, cost = random[:BLOCK_SIZE], jnp.array(0)
+    starts, cost = noise(key, BLOCK_SIZE, hessian.curvature), jnp.array(0)
     if is_large(hessian):
-        starts, cost = modes_by_coarser(spaces, hessian, cone.hull, starts)
+        starts, cost = modes_by_coarser(spaces, hessian, cone.hull, key)
+    starts = hessian.solid.grid.device_put(starts)
     return on_space(spaces, hessian, cone.hull, starts).costing(cost)
 
 
@@ -93,14 +95,14 @@ def _lowest_on_cone(
     hessian: Hessian,
     cone: AdmissibleCone,
     hull: Lowest,
-    random: Block,
+    key: PRNGKeyArray,
     is_needed: ArrayLike,
 ) -> Lowest:
     """Return the lowest pair on a cone, or where it is not needed the pair on its hull.
 
     On a large grid the search begins with the mode of the coarser problem.
     """
-    problem, otherwise = (solver, hessian, cone, hull, random), hull.known_before()
+    problem, otherwise = (solver, hessian, cone, hull, key), hull.known_before()
     if not (is_large(hessian) and isinstance(solver, ProjectedLOBPCG)):
         return if_needed(is_needed, lambda: _from_all_starts(*problem), otherwise)
     first, is_trusted = if_needed(
@@ -117,10 +119,11 @@ def _from_all_starts(
     hessian: Hessian,
     cone: AdmissibleCone,
     hull: Lowest,
-    random: Block,
+    key: PRNGKeyArray,
     before: Lowest | None = None,
 ) -> Lowest:
     """Return the lowest pair on a cone, also from an earlier result if there is one."""
+    random = hessian.solid.grid.device_put(noise(key, NUM_RANDOM, hessian.curvature))
     if before is not None:
         random = jnp.concatenate([before.pair.mode[None], random])
     starts, is_needed, is_answer = cone_starts(solver, cone, hull, random)

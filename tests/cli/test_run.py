@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxstab.__main__ import main
-
 SURFACE = ["--size", "32", "--k-high", "8"]
 SMALL = [*SURFACE, "--study", "unloading", "--number", "5"]
 COMMAND = [sys.executable, "-m", "jaxstab"]
@@ -52,16 +50,13 @@ def twice(run, cache, environment, tmp_path_factory):
     return folder / "mine", results, programs
 
 
-def test_the_main_job_shows_a_loop_with_its_jumps_and_writes_figure_and_data(
-    tmp_path, monkeypatch, capsys
-):
-    monkeypatch.chdir(tmp_path)
-    main(SURFACE)
-    said = capsys.readouterr()
-    assert "100%" in said.err
+def test_the_main_job_shows_a_loop_with_its_jumps_and_writes_figure_and_data(tmp_path, run):
+    result = run(tmp_path, *SURFACE)
+    assert result.returncode == 0, result.stderr
+    assert "100%" in result.stderr
     header, *rows = (
         line.split()
-        for line in said.out.splitlines()
+        for line in result.stdout.splitlines()
         if re.search(r"\b(kind|fold|release)\b", line)
     )
     assert header[:3] == ["MeanGap", "kind", "dissipation"] and len(rows) >= 2

@@ -44,9 +44,7 @@ def test_a_bar_that_is_not_shown_says_nothing(capsys, updates):
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize(
-    "name", ["assess_stability", pytest.param("pull_off", marks=pytest.mark.nightly), "follow"]
-)
+@pytest.mark.parametrize("name", ["assess_stability", "pull_off", "follow"])
 def test_inside_of_transformations_no_bar_is_shown_and_a_warning_says_so(name, capsys):
     contact = rough_contact(16, js.potentials.Exponential(0.02, 0.08), rms_height=0.05)
     turns = js.MeanGap(jnp.array([0.1, 0.09]))

@@ -25,19 +25,11 @@ class Law(eqx.Module):
 """
 
 
-@pytest.fixture(scope="module")
-def content(tmp_path_factory):
-    """The bytes of a file of a sweep."""
+@pytest.fixture
+def saved(tmp_path):
     contact = contact_of(js.potentials.Exponential(0.01, 0.2))
     sweep = js.sweep(contact, js.MeanGap(np.array([0.1, 0.2])))
-    return js.save(tmp_path_factory.mktemp("saved") / "run.nc", contact, sweep).read_bytes()
-
-
-@pytest.fixture
-def saved(content, tmp_path):
-    path = tmp_path / "run.nc"
-    path.write_bytes(content)
-    return path
+    return js.save(tmp_path / "run.nc", contact, sweep)
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact, require_same_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.core.batching import by_entries
+from jaxstab.core.batching import by_entries, entry_of
 from jaxstab.core.checks import (
     concrete,
     integer,
@@ -201,7 +201,7 @@ def _replay(
 
     def one(old: Moment, i: Int[Array, ""]) -> tuple[Moment, Totals]:
         def step() -> Moment:
-            way, start, end, lost = (column[i] for column in steps.rows)
+            way, start, end, lost = entry_of(steps.rows, i)
             held = load[0].at(along(load.value, way, end))
             dt = (end - start) * (times[way + 1] - times[way])
             _, with_loss = stepped(contact, held, old, dt)

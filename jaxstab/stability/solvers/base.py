@@ -14,6 +14,8 @@ from jaxstab.stability.eigenpair import Eigenpair, Minimum, measured
 
 # The modes that a search for the lowest carries on.
 BLOCK_SIZE = 4
+# The random vectors that a search on a cone starts from.
+NUM_RANDOM = 8
 
 
 class Eigenproblem(eqx.Module):

@@ -20,7 +20,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenpair import Minimum, descended, projected_residual
-from jaxstab.stability.ritz import combination, rayleigh_ritz
+from jaxstab.stability.ritz import combination, least_new, orthonormal, rayleigh_ritz
 from jaxstab.stability.solvers.base import ConeSolver, Eigenproblem
 from jaxstab.stability.solvers.multi_start import multi_start
 
@@ -171,7 +171,10 @@ class _Plane(eqx.Module):
         pairs = [left * right for left in basis for right in (*basis, *products)]
         sums = totals([*pairs, *(product**2 for product in products)])
         gram, energies = jnp.split(sums[:-3].reshape(3, 6), 2, axis=1)
-        parts = rayleigh_ritz(gram, energies, 1)[1][:, 0]
+        axes = jnp.zeros_like(gram)
+        for i, part in enumerate(jnp.eye(len(gram), dtype=gram.dtype)):
+            axes = axes.at[:, i].set(orthonormal(part, axes, gram, least_new(gram.dtype)))
+        parts = rayleigh_ritz(axes, energies, 1)[1][:, 0]
         parts *= jnp.where(gram[0] @ parts < 0, -1, 1)
         # Combined products have no digits left where the basis reaches into stiff points, nor that
         # of a tiny difference.

@@ -8,7 +8,6 @@ after another, and keeps the lowest Ritz vectors of it all.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from typing import ClassVar
 
 import equinox as eqx
@@ -25,7 +24,15 @@ from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpair import Minimum
-from jaxstab.stability.ritz import combination, combinations, inner_products, norms, rayleigh_ritz
+from jaxstab.stability.ritz import (
+    combination,
+    combinations,
+    inner_products,
+    least_new,
+    norms,
+    orthonormal,
+    rayleigh_ritz,
+)
 from jaxstab.stability.solvers.base import ModesProblem, SpaceSolver
 
 # Residuals by which a step widens its space.
@@ -35,12 +42,15 @@ _NOISE = 100
 
 
 class _Span(eqx.Module):
-    """A space by vectors and P A times each, zero where unused, and their inner products."""
+    """A space by vectors and P A times each, zero where unused, their inner products, and an
+    orthonormal basis in terms of the vectors.
+    """
 
     basis: Block
     products: Block
     gram: Float[Array, "room room"]
     energies: Float[Array, "room room"]
+    axes: Float[Array, "room room"]
 
     def with_vector(
         self,
@@ -60,12 +70,11 @@ class _Span(eqx.Module):
         product = space.project(operator(vector))
         basis, products = _put(vector, self.basis, slot), _put(product, self.products, slot)
         overlaps, energies = inner_products(basis, vector, product)
-        return _Span(
-            basis,
-            products,
-            _put_both(overlaps, self.gram, slot),
-            _put_both(energies, self.energies, slot),
-        )
+        gram = _put_both(overlaps, self.gram, slot)
+        energies = _put_both(energies, self.energies, slot)
+        part = (jnp.arange(len(gram)) == slot).astype(gram.dtype)
+        axis = orthonormal(part, self.axes, gram, least_new(part.dtype))
+        return _Span(basis, products, gram, energies, _put(axis, self.axes, slot, axis=1))
 
     def _apart_from(self, vector: Field) -> Field:
         (overlaps,), square = inner_products(self.basis, vector), total(vector**2)
@@ -79,7 +88,10 @@ class _Span(eqx.Module):
         room, kept = parts.shape
         basis, products = combinations(parts, self.basis, self.products)
         parts = jnp.pad(parts, ((0, 0), (0, room - kept)))
-        return _Span(basis, products, parts.T @ self.gram @ parts, parts.T @ self.energies @ parts)
+        gram, energies = (parts.T @ matrix @ parts for matrix in (self.gram, self.energies))
+        # They are unit vectors, or zero but for rounding.
+        axes = jnp.diag(jnp.round(jnp.diagonal(gram)))
+        return _Span(basis, products, gram, energies, axes)
 
 
 # A space, its lowest Ritz values and vectors, and those vectors one step before.
@@ -122,26 +134,34 @@ class Davidson(SpaceSolver):
         room += start.shape[1:] == (room, room)
         block = jnp.zeros((room, *start.shape[1:]), start.dtype)
         matrix = jnp.zeros((room, room), start.dtype)
-        span = _Span(block, block, matrix, matrix)
+        span = _Span(block, block, matrix, matrix, matrix)
         # No residual is known yet: one above any tolerance, from which every fall is progress.
         none = jnp.full(problem.count, jnp.finfo(start.dtype).max ** 0.5, start.dtype)
         empty = _RitzState(span, jnp.zeros(len(start), start.dtype), none, jnp.array(True))
-        return on_platform(
-            lambda state: state, partial(self._widened, problem, number=len(start)), empty
-        )
+
+        def elsewhere(state: _RitzState) -> _RitzState:
+            return self._widened(problem, state, len(start), is_empty=True)
+
+        return on_platform(lambda state: state, elsewhere, empty)
 
     def step(self, problem: ModesProblem, state: _RitzState) -> _RitzState:
         """Return the lowest Ritz vectors of a space widened by preconditioned residuals."""
 
         def on_cpu(state: _RitzState) -> _RitzState:
             number = jnp.where(state.is_empty, len(problem.starts), _NUM_RESIDUALS)
-            return self._widened(problem, state, number)
+            return self._widened(problem, state, number, state.is_empty)
 
-        elsewhere = partial(self._widened, problem, number=_NUM_RESIDUALS)
+        def elsewhere(state: _RitzState) -> _RitzState:
+            return self._widened(problem, state, _NUM_RESIDUALS, is_empty=False)
+
         return on_platform(on_cpu, elsewhere, state)
 
     def _widened(
-        self, problem: ModesProblem, state: _RitzState, number: int | Int[Array, ""]
+        self,
+        problem: ModesProblem,
+        state: _RitzState,
+        number: int | Int[Array, ""],
+        is_empty: bool | Flag,
     ) -> _RitzState:
         operator, starts, size = problem.operator, problem.starts, len(problem.starts)
         target = jnp.argmax(self.doubts(problem, state) > self.tolerance_in(starts.dtype))
@@ -165,10 +185,10 @@ class Davidson(SpaceSolver):
                 # The first is of a vector that the space has.
                 return precondition(either(index == 0, of_kept, of_combined))
 
-            vector = either(state.is_empty, lambda: starts[index], steepest)
-            slot = jnp.where(state.is_empty, index, size + 1 + index)
+            vector = either(is_empty, lambda: starts[index], steepest)
+            slot = index + jnp.where(is_empty, 0, size + 1)
             span = span.with_vector(slot, vector, operator, problem.domain, is_noise)
-            return span, *rayleigh_ritz(span.gram, span.energies, size), parts
+            return span, *rayleigh_ritz(span.axes, span.energies, size), parts
 
         parts = jnp.eye(len(state.span.basis), size, dtype=starts.dtype)
         start = state.span, state.eigenvalues, parts, parts
@@ -200,12 +220,7 @@ def _restarted(
     problem: ModesProblem, span: _Span, eigenvalues: Array, parts: Array, last: Array
 ) -> _RitzState:
     """Keep the lowest Ritz vectors, and the part of another vector apart from them."""
-    square = last @ span.gram @ last
-    for _ in range(2):
-        last -= parts @ (parts.T @ (span.gram @ last))
-    rest = last @ span.gram @ last
-    is_new = rest > _rounding(square.dtype) ** 2 * square
-    last = jnp.where(is_new, last / jnp.sqrt(jnp.where(is_new, rest, 1)), 0)
+    last = orthonormal(last, parts, span.gram, _rounding(last.dtype))
     span = span.spanned_by(jnp.column_stack([parts, last]))
     residuals = [span.products[i] - eigenvalues[i] * span.basis[i] for i in range(problem.count)]
     residual = norms(residuals) / problem.operator.scale
