@@ -34,18 +34,24 @@ def own_law(dtype):
     return Bumpy([jnp.array(0.008, dtype), jnp.array(0.004, dtype)], jnp.array(0.2, dtype), 2)
 
 
+def swept(potential, dtype=jnp.float64):
+    contact = contact_of(potential, dtype)
+    return contact, js.sweep(contact, js.Spring(jnp.linspace(0.0, 0.2, 3), 0.3))
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return swept(js.potentials.Exponential(0.01, 0.2))
+
+
 @pytest.fixture(
     scope="module",
     params=["float64", pytest.param("float32", marks=pytest.mark.nightly), "own law"],
 )
-def case(request):
-    dtype = jnp.float32 if request.param == "float32" else jnp.float64
-    if request.param == "own law":
-        contact = contact_of(own_law(dtype))
-    else:
-        contact = contact_of(js.potentials.Exponential(0.01, 0.2), dtype)
-    sweep = js.sweep(contact, js.Spring(jnp.linspace(0.0, 0.2, 3), 0.3))
-    return contact, sweep
+def case(request, plain):
+    if request.param == "float32":
+        return swept(js.potentials.Exponential(0.01, 0.2), jnp.float32)
+    return plain if request.param == "float64" else swept(own_law(jnp.float64))
 
 
 def test_each_result_comes_back_to_the_last_bit(case, tmp_path):
@@ -93,8 +99,8 @@ def test_a_data_set_says_what_everything_is(case):
     assert unlabelled == []
 
 
-def test_plain_xarray_opens_it_without_this_package(case, tmp_path):
-    contact, sweep = case
+def test_plain_xarray_opens_it_without_this_package(plain, tmp_path):
+    contact, sweep = plain
     path = js.save(tmp_path / "sweep.nc", contact, sweep)
     script = (
         "import sys, xarray; data = xarray.open_dataset(sys.argv[1]);"
@@ -118,8 +124,8 @@ def test_a_sweep_goes_on_from_a_loaded_state_as_if_never_interrupted(tmp_path):
     assert_same_bits(rest.equilibrium.gap, whole[3:].equilibrium.gap)
 
 
-def test_nothing_is_overwritten_and_no_half_of_a_file_is_left(case, tmp_path, monkeypatch):
-    contact, sweep = case
+def test_nothing_is_overwritten_and_no_half_of_a_file_is_left(plain, tmp_path, monkeypatch):
+    contact, sweep = plain
     path = js.save(tmp_path / "a.nc", contact, sweep)
     before = path.read_bytes()
     with pytest.raises(FileExistsError):
@@ -135,8 +141,8 @@ def test_nothing_is_overwritten_and_no_half_of_a_file_is_left(case, tmp_path, mo
     assert [file.name for file in tmp_path.iterdir()] == ["a.nc"]
 
 
-def test_what_cannot_be_written_is_refused(case, rough_path, tmp_path):
-    contact, sweep = case
+def test_what_cannot_be_written_is_refused(plain, rough_path, tmp_path):
+    contact, sweep = plain
     with pytest.raises(ValueError, match=r"run.npz does not end in .nc"):
         js.save(tmp_path / "run.npz", contact, sweep)
     with pytest.raises(TypeError, match="tuple is no result"):
@@ -156,8 +162,8 @@ def test_what_cannot_be_written_is_refused(case, rough_path, tmp_path):
         js.to_dataset(rough_path[0], twice)
 
 
-def test_what_cannot_be_read_is_refused_in_a_sentence(case, tmp_path):
-    contact, sweep = case
+def test_what_cannot_be_read_is_refused_in_a_sentence(plain, tmp_path):
+    contact, sweep = plain
     path = js.save(tmp_path / "run.nc", contact, sweep[0])
     with pytest.raises(FileNotFoundError, match=r"There is no file .*none.nc"):
         js.load(tmp_path / "none.nc")
@@ -189,8 +195,8 @@ def test_what_cannot_be_read_is_refused_in_a_sentence(case, tmp_path):
         (lambda text: text.replace('"RESULTS"', '"VERDICTS"'), "successful in the file is not one"),
     ],
 )
-def test_a_file_of_another_version_is_refused_in_a_sentence(case, tmp_path, change, message):
-    contact, sweep = case
+def test_a_file_of_another_version_is_refused_in_a_sentence(plain, tmp_path, change, message):
+    contact, sweep = plain
     path = js.save(tmp_path / "run.nc", contact, sweep[0].equilibrium)
     with h5netcdf.File(path, "r+") as file:
         structure = file.attrs["structure"]
@@ -201,8 +207,8 @@ def test_a_file_of_another_version_is_refused_in_a_sentence(case, tmp_path, chan
 
 
 @pytest.mark.parametrize("number", [1, 99])
-def test_a_file_of_another_format_is_refused_with_both_numbers(case, tmp_path, number):
-    contact, sweep = case
+def test_a_file_of_another_format_is_refused_with_both_numbers(plain, tmp_path, number):
+    contact, sweep = plain
     path = js.save(tmp_path / "run.nc", contact, sweep[0].equilibrium)
     with h5netcdf.File(path, "r+") as file:
         own = int(file.attrs["format"])
@@ -223,8 +229,8 @@ def test_a_file_opens_that_is_older_than_a_field_with_a_default(case, tmp_path):
     assert_same_bits((contact, sweep[0].equilibrium), js.load(path))
 
 
-def test_a_file_that_lacks_something_says_what(case, tmp_path):
-    contact, sweep = case
+def test_a_file_that_lacks_something_says_what(plain, tmp_path):
+    contact, sweep = plain
     path = js.save(tmp_path / "run.nc", contact, sweep[0])
     xarray.load_dataset(path).drop_vars("gap").to_netcdf(tmp_path / "less.nc", engine="h5netcdf")
     with pytest.raises(ValueError, match="The file lacks gap: it was changed"):
@@ -259,8 +265,8 @@ def test_the_surface_of_a_result_without_a_unit_can_be_read(tmp_path):
     assert surface.unit is None
 
 
-def test_a_result_of_another_contact_is_refused(case, tmp_path):
-    contact, sweep = case
+def test_a_result_of_another_contact_is_refused(plain, tmp_path):
+    contact, sweep = plain
     others = [
         eqx.tree_at(lambda contact: contact.heights, contact, contact.heights[::-1]),
         eqx.tree_at(lambda contact: contact.solid.youngs_modulus, contact, 2.0),
