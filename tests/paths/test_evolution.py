@@ -237,11 +237,11 @@ def test_after_a_failure_there_are_no_derivatives():
 
 
 def test_a_tolerance_below_the_rounding_of_equilibria_is_named():
-    times, values = cycle(3)
+    times, values = cycle(9)
 
     def end(energy):
         load, contact = js.MeanDisplacement(values), viscoelastic(energy=energy)
-        return js.evolve(contact, load, times, rtol=1e-6, max_steps=40).mean_pressure[-1]
+        return js.evolve(contact, load, times, rtol=1e-6, max_steps=16).mean_pressure[-1]
 
     # Also where derivatives are taken.
     for call in (end, jax.grad(end)):
@@ -285,7 +285,8 @@ def test_derivatives_by_law_ratio_time_and_speed_are_those_of_differences():
 
     point = jnp.array([0.002, 2.0, 0.1, 1.0])
     gradient = jax.grad(pull)(point)
-    assert np.array(jax.jacfwd(pull)(point)) == pytest.approx(np.array(gradient), rel=1e-9)
+    forward = jax.jvp(pull, (point,), (point,))[1]
+    assert forward == pytest.approx(float(gradient @ point), rel=1e-9)
     for i, derivative in enumerate(gradient):
         step = 1e-5 * point[i] * jnp.eye(4)[i]
         difference = (pull(point + step) - pull(point - step)) / (2e-5 * point[i])
