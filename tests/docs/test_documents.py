@@ -19,6 +19,7 @@ SLOW = (
     "force_curve",
     "model",
     "scan",
+    "start",
     "studies",
     "time",
     "units",

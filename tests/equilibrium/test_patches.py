@@ -51,10 +51,10 @@ def spanning_in_tiles(mask, neighbours, tiles=9):
 
 
 @pytest.mark.parametrize("neighbours", [4, 8])
-@pytest.mark.parametrize("share", [0.1, 0.4, 0.5, 0.6, 0.9])
+@pytest.mark.parametrize("share", [0.1, 0.4, 0.6, 0.9])
 def test_patches_are_those_of_a_graph_and_of_tiles(neighbours, share):
     random = np.random.default_rng(int(100 * share))
-    for shape in [(9, 12), (2, 7), (10, 10)]:
+    for shape in [(9, 12), (2, 7)]:
         mask = random.uniform(size=shape) < share
         found = js.patches(*touching(mask), neighbours=neighbours)
         number, parts = graph_labels(mask, neighbours)

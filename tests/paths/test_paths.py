@@ -134,6 +134,10 @@ def test_a_tension_pulls_apart_where_bisection_says_and_a_pressure_brings_back()
     assert touch.load.value <= 0
     assert touch.after.load.value > 0 and touch.after.in_contact.any()
     assert jnp.isnan(apart.dissipation) and jnp.isnan(touch.dissipation)
+    # Of a path without fields the last state alone has a gap.
+    assert path.equilibrium.gap is None and path[0].equilibrium.gap is None
+    last = path[-1].equilibrium
+    np.testing.assert_allclose(jnp.mean(last.gap), last.mean_gap)
     # Of what falls apart no work is known.
     assert jnp.isnan(path.work) and jnp.isfinite(path.equilibrium.work[5])
 
@@ -229,17 +233,16 @@ def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
     monkeypatch.setattr(module, "_go_on", interrupted)
     with pytest.warns(js.PathInterrupted, match=r"interrupted at \d+ %"):
         turns = js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6]))
-        path = js.follow(hertz, turns, smallest_jump=1e-5)
+        path = js.follow(hertz, turns, smallest_jump=1e-5, fields=True)
     assert path.result == "interrupted"
     # Batches of one, two and four steps, of which some only try.
     assert 2 <= len(path.load.value) <= 8
     np.testing.assert_array_equal(path.load.value, loop.load.value[: len(path.load.value)])
     # Its last state is a start of the rest of the way.
-    assert path.equilibrium.gap is None and path[0].equilibrium.gap is None
     last = path[-1]
     np.testing.assert_allclose(jnp.mean(last.equilibrium.gap), last.equilibrium.mean_gap)
     turns = js.MeanDisplacement(jnp.array([last.load.value, 1.2, 1.6]))
-    rest = js.follow(hertz, turns, smallest_jump=1e-5, initial=last)
+    rest = js.follow(hertz, turns, smallest_jump=1e-5, initial=last, fields=True)
     np.testing.assert_allclose(rest.jumps.load.value[0], loop.jumps.load.value[0], atol=4e-6)
 
 
@@ -255,7 +258,7 @@ def test_an_interrupt_after_the_last_step_loses_nothing(hertz, loop, monkeypatch
     monkeypatch.setattr(module, "path_of", interrupted)
     with pytest.warns(js.PathInterrupted, match="after its last step; it is complete"):
         turns = js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6]))
-        path = js.follow(hertz, turns, smallest_jump=1e-5)
+        path = js.follow(hertz, turns, smallest_jump=1e-5, fields=True)
     assert path.result == "successful"
     np.testing.assert_array_equal(path.jumps.load.value, loop.jumps.load.value)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
