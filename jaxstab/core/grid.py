@@ -7,7 +7,7 @@ spectrum of `rfftn` is stored. Fields may be sharded over several devices.
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 import equinox as eqx
 import jax
@@ -68,7 +68,8 @@ class Grid(eqx.Module):
         *,
         sharding: NamedSharding | None = None,
     ):
-        numbers = shape if isinstance(shape, Sequence | np.ndarray) else (shape, shape)
+        is_row = isinstance(shape, Sequence) or np.ndim(shape) > 0
+        numbers: Any = shape if is_row else (shape, shape)
         self.shape = tuple(integer("A number of grid points", n) for n in numbers)
         if len(self.shape) not in (1, 2) or min(self.shape, default=0) < 2:
             raise ValueError(

@@ -14,6 +14,8 @@ def test_coordinates_and_cell_area_of_a_rectangle():
     assert grid.cell_area == 1.0
     assert js.Grid(16).shape == (16, 16)
     assert js.Grid((1024,), (1.0,)).size == 1024
+    assert js.Grid(np.array(16)).shape == (16, 16)
+    assert js.Grid(jnp.array([4, 5])).shape == (4, 5)
 
 
 @pytest.mark.parametrize(

@@ -120,3 +120,18 @@ def test_what_cannot_be_done_is_said():
     ]:
         with pytest.raises(ValueError, match=sentence):
             js.conductance(contact, state, rho)
+
+
+def test_a_state_that_was_not_found_has_no_observables():
+    grid = js.Grid(8)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), js.surfaces.paraboloid(grid, 2.0), NONE)
+    gaps = jnp.array([0.02, -1.0])
+    states = jax.vmap(lambda gap: js.equilibrate(contact, js.MeanGap(gap), throw=False))(gaps)
+    for observable in (js.conductance, js.patches, js.leakage):
+        with pytest.raises(ValueError, match=r"not found \(infeasible_load\)"):
+            observable(contact, states[1])
+    batch = jax.vmap(lambda state: js.conductance(contact, state))(states)
+    expected = js.conductance(contact, states[0]).conductance
+    assert expected > 0
+    np.testing.assert_allclose(batch.conductance, [expected, np.nan])
+    assert np.isnan(batch.current[1]).all()

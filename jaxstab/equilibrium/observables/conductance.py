@@ -17,8 +17,8 @@ from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import SolverError
 from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
 from jaxstab.core.units import NUMBER, SPRING_CONSTANT, Dimension
-from jaxstab.equilibrium.equilibrium import State, equilibrium_of
-from jaxstab.equilibrium.observables.observable import Observable
+from jaxstab.equilibrium.equilibrium import State
+from jaxstab.equilibrium.observables.observable import Observable, found_equilibrium
 from jaxstab.solids import FreeHalfSpace, HalfSpace
 
 CONDUCTANCE = Dimension("length/resistivity")
@@ -74,10 +74,12 @@ def conductance(
     Raises:
         TypeError: for another solid, and for something that is not a state.
         ValueError: for resistivities that are not two, negative, infinite or both zero, for a stack
-            of states and one of another grid.
-        SolverError: if the linear system was not solved; inside of a transformation it is NaN.
+            of states, one that was not found, and one of another grid.
+        SolverError: if the linear system was not solved; inside of a transformation it is NaN,
+            as for a state that was not found.
     """
-    touches = equilibrium_of(contact, equilibrium).in_contact
+    state = found_equilibrium(contact, equilibrium)
+    touches = state.in_contact
     solid, dtype = contact.solid, contact.heights.dtype
     require_kind(
         solid,
@@ -93,6 +95,7 @@ def conductance(
             "The conductance was not found: its linear system was not solved to the precision. "
             "Use float64."
         )
+    pressure = jnp.where(jnp.isfinite(state.gap).all(), pressure, jnp.nan)
     force, is_whole = total(pressure), jnp.all(touches) & (not solid.is_window)
     # E* is one.
     stiffness = jnp.where(is_whole, jnp.inf, force * contact.grid.cell_area.astype(dtype))

@@ -9,9 +9,9 @@ from jaxstab.contact import Contact
 from jaxstab.core.checks import array, require_known, require_positive, scalar_parameter
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, VISCOSITY, VOLUME
-from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.observables.flow import Flow, Solver, conducting, flows
-from jaxstab.equilibrium.observables.observable import Observable
+from jaxstab.equilibrium.observables.observable import Observable, found_equilibrium
 
 
 class Leakage(Observable):
@@ -73,13 +73,14 @@ def leakage(
 
     Raises:
         ValueError: on a window, which does not repeat, for a viscosity that is not positive, a
-            solver that does not exist, a stack of states and one of another grid.
+            solver that does not exist, a stack of states, one that was not found, and one of
+            another grid.
         TypeError: for something that is not a state, or inside of a JAX transformation.
         SolverError: if fluxes do not balance, or the permeability is not known to 1e-7.
         ImportError: for multigrid without PyAMG.
     """
     require_known((contact, equilibrium), "leakage")
-    gap = equilibrium_of(contact, equilibrium).gap
+    gap = found_equilibrium(contact, equilibrium).gap
     if contact.solid.is_window:
         raise ValueError(
             f"The solid is a {type(contact.solid).__name__}, a window that does not repeat: the "

@@ -10,9 +10,9 @@ from jaxstab.contact import Contact
 from jaxstab.core.checks import array, require_known
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import AREA, FORCE, LENGTH
-from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.observables.clusters import Neighbours, clusters_of
-from jaxstab.equilibrium.observables.observable import Observable
+from jaxstab.equilibrium.observables.observable import Observable, found_equilibrium
 
 # The grid counts this part of interface times spacing too much (Yastrebov et al., 2017).
 _STAIRCASE = (np.pi - 1 + np.log(2)) / 24
@@ -72,13 +72,14 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
         neighbours: 4 joins points along the sides of the grid, 8 also along diagonals.
 
     Raises:
-        ValueError: for other numbers of neighbours, a stack of states, or one of another grid.
+        ValueError: for other numbers of neighbours, a stack of states, one that was not
+            found, or one of another grid.
         TypeError: for something that is not a state, or inside of a JAX transformation.
     """
     if neighbours not in (4, 8):
         raise ValueError(f"neighbours is {neighbours!r}: choose 4, or 8 to join diagonals too.")
     require_known((contact, equilibrium), "patches")
-    state = equilibrium_of(contact, equilibrium)
+    state = found_equilibrium(contact, equilibrium)
     mask, is_window = np.asarray(state.in_contact), contact.solid.is_window
     found = clusters_of(mask, neighbours, not is_window)
     sides = _sides(mask, np.asarray(contact.grid.spacing, float), is_window)
