@@ -142,7 +142,7 @@ def test_an_outlier_is_named():
     with pytest.raises(
         js.SolverError, match=r"measurement number 5, at a load of 0\.386957.*outlier"
     ):
-        fit_flat(forces, baseline=False)
+        fit_flat(forces)
     # A small one leaves a fit, with a warning.
     forces = noisy(0)
     forces[5] += 0.03
