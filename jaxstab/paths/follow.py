@@ -106,6 +106,9 @@ def follow(
             f"follow takes the turning points of a load, two or more in one dimension, but "
             f"{type(load).__name__} holds an array of shape {load.value.shape}."
         )
+    # Turning points may be given in a higher precision than the contact has.
+    dtype = contact.heights.dtype
+    load = jax.tree.map(lambda x: x.astype(dtype) if eqx.is_inexact_array(x) else x, load)
     require_finite("The load", load.value)
     turns = concrete(load.value)
     cure = "a turning point repeats the one before: leave it out."
