@@ -1,6 +1,7 @@
 """What a step of a solver asks of a device, counted in its program: no clock is needed.
 
-The step is the body of the outermost loop that has a Fourier transform in it.
+The step is the body of the outermost loop that has a Fourier transform in it, and no known number
+of turns.
 """
 
 import re
@@ -113,7 +114,9 @@ def num_kernels(function, *args, depth=0):
     step = re.search(r"^ENTRY %?([\w.-]+)", text, re.M)[1]
     for _ in range(depth + 1):
         bodies = [
-            re.search(r"body=%?([\w.-]+)", line)[1] for code, line in codes(step) if code == "while"
+            re.search(r"body=%?([\w.-]+)", line)[1]
+            for code, line in codes(step)
+            if code == "while" and "known_trip_count" not in line
         ]
         step = next(body for body in bodies if any(code == "fft" for code, _ in codes(body)))
     return sum(code not in {*_NESTED, "fft"} for code, _ in codes(step))
@@ -142,7 +145,8 @@ def _within(functions, op):
 
 
 def _is_solver(functions, op):
-    return _name(op) == "while" and any(_name(inner) == "fft" for inner in _within(functions, op))
+    has_turns = _name(op) == "while" and _waits(op)
+    return has_turns and any(_name(inner) == "fft" for inner in _within(functions, op))
 
 
 def _waits(op):

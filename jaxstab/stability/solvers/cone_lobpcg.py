@@ -171,9 +171,10 @@ class _Plane(eqx.Module):
         pairs = [left * right for left in basis for right in (*basis, *products)]
         sums = totals([*pairs, *(product**2 for product in products)])
         gram, energies = jnp.split(sums[:-3].reshape(3, 6), 2, axis=1)
-        axes = jnp.zeros_like(gram)
-        for i, part in enumerate(jnp.eye(len(gram), dtype=gram.dtype)):
-            axes = axes.at[:, i].set(orthonormal(part, axes, gram, least_new(gram.dtype)))
+        axes = gram[:, :0]
+        for part in jnp.eye(len(gram), dtype=gram.dtype):
+            axis = orthonormal(part, axes, gram, least_new(gram.dtype))
+            axes = jnp.column_stack([axes, axis])
         parts = rayleigh_ritz(axes, energies, 1)[1][:, 0]
         parts *= jnp.where(gram[0] @ parts < 0, -1, 1)
         # Combined products have no digits left where the basis reaches into stiff points, nor that
