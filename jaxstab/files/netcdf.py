@@ -13,6 +13,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from jaxstab.contact import Contact
+from jaxstab.core.checks import require_kind
 from jaxstab.core.optional_packages import NETCDF, require_packages
 from jaxstab.core.warn import warn
 from jaxstab.files.dataset import FORMAT, Result, to_dataset
@@ -52,9 +53,12 @@ def save(
 
     Raises:
         ValueError: if the name does not end in .nc, and as `to_dataset`.
+        TypeError: for something that is not the path of a file.
         FileExistsError: if the file exists.
         ImportError: without xarray, h5netcdf and h5py.
     """
+    example = 'jaxstab.save("run.nc", contact, result)'
+    require_kind(path, str | os.PathLike, f"no path: give the file first, as in {example}.")
     path = Path(path)
     if path.suffix != ".nc":
         raise ValueError(f"{path} does not end in .nc.")

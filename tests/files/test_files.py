@@ -145,6 +145,8 @@ def test_what_cannot_be_written_is_refused(plain, rough_path, tmp_path):
     contact, sweep = plain
     with pytest.raises(ValueError, match=r"run.npz does not end in .nc"):
         js.save(tmp_path / "run.npz", contact, sweep)
+    with pytest.raises(TypeError, match="Contact is no path: give the file first"):
+        js.save(contact, sweep, tmp_path / "run.nc")
     with pytest.raises(TypeError, match="tuple is no result"):
         js.to_dataset(contact, (sweep[0].equilibrium, sweep[0].stability))
     other = js.Contact(js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), lambda gap: 0 * gap)
