@@ -118,6 +118,28 @@ def integer(name: str, value: SupportsIndex) -> int:
         raise TypeError(f"{name} is {value!r}: give an integer.") from None
 
 
+def possible(value: Array, holds: ArrayLike) -> Array:
+    """Return a value; NaN where it is traced and a condition on it does not hold."""
+    # As a factor it makes derivatives NaN too.
+    return value * jnp.where(holds, 1, jnp.nan) if is_traced(holds) else value
+
+
+def positive_parameter(value: object, name: str) -> Float[Array, "..."]:
+    """Return a parameter that must be positive; NaN where it is traced and is not."""
+    number = parameter(value, name)
+    require_positive(name, number)
+    return possible(number, number > 0)
+
+
+def nonnegative_parameter(value: object, name: str) -> Float[Array, "..."]:
+    """Return a parameter that must not be negative; NaN where it is traced and is."""
+    number = parameter(value, name)
+    known = concrete(number)
+    finite = (known >= 0) & (known < np.inf)
+    require(name, known, finite, "it must be finite and not negative.")
+    return possible(number, number >= 0)
+
+
 def require_known(inputs: object, name: str) -> None:
     """Raise `TypeError` inside of a JAX transformation."""
     if is_traced(inputs):

@@ -7,7 +7,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxstab.core.checks import concrete, parameter, require, require_positive
+from jaxstab.core.checks import (
+    concrete,
+    nonnegative_parameter,
+    parameter,
+    positive_parameter,
+    possible,
+    require,
+)
 from jaxstab.core.display import inline
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, NUMBER, SURFACE_ENERGY, Dimension
@@ -23,12 +30,8 @@ class _RangedLaw(Law):
     __repr__ = inline
 
     def __init__(self, surface_energy: ArrayLike, length: ArrayLike):
-        self.surface_energy = parameter(surface_energy)
-        self.length = parameter(length)
-        energy = concrete(self.surface_energy)
-        finite = (energy >= 0) & (energy < np.inf)
-        require("The surface energy", energy, finite, "it must be finite and not negative.")
-        require_positive("The length of the potential", self.length)
+        self.surface_energy = nonnegative_parameter(surface_energy, "The surface energy")
+        self.length = positive_parameter(length, "The length of the potential")
 
     def _reduced(self, gap: Scalar) -> Scalar:
         # A product, since a quotient over a field takes longer than the rest of the law.
@@ -102,8 +105,7 @@ class Dugdale(_RangedLaw):
 
     def __init__(self, surface_energy: ArrayLike, length: ArrayLike, smoothing: ArrayLike = 0.1):
         super().__init__(surface_energy, length)
-        self.smoothing = parameter(smoothing)
-        require_positive("The smoothing of the potential", self.smoothing)
+        self.smoothing = positive_parameter(smoothing, "The smoothing of the potential")
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
@@ -130,8 +132,8 @@ class LennardJones(_RangedLaw):
     """
 
     def __init__(self, surface_energy: ArrayLike, length: ArrayLike):
-        super().__init__(surface_energy, length)
-        require_positive("The surface energy of a law with a core", self.surface_energy)
+        energy = positive_parameter(surface_energy, "The surface energy of a law with a core")
+        super().__init__(energy, length)
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
@@ -173,13 +175,10 @@ class Electrostatic(Law):
 
     def __init__(self, voltage: ArrayLike, permittivity: ArrayLike, dielectric: ArrayLike = 0.0):
         self.voltage = parameter(voltage)
-        self.permittivity = parameter(permittivity)
-        self.dielectric = parameter(dielectric)
-        potential, thickness = concrete(self.voltage), concrete(self.dielectric)
+        self.permittivity = positive_parameter(permittivity, "The permittivity")
+        self.dielectric = nonnegative_parameter(dielectric, "The dielectric")
+        potential = concrete(self.voltage)
         require("The voltage", potential, abs(potential) < np.inf, "it must be finite.")
-        require_positive("The permittivity", self.permittivity)
-        finite = (thickness >= 0) & (thickness < np.inf)
-        require("The dielectric", thickness, finite, "it must be finite and not negative.")
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length], the voltage source's work included."""
@@ -217,18 +216,15 @@ class Capillary(Law):
         radius: ArrayLike,
         smoothing: ArrayLike = 0.1,
     ):
-        self.tension = parameter(tension)
-        self.angle = parameter(angle)
-        self.radius = parameter(radius)
-        self.smoothing = parameter(smoothing)
-        strength, slope = concrete(self.tension), concrete(self.angle)
-        finite = (strength >= 0) & (strength < np.inf)
-        require("The surface tension", strength, finite, "it must be finite and not negative.")
+        self.tension = nonnegative_parameter(tension, "The surface tension")
+        self.radius = positive_parameter(radius, "The radius of the meniscus")
+        self.smoothing = positive_parameter(smoothing, "The smoothing of the potential")
+        given = parameter(angle, "The contact angle")
+        slope = concrete(given)
         wets = (slope >= 0) & (slope < np.pi / 2)
         cure = "give radians, from 0 to below pi / 2. A liquid of a larger angle does not attract."
         require("The contact angle", slope, wets, cure)
-        require_positive("The radius of the meniscus", self.radius)
-        require_positive("The smoothing of the potential", self.smoothing)
+        self.angle = possible(given, wets)
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
@@ -261,8 +257,7 @@ class CutOff(Law):
     def __init__(self, law: Callable[[Scalar], Scalar], radius: ArrayLike):
         if not callable(law):
             raise ValueError(f"The law is {law!r}: give a function of the gap.")
-        self.law, self.radius = law, parameter(radius)
-        require_positive("The radius of the cut-off", self.radius)
+        self.law, self.radius = law, positive_parameter(radius, "The radius of the cut-off")
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""

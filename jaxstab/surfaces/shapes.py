@@ -11,9 +11,9 @@ from jaxstab.core.checks import (
     concrete,
     is_traced,
     parameter,
+    positive_parameter,
     require,
     require_finite,
-    require_positive,
     scalar_parameter,
 )
 from jaxstab.core.compile import program
@@ -221,6 +221,4 @@ def _distance(grid: Grid) -> Field:
 
 
 def _positive(name: str, value: ArrayLike) -> Scalar:
-    number = scalar_parameter(value, name)
-    require_positive(name, number)
-    return number
+    return positive_parameter(scalar_parameter(value, name), name)

@@ -384,3 +384,24 @@ def test_a_law_that_hides_that_it_varies_is_refused_and_one_that_shows_it_is_not
     shown = contact(WithAnother(law, js.potentials.Exponential(1e-3, 1.0)))
     expected = -np.mean(stripes() * np.exp(-0.5) + 1e-3 * np.exp(-0.1))
     np.testing.assert_allclose(shown.energy(jnp.full(grid.shape, 0.1)), expected)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        lambda x: js.potentials.Exponential(0.01 * x, 0.2),
+        lambda x: js.potentials.Exponential(0.01, 0.2 * x),
+        lambda x: js.potentials.Dugdale(0.01, 0.2, 0.1 * x),
+        lambda x: js.potentials.LennardJones(0.01 * x, 0.2),
+        lambda x: js.potentials.Electrostatic(1.0, 0.01, 0.2 * x),
+        lambda x: js.potentials.Capillary(0.01, 0.5 * x, 0.2),
+        lambda x: js.potentials.CutOff(lambda gap: -0.01 * jnp.exp(-gap), x),
+    ],
+)
+def test_traced_parameters_that_are_refused_otherwise_are_nan(law):
+    with pytest.raises(ValueError, match="-"):
+        law(-1.0)
+    energies = jax.vmap(jax.value_and_grad(lambda x: law(x)(0.3)))(jnp.array([1.0, -1.0]))
+    np.testing.assert_allclose(energies[0][0], law(1.0)(0.3), rtol=1e-12)
+    assert np.isfinite(energies[1][0])
+    assert np.isnan([energies[0][1], energies[1][1]]).all()

@@ -123,3 +123,9 @@ def test_the_force_is_the_sum_of_pressures_over_the_points(grid):
         return js.equilibrate(contact, js.MeanPressure(0.01), throw=False).force
 
     np.testing.assert_allclose(jax.grad(force)(2.0), 0.01 * 2 * 2.0, rtol=1e-8)
+
+
+def test_traced_radii_that_are_not_positive_give_no_surface():
+    heights = jax.vmap(lambda r: js.surfaces.paraboloid(js.Grid(4), r))(jnp.array([2.0, -2.0]))
+    np.testing.assert_allclose(heights[0], js.surfaces.paraboloid(js.Grid(4), 2.0))
+    assert np.isnan(heights[1]).all()
