@@ -11,7 +11,7 @@ from typing import Annotated
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxstab.core.checks import require_positive, scalar_parameter
+from jaxstab.core.checks import possible, require_positive, scalar_parameter
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, NUMBER, PRESSURE
@@ -146,7 +146,7 @@ def _thickness(value: ArrayLike) -> Scalar:
 
 def _possible_thickness(thickness: Scalar) -> Scalar:
     """Return the thickness; NaN where it is traced and not positive."""
-    return jnp.where(thickness > 0, thickness, jnp.nan)
+    return possible(thickness, thickness > 0)
 
 
 def _coated(

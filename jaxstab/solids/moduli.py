@@ -1,8 +1,6 @@
 """The constants of isotropic elasticity, with their checks."""
 
-import jax.numpy as jnp
-
-from jaxstab.core.checks import concrete, require, require_positive, scalar_parameter
+from jaxstab.core.checks import concrete, possible, require, require_positive, scalar_parameter
 from jaxstab.core.types import ArrayLike, Scalar
 
 
@@ -21,8 +19,7 @@ def elastic_constants(
 
 def possible_ratio(poisson_ratio: Scalar) -> Scalar:
     """Return nu; NaN where it is traced and outside (-1, 0.5]."""
-    nu = poisson_ratio
-    return jnp.where((nu > -1) & (nu <= 0.5), nu, jnp.nan)
+    return possible(poisson_ratio, (poisson_ratio > -1) & (poisson_ratio <= 0.5))
 
 
 def contact_modulus(youngs_modulus: Scalar, poisson_ratio: Scalar) -> Scalar:

@@ -2,10 +2,9 @@
 
 from typing import Annotated
 
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxstab.core.checks import concrete, require, require_positive, scalar_parameter
+from jaxstab.core.checks import nonnegative_parameter, positive_parameter, scalar_parameter
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import Dimension
@@ -39,7 +38,8 @@ class SurfaceTension(SpectralSolid):
                 "every wavenumber, as HalfSpace, Layer and CoatedHalfSpace have."
             )
         self.solid = solid
-        self.tension = _not_negative(tension, "The surface tension")
+        name = "The surface tension"
+        self.tension = nonnegative_parameter(scalar_parameter(tension, name), name)
 
     @property
     def grid(self) -> Grid:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -76,19 +76,12 @@ class Sheet(SpectralSolid):
     def __init__(self, grid: Grid, bending_stiffness: ArrayLike, tension: ArrayLike = 0.0):
         require_grid(grid)
         self.grid = grid
-        self.bending_stiffness = scalar_parameter(bending_stiffness, "The bending stiffness")
-        require_positive("The bending stiffness", self.bending_stiffness)
-        self.tension = _not_negative(tension, "The tension of the sheet")
+        name = "The bending stiffness"
+        self.bending_stiffness = positive_parameter(scalar_parameter(bending_stiffness, name), name)
+        name = "The tension of the sheet"
+        self.tension = nonnegative_parameter(scalar_parameter(tension, name), name)
 
     def stiffness_at(self, wavenumbers: Float[Array, " *modes"]) -> Float[Array, " *modes"]:
         """Return B q^4 + T q^2 [pressure/length]."""
         square = wavenumbers**2
         return (self.bending_stiffness * square + self.tension) * square
-
-
-def _not_negative(value: ArrayLike, name: str) -> Scalar:
-    number = scalar_parameter(value, name)
-    given = concrete(number)
-    holds = (given >= 0) & (given < jnp.inf)
-    require(name, given, holds, "it must be finite and not negative.")
-    return number

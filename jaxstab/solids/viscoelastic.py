@@ -7,7 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxstab.core.checks import concrete, parameter, require, require_positive, scalar_parameter
+from jaxstab.core.checks import (
+    concrete,
+    parameter,
+    possible,
+    require,
+    require_positive,
+    scalar_parameter,
+)
 from jaxstab.core.types import ArrayLike, Flag, Scalar
 from jaxstab.core.units import NUMBER, TIME
 from jaxstab.solids.solid import Solid
@@ -54,7 +61,10 @@ class Viscoelastic(Solid):
         is_ratio = (given >= 0) & (given < np.inf)
         require("A ratio of moduli", given, is_ratio, "it must be finite and not negative.")
         require_positive("A relaxation time", self.times)
-        require("A relaxation time", order[1:], order[1:] > order[:-1], "sort them, each once.")
+        is_sorted = order[1:] > order[:-1]
+        require("A relaxation time", order[1:], is_sorted, "sort them, each once.")
+        self.ratios = possible(self.ratios, is_ratio)
+        self.times = possible(self.times, (order > 0).all() & is_sorted.all())
 
     @classmethod
     def from_moduli(cls, glassy: Solid, fractions: ArrayLike, times: ArrayLike) -> "Viscoelastic":

@@ -11,6 +11,7 @@ from jaxtyping import Array, Complex, Int, PRNGKeyArray
 from jaxstab.core.checks import (
     concrete,
     integer,
+    possible,
     require,
     require_key,
     require_positive,
@@ -116,13 +117,16 @@ def self_affine(
     named = {"hurst": hurst, "k_low": k_low, "k_rolloff": k_rolloff, "k_high": k_high}
     hurst, *cutoffs = (scalar_parameter(value, name) for name, value in named.items())
     given, low, rolloff, high = map(concrete, (hurst, *cutoffs))
-    require("The Hurst exponent", given, (given >= 0) & (given <= 1), "it must lie in [0, 1].")
+    is_exponent = (given >= 0) & (given <= 1)
+    require("The Hurst exponent", given, is_exponent, "it must lie in [0, 1].")
     is_ordered = (low > 0) & (low <= rolloff) & (rolloff <= high)
     cure = "they must be positive and ascend."
     require("[k_low, k_rolloff, k_high]", [low, rolloff, high], is_ordered, cure)
     resolved = nyquist(grid.shape, concrete(grid.lengths)).min()
     cure = f"the grid resolves {resolved} waves per longest side; refine it or lower k_high."
-    require("k_high", high, high <= resolved * (1 + _ROUNDING), cure)
+    is_resolved = high <= resolved * (1 + _ROUNDING)
+    require("k_high", high, is_resolved, cure)
+    target = possible(target, (target > 0) & is_exponent & is_ordered & is_resolved)
     order = 0 if rms_slope is None else 1
     heights, num_waves = _filtered_noise(grid, key, hurst, cutoffs, target, exponent, order)
     name = "The number of waves between k_low and k_high"

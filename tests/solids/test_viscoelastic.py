@@ -1,5 +1,6 @@
 """Prony series, surface tension and sheets, against closed forms."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -110,3 +111,26 @@ def test_a_sheet_bends_by_the_fourth_power():
     q = 2 * np.pi * np.hypot(1, 2)
     expected = (0.01 * q**4 + 0.2 * q**2) * np.array(wave(1, 2))
     assert np.array(solid.pressure(wave(1, 2))) == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_traced_ratio_or_time_that_is_refused_otherwise_is_nan():
+    def glassy(ratio, time):
+        return js.Viscoelastic(SOLID, (ratio, 1.0), (1.0, time)).glassy.pressure(wave(1, 2))
+
+    pressures = jax.vmap(glassy)(jnp.array([2.0, -2.0]), jnp.array([3.0, 3.0]))
+    np.testing.assert_allclose(pressures[0], 4 * SOLID.pressure(wave(1, 2)))
+    assert np.isnan(pressures[1]).all()
+    moduli = jax.vmap(
+        lambda time: js.Viscoelastic(SOLID, (2.0, 1.0), (1.0, time)).storage_and_loss(1.0)[0]
+    )(jnp.array([3.0, 0.5]))
+    assert np.isfinite(moduli[0]) and np.isnan(moduli[1])
+
+
+def test_a_traced_tension_that_is_refused_otherwise_is_nan():
+    def pressures(tension):
+        gel, sheet = js.SurfaceTension(SOLID, tension), js.Sheet(GRID, 0.01, tension)
+        return jnp.stack([solid.pressure(wave(1, 2)) for solid in (gel, sheet)])
+
+    found = jax.vmap(pressures)(jnp.array([0.5, -0.5]))
+    np.testing.assert_allclose(found[0], pressures(0.5))
+    assert np.isnan(found[1]).all()

@@ -363,3 +363,14 @@ def test_statistics_are_those_of_surface_topography():
     near = (distance > 0) & (distance < 0.5)
     expected = height**2 - np.interp(distance[near], ours.distance, ours.value)
     np.testing.assert_allclose(structure[near], expected, atol=0.01 * height**2)
+
+
+def test_traced_parameters_that_are_refused_otherwise_give_no_surface():
+    grid, key = js.Grid(16), jax.random.key(0)
+    with pytest.raises(ValueError, match=r"-0\.1"):
+        surfaces.self_affine(grid, key, k_high=4, rms_height=-0.1)
+    heights = jax.vmap(
+        lambda k, rms: surfaces.self_affine(grid, key, k_high=k, rms_height=rms),
+    )(jnp.array([4.0, 4.0, 9.0]), jnp.array([0.1, -0.1, 0.1]))
+    np.testing.assert_allclose(heights[0].std(), 0.1)
+    assert np.isnan(heights[1:]).all()
