@@ -19,7 +19,6 @@ SLOW = (
     "force_curve",
     "model",
     "scan",
-    "start",
     "studies",
     "time",
     "units",
