@@ -153,6 +153,9 @@ def require(name: str, value: object, holds: ArrayLike, cure: str) -> None:
     """Raise `ValueError` naming `value` and the `cure` where `holds`, if known, is false."""
     if is_traced(holds) or np.all(holds):
         return
+    if is_traced(value):
+        # Where derivatives are taken, comparisons are known, but values only without them.
+        value = jax.lax.stop_gradient(value)
     value, holds = np.asarray(value), np.asarray(holds)
     if value.shape == holds.shape:
         value = value[~holds].flat[0]
