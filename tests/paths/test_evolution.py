@@ -1,35 +1,15 @@
-"""Viscoelastic contacts in time and their growth rates: against limits, integrals and matrices."""
+"""Viscoelastic contacts in time: against limits, integrals and differences."""
 
 import importlib
 import re
-from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from viscoelastic_lines import ANY, RATIOS, TIMES, relaxed_of, viscoelastic
 
 import jaxstab as js
-
-RATIOS, TIMES = (2.0, 1.0), (0.1, 1.0)
-# A tolerance that no step misses: a step for each of the given times.
-ANY = 1e9
-
-
-def line(n=32, length=1.0, height=0.02):
-    return js.Grid((n,), length), height * jnp.cos(2 * jnp.pi * jnp.arange(n) / n + 0.3)
-
-
-def viscoelastic(ratios=RATIOS, times=TIMES, energy=0.002, n=32, length=1.0, heights=None):
-    grid, wave = line(n, length)
-    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), ratios, times)
-    law = js.potentials.Exponential(energy, 0.02)
-    heights = wave if heights is None else heights
-    return js.Contact(solid, heights, law, unit="µm", pressure_unit="MPa")
-
-
-def relaxed_of(contact):
-    return js.Contact(contact.solid.relaxed, contact.heights, contact.potential)
 
 
 def cycle(number=21, period=4.0, top=0.05, bottom=0.01):
@@ -427,76 +407,3 @@ def test_a_lifetime_in_coarse_steps_is_the_one_in_fine_steps(part):
     # In shorter steps the contact outlasts the interval in which longer ones lost it.
     times = [js.lifetime(contact, held, initial=rest, rtol=rtol) for rtol in (0.03, 1e-3)]
     assert times[0] == pytest.approx(times[1], rel=0.1)
-
-
-WIDE = (1e-7, 1e6)
-
-
-def flat_film(softening, ratios=RATIOS, times=TIMES):
-    """Return a film at a gap where its law softens by so much, answered to as a glass."""
-    energy = softening * 0.02**2 * np.e
-    contact = viscoelastic(ratios, times, energy=energy, heights=jnp.zeros(32))
-    return js.evolve(contact, js.MeanGap(jnp.full(2, 0.02)), jnp.array([0.0, 1e-9]), fields=True)[
-        -1
-    ]
-
-
-@pytest.mark.parametrize(
-    ("rate", "times"), [(0.03, TIMES), (2.0, TIMES), (40.0, TIMES), (1e-5, WIDE), (1e6, WIDE)]
-)
-def test_a_flat_film_grows_at_the_rate_of_its_longest_wave(rate, times):
-    # K(s) = |f''| for the wave of the whole cell, the softest.
-    stiffening = 1 + sum(r * rate * t / (1 + rate * t) for r, t in zip(RATIOS, times, strict=True))
-    softening = stiffening * 2 * np.pi / 2
-    assert js.growth_rate(flat_film(softening, times=times)) == pytest.approx(rate, rel=1e-8)
-
-
-@pytest.mark.parametrize("gap", [0.03, 0.04])
-def test_a_rough_contact_departs_along_its_mode_at_the_growth_rate(gap):
-    grid = js.Grid((32,))
-    heights = js.surfaces.self_affine(grid, jax.random.key(1), k_high=8, rms_height=0.02)
-    contact = viscoelastic(energy=0.004, heights=heights)
-    relaxed = relaxed_of(contact)
-    # Stable while the gap is held, unstable under the same load held dead.
-    rest = js.equilibrate(relaxed, js.MeanGap(gap))
-    held = js.MeanPressure(jnp.full(61, rest.mean_pressure))
-    start = js.evolve(contact, held[:2], jnp.array([0.0, 1e-9]), initial=rest, fields=True)[0]
-    rate = float(js.growth_rate(start))
-    assert rate > 0
-    parts = np.array(RATIOS), np.array(TIMES)
-    turns = rate * parts[1] / (1 + rate * parts[1])
-    q = 2 * np.pi * np.abs(np.fft.fftfreq(32, 1 / 32))
-    K = np.fft.ifft(np.diag(q / 2) @ np.fft.fft(np.eye(32), axis=0), axis=0).real
-    curvature = -10 * np.exp(-np.array(start.gap) / 0.02)
-    is_free = np.array(start.gap > 0)
-    A = (K * (1 + parts[0] @ turns) + np.diag(curvature))[np.ix_(is_free, is_free)]
-    mode = np.zeros(32)
-    mode[is_free] = 1e-6 * 0.02 * np.linalg.eigh(A)[1][:, 0]
-
-    def departure(sign):
-        rest, move = start.internal, sign * mode
-        moved = js.Internal(rest.gap + move, rest.strains + np.append(1, turns)[:, None] * move)
-        times = jnp.linspace(0, 3 / rate, 61)
-        initial = replace(start, last=moved)
-        found = js.evolve(contact, held, times, initial=initial, rtol=ANY, fields=True)
-        return np.array(found.fields.gap) @ mode
-
-    growth = departure(1) - departure(-1)
-    assert np.log(growth[-1] / growth[20]) / 2 == pytest.approx(1, rel=0.01)
-
-
-@pytest.mark.parametrize(
-    ("ratios", "part", "expected"),
-    [(RATIOS, 0.9, 0.0), (RATIOS, 4.1, np.inf), ((0.0, 0.0), 0.9, 0.0), ((0.0, 0.0), 1.1, np.inf)],
-)
-def test_nothing_grows_on_a_relaxed_minimum_and_a_glassy_instability_is_immediate(
-    ratios, part, expected
-):
-    assert js.growth_rate(flat_film(part * np.pi, ratios)) == expected
-
-
-def test_verdicts_of_a_state_in_time_are_those_of_the_glassy_solid():
-    # Relaxed it is unstable, glassy it is stable: K(0) = 1, K(infinity) = 4, |f''| = 2 in between.
-    stability = js.assess_stability(flat_film(2 * np.pi))
-    assert stability.verdict == "stable"
-    assert stability.cone.eigenvalue == pytest.approx((4 - 2) * np.pi, rel=1e-6)
