@@ -12,6 +12,7 @@ from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import (
+    cast,
     concrete,
     integer,
     is_traced,
@@ -107,8 +108,7 @@ def follow(
             f"{type(load).__name__} holds an array of shape {load.value.shape}."
         )
     # Turning points may be given in a higher precision than the contact has.
-    dtype = contact.heights.dtype
-    load = jax.tree.map(lambda x: x.astype(dtype) if eqx.is_inexact_array(x) else x, load)
+    load = cast(load, contact.heights.dtype)
     require_finite("The load", load.value)
     turns = concrete(load.value)
     cure = "a turning point repeats the one before: leave it out."

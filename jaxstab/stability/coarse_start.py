@@ -50,10 +50,11 @@ def modes_by_coarser(
     fine, nowhere = hessian.curvature, jnp.zeros_like(space.is_moving)
     cone = AdmissibleCone(nowhere, ~space.is_moving, space.fixes_mean)
     hessian, cone = _coarser(hessian, cone)
-    starts, cost = noise(key, BLOCK_SIZE, hessian.curvature), jnp.array(0)
-    rough = _roughly(solver, starts)
+    rough = _roughly(solver, fine)
     if _has_coarser(hessian):
         starts, cost = modes_by_coarser(rough, hessian, cone.hull, key)
+    else:
+        starts, cost = noise(key, BLOCK_SIZE, hessian.curvature), jnp.array(0)
     found = on_space(rough, hessian, cone.hull, starts)
     modes = jnp.stack([*map(_refined, found.modes[:-1]), *noise(key, 1, fine)])
     return modes, _share_of(cost + found.pair.num_applications, space)
@@ -102,12 +103,13 @@ def mode_by_coarser(
     """
     hull = cone.hull
     hessian, cone = _coarser(hessian, cone)
-    random = noise(key, NUM_RANDOM, hessian.curvature)
-    spaces, rough = _roughly(spaces, random), _roughly(solver, random)
+    like = hessian.curvature
+    spaces, rough = _roughly(spaces, like), _roughly(solver, like)
     if _has_coarser(hessian):
         start, _, cost = mode_by_coarser(spaces, rough, hessian, cone, key)
         starts, is_needed = start[None], jnp.array([True])
     else:
+        random = noise(key, NUM_RANDOM, like)
         around = on_space(spaces, hessian, cone.hull, random[:BLOCK_SIZE])
         starts, is_needed, _ = cone_starts(rough, cone, around, random)
         cost = around.pair.num_applications
@@ -124,7 +126,7 @@ def _has_coarser(hessian: Hessian) -> bool:
     return jax.eval_shape(lambda: solid.coarser()) is not None
 
 
-def _roughly(solver: Solver, like: Block) -> Solver:
+def _roughly(solver: Solver, like: Field) -> Solver:
     """Return a solver with the tolerance for a coarser problem."""
     return replace(solver, tolerance=jnp.maximum(solver.tolerance_in(like.dtype), _TOLERANCE))
 

@@ -82,9 +82,10 @@ def _lowest_on_hull(
 
     On a large grid the search begins with the modes of the coarser problem.
     """
-    starts, cost = noise(key, BLOCK_SIZE, hessian.curvature), jnp.array(0)
     if is_large(hessian):
         starts, cost = modes_by_coarser(spaces, hessian, cone.hull, key)
+    else:
+        starts, cost = noise(key, BLOCK_SIZE, hessian.curvature), jnp.array(0)
     starts = hessian.solid.grid.device_put(starts)
     return on_space(spaces, hessian, cone.hull, starts).costing(cost)
 
