@@ -40,10 +40,10 @@ class Hints(eqx.Module):
 def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) -> None:
     """Warn of an outlier, a wrong sign, and an offset or a baseline that the measurements show."""
     if outlier := outlier_of(measured, fitted, count):
-        warn(f"{outlier}.", FitWarning, per_line=True)
+        warn(f"{outlier}.", FitWarning)
     missed = np.linalg.norm(_missed(measured, fitted)) / np.linalg.norm(measured.deviation)
     if missed > _POOR and (sign := wrong_sign(measured, hints.guess)):
-        warn(f"{sign}. The misfit is {missed:.0%} of the curve.", FitWarning, per_line=True)
+        warn(f"{sign}. The misfit is {missed:.0%} of the curve.", FitWarning)
     missing = [name for name, zero in zip(("offset", "baseline"), hints.zeros, strict=True) if zero]
     freedom = int(jnp.sum(measured.weights > 0)) - count - len(missing)
     if not missing or freedom < 1 or _is_exact(measured, fitted):
@@ -56,7 +56,6 @@ def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) 
             f"{offset:.3g} and the measurements a baseline of about {baseline:.3g}: fit them with "
             f"{', '.join(f'{name}=True' for name in missing)}.",
             FitWarning,
-            per_line=True,
         )
 
 

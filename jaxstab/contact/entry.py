@@ -9,7 +9,7 @@ import jax
 from jaxstab.contact.contact import Contact
 from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.interrupts import interrupts_held
-from jaxstab.core.progress import can_be_shown, progress_bar
+from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import Dimensioned
@@ -34,9 +34,9 @@ def answer(
     contact: Contact,
     state: State,
     *others: *Others,
-    bar: tuple[int, str, bool | None],
     describe: Callable[[Found], str],
     throw: bool,
+    bar: tuple[int, str, bool | None] = (0, "", False),
     differentiable: Callable[[Contact, State, Sought], Found] | None = None,
     has_units: bool = False,
 ) -> Found:
@@ -47,9 +47,9 @@ def answer(
         contact: the contact, on the grid that it is solved on.
         state: its load or equilibrium there.
         others: more inputs, without dimension of pressure.
-        bar: the total and the unit of a progress bar, and whether to show it.
         describe: returns the message for a failed result.
         throw: whether to raise a failure.
+        bar: the total and the unit of a progress bar, and whether to show it.
         differentiable: returns the result as a differentiable function of contact and state; by
             default an error is raised where derivatives are taken.
         has_units: whether the search converts units itself, within its programs.
@@ -59,9 +59,9 @@ def answer(
     given: Any = own, own_state, others
     given = given if differentiable else refuse_derivatives(given)
     constants: tuple[Contact, State, tuple[*Others]] = jax.lax.stop_gradient(given)
-    shown = can_be_shown(bar[2], constants)
+    progress = progress_bar(*bar[:2], shown=bar[2], inputs=constants)
     # Histories end in NaN, and a result that was not found is NaN.
-    with jax.debug_nans(False), progress_bar(*bar[:2], shown=shown):
+    with jax.debug_nans(False), progress:
         sought = search(*constants[:2], *constants[2])
     # An interrupt here would lose a long search. Short ones, whose loops it ends, have their units.
     with nullcontext() if has_units else interrupts_held():

@@ -25,7 +25,7 @@ _PINNING = 0.2
 
 
 def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
-    """Warn, once a problem and a line of the caller's, if contact edges are pinned to the grid.
+    """Warn if contact edges are pinned to the grid.
 
     It warns where `contact.resolution` is below the number needed. It does not warn inside of
     `jax.jit` and `jax.vmap`, where values are not known yet.
@@ -45,7 +45,7 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
         f"stiffness of its shortest wave is {resolution:.3g} of the largest |f''|, so that "
         f"{effect}. {_cure(contact, resolution / needed)}"
     )
-    warn(message, ResolutionWarning, per_line=True)
+    warn(message, ResolutionWarning)
 
 
 @program

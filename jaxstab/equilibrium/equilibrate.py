@@ -93,7 +93,6 @@ def equilibrate(
         load,
         solver,
         start,
-        bar=(1, "solve", None),
         differentiable=with_derivatives,
         describe=partial(_describe, contact),
         throw=throw,

@@ -81,13 +81,11 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
     pressures = abs(concrete(equilibrium.pressure))
     ends = [pressures.take(np.array([0, n - 1]), axis) for axis, n in enumerate(pressures.shape)]
     largest, at_edges = pressures.max(), max(end.max() for end in ends)
-    share = at_edges / largest if largest > 0 else 0
-    if share > _MOST_AT_EDGES:
+    if at_edges > _MOST_AT_EDGES * largest:
         warn(
-            f"at the edges of the window the pressure is {share:.2g} of its largest value: contact "
-            "or adhesion reaches the edge of the window. Use a larger one.",
+            f"at the edges of the window the pressure exceeds {_MOST_AT_EDGES:.0%} of its largest "
+            "value: contact or adhesion reaches the edge of the window. Use a larger one.",
             WindowWarning,
-            per_line=True,
         )
 
 

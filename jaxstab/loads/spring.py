@@ -186,7 +186,6 @@ class Spring(Load):
             f"{stiffness:.3g}, contact.grid): that divides it by the cell's area of "
             f"{concrete(solid.grid.area):.3g}. For a dead load give a MeanPressure.",
             MachineWarning,
-            per_line=True,
         )
 
     def control(self, solid: Solid, heights: Field) -> SpringControl:

@@ -17,7 +17,7 @@ from jaxstab.core.checks import is_transformed
 from jaxstab.core.compile import program
 from jaxstab.core.display import column
 from jaxstab.core.loop import solver_or_default
-from jaxstab.core.progress import can_be_shown, progress_bar
+from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import Stackable, first_entries, stacked
 from jaxstab.core.types import ArrayLike, Field, Flag
@@ -127,15 +127,12 @@ def sweep(
         else first_gap(contact, load[0], initial)
     )
     problem = _Problem(contact, equilibrium_solver, stability_solver, key, stability)
-    bar = progress_bar(
-        load.value.size, "load", shown=can_be_shown(progress, (problem, load, start))
-    )
     if is_transformed((problem, load, start)):
         warn_if_coarse(contact)
         solve = _solve_together if order == "independent" else _solve_in_turn
         return solve(problem, load, start, throw)
     # A result that was not found is NaN.
-    with jax.debug_nans(False), bar as bar:
+    with jax.debug_nans(False), progress_bar(load.value.size, "load", shown=progress) as bar:
         warn_if_coarse(contact)
         if order == "independent" and jax.default_backend() != "cpu":
             found = _solve_padded(problem, load, start)

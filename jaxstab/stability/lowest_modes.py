@@ -82,7 +82,6 @@ def lowest_modes(
         equilibrium,
         solver,
         key,
-        bar=(1, "search", None),
         describe=_describe,
         throw=throw,
     )

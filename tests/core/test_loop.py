@@ -32,7 +32,7 @@ def test_a_history_stays_bounded_and_keeps_the_beginning_and_the_end(count):
 
 
 def test_a_bar_moves_when_compiled_code_says_so():
-    with progress_bar(10, "load") as bar:
+    with progress_bar(10, "load", shown=True) as bar:
         for _ in range(3):
             jax.jit(advance)(1.0)
         jax.effects_barrier()

@@ -139,7 +139,6 @@ def transition(
         load,
         first,
         last,
-        bar=(1, "pass", None),
         differentiable=_with_barriers,
         describe=lambda found: _describe(found, load),
         throw=throw,

@@ -22,7 +22,7 @@ from jaxstab.core.checks import (
 )
 from jaxstab.core.compile import program
 from jaxstab.core.implicit import attach, nan_if, pushed
-from jaxstab.core.progress import can_be_shown, progress_bar
+from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import stacked
 from jaxstab.core.types import ArrayLike, Scalar
@@ -110,8 +110,8 @@ def evolve(
     given += [jax.lax.stop_gradient(tolerance), jnp.array(True) if fields else None]
     state = moment, Table((room.astype(int), room, room, room), jnp.array(0))
     rows, numbers, is_alone = [], np.arange(instants.size), not is_transformed((inputs, given))
-    shown = can_be_shown(progress, (inputs, given))
-    with jax.debug_nans(False), progress_bar(numbers.size, "time", shown=shown) as bar:
+    watch = progress_bar(numbers.size, "time", shown=progress, inputs=(inputs, given))
+    with jax.debug_nans(False), watch as bar:
         # Time by time, so that it can be watched, and interrupted.
         for number in numbers if is_alone else [numbers]:
             try:
