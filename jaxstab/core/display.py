@@ -1,38 +1,28 @@
-"""Contacts and results in `print` and a notebook: numbers in a few aligned lines.
+"""Contacts and results in `print` and a notebook: a line for each field, with units where known.
 
-Fields are shown by shape and range, and traced values by shape alone; units stand beside them where
-they are known.
+Fields, and values that cannot be read, are shown by dtype and shape.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import fields
-from textwrap import shorten
-from typing import Any, SupportsFloat
+from typing import Any
 
 import equinox as eqx
 import jax
-import jax.core
 import numpy as np
 from jaxtyping import Array
 
-from jaxstab.core.checks import are_finite, concrete
 from jaxstab.core.types import ArrayLike
-from jaxstab.core.unit_system import (
-    NO_UNITS,
-    Units,
-    has_words,
-    readable_unit,
-    typeset,
-    unit_symbol,
-)
+from jaxstab.core.unit_system import NO_UNITS, Units, measured, shown_unit, unit_symbol
 from jaxstab.core.units import NUMBER, declared, on_grid
 
 # Reading a field raises these where JAX traces, or where a transformation replaced the leaves.
 UNREADABLE = (AttributeError, IndexError, TypeError, ValueError, RuntimeError)
 # A table of more rows is shortened in its middle to this many.
 _MOST_ROWS = 60
-# A field's text is cut at this length.
-_LONGEST_TEXT = 120
+# Arrays of more numbers are shown by dtype and shape.
+_MOST_NUMBERS = 3
 
 
 def inline(self: eqx.Module) -> str:
@@ -45,13 +35,9 @@ def block(self: eqx.Module) -> str:
     # A contact or a result has units itself, or its state has them.
     holders = [self, *(getattr(self, field.name, None) for field in fields(self))]
     units = next((x.units for x in holders if hasattr(x, "units")), NO_UNITS)
-    rows = {
-        name: shorten(value, _LONGEST_TEXT, placeholder=" ...")
-        for name, value in _texts(self, units)
-        if value != "None"
-    }
+    rows = {name: value for name, value in _texts(self, units) if value != "None"}
     if getattr(self, "is_window", False) and np.ndim(force := getattr(self, "force", 0)) == 0:
-        rows["force"] = amount(force, units, "force")
+        rows["force"] = measured(units, float(force), "force", digits=6)
     width = max(map(len, rows), default=0)
     return "\n".join([type(self).__name__, *(f"  {k:<{width}}  {v}" for k, v in rows.items())])
 
@@ -78,12 +64,6 @@ def column(values: ArrayLike | list, form: Callable[..., str]) -> list[str]:
     return [form(value) for value in np.atleast_1d(values).tolist()]
 
 
-def amount(value: SupportsFloat, units: Units, dimension: str) -> str:
-    """Return a number in a readable unit, and the unit where it is known."""
-    divisor, unit = readable_unit(units, dimension, abs(float(value)))
-    return f"{number(float(value) / divisor)} {'' if has_words(unit) else typeset(unit)}".rstrip()
-
-
 def table(columns: Mapping[str, Iterable[str]]) -> str:
     """Return a table of named columns, without its middle if it is long."""
     rows = list(zip(*columns.values(), strict=True))
@@ -97,9 +77,9 @@ def table(columns: Mapping[str, Iterable[str]]) -> str:
 
 
 def text(value: object, units: Units = NO_UNITS) -> str:
-    """Return the text for a field: the range of an array, or a number itself."""
+    """Return the text for a field."""
     if isinstance(value, jax.Array | np.ndarray | np.number | np.bool):
-        return described(value)
+        return _described(value)
     if isinstance(value, int | float | complex):
         return number(value)
     without_own_text = eqx.Module.__repr__, block, inline
@@ -108,6 +88,11 @@ def text(value: object, units: Units = NO_UNITS) -> str:
     if isinstance(value, tuple | list):
         return f"({', '.join(text(part, units) for part in value)})"
     return " ".join(repr(value).split())
+
+
+def number(value: complex) -> str:
+    """Return a number with six digits at most."""
+    return str(value) if isinstance(value, int) else f"{value:.6g}"
 
 
 def _line(module: eqx.Module, units: Units) -> str:
@@ -121,48 +106,15 @@ def _texts(module: eqx.Module, units: Units) -> Iterator[tuple[str, str]]:
     dimensions = declared(type(module))
     for name in [f.name for f in fields(module) if f.repr and hasattr(module, f.name)]:
         value = getattr(module, name)
-        unit = unit_symbol(units, dimensions.get(name, (NUMBER,))[0])
-        is_known = value is not None and unit != NUMBER and not has_words(unit)
-        yield name, text(value, units) + (f" {typeset(unit)}" if is_known else "")
+        unit = shown_unit(unit_symbol(units, dimensions.get(name, (NUMBER,))[0]))
+        yield name, text(value, units) + (f" {unit}" if unit and value is not None else "")
 
 
-def described(value: Array | np.ndarray | np.number | np.bool) -> str:
-    """Return dtype and shape of an array, and its range if known; of a scalar the number."""
-    kind = f"{value.dtype}[{', '.join(map(str, value.shape))}]"
-    if isinstance(value, jax.core.Tracer):
-        return f"traced {kind}"
-    # Reading other processes' shards needs their participation.
-    if isinstance(value, jax.Array) and not (
-        value.is_fully_addressable or value.is_fully_replicated
-    ):
-        return kind
-    try:
-        numbers = concrete(value)
-        if numbers.size <= 3 and numbers.ndim <= 1:
-            texts = [number(x) for x in numbers.ravel().tolist()]
-            return texts[0] if numbers.ndim == 0 else f"[{', '.join(texts)}]"
-        return f"{kind} {_range(numbers)}"
-    except UNREADABLE:
-        return kind
-
-
-def number(value: complex) -> str:
-    """Return a number with six digits at most."""
-    return str(value) if isinstance(value, int) else f"{value:.6g}"
-
-
-def _range(numbers: Array | np.ndarray) -> str:
-    if numbers.dtype == bool:
-        return f"with {numbers.sum()} true"
-    finite = are_finite(numbers)
-    missing = f"with {numbers.size - finite.sum()} not finite"
-    if not finite.any():
-        return missing
-    # Adding zero turns integers into floats, and a negative zero into zero.
-    values = numbers + 0.0
-    least, most = (
-        values.min(where=finite, initial=np.inf),
-        values.max(where=finite, initial=-np.inf),
-    )
-    ends = f"from {float(least):.4g} to {float(most):.4g}"
-    return ends if finite.all() else f"{ends}, {missing}"
+def _described(value: Array | np.ndarray | np.number | np.bool) -> str:
+    texts = []
+    if value.ndim <= 1 and value.size <= _MOST_NUMBERS:
+        with suppress(*UNREADABLE):
+            texts = [number(x) for x in np.atleast_1d(np.asarray(value)).tolist()]
+    if not texts:
+        return eqx.tree_pformat(value)
+    return f"[{', '.join(texts)}]" if value.ndim else texts[0]

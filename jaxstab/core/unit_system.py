@@ -68,6 +68,7 @@ _SI = {
     "length": ("m", 0, 1),
     "voltage": ("V", 0, 0),
 }
+_DIMENSIONS = {*_SI, "time", "resistivity", "load"}
 _WORD = re.compile(r"([a-z]+)(?:\^(\d))?")
 _ON_A_LINE = {
     "energy": "energy/length",
@@ -121,20 +122,20 @@ def readable_unit(units: Units, dimension: str, largest: float) -> tuple[float, 
 
 
 def measured(units: Units, value: float, dimension: str, digits: int = 3) -> str:
-    """Return a value with a readable unit, as "36.2 fJ", or as "2 [length]" without a unit."""
+    """Return a value with a readable unit where it is known, as "36.2 fJ"."""
     divisor, unit = readable_unit(units, dimension, abs(value))
-    return f"{value / divisor:.{digits}g} {in_brackets(unit) if has_words(unit) else typeset(unit)}"
+    return f"{value / divisor:.{digits}g} {shown_unit(unit)}".rstrip()
+
+
+def shown_unit(unit: str) -> str:
+    """Return a unit as it stands beside a number; nothing where it is unknown, even in a part."""
+    is_known = _DIMENSIONS.isdisjoint(re.findall("[a-z]+", unit))
+    return typeset(unit) if is_known and unit != "1" else ""
 
 
 def power_of_pressure(dimension: str) -> int:
     """Return the power of pressure in a dimension: 1 of an energy, -1 of length/pressure."""
     return sum(sign * of_pressure for sign, of_pressure, _ in _powers(dimension))
-
-
-def has_words(unit: str) -> bool:
-    """Whether a unit is unknown in a part, of which it holds the dimension."""
-    known = {*_SI, "time", "resistivity", "load"}
-    return not known.isdisjoint(re.findall("[a-z]+", unit))
 
 
 def in_brackets(unit: str) -> str:

@@ -13,7 +13,7 @@ from jaxstab.core.display import block, column
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Scalar
-from jaxstab.core.unit_system import NO_UNITS, Units, has_words, readable_unit
+from jaxstab.core.unit_system import NO_UNITS, Units, measured, readable_unit, shown_unit
 from jaxstab.core.units import AREA, ENERGY, LENGTH, NUMBER, PRESSURE, Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
@@ -156,7 +156,7 @@ class StateSequence(Dimensioned):
     def _extent(self) -> str:
         """The first and the last load and the number of states, in words."""
         loads, units = np.asarray(self.load.value), self.equilibrium.units
-        first, last = (display.amount(loads[i], units, self.load.unit) for i in (0, -1))
+        first, last = (measured(units, loads[i], self.load.unit, digits=6) for i in (0, -1))
         return f"{type(self.load).__name__} {first} to {last} in {loads.size} states"
 
 
@@ -251,8 +251,7 @@ def _energies(path: Path) -> list[str]:
     lost = float(losses[:number].sum())
     # One unit for all, as they are compared.
     divisor, unit = readable_unit(path.equilibrium.units, ENERGY, max(abs(done), lost))
-    unit = "" if has_words(unit) else f" {unit}"
-    energies = [f"{display.number(value / divisor)}{unit}" for value in (done, lost)]
+    energies = [f"{value / divisor:.6g} {shown_unit(unit)}".rstrip() for value in (done, lost)]
     if is_known:
         lines = [f"  work  {energies[0]}", f"  lost in {number} jumps  {energies[1]}"]
     else:
@@ -264,7 +263,7 @@ def _energies(path: Path) -> list[str]:
     if abs(path.unlocated) > path.unlocated_error:
         amount, error = float(path.unlocated) / divisor, float(path.unlocated_error) / divisor
         name = "lost in jumps not located" if amount > 0 else "lost between jumps, which cannot be:"
-        lines.append(f"  {name}  {amount:.2g} ± {error:.1g}{unit}")
+        lines.append(f"  {name}  {amount:.2g} ± {error:.1g} {shown_unit(unit)}".rstrip())
     return lines
 
 

@@ -12,7 +12,7 @@ def test_a_path_is_drawn_with_its_jumps_and_the_energy_of_its_loop(loop):
     axes = plots.path(loop)
     left, right = axes.figure.axes
     assert left is axes
-    assert axes.get_title() == f"lost in 2 jumps: {float(loop.dissipation):.4g} [energy]"
+    assert axes.get_title() == f"lost in 2 jumps: {float(loop.dissipation):.4g}"
     assert axes.get_xlabel() == "mean gap $g_0$ [length]"
     assert right.get_ylabel() == "contact area"
     assert len(axes.texts) == len(loop.jumps)

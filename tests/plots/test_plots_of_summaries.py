@@ -20,10 +20,10 @@ def test_a_summary_tells_the_numbers_of_a_state(hertz, sweep):
     for pair in stability.pairs.values():
         value, error = float(pair.eigenvalue), float(pair.error)
         assert f"{value:.3g} ± {error:.1g}" in shown
-    assert {"held by contact", "1.2 [length]", "[pressure/length]"} <= shown
-    assert f"{float(state.equilibrium.mean_pressure):.3g} [pressure]" in shown
+    assert {"held by contact", "1.2", "[pressure/length]"} <= shown
+    assert f"{float(state.equilibrium.mean_pressure):.3g}" in shown
     assert f"{100 * float(state.equilibrium.contact_area):.1f} %" in shown
-    assert f"{float(stability.barrier.height):.3g} [energy]" in shown
+    assert f"{float(stability.barrier.height):.3g}" in shown
     images = [axes.images[0].get_array() for axes in figure.axes if axes.images]
     fields = [hertz.heights, state.equilibrium.gap, state.equilibrium.pressure, stability.cone.mode]
     np.testing.assert_array_equal(images, [np.asarray(field).T for field in fields])
