@@ -10,7 +10,7 @@ import pytest
 
 import jaxstab as js
 from jaxstab import plots
-from jaxstab.core.unit_system import Units, measured, unit_symbol
+from jaxstab.core.units import Units, measured, unit_symbol
 
 
 def flat(unit=None, heights=None, length=1e-6):
@@ -23,7 +23,7 @@ def flat(unit=None, heights=None, length=1e-6):
 
 def test_plain_heights_can_have_a_unit_and_a_topography_brings_its_own():
     assert flat().unit is None
-    assert flat("m").unit == "m" and flat("um").unit == flat("micrometer").unit == "µm"
+    assert flat("m").unit == "m" and flat("um").unit == "µm"
     grid = js.Grid(8, (1e-6, 1e-6))
     heights = np.asarray(js.surfaces.sinusoid(grid, 1e-8))
     measured = js.surfaces.Topography(grid, heights, "m", is_periodic=True)

@@ -30,8 +30,7 @@ from jaxstab.core.checks import array, cast, is_traced, require_kind
 from jaxstab.core.display import block
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Scalar
-from jaxstab.core.unit_system import Units
-from jaxstab.core.units import LENGTH
+from jaxstab.core.units import LENGTH, Units
 from jaxstab.loads.load import Control, Load
 from jaxstab.potentials.evaluation import curvature, energy_density, slope
 from jaxstab.potentials.jumps import law_jump, require_no_jump

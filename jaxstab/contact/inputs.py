@@ -11,7 +11,7 @@ from jaxtyping import Array
 from jaxstab.core.checks import concrete, is_sharded, is_traced, numbers, require_finite
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike
-from jaxstab.core.unit_system import unit_of
+from jaxstab.core.units import unit_of
 from jaxstab.potentials.evaluation import as_module
 from jaxstab.potentials.varying import Potential, varying_fields, with_fields
 from jaxstab.solids.solid import Solid

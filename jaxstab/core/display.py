@@ -14,8 +14,16 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxstab.core.types import ArrayLike
-from jaxstab.core.unit_system import NO_UNITS, Units, measured, shown_unit, unit_symbol
-from jaxstab.core.units import NUMBER, declared, on_grid
+from jaxstab.core.units import (
+    NO_UNITS,
+    NUMBER,
+    Units,
+    dimensions,
+    measured,
+    on_grid,
+    shown_unit,
+    unit_symbol,
+)
 
 # Reading a field raises these where JAX traces, or where a transformation replaced the leaves.
 UNREADABLE = (AttributeError, IndexError, TypeError, ValueError, RuntimeError)
@@ -103,10 +111,10 @@ def _line(module: eqx.Module, units: Units) -> str:
 
 def _texts(module: eqx.Module, units: Units) -> Iterator[tuple[str, str]]:
     """Yield the name and the text of each field, with its unit."""
-    dimensions = declared(type(module))
+    kinds = dimensions(type(module))
     for name in [f.name for f in fields(module) if f.repr and hasattr(module, f.name)]:
         value = getattr(module, name)
-        unit = shown_unit(unit_symbol(units, dimensions.get(name, (NUMBER,))[0]))
+        unit = shown_unit(unit_symbol(units, kinds.get(name, NUMBER)))
         yield name, text(value, units) + (f" {unit}" if unit and value is not None else "")
 
 

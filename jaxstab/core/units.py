@@ -1,22 +1,81 @@
-"""The dimensions of fields, each stated once, at its declaration.
+"""Dimensions of fields, and units of numbers.
+
+A field states its dimension once, at its declaration:
 
     mean_pressure: Annotated[Scalar, PRESSURE]
 
 Counts, flags, members of enumerations and other results need no dimension. A field lives on the
-grid if its type names the last axes so, as `Field` does.
+grid if its type names the last axes so, as `Field` does. The units of all dimensions follow from
+the units of length and of pressure: in µm and MPa forces are in µN, energies in pJ and energies per
+area in J/m^2.
 """
 
-from collections.abc import Callable, Container
+import re
+from collections.abc import Callable, Container, Iterator
 from dataclasses import fields
 from functools import cache
-from typing import Protocol, Self, get_args
+from typing import NamedTuple, Protocol, Self, get_args
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array
 
 from jaxstab.core.compile import own_conventions
 from jaxstab.core.types import Scalar
-from jaxstab.core.unit_system import power_of_pressure
+
+LENGTHS = {"km": 3, "m": 0, "mm": -3, "µm": -6, "nm": -9, "Å": -10, "pm": -12}
+PRESSURES = {"Pa": 0, "kPa": 3, "MPa": 6, "GPa": 9, "TPa": 12}
+# Micro is written as a Greek letter, as a sign, or as u; the angstrom as a letter or a sign.
+_SPELLINGS = {"um": "µm", "\u03bcm": "µm", "A": "Å", "\u212b": "Å"}
+_PREFIXES = dict(
+    zip(range(-18, 13, 3), ["a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"], strict=True)
+)
+# SI units, with the powers of pressure and length that they are products of.
+_SI = {
+    "energy": ("J", 1, 3),
+    "force": ("N", 1, 2),
+    "area": ("m^2", 0, 2),
+    "pressure": ("Pa", 1, 0),
+    "length": ("m", 0, 1),
+    "voltage": ("V", 0, 0),
+}
+_DIMENSIONS = {*_SI, "time", "resistivity", "load"}
+_WORD = re.compile(r"([a-z]+)(?:\^(\d))?")
+_ON_A_LINE = {
+    "energy": "energy/length",
+    "force": "force/length",
+    "force/length": "pressure",
+    "length^2": "length",
+}
+
+
+class Units(NamedTuple):
+    """The units of length and of pressure, None where unknown, and the sides of the grid.
+
+    On a line, which has one side, energies, forces and areas are per length of the other side.
+    """
+
+    length: str | None = None
+    pressure: str | None = None
+    sides: int = 2
+
+    @classmethod
+    def checked(cls, length: str | None, pressure: str | None, sides: int = 2) -> "Units":
+        """Return units by their names; pressures are in Pa by default if lengths are in metres.
+
+        Raises:
+            ValueError: for a name of no unit of length, or of no unit of pressure.
+        """
+        unit = None if length is None else unit_of(length)
+        if pressure is None:
+            return cls(unit, "Pa" if unit == "m" else None, sides)
+        if not isinstance(pressure, str) or pressure not in PRESSURES:
+            known = ", ".join(PRESSURES)
+            raise ValueError(f"the unit of pressure is {pressure!r}: choose one of {known}.")
+        return cls(unit, pressure, sides)
+
+
+NO_UNITS = Units()
 
 
 class Dimension(str):
@@ -77,7 +136,7 @@ class Dimensioned(eqx.Module):
 
 def in_units_of(value: Array, dimension: Dimension, pressure: Scalar) -> Array:
     """Return a value of a dimension with pressures in another unit, given in the old one."""
-    power = power_of_pressure(dimension)
+    power = sum(sign * of_pressure for sign, of_pressure, _ in _powers(dimension))
     if power == 0:
         return value
     return value / (pressure if power == 1 else pressure**power)
@@ -118,3 +177,88 @@ def on_grid(module: type) -> set[str]:
 
 def _parts(kind: object) -> list[object]:
     return [part for one in get_args(kind) for part in _parts(one)] or [kind]
+
+
+def unit_of(name: object) -> str:
+    """Return the usual symbol of a unit of length.
+
+    Raises:
+        ValueError: for any other text.
+    """
+    unit = _SPELLINGS.get(str(name), name)
+    if not isinstance(unit, str) or unit not in LENGTHS:
+        raise ValueError(f"the unit is {name!r}: choose one of {', '.join(LENGTHS)}.")
+    return unit
+
+
+def converted(value: np.ndarray, unit: str, other: str) -> np.ndarray:
+    """Return lengths in another unit, rounded once: units are whole powers of ten apart."""
+    exponent = LENGTHS[unit] - LENGTHS[other]
+    return value * 10.0**exponent if exponent >= 0 else value / 10.0**-exponent
+
+
+def unit_symbol(units: Units, dimension: str) -> str:
+    """Return the unit of the numbers of a dimension, as "MPa/µm"; it keeps words without a unit."""
+    exponent, text = _in_si(units, dimension)
+    if exponent is None:
+        return text
+    return _PREFIXES[exponent] + text if exponent in _PREFIXES else f"1e{exponent} {text}"
+
+
+def readable_unit(units: Units, dimension: str, largest: float) -> tuple[float, str]:
+    """Return a divisor of values up to the largest, and the unit with the prefix that suits them.
+
+    Only derived units, as of forces, and metres and pascals take a prefix: another unit of length
+    or pressure is the user's choice.
+    """
+    exponent, text = _in_si(units, dimension)
+    if exponent is None and re.match(r"(m|Pa)(/|$)", text):
+        exponent = 0
+    if exponent is None or not 0 < largest < np.inf:
+        return 1.0, unit_symbol(units, dimension)
+    power = int(3 * np.floor((np.log10(largest) + exponent + 1e-9) / 3))
+    power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
+    return 10.0 ** (power - exponent), _PREFIXES[power] + text
+
+
+def measured(units: Units, value: float, dimension: str, digits: int = 3) -> str:
+    """Return a value with a readable unit where it is known, as "36.2 fJ"."""
+    divisor, unit = readable_unit(units, dimension, abs(value))
+    return f"{value / divisor:.{digits}g} {shown_unit(unit)}".rstrip()
+
+
+def shown_unit(unit: str) -> str:
+    """Return a unit as it stands beside a number; nothing where it is unknown, even in a part."""
+    is_known = _DIMENSIONS.isdisjoint(re.findall("[a-z]+", unit))
+    return typeset(unit) if is_known and unit != "1" else ""
+
+
+def in_brackets(unit: str) -> str:
+    """Return a unit for a label, in brackets; nothing for a plain number."""
+    return "" if unit in ("", "1") else f"[{typeset(unit)}]"
+
+
+def typeset(unit: str) -> str:
+    """Return a unit with raised powers."""
+    return re.sub(r"\^(\d)", lambda power: "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(power[1])], unit)
+
+
+def _in_si(units: Units, dimension: str) -> tuple[int | None, str]:
+    """Return a derived SI unit and the power of ten before it, or no power and the users' units."""
+    length, pressure, sides = units
+    dimension = _ON_A_LINE.get(dimension, dimension) if sides == 1 else dimension
+    if length is None or pressure is None or not re.search("energy|force|voltage", dimension):
+        known = {"length": length, "pressure": pressure}
+        return None, re.sub("[a-z]+", lambda word: known.get(word[0]) or word[0], dimension)
+    exponent = 0
+    for sign, of_pressure, of_length in _powers(dimension):
+        exponent += sign * (of_pressure * PRESSURES[pressure] + of_length * LENGTHS[length])
+    return exponent, re.sub("[a-z]+", lambda word: _SI.get(word[0], word)[0], dimension)
+
+
+def _powers(dimension: str) -> Iterator[tuple[int, int, int]]:
+    """Yield for each factor of a dimension its sign, and its powers of pressure and length."""
+    for part, sign in zip(dimension.partition("/")[::2], (1, -1), strict=True):
+        for word, power in _WORD.findall(part):
+            _, of_pressure, of_length = _SI.get(word, ("", 0, 0))
+            yield sign * int(power or 1), of_pressure, of_length

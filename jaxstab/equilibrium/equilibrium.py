@@ -14,8 +14,17 @@ from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable, require_single
 from jaxstab.core.types import Field, Mask, Scalar
-from jaxstab.core.unit_system import NO_UNITS, Units
-from jaxstab.core.units import AREA, ENERGY, LENGTH, NUMBER, PRESSURE, Dimensioned, dimensions
+from jaxstab.core.units import (
+    AREA,
+    ENERGY,
+    LENGTH,
+    NO_UNITS,
+    NUMBER,
+    PRESSURE,
+    Dimensioned,
+    Units,
+    dimensions,
+)
 from jaxstab.loads.load import Load
 from jaxstab.potentials.evaluation import slope
 

@@ -16,8 +16,7 @@ from jaxstab.core.checks import is_traced
 from jaxstab.core.display import text
 from jaxstab.core.optional_packages import require_packages, versions
 from jaxstab.core.results import RESULTS
-from jaxstab.core.unit_system import unit_symbol
-from jaxstab.core.units import LENGTH
+from jaxstab.core.units import LENGTH, unit_symbol
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.verify import recognised
 from jaxstab.files.records import NamedArray, Recorder, Structure

@@ -19,8 +19,7 @@ from jaxstab.core.checks import is_traced
 from jaxstab.core.closures import BareFunction
 from jaxstab.core.enumeration import Enumeration
 from jaxstab.core.history import History
-from jaxstab.core.unit_system import Units
-from jaxstab.core.units import declared
+from jaxstab.core.units import Units, declared
 
 # A structure is JSON, as Python objects.
 Structure = Any

@@ -7,8 +7,7 @@ import numpy as np
 
 from jaxstab.contact import Contact
 from jaxstab.core.display import text
-from jaxstab.core.unit_system import unit_symbol
-from jaxstab.core.units import LENGTH, PRESSURE, SURFACE_ENERGY
+from jaxstab.core.units import LENGTH, PRESSURE, SURFACE_ENERGY, unit_symbol
 
 # Every 16th point of a law's profile is kept.
 _EVERY = 16

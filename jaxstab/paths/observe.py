@@ -14,7 +14,7 @@ from jaxstab.core.checks import require_known
 from jaxstab.core.compile import program
 from jaxstab.core.stack import Stackable, nothing_like, stacked
 from jaxstab.core.types import Field
-from jaxstab.core.units import NUMBER, declared
+from jaxstab.core.units import NUMBER, dimensions
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.equilibrium.observables.observable import Observable
@@ -170,7 +170,7 @@ def _table(observed: Observed) -> dict[str, list[str]]:
         for field in result.shown or result.columns():
             name = key if field == "number" else field.replace("_", " ")
             for suffix, values in by_side(getattr(result, field)):
-                add(name + suffix, values, declared(type(result)).get(field, (NUMBER,))[0])
+                add(name + suffix, values, dimensions(type(result)).get(field, NUMBER))
     return columns
 
 

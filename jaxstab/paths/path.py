@@ -13,8 +13,19 @@ from jaxstab.core.display import block, column
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Scalar
-from jaxstab.core.unit_system import NO_UNITS, Units, measured, readable_unit, shown_unit
-from jaxstab.core.units import AREA, ENERGY, LENGTH, NUMBER, PRESSURE, Dimensioned
+from jaxstab.core.units import (
+    AREA,
+    ENERGY,
+    LENGTH,
+    NO_UNITS,
+    NUMBER,
+    PRESSURE,
+    Dimensioned,
+    Units,
+    measured,
+    readable_unit,
+    shown_unit,
+)
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
 from jaxstab.paths.barrier_law import BarrierLaw

@@ -7,8 +7,7 @@ import numpy as np
 
 from jaxstab.core.display import column
 from jaxstab.core.types import ArrayLike
-from jaxstab.core.unit_system import Units, readable_unit, shown_unit
-from jaxstab.core.units import NUMBER
+from jaxstab.core.units import NUMBER, Units, readable_unit, shown_unit
 from jaxstab.loads import Load
 
 

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core.checks import require_kind
 from jaxstab.core.stack import require_single
-from jaxstab.core.unit_system import in_brackets, readable_unit
+from jaxstab.core.units import in_brackets, readable_unit
 from jaxstab.paths import Branch, Transition
 from jaxstab.plots.fields import draw_mode, gap, outline_contact
 from jaxstab.plots.paths import Quantity, of_states, quantities_or_default, scale

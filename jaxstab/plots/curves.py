@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
 from jaxstab.core.checks import require_kind, require_one_of
-from jaxstab.core.unit_system import Units
+from jaxstab.core.units import Units
 from jaxstab.paths.sweep import Sweep
 from jaxstab.plots.fields import require_pair
 from jaxstab.plots.paths import Quantity, of_states

@@ -12,7 +12,7 @@ from jaxstab.contact import Contact, require_contact
 from jaxstab.core.checks import require_kind
 from jaxstab.core.stack import require_single
 from jaxstab.core.types import Field, Mask
-from jaxstab.core.unit_system import Units, measured
+from jaxstab.core.units import Units, measured
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.plots.style import add_legend, axes_or_new, draw_zero, label_axes, label_axis
 from jaxstab.stability import Eigenpair

@@ -9,7 +9,7 @@ from matplotlib.colors import ListedColormap, LogNorm
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core.checks import require_kind, require_one_of
 from jaxstab.core.stack import require_single
-from jaxstab.core.units import NUMBER, declared
+from jaxstab.core.units import NUMBER, dimensions
 from jaxstab.equilibrium import observables
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.equilibrium.observables import Leakage
@@ -161,7 +161,7 @@ def observed(
     axes, units = axes_or_new(axes), observed.equilibrium.units
     for side, values in by_side(getattr(result, name)):
         axes.plot(of_states(observed, x), np.asarray(values), ".-", label=side.strip())
-    dimension = declared(type(result)).get(name, (NUMBER,))[0]
+    dimension = dimensions(type(result)).get(name, NUMBER)
     words = dict.fromkeys((columns[column], name))
     label = " ".join(words).replace("_", " ") + (f" [{dimension}]" if dimension != NUMBER else "")
     label_axes(axes, quantity_label(x, observed.load), label, units)

@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
 
 from jaxstab.core.checks import require_kind, require_one_of
-from jaxstab.core.unit_system import measured
-from jaxstab.core.units import LENGTH
+from jaxstab.core.units import LENGTH, measured
 from jaxstab.paths import Branch, Observed, Path, Turn
 from jaxstab.paths.sweep import Sweep
 from jaxstab.plots.style import (

@@ -8,8 +8,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter, LogFormatterSciNotation, ScalarFormatter
 
-from jaxstab.core.unit_system import Units, in_brackets, readable_unit
-from jaxstab.core.units import FORCE, NUMBER, dimensions
+from jaxstab.core.units import FORCE, NUMBER, Units, dimensions, in_brackets, readable_unit
 from jaxstab.loads import Load
 from jaxstab.paths import States
 

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from jaxstab.contact import Contact
 from jaxstab.core.checks import require_kind
 from jaxstab.core.stack import require_single
-from jaxstab.core.unit_system import in_brackets, measured, readable_unit
+from jaxstab.core.units import in_brackets, measured, readable_unit
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
 from jaxstab.loads import MeanPressure

@@ -9,8 +9,7 @@ from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Flag, Scalar
-from jaxstab.core.unit_system import NO_UNITS, Units
-from jaxstab.core.units import NUMBER, Dimensioned
+from jaxstab.core.units import NO_UNITS, NUMBER, Dimensioned, Units
 from jaxstab.stability.barrier import Barrier
 from jaxstab.stability.eigenpair import Eigenpair
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxstab.core.checks import concrete, is_traced
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid
-from jaxstab.core.unit_system import unit_of
+from jaxstab.core.units import unit_of
 from jaxstab.surfaces.formats import Scan
 
 # Rounding must not decide whether a point or a wave at a limit is kept.

@@ -10,7 +10,7 @@ import numpy as np
 from jaxstab.core.checks import concrete
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid, require_grid, resample
-from jaxstab.core.unit_system import converted, unit_of
+from jaxstab.core.units import converted, unit_of
 from jaxstab.surfaces import faults, processing
 from jaxstab.surfaces.arguments import (
     ROUNDING,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import jaxstab as js
 from jaxstab.core.grid import mean_over, resample, total
-from jaxstab.core.unit_system import (
+from jaxstab.core.units import (
     LENGTHS,
     PRESSURES,
     Units,

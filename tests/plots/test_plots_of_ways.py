@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxstab import plots
-from jaxstab.core.unit_system import Units
+from jaxstab.core.units import Units
 
 
 def names(axes):

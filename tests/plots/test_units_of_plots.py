@@ -6,7 +6,7 @@ import pytest
 
 import jaxstab as js
 from jaxstab import plots
-from jaxstab.core.unit_system import NO_UNITS
+from jaxstab.core.units import NO_UNITS
 from jaxstab.plots import style
 
 

@@ -137,7 +137,7 @@ def test_units_convert_exactly_and_back():
         np.testing.assert_allclose(there.heights, factor * surface.heights, rtol=1e-15)
         np.testing.assert_allclose(there.lengths, factor * surface.lengths, rtol=1e-15)
         np.testing.assert_allclose(there.in_unit("µm").heights, surface.heights, rtol=1e-15)
-    assert surface.in_unit("angstrom").unit == surface.in_unit("A").unit == "Å"
+    assert surface.in_unit("A").unit == "Å"
     with pytest.raises(ValueError, match=r"unit of this topography is unknown.*`unit=`"):
         topography(clean(), unit=None).in_unit("m")
 

@@ -9,8 +9,7 @@ from jaxstab.contact import Contact
 from jaxstab.core.checks import are_finite, is_traced
 from jaxstab.core.display import block
 from jaxstab.core.stack import Stackable
-from jaxstab.core.unit_system import NO_UNITS, Units
-from jaxstab.core.units import Dimensioned, axes_of
+from jaxstab.core.units import NO_UNITS, Dimensioned, Units, axes_of
 from jaxstab.equilibrium.equilibrium import Equilibrium, State, equilibrium_of
 
 

@@ -4,7 +4,7 @@ from io import BytesIO
 
 import numpy as np
 
-from jaxstab.core.unit_system import unit_of
+from jaxstab.core.units import unit_of
 from jaxstab.surfaces.formats.scan import Scan, chosen, on_a_side_or_two
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jaxstab.core.optional_packages import require_packages
-from jaxstab.core.unit_system import unit_of
+from jaxstab.core.units import unit_of
 from jaxstab.surfaces.formats.scan import Scan, UnknownContent, chosen, on_a_side_or_two
 
 # The readers of these formats accept files of any kind; of text only if it states a unit.

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jaxstab.core.optional_packages import NETCDF, require_packages
-from jaxstab.core.unit_system import converted, unit_of
+from jaxstab.core.units import converted, unit_of
 from jaxstab.surfaces.formats.scan import Scan, UnknownContent, chosen, on_a_side_or_two, on_lattice
 
 if TYPE_CHECKING:
