@@ -75,7 +75,7 @@ def read(arguments: list[str]) -> tuple[str, argparse.Namespace]:
         parser.parse_args([first])
     if first not in COMMANDS and not first.startswith("-"):
         parser.error(
-            f"there is no command {first}; the nearest is {nearest(first, COMMANDS)}. "
+            f"there is no command {first}{nearest(first, COMMANDS)}. "
             f"Commands: {', '.join(COMMANDS)}."
         )
     name, *rest = arguments if first in COMMANDS and arguments else ["run", *arguments]
@@ -224,8 +224,8 @@ def _public_name(text: str) -> str:
     """Return a name that begins with one of the library."""
     first = text.split(".")[0]
     if first not in jaxstab.__all__:
-        close = nearest(first, jaxstab.__all__)
-        raise argparse.ArgumentTypeError(f"there is no {first} in jaxstab; the nearest is {close}.")
+        close = nearest(first, jaxstab.__all__) or "; give one as equilibrate or potentials.Dugdale"
+        raise argparse.ArgumentTypeError(f"there is no {first} in jaxstab{close}.")
     return text
 
 

@@ -40,8 +40,8 @@ class Parser(argparse.ArgumentParser):
     def require_option(self, name: str, source: str = "") -> None:
         """Exit with the nearest option if there is none of a name."""
         if name not in ("--", *self._option_string_actions):
-            close = nearest(name, self._option_string_actions)
-            self.error(f"{source}there is no option {name}; the nearest is {close}.")
+            close = nearest(name, self._option_string_actions) or "; --help lists them"
+            self.error(f"{source}there is no option {name}{close}.")
 
     def error(self, message: str) -> NoReturn:
         """Exit with a line about the error."""
@@ -59,8 +59,8 @@ def given(arguments: list[str]) -> set[str]:
 
 
 def nearest(word: str, choices: Iterable[str]) -> str:
-    """Return the choice that is spelled most like a word."""
-    return get_close_matches(word, [*choices], 1, cutoff=0)[0]
+    """Return a clause on the choice that is spelled most like a word, empty if none is close."""
+    return "".join(f"; the nearest is {close}" for close in get_close_matches(word, [*choices], 1))
 
 
 def whole_number(least: int, most: float = float("inf")) -> Callable[[str], int]:

@@ -131,6 +131,11 @@ def positive_parameter(value: object, name: str) -> Float[Array, "..."]:
     return possible(number, number > 0)
 
 
+def positive_scalar(value: ArrayLike, name: str) -> Scalar:
+    """Return a parameter that must be one positive number; NaN where it is traced and is not."""
+    return positive_parameter(scalar_parameter(value, name), name)
+
+
 def nonnegative_parameter(value: object, name: str) -> Float[Array, "..."]:
     """Return a parameter that must not be negative; NaN where it is traced and is."""
     number = parameter(value, name)

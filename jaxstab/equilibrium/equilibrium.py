@@ -9,6 +9,7 @@ from jaxtyping import Array, Int
 from jaxstab.contact.contact import Contact, require_contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core import model, units
+from jaxstab.core.checks import are_finite, is_traced
 from jaxstab.core.display import block
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
@@ -190,14 +191,14 @@ def single_start(state: Any) -> Any:
     """Return the one equilibrium, or recorded state of a path, that a state is or holds."""
     held = getattr(state, "equilibrium", state)
     if not hasattr(held, "gap") or isinstance(held, Equilibrium):
-        return single_equilibrium(state)
+        return _found(single_equilibrium(state))
     require_single(held)
     if held.gap is None:
         raise ValueError(
             "The state of the path was recorded without its gap: start from path[-1], which has "
             "it, or follow the path with fields=True."
         )
-    return held
+    return _found(held)
 
 
 def equilibrium_of(contact: Contact, state: State | None) -> Equilibrium:
@@ -216,3 +217,18 @@ def equilibrium_of(contact: Contact, state: State | None) -> Equilibrium:
             "equilibrate(contact, load, initial=equilibrium)."
         )
     return equilibrium
+
+
+def found_equilibrium(contact: Contact, state: State) -> Equilibrium:
+    """Return the one equilibrium that a state is or holds; a known one without gaps is an error."""
+    return _found(equilibrium_of(contact, state))
+
+
+def _found(state: Any) -> Any:
+    if not is_traced(state.gap) and not are_finite(state.gap).all():
+        result = getattr(state, "result", RESULTS.nonfinite)
+        raise ValueError(
+            f"The state was not found ({result.name}), and its gaps are not finite: give a state "
+            "whose `result` is successful."
+        )
+    return state

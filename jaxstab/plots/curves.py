@@ -71,7 +71,7 @@ def convergence(pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
     for name, values in pair.history.values.items():
         label = "projected residual" if name == "residual" else rf"$\{name}$"
         # At the start epsilon and eta are zero by construction.
-        axes.semilogy(pair.history.steps[1:], values[1:], label=label)
+        axes.semilogy(pair.history.steps[1:], values[1:], ".-", label=label)
     axes.set(xlabel="step", ylabel="indicator")
     plain_decades(axes.yaxis)
     add_legend(axes)

@@ -13,7 +13,7 @@ from jaxstab.core.checks import require_kind
 from jaxstab.core.stack import require_single
 from jaxstab.core.types import Field, Mask
 from jaxstab.core.units import Units, measured
-from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.equilibrium.equilibrium import State, found_equilibrium
 from jaxstab.plots.style import add_legend, axes_or_new, draw_zero, label_axes, label_axis
 from jaxstab.stability import Eigenpair
 
@@ -29,19 +29,19 @@ def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
 
 def gap(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
     """Draw the gap g: a map, or a profile on a line."""
-    equilibrium = equilibrium_of(contact, equilibrium)
+    equilibrium = found_equilibrium(contact, equilibrium)
     return _field(contact, equilibrium.gap, "gap g [length]", "viridis", axes)
 
 
 def pressure(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
     """Draw the elastic pressure p, positive in compression: a map, or a profile on a line."""
-    field, label = equilibrium_of(contact, equilibrium).pressure, "elastic pressure p [pressure]"
+    field, label = found_equilibrium(contact, equilibrium).pressure, "elastic pressure p [pressure]"
     return _field(contact, field, label, "RdBu_r", axes, centred=True)
 
 
 def contact_map(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
     """Draw where the surfaces touch, in black (Rey & Bleyer, fig. 8)."""
-    equilibrium = equilibrium_of(contact, equilibrium)
+    equilibrium = found_equilibrium(contact, equilibrium)
     axes = draw_areas(axes, contact, np.asarray(equilibrium.in_contact, int), ["black"])
     axes.set_title(f"contact area {100 * float(equilibrium.contact_area):.1f} %")
     return axes
@@ -56,10 +56,10 @@ def draw_areas(
         norm = BoundaryNorm(np.arange(len(colours) + 2) - 0.5, len(colours) + 1)
         draw_map(axes, contact, numbers, cmap=ListedColormap(["white", *colours]), norm=norm)
         return axes
+    x = np.asarray(contact.grid.coordinates[0])
     for number, colour in enumerate(colours, 1):
-        own = numbers == number
-        x = np.asarray(contact.grid.coordinates[0])
-        axes.fill_between(x, own, where=own, step="mid", color=colour)
+        _fill(axes, x, numbers == number, color=colour)
+    axes.margins(0)
     label_axis(axes.xaxis, "x [length]", contact.units)
     axes.set(yticks=[0, 1], yticklabels=["apart", "in contact"])
     return axes
@@ -95,7 +95,7 @@ def draw_mode(contact: Contact, mode: Field, equilibrium: State | None, axes: Ax
     """Draw a mode of unit norm, and the outline of the contact where a state is given."""
     axes = _field(contact, mode, _MODE, "RdBu_r", axes, centred=True)
     if equilibrium is not None:
-        touches = equilibrium_of(contact, equilibrium).in_contact
+        touches = found_equilibrium(contact, equilibrium).in_contact
         outline_contact(axes, contact, touches, "black")
     return axes
 
@@ -130,7 +130,7 @@ def mode_cut(
     axes.plot(x[:, row], np.asarray(pair.mode)[:, row], ".-")
     draw_zero(axes)
     if equilibrium is not None:
-        touches = np.asarray(equilibrium_of(contact, equilibrium).in_contact)[:, row]
+        touches = np.asarray(found_equilibrium(contact, equilibrium).in_contact)[:, row]
         _shade(axes, x[:, row], touches)
         add_legend(axes)
     label_axis(axes.xaxis, "x [length]", contact.units)
@@ -205,10 +205,15 @@ def _field(
 
 
 def _shade(axes: Axes, x: np.ndarray, touches: np.ndarray) -> None:
-    across = axes.get_xaxis_transform()
-    axes.fill_between(
-        x, 0, 1, where=touches, step="mid", transform=across, color="0.88", label="in contact"
-    )
+    _fill(axes, x, touches, transform=axes.get_xaxis_transform(), color="0.88", label="in contact")
+
+
+def _fill(axes: Axes, x: np.ndarray, chosen: np.ndarray, **style: Any) -> None:
+    """Fill the intervals of chosen points, each as wide as the spacing, and show the whole line."""
+    edges = np.append(x, 2 * x[-1] - x[-2]) - (x[1] - x[0]) / 2
+    axes.fill_between(np.repeat(edges, 2)[1:-1], 0, 1, where=np.repeat(chosen, 2), **style)
+    axes.update_datalim(np.stack([edges, edges], axis=1), updatey=False)
+    axes.autoscale_view()
 
 
 def _require_mode(contact: Contact, pair: Eigenpair) -> None:

@@ -11,7 +11,7 @@ from jaxstab.core.checks import require_kind, require_one_of
 from jaxstab.core.stack import require_single
 from jaxstab.core.units import NUMBER, dimensions
 from jaxstab.equilibrium import observables
-from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.equilibrium.equilibrium import State, found_equilibrium
 from jaxstab.equilibrium.observables import Leakage
 from jaxstab.equilibrium.observables.clusters import Neighbours
 from jaxstab.paths.observe import Observed, by_side
@@ -93,7 +93,7 @@ def flow(
     require_own(contact, leakage.drop.shape[1:], "leakage")
     require_one_of("along", along, _SIDES[: len(shape)])
     axes = axes_or_new(axes)
-    touches = None if equilibrium is None else equilibrium_of(contact, equilibrium).in_contact
+    touches = None if equilibrium is None else found_equilibrium(contact, equilibrium).in_contact
     side = _SIDES.index(along)
     if len(shape) == 1:
         axes.plot(np.asarray(contact.grid.coordinates[0]), np.asarray(leakage.drop[0]))
@@ -198,7 +198,7 @@ def distribution(
     Raises:
         ValueError: for another quantity, and less than one bin.
     """
-    equilibrium = equilibrium_of(contact, equilibrium)
+    equilibrium = found_equilibrium(contact, equilibrium)
     require_one_of("quantity", quantity, ["pressure", "gap"])
     if bins < 1:
         raise ValueError(f"bins is {bins}: give one at least.")

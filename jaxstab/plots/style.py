@@ -117,7 +117,9 @@ def draw_zero(axes: Axes) -> None:
 
 
 def add_legend(axes: Axes, **options: Any) -> None:
-    """Add a legend beside the axes if the layout makes room for it, else inside."""
+    """Add a legend, if it has entries, beside the axes if the layout makes room, else inside."""
+    if not axes.get_legend_handles_labels()[0]:
+        return
     figure = axes.get_figure(root=True)
     if figure is not None and figure.get_layout_engine() is not None:
         options = {"loc": "upper left", "bbox_to_anchor": (1, 1), **options}

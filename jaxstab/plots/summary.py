@@ -9,7 +9,7 @@ from jaxstab.core.checks import require_kind
 from jaxstab.core.stack import require_single
 from jaxstab.core.units import in_brackets, measured, readable_unit
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.equilibrium.equilibrium import State, found_equilibrium
 from jaxstab.loads import MeanPressure
 from jaxstab.plots.fields import gap, mode, outline_contact, pressure, surface
 from jaxstab.plots.style import Panels, figure_or_new, quantity_label
@@ -44,7 +44,7 @@ def summary(
         TypeError: for something that is not a state, or a stability that is not one.
         ValueError: for a stack, a state without its stability, or one on another grid.
     """
-    state = equilibrium_of(contact, equilibrium)
+    state = found_equilibrium(contact, equilibrium)
     known = getattr(equilibrium, "stability", None) if stability is None else stability
     if known is None:
         raise ValueError(

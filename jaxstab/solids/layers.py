@@ -11,7 +11,7 @@ from typing import Annotated
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxstab.core.checks import possible, require_positive, scalar_parameter
+from jaxstab.core.checks import positive_scalar, possible
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, NUMBER, PRESSURE
@@ -62,7 +62,7 @@ class Layer(SpectralSolid):
     ):
         self.grid = grid
         self.youngs_modulus, self.poisson_ratio = elastic_constants(youngs_modulus, poisson_ratio)
-        self.thickness = _thickness(thickness)
+        self.thickness = positive_scalar(thickness, "The thickness")
 
     @property
     def uniform_stiffness(self) -> Scalar:
@@ -115,7 +115,7 @@ class CoatedHalfSpace(SpectralSolid):
     ):
         self.grid = grid
         self.layer = _pair(layer, "layer")
-        self.thickness = _thickness(thickness)
+        self.thickness = positive_scalar(thickness, "The thickness")
         self.base = _pair(base, "base")
 
     def stiffness_at(self, wavenumbers: Waves) -> Waves:
@@ -136,12 +136,6 @@ def _pair(constants: tuple[ArrayLike, ArrayLike], name: str) -> tuple[Scalar, Sc
             f"{name}=(1.0, 0.3)."
         )
     return elastic_constants(*constants, where=f" of the {name}")
-
-
-def _thickness(value: ArrayLike) -> Scalar:
-    thickness = scalar_parameter(value, "The thickness")
-    require_positive("The thickness", thickness)
-    return thickness
 
 
 def _possible_thickness(thickness: Scalar) -> Scalar:

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from jaxtyping import Array, Float
 
-from jaxstab.core.checks import nonnegative_parameter, positive_parameter, scalar_parameter
+from jaxstab.core.checks import nonnegative_parameter, positive_scalar, scalar_parameter
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import Dimension
@@ -76,8 +76,7 @@ class Sheet(SpectralSolid):
     def __init__(self, grid: Grid, bending_stiffness: ArrayLike, tension: ArrayLike = 0.0):
         require_grid(grid)
         self.grid = grid
-        name = "The bending stiffness"
-        self.bending_stiffness = positive_parameter(scalar_parameter(bending_stiffness, name), name)
+        self.bending_stiffness = positive_scalar(bending_stiffness, "The bending stiffness")
         name = "The tension of the sheet"
         self.tension = nonnegative_parameter(scalar_parameter(tension, name), name)
 

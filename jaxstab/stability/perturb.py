@@ -9,7 +9,7 @@ from jaxstab.core.checks import numbers, parameter, require, require_finite
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
-from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.equilibrium.equilibrium import State, found_equilibrium
 from jaxstab.equilibrium.verify import recognised
 
 # A push moves the point that moves most by this part of the mean gap by default.
@@ -50,15 +50,15 @@ def release(
         TypeError: if the mode is not real numbers, or the solver not one for equilibria.
         SolverError: as `equilibrate`, and for a state that is no equilibrium of the contact.
     """
-    equilibrium = equilibrium_of(contact, equilibrium)
+    equilibrium = found_equilibrium(contact, equilibrium)
     x = numbers(mode, "The mode")
     if x.shape != contact.grid.shape:
         raise ValueError(f"The mode has shape {x.shape}, the grid {contact.grid.shape}.")
     x = contact.grid.device_put(x)
     require_finite("The mode", x)
-    cure = "release a converged one."
-    is_finite = jnp.all(jnp.isfinite(equilibrium.gap))
-    require("The residual of the equilibrium", equilibrium.residual, is_finite, cure)
+    largest = jnp.max(jnp.abs(x))
+    cure = "it moves no point; give a direction to move in."
+    require("The largest component of the mode", largest, largest > 0, cure)
     t = amplitude_of(equilibrium.gap, x) if amplitude is None else parameter(amplitude)
     require("The amplitude", t, jnp.isfinite(t), "it must be finite.")
     start = jnp.maximum(equilibrium.gap + t * x, 0)

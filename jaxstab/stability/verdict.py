@@ -107,7 +107,7 @@ def first_failure(*pairs: Eigenpair) -> RESULTS:
 def describe(stability: Stability) -> str:
     """Say which eigenvalue was not found."""
     for name, pair in stability.pairs.items():
-        if pair.result == RESULTS.other_contact:
+        if pair.result == RESULTS.other_contact or pair.result == RESULTS.no_equilibrium:
             return "There is nothing to assess"
         if pair.result != RESULTS.successful and pair.result != RESULTS.not_computed:
             return (

@@ -87,7 +87,8 @@ def read_axes(axes: Any) -> tuple[dict[str, list[Any]], tuple[str, ...]]:
     rows: Any = axes if is_listed else [axes]
     if not rows or any(not isinstance(x, Mapping) or not x or {*x} != {*rows[0]} for x in rows):
         raise TypeError("The axes are neither a dict of arrays nor dicts with the same names.")
-    values = {n: np.asarray([row[n] for row in rows] if is_listed else axes[n]) for n in rows[0]}
+    given = {n: [row[n] for row in rows] if is_listed else axes[n] for n in rows[0]}
+    values = {name: _array(name, x) for name, x in given.items()}
     for name, x in values.items():
         is_number = x.dtype.kind in "biuf" and np.isfinite(x).all()
         if x.ndim != 1 or not x.size or not (is_number or x.dtype.kind == "U"):
@@ -103,11 +104,14 @@ def _array(name: Any, value: Any) -> np.ndarray:
     try:
         # A missing number is NaN, which integers do not have.
         array = np.asarray(value.filled(math.nan) if np.ma.is_masked(value) else value)
-        is_text = array.dtype.kind in ("O", "T") and all(isinstance(x, str) for x in array.flat)
-        array = array.astype(str) if is_text and array.size else array
+        if array.dtype.kind in ("O", "T", "U") and array.size:
+            # NumPy makes words of numbers beside words.
+            array = np.asarray(value, object)
+            is_text = all(isinstance(x, str) for x in array.flat)
+            array = array.astype(str) if is_text else array
     except (TypeError, ValueError) as error:
         raise TypeError(f"{name} is no array of numbers or words: {error}") from None
     if array.dtype.kind not in "biufcU":
         kind = f"{type(value).__name__} of {array.dtype}"
-        raise TypeError(f"{name} is {kind}: return numbers, words, or arrays of them.")
+        raise TypeError(f"{name} is {kind}: give numbers or words, or an array of either.")
     return array

@@ -141,7 +141,7 @@ def _begin(cases: Cases, case: Callable[..., object], version: object, accept: b
     now = {"axes": axes, "dims": dims, "version": version, "packages": versions()}
     now |= {"double": jax.config.values["jax_enable_x64"], "source": _source(case, version)}
     now |= {"changes": known.get("changes", [])}
-    lines = text.splitlines(), json.dumps(now, indent=1).splitlines()
+    lines = text.splitlines(), json.dumps(now, indent=1, default=str).splitlines()
     changes = [*difflib.unified_diff(*lines, RECORD, "this call", n=0, lineterm="")]
     if changes and names and not accept:
         listed = "\n".join(changes[:40])
@@ -151,7 +151,7 @@ def _begin(cases: Cases, case: Callable[..., object], version: object, accept: b
         )
     if changes:
         now["changes"] += [{"when": time.ctime(), "changed": changes}] if names else []
-        write_whole(file, json.dumps(now, indent=1).encode())
+        write_whole(file, json.dumps(now, indent=1, default=str).encode())
     return cases._replace(names=tuple(axes), dims=tuple(dims))
 
 

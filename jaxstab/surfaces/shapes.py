@@ -11,7 +11,7 @@ from jaxstab.core.checks import (
     concrete,
     is_traced,
     parameter,
-    positive_parameter,
+    positive_scalar,
     require,
     require_finite,
     scalar_parameter,
@@ -35,7 +35,7 @@ def paraboloid(grid: Grid, radius: ArrayLike) -> Field:
         ValueError: if the radius is not positive.
     """
     require_grid(grid)
-    return _paraboloid(grid, _positive("The radius", radius))
+    return _paraboloid(grid, positive_scalar(radius, "The radius"))
 
 
 @program
@@ -56,7 +56,7 @@ def sphere(grid: Grid, radius: ArrayLike) -> Field:
         ValueError: if the radius is not positive.
     """
     require_grid(grid)
-    return _sphere(grid, _positive("The radius", radius))
+    return _sphere(grid, positive_scalar(radius, "The radius"))
 
 
 @program
@@ -81,7 +81,7 @@ def cone(grid: Grid, slope: ArrayLike) -> Field:
         ValueError: if the slope is not positive.
     """
     require_grid(grid)
-    return _cone(grid, _positive("The slope", slope))
+    return _cone(grid, positive_scalar(slope, "The slope"))
 
 
 @program
@@ -103,8 +103,8 @@ def flat_punch(grid: Grid, radius: ArrayLike, rim_radius: ArrayLike) -> Field:
         ValueError: if a radius is not positive.
     """
     require_grid(grid)
-    radii = _positive("The radius", radius), _positive("The radius of the rim", rim_radius)
-    return _flat_punch(grid, *radii)
+    radius = positive_scalar(radius, "The radius")
+    return _flat_punch(grid, radius, positive_scalar(rim_radius, "The radius of the rim"))
 
 
 @program
@@ -133,8 +133,8 @@ def wavy_sphere(
     require_grid(grid)
     amplitude = scalar_parameter(amplitude, "The amplitude")
     require("The amplitude", amplitude, abs(concrete(amplitude)) < np.inf, "it must be finite.")
-    radius, wavelength = _positive("The radius", radius), _positive("The wavelength", wavelength)
-    return _wavy_sphere(grid, radius, amplitude, wavelength)
+    radius = positive_scalar(radius, "The radius")
+    return _wavy_sphere(grid, radius, amplitude, positive_scalar(wavelength, "The wavelength"))
 
 
 @program
@@ -218,7 +218,3 @@ def _distance(grid: Grid) -> Field:
     """Return the distance from the middle, with zero derivatives by the lengths there."""
     squared = _squared_distance(grid)
     return jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1)), 0)
-
-
-def _positive(name: str, value: ArrayLike) -> Scalar:
-    return positive_parameter(scalar_parameter(value, name), name)

@@ -1,3 +1,6 @@
+import warnings
+
+import equinox as eqx
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
@@ -77,3 +80,42 @@ def test_a_cut_shows_the_mode_and_the_contact(state):
 def test_a_line_has_no_cut(line):
     with pytest.raises(ValueError, match="no rows"):
         plots.mode_cut(line[0], line[2])
+
+
+def test_each_contact_point_of_a_line_is_drawn_in_its_whole_width(line):
+    """Patches of one, two and three points of 64, on a cell of length 2."""
+    contact, equilibrium, pair = line
+    touches = np.isin(np.arange(64), [0, 20, 21, 40, 41, 42])
+    state = eqx.tree_at(lambda x: x.in_contact, equilibrium, jnp.array(touches))
+    for axes in (
+        plots.contact_map(contact, state),
+        plots.patches(contact, state),
+        plots.mode(contact, pair, state),
+    ):
+        shapes = [path.vertices for part in axes.collections for path in part.get_paths()]
+        ends = sorted((corners[:, 0].min(), corners[:, 0].max()) for corners in shapes)
+        expected = np.array([(-0.5, 0.5), (19.5, 21.5), (39.5, 42.5)]) * 2 / 64
+        np.testing.assert_allclose(ends, expected)
+        left, right = axes.get_xlim()
+        assert left <= -1 / 64 and right >= 2 - 1 / 64
+    assert plots.contact_map(contact, state).get_xlim() == (-1 / 64, 2 - 1 / 64)
+
+
+def test_figures_refuse_a_state_that_was_not_found(line_contact):
+    failed = js.equilibrate(line_contact, js.MeanGap(-1.0), throw=False)
+    for draw in (plots.gap, plots.pressure, plots.contact_map, plots.distribution, plots.summary):
+        stability = [js.assess_stability(line_contact, failed, throw=False)]
+        more = stability if draw is plots.summary else []
+        with pytest.raises(ValueError, match=r"was not found \(infeasible_load\)"):
+            draw(line_contact, failed, *more)
+
+
+def test_one_step_of_a_solver_is_seen_and_no_legend_is_empty(line):
+    contact, equilibrium, pair = line
+    (curve,) = plots.convergence(pair).lines
+    assert curve.get_marker() == "."
+    closed = eqx.tree_at(
+        lambda x: (x.in_contact, x.gap), equilibrium, (jnp.ones(64, bool), jnp.zeros(64))
+    )
+    with warnings.catch_warnings(action="error"):
+        assert plots.distribution(contact, closed, "gap").get_legend() is None

@@ -137,8 +137,10 @@ def test_a_verdict_needs_an_error_smaller_than_the_eigenvalue(hertz):
 
 def test_a_failed_equilibrium_is_not_assessed(hertz):
     failed = js.equilibrate(hertz, js.MeanGap(-1.0), throw=False)
-    with pytest.raises(js.SolverError, match="no_equilibrium"):
+    with pytest.raises(js.SolverError, match="There is nothing to assess: no_equilibrium"):
         js.assess_stability(hertz, failed)
+    with pytest.raises(ValueError, match=r"state was not found \(infeasible_load\)"):
+        js.equilibrate(hertz, js.MeanGap(1.0), initial=failed)
     stability = js.assess_stability(hertz, failed, throw=False)
     assert stability.cone.result == js.RESULTS.no_equilibrium
     assert stability.verdict == js.VERDICTS.undecided

@@ -156,8 +156,10 @@ def test_release_refuses_what_is_no_mode(hertz, far_side):
     with pytest.raises(ValueError, match="amplitude is nan"):
         js.release(hertz, stable, jnp.ones((32, 32)), amplitude=jnp.nan)
     failed = js.equilibrate(hertz, js.MeanGap(-1.0), throw=False)
-    with pytest.raises(ValueError, match="release a converged one"):
+    with pytest.raises(ValueError, match=r"state was not found \(infeasible_load\)"):
         js.release(hertz, failed, jnp.ones((32, 32)))
+    with pytest.raises(ValueError, match="largest component of the mode is 0"):
+        js.release(hertz, stable, jnp.zeros((32, 32)))
 
 
 def test_a_saddle_of_a_symmetric_start_is_called_unstable():

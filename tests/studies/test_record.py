@@ -6,6 +6,7 @@ import sys
 from functools import partial
 
 import equinox as eqx
+import numpy as np
 import pytest
 from logged_study import runs
 
@@ -48,6 +49,10 @@ def test_another_function_version_or_package_is_refused_with_the_difference(tmp_
     record = json.loads((path / "study.json").read_text())
     assert "3 * seed" in record["source"][-1] and record["version"] == 2
     assert '+ "version": 2,' in record["changes"][0]["changed"]
+    # A version may be of any kind.
+    js.study(logged(log), AXES, tmp_path / "array", version=np.arange(2))
+    with pytest.raises(ValueError, match=r'\+ "version": "\[1 2\]"'):
+        js.study(logged(log), AXES, tmp_path / "array", version=np.arange(1, 3))
     # From now on it is the study of this case.
     js.study(logged(log, True), AXES, path, version=2)
 

@@ -17,8 +17,8 @@ from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import SolverError
 from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
 from jaxstab.core.units import NUMBER, SPRING_CONSTANT, Dimension
-from jaxstab.equilibrium.equilibrium import State
-from jaxstab.equilibrium.observables.observable import Observable, found_equilibrium
+from jaxstab.equilibrium.equilibrium import State, found_equilibrium
+from jaxstab.equilibrium.observables.observable import Observable
 from jaxstab.solids import FreeHalfSpace, HalfSpace
 
 CONDUCTANCE = Dimension("length/resistivity")

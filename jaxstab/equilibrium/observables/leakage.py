@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import array, require_known, require_positive, scalar_parameter
+from jaxstab.core.checks import array, positive_scalar, require_known
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, VISCOSITY, VOLUME
-from jaxstab.equilibrium.equilibrium import State
+from jaxstab.equilibrium.equilibrium import State, found_equilibrium
 from jaxstab.equilibrium.observables.flow import Flow, Solver, conducting, flows
-from jaxstab.equilibrium.observables.observable import Observable, found_equilibrium
+from jaxstab.equilibrium.observables.observable import Observable
 
 
 class Leakage(Observable):
@@ -88,8 +88,7 @@ def leakage(
         )
     if solver not in (None, "direct", "multigrid"):
         raise ValueError(f'solver is {solver!r}: choose "direct" or "multigrid".')
-    resistance = scalar_parameter(viscosity, "The viscosity")
-    require_positive("The viscosity", resistance)
+    resistance = positive_scalar(viscosity, "The viscosity")
     values, dtype = np.asarray(gap, float), contact.heights.dtype
     largest = values.max()
     # The unit is the largest gap, whose cube can be beyond the range of numbers.

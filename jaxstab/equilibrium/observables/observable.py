@@ -5,12 +5,9 @@ from typing import ClassVar, Self
 
 import equinox as eqx
 
-from jaxstab.contact import Contact
-from jaxstab.core.checks import are_finite, is_traced
 from jaxstab.core.display import block
 from jaxstab.core.stack import Stackable
 from jaxstab.core.units import NO_UNITS, Dimensioned, Units, axes_of
-from jaxstab.equilibrium.equilibrium import Equilibrium, State, equilibrium_of
 
 
 class Observable(Stackable, Dimensioned):
@@ -44,14 +41,3 @@ class Observable(Stackable, Dimensioned):
         """Return the columns alone: fields on the grid, and of a number that varies, are None."""
         others = {field.name for field in fields(self)} - {*self.columns(), "units"}
         return replace(self, **dict.fromkeys(others))
-
-
-def found_equilibrium(contact: Contact, state: State) -> Equilibrium:
-    """Return the one equilibrium that a state is or holds; a known one without gaps is an error."""
-    equilibrium = equilibrium_of(contact, state)
-    if not is_traced(equilibrium.gap) and not are_finite(equilibrium.gap).all():
-        raise ValueError(
-            f"The state was not found ({equilibrium.result.name}), and its gaps are not finite: "
-            "give a state whose `result` is successful."
-        )
-    return equilibrium

@@ -10,9 +10,9 @@ from jaxstab.contact import Contact
 from jaxstab.core.checks import array, require_known
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import AREA, FORCE, LENGTH
-from jaxstab.equilibrium.equilibrium import State
+from jaxstab.equilibrium.equilibrium import State, found_equilibrium
 from jaxstab.equilibrium.observables.clusters import Neighbours, clusters_of
-from jaxstab.equilibrium.observables.observable import Observable, found_equilibrium
+from jaxstab.equilibrium.observables.observable import Observable
 
 # The grid counts this part of interface times spacing too much (Yastrebov et al., 2017).
 _STAIRCASE = (np.pi - 1 + np.log(2)) / 24
