@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 # The first bytes of a NetCDF file.
 _MAGIC = b"\x89HDF"
-# Arrays of more numbers are compressed.
-_LARGE = 1000
+# Arrays of more numbers have a checksum, and are compressed.
+_SMALL, _LARGE = 8, 1000
 
 
 def save(
@@ -138,9 +138,10 @@ def attributes_of(path: str | Path) -> dict[str, str] | None:
 def _encoding(dataset: "xarray.Dataset") -> dict[Hashable, dict[str, object]]:
     # Numbers as they are: no value stands for a missing one.
     plain: dict[str, object] = {"_FillValue": None}
-    packed = {**plain, "zlib": True, "complevel": 1, "shuffle": True}
+    checked = {**plain, "fletcher32": True}
+    packed = {**checked, "zlib": True, "complevel": 1, "shuffle": True}
     return {
-        name: packed if array.size > _LARGE and array.dtype.kind == "f" else plain
+        name: (plain, checked, packed)[(array.size > _SMALL) + (array.size > _LARGE)]
         for name, array in dataset.variables.items()
         if array.dtype.kind in "fiub"
     }
@@ -157,8 +158,8 @@ def _opened(path: Path) -> Iterator["xarray.Dataset"]:
     try:
         with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
             yield dataset
-    except (OSError, ValueError, KeyError) as error:
-        message = f"{path} is no readable NetCDF file, or it is truncated."
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        message = f"{path} is no readable NetCDF file, or it is damaged."
         raise ValueError(message) from error
 
 

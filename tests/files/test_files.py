@@ -184,6 +184,27 @@ def test_what_cannot_be_read_is_refused_in_a_sentence(plain, tmp_path):
         js.load(path)
 
 
+def test_changed_numbers_and_damaged_structures_are_refused_in_a_sentence(plain, tmp_path):
+    contact, sweep = plain
+    content = js.save(tmp_path / "run.nc", contact, sweep[0]).read_bytes()
+
+    def refuses(place):
+        changed = bytearray(content)
+        changed[place] ^= 1
+        (tmp_path / "changed.nc").write_bytes(changed)
+        try:
+            js.load(tmp_path / "changed.nc")
+        except ValueError as error:
+            assert "changed.nc" in str(error)
+            return True
+        return False
+
+    heights = content.find(np.asarray(contact.heights).tobytes())
+    assert heights > 0 and refuses(heights + 100)
+    # HDF5 raises errors of several classes.
+    assert sum(map(refuses, range(0, len(content), 997))) > 5
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
