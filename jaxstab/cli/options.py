@@ -56,7 +56,7 @@ _ADVICE = (
 
 
 def in_options(message: str) -> str:
-    """Return a message on one line, with its advice as options of the command line."""
+    """Return a message with its advice as options of the command line."""
     for pattern, advice in _ADVICE:
         message = re.sub(pattern, advice, message)
     known = " ".join(parser.format_usage() for parser in _parsers()[1].values())
@@ -64,7 +64,7 @@ def in_options(message: str) -> str:
     def option(quoted: re.Match[str]) -> str:
         return option_of(quoted[1]) if f"[{option_of(quoted[1])}" in known else quoted[0]
 
-    return " ".join(re.sub(r"`(\w+)=?`", option, message).split())
+    return re.sub(r"`(\w+)(?:=\w*)?`", option, message)
 
 
 def read(arguments: list[str]) -> tuple[str, argparse.Namespace]:
@@ -222,6 +222,7 @@ def _add_cite(parser: Parser) -> None:
 
 def _public_name(text: str) -> str:
     """Return a name that begins with one of the library."""
+    text = text.removeprefix("jaxstab.")
     first = text.split(".")[0]
     if first not in jaxstab.__all__:
         close = nearest(first, jaxstab.__all__) or "; give one as equilibrate or potentials.Dugdale"

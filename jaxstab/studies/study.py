@@ -147,7 +147,7 @@ def _begin(cases: Cases, case: Callable[..., object], version: object, accept: b
         listed = "\n".join(changes[:40])
         raise ValueError(
             f"{path} was begun with another case, or {RECORD} is damaged.\n{listed}\nGive another "
-            "folder; or, if its cases stay valid, accept_changes=True records the change."
+            "folder; or, if its cases stay valid, `accept_changes=True` records the change."
         )
     if changes:
         now["changes"] += [{"when": time.ctime(), "changed": changes}] if names else []

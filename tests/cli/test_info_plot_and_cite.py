@@ -37,5 +37,7 @@ def test_a_surface_and_a_result_say_what_they_are_and_a_result_is_drawn(scan, tm
 def test_what_to_cite_is_said(capsys):
     main(["cite", "PolonskyKeerRey", "--bibtex"])
     assert "@article" in capsys.readouterr().out
+    main(["cite", "jaxstab.potentials.Dugdale"])
+    assert "Yielding of steel sheets" in capsys.readouterr().out
     main(["cite"])
     assert "Bleyer" in capsys.readouterr().out

@@ -25,6 +25,11 @@ def test_the_command_line_begins_goes_on_and_sums_up(tmp_path, capsys, monkeypat
     main(["study", "batch.py", "--path", "batch", "--batch", "2", "--version", "3"])
     assert len(list(Path("batch").glob("*.nc"))) == 2
     assert '"version": "3"' in Path("batch/study.json").read_text()
+    with pytest.raises(SystemExit):
+        main(["study", "batch.py", "--path", "batch"])
+    *_, before, now, advice = capsys.readouterr().err.splitlines()
+    assert (before, now) == ('- "version": "3",', '+ "version": null,')
+    assert "--accept-changes records the change" in advice
 
 
 @pytest.mark.parametrize(
@@ -34,6 +39,7 @@ def test_the_command_line_begins_goes_on_and_sums_up(tmp_path, capsys, monkeypat
         ("def case(seed): return {'a': 1}", 2, "study.py defines no `axes`"),
         ("axes = 1 / 0", 2, "study.py, line 1: ZeroDivisionError: division by zero"),
         ("axes = (", 2, "study.py: SyntaxError"),
+        ("import sys\nsys.exit()", 2, "study.py, line 2: SystemExit"),
         ("axes = {'y': [1]}\ndef case(x): return {'a': 1}", 2, "The axes give the case y"),
         ("axes = {'x': [1, 2]}\ndef case(x): return {'a': 1 / 0}", 1, "every case failed"),
         (
