@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import equinox as eqx
 import jax
@@ -42,44 +42,33 @@ def as_pytree(
     if not (has_shape and jnp.issubdtype(value.dtype, jnp.floating)):
         given, found = (eqx.tree_pformat(x, struct_as_array=True) for x in (argument, value))
         raise ValueError(f"{name} maps {given} to {found}: {cure}")
-    if _is_argument_of_jit(function):
+    are_arrays = all(map(eqx.is_array_like, jax.tree.leaves(function)))
+    if are_arrays and issubclass(type(function), eqx.Module):
         return function
     captured = list(map(jnp.asarray, closed.consts))
     return BareFunction(captured, Formula(function, argument, closed.jaxpr))
 
 
+@dataclass(frozen=True)
 class Formula:
     """A traced function, equal to another trace of the same function object with the same jaxpr.
 
     `jax.jit` compares function objects alone, and misses a changed number that the function reads.
     """
 
-    def __init__(
-        self,
-        function: Callable[..., Array],
-        argument: jax.ShapeDtypeStruct,
-        jaxpr: Jaxpr | None = None,
-    ):
-        self.function, self.argument = function, argument
-        self.jaxpr = _traced(function, argument)[0].jaxpr if jaxpr is None else jaxpr
+    function: Callable[..., Array] = field(compare=False)
+    argument: jax.ShapeDtypeStruct = field(compare=False)
+    jaxpr: Jaxpr = field(compare=False)
+    key: tuple[int, str | Jaxpr] = field(init=False)
 
-    @cached_property
-    def text(self) -> str:
-        """The jaxpr as JAX prints it."""
-        return str(self.jaxpr)
-
-    def __eq__(self, other: object) -> bool:
-        if self is other or not isinstance(other, Formula):
-            return self is other
-        is_same = self.function is other.function and self.text == other.text
-        return is_same and not _HIDDEN.search(self.text, 1)
-
-    def __hash__(self) -> int:
-        return id(self.function)
+    def __post_init__(self) -> None:
+        text = str(self.jaxpr)
+        key = id(self.function), self.jaxpr if _HIDDEN.search(text, 1) else text
+        object.__setattr__(self, "key", key)
 
     def __reduce__(self) -> tuple[object, ...]:
         # A jaxpr cannot be pickled; the function is pickled, or imported by its name.
-        return Formula, (self.function, self.argument)
+        return _formula, (self.function, self.argument)
 
 
 class BareFunction(eqx.Module):
@@ -108,10 +97,5 @@ def _traced(
     return jax.make_jaxpr(lambda x: function(x), return_shape=True)(argument)
 
 
-def _is_argument_of_jit(function: object) -> bool:
-    leaves, structure = jax.tree.flatten(function)
-    try:
-        hash(structure)
-    except TypeError:
-        return False
-    return isinstance(function, eqx.Module) and all(map(eqx.is_array_like, leaves))
+def _formula(function: Callable[..., Array], argument: jax.ShapeDtypeStruct) -> Formula:
+    return Formula(function, argument, _traced(function, argument)[0].jaxpr)

@@ -175,7 +175,7 @@ class Labelled(eqx.Module):
 def test_a_module_may_have_fields_that_are_no_arrays():
     run = jax.jit(lambda function, x: function(x))
     for energy in (1.0, 2.0):
-        law = Labelled(jnp.array(energy), "named", jnp.exp, [1.0, 2.0])
+        law = Labelled(jnp.array(energy), "named", jnp.exp, (1.0, 2.0))
         found = run(pytree(law), X)
         np.testing.assert_allclose(found, energy * (np.exp(-X) + np.exp(-2 * X)))
 
