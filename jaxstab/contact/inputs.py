@@ -75,7 +75,7 @@ def require_sound(
     from jaxstab.surfaces import faults
     from jaxstab.surfaces.topography import FILL
 
-    require_finite("heights", jnp.asarray(heights), FILL)
+    require_finite("A height", jnp.asarray(heights), FILL)
     if topography:
         is_window, wrong = solid.is_window, topography.suspicions
         faults.warn([*topography.wrong_scale, *topography.edge_faults] if is_window else wrong)

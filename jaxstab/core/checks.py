@@ -154,16 +154,16 @@ def require_known(inputs: object, name: str) -> None:
         )
 
 
-def require(name: str, value: object, holds: ArrayLike, cure: str) -> None:
+def require(name: str, value: Any, holds: Any, cure: str) -> None:
     """Raise `ValueError` naming `value` and the `cure` where `holds`, if known, is false."""
     if is_traced(holds) or np.all(holds):
         return
     if is_traced(value):
         # Where derivatives are taken, comparisons are known, but values only without them.
         value = jax.lax.stop_gradient(value)
-    value, holds = np.asarray(value), np.asarray(holds)
-    if value.shape == holds.shape:
-        value = value[~holds].flat[0]
+    if np.ndim(holds) and np.shape(value) == np.shape(holds):
+        index = np.unravel_index(int(holds.argmin()), holds.shape)
+        value = f"{value[index]} at {tuple(map(int, index))}"
     raise ValueError(f"{name} is {value}: {cure}")
 
 
@@ -194,14 +194,9 @@ def are_finite(value: Float[Array | np.ndarray, "..."]) -> Array | np.ndarray:
 def require_finite(
     name: str, value: Float[Array, "..."], cure: str = "give finite numbers."
 ) -> None:
-    """Raise `ValueError` naming the first point where `value`, if known, is NaN or infinite."""
-    if is_traced(value) or (finite := are_finite(value)).all():
-        return
-    index = tuple(int(i) for i in np.unravel_index(int(finite.argmin()), finite.shape))
-    raise ValueError(
-        f"{name} has {(~finite).sum()} NaN or infinite values, the first at {index}: "
-        f"{float(value[index])}: {cure}"
-    )
+    """Raise `ValueError` where `value`, if known, is NaN or infinite."""
+    if not is_traced(value):
+        require(name, value, are_finite(value), cure)
 
 
 def require_key(key: object) -> None:

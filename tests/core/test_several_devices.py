@@ -93,7 +93,7 @@ def test_two_processes_know_the_same_numbers(found):
     for each in both:
         np.testing.assert_allclose(each["numbers"], single["numbers"][:2], rtol=1e-10)
         assert f"{single['numbers'][0]:.6g}" in str(each["shown"])
-        assert "1 NaN or infinite values, the first at (31, 2)" in str(each["refused"])
+        assert "A height is nan at (31, 2)" in str(each["refused"])
 
 
 def on_one_device(*spec, names=("x",)):
