@@ -6,7 +6,7 @@ from unittest import mock
 import jax
 import pytest
 
-from jaxstab.core import batching
+from jaxstab.core import control_flow
 
 # Elsewhere many loads are solved together, rounded otherwise, and programs have no texts.
 on_the_cpu = pytest.mark.skipif(
@@ -19,7 +19,7 @@ def beside_an_accelerator():
     """Trace programs as where JAX finds one."""
     jax.clear_caches()
     try:
-        with mock.patch.object(batching, "has_accelerator", lambda: True):
+        with mock.patch.object(control_flow, "has_accelerator", lambda: True):
             yield
     finally:
         # Or the next test gets this one's programs.

@@ -14,7 +14,7 @@ from unittest import mock
 import jax
 
 import jaxstab as js
-from jaxstab.core import batching
+from jaxstab.core import control_flow
 from jaxstab.equilibrium.equilibrate import find
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.solvers.davidson import Davidson
@@ -30,7 +30,7 @@ def as_on_an_accelerator():
     jax.clear_caches()
     try:
         with (
-            mock.patch.object(batching, "has_accelerator", lambda: True),
+            mock.patch.object(control_flow, "has_accelerator", lambda: True),
             mock.patch.object(
                 jax.lax, "platform_dependent", lambda *args, default, **_: default(*args)
             ),

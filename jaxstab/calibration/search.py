@@ -17,7 +17,7 @@ from jaxstab.calibration.least_squares import (
     directions,
     minimise,
 )
-from jaxstab.core.conditional import choose, zeros_of
+from jaxstab.core.control_flow import choose, zeros_of
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Flag, Scalar
 

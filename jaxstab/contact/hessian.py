@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxstab.core import model
-from jaxstab.core.conditional import either
+from jaxstab.core.control_flow import either
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, FieldMap, Mask, Scalar
 from jaxstab.solids.solid import Solid, apart_from_mean

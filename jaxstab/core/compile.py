@@ -12,8 +12,8 @@ from typing import Any, ParamSpec, TypeVar
 
 import jax
 
-from jaxstab.core.batching import has_accelerator
 from jaxstab.core.checks import is_transformed
+from jaxstab.core.control_flow import has_accelerator
 
 # Linux gives a process 65 530 memory mappings, of which a compiled program takes hundreds. LLVM
 # aborts the process when none is left, so the error must come before.

@@ -13,10 +13,12 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
+from jaxstab.core.stack import Stackable
 from jaxstab.core.types import ArrayLike
 from jaxstab.core.units import (
     NO_UNITS,
     NUMBER,
+    Dimensioned,
     Units,
     dimensions,
     measured,
@@ -48,6 +50,12 @@ def block(self: eqx.Module) -> str:
         rows["force"] = measured(units, float(force), "force", digits=6)
     width = max(map(len, rows), default=0)
     return "\n".join([type(self).__name__, *(f"  {k:<{width}}  {v}" for k, v in rows.items())])
+
+
+class Outcome(Stackable, Dimensioned):
+    """The result of a solve, or of many: with units, a sequence, and a line for each field."""
+
+    __repr__ = block
 
 
 def readable(text: Callable[[Any], str]) -> Callable[[Any], str]:

@@ -17,8 +17,8 @@ from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array, Complex, Float, Shaped
 
 from jaxstab.core import fft
-from jaxstab.core.batching import on_platform
 from jaxstab.core.checks import array, concrete, integer, is_traced, parameter, require_positive
+from jaxstab.core.control_flow import on_platform
 from jaxstab.core.display import inline
 from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
 from jaxstab.core.units import LENGTH

@@ -11,17 +11,17 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
-from jaxstab.core.batching import with_entry
-from jaxstab.core.stack import Stackable
+from jaxstab.core.control_flow import with_entry
+from jaxstab.core.display import Outcome
 from jaxstab.core.types import Scalar
-from jaxstab.core.units import NUMBER, Dimensioned
+from jaxstab.core.units import NUMBER
 
 Indicators = dict[str, Scalar]
 
 _HISTORY_LENGTH = 512
 
 
-class History(Stackable, Dimensioned):
+class History(Outcome):
     """Indicators of a solver at a bounded number of steps: all at first, then ever sparser.
 
     Attributes:

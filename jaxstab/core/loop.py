@@ -115,22 +115,19 @@ class IterativeSolver(eqx.Module):
             return self.tolerance
         return self.default_tolerance.get(dtype.name, max(self.default_tolerance.values()))
 
-    def run(
-        self, problem: PyTree, start: PyTree, max_steps: ArrayLike = NO_LIMIT
-    ) -> Iteration[PyTree]:
+    def run(self, problem: PyTree, start: PyTree) -> Iteration[PyTree]:
         """Iterate from a start until the tolerance is reached, or report why it is not.
 
         Arguments:
             problem: the argument of `step` and `measure`, before it is `prepared`.
             start: the argument of `init`.
-            max_steps: a step limit beside the solver's own, traced or not; zero takes no step.
         """
         problem = self.prepared(problem, start)
         state, zero = self.init(problem, start), jnp.zeros((), int)
         first = self.measure(problem, state)
         history = History.empty(first, first["residual"].dtype).record(zero, zero, first)
         begin = Iteration(state, first["residual"], zero, RESULTS.max_steps_reached, history)
-        return self._iterate(problem, begin, first, max_steps)
+        return self._iterate(problem, begin, first, NO_LIMIT)
 
     def resume(
         self, problem: PyTree, before: Iteration[State], max_steps: ArrayLike

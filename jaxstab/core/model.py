@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxstab.core.batching import on_platform
 from jaxstab.core.compile import own_conventions
+from jaxstab.core.control_flow import on_platform
 from jaxstab.core.grid import Grid, mean_over, total, totals
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Mask, Scalar
 

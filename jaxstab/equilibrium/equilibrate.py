@@ -11,9 +11,9 @@ from jaxtyping import Array, Float
 from jaxstab.contact.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_STATES, warn_if_coarse
-from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import concrete, is_traced, numbers, require, require_finite
 from jaxstab.core.compile import program
+from jaxstab.core.control_flow import by_entries
 from jaxstab.core.grid import resample
 from jaxstab.core.implicit import attach
 from jaxstab.core.loop import Iteration, solver_or_default

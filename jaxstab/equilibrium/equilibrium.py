@@ -10,10 +10,10 @@ from jaxstab.contact.contact import Contact, require_contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core import model, units
 from jaxstab.core.checks import are_finite, is_traced
-from jaxstab.core.display import block
+from jaxstab.core.display import Outcome
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
-from jaxstab.core.stack import Stackable, require_single
+from jaxstab.core.stack import require_single
 from jaxstab.core.types import Field, Mask, Scalar
 from jaxstab.core.units import (
     AREA,
@@ -22,7 +22,6 @@ from jaxstab.core.units import (
     NO_UNITS,
     NUMBER,
     PRESSURE,
-    Dimensioned,
     Units,
     dimensions,
 )
@@ -35,7 +34,7 @@ Fields = dict[str, Array]
 DIFFERENTIABLE = ("displacement", "gap", "pressure", "reaction", "mean_pressure", "energy")
 
 
-class Equilibrium(Stackable, Dimensioned):
+class Equilibrium(Outcome):
     """An equilibrium K u + p0 + f'(g) = mu, g >= 0, mu >= 0, mu g = 0 (Rey & Bleyer, 9 and 10).
 
     Attributes:
@@ -76,8 +75,6 @@ class Equilibrium(Stackable, Dimensioned):
     history: History
     units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
     is_window: bool = eqx.field(static=True, default=False, repr=False)
-
-    __repr__ = block
 
     @property
     def force(self) -> Scalar:

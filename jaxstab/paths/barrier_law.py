@@ -11,18 +11,17 @@ import jax
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
-from jaxstab.core.display import inline
+from jaxstab.core.display import Outcome, inline
 from jaxstab.core.grid import total
-from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Mask, Scalar
-from jaxstab.core.units import NUMBER, Dimension, Dimensioned
+from jaxstab.core.units import NUMBER, Dimension
 from jaxstab.equilibrium.derivatives import third_derivative
 from jaxstab.loads import Load
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.response import free_space, opening, response
 
 
-class BarrierLaw(Stackable, Dimensioned):
+class BarrierLaw(Outcome):
     """The barrier at a small distance s of the load before a jump: C s^e.
 
     Attributes:

@@ -18,10 +18,9 @@ from jaxtyping import Array, Int
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
-from jaxstab.core.conditional import first_good, if_needed, zeros_of
+from jaxstab.core.control_flow import by_entries, first_good, if_needed, zeros_of
 from jaxstab.core.grid import mean
 from jaxstab.core.progress import advance_if_known, advance_to
 from jaxstab.core.results import RESULTS

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.core.checks import concrete
-from jaxstab.core.conditional import choose
+from jaxstab.core.control_flow import choose
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads import Load

@@ -9,9 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxstab.core import display
-from jaxstab.core.display import block, column
+from jaxstab.core.display import Outcome, column
 from jaxstab.core.results import RESULTS
-from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Scalar
 from jaxstab.core.units import (
     AREA,
@@ -37,7 +36,7 @@ class PathInterrupted(UserWarning):
     """A path was interrupted; it holds the states so far."""
 
 
-class States(Stackable, Dimensioned):
+class States(Outcome):
     """The recorded states of a path, in order.
 
     Attributes:
@@ -65,8 +64,6 @@ class States(Stackable, Dimensioned):
     units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
     is_window: bool = eqx.field(static=True, default=False, repr=False)
 
-    __repr__ = block
-
     @property
     def force(self) -> Float[Array, "*states"]:
         """The mean pressure times the area of the cell, positive in compression.
@@ -76,7 +73,7 @@ class States(Stackable, Dimensioned):
         return self.mean_pressure * self.area
 
 
-class Jump(Stackable, Dimensioned):
+class Jump(Outcome):
     """Where a branch ends, and where the contact goes from there.
 
     Attributes:
@@ -104,10 +101,8 @@ class Jump(Stackable, Dimensioned):
     state: Int[Array, "*jumps"]
     barrier_law: BarrierLaw
 
-    __repr__ = block
 
-
-class Turn(Stackable, Dimensioned):
+class Turn(Outcome):
     """Where the load turns back along a branch.
 
     Attributes:
@@ -124,10 +119,8 @@ class Turn(Stackable, Dimensioned):
     mode: Annotated[Field, NUMBER]
     state: Int[Array, ""]
 
-    __repr__ = block
 
-
-class PathState(Stackable, Dimensioned):
+class PathState(Outcome):
     """A recorded state of a path, or several: `path[-1]`, `path[3:5]`.
 
     A state with a gap can start further equilibria and paths, as `initial=`.
@@ -139,8 +132,6 @@ class PathState(Stackable, Dimensioned):
 
     load: Load
     equilibrium: States
-
-    __repr__ = block
 
 
 class StateSequence(Dimensioned):

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
-from jaxstab.core.batching import by_entries
 from jaxstab.core.compile import program
+from jaxstab.core.control_flow import by_entries
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient

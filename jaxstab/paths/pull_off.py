@@ -10,9 +10,9 @@ from jaxtyping import Array
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import scalar_parameter
 from jaxstab.core.compile import program
+from jaxstab.core.control_flow import by_entries
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, equilibrate

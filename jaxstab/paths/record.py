@@ -10,7 +10,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.checks import concrete
-from jaxstab.core.conditional import choose
+from jaxstab.core.control_flow import choose
 from jaxstab.core.grid import mean
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import nothing_like

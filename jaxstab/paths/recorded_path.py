@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from jaxstab.contact import Contact
-from jaxstab.core.batching import by_entries
 from jaxstab.core.compile import program
+from jaxstab.core.control_flow import by_entries
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries, stacked
 from jaxstab.core.types import Field, Scalar

@@ -14,9 +14,9 @@ from jaxstab.contact.entry import answer
 from jaxstab.contact.hessian import Hessian
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core import model
-from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import is_traced, require_key
 from jaxstab.core.compile import program
+from jaxstab.core.control_flow import by_entries
 from jaxstab.core.grid import total
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import advance_to

@@ -7,13 +7,12 @@ import jax
 import jax.numpy as jnp
 
 from jaxstab.contact.contact import Contact
-from jaxstab.core.display import inline
+from jaxstab.core.display import Outcome, inline
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import attach, finite, pushed
 from jaxstab.core.results import RESULTS
-from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Flag, Scalar
-from jaxstab.core.units import ENERGY, LENGTH, Dimensioned
+from jaxstab.core.units import ENERGY, LENGTH
 from jaxstab.equilibrium.derivatives import pressure_noise
 from jaxstab.equilibrium.equilibrium import Equilibrium
 from jaxstab.potentials.evaluation import slope
@@ -24,7 +23,7 @@ Fields = tuple[Field, Field, Field]
 Pair = tuple[Scalar, Field]
 
 
-class Barrier(Stackable, Dimensioned):
+class Barrier(Outcome):
     """The barrier along the cone's mode, of the energy E(t) = t mu.x + t^2 lambda / 2.
 
     Attributes:

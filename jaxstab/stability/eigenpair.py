@@ -9,13 +9,12 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxstab.contact.hessian import SymmetricOperator
 from jaxstab.core import model
-from jaxstab.core.display import block
+from jaxstab.core.display import Outcome
 from jaxstab.core.grid import total
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
-from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Flag, Scalar
-from jaxstab.core.units import NUMBER, STIFFNESS, Dimensioned
+from jaxstab.core.units import NUMBER, STIFFNESS
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 
 Admissible = Subspace | AdmissibleCone
@@ -43,7 +42,7 @@ class Minimum(eqx.Module):
     history: History
 
 
-class Eigenpair(Stackable, Dimensioned):
+class Eigenpair(Outcome):
     """A smallest eigenvalue of A = K + D among admissible unit vectors, and its mode.
 
     Attributes:
@@ -75,8 +74,6 @@ class Eigenpair(Stackable, Dimensioned):
     num_applications: Int[Array, ""]
     result: RESULTS
     history: History
-
-    __repr__ = block
 
     @property
     def sign(self) -> Int[Array, ""]:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxstab.contact.hessian import Block
-from jaxstab.core.batching import on_platform
+from jaxstab.core.control_flow import on_platform
 from jaxstab.core.grid import totals
 from jaxstab.core.types import Field
 

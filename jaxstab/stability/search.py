@@ -14,7 +14,7 @@ from jaxtyping import PRNGKeyArray
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core.checks import concrete
 from jaxstab.core.compile import program
-from jaxstab.core.conditional import if_needed
+from jaxstab.core.control_flow import if_needed
 from jaxstab.core.progress import advance_if_known
 from jaxstab.core.types import ArrayLike
 from jaxstab.stability.certificate import certified

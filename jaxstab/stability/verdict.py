@@ -4,12 +4,11 @@ from typing import Annotated
 
 import equinox as eqx
 
-from jaxstab.core.display import block
+from jaxstab.core.display import Outcome
 from jaxstab.core.enumeration import Enumeration, member
 from jaxstab.core.results import RESULTS
-from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Flag, Scalar
-from jaxstab.core.units import NO_UNITS, NUMBER, Dimensioned, Units
+from jaxstab.core.units import NO_UNITS, NUMBER, Units
 from jaxstab.stability.barrier import Barrier
 from jaxstab.stability.eigenpair import Eigenpair
 
@@ -26,7 +25,7 @@ class VERDICTS(Enumeration):
     undecided = member("an eigenvalue is zero to within its error, or a solver did not converge")
 
 
-class Stability(Stackable, Dimensioned):
+class Stability(Outcome):
     """The stability of an equilibrium.
 
     Always lower_bound <= cone <= critical.
@@ -60,8 +59,6 @@ class Stability(Stackable, Dimensioned):
     proved: Flag
     result: RESULTS
     units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
-
-    __repr__ = block
 
     @property
     def is_local(self) -> Flag:

@@ -58,7 +58,10 @@ def test_heights_of_other_packages_bring_their_unit_and_keep_their_precision():
         (xarray.DataArray(HEIGHTS, {"x": X**2, "y": Y}, ("x", "y")), "x are not evenly spaced"),
         (SurfaceTopography.Topography(HEIGHTS, (1.0, 1.0), unit="nm"), "2 x 1, but .* 1 x 1 nm"),
         (np.ma.masked_less(HEIGHTS, 0), r"are missing: fill them, as by `js.surfaces.Topography\("),
-        (np.where(HEIGHTS > 0, HEIGHTS, np.nan), r"nan: fill them, as by `js.surfaces.Topography"),
+        (
+            np.where(HEIGHTS > 0, HEIGHTS, np.nan),
+            r"nan at \(0, 1\): fill them, as by `js",
+        ),
     ],
 )
 def test_heights_that_do_not_fit_are_refused_with_a_cure(heights, message):

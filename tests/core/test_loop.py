@@ -97,9 +97,9 @@ def test_an_iteration_that_is_resumed_ends_like_one_without_pauses():
         return {"residual": 0.97**step}
 
     solver = Counter()
-    whole, part = solver.run(measure, jnp.array(0.0)), solver.run(measure, jnp.array(0.0), 0)
-    assert part.num_steps == 0
-    for count in range(1, 40):
+    whole = solver.run(measure, jnp.array(0.0))
+    part = Counter(max_steps=7).run(measure, jnp.array(0.0))
+    for count in range(2, 40):
         part = solver.resume(measure, part, 7)
         assert part.num_steps == min(7 * count, whole.num_steps)
     assert whole.num_steps == 227
@@ -116,4 +116,5 @@ def test_a_resumed_iteration_stops_at_the_limits_of_the_whole():
     again = Counter().resume(measure, stalled, 1000)
     assert again.num_steps == 2 * stalled.num_steps
     limited = Counter(max_steps=25)
-    assert limited.resume(measure, limited.run(measure, jnp.array(0.0), 15), 1000).num_steps == 25
+    begun = Counter(max_steps=15).run(measure, jnp.array(0.0))
+    assert limited.resume(measure, begun, 1000).num_steps == 25

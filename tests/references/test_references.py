@@ -91,7 +91,10 @@ def test_every_field_has_the_shape_of_all_arguments_together(function, arguments
 @pytest.mark.parametrize(
     "call, sentence",
     [
-        (lambda: jkr.curve([1.0, -2.0], *SPHERE), "The contact radius is -2.0: give a positive"),
+        (
+            lambda: jkr.curve([1.0, -2.0], *SPHERE),
+            r"The contact radius is -2.0 at \(1,\): give",
+        ),
         (lambda: jkr.units(1.0, 0.0, 1.0), "The contact modulus is 0.0: give a positive, finite"),
         (lambda: jkr.pull_off(1.0, 1.0, np.inf), "The work of adhesion is inf: give a positive"),
         (lambda: jkr.pull_off(*SPHERE, -1.0), "The stiffness is -1.0: give zero or a positive"),

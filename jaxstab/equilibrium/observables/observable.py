@@ -5,12 +5,11 @@ from typing import ClassVar, Self
 
 import equinox as eqx
 
-from jaxstab.core.display import block
-from jaxstab.core.stack import Stackable
-from jaxstab.core.units import NO_UNITS, Dimensioned, Units, axes_of
+from jaxstab.core.display import Outcome
+from jaxstab.core.units import NO_UNITS, Units, axes_of
 
 
-class Observable(Stackable, Dimensioned):
+class Observable(Outcome):
     """The result of an observable, a function of a contact and a state.
 
     A subclass declares the fields, each with its dimension. Fields of one number, or of one for
@@ -28,8 +27,6 @@ class Observable(Stackable, Dimensioned):
     shown: ClassVar[tuple[str, ...]] = ()
 
     units: Units = eqx.field(static=True, default=NO_UNITS, repr=False, kw_only=True)
-
-    __repr__ = block
 
     @classmethod
     def columns(cls) -> tuple[str, ...]:

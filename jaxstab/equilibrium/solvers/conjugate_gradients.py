@@ -12,9 +12,8 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.residual import Balance
-from jaxstab.core.batching import on_platform
 from jaxstab.core.checks import require
-from jaxstab.core.conditional import either
+from jaxstab.core.control_flow import either, on_platform
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import integer_parameter, optional_parameter

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
-from jaxstab.core.batching import on_platform
+from jaxstab.core.control_flow import on_platform
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.linear_system import LinearSystem

@@ -12,15 +12,14 @@ from jaxtyping import Array, Float
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS
-from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import integer, is_traced, parameter, require, require_positive
 from jaxstab.core.compile import program
-from jaxstab.core.display import block
+from jaxstab.core.control_flow import by_entries
+from jaxstab.core.display import Outcome
 from jaxstab.core.grid import mean, total
 from jaxstab.core.results import RESULTS
-from jaxstab.core.stack import Stackable
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
-from jaxstab.core.units import ENERGY, LENGTH, NUMBER, Dimensioned
+from jaxstab.core.units import ENERGY, LENGTH, NUMBER
 from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient, SaddleNewton
 from jaxstab.equilibrium.equilibrate import find, posed
 from jaxstab.equilibrium.equilibrium import State, state_at
@@ -46,7 +45,7 @@ class BarrierHeights(NamedTuple):
     back: Scalar
 
 
-class Transition(Stackable, Dimensioned):
+class Transition(Outcome):
     """The pass between two equilibria at one load.
 
     Attributes:
@@ -73,8 +72,6 @@ class Transition(Stackable, Dimensioned):
     images: Annotated[Float[Array, " images *grid"], LENGTH]
     energies: Annotated[Float[Array, " images"], ENERGY]
     result: RESULTS
-
-    __repr__ = block
 
     @property
     def barrier(self) -> BarrierHeights:

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS
-from jaxstab.core.batching import by_entries
 from jaxstab.core.checks import (
     concrete,
     integer,
@@ -21,6 +20,7 @@ from jaxstab.core.checks import (
     require_positive,
 )
 from jaxstab.core.compile import program
+from jaxstab.core.control_flow import by_entries
 from jaxstab.core.progress import advance_if_known
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import stacked

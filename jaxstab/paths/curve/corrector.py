@@ -15,7 +15,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core import model
-from jaxstab.core.conditional import choose, zeros_of
+from jaxstab.core.control_flow import choose, zeros_of
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.paths.curve.curve import TANGENT_ACCURACY, Curve, Forces, Place, Point

@@ -11,15 +11,13 @@ import jax
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
-from jaxstab.core.conditional import choose
-from jaxstab.core.display import block
+from jaxstab.core.control_flow import choose
+from jaxstab.core.display import Outcome
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import attach, finite, pushed
 from jaxstab.core.linear_system import LinearSystem
 from jaxstab.core.results import RESULTS
-from jaxstab.core.stack import Stackable
 from jaxstab.core.types import Field, Flag, Scalar
-from jaxstab.core.units import Dimensioned
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.derivatives import changing_points, free_system, third_derivative
 from jaxstab.equilibrium.equilibrium import Fields, contact_area, fields_of
@@ -38,7 +36,7 @@ Changes = tuple[Scalar, Field]
 _LEAST_COSINE = {"float64": 1e-6, "float32": 1e-3}
 
 
-class CriticalLoad(Stackable, Dimensioned):
+class CriticalLoad(Outcome):
     """Where a branch of equilibria ends; a symmetric branch can bifurcate there instead.
 
     Attributes:
@@ -57,8 +55,6 @@ class CriticalLoad(Stackable, Dimensioned):
     critical: Eigenpair
     after: Equilibrium | None
     result: RESULTS
-
-    __repr__ = block
 
     @property
     def load(self) -> Load:

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxstab.core.conditional import choose, first_good
+from jaxstab.core.control_flow import choose, first_good
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.paths.curve.corrector import Correction, at_corner, correct, on_plane
 from jaxstab.paths.curve.curve import Curve, Place, Point

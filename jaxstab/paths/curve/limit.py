@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
-from jaxstab.core.conditional import choose, first_good
+from jaxstab.core.control_flow import choose, first_good
 from jaxstab.core.grid import mean
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Block
-from jaxstab.core.conditional import choose
+from jaxstab.core.control_flow import choose
 from jaxstab.core.types import Flag, Scalar
 from jaxstab.paths.curve.between import (
     Cubics,

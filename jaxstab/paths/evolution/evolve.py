@@ -10,7 +10,6 @@ from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact, require_same_contact
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.core.batching import by_entries, entry_of
 from jaxstab.core.checks import (
     concrete,
     integer,
@@ -21,6 +20,7 @@ from jaxstab.core.checks import (
     require_positive,
 )
 from jaxstab.core.compile import program
+from jaxstab.core.control_flow import by_entries, entry_of
 from jaxstab.core.implicit import attach, nan_if, pushed
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure

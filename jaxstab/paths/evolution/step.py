@@ -24,7 +24,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.core.compile import program
-from jaxstab.core.conditional import choose
+from jaxstab.core.control_flow import choose
 from jaxstab.core.grid import mean, total
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core import model
-from jaxstab.core.batching import by_entries, entry_of, on_platform
+from jaxstab.core.control_flow import by_entries, entry_of, on_platform
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter

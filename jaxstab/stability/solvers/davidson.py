@@ -16,8 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
-from jaxstab.core.batching import on_platform
-from jaxstab.core.conditional import either
+from jaxstab.core.control_flow import either, on_platform
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter

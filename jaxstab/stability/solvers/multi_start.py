@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from jaxstab.core.batching import entry_of, on_platform, with_entry
+from jaxstab.core.control_flow import entry_of, on_platform, with_entry
 from jaxstab.core.loop import NO_LIMIT, Iteration, IterativeSolver
 from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import Eigenproblem

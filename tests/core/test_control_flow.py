@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from programs import beside_an_accelerator
 
-from jaxstab.core.batching import by_entries
+from jaxstab.core.control_flow import by_entries
 
 
 def iterate(start, factor):
