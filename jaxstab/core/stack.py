@@ -46,14 +46,10 @@ class Stackable:
 
 
 def _entry(leaf: Array, index: PyTree) -> Array:
-    is_at_hand = (
-        isinstance(leaf, jax.Array)
-        and not is_traced((leaf, index))
-        and {device.platform for device in leaf.devices()} == {"cpu"}
-        and len(leaf.devices()) == 1
-    )
+    if is_traced((leaf, index)) or is_sharded(leaf) or jax.default_backend() != "cpu":
+        return leaf[index]
     # NumPy indexes it, since JAX would compile for every shape.
-    return jax.device_put(np.asarray(leaf)[index]) if is_at_hand else leaf[index]
+    return jax.device_put(np.asarray(leaf)[index])
 
 
 def stacked(entries: Sequence[Entry], like: Entry) -> Entry:
