@@ -62,9 +62,10 @@ def in_options(message: str) -> str:
     known = " ".join(parser.format_usage() for parser in _parsers()[1].values())
 
     def option(quoted: re.Match[str]) -> str:
-        return option_of(quoted[1]) if f"[{option_of(quoted[1])}" in known else quoted[0]
+        name, value = option_of(quoted[1]), quoted[2].removeprefix("True")
+        return f"{name} {value}".strip() if f"[{name}" in known else quoted[0]
 
-    return re.sub(r"`(\w+)(?:=\w*)?`", option, message)
+    return re.sub(r'`(\w+)=?"?(\w*)"?`', option, message)
 
 
 def read(arguments: list[str]) -> tuple[str, argparse.Namespace]:

@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
-from jaxstab.core.checks import require_kind, require_one_of
+from jaxstab.core.checks import parameter, require_kind, require_one_of
 from jaxstab.core.units import Units
 from jaxstab.paths.sweep import Sweep
 from jaxstab.plots.fields import require_pair
@@ -19,6 +19,7 @@ from jaxstab.plots.style import (
     axes_or_new,
     draw_zero,
     label_axes,
+    labels_or_none,
     plain_decades,
     quantity_label,
 )
@@ -87,6 +88,7 @@ def stability_curve(
     """Draw a quantity over the load, with filled markers for stable states (Rey & Bleyer, fig. 12).
 
     No line joins the states, as a jump may lie between two. Diamonds are stable, but not proved.
+    States that were not found are left out.
 
     Arguments:
         sweep: the states.
@@ -110,8 +112,9 @@ def stability_curve(
     quantity = quantity or ("force" if is_window else "mean_pressure")
     load, values = of_states(sweep, "load"), of_states(sweep, quantity)
     verdicts = np.where(sweep.stability.is_local, "stable, locally", sweep.stability.verdict.name)
+    is_found = np.asarray(sweep.equilibrium.result == "successful")
     for name, marker in VERDICT_MARKERS.items():
-        chosen = verdicts == name
+        chosen = (verdicts == name) & is_found
         if chosen.any():
             axes.scatter(load[chosen], values[chosen], label=name.replace("_", " "), **marker)
     x, y = (quantity_label(name, sweep.load) for name in ("load", quantity))
@@ -142,7 +145,7 @@ def spectrum(
         ValueError: for a stack of spectra, a spectrum that is zero, and another number of labels.
     """
     spectra = [spectrum] if isinstance(spectrum, PowerSpectrum) else list(spectrum)
-    names = [None] * len(spectra) if labels is None else labels
+    names = labels_or_none(labels, len(spectra))
     axes = axes_or_new(axes)
     for each, name in zip(spectra, names, strict=True):
         axes.loglog(*_rings(each), ".-", label=name)
@@ -191,9 +194,9 @@ def _laws(
                 f"The law is a {type(law).__name__}: give a function of the gap, as "
                 "`contact.potential`."
             )
-    if labels is None:
-        labels = [getattr(law, "__name__", type(law).__name__) for law in laws]
-    for law, label in zip(laws, labels, strict=True):
+    gaps, names = parameter(gaps, "The gaps"), labels_or_none(labels, len(laws))
+    for law, name in zip(laws, names, strict=True):
+        label = name or getattr(law, "__name__", type(law).__name__)
         axes.plot(np.asarray(gaps), np.asarray(derivative(law, gaps)), label=label)
     draw_zero(axes)
     label_axes(axes, "gap g [length]", ylabel, units)

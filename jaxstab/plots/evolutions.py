@@ -12,6 +12,7 @@ from jaxstab.plots.style import (
     add_legend,
     axes_or_new,
     label_axes,
+    labels_or_none,
     plain_decades,
     quantity_label,
 )
@@ -51,10 +52,9 @@ def evolution(
     y = y or ("force" if contact.solid.is_window else "mean_pressure")
     require_one_of("x", x, ["load", "time"])
     require_one_of("y", y, Quantity.__args__)
-    if labels is not None and len(labels) != len(evolutions):
-        raise ValueError(f"There are {len(labels)} labels for {len(evolutions)} evolutions.")
+    names = labels_or_none(labels, len(evolutions))
     axes = axes_or_new(axes)
-    for each, label in zip(evolutions, labels or [None] * len(evolutions), strict=True):
+    for each, label in zip(evolutions, names, strict=True):
         across = each.times if x == "time" else each.load.value
         shown = slice(1, None) if x == "time" else slice(None)
         axes.plot(np.asarray(across)[shown], np.asarray(getattr(each, y))[shown], ".-", label=label)

@@ -9,7 +9,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.image import AxesImage
 
 from jaxstab.contact import Contact, require_contact
-from jaxstab.core.checks import require_kind
+from jaxstab.core.checks import integer, require, require_kind
 from jaxstab.core.stack import require_single
 from jaxstab.core.types import Field, Mask
 from jaxstab.core.units import Units, measured
@@ -125,7 +125,9 @@ def mode_cut(
         raise ValueError("A mode on a line has no rows: draw it with jaxstab.plots.mode.")
     _require_mode(contact, pair)
     axes = axes_or_new(axes)
-    row = contact.grid.shape[1] // 2 if row is None else row
+    rows = contact.grid.shape[1]
+    row = rows // 2 if row is None else integer("row", row)
+    require("row", row, -rows <= row < rows, f"the grid has {rows} rows along y.")
     x, y = (np.asarray(side) for side in contact.grid.coordinates)
     axes.plot(x[:, row], np.asarray(pair.mode)[:, row], ".-")
     draw_zero(axes)

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm
 
 from jaxstab.contact import Contact, require_contact
-from jaxstab.core.checks import require_kind, require_one_of
+from jaxstab.core.checks import integer, require, require_kind, require_one_of
 from jaxstab.core.stack import require_single
 from jaxstab.core.units import NUMBER, dimensions
 from jaxstab.equilibrium import observables
@@ -200,8 +200,7 @@ def distribution(
     """
     equilibrium = found_equilibrium(contact, equilibrium)
     require_one_of("quantity", quantity, ["pressure", "gap"])
-    if bins < 1:
-        raise ValueError(f"bins is {bins}: give one at least.")
+    require("bins", integer("bins", bins), bins > 0, "give at least 1.")
     attracts = float(contact.profile.max_attraction) > 0
     is_known = quantity == "pressure" and not attracts and not contact.solid.is_window
     axes = axes_or_new(axes)

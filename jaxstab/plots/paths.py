@@ -65,7 +65,7 @@ def path(
     require_path(path)
     x, y = quantities_or_default(path, x, y)
     touches = np.any(np.asarray(path.equilibrium.contact_area) > 0)
-    if axes is not None or y == "contact_area" or not touches:
+    if axes is not None or "contact_area" in (x, y) or not touches:
         return _with_legend(path, _draw(path, x, y, axes_or_new(axes)))
     _, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
     _with_legend(path, _draw(path, x, "contact_area", right))

@@ -63,7 +63,7 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
     if printed < _MOST_CROWDED * drawn:
         warn(
             f"A figure of {drawn:.0f} mm is hard to read at {printed:.0f} mm, since letters keep "
-            'their size: choose width="double".'
+            'their size: choose `width="double"`.'
         )
     copy = _copied(whole)
     _resize(copy, printed * _MM)

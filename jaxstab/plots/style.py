@@ -1,5 +1,6 @@
 """The style of all figures: colours, markers, the names of quantities, and units."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -8,6 +9,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter, LogFormatterSciNotation, ScalarFormatter
 
+from jaxstab.core.checks import require_kind
 from jaxstab.core.units import FORCE, NUMBER, Units, dimensions, in_brackets, readable_unit
 from jaxstab.loads import Load
 from jaxstab.paths import States
@@ -59,6 +61,7 @@ def figure_or_new(figure: Figure | None, size: tuple[float, float]) -> Figure:
 def axes_or_new(axes: Axes | None) -> Axes:
     """Return the given axes or new ones; empty axes get the palette."""
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes
+    require_kind(axes, Axes, "not axes: give those of a figure, as plt.subplots()[1].")
     if not axes.has_data():
         axes.set_prop_cycle(color=PALETTE)
     return axes
@@ -109,6 +112,15 @@ def label_axes(axes: Axes, x: str, y: str, units: Units) -> None:
     """Label both axes."""
     label_axis(axes.xaxis, x, units)
     label_axis(axes.yaxis, y, units)
+
+
+def labels_or_none(labels: Sequence[str] | None, number: int) -> Sequence[str | None]:
+    """Return the labels of so many curves, `None` for each if there are none."""
+    if labels is None:
+        return [None] * number
+    if isinstance(labels, str) or len(labels) != number:
+        raise ValueError(f"The labels are {labels!r}: give a list of {number}, one for each curve.")
+    return labels
 
 
 def draw_zero(axes: Axes) -> None:

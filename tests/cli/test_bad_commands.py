@@ -124,6 +124,7 @@ def test_advice_has_the_form_of_the_command_line(tmp_path, capsys):
             "by --periodic window or --periodic mirror.",
         ),
         ("locate fewer jumps (`smallest_jump`)", "locate fewer jumps (--smallest-jump)"),
+        ('choose `width="double"`.', "choose --width double."),
         ("leave out `lengths=`, `mu`", "leave out --lengths, `mu`"),
         ("A grid of 64 x 64 would do, or", "--size 64 would do, or"),
     ):

@@ -1,6 +1,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -28,6 +29,23 @@ def test_laws_and_forces_are_those_asked_for():
         plots.force(contact, gaps)
 
 
+def test_labels_and_gaps_are_lists_and_axes_are_axes():
+    law = js.potentials.Exponential(1.0, 1.0)
+    axes = plots.potential(law, [0, 1, 2])
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), -np.exp([0.0, -1, -2]))
+    grid = js.Grid(8)
+    spectrum = js.surfaces.power_spectrum(grid, js.surfaces.sinusoid(grid, 0.1))
+    for draw in (
+        lambda labels: plots.potential([law, law], [0.0, 1.0], labels=labels),
+        lambda labels: plots.spectrum([spectrum, spectrum], labels=labels),
+    ):
+        for labels in (["one"], "ab"):
+            with pytest.raises(ValueError, match="give a list of 2, one for each curve"):
+                draw(labels)
+    with pytest.raises(TypeError, match="Figure is not axes: give"):
+        plots.spectrum(spectrum, axes=plt.figure())
+
+
 def test_stability_curves_fill_the_markers_of_stable_states(sweep):
     axes = plots.stability_curve(sweep, "contact_area")
     stable, held = axes.collections
@@ -39,6 +57,11 @@ def test_stability_curves_fill_the_markers_of_stable_states(sweep):
     assert plots.stability_curve(sweep).get_ylabel().startswith("mean pressure")
     with pytest.raises(ValueError, match="choose one of"):
         plots.stability_curve(sweep, "gap")
+    # A state that pulled off has fields, but is no equilibrium.
+    codes = jnp.full(3, js.RESULTS.successful.code).at[1].set(js.RESULTS.pulled_off.code)
+    gone = eqx.tree_at(lambda x: x.equilibrium.result.code, sweep, codes)
+    drawn = sum(len(marks.get_offsets()) for marks in plots.stability_curve(gone).collections)
+    assert drawn == 2
 
 
 def test_verdicts_differ_without_colour(sweep):

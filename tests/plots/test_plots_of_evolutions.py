@@ -38,5 +38,5 @@ def test_mistakes_are_named(run):
         js.plots.evolution(run[1])
     with pytest.raises(ValueError, match="y is 'energy': choose one of"):
         js.plots.evolution(run, y="energy")
-    with pytest.raises(ValueError, match="1 labels for 2 evolutions"):
+    with pytest.raises(ValueError, match="give a list of 2, one for each curve"):
         js.plots.evolution(run, run, labels=["a"])

@@ -77,6 +77,15 @@ def test_a_cut_shows_the_mode_and_the_contact(state):
     assert axes.get_legend() is not None
 
 
+def test_rows_and_bins_are_whole_numbers_of_a_range(state):
+    contact, equilibrium, pair = state
+    for row, message in ((32, "row is 32: the grid has 32 rows"), (1.5, "row is 1.5: give an")):
+        with pytest.raises((ValueError, TypeError), match=message):
+            plots.mode_cut(contact, pair, row=row)
+    with pytest.raises(TypeError, match=r"bins is 2.5: give an integer"):
+        plots.distribution(contact, equilibrium, bins=2.5)
+
+
 def test_a_line_has_no_cut(line):
     with pytest.raises(ValueError, match="no rows"):
         plots.mode_cut(line[0], line[2])
