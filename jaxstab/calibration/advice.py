@@ -13,7 +13,7 @@ from jaxstab.core.warn import warn
 # The chance of a normal error, or of a lower misfit by chance, below which a warning is given.
 _CHANCE = 1e-4
 # A misfit below this fraction of the measurements is rounding.
-_SMALLEST = 1e-6
+_SMALLEST = 1e-5
 # Above this misfit a warning is given if the guess's curve runs the other way.
 _POOR = 0.1
 

@@ -15,7 +15,15 @@ from jaxstab.calibration.result import ZEROS, Calibration, describe, profile_of
 from jaxstab.calibration.search import search
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
-from jaxstab.core.checks import integer, is_traced, parameter, require, require_finite
+from jaxstab.core.checks import (
+    integer,
+    is_traced,
+    parameter,
+    require,
+    require_finite,
+    require_one_of,
+    require_positive,
+)
 from jaxstab.core.compile import program
 from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.loop import optional_parameter
@@ -28,6 +36,8 @@ from jaxstab.loads import Load, MeanPressure, require_load
 _LARGEST_LOSS = 0.25
 # A parameter is at its bound if its logarithm is so far from its start, or its error so large.
 _BOUND, _LARGEST_ERROR = np.log(1e3), 10.0
+# Rounding of a mean, over the norm and the number of measurements.
+_ROUNDING = np.finfo(float).eps
 
 
 def potential_and_modulus(contact: Contact) -> PyTree:
@@ -118,17 +128,18 @@ def calibrate(
     require_load(load)
     if isinstance(load, MeanPressure):
         raise TypeError("The load is a MeanPressure: fit a curve over a mean displacement or gap.")
-    if order not in ("independent", "continuation"):
-        raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
+    require_one_of("order", order, Order.__args__)
     if contact.heights.dtype != jnp.float64:
         raise TypeError(
             f"The heights are {contact.heights.dtype}: a fit needs float64, since near contact "
             "edges single precision leaves too many loads without a derivative. Call "
             'jax.config.update("jax_enable_x64", True) before you make the contact.'
         )
-    starts = None if starts is None else integer("starts", starts)
-    if starts is not None and starts < 1:
-        raise ValueError(f"starts is {starts}: give at least 1.")
+    for name, number in {"starts": 1 if starts is None else starts, "max_steps": max_steps}.items():
+        require(name, integer(name, number), number > 0, "give at least 1.")
+    tolerance = optional_parameter(tolerance)
+    if tolerance is not None:
+        require_positive("The tolerance", tolerance)
     if (mean_pressure is None) == (forces is None):
         raise ValueError("Give the measurements once: as `forces`, or as mean pressures.")
     is_force = mean_pressure is None
@@ -144,7 +155,9 @@ def calibrate(
         )
     other = "the others, beside a baseline" if baseline else "zero"
     cure = f"one with a weight must differ from {other}."
-    require("A measurement", measured.mean_pressure, jnp.any(measured.deviation != 0), cure)
+    norm = jnp.linalg.norm(jnp.sqrt(w) * measured.mean_pressure)
+    differs = jnp.linalg.norm(measured.deviation) > _ROUNDING * w.size * norm
+    require("The norm of the measurements", norm, differs, cure)
     warn_if_coarse(contact)
     # Compiled code reports its steps only if the bar is visible.
     is_seen = is_watched() if progress is None else progress
@@ -155,7 +168,7 @@ def calibrate(
             contact,
             measured,
             area,
-            optional_parameter(tolerance),
+            tolerance,
             max_steps,
             where=pick,
             zeros=(bool(offset), bool(baseline)),

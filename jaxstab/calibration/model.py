@@ -44,8 +44,11 @@ class Pick:
             places = tuple(map(opaque.index, picked))
         except (TypeError, ValueError):
             raise TypeError(
-                "`where` computes with the contact's parameters: it may only pick them."
+                "`where` is no function that picks parameters of the contact, or it computes with "
+                "them: it may only pick them."
             ) from None
+        if len({*places}) < len(places):
+            raise ValueError("`where` picks a parameter twice: pick each once.")
         names = (name for place in places for name in _names(*paths[place]))
         return cls(where, places, tree, tuple(names))
 

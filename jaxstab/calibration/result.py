@@ -122,7 +122,8 @@ def describe(fit: Calibration, measured: Measured, hints: Hints) -> str:
         return (
             f"The fit stopped at {values}: {int(missing.sum())} of {missing.size} loads "
             "have no equilibrium there, the first of them number "
-            f"{int(jnp.argmax(missing))} (give them no weight, or start elsewhere)"
+            f"{int(jnp.argmax(missing))} (look at the unit, the sign and the zero of the loads, "
+            "give these no weight, or start elsewhere)"
         )
     cause = outlier_of(measured, fit.mean_pressure, len(fit.names))
     cause = cause or wrong_sign(measured, hints.guess)

@@ -178,7 +178,8 @@ def single_equilibrium(state: object) -> Equilibrium:
         raise TypeError(
             f"{type(state).__name__} is not a state: give a result of "
             "jaxstab.equilibrate, or an entry of a sweep. A state of a path that has its gap "
-            "becomes one by equilibrate(contact, path[i].load, initial=path[i])."
+            "becomes one by equilibrate(contact, path[i].load, initial=path[i]). A "
+            "state of an evolution has its contact and equilibrium in evolution[i].instant."
         )
     require_single(equilibrium)
     return equilibrium

@@ -39,7 +39,7 @@ def evolution(
     Raises:
         TypeError: for something that is not an evolution.
         ValueError: for a quantity that cannot be drawn, another number of labels,
-            and a single state or a batch.
+            a single state or a batch, and without any state that was found.
     """
     for each in evolutions or [None]:
         require_kind(each, Evolution, "no evolution: give a result of jaxstab.evolve.")
@@ -57,7 +57,10 @@ def evolution(
     for each, label in zip(evolutions, names, strict=True):
         across = each.times if x == "time" else each.load.value
         shown = slice(1, None) if x == "time" else slice(None)
-        axes.plot(np.asarray(across)[shown], np.asarray(getattr(each, y))[shown], ".-", label=label)
+        values = np.asarray(getattr(each, y))[shown]
+        if not np.isfinite(values).any():
+            raise ValueError(f"No state to draw was found ({each.result.name[-1]}).")
+        axes.plot(np.asarray(across)[shown], values, ".-", label=label)
     load = evolutions[0].load
     across = x if x == "time" else quantity_label(x, load)
     label_axes(axes, across, quantity_label(y, load), contact.units)

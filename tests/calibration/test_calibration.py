@@ -118,8 +118,6 @@ def test_several_starts_are_tried_and_the_best_fit_counts():
     assert "not_computed" not in fit.results.name
     values, errors = found(fit)
     assert (abs(values - TRUE) < 2 * errors).all()
-    with pytest.raises(ValueError, match="starts is 0: give at least 1"):
-        js.calibrate(guess, loads, curve, starts=0)
 
 
 def test_failure_is_told(start, exact):
@@ -128,7 +126,7 @@ def test_failure_is_told(start, exact):
     unreachable = js.MeanGap(LOAD.value.at[3].set(-1.0))
     fit = js.calibrate(start, unreachable, exact, throw=False)
     assert fit.result == js.RESULTS.nonfinite
-    with pytest.raises(js.SolverError, match=r"1 of 16 loads have no equilibrium.* number 3"):
+    with pytest.raises(js.SolverError, match=r"1 of 16 loads have no.* number 3 .*unit"):
         js.calibrate(start, unreachable, exact)
     # A weight of zero leaves it out.
     weights = jnp.ones(16).at[3].set(0)
@@ -148,7 +146,13 @@ def test_failure_is_told(start, exact):
         ({"order": "random"}, "choose"),
         ({"load": js.MeanGap(jnp.ones(2)), "mean_pressure": jnp.ones(2)}, "2 parameters for 2"),
         ({"weights": jnp.zeros(16).at[0].set(1)}, "2 parameters for 1"),
-        ({"mean_pressure": jnp.zeros(16)}, "must differ from zero"),
+        ({"mean_pressure": jnp.zeros(16)}, "norm of the measurements is 0.0: .* differ from zero"),
+        # The mean of equal numbers is rounded.
+        ({"baseline": True, "mean_pressure": jnp.full(16, 0.1)}, "differ from the others"),
+        ({"starts": 0}, "starts is 0: give at least 1"),
+        ({"max_steps": 0}, "max_steps is 0: give at least 1"),
+        ({"tolerance": 0.0}, "tolerance is 0.0: it must be positive"),
+        ({"where": lambda contact: (contact.potential,) * 2}, "picks a parameter twice"),
     ],
 )
 def test_impossible_input_is_refused(start, exact, change, message):

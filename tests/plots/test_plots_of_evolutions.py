@@ -1,5 +1,6 @@
 """Figures of viscoelastic contacts in time."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -38,5 +39,15 @@ def test_mistakes_are_named(run):
         js.plots.evolution(run[1])
     with pytest.raises(ValueError, match="y is 'energy': choose one of"):
         js.plots.evolution(run, y="energy")
+    codes = run.result.code.at[1:].set(js.RESULTS.infeasible_load.code)
+    unfound = run.mean_pressure.at[1:].set(jnp.nan)
+    failed = eqx.tree_at(lambda x: (x.result.code, x.mean_pressure), run, (codes, unfound))
+    assert len(js.plots.evolution(failed).lines) == 1
+    with pytest.raises(ValueError, match=r"No state to draw was found \(infeasible_load\)"):
+        js.plots.evolution(failed, x="time")
+    with pytest.raises(TypeError, match=r"state of an evolution .* in evolution\[i\]\.instant"):
+        js.plots.gap(run.contact, run[-1])
+    state = js.plots.gap(*run[-1].instant)
+    np.testing.assert_array_equal(state.lines[0].get_ydata(), run.gap)
     with pytest.raises(ValueError, match="give a list of 2, one for each curve"):
         js.plots.evolution(run, run, labels=["a"])
