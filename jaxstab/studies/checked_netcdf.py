@@ -42,8 +42,10 @@ def write(path: Path, variables: Variables) -> None:
         if values.dtype.kind == "b":
             values, attrs = values.astype("i1"), {**attrs, "dtype": "bool"}
         if values.dtype.kind == "U":
+            # HDF5 holds no zero byte and no half of a character, as in names of files.
+            words = [x.replace("\0", r"\0").encode(errors="backslashreplace") for x in values.flat]
             # All engines of xarray read words of any length, not all of them words of fixed length.
-            values = values.astype(h5py.string_dtype())
+            values = np.array(words, h5py.string_dtype()).reshape(values.shape)
         stored[name] = np.ascontiguousarray(values)
         layout[name] = dims, values.shape, values.dtype.str, attrs
     image = h5py.h5f.open_file_image(_empty(json.dumps(layout)), h5py.h5f.ACC_RDWR)

@@ -167,6 +167,23 @@ def test_a_case_that_raises_or_returns_something_else_is_recorded_and_the_rest_g
         np.testing.assert_array_equal(field, [[0.5, 1.5], [0, 1], [np.nan, np.nan]])
 
 
+def test_words_that_hdf5_does_not_hold_are_escaped(tmp_path):
+    """Half characters stand for bytes in names of files, which messages of errors quote."""
+
+    def case(seed):
+        if seed == 1:
+            raise FileNotFoundError("scan\udcff.txt")
+        return {"word": "a\0b", "name": ["\udcff", "ä"]}
+
+    study = js.study(case, {"seed": [0, 1]}, tmp_path / "study")
+    assert study["error"].values.tolist() == ["", r"FileNotFoundError: scan\udcff.txt"]
+    assert study["word"].values[0] == r"a\0b"
+    assert study["name"].values[0].tolist() == [
+        r"\udcff",
+        "ä",
+    ]
+
+
 def test_failed_cases_count_as_done_until_they_are_to_run_again(tmp_path):
     def case(seed):
         with open(log, "a") as file:
