@@ -1,5 +1,6 @@
 """Branches of equilibria, stable or not, and the passes between two of them."""
 
+import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -21,7 +22,6 @@ from jaxstab.plots.style import (
     Style,
     add_legend,
     axes_or_new,
-    figure_or_new,
     label_axes,
 )
 
@@ -90,12 +90,7 @@ def branch(
     return axes
 
 
-def transition(
-    contact: Contact,
-    transition: Transition,
-    *,
-    figure: Figure | None = None,
-) -> Figure:
+def transition(contact: Contact, transition: Transition) -> Figure:
     """Draw a pass in one figure: the energy along the string, the saddle's gap, and its mode.
 
     The contact at the saddle is outlined on gap and mode, or on a line shaded.
@@ -103,7 +98,6 @@ def transition(
     Arguments:
         contact: the contact problem.
         transition: a result of `jaxstab.transition` for it.
-        figure: the figure to draw in; a new one by default.
 
     Returns:
         The figure.
@@ -116,7 +110,7 @@ def transition(
     cure = "give a result of jaxstab.transition."
     require_kind(transition, Transition, f"not a transition: {cure}")
     require_single(transition)
-    figure = figure_or_new(figure, (11, 3.2))
+    figure = plt.figure(figsize=(11, 3.2), layout="constrained")
     panels = figure.subplot_mosaic(_PANELS, width_ratios=[1.3, 1, 1])
     saddle = transition.saddle
     _draw_string(transition, panels["string"])
@@ -135,22 +129,9 @@ def _draw_string(transition: Transition, axes: Axes) -> None:
     axes.plot(places, energies, ".-", color=BLUE, label="string")
     axes.scatter([0, 1], [0, there - back], color=BLACK, zorder=3, label="start, end")
     style = {"marker": "*", "s": 90, "color": VERMILION, "edgecolors": BLACK, "zorder": 4}
-    axes.scatter([_place_of_saddle(transition)], [there], label="saddle", **style)
+    axes.scatter([places[np.argmax(energies)]], [there], label="saddle", **style)
     label_axes(axes, "part of the string", "energy above the start [energy]", units)
     divisor, energy = readable_unit(units, "energy", max(there, back))
     up, down = there / divisor, back / divisor
     axes.set_title(f"barrier {up:.3g}, back {down:.3g} {in_brackets(energy)}")
     axes.legend()
-
-
-def _place_of_saddle(transition: Transition) -> float:
-    """Return where the string comes closest to the saddle, as a part of its length."""
-    images, saddle = np.asarray(transition.images), np.asarray(transition.saddle.gap)
-    number = len(images) - 1
-    steps = np.diff(images, axis=0).reshape(number, -1)
-    off = (saddle - images[:-1]).reshape(number, -1)
-    lengths = np.sum(steps**2, axis=1)
-    shares = np.clip(np.sum(off * steps, axis=1) / np.where(lengths > 0, lengths, 1), 0, 1)
-    distances = np.sum((off - shares[:, None] * steps) ** 2, axis=1)
-    closest = np.argmin(distances)
-    return (closest + shares[closest]) / number

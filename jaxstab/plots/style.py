@@ -6,7 +6,6 @@ from typing import Any
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter, LogFormatterSciNotation, ScalarFormatter
 
 from jaxstab.core.checks import require_kind
@@ -48,14 +47,6 @@ def quantity_label(quantity: str, load: Load) -> str:
         return f"{load.quantity} [{load.unit}]" if load.quantity else type(load).__name__
     dimension = {**dimensions(States), "force": FORCE}[quantity]
     return QUANTITIES[quantity] + (f" [{dimension}]" if dimension != NUMBER else "")
-
-
-def figure_or_new(figure: Figure | None, size: tuple[float, float]) -> Figure:
-    """Return a figure for several panels, or a new one of a size [inches]."""
-    figure = plt.figure(figsize=size) if figure is None else figure
-    if figure.get_layout_engine() is None:
-        figure.set_layout_engine("constrained")
-    return figure
 
 
 def axes_or_new(axes: Axes | None) -> Axes:

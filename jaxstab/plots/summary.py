@@ -1,5 +1,6 @@
 """The summary of a state in one figure."""
 
+import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,7 +13,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import State, found_equilibrium
 from jaxstab.loads import MeanPressure
 from jaxstab.plots.fields import gap, mode, outline_contact, pressure, surface
-from jaxstab.plots.style import Panels, figure_or_new, quantity_label
+from jaxstab.plots.style import Panels, quantity_label
 from jaxstab.stability import Eigenpair, Stability
 
 _PANELS: Panels = [["surface", "gap", "numbers"], ["pressure", "mode", "numbers"]]
@@ -20,13 +21,7 @@ _PANELS: Panels = [["surface", "gap", "numbers"], ["pressure", "mode", "numbers"
 _LINE_SPACING = 1.7
 
 
-def summary(
-    contact: Contact,
-    equilibrium: State,
-    stability: Stability | None = None,
-    *,
-    figure: Figure | None = None,
-) -> Figure:
+def summary(contact: Contact, equilibrium: State, stability: Stability | None = None) -> Figure:
     """Draw a state in one figure: surface, gap, pressure, the cone's mode, and its numbers.
 
     The contact is outlined on gap and mode, or on a line shaded.
@@ -35,7 +30,6 @@ def summary(
         contact: the contact problem.
         equilibrium: the state; an entry of a sweep holds its stability too.
         stability: a result of `assess_stability` for it.
-        figure: the figure to draw in; a new one by default.
 
     Returns:
         The figure.
@@ -54,7 +48,7 @@ def summary(
     cure = "give a result of jaxstab.assess_stability."
     require_kind(known, Stability, f"not a stability: {cure}")
     require_single(known)
-    figure = figure_or_new(figure, (11, 5.2))
+    figure = plt.figure(figsize=(11, 5.2), layout="constrained")
     panels = figure.subplot_mosaic(_PANELS, width_ratios=[1, 1, 1.4])
     surface(contact, axes=panels["surface"])
     gap(contact, state, axes=panels["gap"])

@@ -1,5 +1,4 @@
 import equinox as eqx
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.text import Text
@@ -27,7 +26,7 @@ def test_a_summary_tells_the_numbers_of_a_state(hertz, sweep):
     images = [axes.images[0].get_array() for axes in figure.axes if axes.images]
     fields = [hertz.heights, state.equilibrium.gap, state.equilibrium.pressure, stability.cone.mode]
     np.testing.assert_array_equal(images, [np.asarray(field).T for field in fields])
-    given = plots.summary(hertz, state.equilibrium, stability, figure=plt.figure())
+    given = plots.summary(hertz, state.equilibrium, stability)
     assert words(given) == shown
     assert "barrier" not in words(plots.summary(hertz, sweep[1]))
 
