@@ -98,9 +98,10 @@ def cite(*objects: object) -> Citations:
     for item in objects:
         parts = list(_parts(item))
         if not parts:
+            given = repr(item) if isinstance(item, str) else _name(item)
             raise ValueError(
-                f"{item!r} is not of jaxstab: cite takes its functions, classes and modules, as "
-                "jaxstab.equilibrate or jaxstab.references.jkr, and their results."
+                f"{given} is not of jaxstab: cite takes its functions, classes and modules, as "
+                "jaxstab.equilibrate or jaxstab.references.jkr, and their results, one by one."
             )
         for source in _sources().values():
             targets = [attrgetter(name)(sys.modules[_SOFTWARE]) for name in source.behind]

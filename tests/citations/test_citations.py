@@ -127,7 +127,17 @@ def test_a_module_stands_for_all_that_it_holds():
         assert set(js.cite(*own).reasons) <= set(js.cite(module).reasons) <= of_all
 
 
-@pytest.mark.parametrize("what", [len, jnp, "equilibrate", 3, lambda gap: gap])
-def test_what_is_not_of_jaxstab_is_refused_in_a_sentence(what):
-    with pytest.raises(ValueError, match="is not of jaxstab: cite takes"):
-        js.cite(what)
+@pytest.mark.parametrize(
+    ("item", "name"),
+    [
+        (len, "len"),
+        (jnp, "jax.numpy"),
+        ("equilibrate", "'equilibrate'"),
+        (3, "int"),
+        ([js.equilibrate], "list"),
+        (lambda gap: gap, ".*<lambda>"),
+    ],
+)
+def test_objects_of_others_are_refused_by_name(item, name):
+    with pytest.raises(ValueError, match=f"^{name} is not of jaxstab: cite takes"):
+        js.cite(item)
