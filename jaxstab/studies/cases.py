@@ -73,7 +73,8 @@ class Cases(NamedTuple):
             for each in (name, *dims):
                 is_clash = each in given and each in dims and given[each].dims != (each,)
                 if each in self.taken or is_clash or not str(each).isidentifier():
-                    raise ValueError(f"The case returned {each!r}: choose another name.")
+                    which = "a name that is taken, or no identifier"
+                    raise ValueError(f"The case returned {which}, {each!r}: choose another name.")
             attrs = {key: np.array(x).item() for key, x in attrs.items() if np.isscalar(x)}
             if dims != (name,):
                 dims, values = (*self.dims, *dims), values[(None,) * len(self.dims)]

@@ -187,7 +187,7 @@ def test_an_array_of_loads_is_refused(hertz):
     ("initial", "message"),
     [
         (jnp.ones((4, 4)), r"\(4, 4\).*\(32, 32\)"),
-        (jnp.ones((32, 32)).at[1, 2].set(jnp.nan), r"initial gap has 1 NaN.*\(1, 2\)"),
+        (jnp.ones((32, 32)).at[1, 2].set(jnp.nan), r"initial gap is nan at \(1, 2\)"),
         (jnp.zeros((32, 32)), "largest initial gap is 0.0"),
         (1j * np.ones((32, 32)), "initial gap is complex128: give real numbers"),
         (

@@ -151,7 +151,7 @@ def test_release_refuses_what_is_no_mode(hertz, far_side):
     stable, _ = far_side
     with pytest.raises(ValueError, match=r"mode has shape \(3,\)"):
         js.release(hertz, stable, jnp.ones(3))
-    with pytest.raises(ValueError, match="mode has 1024 NaN"):
+    with pytest.raises(ValueError, match=r"The mode is nan at \(0, 0\)"):
         js.release(hertz, stable, jnp.full((32, 32), jnp.nan))
     with pytest.raises(ValueError, match="amplitude is nan"):
         js.release(hertz, stable, jnp.ones((32, 32)), amplitude=jnp.nan)

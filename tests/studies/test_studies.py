@@ -228,7 +228,7 @@ def test_masked_floats_are_missing_numbers(tmp_path):
         ({}, "return a dict"),
         ({"result": 1}, "'result': choose another name"),
         ({"a": [1, 2], "a_0": 1}, "'a_0': choose another name"),
-        ({"a/b": 1}, "'a/b'"),
+        ({"a/b": 1}, "a name that is taken, or no identifier, 'a/b'"),
         ({"a": None}, "a is NoneType"),
         ({"a": ["b", 1]}, "a is list of object: give numbers or words"),
         ({"a": [1, [2, 3]]}, "a is no array"),
