@@ -5,7 +5,7 @@ checked there.
 """
 
 import operator
-from collections.abc import Iterable
+from collections.abc import Collection
 from functools import cache
 from types import UnionType
 from typing import Any, SupportsIndex, TypeGuard, TypeVar
@@ -173,10 +173,10 @@ def require_kind(value: object, kind: type | UnionType, sentence: str) -> None:
         raise TypeError(f"{type(value).__name__} is {sentence}")
 
 
-def require_one_of(name: str, value: object, choices: Iterable[object]) -> None:
-    """Raise `ValueError` for a value that is not one of the choices."""
-    if value not in (allowed := [*choices]):
-        raise ValueError(f"{name} is {value!r}: choose one of {', '.join(map(str, allowed))}.")
+def require_one_of(name: str, value: object, choices: Collection[object]) -> None:
+    """Raise `ValueError` for a value that is not one of the choices, words or integers."""
+    if not isinstance(value, str | int | np.integer) or value not in choices:
+        raise ValueError(f"{name} is {value!r}: choose one of {', '.join(map(str, choices))}.")
 
 
 def require_positive(name: str, value: Float[Array, "..."]) -> None:
@@ -197,11 +197,3 @@ def require_finite(
     """Raise `ValueError` where `value`, if known, is NaN or infinite."""
     if not is_traced(value):
         require(name, value, are_finite(value), cure)
-
-
-def require_key(key: object) -> None:
-    """Raise `TypeError` if `key` is not a random key."""
-    dtype, shape = getattr(key, "dtype", np.dtype(object)), getattr(key, "shape", None)
-    is_key = jnp.issubdtype(dtype, jax.dtypes.prng_key) or (dtype == jnp.uint32 and shape == (2,))
-    if not is_key:
-        raise TypeError(f"The random key is {key!r}: make one, as in `jax.random.key(0)`.")

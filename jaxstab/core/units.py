@@ -20,6 +20,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
+from jaxstab.core.checks import require_one_of
 from jaxstab.core.compile import own_conventions
 from jaxstab.core.types import Scalar
 
@@ -69,9 +70,7 @@ class Units(NamedTuple):
         unit = None if length is None else unit_of(length)
         if pressure is None:
             return cls(unit, "Pa" if unit == "m" else None, sides)
-        if not isinstance(pressure, str) or pressure not in PRESSURES:
-            known = ", ".join(PRESSURES)
-            raise ValueError(f"the unit of pressure is {pressure!r}: choose one of {known}.")
+        require_one_of("the unit of pressure", pressure, PRESSURES)
         return cls(unit, pressure, sides)
 
 
@@ -185,9 +184,8 @@ def unit_of(name: object) -> str:
     Raises:
         ValueError: for any other text.
     """
-    unit = _SPELLINGS.get(str(name), name)
-    if not isinstance(unit, str) or unit not in LENGTHS:
-        raise ValueError(f"the unit is {name!r}: choose one of {', '.join(LENGTHS)}.")
+    unit = _SPELLINGS.get(str(name), str(name))
+    require_one_of("the unit", unit, LENGTHS)
     return unit
 
 

@@ -13,7 +13,7 @@ from jaxtyping import PRNGKeyArray
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core import display
-from jaxstab.core.checks import is_transformed
+from jaxstab.core.checks import is_transformed, require_one_of
 from jaxstab.core.compile import program
 from jaxstab.core.display import column
 from jaxstab.core.loop import solver_or_default
@@ -115,8 +115,7 @@ def sweep(
             f"sweep takes a one-dimensional array of loads, but {type(load).__name__} holds one "
             f"of shape {load.value.shape}: use jaxstab.equilibrate for a single load."
         )
-    if order not in ("independent", "continuation"):
-        raise ValueError(f'order is {order!r}: choose "independent" or "continuation".')
+    require_one_of("order", order, ("independent", "continuation"))
     equilibrium_solver = solver_or_default(
         equilibrium_solver, EquilibriumSolver, PreconditionedConjugateGradient
     )

@@ -11,7 +11,7 @@ from jaxtyping import Array, Int, PRNGKeyArray
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import warn_if_coarse
-from jaxstab.core.checks import integer, require_key
+from jaxstab.core.checks import integer, require, require_one_of
 from jaxstab.core.compile import program
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.results import RESULTS
@@ -64,18 +64,14 @@ def lowest_modes(
     """
     equilibrium = equilibrium_of(contact, equilibrium)
     count = integer("count", count)
-    if count < 1:
-        raise ValueError(f"count is {count}: ask for one mode or more.")
-    if space not in ("lower_bound", "critical"):
-        raise ValueError(f'space is {space!r}: choose "lower_bound" or "critical".')
+    require("count", count, count >= 1, "ask for one mode or more.")
+    require_one_of("space", space, ("lower_bound", "critical"))
     warn_if_coarse(contact)
     solver = solver_or_default(solver, SpaceSolver, Davidson)
     key = jax.random.key(0) if key is None else key
-    require_key(key)
     contact, equilibrium = padded_state(contact, equilibrium)
     most = contact.grid.size - contact.control(equilibrium.load).fixes_mean
-    if count > most:
-        raise ValueError(f"count is {count}, but {most} directions are admissible: ask for fewer.")
+    require("count", count, count <= most, f"{most} directions are admissible: ask for fewer.")
     return answer(
         partial(_search, count, space == "critical"),
         contact,

@@ -1,6 +1,5 @@
 """Checks of the arguments of a `Topography`."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -90,14 +89,6 @@ def points_between(name: str, interval: Any, n: int, dx: float, rounding: float)
             f"more of those from 0 to {(n - 1) * dx:.6g}."
         )
     return slice(start, end)
-
-
-def choice(name: str, value: Any, choices: Iterable[Any]) -> Any:
-    """Return a value that must be one of some choices."""
-    if not isinstance(value, str | int | np.integer) or value not in choices:
-        options = ", ".join(repr(one) for one in choices)
-        raise ValueError(f"{name} is {value!r}: choose one of {options}.")
-    return value
 
 
 def real(value: Any) -> float:

@@ -13,7 +13,7 @@ from jaxstab.core.checks import (
     integer,
     possible,
     require,
-    require_key,
+    require_one_of,
     require_positive,
     scalar_parameter,
 )
@@ -105,14 +105,12 @@ def self_affine(
         TypeError: for anything but a random key.
     """
     require_grid(grid)
-    require_key(key)
     targets = [x for x in (rms_height, rms_slope) if x is not None]
     if len(targets) != 1:
         raise ValueError("Give exactly one of rms_height and rms_slope: it sets the amplitude.")
     target = scalar_parameter(targets[0], "The rms height or slope")
     require_positive("The rms height or slope", target)
-    if exponent not in ("field", "paper"):
-        raise ValueError(f'exponent is {exponent!r}: choose "field" or "paper".')
+    require_one_of("exponent", exponent, ("field", "paper"))
     k_rolloff = k_low if k_rolloff is None else k_rolloff
     named = {"hurst": hurst, "k_low": k_low, "k_rolloff": k_rolloff, "k_high": k_high}
     hurst, *cutoffs = (scalar_parameter(value, name) for name, value in named.items())

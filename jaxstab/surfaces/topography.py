@@ -7,7 +7,7 @@ from typing import Any, Literal
 import jax
 import numpy as np
 
-from jaxstab.core.checks import concrete
+from jaxstab.core.checks import concrete, require_one_of
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid, require_grid, resample
 from jaxstab.core.units import converted, unit_of
@@ -16,7 +16,6 @@ from jaxstab.surfaces.arguments import (
     ROUNDING,
     checked_band,
     checked_heights,
-    choice,
     points_between,
     require_agreement,
     require_same_grid,
@@ -140,7 +139,8 @@ class Topography:
         Raises:
             ValueError: for another method, and if the points lie on one line for "biharmonic".
         """
-        order = _FILLINGS[choice("method", method, _FILLINGS)]
+        require_one_of("method", method, _FILLINGS)
+        order = _FILLINGS[method]
         if not (missing := self.num_missing):
             return self
         heights = processing.filled(self.heights, list(self.lengths / self.grid.shape), order)
@@ -156,7 +156,7 @@ class Topography:
         Raises:
             ValueError: for another order.
         """
-        choice("order", order, (0, 1, 2))
+        require_one_of("order", order, (0, 1, 2))
         heights = self.heights - processing.trend(self.heights, order)
         is_periodic = self.is_periodic and order == 0
         return self._changed(f"{_TRENDS[order]} off", heights=heights, is_periodic=is_periodic)
@@ -215,7 +215,7 @@ class Topography:
         Raises:
             ValueError: for another method, and if points are missing for "spectral".
         """
-        choice("method", method, ("spectral", "area"))
+        require_one_of("method", method, ("spectral", "area"))
         numbers: Any = shape if np.ndim(shape) else (shape,) * len(self.grid.shape)
         if len(numbers) != len(self.grid.shape):
             raise ValueError(f"The shape is {shape}: give {len(self.grid.shape)} numbers.")
@@ -265,7 +265,7 @@ class Topography:
         Raises:
             ValueError: for another way, and for a window where points are missing.
         """
-        choice("how", how, ("window", "mirror", "as_is"))
+        require_one_of("how", how, ("window", "mirror", "as_is"))
         if how == "as_is":
             return self._changed("said to be periodic", is_periodic=True)
         grid, heights = self.grid, self.heights

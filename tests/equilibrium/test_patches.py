@@ -151,7 +151,7 @@ def test_a_windows_edges_are_not_joined():
 
 def test_what_cannot_be_done_is_said():
     contact, state = touching(np.eye(4, dtype=bool))
-    with pytest.raises(ValueError, match=r"neighbours is 6: choose 4, or 8"):
+    with pytest.raises(ValueError, match=r"neighbours is 6: choose one of 4, 8"):
         js.patches(contact, state, neighbours=6)
     with pytest.raises(TypeError, match=r"outside of jax\.jit"):
         jax.jit(lambda state: js.patches(contact, state).area)(state)

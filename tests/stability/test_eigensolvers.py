@@ -142,7 +142,7 @@ def test_more_modes_than_the_load_allows_are_refused(load, most):
     gap = jnp.zeros((8, 8)).at[2:, :].set(0.3)
     state = state_of(contact, gap, load=load)
     assert np.isfinite(js.lowest_modes(*state, most).eigenvalue).all()
-    message = rf"count is {most + 1}, but {most} directions are admissible: ask for fewer\."
+    message = rf"count is {most + 1}: {most} directions are admissible: ask for fewer\."
     for lowest in (js.lowest_modes, jax.jit(js.lowest_modes, static_argnums=2)):
         with pytest.raises(ValueError, match=message):
             lowest(*state, most + 1)
@@ -154,7 +154,7 @@ def test_lowest_modes_refuses_what_makes_no_sense(unloading):
         js.lowest_modes(unloading, equilibrium, 0)
     with pytest.raises(TypeError, match=r"count is 2\.0: give an integer"):
         js.lowest_modes(unloading, equilibrium, 2.0)
-    with pytest.raises(TypeError, match="random key is 0"):
+    with pytest.raises(TypeError, match="invalid PRNG key"):
         js.lowest_modes(unloading, equilibrium, 2, key=0)
     with pytest.raises(ValueError, match="space is 'cone'"):
         js.lowest_modes(unloading, equilibrium, 1, space="cone")

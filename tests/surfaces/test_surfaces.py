@@ -123,7 +123,7 @@ def test_surfaces_can_be_drawn_in_batches_and_differentiated():
         ({"rms_height": 1.0, "k_low": 8, "k_rolloff": 4}, "ascend"),
         ({"rms_height": 1.0, "k_high": 17}, "k_high is 17.*resolves 16"),
         ({"rms_height": 1.0, "k_low": 1.1, "k_rolloff": 1.2, "k_high": 1.3}, "widen"),
-        ({"rms_height": 1.0, "exponent": "other"}, 'choose "field" or "paper"'),
+        ({"rms_height": 1.0, "exponent": "other"}, "choose one of field, paper"),
         ({"rms_height": np.ones(32)}, r"rms height or slope has shape \(32,\): .* jax.vmap"),
         ({"rms_height": 1.0, "hurst": np.ones(32)}, r"hurst has shape \(32,\)"),
     ],
@@ -135,7 +135,7 @@ def test_a_surface_that_cannot_be_drawn_is_refused(options, message):
 
 @pytest.mark.parametrize("key", [0, 1.5, None, jnp.arange(2)])
 def test_what_is_not_a_random_key_is_refused(key):
-    with pytest.raises(TypeError, match=r"random key is .*jax.random.key\(0\)"):
+    with pytest.raises(TypeError, match="PRNG key"):
         surfaces.self_affine(js.Grid(32), key, k_high=8, rms_height=0.1)
 
 

@@ -225,7 +225,7 @@ def test_methods_that_need_every_point_name_the_cure():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: topography(clean()).filled("linear"), "method is 'linear': choose one of 'harm"),
+        (lambda: topography(clean()).filled("linear"), "method is 'linear': choose one of harm"),
         (lambda: topography(clean()).detrended(3), "order is 3: choose one of 0, 1, 2"),
         (lambda: topography(clean()).periodic("tile"), "how is 'tile'"),
         (lambda: topography(clean()).resampled((8, 8), "cubic"), "method is 'cubic'"),

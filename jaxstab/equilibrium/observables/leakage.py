@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import array, positive_scalar, require_known
+from jaxstab.core.checks import array, positive_scalar, require_known, require_one_of
 from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.units import LENGTH, VISCOSITY, VOLUME
 from jaxstab.equilibrium.equilibrium import State, found_equilibrium
@@ -86,8 +86,8 @@ def leakage(
             f"The solid is a {type(contact.solid).__name__}, a window that does not repeat: the "
             "flow through it depends on what lies beyond its edges. Use a periodic solid."
         )
-    if solver not in (None, "direct", "multigrid"):
-        raise ValueError(f'solver is {solver!r}: choose "direct" or "multigrid".')
+    if solver is not None:
+        require_one_of("solver", solver, ("direct", "multigrid"))
     resistance = positive_scalar(viscosity, "The viscosity")
     values, dtype = np.asarray(gap, float), contact.heights.dtype
     largest = values.max()

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import array, require_known
+from jaxstab.core.checks import array, require_known, require_one_of
 from jaxstab.core.types import Scalar
 from jaxstab.core.units import AREA, FORCE, LENGTH
 from jaxstab.equilibrium.equilibrium import State, found_equilibrium
@@ -76,8 +76,7 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
             found, or one of another grid.
         TypeError: for something that is not a state, or inside of a JAX transformation.
     """
-    if neighbours not in (4, 8):
-        raise ValueError(f"neighbours is {neighbours!r}: choose 4, or 8 to join diagonals too.")
+    require_one_of("neighbours", neighbours, (4, 8))
     require_known((contact, equilibrium), "patches")
     state = found_equilibrium(contact, equilibrium)
     mask, is_window = np.asarray(state.in_contact), contact.solid.is_window
