@@ -8,7 +8,14 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array
 
-from jaxstab.core.checks import concrete, is_sharded, is_traced, numbers, require_finite
+from jaxstab.core.checks import (
+    concrete,
+    is_sharded,
+    is_traced,
+    numbers,
+    require_finite,
+    require_shape,
+)
 from jaxstab.core.grid import Grid
 from jaxstab.core.types import ArrayLike
 from jaxstab.core.units import unit_of
@@ -45,11 +52,8 @@ def as_heights(
     given = numbers(topography.on(grid) if topography else heights, "The array of heights")
     if getattr(heights, "dtype", None) == np.float32:
         given = given.astype(np.float32)
-    if given.shape != grid.shape:
-        raise ValueError(
-            f"heights have shape {given.shape}, the solid's grid {grid.shape}: build both on the "
-            "same grid."
-        )
+    cure = "build heights and solid on the same grid."
+    require_shape("The array of heights", given.shape, grid.shape, cure)
     return given, topography
 
 
@@ -90,9 +94,6 @@ def law_on(grid: Grid, potential: Potential, dtype: DTypeLike) -> Potential:
     law = as_module(potential, dtype)
     fields = varying_fields(law)
     for field in fields:
-        if field.shape != grid.shape:
-            raise ValueError(
-                f"A parameter of the law varies over points of shape {field.shape}, the "
-                f"heights have shape {grid.shape}: give one for each point."
-            )
+        cure = "give one number for each point."
+        require_shape("A parameter of the law that varies", field.shape, grid.shape, cure)
     return with_fields(law, list(map(grid.device_put, fields)))

@@ -167,6 +167,12 @@ def require(name: str, value: Any, holds: Any, cure: str) -> None:
     raise ValueError(f"{name} is {value}: {cure}")
 
 
+def require_shape(name: str, shape: tuple[int, ...], grid: tuple[int, ...], cure: str) -> None:
+    """Raise `ValueError` for an array of another shape than the grid's."""
+    if shape != grid:
+        raise ValueError(f"{name} has shape {shape}, the grid {grid}: {cure}")
+
+
 def require_kind(value: object, kind: type | UnionType, sentence: str) -> None:
     """Raise `TypeError` for a value of another class, with the class to give."""
     if not isinstance(value, kind):
@@ -192,7 +198,7 @@ def are_finite(value: Float[Array | np.ndarray, "..."]) -> Array | np.ndarray:
 
 
 def require_finite(
-    name: str, value: Float[Array, "..."], cure: str = "give finite numbers."
+    name: str, value: Float[Array | np.ndarray, "..."], cure: str = "give finite numbers."
 ) -> None:
     """Raise `ValueError` where `value`, if known, is NaN or infinite."""
     if not is_traced(value):

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from jaxstab.contact.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_STATES, warn_if_coarse
-from jaxstab.core.checks import concrete, is_traced, numbers, require, require_finite
+from jaxstab.core.checks import concrete, is_traced, numbers, require, require_finite, require_shape
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries
 from jaxstab.core.grid import resample
@@ -232,8 +232,7 @@ def initial_gap(contact: Contact, load: Load, initial: ArrayLike | State | None)
             gap = contact.gap(resample(state.displacement, shape))
     else:
         gap = numbers(initial, "The initial gap")
-    if gap.shape != shape:
-        raise ValueError(f"The initial gap has shape {gap.shape}, the grid {shape}.")
+    require_shape("The initial gap", gap.shape, shape, "give one on the contact's grid.")
     gap = contact.grid.device_put(gap)
     require_finite("The initial gap", gap)
     if contact.control(load).fixes_mean:

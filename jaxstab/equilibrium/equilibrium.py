@@ -9,7 +9,7 @@ from jaxtyping import Array, Int
 from jaxstab.contact.contact import Contact, require_contact
 from jaxstab.contact.residual import Balance
 from jaxstab.core import model, units
-from jaxstab.core.checks import are_finite, is_traced
+from jaxstab.core.checks import are_finite, is_traced, require_shape
 from jaxstab.core.display import Outcome
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
@@ -203,11 +203,8 @@ def equilibrium_of(contact: Contact, state: State | None) -> Equilibrium:
     """Return the one equilibrium that a state is or holds, of the contact's grid and precision."""
     require_contact(contact)
     equilibrium = single_equilibrium(state)
-    if equilibrium.gap.shape != contact.grid.shape:
-        raise ValueError(
-            f"The equilibrium has shape {equilibrium.gap.shape}, the contact's grid "
-            f"{contact.grid.shape}: use the contact that it came from."
-        )
+    cure = "use the contact that it came from."
+    require_shape("The gap of the equilibrium", equilibrium.gap.shape, contact.grid.shape, cure)
     if equilibrium.gap.dtype != contact.heights.dtype:
         raise ValueError(
             f"The equilibrium is in {equilibrium.gap.dtype}, the contact in "

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jaxstab.contact import Contact, require_contact, require_same_contact
-from jaxstab.core.checks import is_traced
+from jaxstab.core.checks import is_traced, require_shape
 from jaxstab.core.display import text
 from jaxstab.core.optional_packages import require_packages, versions
 from jaxstab.core.results import RESULTS
@@ -162,11 +162,8 @@ def _axes(
         axes = (*(f"lane_{i}" for i in range(stacked - 1)), last)[:stacked]
         own = {name: (*axes, *last) for name, last in own.items()}
         field = states.cone.mode if isinstance(states, Stability) else states.gap
-    if np.shape(field)[stacked:] != contact.grid.shape:
-        raise ValueError(
-            f"The result has fields of shape {np.shape(field)[stacked:]}, the contact's grid is "
-            f"{contact.grid.shape}: give the contact that it came from."
-        )
+    cure = "give the contact that it came from."
+    require_shape("A field of the result", np.shape(field)[stacked:], contact.grid.shape, cure)
     return axes, own
 
 

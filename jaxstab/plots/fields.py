@@ -9,7 +9,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.image import AxesImage
 
 from jaxstab.contact import Contact, require_contact
-from jaxstab.core.checks import integer, require, require_kind
+from jaxstab.core.checks import integer, require, require_kind, require_shape
 from jaxstab.core.stack import require_single
 from jaxstab.core.types import Field, Mask
 from jaxstab.core.units import Units, measured
@@ -143,11 +143,8 @@ def mode_cut(
 
 def require_own(contact: Contact, shape: tuple[int, ...], name: str) -> None:
     """Raise `ValueError` if the shape of something is not that of the contact's grid."""
-    if shape != contact.grid.shape:
-        raise ValueError(
-            f"The {name} has fields of shape {shape}, the contact's grid {contact.grid.shape}: use "
-            "the contact that it came from."
-        )
+    cure = "use the contact that it came from."
+    require_shape(f"A field of the {name}", shape, contact.grid.shape, cure)
 
 
 def require_pair(pair: Eigenpair) -> None:

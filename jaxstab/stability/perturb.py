@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import numbers, parameter, require, require_finite
+from jaxstab.core.checks import numbers, parameter, require, require_finite, require_shape
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
@@ -52,8 +52,7 @@ def release(
     """
     equilibrium = found_equilibrium(contact, equilibrium)
     x = numbers(mode, "The mode")
-    if x.shape != contact.grid.shape:
-        raise ValueError(f"The mode has shape {x.shape}, the grid {contact.grid.shape}.")
+    require_shape("The mode", x.shape, contact.grid.shape, "give one on the contact's grid.")
     x = contact.grid.device_put(x)
     require_finite("The mode", x)
     largest = jnp.max(jnp.abs(x))

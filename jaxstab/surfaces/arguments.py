@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxstab.core.checks import concrete, is_traced
+from jaxstab.core.checks import concrete, is_traced, require, require_shape
 from jaxstab.core.display import times
 from jaxstab.core.grid import Grid
 from jaxstab.core.units import unit_of
@@ -20,16 +20,10 @@ def checked_heights(values: Any, shape: tuple[int, ...]) -> np.ndarray:
     if heights.dtype.kind not in "fiub":
         raise TypeError(f"The array of heights is {heights.dtype}: give real numbers.")
     heights = np.ma.filled(heights.astype(float), np.nan)
-    if heights.shape != shape:
-        raise ValueError(f"heights have shape {heights.shape}, the grid {shape}: they must agree.")
+    require_shape("The array of heights", heights.shape, shape, "they must agree.")
     if np.isnan(heights).all():
         raise ValueError("all heights are missing.")
-    if (infinite := np.isinf(heights)).any():
-        index = tuple(int(i) for i in np.argwhere(infinite)[0])
-        raise ValueError(
-            f"{infinite.sum()} heights are infinite, the first at {index}: mark missing points "
-            "by nan."
-        )
+    require("A height", heights, ~np.isinf(heights), "mark missing points by nan.")
     heights.flags.writeable = False
     return heights
 

@@ -12,7 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxstab.core.checks import are_finite, concrete, is_traced, numbers, parameter, require
+from jaxstab.core.checks import (
+    concrete,
+    numbers,
+    parameter,
+    require,
+    require_finite,
+    require_shape,
+)
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import ArrayLike, Field, Scalar
@@ -204,10 +211,7 @@ def _heights_on(grid: Grid, heights: object) -> Field:
     require_grid(grid)
     topography = as_topography(heights, grid)
     heights = _complete(topography.on(grid) if topography else heights)
-    if heights.shape != grid.shape:
-        raise ValueError(
-            f"heights have shape {heights.shape}, the grid {grid.shape}: they must agree."
-        )
+    require_shape("The array of heights", heights.shape, grid.shape, "they must agree.")
     return grid.device_put(heights)
 
 
@@ -215,8 +219,7 @@ def _complete(heights: object) -> Float[Array | np.ndarray, " *grid"]:
     """Return heights as an array, which must be finite if known."""
     given = heights.heights if isinstance(heights, Topography) else heights
     heights = numbers(given, "The array of heights")
-    if not is_traced(heights) and (missing := int((~are_finite(heights)).sum())):
-        raise ValueError(f"{missing} of {heights.size} heights are NaN or infinite: {FILL}")
+    require_finite("A height", heights, FILL)
     return heights
 
 

@@ -156,7 +156,7 @@ def test_what_cannot_be_done_is_said(monkeypatch):
     contact, state = state_with(wave(0.5))
     for options, sentence in [
         ({"viscosity": 0.0}, r"viscosity is 0\.0: it must be positive"),
-        ({"solver": "fast"}, r'solver is \'fast\': choose one of direct, multigrid'),
+        ({"solver": "fast"}, r"solver is \'fast\': choose one of direct, multigrid"),
     ]:
         with pytest.raises(ValueError, match=sentence):
             js.leakage(contact, state, **options)

@@ -63,7 +63,7 @@ def test_what_is_of_another_contact_is_refused(contact, branch, transition):
         js.to_dataset(soft, transition)
     other = js.Contact(js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), contact.potential)
     for result in branch, transition:
-        with pytest.raises(ValueError, match=r"shape \(32, 32\), the contact's grid is \(8, 8\)"):
+        with pytest.raises(ValueError, match=r"shape \(32, 32\), the grid \(8, 8\)"):
             js.to_dataset(other, result)
     twice = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), branch)
     with pytest.raises(ValueError, match="several branches"):

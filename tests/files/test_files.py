@@ -150,7 +150,7 @@ def test_what_cannot_be_written_is_refused(plain, rough_path, tmp_path):
     with pytest.raises(TypeError, match="tuple is no result"):
         js.to_dataset(contact, (sweep[0].equilibrium, sweep[0].stability))
     other = js.Contact(js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), lambda gap: 0 * gap)
-    with pytest.raises(ValueError, match=r"shape \(16, 12\), the contact's grid is \(8, 8\)"):
+    with pytest.raises(ValueError, match=r"shape \(16, 12\), the grid \(8, 8\)"):
         js.to_dataset(other, sweep)
     with pytest.raises(TypeError, match="tracing"):
         jax.jit(lambda state: js.to_dataset(contact, state).gap.values)(sweep[0].equilibrium)

@@ -54,7 +54,7 @@ def test_a_stability_is_not_taken_for_one_of_its_modes(state, line_contact):
     for draw in (lambda x: plots.mode(contact, x), plots.convergence):
         with pytest.raises(TypeError, match=r"Stability is not an eigenpair.*stability\.cone"):
             draw(stability)
-    with pytest.raises(ValueError, match=r"shape \(32, 32\), the contact's grid \(64,\)"):
+    with pytest.raises(ValueError, match=r"shape \(32, 32\), the grid \(64,\)"):
         plots.mode(line_contact, pair)
 
 

@@ -348,7 +348,7 @@ def test_a_law_that_varies_has_a_derivative_by_each_of_its_numbers():
 
 
 def test_a_law_that_varies_over_other_points_is_refused():
-    with pytest.raises(ValueError, match=r"varies over points of shape \(4, 16\), the heights"):
+    with pytest.raises(ValueError, match=r"varies has shape \(4, 16\), the grid"):
         varying(jnp.full((4, 16), 0.01))
     law = js.potentials.Varying(js.potentials.Exponential(stripes(), 0.2))
     with pytest.raises(ValueError, match=r"shape \(24, 16\), but the gaps have shape \(5,\)"):

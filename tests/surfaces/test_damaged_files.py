@@ -38,7 +38,7 @@ ROWS = "1 2 3 0\n4 5 6 1\n"
             "x y z\n" + ROWS,
             "'x' to float64 at row 0, column 1.* SurfaceTopography: .*unknown kind",
         ),
-        (ROWS + "7 -inf 9 3\n", r"1 heights are infinite, the first at \(2, 1\)"),
+        (ROWS + "7 -inf 9 3\n", r"A height is -inf at \(2, 1\)"),
         # Decimal commas, and a field left empty.
         ("1,5 2\n3 4\n", "to float64"),
         ("1,5;2\n3;4\n", "'1,5' to float64"),

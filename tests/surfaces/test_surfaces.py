@@ -308,9 +308,9 @@ def test_the_roll_off_is_by_default_the_lower_cut_off():
 @pytest.mark.parametrize("statistic", STATISTICS)
 def test_statistics_refuse_heights_off_the_grid_and_missing(statistic):
     for wrong in (HEIGHTS[:6], HEIGHTS[0], 1.0):
-        with pytest.raises(ValueError, match=r"heights have shape \(.*\), the grid \(8, 12\)"):
+        with pytest.raises(ValueError, match=r"heights has shape \(.*\), the grid \(8, 12\)"):
             statistic(GRID, wrong)
-    with pytest.raises(ValueError, match=r"1 of 96 heights are NaN .*\.filled\(\)"):
+    with pytest.raises(ValueError, match=r"A height is nan at \(0, 5\): .*\.filled\(\)"):
         statistic(GRID, np.where(np.arange(96).reshape(8, 12) == 5, np.nan, HEIGHTS))
 
 
