@@ -115,7 +115,7 @@ def sweep(
             f"sweep takes a one-dimensional array of loads, but {type(load).__name__} holds one "
             f"of shape {load.value.shape}: use jaxstab.equilibrate for a single load."
         )
-    require_one_of("order", order, ("independent", "continuation"))
+    require_one_of("order", order, Order.__args__)
     equilibrium_solver = solver_or_default(
         equilibrium_solver, EquilibriumSolver, PreconditionedConjugateGradient
     )

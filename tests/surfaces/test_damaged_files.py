@@ -89,7 +89,7 @@ def npy_of(values):
         (npy_of(np.array([[1, "a"], [None, 2]], object)), "more than plain arrays of numbers"),
         (npy_of(np.ones((3, 3), complex)), "complex128: heights are real"),
         (npy_of(np.ones((3, 3, 3))), r"shape \(3, 3, 3\)"),
-        (npy_of(np.array([[1, np.inf], [2, 3]])), r"infinite, the first at \(0, 1\)"),
+        (npy_of(np.array([[1, np.inf], [2, 3]])), r"A height is inf at \(0, 1\)"),
         (bytes(range(256)) * 8, "damaged or of an unknown kind"),
         (b"\0" * 288, "damaged or of an unknown kind"),
     ],
