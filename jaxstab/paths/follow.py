@@ -112,7 +112,7 @@ def follow(
     require_finite("The load", load.value)
     turns = concrete(load.value)
     cure = "a turning point repeats the one before: leave it out."
-    require("The load", turns[1:], turns[1:] != turns[:-1], cure)
+    require("The load", turns, (turns[1:] != turns[:-1]).all(), cure)
     require_same_machine(load)
     least = parameter(_SMALLEST_JUMP if smallest_jump is None else smallest_jump)
     share = parameter(_SMALLEST_SHARE if smallest_jump is None else 0.0)

@@ -62,7 +62,7 @@ class Viscoelastic(Solid):
         require("A ratio of moduli", given, is_ratio, "it must be finite and not negative.")
         require_positive("A relaxation time", self.times)
         is_sorted = order[1:] > order[:-1]
-        require("A relaxation time", order[1:], is_sorted, "sort them, each once.")
+        require("The relaxation time", order, is_sorted.all(), "sort them, each once.")
         self.ratios = possible(self.ratios, is_ratio)
         self.times = possible(self.times, (order > 0).all() & is_sorted.all())
 

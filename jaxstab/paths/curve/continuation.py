@@ -97,7 +97,7 @@ def continuation(
     require_loads(load, (2,), "continuation takes two loads", cure)
     require_finite("The load", load.value)
     ends = concrete(load.value)
-    require("The load", ends[1:], ends[1:] != ends[:-1], "give two loads that differ.")
+    require("The load", ends, ends[0] != ends[1], "give two loads that differ.")
     require_same_machine(load)
     number = integer("max_states", max_states)
     require("max_states", number, number >= 2, "a branch has two states at least.")

@@ -97,7 +97,7 @@ def evolve(
         )
     require_finite("The times", known)
     cure = f"the times must increase, in {known.dtype} too."
-    require("A time", known[1:], known[1:] > known[:-1], cure)
+    require("A time after the first", known[1:], known[1:] > known[:-1], cure)
     require_same_machine(load)
     tolerance = parameter(rtol).astype(instants.dtype)
     require_positive("rtol", tolerance)
