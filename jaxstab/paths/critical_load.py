@@ -20,7 +20,7 @@ from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
-from jaxstab.core.control_flow import by_entries, first_good, if_needed, zeros_of
+from jaxstab.core.control_flow import by_entries, choose, first_good, if_needed, zeros_of
 from jaxstab.core.grid import mean
 from jaxstab.core.progress import advance_if_known, advance_to
 from jaxstab.core.results import RESULTS
@@ -149,6 +149,7 @@ class _Search(eqx.Module):
         start: the gap from which its first state is sought [length].
         number: of branches that were followed.
         is_over: whether the limit is the answer.
+        is_stuck: whether no stable state has been found behind it yet.
     """
 
     limit: Limit
@@ -156,6 +157,7 @@ class _Search(eqx.Module):
     start: Field
     number: Int[Array, ""]
     is_over: Flag
+    is_stuck: Flag
 
 
 @program
@@ -188,30 +190,35 @@ def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
         work = (search.value - search.limit.load.value) * (force + force_after) / 2
         loses = ~is_found | (before + work - after > threshold)
         is_over = ~is_first & loses
-        limit = jax.lax.cond(
-            is_over, lambda: search.limit, lambda: _limit_from(contact, rest, found, is_first)
+        limit, is_stable = jax.lax.cond(
+            is_over,
+            lambda: (search.limit, jnp.array(True)),
+            lambda: _limit_from(contact, rest, found),
         )
-        is_lost = limit.result == RESULTS.lost_branch
+        # Right behind a release the solver may stay where the point has not opened yet.
+        is_stuck = ~is_first & ~is_stable
+        limit = choose(is_stuck, search.limit, limit)
+        is_lost = is_stuck | (limit.result == RESULTS.lost_branch)
         is_over |= ~is_lost & (~limit.is_found | (limit.kind == KINDS.fold))
         # Never back, so that the search has an end.
         is_ahead = (limit.load.value - search.value) * (last - first) > 0
         reached = jnp.where(is_ahead, limit.load.value, search.value)
         value = reached + jnp.where(is_lost, _OVER * (last - first), beyond)
-        return _Search(limit, value, limit.gap, search.number + 1, is_over)
+        return _Search(limit, value, limit.gap, search.number + 1, is_over, is_stuck)
 
     def goes_on(search: _Search) -> Flag:
         return ~search.is_over & ((last - search.value) * (last - first) > 0)
 
     none = zeros_of(
-        lambda: _limit_from(contact, loads, _found(contact, loads[0], last, start), is_first=True)
+        lambda: _limit_from(contact, loads, _found(contact, loads[0], last, start))[0]
     )
-    search = _Search(none, first, start, jnp.array(0), jnp.array(False))
+    no = jnp.array(False)
+    search = _Search(none, first, start, jnp.array(0), no, no)
     search = jax.lax.while_loop(goes_on, next_limit, search)
-    is_lost = search.limit.result == RESULTS.lost_branch
-    is_known = search.is_over | (is_lost & (search.number > 0))
-    return replace(
-        search.limit, result=RESULTS.where(is_known, search.limit.result, RESULTS.no_fold)
-    )
+    result = search.limit.result
+    is_lost = (search.number > 0) & (search.is_stuck | (result == RESULTS.lost_branch))
+    otherwise = RESULTS.where(is_lost, RESULTS.lost_branch, RESULTS.no_fold)
+    return replace(search.limit, result=RESULTS.where(search.is_over, result, otherwise))
 
 
 # Apart, so that each is traced once.
@@ -221,17 +228,16 @@ def _found(contact: Contact, load: Load, farthest: Scalar, start: Field) -> Equi
 
 
 @jax.jit
-def _limit_from(contact: Contact, loads: Load, found: Equilibrium, is_first: ArrayLike) -> Limit:
-    """Return the limit of the branch of an equilibrium at the first load.
+def _limit_from(contact: Contact, loads: Load, found: Equilibrium) -> tuple[Limit, Flag]:
+    """Return the limit of the branch of an equilibrium at the first load, and whether it is stable.
 
-    An unstable state is on no stable branch. Behind a release that loses next to nothing it means
-    that the next branch was not found.
+    An unstable one is on no stable branch.
     """
     way, walk = begin(contact, loads, found, to_limit=True)
-    unstable = RESULTS.where(jnp.asarray(is_first), RESULTS.no_fold, RESULTS.lost_branch)
-    stable = RESULTS.where(walk.stride.index == 0, RESULTS.successful, unstable)
-    result = RESULTS.where(walk.result == RESULTS.successful, stable, walk.result)
-    return limit_of(way, replace(walk, result=result))
+    is_stable = walk.stride.index == 0
+    result = RESULTS.where(is_stable, RESULTS.successful, RESULTS.no_fold)
+    result = RESULTS.where(walk.result == RESULTS.successful, result, walk.result)
+    return limit_of(way, replace(walk, result=result)), is_stable
 
 
 def _describe(bracket: Load, found: CriticalLoad) -> str:

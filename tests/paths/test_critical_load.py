@@ -195,6 +195,19 @@ def test_where_a_branch_branches_off_there_is_no_derivative():
 
 
 @pytest.mark.nightly
+def test_a_bifurcation_lies_where_a_dense_eigenvalue_changes_its_sign(hertz):
+    limit = js.critical_load(hertz, js.MeanDisplacement(jnp.array([1.1, 1.0])))
+
+    def lowest(value):
+        load = js.MeanDisplacement(value)
+        state = js.equilibrate(hertz, load, initial=limit.equilibrium)
+        return smallest_on_critical_cone(hertz, state)
+
+    assert limit.kind == "fold"
+    assert lowest(limit.load.value + 1e-4) > 0 > lowest(limit.load.value - 1e-4)
+
+
+@pytest.mark.nightly
 def test_a_fold_in_contact_is_found_from_a_state_in_contact():
     tilt, ends = 0.05, (0.52, 0.19)
     contact = two_waves(tilt)

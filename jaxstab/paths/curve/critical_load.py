@@ -22,7 +22,7 @@ from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.derivatives import changing_points, free_system, third_derivative
 from jaxstab.equilibrium.equilibrium import Fields, contact_area, fields_of
 from jaxstab.loads import Load
-from jaxstab.paths.curve.limit import Limit, limit_ahead
+from jaxstab.paths.curve.limit import ZERO, Limit, limit_ahead
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.response import free_space, opening, response
 from jaxstab.stability import Eigenpair
@@ -138,6 +138,7 @@ def _changes_of_limit(
     driven, bent = _cosine(pair.mode, space.project(net_rate)), _cosine(pair.mode, slope)
     least = _LEAST_COSINE[gap.dtype.name]
     branches_off = ~(jnp.minimum(jnp.abs(driven), jnp.abs(bent)) > least)
+    branches_off |= jnp.abs(pair.eigenvalue) > ZERO[gap.dtype.name] * contact.solid.min_stiffness
     coinciding = changing_points(net, gap, contact.solid) & ~limit.point
     coincides = limit.is_tied | jnp.any(coinciding)
     is_undefined = ~is_found | (branches_off & ~is_release) | coincides

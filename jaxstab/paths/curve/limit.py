@@ -34,7 +34,7 @@ from jaxstab.stability.solvers.davidson import Davidson
 _CLOSE = {"float64": 1e-12, "float32": 1e-6}
 _MODE = {"float64": 1e-9, "float32": 1e-5}
 # An eigenvalue below this counts as zero at a fold, over the stiffness of the softest wave.
-_ZERO = {"float64": 1e-6, "float32": 1e-2}
+ZERO = {"float64": 1e-6, "float32": 1e-2}
 # How closely a bifurcation is bracketed, over the longest step.
 _BRACKET = {"float64": 1e-10, "float32": 1e-5}
 _MAX_STEPS = 2000
@@ -106,7 +106,8 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
     A load that is so far ahead, with its sign, has no state of this branch. The state itself may
     lie past the limit, by no more than its residual; then the point that let go is the one that is
     least open. So the search begins a little further back. If it finds no event, the limit is the
-    state itself, and uncertain.
+    state itself: a fold if an eigenvalue is negative already, since a bifurcation was passed whose
+    symmetry held the state; otherwise uncertain.
     """
     curve = Curve.of(contact, load)
     at, dtype = Point(gap, pressure_of(contact, load, gap)), gap.dtype
@@ -143,7 +144,9 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
     residual = contact.balance(contact.control(load))(gap).residual
     result = RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite)
     state = replace(limit, load=load, gap=gap, residual=residual, result=result)
-    state = replace(state, kind=KINDS.uncertain, point=jnp.zeros_like(limit.point))
+    is_unstable = is_found & (limit.critical.eigenvalue < -limit.critical.error)
+    kind = KINDS.where(is_unstable, KINDS.fold, KINDS.uncertain)
+    state = replace(state, kind=kind, point=jnp.zeros_like(limit.point))
     return choose(limit.is_found, limit, state)
 
 
@@ -185,7 +188,9 @@ def limit_of(way: Way, walk: Walk) -> Limit:
     result = RESULTS.where(is_unclear, RESULTS.lost_branch, RESULTS.no_fold)
     result = RESULTS.where(walk.result == RESULTS.successful, result, walk.result)
     limit = _located(way, march.before.stride, march.after.stride, march.count)
-    is_found = march.is_past | (march.width <= close)
+    # Between two states as near as steps can tell, a bifurcation is known by its eigenvalue.
+    is_between = jnp.isfinite(march.width) & (limit.kind != KINDS.uncertain)
+    is_found = march.is_past | (march.width <= close) | is_between
     result = RESULTS.where(is_found, limit.result, result)
     return replace(limit, result=result)
 
@@ -220,7 +225,7 @@ def _located(way: Way, old: Stride, new: Stride, count: Int[Array, ""]) -> Limit
         Davidson(_MODE[dtype.name]), contact.hessian(gap, control), space, new.modes
     ).pair
     is_met = found.residual <= TOLERANCE[dtype.name]
-    is_flat = jnp.abs(pair.eigenvalue) <= _ZERO[dtype.name] * contact.solid.min_stiffness
+    is_flat = jnp.abs(pair.eigenvalue) <= ZERO[dtype.name] * contact.solid.min_stiffness
     is_event = is_met & jnp.where(is_release, pair.eigenvalue < pair.error, is_flat)
     kind = KINDS.where(is_release, KINDS.release, KINDS.fold)
     result = RESULTS.where(jnp.isfinite(found.residual), RESULTS.successful, RESULTS.nonfinite)
