@@ -209,9 +209,7 @@ def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
     def goes_on(search: _Search) -> Flag:
         return ~search.is_over & ((last - search.value) * (last - first) > 0)
 
-    none = zeros_of(
-        lambda: _limit_from(contact, loads, _found(contact, loads[0], last, start))[0]
-    )
+    none = zeros_of(lambda: _limit_from(contact, loads, _found(contact, loads[0], last, start))[0])
     no = jnp.array(False)
     search = _Search(none, first, start, jnp.array(0), no, no)
     search = jax.lax.while_loop(goes_on, next_limit, search)
