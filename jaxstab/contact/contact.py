@@ -252,10 +252,17 @@ class Contact(eqx.Module):
         return balance_of(self.solid, self.heights, self.potential, control, escape)
 
 
-def require_contact(contact: object) -> None:
-    """Raise `TypeError` for anything but a contact."""
+def require_contact(contact: Contact) -> None:
+    """Raise `TypeError` for anything but a contact, `ValueError` for a batch of contacts."""
     cure = "give that first, as made by jaxstab.Contact(solid, heights, potential)."
     require_kind(contact, Contact, f"no contact: {cure}")
+    heights, grid = contact.heights.shape, contact.grid.shape
+    if heights != grid:
+        batch = heights[: len(heights) - len(grid)]
+        raise ValueError(
+            f"These are several contacts, a batch of shape {batch}: call this function inside of "
+            "jax.vmap, or choose one by jax.tree.map(lambda leaf: leaf[0], contact)."
+        )
 
 
 def require_same_contact(contact: Contact, other: Contact, owner: str) -> None:

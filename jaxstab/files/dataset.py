@@ -107,8 +107,6 @@ def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> "xar
     import xarray
 
     require_contact(contact)
-    if contact.heights.shape != contact.grid.shape:
-        raise ValueError("These are several contacts: choose one of them by jax.tree.map.")
     # A transition is known by the state that it starts from.
     holder: Any = result.start if isinstance(result, Transition) else result
     states, load = getattr(holder, "equilibrium", holder), getattr(holder, "load", None)

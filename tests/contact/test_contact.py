@@ -124,3 +124,38 @@ def test_a_contact_takes_the_precision_of_its_heights():
         gap = jnp.ones(contact.grid.shape, jnp.float32)
         fields = contact.gradient(gap), contact.curvature(gap), contact.energy(gap)
         assert all(field.dtype == jnp.float32 for field in fields)
+
+
+LOADS = js.MeanGap(np.ones(2))
+CONTACTS = {
+    "equilibrate": lambda contact, load, state: js.equilibrate(contact, load),
+    "assess_stability": lambda contact, load, state: js.assess_stability(contact, state),
+    "lowest_modes": lambda contact, load, state: js.lowest_modes(contact, state, 2),
+    "release": lambda contact, load, state: js.release(contact, state, state.gap),
+    "sweep": lambda contact, load, state: js.sweep(contact, LOADS),
+    "follow": lambda contact, load, state: js.follow(contact, LOADS),
+    "continuation": lambda contact, load, state: js.continuation(contact, LOADS),
+    "critical_load": lambda contact, load, state: js.critical_load(contact, LOADS),
+    "pull_off": lambda contact, load, state: js.pull_off(contact),
+    "transition": lambda contact, load, state: js.transition(contact, load, state, state),
+    "easiest_exit": lambda contact, load, state: js.easiest_exit(contact, state),
+    "patches": lambda contact, load, state: js.patches(contact, state),
+    "conductance": lambda contact, load, state: js.conductance(contact, state),
+    "leakage": lambda contact, load, state: js.leakage(contact, state),
+    "observe": lambda contact, load, state: js.observe(contact, state, js.patches),
+    "evolve": lambda contact, load, state: js.evolve(contact, LOADS, jnp.ones(2)),
+    "lifetime": lambda contact, load, state: js.lifetime(contact, load),
+    "plot": lambda contact, load, state: js.plots.gap(contact, state),
+    "summary": lambda contact, load, state: js.plots.summary(contact, state),
+}
+
+
+@pytest.mark.parametrize("call", CONTACTS.values(), ids=CONTACTS)
+def test_several_contacts_at_once_are_refused_with_the_cure(call):
+    grid = js.Grid(8)
+    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), (1.0,), (1.0,))
+    contact = js.Contact(solid, 0.1 * jnp.eye(8), js.potentials.Exponential(0.1, 0.1))
+    state = js.equilibrate(contact, js.MeanGap(0.2))
+    contacts = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), contact)
+    with pytest.raises(ValueError, match=r"several contacts, a batch of shape \(2,\): .*jax\.vmap"):
+        call(contacts, js.MeanGap(0.2), state)

@@ -202,3 +202,19 @@ def test_algorithm_1_without_a_fixed_mean_has_no_multiplier_of_it():
     pair = measured(operator, cone, found, found.vector)
     assert found.result == js.RESULTS.successful
     assert pair.eigenvalue == pytest.approx(lowest, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        js.PreconditionedConjugateGradient,
+        js.PolonskyKeerRey,
+        js.SaddleNewton,
+        js.Davidson,
+        js.ProjectedLOBPCG,
+        js.ProximalIteration,
+    ],
+)
+def test_a_solver_prints_its_numbers(kind):
+    shown = repr(kind(tolerance=1e-3, max_steps=7))
+    assert shown.startswith(f"{kind.__name__}(tolerance=0.001, max_steps=7")

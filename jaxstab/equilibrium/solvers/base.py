@@ -8,6 +8,7 @@ import equinox as eqx
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.residual import Balance
+from jaxstab.core.display import inline
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import IterativeSolver
 from jaxstab.core.types import Field
@@ -53,6 +54,8 @@ class EquilibriumSolver(IterativeSolver):
     residual is to fall to the tolerance. It may be given as `solver` wherever an equilibrium is
     sought.
     """
+
+    __repr__ = inline
 
     def init(self, problem: Any, start: Field) -> Any:
         """Return the state of a gap that meets the load."""

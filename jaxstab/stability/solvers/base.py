@@ -7,6 +7,7 @@ import jax
 from jaxtyping import Array, Bool, Int, PRNGKeyArray
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
+from jaxstab.core.display import inline
 from jaxstab.core.loop import Iteration, IterativeSolver
 from jaxstab.core.types import Field
 from jaxstab.stability.cones import AdmissibleCone, Subspace
@@ -49,6 +50,8 @@ class ModesProblem(Eigenproblem):
 
 class Eigensolver(IterativeSolver):
     """An algorithm for smallest eigenvalues, on a set of any kind."""
+
+    __repr__ = inline
 
     def minimum(self, problem: Any, found: Iteration[Any]) -> Minimum:
         """Return the result and its cost: one application for each step."""
