@@ -20,8 +20,10 @@ from jaxstab.core.grid import total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.paths.curve.curve import TANGENT_ACCURACY, Curve, Forces, Place, Point
 
-# The residual at which a point counts as found, and how well a step is solved for.
+# The residual at which a point counts as found, that sought at events, and how well a step is
+# solved for.
 TOLERANCE = {"float64": 1e-9, "float32": 1e-4}
+CLOSE = {"float64": 1e-12, "float32": 1e-6}
 _ACCURACY = 1e-2
 _MAX_STEPS = 12
 # A step that lowers a residual below the tolerance by less ends a search for a smaller one.

@@ -11,14 +11,14 @@ from jaxtyping import Array
 
 from jaxstab.core.control_flow import choose, first_good
 from jaxstab.core.types import Field, Flag, Mask, Scalar
-from jaxstab.paths.curve.corrector import Correction, at_corner, correct, on_plane
+from jaxstab.paths.curve.corrector import CLOSE, Correction, at_corner, correct, on_plane
 from jaxstab.paths.curve.curve import Curve, Place, Point
 
 # Points tie that change sides within this part of the distance to the first of them.
 _TIE = 1e-6
 _MAX_SECANTS = 40
 # How closely a fold is found, over the step that it lies in, and by what tangents.
-_CLOSE = {"float64": 1e-9, "float32": 1e-4}
+_NARROW = {"float64": 1e-9, "float32": 1e-4}
 _FINE = {"float64": 1e-10, "float32": 1e-4}
 # How far the rate of the load may be from zero at a fold, over the larger one at the step's ends.
 _FLAT = 1e-3
@@ -110,11 +110,12 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
     """
     row = curve.gradient_of(old.tangent)
     whole = row.times(new.at.minus(old.at))
-    close, fine = _CLOSE[whole.dtype.name], _FINE[whole.dtype.name]
+    dtype = whole.dtype.name
+    narrow_enough, fine = _NARROW[dtype], _FINE[dtype]
 
     def goes_on(bracket: _Bracket) -> Flag:
-        is_wide = bracket.ends[1] - bracket.ends[0] > close * jnp.abs(whole)
-        is_steep = jnp.abs(bracket.rate) > close * steepest
+        is_wide = bracket.ends[1] - bracket.ends[0] > narrow_enough * jnp.abs(whole)
+        is_steep = jnp.abs(bracket.rate) > narrow_enough * steepest
         return is_wide & is_steep & (bracket.count < _MAX_SECANTS)
 
     def narrow(bracket: _Bracket) -> _Bracket:
@@ -125,7 +126,7 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
         start = at.plus(tangent, missing / row.times(tangent))
         plane = on_plane(row, row.times(old.at) + length, jnp.abs(whole))
         problem = Correction(curve, plane, old.is_free)
-        place = correct(problem, start, row, tangent, fine=fine).place
+        place = correct(problem, start, row, tangent, CLOSE[dtype], fine).place
         rate = curve.rate(place.tangent)
         is_low = rate * rates[0] > 0
         # An end that stays a second time counts for half.

@@ -30,8 +30,7 @@ from jaxstab.stability.eigenpair import Eigenpair
 from jaxstab.stability.lowest_pair import on_space
 from jaxstab.stability.solvers.davidson import Davidson
 
-# How closely the point of the limit is found, and its mode.
-_CLOSE = {"float64": 1e-12, "float32": 1e-6}
+# How closely the mode of the limit is found.
 _MODE = {"float64": 1e-9, "float32": 1e-5}
 # An eigenvalue below this counts as zero at a fold, over the stiffness of the softest wave.
 ZERO = {"float64": 1e-6, "float32": 1e-2}
@@ -196,7 +195,7 @@ def limit_of(way: Way, walk: Walk) -> Limit:
 
 
 def _located(way: Way, old: Stride, new: Stride, count: Int[Array, ""]) -> Limit:
-    """Return the limit between two states of a branch, its conditions met as nearly as possible.
+    """Return the limit between two states of a branch.
 
     It is uncertain if the test function of its kind is not zero: at a fold the eigenvalue, at a
     release the reaction, and the energy must fall as the point opens.
@@ -209,26 +208,21 @@ def _located(way: Way, old: Stride, new: Stride, count: Int[Array, ""]) -> Limit
     opens = changes & is_release
     point = opens & (jnp.arange(opens.size).reshape(opens.shape) == jnp.argmax(opens))
     seen = choose(new.turns, new.turn, new.here.at)
-    row = curve.gradient_of(old.here.tangent)
-    longest = way.longest
-    corner = at_corner(curve, point, jnp.array(True), longest)
-    condition = choose(is_release, corner, on_plane(row, row.times(seen), longest))
-    start = Point(jnp.where(is_free, seen.gap, 0), seen.pressure)
-    problem = Correction(curve, condition, is_free)
-    found = correct(problem, start, row, old.here.tangent, _CLOSE[dtype.name])
-    at = found.place.at
-    gap = jnp.where(is_free, jnp.maximum(at.gap, 0), 0)
-    load = curve.load.at(curve.value(Point(gap, at.pressure)))
+    gap = jnp.where(is_free, jnp.maximum(seen.gap, 0), 0)
+    at = Point(gap, seen.pressure)
+    problem = Correction(curve, at_corner(curve, point, jnp.array(True), way.longest), is_free)
+    imbalance, reaction = problem.residual(at, problem.forces(at))
+    residual = jnp.maximum(imbalance, jnp.where(is_release, jnp.abs(reaction), 0))
+    load = curve.load.at(curve.value(at))
     control = contact.control(load)
     space = Subspace(is_free | opens, control.fixes_mean)
     pair = on_space(
         Davidson(_MODE[dtype.name]), contact.hessian(gap, control), space, new.modes
     ).pair
-    is_met = found.residual <= TOLERANCE[dtype.name]
+    is_met = residual <= TOLERANCE[dtype.name]
     is_flat = jnp.abs(pair.eigenvalue) <= ZERO[dtype.name] * contact.solid.min_stiffness
     is_event = is_met & jnp.where(is_release, pair.eigenvalue < pair.error, is_flat)
     kind = KINDS.where(is_release, KINDS.release, KINDS.fold)
-    result = RESULTS.where(jnp.isfinite(found.residual), RESULTS.successful, RESULTS.nonfinite)
     history = History.empty(["residual"], dtype)
     return Limit(
         load=load,
@@ -237,8 +231,8 @@ def _located(way: Way, old: Stride, new: Stride, count: Int[Array, ""]) -> Limit
         point=point,
         is_tied=jnp.sum(opens) > 1,
         critical=pair,
-        residual=found.residual,
-        num_steps=count + found.num_steps,
-        history=history.record(jnp.array(0), found.num_steps, {"residual": found.residual}),
-        result=result,
+        residual=residual,
+        num_steps=count,
+        history=history.record(jnp.array(0), count, {"residual": residual}),
+        result=RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite),
     )

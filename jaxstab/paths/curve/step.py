@@ -31,7 +31,7 @@ from jaxstab.paths.curve.between import (
     stays_positive,
     turns_as_said,
 )
-from jaxstab.paths.curve.corrector import Correction, at_corner, correct, on_plane
+from jaxstab.paths.curve.corrector import CLOSE, TOLERANCE, Correction, at_corner, correct, on_plane
 from jaxstab.paths.curve.curve import Place, Point, Way
 from jaxstab.paths.curve.events import Corners, behind, corners_ahead, fold_between
 from jaxstab.paths.curve.morse_index import MOST, UNKNOWN, driven_index_of, index_of
@@ -182,7 +182,9 @@ def _arrival(way: Way, stride: Stride, corners: Corners, aim: _Aim) -> _Arrival:
     least = jnp.where(aim.follows, jnp.maximum(least, 0), least)
     start = Point(jnp.maximum(predicted.gap, least), predicted.pressure)
     problem = Correction(curve, condition, old.is_free, aim.follows)
-    found = correct(problem, start, row, old.tangent)
+    dtype = reach.dtype.name
+    closely = jnp.where(aim.is_corner, CLOSE[dtype], TOLERANCE[dtype])
+    found = correct(problem, start, row, old.tangent, closely)
     place, tangent = found.place, found.place.tangent
     length, cosine = row.times(place.at.minus(old.at)), curve.cosine(tangent, old.tangent)
     farthest = jnp.where(aim.follows, _FARTHEST_LEAP, _FARTHEST)
