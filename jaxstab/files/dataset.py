@@ -36,7 +36,7 @@ Variable = tuple[Sequence[str], np.ndarray, dict[str, str]]
 Result = Equilibrium | Stability | Sweep | Path | Branch | Evolution | Transition | Observed
 
 # The number of the format, to be raised when this version could not read files of the next.
-FORMAT = 2
+FORMAT = 3
 # The order of a material's moduli in a coated half space.
 _MODULI = ("youngs_modulus", "poisson_ratio")
 # The long names of fields whose own names do not explain them.

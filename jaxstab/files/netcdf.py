@@ -2,6 +2,7 @@
 
 import json
 import os
+import zlib
 from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
 
 # The first bytes of a NetCDF file.
 _MAGIC = b"\x89HDF"
-# Arrays of more numbers have a checksum, and are compressed.
-_SMALL, _LARGE = 8, 1000
+# Arrays of more numbers are compressed.
+_LARGE = 1000
 
 
 def save(
@@ -71,6 +72,11 @@ def save(
             "jaxstab.load(path, potential=...), or write it, and a solid, as an equinox.Module of "
             "numbers and arrays that can be imported."
         )
+    dataset.attrs["checksums"] = json.dumps(_checksums(_arrays(dataset), dataset.attrs))
+    if path.exists():
+        is_left = path.is_file() and not path.stat().st_size
+        left = "is empty, perhaps left by a process that was killed" if is_left else "exists"
+        raise FileExistsError(f"{path} {left}: delete it, or give another name.")
     # Taken first, so that no other run can take the name.
     path.open("xb").close()
     part = path.with_name(f".{path.name}.part")
@@ -106,9 +112,12 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
     """
     path = Path(path)
     with _opened(path) as dataset:
-        arrays = {str(name): np.asarray(array) for name, array in dataset.variables.items()}
-        attributes = dict(dataset.attrs)
-    structure = _structure(path, attributes)
+        arrays, attributes = _arrays(dataset), dict(dataset.attrs)
+    _require_format(path, attributes)
+    damaged = _damaged(arrays, attributes)
+    if damaged:
+        raise ValueError(f"{path} was changed since it was written, or is damaged: {damaged[0]}.")
+    structure = json.loads(attributes["structure"])
     is_double = any(a.dtype.kind in "fiu" and a.dtype.itemsize == 8 for a in arrays.values())
     if is_double and jax.dtypes.canonicalize_dtype(np.float64) != np.float64:
         raise ValueError(
@@ -135,13 +144,35 @@ def attributes_of(path: str | Path) -> dict[str, str] | None:
         return dict(dataset.attrs) if "versions" in dataset.attrs else None
 
 
+def _arrays(dataset: "xarray.Dataset") -> dict[str, np.ndarray]:
+    return {str(name): np.asarray(array) for name, array in dataset.variables.items()}
+
+
+def _checksums(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> dict[str, int]:
+    """Return the checksums of all arrays, and of the structure."""
+    contents: dict[str, Any] = {"structure": attributes.get("structure", "").encode()}
+    for name, array in arrays.items():
+        is_words = array.dtype.kind not in "fiub"
+        contents[name] = "\n".join(array.ravel()).encode() if is_words else array.tobytes()
+    return {name: zlib.crc32(content) for name, content in contents.items()}
+
+
+def _damaged(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> list[str]:
+    """Return the parts of a file whose checksums are not those that were written."""
+    try:
+        written = json.loads(attributes["checksums"])
+    except json.JSONDecodeError:
+        return ["checksums"]
+    found = _checksums(arrays, attributes)
+    return [name for name in found if name in written and written[name] != found[name]]
+
+
 def _encoding(dataset: "xarray.Dataset") -> dict[Hashable, dict[str, object]]:
     # Numbers as they are: no value stands for a missing one.
     plain: dict[str, object] = {"_FillValue": None}
-    checked = {**plain, "fletcher32": True}
-    packed = {**checked, "zlib": True, "complevel": 1, "shuffle": True}
+    packed = {**plain, "fletcher32": True, "zlib": True, "complevel": 1, "shuffle": True}
     return {
-        name: (plain, checked, packed)[(array.size > _SMALL) + (array.size > _LARGE)]
+        name: packed if array.size > _LARGE else plain
         for name, array in dataset.variables.items()
         if array.dtype.kind in "fiub"
     }
@@ -163,7 +194,7 @@ def _opened(path: Path) -> Iterator["xarray.Dataset"]:
         raise ValueError(message) from error
 
 
-def _structure(path: Path, attributes: dict[str, str]) -> Structure:
+def _require_format(path: Path, attributes: dict[str, str]) -> None:
     if "versions" not in attributes:
         raise ValueError(f"{path} was not written by jaxstab.save.")
     if "structure" not in attributes:
@@ -179,11 +210,6 @@ def _structure(path: Path, attributes: dict[str, str]) -> Structure:
             f"jaxstab {json.loads(attributes['versions'])['jaxstab']}, which wrote it, or compute "
             "it anew."
         )
-    try:
-        return json.loads(attributes["structure"])
-    except json.JSONDecodeError:
-        message = f"{path} was changed since it was written: its structure cannot be read."
-        raise ValueError(message) from None
 
 
 def _law(

@@ -1,5 +1,9 @@
 """A contact that tests of files save, and the comparison with the loaded one."""
 
+import json
+import zlib
+
+import h5netcdf
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,3 +27,13 @@ def assert_same_bits(one, other):
     for x, y in zip(leaves, others, strict=True):
         x, y = np.asarray(x), np.asarray(y)
         assert (x.dtype, x.shape, x.tobytes()) == (y.dtype, y.shape, y.tobytes())
+
+
+def rewrite(path, old, new):
+    """Change the structure of a file, and its checksum, as another program could."""
+    with h5netcdf.File(path, "r+") as file:
+        structure, checksums = file.attrs["structure"], json.loads(file.attrs["checksums"])
+        assert old in structure
+        structure = structure.replace(old, new)
+        checksums["structure"] = zlib.crc32(structure.encode())
+        file.attrs["structure"], file.attrs["checksums"] = structure, json.dumps(checksums)

@@ -9,7 +9,7 @@ import sys
 import h5netcdf
 import numpy as np
 import pytest
-from saved import assert_same_bits, contact_of
+from saved import assert_same_bits, contact_of, rewrite
 
 import jaxstab as js
 
@@ -45,13 +45,6 @@ def trap(tmp_path, monkeypatch):
     assert not [name for name in sys.modules if name.startswith("trap")]
 
 
-def rewritten(path, old, new):
-    with h5netcdf.File(path, "r+") as file:
-        structure = file.attrs["structure"]
-        assert old in structure
-        file.attrs["structure"] = structure.replace(old, new)
-
-
 def classes_of(path):
     """Return every class that a file names."""
     found = set()
@@ -83,7 +76,7 @@ def test_no_class_of_a_file_imports_its_module(saved, trap, tmp_path, name):
     for i, one in enumerate(sorted(names)):
         path = tmp_path / f"{i}.nc"
         path.write_bytes(saved.read_bytes())
-        rewritten(path, f'"{one}"', f'"{name}"')
+        rewrite(path, f'"{one}"', f'"{name}"')
         message = f"names the class {name}, and a file imports no.* `import {module}` before"
         if "Exponential" in one:
             # The rest serves for figures without its law, which says how to get it.
@@ -103,7 +96,7 @@ def run_in(folder, *arguments):
 
 
 def test_no_command_imports_what_a_file_names_in_the_folder_it_runs_in(saved, trap):
-    rewritten(saved, "jaxstab:HalfSpace", "trap_module:Law")
+    rewrite(saved, "jaxstab:HalfSpace", "trap_module:Law")
     run = run_in(trap, "info", str(saved))
     assert run.returncode == 2
     assert "--import trap_module" in run.stderr
@@ -134,7 +127,7 @@ def test_no_command_imports_what_a_file_names_in_the_folder_it_runs_in(saved, tr
 def test_nothing_else_that_a_file_names_is_called(saved, old, new, message, monkeypatch):
     monkeypatch.delitem(sys.modules, "jaxstab.references", raising=False)
     monkeypatch.delitem(vars(js), "references", raising=False)
-    rewritten(saved, old, new)
+    rewrite(saved, old, new)
     with pytest.raises(ValueError, match=message):
         js.load(saved)
     assert "jaxstab.references" not in sys.modules
