@@ -75,6 +75,11 @@ def times(sides: Iterable[object], form: str = "") -> str:
     return " x ".join(f"{side:{form}}" for side in sides)
 
 
+def several(count: int, noun: str) -> str:
+    """Return a number of things in words, as in 1 jump and 2 jumps."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def column(values: ArrayLike | list, form: Callable[..., str]) -> list[str]:
     """Return the cells of a column of a table."""
     return [form(value) for value in np.atleast_1d(values).tolist()]

@@ -98,7 +98,7 @@ class Enumeration(Stackable):
 
     def __repr__(self) -> str:
         try:
-            return np.array2string(np.asarray(self.name), formatter={"all": str})
+            return np.array2string(np.asarray(self.name), formatter={"all": str}, threshold=12)
         except UNREADABLE:
             return f"{type(self).__name__}({text(self.code)})"
 

@@ -80,5 +80,5 @@ def require_single(value: Stackable) -> None:
     if value.stack_shape:
         raise ValueError(
             f"This {type(value).__name__} is a stack of shape {value.stack_shape}: choose one: "
-            "sweep[3], path[-1]."
+            "sweep[3], path[-1], or map the call by jax.vmap."
         )

@@ -21,6 +21,7 @@ from jaxstab.core.checks import (
     require_finite,
     require_positive,
 )
+from jaxstab.core.display import several
 from jaxstab.core.implicit import attach
 from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.results import RESULTS
@@ -207,6 +208,6 @@ def _known_path(room: Room, programme: Programme, start: Field | None) -> Path:
 def _describe(load: Load, path: Path) -> str:
     last = float(path.load.value[-1]) if len(path.load.value) else float(load.value[0])
     return (
-        f"The path ended at {type(load).__name__}({last:.6g}) after {len(path.load.value)} states "
-        f"and {len(path.jumps.state)} jumps"
+        f"The path ended at {type(load).__name__}({last:.6g}) after "
+        f"{several(len(path.load.value), 'state')} and {several(len(path.jumps.state), 'jump')}"
     )

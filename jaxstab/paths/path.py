@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxstab.core import display
-from jaxstab.core.display import Outcome, column
+from jaxstab.core.display import Outcome, column, several
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
 from jaxstab.core.units import (
@@ -159,7 +159,7 @@ class StateSequence(Dimensioned):
         """The first and the last load and the number of states, in words."""
         loads, units = np.asarray(self.load.value), self.equilibrium.units
         first, last = (measured(units, loads[i], self.load.unit, digits=6) for i in (0, -1))
-        return f"{type(self.load).__name__} {first} to {last} in {loads.size} states"
+        return f"{type(self.load).__name__} {first} to {last} in {several(loads.size, 'state')}"
 
 
 class Path(StateSequence):
@@ -203,7 +203,7 @@ class Path(StateSequence):
     @display.readable
     def __repr__(self) -> str:
         lines = [
-            f"Path: {self._extent}, {len(self.jumps)} jumps; {self.result.name}",
+            f"Path: {self._extent}, {several(len(self.jumps), 'jump')}; {self.result.name}",
             *_energies(self),
         ]
         table = [display.table(_jumps(self.jumps))] if len(self.jumps) else []
@@ -238,7 +238,7 @@ class Branch(StateSequence):
         unknown = f"{np.sum(index < 0)} of unknown index, " if np.any(index < 0) else ""
         lines = [
             f"Branch: {self._extent}, {np.sum(index > 0)} of them unstable, {unknown}"
-            f"{len(self.turns)} turns; "
+            f"{several(len(self.turns), 'turn')}; "
             f"ends {str(KINDS[self.end]).split(': ', 1)[1]}; {self.result.name}"
         ]
         table = [display.table(_turns(self.turns))] if len(self.turns) else []
@@ -255,11 +255,11 @@ def _energies(path: Path) -> list[str]:
     divisor, unit = readable_unit(path.equilibrium.units, ENERGY, max(abs(done), lost))
     energies = [f"{value / divisor:.6g} {shown_unit(unit)}".rstrip() for value in (done, lost)]
     if is_known:
-        lines = [f"  work  {energies[0]}", f"  lost in {number} jumps  {energies[1]}"]
+        lines = [f"  work  {energies[0]}", f"  lost in {several(number, 'jump')}  {energies[1]}"]
     else:
         lines = [
             f"  work until the surfaces fall apart  {energies[0]}",
-            f"  lost in {number} jumps before  {energies[1]}",
+            f"  lost in {several(number, 'jump')} before  {energies[1]}",
             "  after that neither is known: a dead load pulls surfaces apart without end",
         ]
     if abs(path.unlocated) > path.unlocated_error:

@@ -113,7 +113,8 @@ def sweep(
     if load.value.ndim != 1 or load.value.size == 0:
         raise ValueError(
             f"sweep takes a one-dimensional array of loads, but {type(load).__name__} holds one "
-            f"of shape {load.value.shape}: use jaxstab.equilibrate for a single load."
+            f"of shape {load.value.shape}: use jaxstab.equilibrate for a single load, "
+            "and jax.vmap for several sweeps."
         )
     require_one_of("order", order, Order.__args__)
     equilibrium_solver = solver_or_default(

@@ -21,6 +21,7 @@ from jaxstab.core.checks import (
 )
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries
+from jaxstab.core.display import several
 from jaxstab.core.progress import advance_if_known
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import stacked
@@ -169,7 +170,7 @@ def _eager(number: int, fields: bool, begun: Begun) -> Branch:
                         walk = replace(walk, end=KINDS.loop)
                     turns.append(turn)
     except KeyboardInterrupt:
-        warn(f"The branch was interrupted after {len(entries)} states.", PathInterrupted)
+        warn(f"The branch was interrupted after {several(len(entries), 'state')}.", PathInterrupted)
         walk = replace(walk, result=RESULTS.interrupted)
     return _branch(way, walk, stacked(entries, entry), stacked(turns, like))
 
@@ -210,8 +211,7 @@ def _branch(way: Way, walk: Walk, entries: Entry, turns: Turn) -> Branch:
 
 
 def _describe(load: Load, branch: Branch) -> str:
-    count, last = len(branch.load.value), float(branch.load.value[-1])
+    number, last = several(len(branch), "state"), float(branch.load.value[-1])
     return (
-        f"The branch ended at {type(load).__name__}({last:.6g}) after {count} states, "
-        f"{KINDS[branch.end]}"
+        f"The branch ended at {type(load).__name__}({last:.6g}) after {number}, {KINDS[branch.end]}"
     )

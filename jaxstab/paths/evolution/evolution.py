@@ -86,8 +86,8 @@ class Evolution(Totals):
     load: Load
     times: Annotated[Float[Array, "..."], TIME]
     force: Annotated[Float[Array, "..."], FORCE]
-    fields: Internal | None
-    last: Internal | None
+    fields: Internal | None = eqx.field(repr=False)
+    last: Internal | None = eqx.field(repr=False)
     reached: Annotated[Scalar, TIME]
     jump_times: Annotated[Float[Array, " jumps"], TIME]
     dissipation: Annotated[Float[Array, " jumps"], ENERGY]
