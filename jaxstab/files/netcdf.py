@@ -153,7 +153,10 @@ def _checksums(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> dic
     contents: dict[str, Any] = {"structure": attributes.get("structure", "").encode()}
     for name, array in arrays.items():
         is_words = array.dtype.kind not in "fiub"
-        contents[name] = "\n".join(array.ravel()).encode() if is_words else array.tobytes()
+        # Large arrays are not copied.
+        contents[name] = (
+            "\n".join(array.ravel()).encode() if is_words else np.ascontiguousarray(array)
+        )
     return {name: zlib.crc32(content) for name, content in contents.items()}
 
 
@@ -161,7 +164,7 @@ def _damaged(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> list[
     """Return the parts of a file whose checksums are not those that were written."""
     try:
         written = json.loads(attributes["checksums"])
-    except json.JSONDecodeError:
+    except (KeyError, json.JSONDecodeError):
         return ["checksums"]
     found = _checksums(arrays, attributes)
     return [name for name in found if name in written and written[name] != found[name]]
