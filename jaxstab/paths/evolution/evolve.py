@@ -32,7 +32,7 @@ from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.evolution.evolution import Evolution, Internal, Totals, relaxed_contact
-from jaxstab.paths.evolution.step import Moment, Step, along, first_moment, march, stepped
+from jaxstab.paths.evolution.step import Interval, Moment, Step, along, first_moment, march, stepped
 from jaxstab.paths.path import PathInterrupted
 from jaxstab.paths.record import Table
 
@@ -106,17 +106,20 @@ def evolve(
     warn_if_coarse(contact, FOR_JUMPS)
     room = jnp.zeros(size, instants.dtype)
     inputs: Any = contact.padded, load, instants, _start(contact, relaxed, load[0], initial)
-    *given, moment = jax.lax.stop_gradient(inputs)
-    given += [jax.lax.stop_gradient(tolerance), jnp.array(True) if fields else None]
+    padded, held, given_times, moment = jax.lax.stop_gradient(inputs)
     state = moment, Table((room.astype(int), room, room, room), jnp.array(0))
-    rows, numbers, is_alone = [], np.arange(instants.size), not is_transformed((inputs, given))
+    given = padded, held[0], jax.lax.stop_gradient(tolerance)
+    rows, numbers, is_alone = [], np.arange(known.size), not is_transformed((inputs, given))
+    keeps = jnp.array(True) if fields or is_alone else None
+    pairs = np.stack([np.maximum(numbers - 1, 0), numbers], axis=-1)
+    intervals = Interval(numbers, concrete(held.value)[pairs], concrete(given_times)[pairs])
     watch = progress_bar(numbers.size, "time", shown=progress, inputs=(inputs, given))
     with jax.debug_nans(False), watch as bar:
-        # Time by time, so that it can be watched, and interrupted.
-        for number in numbers if is_alone else [numbers]:
+        # Time by time, so that it can be watched, and interrupted: one program, whatever is kept.
+        for interval in map(Interval, *intervals) if is_alone else [intervals]:
             try:
-                state, row = jax.block_until_ready(_march(*given, state, number))
-                rows.append(row)
+                state, row = jax.block_until_ready(_march(*given, keeps, state, interval))
+                rows.append(row if fields else (row[0], None, *row[2:]))
             except KeyboardInterrupt:
                 if not rows:
                     raise
@@ -129,7 +132,7 @@ def evolve(
     known = steps, counts, result == RESULTS.successful
     totals, last = attach(_changes, (totals, moment.internal), known, inputs)
     ways, _, parts, lost = steps.rows
-    ends = along(given[2], ways, parts)
+    ends = along(given_times, ways, parts)
     has_jumped = np.asarray(lost) > 0 if is_alone else slice(None)
     evolution = Evolution(
         **vars(totals) | {"stored": totals.stored - totals.stored[0]},
@@ -174,9 +177,9 @@ def _start(contact: Any, relaxed: Contact, load: Load, initial: Any) -> Moment:
 @by_entries
 def _march(*inputs: Any) -> tuple[Any, Any]:
     """Return the state at a given time, or after several, and the rows of these times."""
-    *given, state, numbers = inputs
+    *given, state, intervals = inputs
     one = partial(march, *given)
-    return jax.lax.scan(one, state, numbers) if numbers.ndim else one(state, numbers)
+    return jax.lax.scan(one, state, intervals) if intervals.number.ndim else one(state, intervals)
 
 
 def _changes(

@@ -14,7 +14,7 @@ h + m, exact for any dt if w is linear in it, of second order otherwise.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -70,7 +70,18 @@ Step = tuple[Int[Array, "..."], Float[Array, "..."], Float[Array, "..."], Float[
 State = tuple[Moment, Table[Step]]
 
 
-def along(column: Float[Array, " times"], way: Int[Array, "..."], part: Array) -> Array:
+class Interval(NamedTuple):
+    """The way to a given time: its number, and the loads and the times at both ends.
+
+    Before the first time there is none, and both ends are the same.
+    """
+
+    number: Int[Array, "..."]
+    loads: Float[Array, "... 2"]
+    times: Float[Array, "... 2"]
+
+
+def along(column: Float[Array, " times"], way: Int[Array, "..."] | int, part: Array) -> Array:
     """Return the time or the value of the load at a part of the way between two given times."""
     return column[way] + part * (column[way + 1] - column[way])
 
@@ -173,20 +184,20 @@ def stepped(
 def march(
     contact: Contact,
     load: Load,
-    times: Float[Array, " times"],
     rtol: Scalar,
     keeps: Flag | None,
     state: State,
-    number: Int[Array, ""],
+    interval: Interval,
 ) -> tuple[State, tuple]:
     """Return the state at a given time, from the time before, with all steps, and its row.
 
     That is of scalars and memory, NaN without a state, the result, and the number of all steps.
+    Of the load, all but its value is used.
     """
     Carry = tuple[Moment, Table[Step], Scalar]
     solid: Any = contact.solid
-    way = number - 1
-    span = times[number] - times[way]
+    way = interval.number - 1
+    span = interval.times[1] - interval.times[0]
     shortest = jnp.minimum(_SHORTEST[0] * span, _SHORTEST[1] * solid.times[0])
     shortest = jnp.maximum(shortest, 8 * jnp.finfo(span.dtype).eps * span)
 
@@ -203,7 +214,7 @@ def march(
         # Two equal steps rather than a long one and a tiny one.
         dt = jnp.where((dt < left) & (2 * dt > left), left / 2, dt)
         end = jnp.where(dt < left, part + dt / span, 1)
-        new, with_loss = stepped(contact, load[0].at(along(load.value, way, end)), old, dt)
+        new, with_loss = stepped(contact, load.at(along(interval.loads, 0, end)), old, dt)
         is_solved = new.result == RESULTS.successful
         error = _error(contact, old, new, dt) / rtol
         error = jnp.where(is_solved & ~jnp.isnan(error), error, jnp.inf)
@@ -220,7 +231,7 @@ def march(
         moment, part = choose(is_taken, (new, end), (old, part))
         return replace(moment, dt=jnp.maximum(next_dt, shortest), result=result), steps, part
 
-    start = *state, jnp.where(number > 0, 0, jnp.ones_like(span))
+    start = *state, jnp.where(interval.number > 0, 0, jnp.ones_like(span))
     moment, steps, part = jax.lax.while_loop(goes_on, step, start)
     why = RESULTS.where(span > 0, RESULTS.store_full, RESULTS.unordered_times)
     is_short = (part < 1) & (moment.result == RESULTS.successful)
