@@ -198,3 +198,18 @@ def test_the_point_that_lets_go_is_found_where_the_last_state_lies_before_it():
     np.testing.assert_allclose(pull.critical.eigenvalue, -0.0869, rtol=1e-3)
     rate = jax.grad(lambda energy: found(energy).load.value)(energy)
     np.testing.assert_allclose(rate, -4.58231, rtol=1e-5)
+
+
+def test_a_release_is_found_where_the_solver_has_let_go_a_little_before_it():
+    random, side = np.random.default_rng(6), np.abs(np.fft.fftfreq(8) * 8)
+    waves = np.hypot(*np.meshgrid(side, side, indexing="ij"))
+    spectrum = np.where((waves > 0) & (waves <= 4), np.maximum(waves, 1) ** -1.8, 0)
+    noise = np.fft.ifftn(np.fft.fftn(random.normal(size=(8, 8))) * spectrum).real
+    heights = noise * random.uniform(0.03, 0.08) / noise.std()
+    length = random.uniform(0.05, 0.2)
+    law = js.potentials.Exponential(random.uniform(1, 8) * length**2, length)
+    contact = js.Contact(js.HalfSpace(js.Grid(8), 1.0), heights, law)
+    pull = js.pull_off(contact)
+    assert pull.kind == "release" and pull.critical.eigenvalue < -0.1
+    end = bisected(contact, js.MeanPressure, -0.5, -0.7)
+    np.testing.assert_allclose(pull.load.value, end, rtol=1e-6)

@@ -37,8 +37,9 @@ ZERO = {"float64": 1e-6, "float32": 1e-2}
 # How closely a bifurcation is bracketed, over the longest step.
 _BRACKET = {"float64": 1e-10, "float32": 1e-5}
 _MAX_STEPS = 2000
-# How far from where it was seen to lie a limit may be found, over how near that is known.
-_LEEWAY = 10
+# How far from where it was seen to lie a limit may be found, over how near that is known: what is
+# missing on the whole may be missing at one point.
+_LEEWAY = 100
 # From a state nearby: its longest step over its size, the first one over that, and how far back it
 # begins, that too, to which side of the event whatever the state lies on.
 _SHARE, _FIRST, _BACK = 0.1, 1e-3, {"float64": 1e-5, "float32": 1e-3}
