@@ -72,15 +72,16 @@ def save(
             "jaxstab.load(path, potential=...), or write it, and a solid, as an equinox.Module of "
             "numbers and arrays that can be imported."
         )
-    dataset.attrs["checksums"] = json.dumps(_checksums(_arrays(dataset), dataset.attrs))
-    if path.exists():
+    # Taken first, so that no other run can take the name.
+    try:
+        path.open("xb").close()
+    except FileExistsError:
         is_left = path.is_file() and not path.stat().st_size
         left = "is empty, perhaps left by a process that was killed" if is_left else "exists"
-        raise FileExistsError(f"{path} {left}: delete it, or give another name.")
-    # Taken first, so that no other run can take the name.
-    path.open("xb").close()
+        raise FileExistsError(f"{path} {left}: delete it, or give another name.") from None
     part = path.with_name(f".{path.name}.part")
     try:
+        dataset.attrs["checksums"] = json.dumps(_checksums(_arrays(dataset), dataset.attrs))
         dataset.to_netcdf(part, engine="h5netcdf", encoding=_encoding(dataset))
         os.replace(part, path)
     except BaseException:
