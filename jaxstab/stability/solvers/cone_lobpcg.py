@@ -241,16 +241,19 @@ def _tried_once(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     """Return a start after one length of a step, or after all at the descended vector."""
     operator, cone = problem.operator, problem.domain
     plane = _Plane.around(problem, state.point, state)
-    length = 3.0 ** -state.num_failures.astype(state.move.dtype)
+    length = 3.0 ** -jnp.maximum(state.num_failures, 0).astype(state.move.dtype)
     vector = combination(plane.at(length), plane.basis)
     # On the cone already, its zeros stay zero: rounding in a projection would open the face there.
-    leaves = jnp.any(cone.one_sided & (vector < 0))
-    vector = jnp.where(leaves, cone.project(vector), vector)
+    is_new = plane.is_rough | jnp.any(cone.one_sided & (vector < 0))
+    vector = jnp.where(is_new, cone.project(vector), vector)
     mode = model.onto_sphere(jnp.where(state.is_stuck, state.descended, vector))
     tried, is_lower = _compared(state.point, mode, operator(mode))
     is_taken = is_lower | state.is_stuck
     point = jax.tree.map(partial(jnp.where, is_taken), tried, state.point)
-    new = _arrived(problem, state, point, jnp.where(is_taken, 0, state.num_failures + 1), 3)
+    # Near rounding all lengths fail: after a step to the descended vector only one is tried.
+    failures = jnp.where(state.num_failures < 0, _MAX_TRIES, state.num_failures + 1)
+    num_failures = jnp.where(is_taken, jnp.where(state.is_stuck, -1, 0), failures)
+    new = _arrived(problem, state, point, num_failures, 3)
     # A shorter length is one of the same plane.
     return replace(
         new,
