@@ -45,6 +45,8 @@ _NUM_SEARCHES = 2
 # of the solver that are no longer.
 _SMALLEST_LOSS = 1e-5
 _BEYOND, _MAX_MOVE = 1e-6, 0.03
+# A branch that is lost within so many of these distances behind a release has not left it.
+_NEAR = 10
 # So far beyond where the curve could not be followed: the same branch, if nothing is lost.
 _OVER = 1e-3
 
@@ -196,9 +198,11 @@ def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
             lambda: _limit_from(contact, rest, found),
         )
         # Right behind a release the solver may stay where the point has not opened yet.
-        is_stuck = ~is_first & ~is_stable
+        is_lost = limit.result == RESULTS.lost_branch
+        is_near = jnp.abs(limit.load.value - search.limit.load.value) <= _NEAR * jnp.abs(beyond)
+        is_stuck = ~is_first & (~is_stable | (is_lost & is_near & search.limit.is_found))
         limit = choose(is_stuck, search.limit, limit)
-        is_lost = is_stuck | (limit.result == RESULTS.lost_branch)
+        is_lost |= is_stuck
         is_over |= ~is_lost & (~limit.is_found | (limit.kind == KINDS.fold))
         # Never back, so that the search has an end.
         is_ahead = (limit.load.value - search.value) * (last - first) > 0

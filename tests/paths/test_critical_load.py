@@ -297,8 +297,10 @@ def test_a_branch_that_a_contact_point_ends_is_found_with_its_derivative(hertz):
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("seed", [0, 3])
-def test_in_single_precision_a_branch_ends_where_it_does_in_double_or_is_lost(seed, hertz):
+@pytest.mark.parametrize(("seed", "may_be_lost"), [(0, False), (3, True), (12, False)])
+def test_in_single_precision_a_branch_ends_where_it_does_in_double_or_is_lost(
+    seed, may_be_lost, hertz
+):
     noise = 1e-3 * jax.random.normal(jax.random.key(seed), hertz.heights.shape)
 
     def end(dtype):
@@ -311,7 +313,7 @@ def test_in_single_precision_a_branch_ends_where_it_does_in_double_or_is_lost(se
 
     single, double = end("float32"), end("float64")
     assert double.kind == "release"
-    if single.result == js.RESULTS.lost_branch:
+    if may_be_lost and single.result == js.RESULTS.lost_branch:
         # Behind a release that loses next to nothing, where balance is known to 1e-4.
         assert np.isnan(single.critical.eigenvalue)
         return

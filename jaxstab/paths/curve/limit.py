@@ -33,7 +33,7 @@ from jaxstab.stability.solvers.davidson import Davidson
 # How closely the mode of the limit is found.
 _MODE = {"float64": 1e-9, "float32": 1e-5}
 # An eigenvalue below this counts as zero at a fold, over the stiffness of the softest wave.
-ZERO = {"float64": 1e-6, "float32": 1e-2}
+ZERO = {"float64": 1e-6, "float32": 1e-3}
 # How closely a bifurcation is bracketed, over the longest step.
 _BRACKET = {"float64": 1e-10, "float32": 1e-5}
 _MAX_STEPS = 2000
