@@ -40,6 +40,11 @@ class _Point(eqx.Module):
 
 
 class _ConeState(eqx.Module):
+    """Where a start is, where a projected gradient step leads, and how it got there.
+
+    `num_failures` counts the lengths of a step that failed; -1 allows one length alone.
+    """
+
     point: _Point
     descended: Field
     move: Field
