@@ -8,7 +8,8 @@ import pytest
 
 from jaxstab.core import control_flow
 
-# Elsewhere many loads are solved together, rounded otherwise, and programs have no texts.
+# Elsewhere many loads are solved together, rounded otherwise, small numbers are denormal, and
+# programs have no texts.
 on_the_cpu = pytest.mark.skipif(
     jax.default_backend() != "cpu", reason="what it asks for is given on the CPU alone"
 )
