@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, PyTree
 
+from jaxstab.core.compile import own_conventions
 from jaxstab.core.types import Flag
 
 Tree = TypeVar("Tree")
@@ -52,6 +53,7 @@ def _differentiate(rule: Rule, primals: tuple, tangents: tuple) -> tuple[Tree, T
 
 
 # A program of its own, so that few programs run where derivatives are taken outside of `jax.jit`.
+@own_conventions()
 @partial(jax.jit, static_argnums=0)
 def _changes(rule: Rule, values: Tree, known: PyTree, inputs: PyTree, changes: PyTree) -> Tree:
     moved, is_undefined = rule(values, known, inputs, changes)
