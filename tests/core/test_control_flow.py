@@ -1,10 +1,12 @@
+from unittest import mock
+
 import jax
 import jax.export
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from programs import beside_an_accelerator
 
+from jaxstab.core import control_flow
 from jaxstab.core.control_flow import by_entries
 
 
@@ -47,7 +49,7 @@ def test_batches_nest():
 
 def test_a_program_has_a_loop_over_entries_on_the_cpu_alone():
     solve = jax.jit(jax.vmap(by_entries(iterate), in_axes=(0, None)))
-    with beside_an_accelerator():
+    with mock.patch.object(control_flow, "has_accelerator", lambda: True):
         for platform, loops in (("cuda", 1), ("cpu", 2)):
             program = jax.export.export(solve, platforms=[platform])(STARTS, FACTORS[1])
             assert program.mlir_module().count("stablehlo.while") == loops

@@ -21,7 +21,6 @@ SWITCHES = [
 
 @pytest.fixture(scope="module", autouse=True)
 def switches():
-    jax.clear_caches()
     with contextlib.ExitStack() as stack:
         for switch in SWITCHES:
             stack.enter_context(switch)

@@ -1,15 +1,11 @@
-from contextlib import nullcontext
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from brute_force import dense_hessian, smallest_on_zero_mean
 from problems import Waves, rough_contact, state_of
-from step_counts import as_on_an_accelerator
 
 import jaxstab as js
-from jaxstab.stability.cones import AdmissibleCone
 
 
 def check_admissible(pair, in_contact):
@@ -63,24 +59,6 @@ def test_with_contact_the_answer_is_admissible_and_optimal(touching):
     assert (force[~free] - multiplier).min(initial=0) > -1e-6 * scale
     # The eigenvalue lies above the lower bound.
     assert smallest_on_zero_mean(matrix) <= pair.eigenvalue + 1e-9 * scale
-
-
-@pytest.mark.parametrize("platform", [nullcontext, as_on_an_accelerator])
-def test_the_projection_is_the_nearest_admissible_field(platform):
-    rng = np.random.default_rng(0)
-    masks, fields = rng.random((20, 6, 7)) < rng.random((20, 1, 1)), rng.normal(size=(20, 6, 7))
-    with platform():
-        cones = [AdmissibleCone(jnp.asarray(mask)) for mask in masks]
-        found = [cone.project(jnp.asarray(x)) for cone, x in zip(cones, fields, strict=True)]
-    for in_contact, field, projected in zip(masks, fields, map(np.asarray, found), strict=True):
-        assert abs(projected.sum()) < 1e-12
-        assert projected[in_contact].min(initial=0) >= 0
-        # field - projected = s + y, with one s everywhere and y <= 0 only where x touches zero.
-        rest = field - projected
-        moving = (projected > 0) | ~in_contact
-        shift = rest[moving].mean() if moving.any() else rest.max()
-        np.testing.assert_allclose(rest[moving], shift, atol=1e-12)
-        assert (rest[~moving] <= shift + 1e-12).all()
 
 
 def test_it_converges_near_full_contact(unloading):
