@@ -34,6 +34,15 @@ class Parabola(eqx.Module):
         return -self.stiffness * gap**2 / 2
 
 
+class Linear(eqx.Module):
+    """The law slope g, whose attraction is the same at every gap."""
+
+    slope: jax.Array = eqx.field(converter=jnp.asarray)
+
+    def __call__(self, gap):
+        return self.slope * gap
+
+
 def rough_contact(n, potential, youngs_modulus=1.0, seed=0, rms_height=0.1):
     grid = js.Grid(n)
     heights = js.surfaces.self_affine(

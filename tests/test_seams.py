@@ -57,7 +57,13 @@ LOADS = {
 
 
 @pytest.mark.parametrize(
-    "name", ["gap", pytest.param("pressure", marks=pytest.mark.nightly), "far", "spring"]
+    "name",
+    [
+        "gap",
+        pytest.param("pressure", marks=pytest.mark.nightly),
+        pytest.param("far", marks=pytest.mark.nightly),
+        "spring",
+    ],
 )
 def test_a_solid_of_ones_own_agrees_with_dense_algebra(name):
     contact, load = dense_contact(), LOADS[name]

@@ -28,21 +28,21 @@ def disc(n, radius):
 
 def test_a_disc_conducts_as_holm_says():
     radius, errors = 0.3, []
-    for n in (64, 128, 256):
+    for n in (64, 256):
         found = js.conductance(*touching(disc(n, radius), js.FreeHalfSpace), (1.0, 2.0))
         errors.append(abs(found.conductance / (4 * radius / 3) - 1))
-        np.testing.assert_allclose(found.incremental_stiffness, 3 * found.conductance, rtol=1e-12)
-    assert errors[2] < 2.5e-3
-    assert errors[2] < errors[1] < errors[0] < 1e-2
+    assert errors[1] < errors[0] < 1e-2
+    assert errors[1] < 2.5e-3
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize(
+    "dtype", [pytest.param(jnp.float32, marks=pytest.mark.nightly), jnp.float64]
+)
 def test_periodic_strips_constrict_as_westergaard_says(dtype):
     errors = []
     for n in (64, 256):
         mask = jnp.arange(n) < n // 4
         found = js.conductance(*touching(mask, lengths=3.0, dtype=dtype), (1.0, 2.0))
-        assert found.conductance.dtype == dtype
         exact = np.pi / (2 * np.log(1 / np.sin(np.pi / 8)))
         errors.append(abs(2 / 3 * exact / found.conductance - 1))
     assert errors[1] < 0.3 * errors[0]
@@ -82,6 +82,7 @@ def test_without_contact_nothing_flows_and_in_full_contact_nothing_constricts():
 def test_any_unit_of_length_gives_the_same(dtype, kind):
     mask = disc(16, 0.3)
     one = js.conductance(*touching(mask, kind, 1.0, dtype), (1.0, 1.0))
+    assert one.conductance.dtype == dtype
     small = js.conductance(*touching(mask, kind, 1e-9, dtype, modulus=2e12), (1e-3, 1e-3))
     rtol = {jnp.float32: 1e-4, jnp.float64: 1e-10}[dtype]
     np.testing.assert_allclose(small.conductance, 1e-6 * one.conductance, rtol=rtol)

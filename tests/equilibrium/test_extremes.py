@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 from brute_force import check_optimality, smallest_on_critical_cone
-from problems import lennard_jones_force, rough_contact
+from problems import Linear, lennard_jones_force, rough_contact
 
 import jaxstab as js
 
@@ -151,7 +151,7 @@ def test_a_uniform_attraction_hides_no_imbalance(strength, dtype):
 @pytest.mark.parametrize("tension", [1.0, 1e6])
 def test_a_tension_that_cancels_a_linear_law_hides_no_imbalance(tension):
     bare = rough_contact(16, js.potentials.NoAdhesion())
-    contact = js.Contact(bare.solid, bare.heights, lambda gap: tension * gap)
+    contact = js.Contact(bare.solid, bare.heights, Linear(tension))
     expected = js.equilibrate(bare, js.MeanPressure(0.1))
     found = js.equilibrate(contact, js.MeanPressure(0.1 - tension))
     assert gaps_off(found, expected, 0.1) < 1e-5

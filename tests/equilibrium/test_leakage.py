@@ -98,7 +98,6 @@ def test_the_tensor_is_that_of_the_least_dissipation(share, solver):
     found = leaking(gap, lengths, solver=solver)
     exact = network_permeability(gap, lengths)
     np.testing.assert_allclose(found.permeability, exact, rtol=1e-7, atol=1e-9 * exact.max())
-    np.testing.assert_array_equal(found.permeability, found.permeability.T)
     means = np.asarray(found.flux).mean(axis=(2, 3)).T
     np.testing.assert_allclose(means, means.T, rtol=1e-8, atol=1e-12 * exact.max())
 

@@ -3,11 +3,14 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from problems import state_of
 
 import jaxstab as js
+
+pytestmark = pytest.mark.nightly
 
 N = 6
 seeds = st.integers(0, 2**32)
