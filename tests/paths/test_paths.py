@@ -115,6 +115,7 @@ def test_a_reversible_contact_loses_nothing(rough_path):
     assert len(path.jumps) == 0 and path.dissipation == 0
     assert abs(path.unlocated) <= path.unlocated_error
     np.testing.assert_allclose(path.work, 0, atol=1e-9 * energy)
+    assert re.search(r"MeanGap 0\.25 µm to 0\.25 µm in(?s:.*)work  \S+ .J\n", repr(path))
     # Rounding is compared with the losses: both are in one unit.
     assert re.search(r"work  \S+ (\w+)\n  lost in 0 jumps  0 \1$", repr(path))
 
