@@ -52,8 +52,7 @@ def test_it_presses_with_its_stretch_and_is_part_of_the_hessian(contact, stiffne
 def test_a_stiff_spring_holds_the_displacement_and_a_soft_one_the_pressure(contact):
     def outcome(load):
         equilibrium = js.equilibrate(contact, load, TIGHT)
-        lowest = js.lowest_modes(contact, equilibrium, 1, space="critical")
-        numbers = equilibrium.mean_pressure, equilibrium.energy, lowest.eigenvalue[0]
+        numbers = equilibrium.mean_pressure, equilibrium.energy
         return np.array([*equilibrium.gap.ravel(), *equilibrium.reaction.ravel(), *numbers])
 
     stiff, held = outcome(js.Spring(0.08, 1e10)), outcome(js.MeanDisplacement(0.08))
@@ -144,7 +143,7 @@ def test_soft_cantilevers_on_stiff_solids_and_machines_under_jit_are_not_warned_
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         js.equilibrate(silica, js.Spring.cantilever(0.0, 0.01, silica.grid), throw=False)
-        jax.jit(lambda k: js.equilibrate(silica, js.Spring(0.0, k), throw=False).energy)(1.0)
+        jax.eval_shape(lambda k: js.equilibrate(silica, js.Spring(0.0, k), throw=False), 1.0)
     assert not any(issubclass(x.category, js.MachineWarning) for x in said)
 
 

@@ -119,7 +119,7 @@ def contact_with(potential):
         (js.potentials.Gaussian, r"the class Gaussian: give a law with its numbers, Gaussian\("),
         (lambda gap: np.exp(-gap), "jax.numpy in place of NumPy"),
         (lambda gap: -1.0 if gap < 1 else 0.0, "jnp.where in place of `if`"),
-        (lambda gap: jnp.where(gap > 0.5, jnp.nan, -gap), r"value at a gap of 0.50\d* is nan"),
+        (lambda gap: jnp.sqrt(0.5 - gap), r"value at a gap of 0.50\d* is nan"),
         (
             lambda gap: -jnp.maximum(1 - gap, 0),
             r"piecewise linear.*from 0 to 1\. Give a smooth fit",
