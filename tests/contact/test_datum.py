@@ -90,8 +90,6 @@ def test_derivatives_know_nothing_of_an_offset(load):
     np.testing.assert_allclose(moved, level, rtol=1e-6, atol=1e-9)
     differences = (energy(1e-5, offset) - energy(-1e-5, offset)) / 2e-5
     np.testing.assert_allclose(moved, differences, rtol=1e-3, atol=1e-6)
-    reverse = jax.grad(lambda step: energy(step, offset)[1])(0.0)
-    np.testing.assert_allclose(reverse, moved[1], rtol=1e-8, atol=1e-12)
 
 
 def test_windows_flat_surfaces_paths_and_files_keep_an_offset(tmp_path):

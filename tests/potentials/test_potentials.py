@@ -148,8 +148,9 @@ def test_a_potential_that_cannot_be_used_is_refused(potential, message):
     ],
 )
 def test_laws_that_only_look_odd_are_accepted(law):
-    assert contact_with(law).has_core == False  # noqa: E712
-    assert slope(contact_with(law).potential, GAPS).dtype == GAPS.dtype
+    contact = contact_with(law)
+    assert contact.has_core == False  # noqa: E712
+    assert slope(contact.potential, GAPS).dtype == GAPS.dtype
 
 
 def wall(gap):

@@ -76,8 +76,8 @@ def stiffness_by_airy(q, thickness, layer, base=None):
 
 
 @pytest.mark.parametrize("nu", RATIOS)
-@pytest.mark.parametrize("thickness", [1.0, 0.02])
-def test_a_layer_is_as_stiff_as_airys_stress_function_says(nu, thickness):
+def test_a_layer_is_as_stiff_as_airys_stress_function_says(nu):
+    thickness = 0.02
     solid = js.Layer(js.Grid(8), 2.0, nu, thickness)
     q = WAVENUMBERS / thickness
     exact = [stiffness_by_airy(one, thickness, (2.0, nu)) for one in q]
