@@ -43,6 +43,22 @@ class Linear(eqx.Module):
         return self.slope * gap
 
 
+class DenseSolid(js.Solid):
+    """A solid given by its matrix, of which constants are an eigenvector."""
+
+    grid: js.Grid
+    matrix: jax.Array
+    max_stiffness: jax.Array
+    min_stiffness: jax.Array
+
+    def apply(self, displacement):
+        return (self.matrix @ displacement.ravel()).reshape(displacement.shape)
+
+    def precondition(self, shift):
+        inverse = 1 / (jnp.diagonal(self.matrix) + shift)
+        return lambda field: inverse.reshape(field.shape) * field
+
+
 def rough_contact(n, potential, youngs_modulus=1.0, seed=0, rms_height=0.1):
     grid = js.Grid(n)
     heights = js.surfaces.self_affine(

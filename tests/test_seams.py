@@ -7,29 +7,13 @@ import pytest
 from brute_force import smallest_on_zero_mean
 from descent import Descent
 from jaxtyping import Array
-from problems import TIGHT, rough_contact
+from problems import TIGHT, DenseSolid, rough_contact
 
 import jaxstab as js
 
 SHAPE = (4, 5)
 SIZE = 20
 FAR = 0.7
-
-
-class Dense(js.Solid):
-    """A solid given by its matrix, of which constants are an eigenvector."""
-
-    grid: js.Grid
-    matrix: Array
-    max_stiffness: Array
-    min_stiffness: Array
-
-    def apply(self, displacement):
-        return (self.matrix @ displacement.ravel()).reshape(displacement.shape)
-
-    def precondition(self, shift):
-        inverse = 1 / (jnp.diagonal(self.matrix) + shift)
-        return lambda field: inverse.reshape(field.shape) * field
 
 
 def matrix_of(modulus):
@@ -41,7 +25,7 @@ def matrix_of(modulus):
 
 
 def dense_contact(modulus=1.0, energy=0.1):
-    solid = Dense(
+    solid = DenseSolid(
         js.Grid(SHAPE), jnp.asarray(matrix_of(1.0)) * modulus, 9.0 * modulus, 1.0 * modulus
     )
     heights = 0.3 * jnp.asarray(np.random.default_rng(1).normal(size=SHAPE))

@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from brute_force import dense_hessian, smallest_on_cone
-from problems import rough_contact, state_of
+from brute_force import dense_hessian, matrix_of, smallest_on_cone, smallest_on_zero_mean
+from problems import DenseSolid, rough_contact, state_of
 
 import jaxstab as js
 
@@ -44,10 +44,8 @@ def test_a_bound_is_never_above_the_minimum_and_proves_what_the_lower_bound_does
         if stability.verdict == "stable" and stability.proved:
             assert exact > 0
         certified += bool(stability.lower_bound.eigenvalue < 0 < stability.cone.bound)
-        np.testing.assert_allclose(
-            stability.lower_bound.bound,
-            stability.lower_bound.eigenvalue - stability.lower_bound.error,
-        )
+        below = smallest_on_zero_mean(matrix) - stability.lower_bound.bound
+        assert -rounding <= below <= 2 * stability.lower_bound.error + rounding
     assert certified >= 5
 
 
@@ -55,8 +53,6 @@ def test_what_is_only_found_is_said_to_hold_locally(judged):
     found = [s for _, _, s in judged if s.verdict == "stable" and not s.proved]
     proved = [s for _, _, s in judged if s.verdict == "stable" and s.proved]
     assert found and proved
-    for stability in found:
-        assert stability.cone.bound <= 0
     _, state, stability = next(x for x in judged if x[2] is found[0])
     sweep = js.Sweep(state.load, state, stability)
     assert "stable, locally" in repr(sweep)
@@ -99,21 +95,10 @@ def test_proofs_are_the_same_in_lanes_and_in_single_precision():
 
 
 def test_a_solid_without_waves_has_no_certificate_but_a_verdict(judged):
-    class Dense(js.Solid):
-        grid: js.Grid
-        max_stiffness: jax.Array
-        min_stiffness: jax.Array
-        waves: js.Solid
-
-        def apply(self, displacement):
-            return self.waves.apply(displacement)
-
-        def precondition(self, shift):
-            return self.waves.precondition(shift)
-
     contact, state, stability = next(x for x in judged if x[2].cone.bound > 0)
     solid = contact.solid
-    dense = Dense(solid.grid, solid.max_stiffness, solid.min_stiffness, solid)
+    matrix = jnp.asarray(matrix_of(solid.apply, SHAPE))
+    dense = DenseSolid(solid.grid, matrix, solid.max_stiffness, solid.min_stiffness)
     again = js.assess_stability(js.Contact(dense, contact.heights, contact.potential), state)
     np.testing.assert_allclose(again.cone.eigenvalue, stability.cone.eigenvalue, rtol=1e-6)
     assert again.verdict == "stable" and not again.proved

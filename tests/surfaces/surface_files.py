@@ -54,11 +54,11 @@ def gwy_object(name, *parts):
     return name.encode() + b"\0" + struct.pack("<I", len(content)) + content
 
 
-def as_gwy(path, unit="m", per_height=1e-6):
+def gwy_field(heights, unit):
     # By Gwyddion's description: rows of constant y one after another, a unit each for xy and z.
     unit_xy, unit_z = (gwy_object("GwySIUnit", gwy_part("unitstr", "s", u + b"\0"))
                        for u in (b"m", unit.encode()))  # fmt: skip
-    field = gwy_object(
+    return gwy_object(
         "GwyDataField",
         gwy_part("xres", "i", struct.pack("<i", 12)),
         gwy_part("yres", "i", struct.pack("<i", 7)),
@@ -66,9 +66,13 @@ def as_gwy(path, unit="m", per_height=1e-6):
         gwy_part("yreal", "d", struct.pack("<d", 1.4e-6)),
         gwy_part("si_unit_xy", "o", unit_xy),
         gwy_part("si_unit_z", "o", unit_z),
-        gwy_part("data", "D", struct.pack("<I", 84) + (per_height * HEIGHTS).T.tobytes()),
+        gwy_part("data", "D", struct.pack("<I", 84) + heights.T.tobytes()),
     )
-    path.write_bytes(b"GWYP" + gwy_object("GwyContainer", gwy_part("/0/data", "o", field)))
+
+
+def as_gwy(path, unit="m", per_height=1e-6):
+    field = gwy_part("/0/data", "o", gwy_field(per_height * HEIGHTS, unit))
+    path.write_bytes(b"GWYP" + gwy_object("GwyContainer", field))
 
 
 def as_npz(path):

@@ -1,11 +1,9 @@
 """Files with several channels: which is read, and the remark on it."""
 
-import struct
-
 import numpy as np
 import pytest
 import xarray
-from surface_files import HEIGHTS, SIDES, as_npy, as_text, gwy_object, gwy_part, x, y
+from surface_files import HEIGHTS, SIDES, as_npy, as_text, gwy_field, gwy_object, gwy_part, x, y
 
 import jaxstab as js
 from jaxstab.__main__ import main
@@ -15,18 +13,7 @@ def gwy_of(*channels):
     """Return a file of Gwyddion: of each channel title, unit, values."""
     parts = []
     for i, (title, unit, values) in enumerate(channels):
-        field = gwy_object(
-            "GwyDataField",
-            gwy_part("xres", "i", struct.pack("<i", 12)),
-            gwy_part("yres", "i", struct.pack("<i", 7)),
-            gwy_part("xreal", "d", struct.pack("<d", 3e-6)),
-            gwy_part("yreal", "d", struct.pack("<d", 1.4e-6)),
-            gwy_part("si_unit_xy", "o", gwy_object("GwySIUnit", gwy_part("unitstr", "s", b"m\0"))),
-            gwy_part("si_unit_z", "o",
-                     gwy_object("GwySIUnit", gwy_part("unitstr", "s", unit.encode() + b"\0"))),
-            gwy_part("data", "D", struct.pack("<I", 84) + values.T.tobytes()),
-        )  # fmt: skip
-        parts.append(gwy_part(f"/{i}/data", "o", field))
+        parts.append(gwy_part(f"/{i}/data", "o", gwy_field(values, unit)))
         parts.append(gwy_part(f"/{i}/data/title", "s", title.encode() + b"\0"))
     return b"GWYP" + gwy_object("GwyContainer", *parts)
 
