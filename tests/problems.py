@@ -67,6 +67,11 @@ def rough_contact(n, potential, youngs_modulus=1.0, seed=0, rms_height=0.1):
     return js.Contact(js.HalfSpace(grid, youngs_modulus), heights, potential)
 
 
+def flat_contact(law):
+    grid = js.Grid(8)
+    return js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(grid.shape), law)
+
+
 def bisected(contact, load, start, step, holds=lambda state: True, resolution=1e-9):
     """Return the last load at which a warm-started equilibrium holds, by ever smaller steps."""
     state, value = js.equilibrate(contact, load(start)), start

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from brute_force import check_optimality, smallest_on_critical_cone
-from problems import Linear, rough_contact
+from problems import Linear, flat_contact, rough_contact
 
 import jaxstab as js
 from jaxstab.references import westergaard
@@ -105,11 +105,6 @@ def test_a_load_past_pull_off_is_announced():
     adhesionless = rough_contact(N, js.potentials.NoAdhesion())
     apart = js.equilibrate(adhesionless, js.MeanPressure(-1e-6), throw=False)
     assert apart.result == js.RESULTS.pulled_off
-
-
-def flat_contact(law):
-    grid = js.Grid(8)
-    return js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(grid.shape), law)
 
 
 def test_what_a_law_holds_further_out_is_not_announced_as_pulled_off():

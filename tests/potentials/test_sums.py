@@ -118,28 +118,6 @@ def test_electrodes_without_a_dielectric_need_a_core():
     assert js.equilibrate(contact, js.MeanGap(0.4)).gap.min() > 0.1
 
 
-@pytest.mark.parametrize(
-    ("law", "values", "sentence"),
-    [
-        ("Exponential", (-1.0, 1.0), "surface energy is -1"),
-        ("Exponential", (np.nan, 1.0), "surface energy is nan"),
-        ("Exponential", (1.0, 0.0), "length of the potential is 0"),
-        ("LennardJones", (0.0, 1.0), r"surface energy of a law with a core is 0\.0"),
-        ("Dugdale", (1.0, 1.0, 0.0), r"smoothing of the potential is 0\.0"),
-        ("Electrostatic", (np.inf, 1.0), r"voltage is inf: it must be finite"),
-        ("Electrostatic", (1.0, 0.0), r"permittivity is 0\.0: it must be positive"),
-        ("Electrostatic", (1.0, 1.0, -1.0), r"dielectric is -1\.0: it must be finite and not neg"),
-        ("Capillary", (-1.0, 0.0, 1.0), r"surface tension is -1\.0: it must be finite"),
-        ("Capillary", (1.0, 60.0, 1.0), r"contact angle is 60\.0: give radians"),
-        ("Capillary", (1.0, 0.0, 0.0), r"radius of the meniscus is 0\.0"),
-        ("Sum", ((),), r"The laws are \(\): give functions of the gap"),
-    ],
-)
-def test_parameters_that_make_no_sense_are_refused(law, values, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        getattr(js.potentials, law)(*values)
-
-
 def test_only_functions_can_be_added():
     with pytest.raises(TypeError, match="unsupported operand"):
         EXPONENTIAL + 1.0
