@@ -18,6 +18,7 @@ SLOW = (
     "fits",
     "force_curve",
     "model",
+    "paper",
     "scan",
     "studies",
     "time",

@@ -3,13 +3,15 @@
 import json
 import os
 import pickle
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import h5netcdf
 import numpy as np
 import pytest
-from saved import assert_same_bits, contact_of, rewrite
+from saved import assert_same_bits, contact_and_state, contact_of, rewrite
 
 import jaxstab as js
 
@@ -25,11 +27,16 @@ class Law(eqx.Module):
 """
 
 
-@pytest.fixture
-def saved(tmp_path):
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
     contact = contact_of(js.potentials.Exponential(0.01, 0.2))
     sweep = js.sweep(contact, js.MeanGap(np.array([0.1, 0.2])))
-    return js.save(tmp_path / "run.nc", contact, sweep)
+    return js.save(tmp_path_factory.mktemp("original") / "run.nc", contact, sweep)
+
+
+@pytest.fixture
+def saved(original, tmp_path):
+    return Path(shutil.copy(original, tmp_path))
 
 
 @pytest.fixture
@@ -138,8 +145,7 @@ def test_a_class_comes_back_once_its_module_is_imported(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     import my_laws
 
-    contact = contact_of(my_laws.Law(np.array(0.01)))
-    state = js.equilibrate(contact, js.MeanGap(0.1))
+    contact, state = contact_and_state(my_laws.Law(np.array(0.01)))
     path = js.save(tmp_path / "own.nc", contact, state)
     assert_same_bits((contact, state), js.load(path))
     monkeypatch.delitem(sys.modules, "my_laws")

@@ -7,7 +7,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import pytest
-from saved import SHAPE, assert_same_bits, contact_of
+from problems import state_of
+from saved import BUMPY, SHAPE, assert_same_bits, contact_and_state
 
 import jaxstab as js
 
@@ -43,15 +44,14 @@ def test_a_law_defined_in_a_script_comes_back_in_it_and_is_asked_for_elsewhere(t
     "dtype", [jnp.float64, pytest.param(jnp.float32, marks=pytest.mark.nightly)]
 )
 def test_of_a_bare_function_values_are_kept_and_a_warning_says_so(dtype, tmp_path):
-    contact = contact_of(lambda gap: -0.01 * jnp.exp(-gap / 0.2), dtype)
-    sweep = js.sweep(contact, js.MeanGap(jnp.array([0.1, 0.2], dtype)))
+    contact, state = contact_and_state(lambda gap: -0.01 * jnp.exp(-gap / 0.2), dtype)
     with pytest.warns(UserWarning, match=r"bare.nc holds values of `<lambda>`, no formula"):
-        path = js.save(tmp_path / "bare.nc", contact, sweep)
-    loaded, result = js.load(path)
-    assert_same_bits(result, sweep)
-    js.plots.gap(loaded, result[0])
+        path = js.save(tmp_path / "bare.nc", contact, state)
+    loaded, again = js.load(path)
+    assert_same_bits(again, state)
+    js.plots.gap(loaded, again)
     with pytest.raises(ValueError, match="`<lambda>` the file holds values only"):
-        js.assess_stability(loaded, result[0])
+        js.assess_stability(loaded, again)
 
 
 class Odd(eqx.Module):
@@ -66,11 +66,13 @@ class Odd(eqx.Module):
         return -self.gap * self.load * jnp.exp(-gap / jnp.sum(self.my_history * self.grid_lengths))
 
 
-def test_names_of_a_law_do_not_clash_with_those_of_results(tmp_path):
-    law = Odd(jnp.array([0.1, 0.2]), jnp.array([0.5, 0.5]), jnp.array(0.1), jnp.array(0.1))
-    contact = contact_of(law)
-    state = js.equilibrate(contact, js.MeanGap(0.1))
-    assert_same_bits((contact, state), js.load(js.save(tmp_path / "odd.nc", contact, state)))
+ODD = Odd(jnp.array([0.1, 0.2]), jnp.array([0.5, 0.5]), jnp.array(0.1), jnp.array(0.1))
+
+
+@pytest.mark.parametrize("law", [ODD, BUMPY], ids=["odd", "bumpy"])
+def test_a_law_of_any_fields_comes_back_and_clashes_with_no_name_of_results(law, tmp_path):
+    both = contact_and_state(law)
+    assert_same_bits(both, js.load(js.save(tmp_path / "own.nc", *both)))
 
 
 def test_a_lost_law_inside_another_and_a_lost_solid_are_told(tmp_path):
@@ -81,16 +83,15 @@ def test_a_lost_law_inside_another_and_a_lost_solid_are_told(tmp_path):
             return -self.depth * jnp.exp(-gap)
 
     varying = js.potentials.Varying(Local(jnp.full(SHAPE, 0.01)))
-    state = js.equilibrate(contact_of(varying), js.MeanGap(0.1))
+    contact, state = contact_and_state(varying)
     with pytest.warns(UserWarning, match="Local"):
-        path = js.save(tmp_path / "law.nc", contact_of(varying), state)
+        path = js.save(tmp_path / "law.nc", contact, state)
     loaded, _ = js.load(path)
     with pytest.raises(ValueError, match="Local` the file holds values only"):
         js.equilibrate(loaded, state.load)
-    base = contact_of(js.potentials.Exponential(0.01, 0.2))
-    solid = js.Spectral(base.grid, lambda q: q / 2)
-    contact = js.Contact(solid, base.heights, base.potential)
-    state = js.equilibrate(contact, js.MeanGap(0.1))
+    solid = js.Spectral(contact.grid, lambda q: q / 2)
+    law = js.potentials.Exponential(0.01, 0.2)
+    contact, state = state_of(js.Contact(solid, contact.heights, law), state.gap)
     with pytest.warns(UserWarning, match="<lambda>"):
         path = js.save(tmp_path / "solid.nc", contact, state)
     loaded, again = js.load(path)
@@ -110,10 +111,9 @@ class Own(eqx.Module):
 
 
 def test_labels_are_those_of_the_dimension_and_not_guessed_of_a_law_of_ones_own():
-    grid = js.Grid((16,))
-    heights = js.surfaces.sinusoid(grid, 0.1)
-    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, Own(jnp.array(0.01), jnp.array(0.2)))
-    dataset = js.to_dataset(contact, js.equilibrate(contact, js.MeanGap(0.1)))
+    law = Own(jnp.array(0.01), jnp.array(0.2))
+    contact = js.Contact(js.HalfSpace(js.Grid((16,)), 1.0), jnp.zeros(16), law)
+    dataset = js.to_dataset(*state_of(contact, jnp.linspace(0.1, 0.2, 16)))
     assert dataset.area.units == "length"
     assert dataset.energy.units == "energy/length"
     assert dataset.potential_work.attrs == {"long_name": "work"}
@@ -124,8 +124,8 @@ def test_what_is_composed_of_laws_and_materials_has_labels_too():
     grid = js.Grid(8)
     solid = js.CoatedHalfSpace(grid, (1.0, 0.3), 0.2, (2.0, 0.4))
     law = js.potentials.Scaled(js.potentials.Dugdale(0.01, 0.2), jnp.array(0.5))
-    contact = js.Contact(solid, js.surfaces.sinusoid(grid, 0.1), law)
-    dataset = js.to_dataset(contact, js.equilibrate(contact, js.MeanGap(0.1)))
+    contact = js.Contact(solid, jnp.zeros((8, 8)), law)
+    dataset = js.to_dataset(*state_of(contact, jnp.linspace(0.1, 0.2, 64).reshape(8, 8)))
     for place in ("layer", "base"):
         first, second = (dataset[f"solid_{place}_{i}"].attrs for i in (0, 1))
         assert first == {"long_name": f"{place}, Young's modulus", "units": "pressure"}

@@ -4,6 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from problems import state_of
+from saved import assert_same_bits
 
 import jaxstab as js
 from jaxstab.potentials import curvature, energy_density, slope
@@ -11,6 +13,7 @@ from jaxstab.potentials import curvature, energy_density, slope
 GAPS = jnp.linspace(0.0, 3.0, 25).reshape(5, 5)
 ELECTRIC = js.potentials.Electrostatic(0.3, 0.8, dielectric=0.2)
 EXPONENTIAL = js.potentials.Exponential(0.02, 0.3)
+GAP = jnp.linspace(0.0, 0.2, 64).reshape(8, 8)
 DERIVATIVES = (energy_density, slope, curvature)
 
 
@@ -84,12 +87,10 @@ def test_a_sum_is_solved_with_in_si_units_as_in_others():
 def test_sums_come_back_from_files(tmp_path):
     energies = 0.01 + 0.01 * jax.random.uniform(jax.random.key(0), (8, 8))
     part = js.potentials.Varying(js.potentials.Exponential(energies, 0.3))
-    contact = contact_of(ELECTRIC + part + js.potentials.Capillary(0.01, 0.2, 0.1))
-    state = js.equilibrate(contact, js.MeanGap(0.1))
+    law = ELECTRIC + part + js.potentials.Capillary(0.01, 0.2, 0.1)
+    contact, state = state_of(contact_of(law), GAP)
     again, _ = js.load(js.save(tmp_path / "sum.nc", contact, state))
-    assert jax.tree.structure(again) == jax.tree.structure(contact)
-    for one, other in zip(jax.tree.leaves(again), jax.tree.leaves(contact), strict=True):
-        np.testing.assert_array_equal(one, other)
+    assert_same_bits(again, contact)
     dataset = js.to_dataset(contact, state)
     (name,) = [name for name in dataset if str(name).endswith("voltage")]
     assert dataset[name].attrs["units"] == "voltage"
@@ -99,12 +100,11 @@ def test_of_a_function_in_a_sum_a_file_asks_for_the_law(tmp_path):
     def mine(gap):
         return -0.01 * jnp.exp(-gap)
 
-    contact = contact_of(EXPONENTIAL + mine)
-    state = js.equilibrate(contact, js.MeanGap(0.1))
+    contact, state = state_of(contact_of(EXPONENTIAL + mine), GAP)
     with pytest.warns(UserWarning, match="no formula"):
         path = js.save(tmp_path / "mine.nc", contact, state)
     with pytest.raises(ValueError, match="the file holds values only"):
-        js.equilibrate(js.load(path)[0], js.MeanGap(0.1))
+        js.equilibrate(js.load(path)[0], state.load)
     again, _ = js.load(path, potential=EXPONENTIAL + mine)
     assert_same_law(again.potential, contact.potential)
 
