@@ -91,6 +91,7 @@ def test_other_files_are_refused(challenge, tmp_path):
         challenge.read_surface(tmp_path / "surface")
 
 
+@pytest.mark.nightly
 def test_area_gap_and_distributions_stand_beside_published_numbers(challenge, tmp_path):
     as_hdf5(tmp_path / "surface")
     published = {"area": [[1e5, 0.02], [4e5, 0.05]], "gaps": [[0.0, 1e3], [1.0, 1e3]]}

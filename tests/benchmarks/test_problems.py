@@ -51,10 +51,10 @@ def test_laws_are_those_of_jaxstab(problems, law):
     ("law", "control", "value"),
     [
         ("none", "gap", 0.05),
-        ("none", "pressure", 0.1),
-        ("exponential", "gap", 0.05),
-        ("rational", "pressure", 0.1),
-        ("lennard-jones", "gap", 0.1),
+        pytest.param("none", "pressure", 0.1, marks=pytest.mark.nightly),
+        pytest.param("exponential", "gap", 0.05, marks=pytest.mark.nightly),
+        pytest.param("rational", "pressure", 0.1, marks=pytest.mark.nightly),
+        pytest.param("lennard-jones", "gap", 0.1, marks=pytest.mark.nightly),
     ],
 )
 def test_the_residual_vanishes_in_equilibria_alone(problems, law, control, value):

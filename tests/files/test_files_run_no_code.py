@@ -169,7 +169,7 @@ class Trap:
 def test_a_pickle_in_an_array_is_not_loaded(tmp_path, write):
     with (tmp_path / "a.npy").open("wb") as file:
         write(file, np.array([[Trap(tmp_path / "sprung"), 1], [2, 3]], object))
-    with pytest.raises(ValueError, match=r"a\.npy: "):
+    with pytest.raises(ValueError, match=r"a\.npy: .*more than plain arrays"):
         js.surfaces.read(tmp_path / "a.npy", (1, 1))
     assert not (tmp_path / "sprung").exists()
     pickle.loads(pickle.dumps(Trap(tmp_path / "sprung")))

@@ -48,13 +48,13 @@ def test_it_does_not_cross_to_another_branch_and_depends_on_no_unit():
     assert branch.end == end == "load"
     assert len(curve.events) == 12
     assert_same(branch, curve)
-    for length, pressure in [(1e3, 1.0), (1e-9, 1e9)]:
-        other = js.continuation(
-            line(HEIGHTS, 0.0939, 0.1, length, pressure), js.MeanDisplacement(ends * length)
-        )
-        assert len(other.index) == len(branch.index)
-        scaled = np.asarray(other.turns.load.value) / length
-        np.testing.assert_allclose(scaled, branch.turns.load.value, rtol=1e-8)
+    length, pressure = 1e-6, 1e9
+    other = js.continuation(
+        line(HEIGHTS, 0.0939, 0.1, length, pressure), js.MeanDisplacement(ends * length)
+    )
+    assert len(other.index) == len(branch.index)
+    scaled = np.asarray(other.turns.load.value) / length
+    np.testing.assert_allclose(scaled, branch.turns.load.value, rtol=1e-8)
 
 
 @pytest.mark.nightly

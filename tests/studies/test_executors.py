@@ -42,7 +42,9 @@ def client():
         yield client
 
 
-@pytest.mark.parametrize("kind", ["number", "pool", "threads", "client"])
+@pytest.mark.parametrize(
+    "kind", ["number", pytest.param("pool", marks=pytest.mark.nightly), "threads", "client"]
+)
 def test_many_processes_fill_the_folder_of_one_bit_for_bit(kind, alone, request, tmp_path):
     path = tmp_path / "study"
     executors = {"number": 2, "threads": ThreadPoolExecutor(2)}

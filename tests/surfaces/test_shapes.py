@@ -112,10 +112,13 @@ def test_the_force_is_the_sum_of_pressures_over_the_points(grid):
     swept = js.sweep(contact, js.MeanGap(jnp.asarray([0.1, 0.2])), stability=False)
     total = np.asarray(swept.equilibrium.pressure).reshape(2, -1).sum(1) * point
     np.testing.assert_allclose(swept.equilibrium.force, total, rtol=1e-9)
-    path = js.follow(contact, js.MeanGap(jnp.asarray([0.1, 0.2])), max_states=128)
-    np.testing.assert_allclose(path.equilibrium.force[0], total[0], rtol=1e-6)
-    assert path.equilibrium.force.shape == path.load.value.shape
+    if len(grid.shape) == 2:
+        path = js.follow(contact, js.MeanGap(jnp.asarray([0.1, 0.2])), max_states=128)
+        np.testing.assert_allclose(path.equilibrium.force[0], total[0], rtol=1e-6)
+        assert path.equilibrium.force.shape == path.load.value.shape
 
+
+def test_the_force_under_a_pressure_grows_with_the_area_of_the_cell():
     def force(length):
         grid = js.Grid((8, 8), jnp.stack([length, length]))
         heights = js.surfaces.paraboloid(grid, 2.0)
