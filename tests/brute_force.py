@@ -52,10 +52,15 @@ def zero_mean_basis(size):
     return np.linalg.svd(np.ones((1, size)))[2][1:]
 
 
+def on_zero_mean(matrix):
+    """Return the eigenvalues on the space of zero mean, in ascending order, by dense algebra."""
+    basis = zero_mean_basis(len(matrix))
+    return np.linalg.eigvalsh(basis @ matrix @ basis.T)
+
+
 def smallest_on_zero_mean(matrix):
     """Return the smallest eigenvalue on the space of zero mean, by dense algebra."""
-    basis = zero_mean_basis(len(matrix))
-    return np.linalg.eigvalsh(basis @ matrix @ basis.T).min(initial=np.inf)
+    return on_zero_mean(matrix).min(initial=np.inf)
 
 
 def smallest_on_critical_cone(contact, equilibrium):

@@ -84,17 +84,6 @@ class DenseCurve:
         size = np.where(free, x[:-1] / self.own_length, self.net(x) / (self.soft * self.own_length))
         return size < -1e-13
 
-    def index(self, x, free):
-        hessian = (self.stiffness + np.diag(self.curvature(x[:-1])))[np.ix_(free, free)]
-        a, b, _ = self.load
-        if b == 0:
-            plane = np.linalg.svd(np.ones((1, free.sum())))[2][1:]
-            hessian = plane @ hessian @ plane.T
-        elif a != 0:
-            # A spring: p0 = (l - a mean(g)) / b adds a stiffness to the mean.
-            hessian = hessian - a / b / self.size
-        return int(np.sum(np.linalg.eigvalsh(hessian) < 0)) if free.any() else 0
-
     def follow(self, gap, pressure, last, longest, max_steps=20000, max_events=10**9):
         """Return why the curve ends; events and states are kept."""
         x, free = np.append(gap.ravel(), pressure), gap.ravel() > 0
@@ -181,14 +170,4 @@ def exponential(energy, length):
     return (
         lambda g: energy / length * np.exp(-g / length),
         lambda g: -energy / length**2 * np.exp(-g / length),
-    )
-
-
-def gaussian(energy, length):
-    def density(g):
-        return -energy * np.exp(-((g / length) ** 2) / 2)
-
-    return (
-        lambda g: -g / length**2 * density(g),
-        lambda g: (g**2 / length**4 - 1 / length**2) * density(g),
     )

@@ -7,19 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from brute_force import periodic_stiffness
+from brute_force import on_zero_mean, periodic_stiffness
 
 import jaxstab as js
 from jaxstab.paths.curve import morse_index
 from jaxstab.references import maugis
-
-HERTZ = js.Grid(32)
-
-
-def hertz(dtype=jnp.float64):
-    heights = js.surfaces.paraboloid(HERTZ, radius=2.0).astype(dtype)
-    solid = js.HalfSpace(HERTZ, youngs_modulus=1.0, poisson_ratio=0.0)
-    return js.Contact(solid, heights, js.potentials.Exponential(10.0, 1.0))
 
 
 def test_it_goes_on_around_a_fold_and_counts_the_ways_down(branch):
@@ -32,26 +24,15 @@ def test_it_goes_on_around_a_fold_and_counts_the_ways_down(branch):
     for gap, index in zip(branch.equilibrium.gap[::5], branch.index[::5], strict=True):
         free = np.asarray(gap).ravel() > 0
         hessian = stiffness + np.diag(-10.0 * np.exp(-np.asarray(gap).ravel()))
-        hessian = hessian[np.ix_(free, free)]
-        plane = np.linalg.svd(np.ones((1, free.sum())))[2][1:]
-        values = np.linalg.eigvalsh(plane @ hessian @ plane.T)
-        assert index == np.sum(values < 0)
+        assert index == np.sum(on_zero_mean(hessian[np.ix_(free, free)]) < 0)
     assert set(np.asarray(branch.index)) == {0, 1}
 
 
-def test_states_of_a_branch_are_entries_of_a_sequence(branch):
-    assert len(branch) == len(branch.load.value) == len([*branch])
-    assert branch[3].load.value == branch.load.value[3]
-    np.testing.assert_array_equal(branch[-2:].equilibrium.gap, branch.equilibrium.gap[-2:])
-    with pytest.raises(IndexError):
-        branch[len(branch)]
-
-
 @pytest.mark.nightly
-def test_it_goes_on_from_an_unstable_state_of_a_branch(branch):
+def test_it_goes_on_from_an_unstable_state_of_a_branch(hertz, branch):
     middle = int(np.argmax(branch.index))
     ends = jnp.stack([branch[middle].load.value, branch[middle + 2].load.value])
-    rest = js.continuation(hertz(), js.MeanDisplacement(ends), initial=branch[middle], fields=True)
+    rest = js.continuation(hertz, js.MeanDisplacement(ends), initial=branch[middle], fields=True)
     assert rest.index[0] == 1 and rest.end == "load"
     np.testing.assert_allclose(rest[0].equilibrium.gap, branch[middle].equilibrium.gap, atol=1e-7)
     np.testing.assert_allclose(
@@ -59,12 +40,11 @@ def test_it_goes_on_from_an_unstable_state_of_a_branch(branch):
     )
 
 
-def test_an_index_that_is_not_found_is_not_a_number_of_ways(branch, monkeypatch):
+def test_an_index_that_is_not_found_is_not_a_number_of_ways(hertz, branch, monkeypatch):
     assert "unknown" not in repr(branch)
-    contact, load = hertz(), branch[0].load
-    gap = branch.equilibrium.gap[0]
+    load, gap = branch[0].load, branch.equilibrium.gap[0]
     monkeypatch.setattr(morse_index, "_Signs", partial(morse_index._Signs, max_steps=2))
-    found, _ = morse_index.index_of(contact, load, gap, morse_index.some_modes(gap))
+    found, _ = morse_index.index_of(hertz, load, gap, morse_index.some_modes(gap))
     assert found == -1
     assert "1 of unknown index, " in repr(replace(branch, index=branch.index.at[2].set(found)))
 
@@ -79,9 +59,7 @@ def test_ways_down_that_the_modes_of_the_state_before_lack_are_counted():
     for gap, index in zip(np.asarray(branch.equilibrium.gap), branch.index, strict=True):
         free = gap.ravel() > 0
         hessian = stiffness + np.diag(-0.2 / 0.05**2 * np.exp(-gap.ravel() / 0.05))
-        plane = np.linalg.svd(np.ones((1, free.sum())))[2][1:]
-        values = np.linalg.eigvalsh(plane @ hessian[np.ix_(free, free)] @ plane.T)
-        assert index == np.sum(values < 0)
+        assert index == np.sum(on_zero_mean(hessian[np.ix_(free, free)]) < 0)
     assert max(branch.index) >= 3
 
 
@@ -118,8 +96,8 @@ def test_a_spheres_unstable_branch_is_that_of_maugis():
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("load", [js.MeanPressure, js.Spring])
-def test_under_any_load_and_in_single_precision_it_is_the_same_curve(load):
-    contact = hertz(jnp.float32)
+def test_under_any_load_and_in_single_precision_it_is_the_same_curve(hertz, load):
+    contact = js.Contact(hertz.solid, hertz.heights.astype(jnp.float32), hertz.potential)
     start = js.equilibrate(contact, js.MeanDisplacement(1.6))
     pressure = float(start.mean_pressure)
     if load is js.Spring:
@@ -130,7 +108,7 @@ def test_under_any_load_and_in_single_precision_it_is_the_same_curve(load):
         loads = js.MeanPressure(jnp.array([pressure, 1.5 * pressure], jnp.float32))
     branch = js.continuation(contact, loads, initial=start, max_states=12)
     assert branch.equilibrium.mean_pressure.dtype == jnp.float32
-    exact = js.continuation(hertz(), js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=40)
+    exact = js.continuation(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=40)
     gap, pressures = exact.equilibrium.mean_gap, exact.equilibrium.mean_pressure
     last = int(np.argmin(gap))
     found = branch.equilibrium.mean_gap
@@ -141,20 +119,19 @@ def test_under_any_load_and_in_single_precision_it_is_the_same_curve(load):
 
 
 @pytest.mark.nightly
-def test_under_jit_it_is_the_same():
-    contact, loads = hertz(), js.MeanDisplacement(jnp.array([1.6, 1.0]))
-    alone = js.continuation(contact, loads, max_states=24)
-    within = jax.jit(lambda c: js.continuation(c, loads, max_states=24, throw=False))(contact)
+def test_under_jit_it_is_the_same(hertz):
+    loads = js.MeanDisplacement(jnp.array([1.6, 1.0]))
+    alone = js.continuation(hertz, loads, max_states=24)
+    within = jax.jit(lambda c: js.continuation(c, loads, max_states=24, throw=False))(hertz)
     np.testing.assert_allclose(within.load.value, alone.load.value, rtol=1e-8)
     np.testing.assert_array_equal(within.index, alone.index)
     np.testing.assert_allclose(within.turns.load.value[0], alone.turns.load.value[0], rtol=1e-9)
 
 
-def test_bad_loads_are_refused():
-    contact = hertz()
+def test_bad_loads_are_refused(hertz):
     with pytest.raises(ValueError, match="takes two loads"):
-        js.continuation(contact, js.MeanDisplacement(1.6))
+        js.continuation(hertz, js.MeanDisplacement(1.6))
     with pytest.raises(ValueError, match="two loads that differ"):
-        js.continuation(contact, js.MeanDisplacement(jnp.array([1.6, 1.6])))
+        js.continuation(hertz, js.MeanDisplacement(jnp.array([1.6, 1.6])))
     with pytest.raises(ValueError, match="max_states"):
-        js.continuation(contact, js.MeanDisplacement(jnp.array([1.6, 1.0])), max_states=1)
+        js.continuation(hertz, js.MeanDisplacement(jnp.array([1.6, 1.0])), max_states=1)

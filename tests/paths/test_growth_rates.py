@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from brute_force import periodic_stiffness
 from viscoelastic_lines import ANY, RATIOS, TIMES, relaxed_of, viscoelastic
 
 import jaxstab as js
@@ -46,8 +47,7 @@ def test_a_rough_contact_departs_along_its_mode_at_the_growth_rate(gap):
     assert rate > 0
     parts = np.array(RATIOS), np.array(TIMES)
     turns = rate * parts[1] / (1 + rate * parts[1])
-    q = 2 * np.pi * np.abs(np.fft.fftfreq(32, 1 / 32))
-    K = np.fft.ifft(np.diag(q / 2) @ np.fft.fft(np.eye(32), axis=0), axis=0).real
+    K = periodic_stiffness((32,), (1.0,), 1.0)
     curvature = -10 * np.exp(-np.array(start.gap) / 0.02)
     is_free = np.array(start.gap > 0)
     A = (K * (1 + parts[0] @ turns) + np.diag(curvature))[np.ix_(is_free, is_free)]

@@ -7,7 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from brute_force import dense_hessian
+from brute_force import dense_hessian, on_zero_mean
+from problems import with_parameters
 
 import jaxstab as js
 from jaxstab.references import maugis
@@ -67,18 +68,9 @@ def test_the_pass_is_the_lowest_that_flooding_finds():
         np.testing.assert_allclose(found.barrier.there, level - one.energy, rtol=1e-3)
 
 
-HERTZ = js.Grid(32)
-HEIGHTS = js.surfaces.paraboloid(HERTZ, radius=2.0)
-
-
-def hertz(energy=10.0, dtype=jnp.float64):
-    solid = js.HalfSpace(HERTZ, youngs_modulus=1.0, poisson_ratio=0.0)
-    return js.Contact(solid, HEIGHTS.astype(dtype), js.potentials.Exponential(energy, 1.0))
-
-
 @pytest.fixture
-def detachment(transition):
-    return hertz(), transition
+def detachment(hertz, transition):
+    return hertz, transition
 
 
 def test_the_saddle_has_one_way_down_to_either_end(detachment):
@@ -87,8 +79,7 @@ def test_the_saddle_has_one_way_down_to_either_end(detachment):
     assert saddle.residual < 1e-9
     free = np.asarray(saddle.gap).ravel() > 0
     hessian = dense_hessian(contact, saddle.gap)[np.ix_(free, free)]
-    plane = np.linalg.svd(np.ones((1, free.sum())))[2][1:]
-    values = np.linalg.eigvalsh(plane @ hessian @ plane.T)
+    values = on_zero_mean(hessian)
     assert np.sum(values < 0) == 1
     mode = np.asarray(found.mode).ravel()[free]
     np.testing.assert_allclose(mode @ hessian @ mode, values[0], rtol=1e-2)
@@ -100,11 +91,11 @@ def test_the_saddle_has_one_way_down_to_either_end(detachment):
 
 
 def test_its_barriers_have_the_derivatives_of_differences(detachment):
-    _, at = detachment
+    contact, at = detachment
 
     def barriers(energy, value):
-        load = js.MeanDisplacement(value)
-        found = js.transition(hertz(energy), load, at.start, at.end, num_images=6)
+        load, other = js.MeanDisplacement(value), with_parameters(contact, energy, 1.0, 1.0)
+        found = js.transition(other, load, at.start, at.end, num_images=6)
         return jnp.stack(found.barrier)
 
     rates = jax.jacrev(barriers, (0, 1))(10.0, 1.35)
@@ -124,7 +115,7 @@ def test_loads_can_be_vmapped_and_single_precision_agrees(detachment):
 
     together = jax.jit(jax.vmap(barrier))(values)
     np.testing.assert_allclose(together[1], at.barrier.there, rtol=1e-8)
-    single = hertz(dtype=jnp.float32)
+    single = js.Contact(contact.solid, contact.heights.astype(jnp.float32), contact.potential)
     starts = at.start.gap.astype(jnp.float32), at.end.gap.astype(jnp.float32)
     found = js.transition(single, js.MeanDisplacement(1.35), *starts)
     assert found.barrier.there.dtype == jnp.float32
@@ -269,9 +260,9 @@ def test_near_releases_barriers_fall_with_the_power_of_two():
 
 
 @pytest.mark.nightly
-def test_where_the_load_does_not_drive_the_mode_there_is_no_law():
+def test_where_the_load_does_not_drive_the_mode_there_is_no_law(hertz):
     # Ahead the contact loses its symmetry, which all loads have.
-    path = js.follow(hertz(), js.MeanDisplacement(jnp.array([1.1, 1.0])))
+    path = js.follow(hertz, js.MeanDisplacement(jnp.array([1.1, 1.0])))
     assert path.jumps[0].kind == "fold"
     assert np.isnan(path.jumps[0].barrier_law.exponent)
     assert np.isnan(path.jumps[0].barrier_law.coefficient)

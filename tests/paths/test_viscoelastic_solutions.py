@@ -4,13 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from viscoelastic_lines import ANY, RATIOS, TIMES
 
 import jaxstab as js
 from jaxstab.references import persson_brener
-
-RATIOS, TIMES = (2.0, 1.0), (0.1, 1.0)
-# A tolerance that no step misses: a step for each of the given times.
-ANY = 1e9
 
 
 def rough(size, seed):

@@ -4,18 +4,14 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from viscoelastic_lines import viscoelastic
 
 import jaxstab as js
 
 
 @pytest.fixture(scope="module")
 def run():
-    grid = js.Grid((16,))
-    heights = 0.02 * jnp.cos(2 * jnp.pi * jnp.arange(16) / 16)
-    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), (2.0,), (0.1,))
-    contact = js.Contact(
-        solid, heights, js.potentials.Exponential(0.001, 0.02), unit="µm", pressure_unit="MPa"
-    )
+    contact = viscoelastic(energy=0.001, n=16)
     times = jnp.array([0.0, 0.1, 1.0, 10.0])
     return js.evolve(contact, js.MeanDisplacement(jnp.full(4, 0.02).at[0].set(0.05)), times)
 
