@@ -68,7 +68,6 @@ def test_the_main_job_shows_a_loop_with_its_jumps_and_writes_figure_and_data(tmp
     np.testing.assert_allclose(data["jump_load"], [float(row[0]) for row in rows], rtol=1e-6)
     assert list(data["jump_kind"]) == [row[1] for row in rows]
     assert data["jump_before_gap"].shape == (len(rows), 32, 32)
-    np.testing.assert_allclose(data["total_work"], data["total_dissipation"])
 
 
 @pytest.mark.nightly

@@ -47,13 +47,11 @@ def test_around_a_loop_the_work_is_what_the_jumps_lose(hertz, loop, load):
     if load == "spring":
         loop = js.follow(hertz, js.Spring(jnp.array([1.8, 1.3, 1.8]), 20.0), smallest_jump=1e-5)
     assert (loop.jumps.dissipation > 0).all()
-    np.testing.assert_allclose(loop.work, loop.jumps.dissipation.sum(), rtol=1e-2)
-    np.testing.assert_allclose(loop.work, loop.dissipation, rtol=1e-6)
     states = loop.equilibrium
     np.testing.assert_allclose(states.energy[-1], states.energy[0], rtol=1e-6)
     # By a quadrature of its own: the load over what is prescribed.
     quadrature = -np.trapezoid(states.mean_pressure, loop.load.value)
-    np.testing.assert_allclose(loop.work, quadrature, rtol=2e-2)
+    np.testing.assert_allclose([loop.work, loop.jumps.dissipation.sum()], quadrature, rtol=2e-2)
 
 
 def test_every_state_of_a_rough_path_is_an_equilibrium_and_every_jump_goes_down(rough_path):
