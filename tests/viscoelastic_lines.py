@@ -23,3 +23,9 @@ def viscoelastic(ratios=RATIOS, times=TIMES, energy=0.002, n=32, length=1.0, hei
 
 def relaxed_of(contact):
     return js.Contact(contact.solid.relaxed, contact.heights, contact.potential)
+
+
+def cycle(number=21, period=4.0, top=0.05, bottom=0.01):
+    """Return times, and values that fall and rise again, at equal distances."""
+    times = jnp.linspace(0, period, number)
+    return times, top - (top - bottom) * (1 - jnp.abs(2 * times / period - 1))

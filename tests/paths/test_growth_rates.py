@@ -1,4 +1,4 @@
-"""Growth rates and verdicts of viscoelastic contacts: against closed forms, matrices and runs."""
+"""Growth rates, verdicts and lifetimes of viscoelastic contacts: closed forms, matrices, runs."""
 
 from dataclasses import replace
 
@@ -81,3 +81,26 @@ def test_verdicts_of_a_state_in_time_are_those_of_the_glassy_solid():
     stability = js.assess_stability(flat_film(2 * np.pi))
     assert stability.verdict == "stable"
     assert stability.cone.eigenvalue == pytest.approx((4 - 2) * np.pi, rel=1e-6)
+
+
+def test_lifetime_ends_between_the_relaxed_and_the_glassy_pull_off():
+    contact = viscoelastic(energy=0.001)
+    relaxed = relaxed_of(contact)
+    pull = js.pull_off(relaxed)
+    strength = float(pull.load.value)
+    assert strength < 0
+    assert js.lifetime(contact, js.MeanPressure(0.99 * strength)) == np.inf
+    times = [js.lifetime(contact, js.MeanPressure(part * strength)) for part in (1.001, 1.01, 1.1)]
+    assert times[0] > 2 * times[1] > 4 * times[2] > 0
+    assert js.lifetime(contact, js.MeanPressure(100 * strength)) == 0
+
+
+@pytest.mark.parametrize("part", [2, 9])
+def test_a_lifetime_in_coarse_steps_is_the_one_in_fine_steps(part):
+    contact = viscoelastic(energy=0.003)
+    relaxed = relaxed_of(contact)
+    rest = js.equilibrate(relaxed, js.MeanDisplacement(0.01))
+    held = js.Spring(float(np.linspace(0.128, 0.1335, 40)[part]), 0.5)
+    # In shorter steps the contact outlasts the interval in which longer ones lost it.
+    times = [js.lifetime(contact, held, initial=rest, rtol=rtol) for rtol in (0.03, 1e-3)]
+    assert times[0] == pytest.approx(times[1], rel=0.1)

@@ -1,11 +1,8 @@
 """Paths through jumps: against bisection, the energy balance, and each state against NumPy."""
 
 import re
-import signal
-import sys
 from itertools import pairwise
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +12,6 @@ from problems import bisected, rough_contact
 from scipy.integrate import simpson
 
 import jaxstab as js
-from jaxstab.core.interrupts import interrupts_held
 
 
 def touches(state):
@@ -158,22 +154,6 @@ def test_in_single_precision_rounding_deep_inside_a_core_is_no_jump():
 
 
 @pytest.mark.nightly
-def test_lanes_give_what_they_give_alone(hertz):
-    turns = jnp.array([1.6, 1.2])
-
-    def follow(load):
-        return js.follow(hertz, js.MeanDisplacement(load), max_states=64, max_jumps=4, throw=False)
-
-    together = jax.jit(jax.vmap(follow))(jnp.stack([turns, turns + 0.05]))
-    for i, shift in enumerate((0.0, 0.05)):
-        alone = follow(turns + shift)
-        number = len(alone.load.value)
-        assert (together.load.value[i][:number] == alone.load.value).all()
-        assert jnp.isnan(together.load.value[i][number:]).all()
-        assert together.jumps.load.value[i][0] == alone.jumps.load.value[0]
-
-
-@pytest.mark.nightly
 def test_of_a_path_the_loads_of_jumps_have_derivatives(hertz):
     # Points that are mirror images of each other would let go at once.
     heights = hertz.heights + 1e-3 * jax.random.normal(jax.random.key(0), hertz.heights.shape)
@@ -216,156 +196,6 @@ def test_of_a_path_nothing_else_has_a_derivative_nor_where_two_points_let_go_at_
 
     assert jnp.isnan(jax.grad(last_jump)(10.0))
     assert jnp.isnan(jax.grad(work)(1.4))
-
-
-@pytest.mark.usefixtures("interruptible")
-def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
-    module = sys.modules["jaxstab.paths.walk"]
-    go_on, calls = module._go_on, []
-
-    def interrupted(*arguments):
-        calls.append(None)
-        if len(calls) == 4:
-            signal.raise_signal(signal.SIGINT)
-        return go_on(*arguments)
-
-    monkeypatch.setattr(module, "_go_on", interrupted)
-    with pytest.warns(js.PathInterrupted, match=r"interrupted at \d+ %"):
-        turns = js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6]))
-        path = js.follow(hertz, turns, smallest_jump=1e-5, fields=True)
-    assert path.result == "interrupted"
-    # Batches of one, two and four steps, of which some only try.
-    assert 2 <= len(path.load.value) <= 8
-    np.testing.assert_array_equal(path.load.value, loop.load.value[: len(path.load.value)])
-    # Its last state is a start of the rest of the way.
-    last = path[-1]
-    np.testing.assert_allclose(jnp.mean(last.equilibrium.gap), last.equilibrium.mean_gap)
-    turns = js.MeanDisplacement(jnp.array([last.load.value, 1.2, 1.6]))
-    rest = js.follow(hertz, turns, smallest_jump=1e-5, initial=last, fields=True)
-    np.testing.assert_allclose(rest.jumps.load.value[0], loop.jumps.load.value[0], atol=4e-6)
-
-
-@pytest.mark.usefixtures("interruptible")
-def test_an_interrupt_after_the_last_step_loses_nothing(hertz, loop, monkeypatch):
-    module = sys.modules["jaxstab.paths.follow"]
-    path_of = module.path_of
-
-    def interrupted(*arguments):
-        signal.raise_signal(signal.SIGINT)
-        return path_of(*arguments)
-
-    monkeypatch.setattr(module, "path_of", interrupted)
-    with pytest.warns(js.PathInterrupted, match="after its last step; it is complete"):
-        turns = js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6]))
-        path = js.follow(hertz, turns, smallest_jump=1e-5, fields=True)
-    assert path.result == "successful"
-    np.testing.assert_array_equal(path.jumps.load.value, loop.jumps.load.value)
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-@pytest.mark.usefixtures("interruptible")
-def test_a_second_interrupt_acts():
-    with pytest.raises(KeyboardInterrupt), interrupts_held():
-        signal.raise_signal(signal.SIGINT)
-        signal.raise_signal(signal.SIGINT)
-
-
-def test_states_of_a_path_are_entries_of_a_sequence(hertz, loop):
-    assert len(loop) == len(loop.load.value)
-    assert loop[3].load.value == loop.load.value[3]
-    assert loop[-2].equilibrium.mean_pressure == loop.equilibrium.mean_pressure[-2]
-    assert len(loop[2:5]) == 3 and len([*loop]) == len(loop)
-    with pytest.raises(IndexError):
-        loop[len(loop)]
-    bare = eqx.tree_at(lambda path: path.equilibrium.gap, loop, None)
-    with pytest.raises(ValueError, match=r"without its gap: start from path\[-1\]"):
-        js.equilibrate(hertz, loop[3].load, initial=bare[3])
-    with pytest.raises(ValueError, match=r"is a stack .* path\[-1\]"):
-        js.equilibrate(hertz, loop[3].load, initial=loop[2:5])
-    held = js.equilibrate(hertz, loop[-1].load, initial=loop[-1])
-    np.testing.assert_allclose(held.gap, loop.last_gap, atol=1e-8)
-    pressure = loop[-1].equilibrium.mean_pressure
-    np.testing.assert_allclose(held.mean_pressure, pressure, rtol=1e-6)
-
-
-class Reaching(eqx.Module):
-    """A law with a core, which is zero beyond its reach."""
-
-    reach: jax.Array
-
-    def __call__(self, gap):
-        core = 0.05 / gap
-        return jnp.where(gap < self.reach, 0.002 * (0.5 * core**9 - 1.5 * core**3), 0.0)
-
-
-def test_a_gain_of_energy_that_no_load_supplies_ends_as_failed():
-    grid = js.Grid(8)
-    heights = js.surfaces.self_affine(grid, jax.random.key(3), k_high=2, rms_height=0.05)
-    smooth = js.Contact(js.HalfSpace(grid, 1.0), heights, Reaching(jnp.array(jnp.inf)))
-    turns = js.MeanGap([0.25, 0.2, 0.25])
-    assert js.follow(smooth, turns).result == "successful"
-    # Without its check: a value that jumps by 2e-4.
-    jumping = eqx.tree_at(lambda contact: contact.potential.reach, smooth, jnp.array(0.12, float))
-    with pytest.raises(js.SolverError, match=r"unbalanced_work.*CutOff") as told:
-        js.follow(jumping, turns)
-    path = told.value.found
-    assert path.unlocated < -path.unlocated_error
-    assert "lost between jumps, which cannot be" in repr(path)
-
-
-@pytest.mark.nightly
-def test_a_load_that_rounding_reaches_a_step_too_early_is_passed():
-    grid = js.Grid((16,))
-    heights = js.surfaces.sinusoid(grid, 0.05)
-    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.01, 0.2))
-    # As far from each other as the longest step.
-    turns = js.MeanGap(jnp.linspace(0.44, 0.54, 33))
-    path = jax.jit(lambda load: js.follow(contact, load, max_states=256, throw=False))(turns)
-    assert path.result == "successful"
-    assert jnp.isin(turns.value, path.load.value).all()
-
-
-def test_what_cannot_be_followed_is_told(hertz):
-    with pytest.raises(ValueError, match="takes the turning points of a load, two or more"):
-        js.follow(hertz, js.MeanDisplacement(1.3))
-    with pytest.raises(js.SolverError, match=r"MeanGap\(\S+\) after \d+ states") as told:
-        js.follow(hertz, js.MeanGap(jnp.array([1.6, 1.4, -0.1])), fields=True)
-    assert len(told.value.found.load.value) > 8
-    with pytest.raises(ValueError, match=r"The load is nan at \(\d,\): give finite numbers"):
-        js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, jnp.nan])))
-    with pytest.raises(ValueError, match="must belong to one machine"):
-        js.follow(hertz, js.Spring(jnp.array([1.6, 1.2]), jnp.array([1.0, 2.0])))
-    with pytest.raises(ValueError, match="must belong to one machine"):
-        js.critical_load(hertz, js.Spring(jnp.array([1.6, 1.2]), jnp.array([1.0, 2.0])))
-    with pytest.raises(ValueError, match=r"The load is \[1.6 1.3 1.3\]: a turning point repeats"):
-        js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.3, 1.3])))
-    with pytest.raises(ValueError, match="max_states is 1: a path has two states"):
-        js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=1)
-    with pytest.raises(ValueError, match=r"disturbance is -1\.0"):
-        js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), disturbance=-1.0)
-
-
-@pytest.mark.nightly
-def test_under_jit_a_path_has_room_for_so_many_states_and_elsewhere_for_any_number(hertz):
-    turns = js.MeanDisplacement(jnp.array([1.6, 1.2]))
-    short = jax.jit(lambda load: js.follow(hertz, load, max_states=8, throw=False))
-    assert short(turns).result == "store_full" and short(turns).load.value.shape == (8,)
-    assert len(js.follow(hertz, turns, max_states=8, max_jumps=1).load.value) > 8
-    endless = js.MeanDisplacement(jnp.array([1.6, jnp.nan]))
-    assert short(endless).result == "infeasible_load"
-
-
-def test_a_path_prints_what_it_is_and_its_jumps(loop):
-    first, work, _, header, _, *rows = repr(loop).splitlines()
-    assert first.startswith("Path: MeanDisplacement 1.6 to 1.6 in ") and "successful" in first
-    assert float(work.split()[-1]) == pytest.approx(float(loop.work), rel=1e-5)
-    assert header.split()[:3] == ["MeanDisplacement", "kind", "dissipation"]
-    assert [row.split()[1] for row in rows] == list(loop.jumps.kind.name)
-    assert float(rows[0].split()[0]) == pytest.approx(float(loop.jumps.load.value[0]), rel=1e-7)
-    assert repr(loop.jumps[0]).startswith("Jump")
-    traced = []
-    jax.eval_shape(lambda path: traced.append(repr(path)), loop)
-    assert traced[0].startswith("Path")
 
 
 @pytest.mark.nightly
