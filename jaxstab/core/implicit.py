@@ -39,7 +39,15 @@ def attach(rule: Rule, values: Tree, known: PyTree, inputs: PyTree) -> Tree:
         known: constants of the rule.
         inputs: the arguments that the values depend on.
     """
-    return values
+    # Reverse mode drops the rule in a loop, once the first derivative is taken: the second one is
+    # NaN rather than wrong.
+    zero = sum(map(_zero_without_slope, jax.tree.leaves(eqx.filter(inputs, eqx.is_inexact_array))))
+    return jax.tree.map(lambda value: value + jnp.asarray(zero, value.dtype), values)
+
+
+def _zero_without_slope(leaf: Array) -> Array:
+    """Return a zero whose derivative is NaN."""
+    return jnp.sqrt(0 * jnp.sum(jnp.where(jnp.isfinite(leaf), leaf, 0)))
 
 
 @partial(attach.defjvp, symbolic_zeros=True)
@@ -88,6 +96,11 @@ def nan_if(is_undefined: Flag, change: Array) -> Array:
     return jax.lax.custom_linear_solve(
         lambda x: x, change, lambda _, b: nan_where(is_undefined, b, b), symmetric=True
     )
+
+
+def undefined(values: Tree, _: PyTree, inputs: PyTree, changes: PyTree) -> tuple[Tree, Flag]:
+    """Return no derivatives: a rule for `attach`."""
+    return jax.tree.map(jnp.zeros_like, values), jnp.array(True)
 
 
 @jax.custom_jvp

@@ -5,8 +5,7 @@ from functools import partial
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
-from jaxtyping import Array, PyTree
+from jaxtyping import Array
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
@@ -22,10 +21,10 @@ from jaxstab.core.checks import (
     require_positive,
 )
 from jaxstab.core.display import several
-from jaxstab.core.implicit import attach
+from jaxstab.core.implicit import attach, undefined
 from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
+from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.equilibrium.equilibrate import first_gap
 from jaxstab.equilibrium.equilibrium import State
@@ -174,12 +173,8 @@ def _with_derivatives(
 
     values = jax.lax.map(value, path.jumps)
     numbers, rest = eqx.partition(path, eqx.is_inexact_array)
-    path = eqx.combine(attach(_undefined, numbers, None, (contact, load, others)), rest)
+    path = eqx.combine(attach(undefined, numbers, None, (contact, load, others)), rest)
     return replace(path, jumps=replace(path.jumps, load=path.jumps.load.at(values)))
-
-
-def _undefined(path: Path, _: None, inputs: PyTree, changes: PyTree) -> tuple[Path, Flag]:
-    return jax.tree.map(jnp.zeros_like, path), jnp.array(True)
 
 
 def _known_path(room: Room, programme: Programme, start: Field | None) -> Path:

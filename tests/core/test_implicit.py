@@ -99,3 +99,18 @@ def test_a_rule_that_gives_nan_gives_nan(transform):
 
     rates = transform(lambda x: attach(unsolved, jnp.zeros(2), jnp.array(False), (x,)))(X)
     assert jnp.isnan(jnp.diag(rates)).all()
+
+
+@pytest.mark.parametrize("transform", SECOND)
+def test_second_derivatives_in_a_loop_are_right_or_nan(transform):
+    def scaled(values, _, inputs, changes):
+        return values * changes[0], jnp.array(False)
+
+    def exponential(x):
+        return attach(scaled, jnp.exp(jax.lax.stop_gradient(x)), None, (x,))
+
+    second = transform(lambda x: jnp.sum(jax.lax.map(exponential, x)))(X)
+    expected = jnp.diag(jnp.exp(X))
+    np.testing.assert_allclose(jnp.where(jnp.isnan(second), expected, second), expected)
+    inner_is_forward = transform in SECOND[1::2]
+    assert not (inner_is_forward and np.any(np.isnan(second)))
