@@ -29,10 +29,10 @@ from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find, first_gap
 from jaxstab.equilibrium.equilibrium import State, fields_of
 from jaxstab.equilibrium.window import padded_start
-from jaxstab.loads import Load, require_loads, require_same_machine
+from jaxstab.loads import Load
 from jaxstab.paths.curve.critical_load import CriticalLoad, critical_load_at
 from jaxstab.paths.curve.limit import Limit, limit_of
-from jaxstab.paths.curve.march import begin
+from jaxstab.paths.curve.march import begin, two_loads
 from jaxstab.paths.energy import own_energy, supply_of
 from jaxstab.paths.kinds import KINDS
 
@@ -84,15 +84,14 @@ def critical_load(
         point touches or is released at the same load), and where no end was found exactly.
 
     Raises:
-        ValueError: unless there are two loads; for machines that differ, or an initial gap that is
-            invalid in `equilibrate`.
+        ValueError: for other than two finite loads that differ, machines that do, or an initial gap
+            that is invalid in `equilibrate`.
         SolverError: if `throw`, where the first load has no stable equilibrium, or its branch does
             not end in the bracket.
     """
     require_contact(contact)
     cure = "give one on the stable branch and one beyond its end."
-    require_loads(bracket, (2,), "critical_load takes two loads", cure)
-    require_same_machine(bracket)
+    bracket = two_loads(bracket, contact, "critical_load takes two loads", cure)
     warn_if_coarse(contact, FOR_JUMPS)
     padded, starts = contact, []
     for load in bracket:
@@ -148,7 +147,6 @@ class _Search(eqx.Module):
     Attributes:
         limit: the last limit.
         value: the load at which the next branch begins.
-        start: the gap from which its first state is sought [length].
         number: of branches that were followed.
         is_over: whether the limit is the answer.
         is_stuck: whether no stable state has been found behind it yet.
@@ -156,7 +154,6 @@ class _Search(eqx.Module):
 
     limit: Limit
     value: Scalar
-    start: Field
     number: Int[Array, ""]
     is_over: Flag
     is_stuck: Flag
@@ -185,7 +182,7 @@ def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
         is_first = search.number == 0
         rest = loads.at(jnp.stack([search.value, last]))
         farthest = jnp.where(is_first, jnp.inf, _MAX_MOVE).astype(start.dtype)
-        found = _found(contact, rest[0], farthest, search.start)
+        found = _found(contact, rest[0], farthest, search.limit.gap)
         is_found = found.result == RESULTS.successful
         before, force = potential(search.limit.load, search.limit.gap)
         after, force_after = potential(found.load, found.gap)
@@ -208,14 +205,14 @@ def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
         is_ahead = (limit.load.value - search.value) * (last - first) > 0
         reached = jnp.where(is_ahead, limit.load.value, search.value)
         value = reached + jnp.where(is_lost, _OVER * (last - first), beyond)
-        return _Search(limit, value, limit.gap, search.number + 1, is_over, is_stuck)
+        return _Search(limit, value, search.number + 1, is_over, is_stuck)
 
     def goes_on(search: _Search) -> Flag:
         return ~search.is_over & ((last - search.value) * (last - first) > 0)
 
     none = zeros_of(lambda: _limit_from(contact, loads, _found(contact, loads[0], last, start))[0])
     no = jnp.array(False)
-    search = _Search(none, first, start, jnp.array(0), no, no)
+    search = _Search(replace(none, gap=start), first, jnp.array(0), no, no)
     search = jax.lax.while_loop(goes_on, next_limit, search)
     result = search.limit.result
     is_lost = (search.number > 0) & (search.is_stuck | (result == RESULTS.lost_branch))

@@ -61,8 +61,11 @@ def easiest_exit(
     with warnings.catch_warnings():
         # Said once for all of the solves below.
         warnings.simplefilter("ignore", ResolutionWarning)
-        modes = lowest_modes(contact, equilibrium, number, key=key, throw=False)
-        cone = assess_stability(contact, equilibrium, key=key, throw=False).cone
+        modes = lowest_modes(contact, equilibrium, number, key=key)
+        stability = assess_stability(contact, equilibrium, key=key, throw=False)
+        if stability.verdict == "unstable":
+            raise ValueError("The state is unstable: give a stable one, as by jaxstab.release.")
+        cone = stability.cone
         directions = [cone.mode, *(sign * mode for mode in modes.mode for sign in (1, -1))]
         ends: list[Equilibrium] = []
         for direction in directions:

@@ -6,7 +6,7 @@ string again. They stay on g >= 0 and under the load, which are convex, so that 
 two images does too.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -71,11 +71,11 @@ class Landscape:
         mean_gap = total(gap) / gap.size
         return self.contact.energy(gap) + self.contact.grid.area * self.control.energy(mean_gap)
 
-    def straight(self, start: Field, end: Field, number: int) -> String:
-        """Return images on the straight line between two gaps."""
-        shares = jnp.linspace(0, 1, number, dtype=start.dtype)
-        images = jax.vmap(lambda share: start + share * (end - start))(shares)
-        return self.string(images)
+    def through(self, corners: Sequence[Field], number: int) -> String:
+        """Return images on the straight lines from gap to gap."""
+        gaps = jnp.stack(corners)
+        places = jnp.linspace(0, len(gaps) - 1, number, dtype=gaps.dtype)
+        return self.string(_between(places, jnp.arange(len(gaps), dtype=gaps.dtype), gaps))
 
     def string(self, images: Images, moved: Scalar | float = 1.0) -> String:
         """Return a string of images, with their energies."""
@@ -111,13 +111,10 @@ def _descended(problem: Landscape, gap: Field) -> Field:
     net = control.net_pressure(contact.gradient(gap), gap)
     is_moving = control.moving(gap, net)
     force = control.project(net, is_moving)
-    curvature = contact.curvature(gap)
-    solid = contact.solid.with_uniform_stiffness(
-        0 if control.stiffness is None else control.stiffness
-    )
-    inverse = partial(preconditioner_of(contact, solid, gap), curvature)
+    hessian = contact.hessian(gap, control)
+    inverse = partial(preconditioner_of(contact, hessian.solid, gap), hessian.curvature)
     move = control.project(control.precondition(inverse, force, is_moving), is_moving)
-    bend = total(move * (solid.apply(move) + curvature * move))
+    bend = total(move * hessian(move))
     best = total(force * move) / jnp.where(bend > 0, bend, 1)
     length = jnp.where(bend > 0, jnp.minimum(best, _LONGEST), 1)
     return control.admissible(gap - length * move)
@@ -128,10 +125,11 @@ def _evenly(images: Images) -> Images:
     steps = jax.vmap(lambda x: jnp.sqrt(total(x**2)))(images[1:] - images[:-1])
     along = jnp.concatenate([jnp.zeros((1,), steps.dtype), jnp.cumsum(steps)])
     wanted = jnp.linspace(0, 1, len(images), dtype=steps.dtype) * along[-1]
-    below = jnp.clip(jnp.searchsorted(along, wanted, side="right") - 1, 0, len(steps) - 1)
-    width = steps[below]
-    share = jnp.clip((wanted - along[below]) / jnp.where(width > 0, width, 1), 0, 1)
-    shape = (-1,) + (1,) * (images.ndim - 1)
-    share = share.reshape(shape)
-    even = (1 - share) * images[below] + share * images[below + 1]
-    return even.at[0].set(images[0]).at[-1].set(images[-1])
+    return _between(wanted, along, images).at[-1].set(images[-1])
+
+
+def _between(wanted: Array, along: Array, images: Images) -> Images:
+    """Return images at places along a string through others, by linear interpolation."""
+    columns = images.reshape(len(images), -1)
+    found = jax.vmap(partial(jnp.interp, wanted, along), 1, 1)(columns)
+    return found.reshape(-1, *images.shape[1:])

@@ -16,7 +16,8 @@ from jaxstab.core.checks import integer, is_traced, parameter, require, require_
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries
 from jaxstab.core.display import Outcome
-from jaxstab.core.grid import mean, total
+from jaxstab.core.grid import total
+from jaxstab.core.implicit import attach, finite, pushed, undefined
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
 from jaxstab.core.units import ENERGY, LENGTH, NUMBER
@@ -36,6 +37,12 @@ _MAX_ZOOMS = 5
 _FEW_STEPS = 8
 # A saddle may lie so high, over the barrier that the string shows.
 _HIGHEST = 2
+# States that differ by less are one, over the size of their gaps.
+_SAME = {"float64": 1e-6, "float32": 1e-3}
+
+# There and back; of the saddle, the start and the end.
+Barriers = tuple[Scalar, Scalar]
+Gaps = tuple[Field, Field, Field]
 
 
 class BarrierHeights(NamedTuple):
@@ -110,8 +117,8 @@ def transition(
     with exactly one negative eigenvalue on the critical space, above both ends. This is the pass to
     which the straight line between the two states leads; there may be others, and lower ones.
 
-    The barriers are differentiable functions of the contact and the load: at states of
-    equilibrium the energy follows them at a fixed gap.
+    The barriers have first derivatives with respect to the contact and the load: at states of
+    equilibrium the energy follows them at a fixed gap. Second derivatives are NaN.
 
     Arguments:
         contact: the contact problem.
@@ -143,19 +150,32 @@ def transition(
 
 
 def _with_barriers(contact: Contact, load: Load, found: Transition) -> Transition:
-    """Return a pass whose barriers are functions of contact and load, at the gaps found."""
+    """Return a pass whose barriers are functions of contact and load."""
     if not is_traced((contact, load)):
         return found
-    landscape = Landscape(contact, contact.control(load))
-
-    def energy(state: Equilibrium) -> Scalar:
-        return landscape.energy(landscape.control.restore(jax.lax.stop_gradient(state.gap)))
-
-    top = energy(found.saddle)
+    gaps = found.saddle.gap, found.start.gap, found.end.gap
     is_found = found.result == RESULTS.successful
-    there, back = top - energy(found.start), top - energy(found.end)
-    there, back = (jnp.where(is_found, barrier, jnp.nan) for barrier in (there, back))
+    barriers = found.there, found.back
+    there, back = attach(_changes_of_barriers, barriers, (gaps, is_found), (contact, load))
     return replace(found, there=there, back=back)
+
+
+def _changes_of_barriers(
+    barriers: Barriers, known: tuple[Gaps, Flag], inputs: tuple, changes: tuple
+) -> tuple[Barriers, Flag]:
+    """Return how barriers change, at constant gaps, which are in equilibrium: a rule."""
+    gaps, is_found = known
+    gaps, inputs = finite(is_found, (gaps, inputs))
+    # In second derivatives they count.
+    gaps = attach(undefined, gaps, None, inputs)
+    return pushed(partial(_barriers, gaps), inputs, changes), ~is_found
+
+
+def _barriers(gaps: Gaps, contact: Contact, load: Load) -> Barriers:
+    """Return the energies of the first gap above those of the other two."""
+    landscape = Landscape(contact, contact.control(load))
+    top, start, end = (landscape.energy(landscape.control.restore(gap)) for gap in gaps)
+    return top - start, top - end
 
 
 class _Climb(eqx.Module):
@@ -179,7 +199,7 @@ def _find(number: int, contact: Contact, load: Load, first: Start, last: Start) 
     start, end = (find(contact, load, solver, gap) for gap in (first, last))
     are_found = (start.result == RESULTS.successful) & (end.result == RESULTS.successful)
     landscape = Landscape(contact, contact.control(load))
-    string = StringMethod().run(landscape, landscape.straight(start.gap, end.gap, number)).state
+    string = StringMethod().run(landscape, landscape.through((start.gap, end.gap), number)).state
     nothing = jnp.zeros_like(start.gap)
     climb = _Climb(string, string.summit, nothing, jnp.array(0), jnp.array(False))
     climb = jax.lax.while_loop(
@@ -187,16 +207,18 @@ def _find(number: int, contact: Contact, load: Load, first: Start, last: Start) 
         partial(_climbed, landscape, load, (start, end)),
         climb,
     )
-    is_one = total((start.gap - end.gap) ** 2) <= 1e-12 * total(start.gap**2)
+    close = _SAME[start.gap.dtype.name]
+    is_one = total((start.gap - end.gap) ** 2) <= close**2 * total(start.gap**2)
     result = RESULTS.where(climb.is_found, RESULTS.successful, RESULTS.no_pass)
     result = RESULTS.where(is_one, RESULTS.same_state, result)
     result = RESULTS.where(end.result == RESULTS.successful, result, end.result)
     result = RESULTS.where(start.result == RESULTS.successful, result, start.result)
     saddle = state_at(contact, load, jnp.where(climb.is_found, climb.saddle, jnp.nan))
-    none = jnp.full_like(mean(start.gap), jnp.nan)
-    found = Transition(
-        none,
-        none,
+    there, back = _barriers((saddle.gap, start.gap, end.gap), contact, load)
+    is_found = result == RESULTS.successful
+    return Transition(
+        jnp.where(is_found, there, jnp.nan),
+        jnp.where(is_found, back, jnp.nan),
         start,
         end,
         replace(saddle, result=result),
@@ -206,7 +228,6 @@ def _find(number: int, contact: Contact, load: Load, first: Start, last: Start) 
         string.energies - string.energies[0],
         result,
     )
-    return _with_barriers(contact, load, found)
 
 
 def _climbed(
@@ -250,13 +271,9 @@ def _sides(contact: Contact, load: Load, climb: _Climb, start: Field) -> Equilib
 
 def _zoomed(landscape: Landscape, string: String) -> String:
     """Return a string between the neighbours of the highest image, relaxed."""
-    i, number = string.highest, len(string.images)
-    low, middle, high = (string.images[i + k] for k in (-1, 0, 1))
-    shares = jnp.linspace(-1, 1, number, dtype=low.dtype).reshape((-1,) + (1,) * low.ndim)
-    images = jnp.where(
-        shares < 0, middle - shares * (low - middle), middle + shares * (high - middle)
-    )
-    return StringMethod(max_steps=_FEW_STEPS).run(landscape, landscape.string(images)).state
+    corners = [string.images[string.highest + k] for k in (-1, 0, 1)]
+    start = landscape.through(corners, len(string.images))
+    return StringMethod(max_steps=_FEW_STEPS).run(landscape, start).state
 
 
 def _describe(found: Transition, load: Load) -> str:

@@ -10,15 +10,7 @@ import jax.numpy as jnp
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS
-from jaxstab.core.checks import (
-    concrete,
-    integer,
-    is_traced,
-    parameter,
-    require,
-    require_finite,
-    require_positive,
-)
+from jaxstab.core.checks import integer, is_traced, parameter, require, require_positive
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries
 from jaxstab.core.display import several
@@ -30,9 +22,9 @@ from jaxstab.core.warn import warn
 from jaxstab.equilibrium import PreconditionedConjugateGradient, SaddleNewton
 from jaxstab.equilibrium.equilibrate import find, posed
 from jaxstab.equilibrium.equilibrium import State
-from jaxstab.loads import Load, require_loads, require_same_machine
+from jaxstab.loads import Load
 from jaxstab.paths.curve.curve import Way
-from jaxstab.paths.curve.march import Entry, Walk, begin, entry_of, is_same, next_walk
+from jaxstab.paths.curve.march import Entry, Walk, begin, entry_of, is_same, next_walk, two_loads
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.path import Branch, PathInterrupted, Turn
 from jaxstab.paths.record import Table, states_along
@@ -95,11 +87,7 @@ def continuation(
     """
     require_contact(contact)
     cure = "give the load where the branch begins and the load where it ends."
-    require_loads(load, (2,), "continuation takes two loads", cure)
-    require_finite("The load", load.value)
-    ends = concrete(load.value)
-    require("The load", ends, ends[0] != ends[1], "give two loads that differ.")
-    require_same_machine(load)
+    load = two_loads(load, contact, "continuation takes two loads", cure)
     number = integer("max_states", max_states)
     require("max_states", number, number >= 2, "a branch has two states at least.")
     steps = [None if step is None else parameter(step) for step in (max_step, min_step)]

@@ -20,7 +20,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.derivatives import changing_points, free_system, third_derivative
-from jaxstab.equilibrium.equilibrium import Fields, contact_area, fields_of
+from jaxstab.equilibrium.equilibrium import DIFFERENTIABLE, Fields, fields_of, state_at
 from jaxstab.loads import Load
 from jaxstab.paths.curve.limit import ZERO, Limit, limit_ahead
 from jaxstab.paths.kinds import KINDS
@@ -71,25 +71,22 @@ def critical_load_at(contact: Contact, loads: Load, limit: Limit) -> CriticalLoa
     known = limit.load.value, limit.gap
     value, gap = attach(_changes_of_limit, known, limit, _inputs(contact, limit.load))
     load = limit.load.at(value)
-    is_found, in_contact = limit.is_found, limit.gap == 0
-    fields, _ = fields_of(*jax.lax.stop_gradient((contact, limit.load, limit.gap)))
-    fields = {name: jnp.where(is_found, field, jnp.nan) for name, field in fields.items()}
+    is_found = limit.is_found
+    known = jnp.where(is_found, limit.gap, jnp.nan)
+    state = state_at(*jax.lax.stop_gradient((contact, limit.load, known)))
+    fields = {name: getattr(state, name) for name in DIFFERENTIABLE}
     fields = attach(_changes_of_fields, fields, is_found, (contact, load, gap))
-    space = Subspace(~in_contact | limit.point, contact.control(load).fixes_mean)
+    space = Subspace((limit.gap > 0) | limit.point, contact.control(load).fixes_mean)
     eigenvalue = jnp.where(is_found, limit.critical.eigenvalue, jnp.nan)
     pair = replace(limit.critical, eigenvalue=eigenvalue, result=limit.result)
     return CriticalLoad(
-        equilibrium=Equilibrium(
+        equilibrium=replace(
+            state,
             load=load,
-            in_contact=in_contact,
-            contact_area=jnp.where(is_found, contact_area(contact, limit.gap), jnp.nan),
             area=contact.area,
-            units=contact.units,
-            is_window=contact.solid.is_window,
             residual=limit.residual,
             num_steps=limit.num_steps,
             result=limit.result,
-            history=limit.history,
             **fields,
         ),
         kind=limit.kind,
@@ -117,8 +114,8 @@ def _changes_near_limit(
 ) -> tuple[Scalar, Flag]:
     contact, load = jax.lax.stop_gradient(inputs)
     limit = limit_ahead(contact, load, *known)
-    inputs = inputs[0], inputs[1].at(limit.load.value)
-    (change, _), is_undefined = _changes_of_limit((value, limit.gap), limit, inputs, changes)
+    values = attach(_changes_of_limit, (limit.load.value, limit.gap), limit, inputs)
+    (change, _), is_undefined = _changes_of_limit(values, limit, inputs, changes)
     return change, is_undefined
 
 
@@ -127,8 +124,9 @@ def _changes_of_limit(
 ) -> tuple[Changes, Flag]:
     is_found = limit.is_found & (limit.kind != KINDS.uncertain)
     is_release = limit.kind == KINDS.release
-    inputs, (_, gap), pair = finite(is_found, (inputs, values, limit.critical))
-    contact, load = inputs
+    (contact, load), (value, gap), pair = finite(is_found, (inputs, values, limit.critical))
+    # In second derivatives the load of the limit moves.
+    load = load.at(value)
     control = contact.control(load)
     space = free_space(contact, load, gap)
     pair = differentiable_pair(pair, space, contact, load, gap)
@@ -148,7 +146,7 @@ def _changes_of_limit(
         moved = contact.hessian(fields["gap"], contact.control(load))(pair.mode)
         return fields["gap"], net, moved
 
-    shift, net_change, moved_change = pushed(pressures, inputs, changes)
+    shift, net_change, moved_change = pushed(pressures, (contact, load), changes)
 
     def moved(direction: Field, system: LinearSystem, is_of_kind: Flag) -> Changes:
         # A linear system with a zero right-hand side converges at once.

@@ -14,7 +14,6 @@ from jaxtyping import Array, Int
 from jaxstab.contact import Contact
 from jaxstab.core.control_flow import choose, first_good
 from jaxstab.core.grid import mean
-from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
@@ -58,7 +57,6 @@ class Limit(eqx.Module):
         critical: the lowest eigenpair on the points that are free or let go.
         residual: of the balance of pressures and the condition of the kind.
         num_steps: along the curve to find it.
-        history: of the residual.
         result: how the search ended.
     """
 
@@ -70,7 +68,6 @@ class Limit(eqx.Module):
     critical: Eigenpair
     residual: Scalar
     num_steps: Int[Array, ""]
-    history: History
     result: RESULTS
 
     @property
@@ -122,20 +119,14 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
         is_free = (gap > 0) & ~(closes & (number % 2 == 1))
         length = _BACK[dtype.name] * longest * jnp.where(number < 2, 1.0, 1e-2).astype(dtype)
 
-        def further(count: Array, begun: tuple[Place, Flag]) -> tuple[Place, Flag]:
-            # First the direction where it is, then a point further back.
-            here, is_first = begun[0], count == 0
-            ahead = choose(is_first, row, curve.gradient_of(here.tangent))
-            plane = on_plane(ahead, ahead.times(here.at) - length, longest)
-            problem = Correction(curve, plane, is_free)
-            closely = jnp.where(is_first, jnp.inf, TOLERANCE[dtype.name])
-            found = correct(problem, here.at, ahead, here.tangent, closely)
-            signs = jnp.where(is_free, found.place.at.gap, found.forces.net) > 0
-            return found.place, found.is_found & jnp.all(signs)
-
         start = Point(jnp.where(is_free, gap, 0), at.pressure)
-        begin = Place(start, is_free, jax.tree.map(jnp.zeros_like, start))
-        return jax.lax.fori_loop(0, 2, further, (begin, jnp.array(False)))
+        tangent = curve.tangent(start, is_free, row)
+        ahead = curve.gradient_of(tangent)
+        plane = on_plane(ahead, ahead.times(start) - length, longest)
+        problem = Correction(curve, plane, is_free)
+        found = correct(problem, start, ahead, tangent, TOLERANCE[dtype.name])
+        signs = jnp.where(is_free, found.place.at.gap, found.forces.net) > 0
+        return found.place, found.is_found & jnp.all(signs)
 
     here, is_found = first_good(back, lambda found: found[1], _NUM_STARTS)
     result = RESULTS.where(is_found, RESULTS.successful, RESULTS.lost_branch)
@@ -224,7 +215,6 @@ def _located(way: Way, old: Stride, new: Stride, count: Int[Array, ""]) -> Limit
     is_flat = jnp.abs(pair.eigenvalue) <= ZERO[dtype.name] * contact.solid.min_stiffness
     is_event = is_met & jnp.where(is_release, pair.eigenvalue < pair.error, is_flat)
     kind = KINDS.where(is_release, KINDS.release, KINDS.fold)
-    history = History.empty(["residual"], dtype)
     return Limit(
         load=load,
         gap=gap,
@@ -234,6 +224,5 @@ def _located(way: Way, old: Stride, new: Stride, count: Int[Array, ""]) -> Limit
         critical=pair,
         residual=residual,
         num_steps=count,
-        history=history.record(jnp.array(0), count, {"residual": residual}),
         result=RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite),
     )

@@ -8,11 +8,12 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
+from jaxstab.core.checks import cast, concrete, require, require_finite
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
-from jaxstab.loads import Load
+from jaxstab.loads import Load, require_loads, require_same_machine
 from jaxstab.paths.curve.curve import Curve, Place, Point, Way
 from jaxstab.paths.curve.morse_index import UNKNOWN, index_of, some_modes
 from jaxstab.paths.curve.step import Stride, next_stride
@@ -55,6 +56,17 @@ class Entry(eqx.Module):
 
     point: PathPoint
     index: Int[Array, ""]
+
+
+def two_loads(loads: Load, contact: Contact, takes: str, cure: str) -> Load:
+    """Return two loads in the precision of a contact, checked."""
+    require_loads(loads, (2,), takes, cure)
+    loads = cast(loads, contact.heights.dtype)
+    require_finite("The load", loads.value)
+    ends = concrete(loads.value)
+    require("The load", ends, ends[0] != ends[1], f"give two loads that differ, in {ends.dtype}.")
+    require_same_machine(loads)
+    return loads
 
 
 def begin(
@@ -104,7 +116,8 @@ def pressure_of(contact: Contact, load: Load, gap: Field) -> Scalar:
 def next_walk(way: Way, walk: Walk) -> Walk:
     """Return a branch after a step, which may have been cut."""
     stride = next_stride(way, walk.stride)
-    no_more = stride.length < way.shortest
+    # Nor is there one if the loads are equal or not finite, which under JAX nothing refuses.
+    no_more = ~(stride.length > way.shortest)
     unclear = KINDS.where(stride.is_found, KINDS.uncertain, KINDS.lost)
     end = KINDS.where(no_more & ~stride.is_new & ~stride.lands, unclear, KINDS.states)
     # In full contact a load that holds the gap stays where it is, whatever the pressure.

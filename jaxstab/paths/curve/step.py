@@ -47,6 +47,8 @@ _FARTHEST, _FARTHEST_LEAP = 0.1, 0.3
 _EASY, _HARD = 4, 8
 # Steps shorter than this part of the longest may pass a bifurcation.
 _ACROSS = 1e-3
+# Corners so near the end of a step to the last load, over its length, are passed with it.
+_AT_END = 1e-6
 # Nearer corners than this part of the longest step are one.
 _NEAREST = {"float64": 1e-8, "float32": 1e-5}
 
@@ -122,7 +124,7 @@ def next_stride(way: Way, stride: Stride) -> Stride:
     curve, old = way.curve, stride.here
     shortest = _NEAREST[stride.length.dtype.name] * way.longest
     corners = corners_ahead(curve, old, shortest)
-    aim = _aim(corners, old, stride.length)
+    aim = _aim(corners, old, stride.length, stride.lands)
     arrival = _arrival(way, stride, corners, aim)
     new = arrival.place
     turns = curve.rate(old.tangent) * curve.rate(new.tangent) < 0
@@ -154,10 +156,13 @@ def next_stride(way: Way, stride: Stride) -> Stride:
     )
 
 
-def _aim(corners: Corners, old: Place, length: Scalar) -> _Aim:
-    """Return the target of the next step: a distance, or the first corner before it."""
+def _aim(corners: Corners, old: Place, length: Scalar, lands: Flag) -> _Aim:
+    """Return the target of the next step: a distance, or the first corner before it.
+
+    A step to the last load has no corner there as its target: it would be cut there without end.
+    """
     most = most_changes(corners.net.size)
-    number = jnp.sum(corners.distances <= length)
+    number = jnp.sum(corners.distances <= jnp.where(lands, 1 - _AT_END, 1) * length)
     follows = (number > jnp.sum(corners.tied)) & (most > 1)
     if most > 1:
         length = jnp.minimum(length, jnp.sort(corners.distances.ravel())[most])

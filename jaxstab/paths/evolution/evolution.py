@@ -107,6 +107,7 @@ class Evolution(Totals):
         of_all, end = {name: getattr(self, name) for name in names}, np.ravel(places)[-1]
         if end < len(self) - 1:
             of_all["last"] = jax.tree.map(lambda leaf: leaf[end], self.fields)
+            of_all["reached"] = jnp.minimum(self.reached, self.times[end])
         picked = replace(self, **dict.fromkeys(names))
         return replace(jax.tree.map(lambda leaf: leaf[places], picked), **of_all)
 

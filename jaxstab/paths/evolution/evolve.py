@@ -1,5 +1,6 @@
 """A viscoelastic contact in time, under a load with one value for each time."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -21,7 +22,7 @@ from jaxstab.core.checks import (
 )
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries, entry_of
-from jaxstab.core.implicit import attach, nan_if, pushed
+from jaxstab.core.implicit import attach, nan_if, pushed, undefined
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import stacked
@@ -59,7 +60,8 @@ def evolve(
     separately from the dissipation in the solid.
 
     The scalars and the last state are differentiable functions of contact, load and times, in both
-    modes, at the steps that were taken; the states in `fields` count as constants.
+    modes, at the steps that were taken: the time of a jump counts as constant. Behind a jump the
+    derivatives of work and losses are NaN, and always those of the states in `fields`.
 
     Arguments:
         contact: the contact, of a `Viscoelastic` solid.
@@ -130,10 +132,11 @@ def evolve(
     (moment, steps), found = state, stacked(rows, rows[0]) if is_alone else rows[0]
     totals, kept, result, counts = found
     known = steps, counts, result == RESULTS.successful
-    totals, last = attach(_changes, (totals, moment.internal), known, inputs)
-    ways, _, parts, lost = steps.rows
-    ends = along(given_times, ways, parts)
-    has_jumped = np.asarray(lost) > 0 if is_alone else slice(None)
+    ways, _, parts, losses = steps.rows
+    values = totals, losses, moment.internal
+    totals, losses, last = attach(_changes, values, known, inputs)
+    ends = along(instants, ways, parts)
+    has_jumped = np.asarray(losses) > 0 if is_alone else slice(None)
     evolution = Evolution(
         **vars(totals) | {"stored": totals.stored - totals.stored[0]},
         contact=contact,
@@ -141,11 +144,11 @@ def evolve(
         load=load[: counts.size],
         times=instants[: counts.size],
         force=totals.mean_pressure * contact.area,
-        fields=kept,
+        fields=attach(undefined, kept, None, inputs),
         last=last,
         reached=jnp.where(steps.count > 0, ends[steps.count - 1], instants[0]),
         jump_times=ends[has_jumped],
-        dissipation=lost[has_jumped],
+        dissipation=losses[has_jumped],
         num_steps=jnp.diff(counts, prepend=0),
         result=result,
     )
@@ -157,7 +160,7 @@ def _start(contact: Any, relaxed: Contact, load: Load, initial: Any) -> Moment:
     padded, dtype = contact.padded, contact.heights.dtype
     if isinstance(initial, Evolution):
         require_same_contact(contact, initial.contact, "The initial evolution")
-        memory = initial.internal
+        memory, result = initial.internal, RESULTS.promote("successful")
         cure = "start from a state that was found."
         require_finite("The gap of the initial evolution", memory.gap, cure)
     else:
@@ -168,9 +171,12 @@ def _start(contact: Any, relaxed: Contact, load: Load, initial: Any) -> Moment:
         strains = jnp.zeros((1 + solid.times.size, *padded.grid.shape), dtype)
         # A step that takes for ever leaves the relaxed solid.
         long = solid.times[-1] / jnp.finfo(dtype).eps ** 2
-        memory = first_moment(padded, held, Internal(gap, strains), long).internal
+        rest = first_moment(padded, held, Internal(gap, strains), long)
+        memory, result = rest.internal, rest.result
     # It answers to the load at once.
-    return first_moment(padded, load, memory, jnp.zeros((), dtype))
+    start = first_moment(padded, load, memory, jnp.zeros((), dtype))
+    is_found = result == RESULTS.successful
+    return replace(start, result=RESULTS.where(is_found, start.result, result))
 
 
 @program
@@ -185,11 +191,17 @@ def _march(*inputs: Any) -> tuple[Any, Any]:
 def _changes(
     values: Any, known: tuple[Table[Step], Array, Array], inputs: tuple, changes: tuple
 ) -> tuple[Any, Any]:
-    """Return how the scalars and the last state change, a rule for `attach`."""
+    """Return how the scalars, the losses and the last state change, a rule for `attach`."""
     steps, counts, is_found = known
-    totals, last = pushed(partial(_replay, steps, counts), inputs, changes)
-    totals = jax.tree.map(partial(jax.vmap(nan_if), ~is_found), totals)
-    return (totals, last), jnp.array(False)
+    totals, losses, last = pushed(partial(_replay, steps, counts), inputs, changes)
+    spoiled = jax.vmap(nan_if)
+    totals = jax.tree.map(partial(spoiled, ~is_found), totals)
+    # A jump moves in time, and its loss, and the work until then, with it.
+    is_behind = jnp.cumsum(steps.rows[3] > 0) > 0
+    has_jumped = jnp.concatenate([jnp.zeros(1, bool), is_behind])[counts]
+    balance = {name: getattr(totals, name) for name in ("work", "dissipated", "lost")}
+    totals = replace(totals, **jax.tree.map(partial(spoiled, has_jumped), balance))
+    return (totals, spoiled(is_behind, losses), last), jnp.array(False)
 
 
 def _replay(
@@ -199,8 +211,11 @@ def _replay(
     load: Load,
     times: Float[Array, " times"],
     moment: Moment,
-) -> tuple[Totals, Internal]:
-    """Return scalars and last state anew, by known steps: a scan, which has derivatives."""
+) -> tuple[Totals, Array, Internal]:
+    """Return scalars, the loss in each step, and the last state anew, by known steps.
+
+    That is a scan, which has derivatives.
+    """
 
     def one(old: Moment, i: Int[Array, ""]) -> tuple[Moment, Totals]:
         def step() -> Moment:
@@ -215,7 +230,8 @@ def _replay(
     # Reverse mode keeps one state for each step, and computes the rest of it again.
     numbers = jnp.arange(len(steps.rows[0]) + 1)
     end, totals = jax.lax.scan(jax.checkpoint(one), moment, numbers)
-    return jax.tree.map(lambda leaf: leaf[counts], totals), end.internal
+    at_times = jax.tree.map(lambda leaf: leaf[counts], totals)
+    return at_times, jnp.diff(totals.lost), end.internal
 
 
 def _describe(evolution: Evolution, rtol: Scalar) -> str:

@@ -1,5 +1,6 @@
 """How fast the least stable perturbation of a viscoelastic contact grows."""
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -11,8 +12,9 @@ from jaxstab.contact.hessian import Hessian
 from jaxstab.core.checks import require_kind
 from jaxstab.core.compile import program
 from jaxstab.core.grid import total
-from jaxstab.core.types import Flag, Scalar
-from jaxstab.equilibrium import Equilibrium
+from jaxstab.core.implicit import attach, finite, pushed, undefined
+from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.loads import Load
 from jaxstab.paths.evolution.evolution import Evolution
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.lowest_pair import on_space
@@ -36,7 +38,8 @@ def growth_rate(evolution: Evolution) -> Scalar:
         evolution: one state of an `Evolution` with `fields`, or the last one.
 
     Returns:
-        s; zero where the relaxed solid is stable, infinite where the glassy one is not.
+        s; zero where the relaxed solid is stable, infinite where the glassy one is not. For the
+        last state it has first derivatives, as `evolve` has; otherwise they are NaN.
 
     Raises:
         TypeError: for something that is no evolution.
@@ -46,44 +49,73 @@ def growth_rate(evolution: Evolution) -> Scalar:
     contact, equilibrium = evolution.instant
     solid: Any = evolution.contact.solid
     unit = contact.own_pressure
-    rescaled = contact.in_units_of(unit), equilibrium.in_units_of(unit)
+    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     glassy = solid.stiffening(0.0)
-    stiffening = _singular_stiffening(*jax.lax.stop_gradient((*rescaled, glassy)))
-    rate = _rate(stiffening, solid.ratios, solid.times)
-    return jnp.where(stiffening > glassy, jnp.inf, jnp.where(stiffening <= 1, 0, rate))
+    inputs = glassy, contact, equilibrium.load, equilibrium.gap
+    is_moving = ~(equilibrium.in_contact & (equilibrium.reaction > 0))
+    stiffening, mode = _singular_stiffening(is_moving, *jax.lax.stop_gradient(inputs))
+    stiffening = attach(_changes_of_stiffening, stiffening, mode, inputs)
+    is_between = (stiffening > 1) & (stiffening <= glassy)
+    rate = _rate(jnp.where(is_between, stiffening, 1), solid.ratios, solid.times)
+    rate = jnp.where(stiffening <= 1, 0, jnp.where(jnp.isnan(stiffening), jnp.nan, rate))
+    return jnp.where(stiffening > glassy, jnp.inf, rate)
 
 
 @program
-def _singular_stiffening(contact: Contact, equilibrium: Equilibrium, glassy: Scalar) -> Scalar:
-    """Return the c >= 1 at which c K + D is singular, above `glassy` if that is unstable."""
-    gap = equilibrium.gap
-    is_moving = ~(equilibrium.in_contact & (equilibrium.reaction > 0))
-    space = Subspace(is_moving, contact.control(equilibrium.load).fixes_mean)
-    solver = Davidson(Davidson().tolerance_in(gap.dtype))
-    curvature = contact.curvature(gap)
+def _singular_stiffening(
+    is_moving: Mask, glassy: Scalar, contact: Contact, load: Load, gap: Field
+) -> tuple[Scalar, Field]:
+    """Return the c >= 1 at which c K + D is singular, above `glassy` if that is unstable.
 
-    def operator(c: Scalar) -> Hessian:
-        solid = contact.solid.scaled(c / glassy)
-        control = equilibrium.load.control(solid, contact.heights)
-        return Hessian(solid, curvature, control.stiffness)
+    And the mode on the moving points that has no stiffness there.
+    """
+    space = Subspace(is_moving, contact.control(load).fixes_mean)
+    solver = Davidson(Davidson().tolerance_in(gap.dtype))
 
     def goes_on(state: tuple) -> Flag:
-        c, before, _, number = state
+        c, before, *_, number = state
         return (jnp.abs(c - before) > _TOLERANCE * c) & (number < _MAX_STEPS)
 
     def step(state: tuple) -> tuple:
-        c, _, starts, number = state
-        found = on_space(solver, operator(c), space, starts)
+        c, _, starts, _, number = state
+        found = on_space(solver, _stiffened(c, glassy, contact, load, gap), space, starts)
         mode = found.pair.mode
         # x.A(c) x lies above the smallest eigenvalue, and touches it: no root is passed over.
-        _, slope = jax.jvp(lambda c: total(mode * operator(c)(mode)), (c,), (jnp.ones_like(c),))
+        slope = _slope(mode, c, glassy, contact, load, gap)
         new = jnp.clip(c - found.pair.eigenvalue / slope, 1, 2 * glassy)
-        return new, c, found.modes, number + 1
+        return new, c, found.modes, mode, number + 1
 
     starts = contact.grid.device_put(noise(jax.random.key(0), BLOCK_SIZE, gap))
-    state = glassy, jnp.full_like(glassy, jnp.inf), starts, jnp.array(0)
-    c, _, _, number = jax.lax.while_loop(goes_on, step, state)
-    return jnp.where(space.is_trivial, 1, jnp.where(number < _MAX_STEPS, c, jnp.nan))
+    state = glassy, jnp.full_like(glassy, jnp.inf), starts, jnp.zeros_like(gap), jnp.array(0)
+    c, _, _, mode, number = jax.lax.while_loop(goes_on, step, state)
+    c = jnp.where(space.is_trivial, 1, jnp.where(number < _MAX_STEPS, c, jnp.nan))
+    return c, mode
+
+
+def _stiffened(c: Scalar, glassy: Scalar, contact: Contact, load: Load, gap: Field) -> Hessian:
+    """Return c K + D, with the load's part; the solid of the contact is the glassy one."""
+    solid = contact.solid.scaled(c / glassy)
+    control = load.control(solid, contact.heights)
+    return Hessian(solid, contact.curvature(gap), control.stiffness)
+
+
+def _quotient(mode: Field, c: Scalar, *inputs: Any) -> Scalar:
+    return total(mode * _stiffened(c, *inputs)(mode))
+
+
+def _slope(mode: Field, c: Scalar, *inputs: Any) -> Scalar:
+    return jax.jvp(lambda c: _quotient(mode, c, *inputs), (c,), (jnp.ones_like(c),))[1]
+
+
+def _changes_of_stiffening(
+    c: Scalar, mode: Field, inputs: tuple, changes: tuple
+) -> tuple[Scalar, Flag]:
+    """Return dc = -x.dA x / (x.dA/dc x), since the eigenvalue stays zero: a rule."""
+    inputs, is_found = finite(jnp.isfinite(c), inputs), jnp.isfinite(c)
+    # In second derivatives the mode moves.
+    mode = attach(undefined, mode, None, inputs)
+    work, slope = pushed(partial(_quotient, mode, c), inputs, changes), _slope(mode, c, *inputs)
+    return -work / jnp.where(slope > 0, slope, 1), ~is_found
 
 
 def _rate(stiffening: Scalar, ratios: Array, times: Array) -> Scalar:

@@ -31,7 +31,7 @@ def lifetime(
     """Return the time to detachment under a load that is applied at once and then held.
 
     The contact has detached once a dead load has pulled the surfaces apart, or once no point is in
-    contact.
+    contact. A law with a core keeps every gap open, so that there only the first counts.
 
     Arguments:
         contact: the contact, of a `Viscoelastic` solid.
@@ -56,7 +56,9 @@ def lifetime(
     require_loads(load, (), "lifetime takes one load", "use a loop.")
     solid: Any = contact.solid
     start = equilibrate(relaxed, MeanPressure(0.0)) if initial is None else initial
-    if not np.asarray(start.contact_area).flat[-1] > 0:
+    # Where a core keeps every gap open, a dead load alone detaches the surfaces.
+    has_core = bool(contact.has_core)
+    if not (has_core or np.asarray(start.contact_area).flat[-1] > 0):
         raise ValueError(
             "The initial state has no point in contact, so that nothing can detach: give "
             "`initial`, a state in contact."
@@ -72,12 +74,15 @@ def lifetime(
         found = evolve(contact, held, times, initial=start, rtol=rtol, fields=True, throw=False)
         if len(found) < times.size:
             raise KeyboardInterrupt
-        result, touches = found.result[-1], np.asarray(found.contact_area) > 0
-        if result == RESULTS.pulled_off:
-            return float(found.reached)
-        if result != RESULTS.successful:
+        result, area = found.result[-1], np.asarray(found.contact_area)
+        is_apart = bool(result == RESULTS.pulled_off)
+        if not (is_apart or result == RESULTS.successful):
             raise SolverError(f"The contact could not be followed: {RESULTS[result]}.", found)
-        if touches[-1]:
+        # Once apart there are no numbers.
+        touches = has_core | np.isnan(area) | (area > 0)
+        if touches.all() and is_apart:
+            return float(found.reached)
+        if touches.all():
             break
         place = int(np.argmin(touches))
         before, after = (float(found.times[i]) for i in (max(place - 1, 0), place))
@@ -88,7 +93,7 @@ def lifetime(
         # Where shorter steps hold the contact for longer, it is lost at their end.
         return after
     rest = equilibrate(relaxed, load, initial=found.gap, throw=False)
-    if rest.result == RESULTS.successful and rest.contact_area > 0:
+    if rest.result == RESULTS.successful and (has_core or rest.contact_area > 0):
         return np.inf
     raise SolverError(
         f"The contact still holds at {float(end):.6g}, where the relaxed solid has no "

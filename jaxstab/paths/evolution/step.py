@@ -91,6 +91,8 @@ def first_moment(contact: Contact, load: Load, memory: Internal, dt: Scalar) -> 
     """Return the state after a step from a memory, where nothing has been done yet."""
     zero, heights = jnp.zeros_like(dt), contact.solid.surface(contact.heights)
     extent = jnp.max(jnp.abs(heights - jnp.mean(heights)))
+    # A flat surface is not deformed at all, but for rounding.
+    extent = jnp.where(extent > 0, extent, contact.profile.range)
     begin = Moment(
         internal=memory,
         rate=jnp.zeros_like(contact.heights),

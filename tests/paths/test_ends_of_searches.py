@@ -1,0 +1,166 @@
+"""Searches along paths end, and say why; derivatives that are not computed are NaN."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from problems import with_parameters
+from viscoelastic_lines import line, relaxed_of, viscoelastic
+
+import jaxstab as js
+
+HEIGHTS = np.array([0.0265, 0.0055, -0.0643, 0.0301, 0.0105, -0.0316, 0.0162, 0.007])
+LINE = js.Contact(
+    js.HalfSpace(js.Grid((8,)), 1.0), jnp.asarray(HEIGHTS), js.potentials.Exponential(0.02, 0.2)
+)
+
+
+def central(function, point, step):
+    return (function(point + step) - function(point - step)) / (2 * step)
+
+
+def test_a_branch_ends_at_a_load_where_a_point_touches():
+    whole = js.continuation(LINE, js.MeanGap([0.1, 0.005]))
+    touch = whole.load.value[int(np.argmax(whole.equilibrium.contact_area > 0))]
+    found = js.continuation(LINE, js.MeanGap(jnp.stack([jnp.array(0.1), touch])))
+    assert found.end == "load"
+    assert found.load.value[-1] == pytest.approx(float(touch), rel=1e-12)
+
+
+@pytest.mark.parametrize("last", [0.1, np.nan])
+def test_a_branch_without_a_way_to_go_ends_under_jit(last):
+    @jax.jit
+    def end(value):
+        loads = js.MeanGap(jnp.stack([jnp.array(0.1), value]))
+        return js.continuation(LINE, loads, max_states=4, throw=False).result
+
+    assert end(last) != "successful"
+
+
+def test_loads_that_are_one_in_the_precision_of_the_contact_are_refused():
+    single = js.Contact(LINE.solid, LINE.heights.astype("float32"), LINE.potential)
+    for find in (js.continuation, js.critical_load):
+        with pytest.raises(ValueError, match="two loads that differ, in float32"):
+            find(single, js.MeanGap([0.1, 0.1 + 1e-10]))
+    with pytest.raises(ValueError, match="nan"):
+        js.critical_load(LINE, js.MeanGap([0.1, np.nan]))
+
+
+def test_second_derivatives_of_a_critical_load_are_differences_of_first_ones():
+    grid = js.Grid((32,))
+    x = 2 * np.pi * grid.coordinates[0]
+    heights = 0.1 * (jnp.cos(2 * x) - 1) + 0.05 * jnp.cos(x)
+
+    def fold(energy):
+        law = js.potentials.Exponential(energy, 0.3)
+        contact = js.Contact(js.HalfSpace(grid, 1.0), heights, law)
+        return js.critical_load(contact, js.MeanGap([1.5, 0.3]), throw=False).load.value
+
+    expected = central(jax.grad(fold), 0.8, 1e-4)
+    assert jax.grad(jax.grad(fold))(0.8) == pytest.approx(float(expected), rel=1e-5)
+
+
+def test_second_derivatives_of_barriers_are_nan_and_those_of_no_pass_too(hertz, transition):
+    load = transition.start.load
+
+    def there(energy, value=load.value):
+        contact = with_parameters(hertz, energy, 1.0, 1.0)
+        held = js.MeanDisplacement(value)
+        start, end = transition.start.gap, transition.end.gap
+        return js.transition(contact, held, start, end, num_images=6, throw=False).there
+
+    slope = central(there, 10.0, 1e-3)
+    assert jax.grad(there)(10.0) == pytest.approx(float(slope), rel=1e-6)
+    assert np.isnan(jax.grad(jax.grad(there))(10.0))
+    assert np.isnan(jax.jvp(lambda value: there(10.0, value), (1.6,), (1.0,))[1])
+
+
+def test_a_start_that_is_not_found_says_why():
+    contact, times = viscoelastic(), jnp.array([0.0, 1.0])
+    with pytest.raises(js.SolverError, match=r"no start at t = 0.*pulled_off"):
+        js.evolve(contact, js.MeanPressure(jnp.full(2, -5.0)), times)
+    with pytest.raises(js.SolverError, match=r"no start at t = 0.*infeasible_load"):
+        js.evolve(contact, js.MeanDisplacement(jnp.full(2, -1.0)), times)
+
+
+def test_a_flat_surface_takes_few_steps_and_no_jump():
+    contact = js.Contact(
+        js.Viscoelastic(js.HalfSpace(js.Grid((32,)), 1.0), 2.0, 1.0),
+        jnp.zeros(32),
+        js.potentials.Exponential(0.0002, 0.05),
+    )
+    found = js.evolve(contact, js.MeanGap(jnp.array([0.05, 0.06])), jnp.array([0.0, 1.0]))
+    assert found.num_steps[-1] < 20 and len(found.jump_times) == 0
+    law = -0.0002 / 0.05 * np.exp(-np.array([0.05, 0.06]) / 0.05)
+    assert found.mean_pressure == pytest.approx(law, rel=1e-9)
+
+
+def test_losses_of_jumps_and_kept_fields_have_no_derivatives_and_times_have():
+    times, load = jnp.arange(3.0), js.MeanDisplacement(jnp.array([0.05, 0.01, 0.05]))
+
+    def run(parameters):
+        energy, speed = parameters
+        contact = viscoelastic(0.0, 1.0, energy=energy)
+        return js.evolve(contact, load, times / speed, max_steps=400, fields=True)
+
+    def numbers(parameters):
+        found = run(parameters)
+        return jnp.stack([found.reached, jnp.sum(found.dissipation), found.fields.gap[1, 3]])
+
+    point = jnp.array([0.004, 1.0])
+    slopes = jax.jacfwd(numbers)(point)
+    assert slopes[0] == pytest.approx(np.array([0.0, -2.0]))
+    assert np.isnan(slopes[1, 0]) and np.all(np.isnan(slopes[2]))
+    found = run(point)
+    assert found.lost[-1] > 0 and found[:2].reached == 1.0
+
+
+def test_a_growth_rate_has_the_derivatives_of_differences():
+    flat = js.Grid((32,))
+
+    def rate(parameters):
+        energy, ratio = parameters
+        solid = js.Viscoelastic(js.HalfSpace(flat, 1.0), ratio, 1.0)
+        contact = js.Contact(solid, jnp.zeros(32), js.potentials.Exponential(energy, 0.05))
+        load = js.MeanGap(jnp.full(2, 0.05))
+        return js.growth_rate(js.evolve(contact, load, jnp.array([0.0, 1e-3]), rtol=1e9))
+
+    # K(s) q / 2 = w / rho^2 exp(-g / rho) for the longest wave, and K(s) = 1 + r s / (1 + s).
+    point = jnp.array([0.03, 4.0])
+    needed = float(point[0]) / 0.05**2 * np.exp(-1) / np.pi
+    assert rate(point) == pytest.approx((needed - 1) / (5 - needed), rel=1e-7)
+    by_energy = needed / float(point[0]) * 4 / (5 - needed) ** 2
+    by_ratio = -(needed - 1) / (5 - needed) ** 2
+    assert jax.grad(rate)(point) == pytest.approx(np.array([by_energy, by_ratio]), rel=1e-6)
+    assert np.all(np.isnan(jax.hessian(rate)(point)[0]))
+
+
+def test_a_law_with_a_core_lasts_until_it_is_pulled_apart():
+    grid, wave = line()
+    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), (2.0, 1.0), (0.1, 1.0))
+    contact = js.Contact(solid, wave, js.potentials.LennardJones(0.001, 0.02))
+    strength = float(js.pull_off(relaxed_of(contact)).load.value)
+    assert js.lifetime(contact, js.MeanPressure(0.9 * strength)) == np.inf
+    times = [js.lifetime(contact, js.MeanPressure(part * strength)) for part in (1.01, 1.1)]
+    assert times[0] > times[1] > 0
+
+
+def test_a_larger_tension_is_not_carried_for_longer():
+    grid, wave = line(height=0.002)
+    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0), (2.0, 1.0), (0.1, 1.0))
+    contact = js.Contact(solid, wave, js.potentials.Gaussian(0.002, 0.02))
+    strength = float(js.pull_off(relaxed_of(contact)).load.value)
+    start = js.equilibrate(relaxed_of(contact), js.MeanPressure(0.02))
+    times = [
+        js.lifetime(contact, js.MeanPressure(part * strength), initial=start)
+        for part in (0.99, 1.0005, 1.01)
+    ]
+    assert np.all(np.diff(times) <= 0)
+
+
+def test_there_is_no_easiest_way_out_of_a_saddle_or_of_another_contact(hertz, transition):
+    with pytest.raises(ValueError, match="The state is unstable"):
+        js.easiest_exit(hertz, transition.saddle, num_modes=1)
+    other = with_parameters(hertz, 9.0, 1.0, 1.0)
+    with pytest.raises(js.SolverError, match="other_contact"):
+        js.easiest_exit(other, transition.start, num_modes=1)
