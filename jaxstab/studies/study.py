@@ -53,7 +53,8 @@ def study(
 
     A case is done once its file is in the folder, and never runs again: however a call ends,
     the same call goes on. Values added to an axis extend a study. Cases of damaged files run again,
-    with a warning. Several calls may run one study.
+    with a warning. A case whose outputs have other names or shapes than the others' fails, and its
+    `error` names the file that keeps them. Several calls may run one study.
 
     Arguments:
         case: the function, called by keywords with Python numbers and strings. It returns a dict of
@@ -193,7 +194,10 @@ def _read(paths: Iterable[Path], files: Mapping[Path, Case]) -> dict[Path, Varia
 def _agreed(
     cases: Cases, files: Mapping[Path, Case], found: dict[Path, Variables], before: Iterable[Path]
 ) -> Variables:
-    """Fail cases with unusual outputs; give failed ones and return those without values."""
+    """Set cases with unusual outputs aside as failed; give failed ones the usual outputs, empty.
+
+    Returns these outputs.
+    """
     done = {path: case for path, case in found.items() if _is_successful(case)}
     errors = {path: x["error"].values.item() for path, x in found.items() if path not in done}
     forms = {
@@ -211,6 +215,13 @@ def _agreed(
     kinds = {(name, x.values.dtype.kind) for name, x in blank.items()}
     for path, error in errors.items():
         if path in done or kinds - {(n, x.values.dtype.kind) for n, x in found[path].items()}:
+            if path in done:
+                # The values have been computed: they are kept under another name.
+                kept = path.with_name(f"{path.name}.{uuid4().hex[:8]}.unusual")
+                error += f" Its values are in {kept.name}."
+                # Another call may have renamed it.
+                with suppress(FileNotFoundError):
+                    path.rename(kept)
             cases.write(files[path], blank, found[path]["seconds"].values.item(), error)
             found[path] = read(path)
     return blank

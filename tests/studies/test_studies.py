@@ -274,3 +274,19 @@ def test_axes_that_make_no_sense_are_refused_before_anything_is_written(axes, me
         js.study(case, axes, tmp_path / "study")
     assert message in str(refused.value)
     assert not list(tmp_path.iterdir())
+
+
+def test_values_of_a_case_with_other_outputs_than_the_first_are_kept(tmp_path):
+    path = tmp_path / "study"
+    js.study(lambda n: {"a": 1.0 * n}, {"n": [0]}, path, version="trial")
+    study = js.study(
+        lambda n: {"a": 1.0 * n, "b": 2.0 * n},
+        {"n": [0, 3]},
+        path,
+        version="final",
+        accept_changes=True,
+    )
+    (kept,) = path.glob("*.unusual")
+    assert kept.name in study["error"].values[1] and study["result"].values[1] == "failed"
+    with xarray.open_dataset(kept, engine="h5netcdf") as dataset:
+        assert (dataset["n"], dataset["a"], dataset["b"]) == (3, 3.0, 6.0)
