@@ -78,6 +78,9 @@ class PowerSpectrum(eqx.Module):
 def power_spectrum(grid: Grid, heights: Field | Topography) -> PowerSpectrum:
     """Return the radial power spectrum of a surface, up to the corner of its spectrum.
 
+    The spectrum of a `Topography` is computed in double precision in any case: in single precision
+    densities in metres underflow.
+
     Arguments:
         grid: the grid; its lengths must be known, since they decide the number of rings.
         heights: the surface [length].
@@ -86,6 +89,9 @@ def power_spectrum(grid: Grid, heights: Field | Topography) -> PowerSpectrum:
         ValueError: for heights of another shape than the grid, or not finite.
         TypeError: for anything but a grid.
     """
+    if isinstance(heights, Topography) and not jax.config.values["jax_enable_x64"]:
+        with jax.ensure_compile_time_eval(), jax.enable_x64(True):
+            return jax.tree.map(np.asarray, power_spectrum(grid, heights))
     heights = _heights_on(grid, heights)
     lengths = np.asarray(grid.lengths)
     fundamental = 2 * np.pi / lengths.max()
@@ -220,7 +226,8 @@ def _complete(heights: object) -> Float[Array | np.ndarray, " *grid"]:
     given = heights.heights if isinstance(heights, Topography) else heights
     heights = numbers(given, "The array of heights")
     require_finite("A height", heights, FILL)
-    return heights
+    # No statistic depends on a constant, which would cost digits in single precision.
+    return heights - heights.mean() if isinstance(heights, np.ndarray) else heights
 
 
 def _gradient(grid: Grid, heights: Field) -> list[Field]:

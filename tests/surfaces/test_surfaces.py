@@ -374,3 +374,21 @@ def test_traced_parameters_that_are_refused_otherwise_give_no_surface():
     )(jnp.array([4.0, 4.0, 9.0]), jnp.array([0.1, -0.1, 0.1]))
     np.testing.assert_allclose(heights[0].std(), 0.1)
     assert np.isnan(heights[1:]).all()
+
+
+def test_statistics_of_nanometres_on_a_large_constant_keep_their_digits_in_float32():
+    wave = 1e-10 * np.sqrt(2) * np.cos(2 * np.pi * np.arange(32) / 32)[:, None] * np.ones(32)
+    with jax.enable_x64(False):
+        grid = js.Grid((32, 32), (1e-7, 1e-7))
+        surface = surfaces.Topography(grid, wave + 5e-3, "m")
+        rms = surfaces.rms_height(surface), surfaces.rms_slope(grid, surface)
+    np.testing.assert_allclose(rms, [1e-10, 1e-10 * 2 * np.pi / 1e-7], rtol=1e-5)
+
+
+def test_power_spectra_of_picometres_in_metres_do_not_underflow_in_float32():
+    rough = np.random.default_rng(0).normal(size=(32, 32)) * 1e-12
+    with jax.enable_x64(False):
+        grid = js.Grid((32, 32), (1e-7, 1e-7))
+        density = surfaces.power_spectrum(grid, surfaces.Topography(grid, rough, "m")).density
+    expected = surfaces.power_spectrum(js.Grid((32, 32), (1e5, 1e5)), rough * 1e12).density
+    np.testing.assert_allclose(density * 1e48, expected, rtol=1e-5)
