@@ -53,11 +53,12 @@ def _loop(options: argparse.Namespace, contact: Contact, folder: Path) -> Ended 
             contact, turns, smallest_jump=options.smallest_jump, progress=True, throw=False
         )
     with interrupts_held():
+        # First of all, since a closed pipe or a figure may fail.
+        _save(folder / "loop.nc", contact, path)
         print(path)
         if len(path.load.value) > 1:
             plot_path(path)
             plt.savefig(folder / "loop.png", dpi=150)
-        _save(folder / "loop.nc", contact, path)
     if path.result == RESULTS.interrupted:
         return Ended(f"interrupted, {len(path.load.value)} states are done.", INTERRUPTED)
     if path.result != RESULTS.successful:
@@ -72,13 +73,13 @@ def _unloading(options: argparse.Namespace, contact: Contact, folder: Path) -> E
     with warnings.catch_warnings(action="ignore", category=SweepInterrupted):
         result = sweep(contact, loads, order=options.order, progress=True)
     with interrupts_held():
+        _save(folder / "unloading.nc", contact, result)
         print(result)
         # The two panels of Rey & Bleyer's fig. 12; one legend is enough.
         figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
         stability_curve(result, "mean_pressure", axes=left).legend().remove()
         stability_curve(result, "contact_area", axes=right)
         figure.savefig(folder / "unloading.png", dpi=150)
-        _save(folder / "unloading.nc", contact, result)
     done = result.load.value.size
     if done < options.number:
         return Ended(f"interrupted, {done} of {options.number} loads are done.", INTERRUPTED)

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 import xarray
 
+import jaxstab as js
+from jaxstab.__main__ import main
+
 SURFACE = ["--size", "32", "--k-high", "8"]
 SMALL = [*SURFACE, "--study", "unloading", "--number", "5"]
 COMMAND = [sys.executable, "-m", "jaxstab"]
@@ -141,3 +144,18 @@ def test_where_every_load_fails_the_command_fails_and_still_writes(tmp_path, run
     assert result.stdout.count("infeasible_load") == 5
     data = xarray.load_dataset(tmp_path / "results" / "1" / "unloading.nc")
     assert data["contact_area"].isnull().all()
+
+
+def test_a_run_whose_figure_fails_has_saved_its_result(tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("jaxstab.cli.run.plot_path", fail)
+    monkeypatch.setattr("jaxstab.cli.run.stability_curve", fail)
+    surface = ["--size", "8", "--k-high", "4", "--output", str(tmp_path)]
+    for study in (["loop"], ["unloading", "--number", "2"]):
+        with pytest.raises(SystemExit):
+            main(["run", *surface, "--study", *study])
+    _, path = js.load(tmp_path / "1" / "loop.nc")
+    _, sweep = js.load(tmp_path / "2" / "unloading.nc")
+    assert len(path) >= 3 and len(sweep.load.value) == 2
