@@ -117,3 +117,13 @@ def test_the_command_line_reads_a_channel(tmp_path, capsys):
         with pytest.raises(SystemExit):
             main(["info", str(tmp_path / "a.gwy"), option, "json"])
         assert message in capsys.readouterr().err
+
+
+def test_heights_of_a_result_count_from_zero(tmp_path):
+    grid = js.Grid((8, 12), (2.0, 3.0))
+    heights = 10 + 0.1 * np.cos(2 * np.pi * np.arange(8) / 8)[:, None] * np.ones(12)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.NoAdhesion())
+    assert contact.datum != 0
+    js.save(tmp_path / "a.nc", contact, js.equilibrate(contact, js.MeanGap(0.2)))
+    read = js.surfaces.read(tmp_path / "a.nc").heights
+    np.testing.assert_allclose(read, heights, rtol=1e-14)

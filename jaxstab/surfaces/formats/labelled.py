@@ -41,7 +41,10 @@ def scan_of_dataset(data: "xarray.Dataset", channel: str | None = None) -> Scan:
         )
     name, remarks = chosen(names, channel, "heights" if "heights" in names else names[0])
     heights = data[name].where(data["mask"] == 0) if "mask" in data else data[name]
-    return scan_of_array(heights.assign_attrs(data[name].attrs), remarks)
+    if name == "heights" and "datum" in data:
+        # Files of results hold heights relative to the datum.
+        heights = heights.copy(data=heights.values.astype(float) + float(data["datum"]))
+    return scan_of_array(heights, remarks)
 
 
 def scan_of_array(array: "xarray.DataArray", remarks: tuple[str, ...] = ()) -> Scan:
