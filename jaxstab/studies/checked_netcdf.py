@@ -80,7 +80,9 @@ def read(path: Path, largest: float = math.inf) -> Variables:
                 values = np.broadcast_to(values, shape)
             elif num_bytes:
                 h5py.h5d.open(file.id, name.encode()).read(h5py.h5s.ALL, h5py.h5s.ALL, values)
-            values = values.astype(attrs.pop("dtype", values.dtype), copy=False)
+            # An attribute of this name of the user's own is no type of the numbers.
+            if dtype == "|i1" and attrs.get("dtype") == "bool":
+                values = values.astype(attrs.pop("dtype"))
             variables[name] = Variable(tuple(dims), values, attrs)
     return variables
 

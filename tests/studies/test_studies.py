@@ -290,3 +290,12 @@ def test_values_of_a_case_with_other_outputs_than_the_first_are_kept(tmp_path):
     assert kept.name in study["error"].values[1] and study["result"].values[1] == "failed"
     with xarray.open_dataset(kept, engine="h5netcdf") as dataset:
         assert (dataset["n"], dataset["a"], dataset["b"]) == (3, 3.0, 6.0)
+
+
+def test_an_attribute_named_dtype_converts_no_numbers(tmp_path):
+    def case(seed):
+        return xarray.Dataset({"a": ("x", [0.5, 1.7], {"dtype": "int32"})})
+
+    study = js.study(case, {"seed": [0]}, tmp_path / "study")
+    np.testing.assert_array_equal(study["a"], [[0.5, 1.7]])
+    assert study["a"].attrs == {"dtype": "int32"}
