@@ -49,7 +49,7 @@ _ADVICE = (
     (r'`Topography\.periodic\("window"\)` or "mirror"', "--periodic window or --periodic mirror"),
     (r" and fill them by `Topography\.filled\(\)`|, as by `js\.surfaces\.Topo[^`]*`", ""),
     (r"use float64", "use --precision float64"),
-    (r"A grid of (\d+) x \1 would do", r"--size \1 would do"),
+    (r"A grid of (\d+) x \1 would do", r"\g<0> (--size \1 of a generated surface)"),
     (r"or give the option (--import)", r"or give \1"),
     (r" by jaxstab\.follow", " by --study loop"),
 )

@@ -50,7 +50,10 @@ def topography_of(options: argparse.Namespace) -> surfaces.Topography:
         warn(f"{100 * fraction:.3g} % of the points were missing and have been filled.")
         topography = topography.filled()
     topography = topography.detrended(options.detrend)
-    return topography.periodic(options.periodic) if options.periodic else topography
+    if options.periodic:
+        # Default loads are gaps and displacements alike, which needs heights of zero mean.
+        topography = topography.periodic(options.periodic).detrended(0)
+    return topography
 
 
 def _potential(options: argparse.Namespace) -> potentials.Potential:

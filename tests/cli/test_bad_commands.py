@@ -126,6 +126,9 @@ def test_advice_has_the_form_of_the_command_line(tmp_path, capsys):
         ("locate fewer jumps (`smallest_jump`)", "locate fewer jumps (--smallest-jump)"),
         ('choose `width="double"`.', "choose --width double."),
         ("leave out `lengths=`, `mu`", "leave out --lengths, `mu`"),
-        ("A grid of 64 x 64 would do, or", "--size 64 would do, or"),
+        (
+            "A grid of 64 x 64 would do, or",
+            "A grid of 64 x 64 would do (--size 64 of a generated surface), or",
+        ),
     ):
         assert in_options(python) == options
