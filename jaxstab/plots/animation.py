@@ -15,11 +15,12 @@ from matplotlib.figure import Figure
 
 from jaxstab import paths
 from jaxstab.contact import Contact
+from jaxstab.core.atomic_write import write_whole
 from jaxstab.core.checks import require
 from jaxstab.plots.fields import add_colour_bar, draw_map, require_own
 from jaxstab.plots.paths import of_states, quantities_or_default, require_path
 from jaxstab.plots.paths import path as draw_path
-from jaxstab.plots.saving import new_file, written
+from jaxstab.plots.saving import new_file
 from jaxstab.plots.style import BLACK, axes_or_new, label_axes
 
 _WRITERS = {"gif": PillowWriter, "mp4": FFMpegWriter}
@@ -81,7 +82,8 @@ def animation(
             for state in frames.round().astype(int):
                 show(state)
                 writer.grab_frame()
-        return written(target, film.read_bytes())
+        write_whole(target, film.read_bytes())
+    return target
 
 
 def _gaps(contact: Contact, path: paths.Path) -> np.ndarray:

@@ -27,6 +27,8 @@ from jaxstab.potentials import Potential, energy_density, slope
 from jaxstab.stability import Eigenpair
 from jaxstab.surfaces import PowerSpectrum
 
+_INDICATORS = {"residual": "projected residual", "epsilon": r"$\epsilon$", "eta": r"$\eta$"}
+
 
 def potential(
     laws: Potential | Sequence[Potential],
@@ -70,7 +72,7 @@ def convergence(pair: Eigenpair, *, axes: Axes | None = None) -> Axes:
     require_pair(pair)
     axes = axes_or_new(axes)
     for name, values in pair.history.values.items():
-        label = "projected residual" if name == "residual" else rf"$\{name}$"
+        label = _INDICATORS.get(name, name)
         # At the start epsilon and eta are zero by construction.
         axes.semilogy(pair.history.steps[1:], values[1:], ".-", label=label)
     axes.set(xlabel="step", ylabel="indicator")

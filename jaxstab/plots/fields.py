@@ -22,9 +22,12 @@ _MODE = "mode of unit norm"
 
 
 def surface(contact: Contact, *, axes: Axes | None = None) -> Axes:
-    """Draw the heights h: a map, or a profile on a line."""
+    """Draw the heights h, above the datum if it is not zero: a map, or a profile on a line."""
     require_contact(contact)
-    return _field(contact, contact.heights + contact.datum, "height h [length]", "cividis", axes)
+    datum = float(contact.datum)
+    # A large datum would cost their digits, and all ticks would be alike.
+    above = f" above {measured(contact.units, datum, 'length', digits=6)}" if datum else ""
+    return _field(contact, contact.heights, f"height h{above} [length]", "cividis", axes)
 
 
 def gap(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:

@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.text import Text
 
+from jaxstab.core.atomic_write import write_whole
 from jaxstab.core.checks import require_kind
 from jaxstab.core.warn import warn
 
@@ -70,7 +71,8 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
     picture = BytesIO()
     with plt.rc_context(_AS_TEXT):
         copy.savefig(picture, format=target.suffix[1:].lower(), dpi=_DPI)
-    return written(target, picture.getvalue())
+    write_whole(target, picture.getvalue())
+    return target
 
 
 def new_file(file: str | Path, endings: Collection[str]) -> Path:
@@ -83,13 +85,6 @@ def new_file(file: str | Path, endings: Collection[str]) -> Path:
         raise FileExistsError(f"{path} exists, and is not overwritten: choose another name.")
     if not path.parent.is_dir():
         raise FileNotFoundError(f"The folder {path.parent} does not exist: make it first.")
-    return path
-
-
-def written(path: Path, content: bytes) -> Path:
-    """Write a new file, whole or not at all, and return its path."""
-    with path.open("xb") as file:
-        file.write(content)
     return path
 
 

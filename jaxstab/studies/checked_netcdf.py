@@ -4,15 +4,15 @@ import hashlib
 import io
 import json
 import math
-import os
 from collections.abc import Mapping
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
-from uuid import uuid4
 
 import numpy as np
+
+from jaxstab.core.atomic_write import write_whole
 
 # The bytes of a digest of the whole file and its name, behind those that HDF5 reads.
 _DIGEST = 16
@@ -85,19 +85,6 @@ def read(path: Path, largest: float = math.inf) -> Variables:
                 values = values.astype(attrs.pop("dtype"))
             variables[name] = Variable(tuple(dims), values, attrs)
     return variables
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file under another name, flush it, and rename it."""
-    part = path.with_name(f".{path.name}.{uuid4().hex}.part")
-    try:
-        with part.open("xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 @lru_cache(maxsize=64)

@@ -16,13 +16,14 @@ from uuid import uuid4
 import jax
 import numpy as np
 
+from jaxstab.core.atomic_write import write_whole
 from jaxstab.core.checks import integer, require
 from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.optional_packages import require_packages, versions
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.warn import warn
 from jaxstab.studies.cases import LISTED, MARKS, RECORD, Case, Cases, read_axes
-from jaxstab.studies.checked_netcdf import Damaged, Variable, Variables, read, write_whole
+from jaxstab.studies.checked_netcdf import Damaged, Variable, Variables, read
 from jaxstab.studies.executors import run_tasks
 from jaxstab.studies.worker import CaseWorker
 

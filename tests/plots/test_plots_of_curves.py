@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,6 +9,7 @@ import pytest
 
 import jaxstab as js
 from jaxstab import plots
+from jaxstab.core.history import History
 from jaxstab.core.stack import stacked
 
 
@@ -115,3 +118,10 @@ def test_what_is_no_spectrum_is_refused():
         plots.spectrum(jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), flat))
     with pytest.raises(TypeError, match="ArrayImpl is not a spectrum"):
         plots.spectrum([flat.density])
+
+
+def test_indicators_of_a_solver_of_ones_own_are_named_as_they_are(line):
+    *_, pair = line
+    steps = jnp.array([[0, 1.0, 1.0], [1, 0.1, 0.3], [2, 0.01, 0.2]])
+    axes = plots.convergence(replace(pair, history=History(steps, ("eta", "shift"))))
+    assert [curve.get_label() for curve in axes.lines] == [r"$\eta$", "shift"]

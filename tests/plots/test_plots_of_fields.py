@@ -1,6 +1,7 @@
 import warnings
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
@@ -128,3 +129,15 @@ def test_one_step_of_a_solver_is_seen_and_no_legend_is_empty(line):
     )
     with warnings.catch_warnings(action="error"):
         assert plots.distribution(contact, closed, "gap").get_legend() is None
+
+
+def test_heights_on_a_large_datum_keep_their_digits_and_the_label_names_it():
+    with jax.enable_x64(False):
+        grid = js.Grid((32,), 1e-6)
+        heights = 5e-3 + 1e-9 * np.cos(2 * np.pi * np.arange(32) / 32)
+        surface = js.surfaces.Topography(grid, heights, "m")
+        contact = js.Contact(js.HalfSpace(grid, 1e9), surface, js.potentials.NoAdhesion())
+        axes = plots.surface(contact)
+    drawn = axes.lines[0].get_ydata()
+    np.testing.assert_allclose(drawn - drawn.mean(), heights - heights.mean(), atol=1e-15)
+    assert axes.get_ylabel() == "height h above 5 mm [nm]"

@@ -149,3 +149,13 @@ def test_by_default_a_wide_figure_fills_a_page_and_in_a_column_it_is_told_to_be_
         column = plots.save(figure, tmp_path / "column.png", width="single")
     widths = [plt.imread(file).shape[1] / 300 * 25.4 for file in (page, column)]
     np.testing.assert_allclose(widths, [190, 90], atol=0.2)
+
+
+def test_a_figure_that_cannot_be_written_whole_leaves_no_file(drawn, tmp_path, monkeypatch):
+    def fail(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", fail)
+    with pytest.raises(OSError, match="No space left"):
+        plots.save(drawn, tmp_path / "figure.png")
+    assert not list(tmp_path.iterdir())
