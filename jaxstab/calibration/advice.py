@@ -51,9 +51,13 @@ def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) 
     chance = betainc(freedom / 2, len(missing) / 2, 1 - hints.drop)
     if chance < _CHANCE and hints.drop > 0.5:
         offset, baseline = hints.zeros
+        said = {
+            "offset": f"the loads had an offset of about {offset:.3g}",
+            "baseline": f"the measurements had a baseline of about {baseline:.3g}",
+        }
         warn(
-            f"the misfit would fall by {float(hints.drop):.0%} if the loads had an offset of about "
-            f"{offset:.3g} and the measurements a baseline of about {baseline:.3g}: fit them with "
+            f"the misfit would fall by {float(hints.drop):.0%} if "
+            f"{' and '.join(said[name] for name in missing)}: give "
             f"{', '.join(f'{name}=True' for name in missing)}.",
             FitWarning,
         )

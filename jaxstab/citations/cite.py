@@ -136,7 +136,10 @@ def _parts(item: object) -> Iterator[object]:
         yield from _parts(type(item))
         if is_dataclass(item):
             for field in fields(item):
-                yield from _parts(getattr(item, field.name, None))
+                part = getattr(item, field.name, None)
+                part = [*part.values()] if isinstance(part, dict) else part
+                for each in part if isinstance(part, list | tuple) else [part]:
+                    yield from _parts(each)
 
 
 def _concerns(target: object, part: object) -> bool:

@@ -85,7 +85,7 @@ def study(
         TypeError: for a function that takes other arguments, or does not return a dict of arrays.
         OSError, RuntimeError: if the disk is full or read-only, or the executor loses cases.
     """
-    require_packages("Studies", "studies", "xarray", "h5netcdf", "h5py", "cloudpickle")
+    require_packages("Studies", "studies", "xarray", "h5netcdf", "h5py", "cloudpickle", "dask")
     values, dims = read_axes(axes)
     require("batch", integer("batch", batch), batch > 0, "give at least 1.")
     is_fit = hasattr(executor, "submit") or (isinstance(executor, int) and executor > 0)

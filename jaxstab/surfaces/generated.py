@@ -80,9 +80,9 @@ def self_affine(
     k_low <= k <= k_rolloff, C (k / k_rolloff)^-s up to k_high, and 0 elsewhere. k is the number of
     waves per longest side of the cell. C follows from the given one of `rms_height` and
     `rms_slope`, which this surface has exactly. The noise belongs to the waves, not to the
-    points: one key gives the same surface on every grid that resolves it. JAX's random numbers
-    differ in single precision, and so does the surface: to use one surface in both precisions,
-    draw it in double precision and cast it, `heights.astype(jnp.float32)`.
+    points: one key gives the same surface on every grid that resolves more than `k_high` waves.
+    JAX's random numbers differ in single precision, and so does the surface: to use one surface in
+    both precisions, draw it in double precision and cast it, `heights.astype(jnp.float32)`.
 
     Arguments:
         grid: the grid.

@@ -133,9 +133,9 @@ def _topography(
             f"its {points} heights come without side lengths: give them in the unit of the "
             "heights, as in `js.surfaces.read(path, lengths=(3.0, 1.4))`."
         )
-    if scan.lengths is None and np.ndim(sides) == 0 and len(set(scan.heights.shape)) > 1:
+    if np.ndim(sides) == 0 and len(set(scan.heights.shape)) > 1:
         raise ValueError(
-            f"lengths is {lengths}, one number for {points} points: give one for each side."
+            f"lengths is {sides}, one number for {points} points: give one for each side."
         )
     heights: Any = scan
     return Topography(Grid(scan.heights.shape, sides), heights, unit)

@@ -247,3 +247,12 @@ def test_a_curve_of_jkr_gives_what_a_fit_of_their_closed_form_gives():
     np.testing.assert_allclose([fit.parameters, fit.baseline], values[[0, 2]], rtol=0.1)
     np.testing.assert_allclose(fit.offset, -values[1], atol=0.15)
     np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), errors, rtol=0.3)
+
+
+def test_a_missing_baseline_is_named_alone_beside_a_fitted_offset():
+    forces = forces_of(POSITIONS, ENERGY, RANGE, 0.01, 0.05)
+    with pytest.warns(
+        js.FitWarning, match=r"if the measurements had a baseline of about 0\.04"
+    ) as said:
+        fit_flat(forces, offset=True, baseline=False)
+    assert "offset" not in str(said[0].message)

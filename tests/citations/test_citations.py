@@ -141,3 +141,8 @@ def test_a_module_stands_for_all_that_it_holds():
 def test_objects_of_others_are_refused_by_name(item, name):
     with pytest.raises(ValueError, match=f"^{name} is not of jaxstab: cite takes"):
         js.cite(item)
+
+
+def test_a_sum_of_laws_stands_for_each_of_them():
+    laws = js.potentials.Dugdale(1.0, 1.0), js.potentials.LennardJones(1.0, 0.5)
+    assert set(js.cite(sum(laws)).reasons) == {*js.cite(laws[0]).reasons, *js.cite(laws[1]).reasons}

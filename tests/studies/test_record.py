@@ -138,7 +138,9 @@ def test_arguments_that_make_no_sense_are_refused(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_without_the_packages_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "h5netcdf", None)
+@pytest.mark.parametrize("package", ["h5netcdf", "dask"])
+def test_without_the_packages_the_extra_is_named(package, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(ImportError, match=r"pip install 'jaxstab\[studies\]'"):
         js.study(logged(os.devnull), AXES, tmp_path / "study")
+    assert not list(tmp_path.iterdir())

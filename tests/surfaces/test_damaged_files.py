@@ -225,3 +225,18 @@ def test_files_that_gzip_packed_are_read(tmp_path, write):
     (tmp_path / "a.gz").write_bytes(content[: len(content) // 2])
     with pytest.raises(ValueError, match=r"a\.gz: its gzip data are truncated"):
         js.surfaces.read(tmp_path / "a.gz", lengths)
+
+
+def test_doubled_coordinates_are_refused():
+    places = {"x": [0.0, 1.0, 1.0, 3.0], "y": [0.0, 1.0, 2.0, 3.0]}
+    array = xarray.DataArray(HEIGHTS[:4, :4], dims=("x", "y"), coords=places)
+    with pytest.raises(ValueError, match="coordinates x are not evenly spaced"):
+        js.surfaces.Topography(js.Grid(4, 4.0), array)
+
+
+def test_one_length_in_a_file_of_an_oblong_is_refused(tmp_path):
+    np.savez(tmp_path / "a.npz", heights=HEIGHTS, lengths=3.0)
+    with pytest.raises(
+        ValueError, match=r"lengths is 3\.0, one number for 12 x 7 points: give one"
+    ):
+        js.surfaces.read(tmp_path / "a.npz")

@@ -64,7 +64,7 @@ def scan_of_array(array: "xarray.DataArray", remarks: tuple[str, ...] = ()) -> S
     lengths, units, coordinates = [], set(), [array[side] for side in sides if side in array.coords]
     for axis, places in enumerate(coordinates if len(coordinates) == len(sides) else ()):
         side = on_lattice(np.asarray(places.values, float))
-        if side is None or side[1] != places.size:
+        if side is None or np.unique(side[0]).size != places.size:
             raise ValueError(f"its coordinates {places.name} are not evenly spaced.")
         heights = heights.take(np.argsort(side[0]), axis)
         lengths.append(places.size * side[2])
