@@ -147,6 +147,10 @@ def with_derivatives(contact: Contact, equilibrium: Equilibrium, stability: Stab
     """Return a stability as a differentiable function of the contact and the equilibrium."""
     if not is_traced((contact, equilibrium)):
         return stability
+    # Squares of pressures over lengths stay in range in this unit.
+    unit = contact.own_pressure
+    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
+    stability = stability.in_units_of(unit)
     fixes_mean = contact.control(equilibrium.load).fixes_mean
 
     def attach(pair: Eigenpair, is_moving: Mask) -> Eigenpair:
@@ -158,7 +162,7 @@ def with_derivatives(contact: Contact, equilibrium: Equilibrium, stability: Stab
     margins = stability.complementarity, stability.barrier
     is_held = stability.verdict == VERDICTS.held_by_contact
     complementarity, barrier = differentiable_margins(margins, contact, equilibrium, cone, is_held)
-    return replace(
+    found = replace(
         stability,
         lower_bound=attach(stability.lower_bound, jnp.ones_like(free)),
         cone=cone,
@@ -166,6 +170,7 @@ def with_derivatives(contact: Contact, equilibrium: Equilibrium, stability: Stab
         complementarity=complementarity,
         barrier=barrier,
     )
+    return found.in_units_of(1 / unit)
 
 
 def _assess_one(
@@ -212,7 +217,7 @@ class _AssessedState(eqx.Module):
         """
         is_found = self.result == RESULTS.successful
         off = _DOUBT * self.imbalance / jnp.where(softest > 0, softest, 1)
-        change = jnp.sqrt(total((self.sharpness * pair.mode**2) ** 2)) * off
+        change = jnp.sqrt(total((off * self.sharpness * pair.mode**2) ** 2))
         return replace(
             pair,
             eigenvalue=jnp.where(is_found, pair.eigenvalue, jnp.nan),

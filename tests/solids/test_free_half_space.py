@@ -163,6 +163,14 @@ def test_batches_single_precision_and_derivatives_work():
     np.testing.assert_allclose(single.force, one, rtol=1e-3)
 
 
+@pytest.mark.parametrize("size", [1e-20, 1e19])
+def test_pressures_are_proportional_to_displacements_in_single_precision(size):
+    solid = js.FreeHalfSpace(js.Grid(8, np.ones(2, np.float32)), np.float32(1.0))
+    displacement = jax.random.normal(jax.random.key(0), (8, 8), jnp.float32)
+    pressure, scaled = solid.pressure(displacement), solid.pressure(np.float32(size) * displacement)
+    np.testing.assert_allclose(scaled / np.float32(size), pressure, rtol=1e-4, atol=1e-4)
+
+
 def test_what_a_window_cannot_answer_is_said():
     contact = sphere_contact(16)
     for load in (js.MeanGap(0.1), js.MeanDisplacement(0.1)):

@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 from problems import TIGHT, rough_contact, with_parameters
 
@@ -51,6 +52,24 @@ def test_eigenvalues_modes_and_margins_agree_with_finite_differences(contact, lo
             size = abs(value) / x[i]
             assert abs(forward[name] - differences) < rtol * max(abs(differences), size), name
             assert abs(forward[name] - reverse[name][i]) < 1e-8 * size, name
+
+
+def test_a_mode_has_its_derivative_in_single_precision_in_si_units(contact):
+    def number(ratio, length=1e-6, pressure=1e11, dtype=jnp.float32):
+        cell = js.Grid(16, np.full(2, length, dtype))
+        solid = js.HalfSpace(cell, jnp.asarray(pressure, dtype))
+        law = js.potentials.Exponential(
+            jnp.asarray(0.02 * length * pressure, dtype), ratio * length
+        )
+        other = js.Contact(solid, (contact.heights * length).astype(dtype), law)
+        state = js.equilibrate(other, js.MeanGap(jnp.asarray(0.1 * length, dtype)))
+        mode = js.assess_stability(other, state).cone.mode
+        return jnp.sum(jnp.sin(jnp.arange(256.0)).reshape(16, 16) * mode)
+
+    one = jnp.ones((), jnp.float32)
+    found = jax.jvp(number, (0.1 * one,), (one,))[1]
+    above, below = (number(x, 1.0, 1.0, jnp.float64) for x in (0.1 + 1e-5, 0.1 - 1e-5))
+    np.testing.assert_allclose(found, (above - below) / 2e-5, rtol=1e-2)
 
 
 def is_undefined(output, x):
