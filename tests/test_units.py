@@ -89,6 +89,13 @@ def test_a_value_reads_with_the_prefix_that_suits_it(unit, value, text):
     assert measured(Units.checked(unit, None), value, "energy") == text
 
 
+def test_no_prefix_is_hidden_or_raised_to_a_power():
+    assert measured(Units("m", "Pa"), 1.23e-6, "length/resistivity") == "1.23e-06"
+    # The square of 1 MPa µm^2 = 1e-6 N.
+    assert unit_symbol(Units("µm", "MPa"), "force^2") == "1e-12 N^2"
+    assert measured(Units("m", "Pa"), 3e-12, "force^2") == "3e-12 N²"
+
+
 # In SI units by hand: 1 MPa µm^2 = 1e6 * 1e-12 N, and so on. The last is no power of a thousand.
 @pytest.mark.parametrize(
     ("units", "symbols"),

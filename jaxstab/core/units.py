@@ -200,7 +200,9 @@ def unit_symbol(units: Units, dimension: str) -> str:
     exponent, text = _in_si(units, dimension)
     if exponent is None:
         return text
-    return _PREFIXES[exponent] + text if exponent in _PREFIXES else f"1e{exponent} {text}"
+    if exponent == 0 or (exponent in _PREFIXES and _takes_prefix(text)):
+        return _PREFIXES[exponent] + text
+    return f"1e{exponent} {text}"
 
 
 def readable_unit(units: Units, dimension: str, largest: float) -> tuple[float, str]:
@@ -212,7 +214,9 @@ def readable_unit(units: Units, dimension: str, largest: float) -> tuple[float, 
     exponent, text = _in_si(units, dimension)
     if exponent is None and re.match(r"(m|Pa)(/|$)", text):
         exponent = 0
-    if exponent is None or not 0 < largest < np.inf:
+    # A number without its unit must not be divided by a prefix.
+    takes_prefix = shown_unit(text) and _takes_prefix(text)
+    if exponent is None or not takes_prefix or not 0 < largest < np.inf:
         return 1.0, unit_symbol(units, dimension)
     power = int(3 * np.floor((np.log10(largest) + exponent + 1e-9) / 3))
     power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
@@ -239,6 +243,11 @@ def in_brackets(unit: str) -> str:
 def typeset(unit: str) -> str:
     """Return a unit with raised powers."""
     return re.sub(r"\^(\d)", lambda power: "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(power[1])], unit)
+
+
+def _takes_prefix(unit: str) -> bool:
+    # The prefix of a unit with a power is raised to the power too.
+    return not re.match(r"\w+\^|1", unit)
 
 
 def _in_si(units: Units, dimension: str) -> tuple[int | None, str]:
