@@ -1,6 +1,7 @@
 """The warning that a grid is too coarse for the adhesion on it."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -57,7 +58,11 @@ def _stiffnesses(contact: Contact) -> Float[Array, " two"]:
 def _cure(contact: Contact, share: np.floating) -> str:
     """Return a grid that is stiff enough, from the present share of the stiffness needed."""
     solid, refinement = contact.solid, 1
-    while solid.max_stiffness * share < contact.solid.max_stiffness:
+    stiffest = solid.max_stiffness
+    # A stored number does not follow the grid.
+    if any(leaf is stiffest for leaf in jax.tree.leaves(solid)):
+        return "Use a finer grid, or a weaker or longer-ranged adhesion."
+    while solid.max_stiffness * share < stiffest:
         refinement *= 2
         if refinement > _MAX_REFINEMENT:
             return "No grid of a size to compute with would do: use a weaker adhesion."

@@ -50,6 +50,14 @@ def test_a_solid_that_no_grid_would_resolve_is_told_apart():
             js.equilibrate(contact, LOAD, throw=False)
 
 
+def test_a_solid_with_a_stored_stiffness_is_not_told_that_no_grid_would_do():
+    contact = rough_contact(16, COARSE, youngs_modulus=1e-3)
+    stored = js.Contact(contact.solid.scaled(jnp.array(1.0)), contact.heights, COARSE)
+    assert stored.resolution == pytest.approx(contact.resolution)
+    with pytest.warns(js.ResolutionWarning, match=r"artefacts\. Use a finer grid, or a weaker or"):
+        js.equilibrate(stored, LOAD, throw=False)
+
+
 def test_jumps_need_more_and_are_told_how_far_they_may_be_off():
     law = js.potentials.Exponential(0.02, 0.02)
     contact = rough_contact(32, law, rms_height=0.05)
