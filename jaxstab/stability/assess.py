@@ -106,10 +106,15 @@ def assess_stability(
 
     Raises:
         ValueError: if the equilibrium has another grid or precision than the contact.
-        TypeError: if the solver is not one for cones, or the key not a random one.
+        TypeError: if the solver is not one for cones, the key not a random one, or an equilibrium
+            is given beside a state of an evolution.
         SolverError: if `throw`, for an equilibrium or an eigenvalue that did not converge.
     """
     if isinstance(contact, HasInstant):
+        if equilibrium is not None:
+            raise TypeError(
+                "A state of an evolution holds its equilibrium: give no other beside it."
+            )
         contact, equilibrium = contact.instant
     equilibrium = equilibrium_of(contact, equilibrium)
     warn_if_coarse(contact)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import numbers, parameter, require, require_finite, require_shape
+from jaxstab.core.checks import numbers, require, require_finite, require_shape, scalar_parameter
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, EquilibriumSolver, equilibrate
@@ -45,8 +45,9 @@ def release(
         The new equilibrium, under the same load.
 
     Raises:
-        ValueError: if equilibrium or mode are not on the contact's grid or not finite, or the push
-            closes all of the gap where the load holds its mean.
+        ValueError: if equilibrium or mode are not on the contact's grid or not finite, the
+            amplitude is not one finite number, or the push closes all of the gap where the load
+            holds its mean.
         TypeError: if the mode is not real numbers, or the solver not one for equilibria.
         SolverError: as `equilibrate`, and for a state that is no equilibrium of the contact.
     """
@@ -58,7 +59,10 @@ def release(
     largest = jnp.max(jnp.abs(x))
     cure = "it moves no point; give a direction to move in."
     require("The largest component of the mode", largest, largest > 0, cure)
-    t = amplitude_of(equilibrium.gap, x) if amplitude is None else parameter(amplitude)
+    if amplitude is None:
+        t = amplitude_of(equilibrium.gap, x)
+    else:
+        t = scalar_parameter(amplitude, "The amplitude")
     require("The amplitude", t, jnp.isfinite(t), "it must be finite.")
     start = jnp.maximum(equilibrium.gap + t * x, 0)
     state = recognised(contact, equilibrium)

@@ -55,6 +55,8 @@ def test_after_a_failure_there_are_no_numbers_and_it_goes_on_from_the_last_state
     assert np.isnan(js.growth_rate(found)) and np.isnan(js.growth_rate(found[-1]))
     with pytest.raises(js.SolverError, match="no_equilibrium"):
         js.assess_stability(found[-1])
+    with pytest.raises(TypeError, match="holds its equilibrium: give no other beside it"):
+        js.assess_stability(found[-1], found[-1].instant[1])
     # The last state was found, still in contact.
     place = float(jnp.interp(found.reached, times, load.value))
     held = js.MeanPressure(jnp.full(2, place))

@@ -154,6 +154,8 @@ def test_release_refuses_what_is_no_mode(hertz, far_side):
         js.release(hertz, stable, jnp.full((32, 32), jnp.nan))
     with pytest.raises(ValueError, match="amplitude is nan"):
         js.release(hertz, stable, jnp.ones((32, 32)), amplitude=jnp.nan)
+    with pytest.raises(ValueError, match=r"amplitude has shape \(32,\): give one number"):
+        js.release(hertz, stable, jnp.ones((32, 32)), amplitude=jnp.ones(32))
     failed = js.equilibrate(hertz, js.MeanGap(-1.0), throw=False)
     with pytest.raises(ValueError, match=r"state was not found \(infeasible_load\)"):
         js.release(hertz, failed, jnp.ones((32, 32)))
