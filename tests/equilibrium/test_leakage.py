@@ -56,6 +56,12 @@ def test_parallel_plates(dtype):
     np.testing.assert_allclose(found.drop[1], np.arange(8) * 3 / 8 * np.ones((6, 1)), atol=1e-6)
 
 
+def test_a_rate_has_a_derivative_with_respect_to_the_drop_of_pressure():
+    found = leaking(np.full((6, 8), 0.3), viscosity=2.0)
+    slope = jax.jit(jax.jacobian(found.rate))(jnp.array([3.0, 1.0]))
+    np.testing.assert_allclose(slope, 0.3**3 / 24 * np.eye(2), atol=1e-12)
+
+
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("depth", [0.5, 1e-2, 1e-4, 1e-5])
 def test_across_and_along_a_wave_up_to_contrasts_of_1e15(depth, solver):

@@ -2,6 +2,7 @@
 
 from typing import Annotated, ClassVar
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -43,7 +44,8 @@ class Leakage(Observable):
         Arguments:
             drop_per_length: how the pressure falls in the mean along each side [pressure/length].
         """
-        return self.permeability @ array(drop_per_length, self.permeability.dtype) / self.viscosity
+        drop = jnp.asarray(drop_per_length, self.permeability.dtype)
+        return self.permeability @ drop / self.viscosity
 
 
 def leakage(
