@@ -125,9 +125,9 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
             f"{path} is in double precision, which JAX would round to single: first of all, "
             'call jax.config.update("jax_enable_x64", True).'
         )
-    problem = structure["contact"]
-    law = problem["fields"].pop("potential")
-    contact = restored({**problem, "fields": {**problem["fields"], "potential": None}}, arrays)
+    fields = structure["contact"]["fields"]
+    law, fields["potential"] = fields["potential"], None
+    contact = restored(structure["contact"], arrays)
     law = _law(law, arrays, potential, contact.heights.dtype)
     object.__setattr__(contact, "potential", law)
     if not isinstance(law, LostFunction):

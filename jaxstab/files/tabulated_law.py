@@ -19,22 +19,15 @@ def law_variables(contact: Contact) -> dict[str, tuple[str, np.ndarray, dict[str
     """Return a law at gaps from large to zero, as variables of a data set."""
     profile = contact.profile
     chosen = np.append(np.arange(0, profile.gaps.size - 1, _EVERY), -1)
-    gaps, values, slopes = (
-        np.asarray(field)[chosen] for field in (profile.gaps, profile.values, profile.slopes)
-    )
-    columns = {
-        "law_gap": (gaps, "gap", LENGTH),
-        "law_energy": (values, "law f(g)", SURFACE_ENERGY),
-        "law_attraction": (slopes, "f'(g)", PRESSURE),
-    }
-    return {
-        name: (
-            "law_gap",
-            column,
-            {"long_name": long_name, "units": unit_symbol(contact.units, dimension)},
-        )
-        for name, (column, long_name, dimension) in columns.items()
-    }
+    variables = {}
+    for name, column, long_name, dimension in (
+        ("law_gap", profile.gaps, "gap", LENGTH),
+        ("law_energy", profile.values, "law f(g)", SURFACE_ENERGY),
+        ("law_attraction", profile.slopes, "f'(g)", PRESSURE),
+    ):
+        attributes = {"long_name": long_name, "units": unit_symbol(contact.units, dimension)}
+        variables[name] = "law_gap", np.asarray(column)[chosen], attributes
+    return variables
 
 
 def require_same_law(contact: Contact, arrays: Mapping[str, np.ndarray], path: Path) -> None:

@@ -1,7 +1,5 @@
 """Checks of a surface, before anything is computed with it."""
 
-import math
-
 import numpy as np
 
 from jaxstab.core.display import times
@@ -65,10 +63,11 @@ def has_wrong_scale(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
     slope = rms_slope(heights, lengths)
     if slope == 0 or _SLOPES[0] <= slope <= _SLOPES[1]:
         return []
-    if marks := marks_missing(heights, lengths):
-        return marks
-    if slope > _SLOPES[1] and _median_slope(heights, lengths) < _SLOPES[1] / 2:
-        return []
+    if slope > _SLOPES[1]:
+        if marks := _marks_missing(heights):
+            return marks
+        if _median_slope(heights, lengths) < _SLOPES[1] / 2:
+            return []
     return [
         f"the rms slope is {slope:.3g}: heights of rms {rms(heights):.3g} on sides of "
         f"{times(lengths, '.4g')} are hardly in one unit. Give `lengths` in the unit of the "
@@ -76,7 +75,7 @@ def has_wrong_scale(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
     ]
 
 
-def marks_missing(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
+def _marks_missing(heights: np.ndarray) -> list[str]:
     """Return a sentence if the least or the largest height seems to mark missing points."""
     heights = heights.astype(float)
     present = heights[np.isfinite(heights)]
@@ -85,8 +84,7 @@ def marks_missing(heights: np.ndarray, lengths: np.ndarray) -> list[str]:
         count = present.size - others.size
         if 0 < count < others.size:
             extent = np.ptp(others)
-            is_far = np.abs(others - mark).min() > _FAR_OFF * extent > 0
-            if is_far and rms_slope(heights, lengths) > _SLOPES[1]:
+            if np.abs(others - mark).min() > _FAR_OFF * extent > 0:
                 return [
                     f"{count} of {heights.size} heights are {mark:.6g}, while all others lie "
                     f"within {extent:.3g}: if this number marks missing points, replace it by nan "
@@ -155,9 +153,7 @@ def _tilt(heights: np.ndarray) -> np.ndarray | None:
 
 def rms(heights: np.ndarray) -> float:
     """Return the rms about the mean, missing points left out."""
-    present = heights[np.isfinite(heights)] if np.isnan(heights).any() else heights.ravel()
-    about_mean = present - present.mean()
-    return math.sqrt(about_mean @ about_mean / present.size)
+    return float(np.nanstd(heights))
 
 
 def _rounding(heights: np.ndarray) -> float:

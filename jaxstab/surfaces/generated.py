@@ -20,10 +20,8 @@ from jaxstab.core.checks import (
 from jaxstab.core.compile import program
 from jaxstab.core.grid import Grid, require_grid
 from jaxstab.core.types import ArrayLike, Field, Scalar
+from jaxstab.surfaces.arguments import ROUNDING
 from jaxstab.surfaces.statistics import nyquist, rms_derivative
-
-# Rounding must not decide whether a wave at a cut-off belongs to the spectrum.
-_ROUNDING = 1e-5
 
 
 def sinusoid(grid: Grid, amplitude: ArrayLike, waves: int | tuple[int, ...] | None = None) -> Field:
@@ -122,7 +120,7 @@ def self_affine(
     require("[k_low, k_rolloff, k_high]", [low, rolloff, high], is_ordered, cure)
     resolved = nyquist(grid.shape, concrete(grid.lengths)).min()
     cure = f"the grid resolves {resolved} waves per longest side; refine it or lower k_high."
-    is_resolved = high <= resolved * (1 + _ROUNDING)
+    is_resolved = high <= resolved * (1 + ROUNDING)
     require("k_high", high, is_resolved, cure)
     target = possible(target, (target > 0) & is_exponent & is_ordered & is_resolved)
     order = 0 if rms_slope is None else 1
@@ -145,7 +143,7 @@ def _filtered_noise(
     """Return a surface with a target rms of its derivative of an order, and its number of waves."""
     k_low, k_rolloff, k_high = cutoffs
     k = grid.wavenumbers * jnp.max(grid.lengths) / (2 * jnp.pi)
-    passes = (k >= k_low * (1 - _ROUNDING)) & (k <= k_high * (1 + _ROUNDING))
+    passes = (k >= k_low * (1 - ROUNDING)) & (k <= k_high * (1 + ROUNDING))
     power = 2 * hurst + len(grid.shape) if exponent == "field" else hurst + 2
     spectrum = jnp.maximum(jnp.where(passes, k, k_rolloff), k_rolloff) ** -power
     modes = jnp.where(passes, jnp.sqrt(spectrum), 0) * _wave_noise(grid, key)
