@@ -121,5 +121,8 @@ def test_usual_heights_stay_as_they_are():
         contact = js.Contact(js.HalfSpace(js.Grid(32), 1.0), given, LAW)
         assert contact.datum == 0
         np.testing.assert_array_equal(contact.heights, given)
-    axes = js.plots.surface(js.Contact(js.HalfSpace(js.Grid(32), 1.0), heights + 100.0, LAW))
-    np.testing.assert_allclose(axes.images[0].get_array().mean(), 100, atol=1e-6)
+    far = js.Contact(js.HalfSpace(js.Grid(32), 1.0), heights + 100.0, LAW)
+    axes = js.plots.surface(far)
+    above = axes.images[0].get_array().mean()
+    np.testing.assert_allclose(above + float(far.datum), 100 + heights.mean(), atol=1e-6)
+    assert f"above {float(far.datum):.6g}" in axes.images[0].colorbar.ax.get_ylabel()
