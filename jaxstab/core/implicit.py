@@ -47,7 +47,7 @@ def attach(rule: Rule, values: Tree, known: PyTree, inputs: PyTree) -> Tree:
 
 def _zero_without_slope(leaf: Array) -> Array:
     """Return a zero whose derivative is NaN."""
-    return jnp.sqrt(0 * jnp.sum(jnp.where(jnp.isfinite(leaf), leaf, 0)))
+    return jnp.sqrt(jnp.sum(0 * jnp.where(jnp.isfinite(leaf), leaf, 0)))
 
 
 @partial(attach.defjvp, symbolic_zeros=True)

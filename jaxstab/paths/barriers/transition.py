@@ -172,7 +172,7 @@ def _changes_of_barriers(
 
 
 def _barriers(gaps: Gaps, contact: Contact, load: Load) -> Barriers:
-    """Return the energies of the first gap above those of the other two."""
+    """Return how far the energy of the first gap is above the energies of the other two."""
     landscape = Landscape(contact, contact.control(load))
     top, start, end = (landscape.energy(landscape.control.restore(gap)) for gap in gaps)
     return top - start, top - end

@@ -116,7 +116,7 @@ def pressure_of(contact: Contact, load: Load, gap: Field) -> Scalar:
 def next_walk(way: Way, walk: Walk) -> Walk:
     """Return a branch after a step, which may have been cut."""
     stride = next_stride(way, walk.stride)
-    # Nor is there one if the loads are equal or not finite, which under JAX nothing refuses.
+    # No step is long enough if the loads are equal or not finite, which under JAX nothing refuses.
     no_more = ~(stride.length > way.shortest)
     unclear = KINDS.where(stride.is_found, KINDS.uncertain, KINDS.lost)
     end = KINDS.where(no_more & ~stride.is_new & ~stride.lands, unclear, KINDS.states)

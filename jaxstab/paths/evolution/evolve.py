@@ -60,8 +60,8 @@ def evolve(
     separately from the dissipation in the solid.
 
     The scalars and the last state are differentiable functions of contact, load and times, in both
-    modes, at the steps that were taken: the time of a jump counts as constant. Behind a jump the
-    derivatives of work and losses are NaN, and always those of the states in `fields`.
+    modes, at the steps that were taken: the time of a jump counts as constant. Derivatives of
+    the states in `fields` are NaN, and behind a jump also derivatives of work and losses.
 
     Arguments:
         contact: the contact, of a `Viscoelastic` solid.
