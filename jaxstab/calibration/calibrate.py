@@ -3,7 +3,6 @@
 from dataclasses import replace
 from functools import partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
@@ -24,7 +23,7 @@ from jaxstab.core.checks import (
     require_one_of,
     require_positive,
 )
-from jaxstab.core.compile import program
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.loop import optional_parameter
 from jaxstab.core.progress import advance, is_watched, progress_bar
@@ -163,7 +162,7 @@ def calibrate(
     is_seen = is_watched() if progress is None else progress
     bar = progress_bar(max_steps * (starts or 1), "step", shown=progress if is_seen else False)
     # Curves without an equilibrium are NaN.
-    with bar, jax.debug_nans(False):
+    with bar, own_conventions():
         fit, hints = _fit(
             contact,
             measured,

@@ -7,6 +7,7 @@ from typing import Any, Protocol, Self, TypeVar, TypeVarTuple
 import jax
 
 from jaxstab.contact.contact import Contact
+from jaxstab.core.compile import own_conventions
 from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.progress import progress_bar
@@ -61,7 +62,7 @@ def answer(
     constants: tuple[Contact, State, tuple[*Others]] = jax.lax.stop_gradient(given)
     progress = progress_bar(*bar[:2], shown=bar[2], inputs=constants)
     # Histories end in NaN, and a result that was not found is NaN.
-    with jax.debug_nans(False), progress:
+    with own_conventions(), progress:
         sought = search(*constants[:2], *constants[2])
     # An interrupt here would lose a long search. Short ones, whose loops it ends, have their units.
     with nullcontext() if has_units else interrupts_held():

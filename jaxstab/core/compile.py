@@ -24,12 +24,13 @@ Out = TypeVar("Out")
 
 @contextmanager
 def own_conventions() -> Iterator[None]:
-    """Disable JAX's checks of the user's code: here NaN is an answer, and numbers broadcast.
+    """Disable JAX's checks of the user's code: NaN and infinity are answers, numbers broadcast.
 
     Products of matrices have all digits: by default accelerators take three in float32.
     """
     with (
         jax.debug_nans(False),
+        jax.debug_infs(False),
         jax.default_matmul_precision("highest"),
         jax.numpy_dtype_promotion("standard"),
         jax.numpy_rank_promotion("allow"),

@@ -131,8 +131,12 @@ def sweep(
         warn_if_coarse(contact)
         solve = _solve_together if order == "independent" else _solve_in_turn
         return solve(problem, load, start, throw)
-    # A result that was not found is NaN.
-    with jax.debug_nans(False), progress_bar(load.value.size, "load", shown=progress) as bar:
+    # A result that was not found is NaN. Other settings of JAX would compile programs anew.
+    with (
+        jax.debug_nans(False),
+        jax.debug_infs(False),
+        progress_bar(load.value.size, "load", shown=progress) as bar,
+    ):
         warn_if_coarse(contact)
         if order == "independent" and jax.default_backend() != "cpu":
             found = _solve_padded(problem, load, start)

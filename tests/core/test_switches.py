@@ -14,6 +14,7 @@ import jaxstab as js
 README = Path(__file__).parents[2] / "README.md"
 SWITCHES = [
     jax.debug_nans(True),
+    jax.debug_infs(True),
     jax.numpy_dtype_promotion("strict"),
     jax.numpy_rank_promotion("raise"),
 ]
@@ -27,7 +28,7 @@ def switches():
         yield
 
 
-def test_the_readmes_example_runs_under_all_three(capsys):
+def test_the_readmes_example_runs_under_all_of_them(capsys):
     example = re.search(r"```python\n(.*?)```", README.read_text(), re.DOTALL)[1]
     # On fewer points.
     exec(example.replace("Grid(64)", "Grid(16)").replace("k_high=16", "k_high=4"), {})
@@ -48,6 +49,10 @@ def test_surfaces_solids_states_and_derivatives_pass(capsys):
     law = js.potentials.LennardJones(0.02, 0.06)
     state = js.equilibrate(js.Contact(solid, heights, law), js.MeanGap(0.1))
     assert np.isfinite(state.mean_pressure)
+    apart = js.Contact(solid, heights, js.potentials.Exponential(0.06, 0.06))
+    assert (
+        js.assess_stability(apart, js.equilibrate(apart, js.MeanGap(0.5))).complementarity == np.inf
+    )
 
     def pressure(energy):
         contact = js.Contact(solid, heights, js.potentials.Exponential(energy, 0.06))

@@ -20,7 +20,7 @@ from jaxstab.core.checks import (
     require_finite,
     require_positive,
 )
-from jaxstab.core.compile import program
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.control_flow import by_entries, entry_of
 from jaxstab.core.implicit import attach, nan_if, pushed, undefined
 from jaxstab.core.progress import progress_bar
@@ -116,7 +116,7 @@ def evolve(
     pairs = np.stack([np.maximum(numbers - 1, 0), numbers], axis=-1)
     intervals = Interval(numbers, concrete(held.value)[pairs], concrete(given_times)[pairs])
     watch = progress_bar(numbers.size, "time", shown=progress, inputs=(inputs, given))
-    with jax.debug_nans(False), watch as bar:
+    with own_conventions(), watch as bar:
         # Time by time, so that it can be watched, and interrupted: one program, whatever is kept.
         for interval in map(Interval, *intervals) if is_alone else [intervals]:
             try:
