@@ -1,7 +1,5 @@
 """Enumerations whose members compiled code can choose: each is an integer array in a pytree."""
 
-import operator
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -75,19 +73,13 @@ class Enumeration(Stackable):
             return cls(jnp.where(condition, cls.promote(one).code, cls.promote(other).code))
 
     def __eq__(self, other: object) -> Bool[Array, "..."]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        return self._compared(other, operator.eq)
-
-    def __ne__(self, other: object) -> Bool[Array, "..."]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        return self._compared(other, operator.ne)
-
-    def _compared(
-        self, other: object, compare: Callable[..., Array | np.ndarray]
-    ) -> Bool[Array, "..."]:
         code = np.int32(-1) if other is None else type(self).promote(other).code
         # Within a trace, too, known values stay known.
         with jax.ensure_compile_time_eval():
-            found: Any = compare(concrete(self.code), concrete(code))
-        return found
+            return concrete(self.code) == concrete(code)
+
+    def __ne__(self, other: object) -> Bool[Array, "..."]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        return ~(self == other)
 
     def __hash__(self) -> int:
         # A member equals its name, so their hashes must agree.

@@ -61,7 +61,7 @@ class Units(NamedTuple):
     sides: int = 2
 
     @classmethod
-    def checked(cls, length: str | None, pressure: str | None, sides: int = 2) -> "Units":
+    def checked(cls, length: str | None, pressure: str | None) -> "Units":
         """Return units by their names; pressures are in Pa by default if lengths are in metres.
 
         Raises:
@@ -69,9 +69,9 @@ class Units(NamedTuple):
         """
         unit = None if length is None else unit_of(length)
         if pressure is None:
-            return cls(unit, "Pa" if unit == "m" else None, sides)
+            return cls(unit, "Pa" if unit == "m" else None)
         require_one_of("the unit of pressure", pressure, PRESSURES)
-        return cls(unit, pressure, sides)
+        return cls(unit, pressure)
 
 
 NO_UNITS = Units()

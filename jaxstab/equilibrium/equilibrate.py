@@ -25,7 +25,6 @@ from jaxstab.equilibrium.equilibrium import (
     Equilibrium,
     State,
     equilibrium_at,
-    in_units_of,
     single_start,
 )
 from jaxstab.equilibrium.solvers.base import EquilibriumSolver, Problem
@@ -148,11 +147,11 @@ def with_derivatives(contact: Contact, load: Load, found: Equilibrium) -> Equili
     if not is_traced((contact, load)):
         return found
     unit = contact.own_pressure
-    fields = in_units_of(unit, {name: getattr(found, name) for name in DIFFERENTIABLE})
-    is_found = found.result == RESULTS.successful
-    own = contact.in_units_of(unit), load.in_units_of(unit)
-    fields = attach(changes_of_fields, fields, is_found, own)
-    return replace(found, load=load, area=contact.area, **in_units_of(1 / unit, fields))
+    inputs, own = (contact.in_units_of(unit), load.in_units_of(unit)), found.in_units_of(unit)
+    fields = {name: getattr(own, name) for name in DIFFERENTIABLE}
+    fields = attach(changes_of_fields, fields, found.result == RESULTS.successful, inputs)
+    moved = replace(own, **fields).in_units_of(1 / unit)
+    return replace(moved, load=load, area=contact.area)
 
 
 def find(

@@ -8,7 +8,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact.contact import Contact, require_contact
 from jaxstab.contact.residual import Balance
-from jaxstab.core import model, units
+from jaxstab.core import model
 from jaxstab.core.checks import are_finite, is_traced, require_shape
 from jaxstab.core.display import Outcome
 from jaxstab.core.history import History
@@ -23,7 +23,6 @@ from jaxstab.core.units import (
     NUMBER,
     PRESSURE,
     Units,
-    dimensions,
 )
 from jaxstab.loads.load import Load
 from jaxstab.potentials.evaluation import slope
@@ -89,12 +88,6 @@ class Equilibrium(Outcome):
         """The mean of the gap over the cell [length]."""
         sides = tuple(range(self.contact_area.ndim, self.gap.ndim))
         return jnp.mean(self.gap, axis=sides)
-
-
-def in_units_of(pressure: Scalar, fields: Fields) -> Fields:
-    """Return fields of an equilibrium with pressures in another unit; lengths stay."""
-    kinds = dimensions(Equilibrium)
-    return {n: units.in_units_of(x, kinds[n], pressure) for n, x in fields.items()}
 
 
 def fields_of(contact: Contact, load: Load, gap: Field) -> tuple[Fields, Field]:

@@ -81,7 +81,10 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
     state = found_equilibrium(contact, equilibrium)
     mask, is_window = np.asarray(state.in_contact), contact.solid.is_window
     found = clusters_of(mask, neighbours, not is_window)
-    sides = _sides(mask, np.asarray(contact.grid.spacing, float), is_window)
+    ends = _ends(mask, is_window)
+    is_plane = mask.ndim == 2
+    lengths = np.asarray(contact.grid.spacing, float)[::-1] if is_plane else np.ones(1)
+    sides = np.tensordot(lengths, ends, 1)
     numbers = [np.ones(mask.shape), sides, np.asarray(state.pressure, float)]
     counts, perimeters, forces = (
         np.bincount(found.labels.ravel(), field.ravel(), found.number + 1)[1:] for field in numbers
@@ -91,7 +94,7 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
     ranks[order + 1] = np.arange(1, found.number + 1)
     dtype, cell = contact.heights.dtype, float(contact.grid.cell_area)
     counted = cell * counts.sum()
-    excess = _STAIRCASE * cell * _num_ends(mask, is_window) if mask.ndim == 2 else 0.0
+    excess = _STAIRCASE * cell * ends.sum() if is_plane else 0.0
     return Patches(
         number=array(found.number, int),
         areas=array(cell * counts[order], dtype),
@@ -109,24 +112,11 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
 
 def _ends(
     touches: Bool[np.ndarray, " *grid"], is_window: bool
-) -> list[Float[np.ndarray, " *grid"]]:
+) -> Float[np.ndarray, " sides *grid"]:
     """Return for each side of the grid at how many ends of a point the contact ends."""
     around = np.pad(touches, 1, mode="constant" if is_window else "wrap")
     inner = (slice(1, -1),) * touches.ndim
     beside = [
         [~np.roll(around, step, side)[inner] for step in (-1, 1)] for side in range(touches.ndim)
     ]
-    return [touches * np.add(*map(np.asarray, pair), dtype=float) for pair in beside]
-
-
-def _num_ends(touches: Bool[np.ndarray, " *grid"], is_window: bool) -> float:
-    return float(sum(ends.sum() for ends in _ends(touches, is_window)))
-
-
-def _sides(
-    touches: Bool[np.ndarray, " *grid"], spacing: Float[np.ndarray, " sides"], is_window: bool
-) -> Float[np.ndarray, " *grid"]:
-    """Return the length of the interface along each point."""
-    lengths = spacing[::-1] if touches.ndim == 2 else np.ones(1)
-    ends = _ends(touches, is_window)
-    return sum((x * length for x, length in zip(ends, lengths, strict=True)), np.zeros(()))
+    return touches * np.sum(beside, axis=1, dtype=float)
