@@ -4,34 +4,28 @@ from dataclasses import replace
 from functools import partial
 from typing import Protocol, runtime_checkable
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.entry import answer
-from jaxstab.contact.hessian import Hessian
 from jaxstab.contact.resolution import warn_if_coarse
-from jaxstab.core import model
 from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries
-from jaxstab.core.grid import total
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import advance_to
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Field, Mask, Scalar
-from jaxstab.equilibrium.derivatives import third_derivative
+from jaxstab.core.types import Mask
 from jaxstab.equilibrium.equilibrium import Equilibrium, State, equilibrium_of
-from jaxstab.equilibrium.verify import recognised_by
 from jaxstab.equilibrium.window import padded_state
 from jaxstab.stability.barrier import differentiable as differentiable_margins
-from jaxstab.stability.barrier import margins_of, pressure_scale
-from jaxstab.stability.cones import AdmissibleCone, Subspace
+from jaxstab.stability.barrier import margins_of
+from jaxstab.stability.cones import Subspace
 from jaxstab.stability.derivatives import differentiable
 from jaxstab.stability.eigenpair import Eigenpair
-from jaxstab.stability.eigenproblems import Eigenproblems, Found
+from jaxstab.stability.eigenproblems import AssessedState, Found, problems_of
 from jaxstab.stability.search import smallest_eigenpairs
 from jaxstab.stability.solvers.base import ConeSolver
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
@@ -48,10 +42,6 @@ from jaxstab.stability.verdict import (
 _Inputs = tuple[Contact, Equilibrium, ConeSolver, PRNGKeyArray]
 # The lower bound, the critical cone and the cone take one search each.
 _NUM_SEARCHES = 3
-# Reactions below this part of the pressure count as none, in units of the precision.
-_ROUNDING = 1e3
-# How much more than estimated a gap may be off.
-_DOUBT = 10
 
 
 @runtime_checkable
@@ -185,7 +175,7 @@ def _assess_one(
     solver: ConeSolver,
     key: PRNGKeyArray,
 ) -> Stability:
-    problems, state = _problems(contact, equilibrium, key)
+    problems, state = problems_of(contact, equilibrium, key)
     found = smallest_eigenpairs(
         problems,
         solver,
@@ -195,84 +185,8 @@ def _assess_one(
     return _stability(equilibrium, state, found)
 
 
-class _AssessedState(eqx.Module):
-    """The data of a state that its stability is computed from.
-
-    Attributes:
-        result: whether it is an equilibrium of this contact.
-        unit: the contact's own unit of pressure, in which all is meanwhile.
-        area: the area of a point [length^2].
-        scale: the rms of elastic pressure and attraction [pressure].
-        imbalance: the norm of the pressures that are out of balance [pressure].
-        sharpness: f'''(g) at the free points [pressure/length^2].
-    """
-
-    result: RESULTS
-    unit: Scalar
-    area: Scalar
-    scale: Scalar
-    imbalance: Scalar
-    sharpness: Field
-
-    def covered(self, pair: Eigenpair, softest: Scalar) -> Eigenpair:
-        """Return a pair whose error covers the error of the state, given its softest eigenvalue.
-
-        The gap may be off by dg = A^-1 r, and d lambda = sum f''' x^2 dg. Without an equilibrium
-        there is no number.
-        """
-        is_found = self.result == RESULTS.successful
-        off = _DOUBT * self.imbalance / jnp.where(softest > 0, softest, 1)
-        change = jnp.sqrt(total((off * self.sharpness * pair.mode**2) ** 2))
-        return replace(
-            pair,
-            eigenvalue=jnp.where(is_found, pair.eigenvalue, jnp.nan),
-            error=pair.error + change,
-            proved=pair.proved & is_found,
-            bound=jnp.where(is_found, pair.bound - change, -jnp.inf),
-            result=RESULTS.where(is_found, pair.result, self.result),
-        )
-
-
 @program
-def _problems(
-    contact: Contact, equilibrium: Equilibrium, key: PRNGKeyArray
-) -> tuple[Eigenproblems, _AssessedState]:
-    """Return the eigenproblems of an equilibrium, and the data of that state."""
-    unit = contact.own_pressure
-    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
-    gap, in_contact = equilibrium.gap, equilibrium.in_contact
-    control = contact.control(equilibrium.load)
-    balance = contact.balance(control)(gap)
-    result = recognised_by(balance, contact, equilibrium)
-    is_found = result == RESULTS.successful
-    in_contact &= is_found
-    curvature = jnp.where(is_found, balance.curvature, 0)
-    hessian = Hessian(contact.solid, curvature, control.stiffness)
-    imbalance = jnp.sqrt(total(model.imbalance(balance.net, gap) ** 2))
-    scale = pressure_scale(contact, gap, equilibrium.pressure)
-    # The net pressure of a point may be wrong by this.
-    error = imbalance + _ROUNDING * jnp.finfo(gap.dtype).eps * scale
-    weak = in_contact & (balance.net <= error)
-    nearly_touching = ~in_contact & (gap * hessian.solid.max_stiffness <= error)
-    # Where there is nothing to assess, nothing moves.
-    nowhere = contact.grid.device_put(jnp.zeros_like(in_contact) | ~is_found)
-    problems = Eigenproblems(
-        hessian=hessian,
-        cone=AdmissibleCone(in_contact, nowhere, control.fixes_mean),
-        critical_cone=AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean),
-        key=key,
-        nearly_touching=nearly_touching,
-        touches=jnp.any(in_contact),
-        is_weak=jnp.any(weak),
-        is_doubtful=jnp.any(weak | nearly_touching),
-    )
-    sharpness = jnp.where(in_contact, 0, third_derivative(contact, gap))
-    state = _AssessedState(result, unit, contact.grid.cell_area, scale, imbalance, sharpness)
-    return problems, state
-
-
-@program
-def _stability(equilibrium: Equilibrium, state: _AssessedState, found: Found) -> Stability:
+def _stability(equilibrium: Equilibrium, state: AssessedState, found: Found) -> Stability:
     """Return the verdict on the eigenpairs of a search."""
     equilibrium, found = equilibrium.in_units_of(state.unit), found.ordered()
     softest = jnp.abs(found.hull.eigenvalue)

@@ -7,13 +7,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, PRNGKeyArray
 
+from jaxstab.contact.contact import Contact
 from jaxstab.contact.hessian import Hessian
+from jaxstab.core import model
 from jaxstab.core.compile import program
+from jaxstab.core.grid import total
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Flag, Mask, Scalar
+from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.equilibrium.derivatives import third_derivative
+from jaxstab.equilibrium.equilibrium import Equilibrium
+from jaxstab.equilibrium.verify import recognised_by
+from jaxstab.stability.barrier import pressure_scale
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import Eigenpair, admissible_pair, lowered
 from jaxstab.stability.lowest_pair import with_cost_of
+
+# Reactions below this part of the pressure count as none, in units of the precision.
+_ROUNDING = 1e3
+# How much more than estimated a gap may be off.
+_DOUBT = 10
 
 
 class Eigenproblems(eqx.Module):
@@ -38,6 +50,44 @@ class Eigenproblems(eqx.Module):
     touches: Flag
     is_weak: Flag
     is_doubtful: Flag
+
+
+class AssessedState(eqx.Module):
+    """The data of a state that its stability is computed from.
+
+    Attributes:
+        result: whether it is an equilibrium of this contact.
+        unit: the contact's own unit of pressure, in which all is meanwhile.
+        area: the area of a point [length^2].
+        scale: the rms of elastic pressure and attraction [pressure].
+        imbalance: the norm of the pressures that are out of balance [pressure].
+        sharpness: f'''(g) at the free points [pressure/length^2].
+    """
+
+    result: RESULTS
+    unit: Scalar
+    area: Scalar
+    scale: Scalar
+    imbalance: Scalar
+    sharpness: Field
+
+    def covered(self, pair: Eigenpair, softest: Scalar) -> Eigenpair:
+        """Return a pair whose error covers the error of the state, given its softest eigenvalue.
+
+        The gap may be off by dg = A^-1 r, and d lambda = sum f''' x^2 dg. Without an equilibrium
+        there is no number.
+        """
+        is_found = self.result == RESULTS.successful
+        off = _DOUBT * self.imbalance / jnp.where(softest > 0, softest, 1)
+        change = jnp.sqrt(total((off * self.sharpness * pair.mode**2) ** 2))
+        return replace(
+            pair,
+            eigenvalue=jnp.where(is_found, pair.eigenvalue, jnp.nan),
+            error=pair.error + change,
+            proved=pair.proved & is_found,
+            bound=jnp.where(is_found, pair.bound - change, -jnp.inf),
+            result=RESULTS.where(is_found, pair.result, self.result),
+        )
 
 
 class Found(eqx.Module):
@@ -73,6 +123,44 @@ def _unless(is_left_out: Bool[Array | np.ndarray, ""], pair: Eigenpair) -> Eigen
         eigenvalue=jnp.where(is_left_out, jnp.nan, pair.eigenvalue),
         result=RESULTS.where(is_left_out, RESULTS.not_computed, pair.result),
     )
+
+
+@program
+def problems_of(
+    contact: Contact, equilibrium: Equilibrium, key: PRNGKeyArray
+) -> tuple[Eigenproblems, AssessedState]:
+    """Return the eigenproblems of an equilibrium, and the data of that state."""
+    unit = contact.own_pressure
+    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
+    gap, in_contact = equilibrium.gap, equilibrium.in_contact
+    control = contact.control(equilibrium.load)
+    balance = contact.balance(control)(gap)
+    result = recognised_by(balance, contact, equilibrium)
+    is_found = result == RESULTS.successful
+    in_contact &= is_found
+    curvature = jnp.where(is_found, balance.curvature, 0)
+    hessian = Hessian(contact.solid, curvature, control.stiffness)
+    imbalance = jnp.sqrt(total(model.imbalance(balance.net, gap) ** 2))
+    scale = pressure_scale(contact, gap, equilibrium.pressure)
+    # The net pressure of a point may be wrong by this.
+    error = imbalance + _ROUNDING * jnp.finfo(gap.dtype).eps * scale
+    weak = in_contact & (balance.net <= error)
+    nearly_touching = ~in_contact & (gap * hessian.solid.max_stiffness <= error)
+    # Where there is nothing to assess, nothing moves.
+    nowhere = contact.grid.device_put(jnp.zeros_like(in_contact) | ~is_found)
+    problems = Eigenproblems(
+        hessian=hessian,
+        cone=AdmissibleCone(in_contact, nowhere, control.fixes_mean),
+        critical_cone=AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean),
+        key=key,
+        nearly_touching=nearly_touching,
+        touches=jnp.any(in_contact),
+        is_weak=jnp.any(weak),
+        is_doubtful=jnp.any(weak | nearly_touching),
+    )
+    sharpness = jnp.where(in_contact, 0, third_derivative(contact, gap))
+    state = AssessedState(result, unit, contact.grid.cell_area, scale, imbalance, sharpness)
+    return problems, state
 
 
 @program
