@@ -145,7 +145,7 @@ def mode_cut(
 
 
 def require_own(contact: Contact, shape: tuple[int, ...], name: str) -> None:
-    """Raise `ValueError` if the shape of something is not that of the contact's grid."""
+    """Raise `ValueError` if something has another shape than the grid of the contact."""
     cure = "use the contact that it came from."
     require_shape(f"A field of the {name}", shape, contact.grid.shape, cure)
 

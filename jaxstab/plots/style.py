@@ -52,7 +52,7 @@ def quantity_label(quantity: str, load: Load) -> str:
 def axes_or_new(axes: Axes | None) -> Axes:
     """Return the given axes or new ones; empty axes get the palette."""
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes
-    require_kind(axes, Axes, "not axes: give those of a figure, as plt.subplots()[1].")
+    require_kind(axes, Axes, "not axes: give the axes of a figure, as plt.subplots()[1].")
     if not axes.has_data():
         axes.set_prop_cycle(color=PALETTE)
     return axes

@@ -94,7 +94,7 @@ def _empty(layout: str) -> bytes:
 
     variables, image, text = json.loads(layout), io.BytesIO(), layout.encode()
     pairs = [zip(dims, shape, strict=True) for dims, shape, *_ in variables.values()]
-    # The first format with checksums of its structure; Fletcher-32 adds those of numbers.
+    # The first format with checksums of its structure; Fletcher-32 adds checksums of numbers.
     with h5netcdf.File(image, "w", libver=("v110", "v110")) as file:
         file.dimensions = {name: size for pair in pairs for name, size in pair}
         file.attrs["layout"] = np.array(text, _h5py().string_dtype("utf-8", len(text)))

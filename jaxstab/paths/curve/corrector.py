@@ -139,7 +139,7 @@ def correct(
         ahead: the gradient of a linear function that grows along the direction.
         near: another direction, from which that is sought; where no point is found it is returned.
         closely: the residual to reach, if it can be.
-        fine: the accuracy of the direction, by default that of `Curve.tangent`.
+        fine: the accuracy of the direction, by default as in `Curve.tangent`.
     """
     curve, dtype = problem.curve, start.gap.dtype
     close = TOLERANCE[dtype.name] if closely is None else closely
