@@ -151,7 +151,9 @@ def _arrays(dataset: "xarray.Dataset") -> dict[str, np.ndarray]:
 
 def _checksums(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> dict[str, int]:
     """Return the checksums of all arrays, and of the structure."""
-    contents: dict[str, Any] = {"structure": attributes.get("structure", "").encode()}
+    # A changed byte may leave no valid text.
+    structure = attributes.get("structure", "").encode(errors="surrogateescape")
+    contents: dict[str, Any] = {"structure": structure}
     for name, array in arrays.items():
         is_words = array.dtype.kind not in "fiub"
         # Large arrays are not copied.

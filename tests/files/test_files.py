@@ -179,9 +179,9 @@ def test_changed_numbers_and_damaged_structures_are_refused_in_a_sentence(plain,
     state = sweep[0].equilibrium
     content = js.save(tmp_path / "run.nc", contact, state).read_bytes()
 
-    def refuses(place):
+    def refuses(place, bit=1):
         changed = bytearray(content)
-        changed[place] ^= 1
+        changed[place] ^= bit
         (tmp_path / "changed.nc").write_bytes(changed)
         try:
             js.load(tmp_path / "changed.nc")
@@ -196,6 +196,8 @@ def test_changed_numbers_and_damaged_structures_are_refused_in_a_sentence(plain,
     # A number of the structure, and a checksum.
     for text in (b'"value": ', b'"heights": '):
         assert refuses(content.find(text) + len(text))
+    # Here the structure is no valid text.
+    assert refuses(content.find(b'"value": ') + 2, bit=0x80)
     # HDF5 raises errors of several classes; padding is never read.
     assert sum(map(refuses, range(0, len(content), len(content) // 50))) > 5
 
