@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxstab.core import model
-from jaxstab.core.checks import concrete, is_traced, parameter, require_positive
+from jaxstab.core.checks import concrete, is_traced, parameter, require_kind, require_positive
 from jaxstab.core.grid import Grid, mean, mean_over, total
 from jaxstab.core.types import ArrayLike, Field, FieldMap, Flag, Mask, Scalar
 from jaxstab.core.units import LENGTH, STIFFNESS
@@ -128,7 +128,8 @@ class Spring(Load):
         stiffness: k [pressure/length]; one, or one for each position.
 
     Raises:
-        ValueError: if a stiffness is not positive.
+        ValueError: if a stiffness is not positive, or the numbers of positions and of stiffnesses
+            do not agree.
 
     Warns:
         MachineWarning: for a contact whose softest wave is 1e8 times as stiff.
@@ -158,7 +159,9 @@ class Spring(Load):
 
         Raises:
             ValueError: if a constant is not positive.
+            TypeError: for something that is not a grid.
         """
+        require_kind(grid, Grid, "no grid: give that of the contact, contact.grid.")
         given = parameter(constant)
         require_positive("The constant of the cantilever", given)
         return cls(position, given / grid.area)
@@ -219,7 +222,14 @@ def _spring(position: Scalar, stiffness: Scalar, solid: Solid, heights: Field) -
     return SpringControl(relaxed_gap, stiffness, solid.min_stiffness)
 
 
-def _alike(*values: Array) -> list[Array]:
+def _alike(positions: Array, stiffnesses: Array) -> list[Array]:
     """Broadcast arrays to their common shape, without compiling anything where they have it."""
-    shape = np.broadcast_shapes(*(value.shape for value in values))
+    try:
+        shape = np.broadcast_shapes(positions.shape, stiffnesses.shape)
+    except ValueError:
+        raise ValueError(
+            f"The positions have shape {positions.shape}, the stiffnesses {stiffnesses.shape}: "
+            "give one stiffness, or one for each position."
+        ) from None
+    values = positions, stiffnesses
     return [value if value.shape == shape else jnp.broadcast_to(value, shape) for value in values]

@@ -89,6 +89,8 @@ def test_units_do_not_matter(contact):
 def test_a_spring_without_a_stiffness_is_refused():
     with pytest.raises(ValueError, match=r"stiffness of the spring is 0\.0: it must be positive"):
         js.Spring(0.1, 0.0)
+    with pytest.raises(ValueError, match=r"positions have shape \(2,\), the stiffnesses \(3,\): "):
+        js.Spring([0.1, 0.2], [1.0, 2.0, 3.0])
 
 
 # On a line the constant belongs to a strip of unit width [pressure].
@@ -115,6 +117,8 @@ def test_cantilevers_can_be_traced_and_must_be_stiff():
     assert jax.grad(lambda c: js.Spring.cantilever(0.1, c, grid).stiffness)(1.0) == 1 / 6
     with pytest.raises(ValueError, match="constant of the cantilever is -1"):
         js.Spring.cantilever(0.1, -1.0, grid)
+    with pytest.raises(TypeError, match=r"int is no grid: give that of the contact"):
+        js.Spring.cantilever(0.1, 1.0, 16)
 
 
 def micrometre_tip(youngs_modulus):
