@@ -255,7 +255,8 @@ class CutOff(Law):
     __repr__ = inline
 
     def __init__(self, law: Callable[[Scalar], Scalar], radius: ArrayLike):
-        if not callable(law):
+        # A class of laws is callable too.
+        if not callable(law) or isinstance(law, type):
             raise ValueError(f"The law is {law!r}: give a function of the gap.")
         self.law, self.radius = law, positive_parameter(radius, "The radius of the cut-off")
 

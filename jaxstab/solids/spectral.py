@@ -169,7 +169,7 @@ class Spectral(SpectralSolid):
 
     Raises:
         ValueError: if the stiffness is not one real number for each wave, positive and finite.
-        TypeError: if the function cannot be traced by JAX.
+        TypeError: for something that is no function, or one that JAX cannot trace.
     """
 
     grid: Grid
@@ -177,6 +177,8 @@ class Spectral(SpectralSolid):
 
     def __init__(self, grid: Grid, function: Callable[[Array], Array]):
         require_grid(grid)
+        if not callable(function):
+            raise TypeError(f"The function of the solid is {function!r}: give one of |q|.")
         self.grid = grid
         wavenumbers = jax.eval_shape(lambda grid: grid.wavenumbers, grid)
         cure = "it must return one real stiffness for each wavenumber."

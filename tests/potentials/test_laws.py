@@ -96,6 +96,8 @@ def test_a_law_that_is_cut_off_is_zero_beyond_and_twice_differentiable():
         js.potentials.CutOff(whole, 0.0)
     with pytest.raises(ValueError, match=r"The law is 3: give a function"):
         js.potentials.CutOff(3, 1.0)
+    with pytest.raises(ValueError, match=r"The law is <class .*Rational'>: give a function"):
+        js.potentials.CutOff(js.potentials.Rational, 1.0)
 
 
 def test_a_law_with_a_loop_has_its_derivatives():

@@ -86,6 +86,7 @@ def test_a_poisson_ratio_outside_its_range_is_refused(ratio):
         (lambda q: 1j * q, "one real stiffness for each"),
         (lambda q: q[0], "one real stiffness for each"),
         (lambda q: np.tanh(q), "jax.numpy in place of NumPy"),
+        (0.5, r"The function of the solid is 0.5: give one of \|q\|"),
     ],
 )
 def test_a_stiffness_that_cannot_be_one_is_refused(function, message):
