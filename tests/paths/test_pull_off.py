@@ -82,6 +82,23 @@ def test_its_derivatives_are_the_same_in_both_modes(case):
     np.testing.assert_allclose(jax.jit(jax.jacfwd(traced))(jnp.zeros(2)), rates, rtol=1e-8)
 
 
+def test_from_full_contact_the_point_under_the_largest_tension_lets_go():
+    grid = js.Grid((8,), (1.0,))
+    heights = 0.002 * jnp.array([0.0, 2.0, 1.0, 0.0, -1.0, 1.0, -2.0, 0.5])
+
+    def strength(values):
+        energy, length, modulus = values
+        law = js.potentials.Exponential(energy, length)
+        return js.pull_off(js.Contact(js.HalfSpace(grid, modulus), heights, law)).load.value
+
+    # Reactions are K h + w / l + p0, of which the least is zero.
+    wavenumbers = 2 * np.pi * np.abs(np.fft.fftfreq(8, 1 / 8))
+    pressures = np.fft.ifft(0.5 * wavenumbers * np.fft.fft(heights)).real
+    value, rates = jax.value_and_grad(strength)(jnp.array([0.02, 0.05, 1.0]))
+    np.testing.assert_allclose(value, -0.02 / 0.05 - pressures.min(), rtol=1e-12)
+    np.testing.assert_allclose(rates, [-1 / 0.05, 0.02 / 0.05**2, -pressures.min()], rtol=1e-9)
+
+
 @pytest.mark.nightly
 def test_flat_surfaces_come_off_at_the_largest_attraction_wherever_it_is():
     gaps = np.linspace(0.0, 0.5, 1_000_001)

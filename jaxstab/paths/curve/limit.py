@@ -21,7 +21,7 @@ from jaxstab.loads import Load
 from jaxstab.paths.curve.corrector import TOLERANCE, Correction, at_corner, correct, on_plane
 from jaxstab.paths.curve.curve import Curve, Place, Point, Way
 from jaxstab.paths.curve.march import SHORTEST, Walk, next_walk, pressure_of, walk_from
-from jaxstab.paths.curve.morse_index import UNKNOWN, some_modes
+from jaxstab.paths.curve.morse_index import UNKNOWN, refreshed, some_modes
 from jaxstab.paths.curve.step import Stride
 from jaxstab.paths.kinds import KINDS
 from jaxstab.stability.cones import Subspace
@@ -207,10 +207,9 @@ def _located(way: Way, old: Stride, new: Stride, count: Int[Array, ""]) -> Limit
     residual = jnp.maximum(imbalance, jnp.where(is_release, jnp.abs(reaction), 0))
     load = curve.load.at(curve.value(at))
     control = contact.control(load)
-    space = Subspace(is_free | opens, control.fixes_mean)
-    pair = on_space(
-        Davidson(_MODE[dtype.name]), contact.hessian(gap, control), space, new.modes
-    ).pair
+    space, modes = Subspace(is_free | opens, control.fixes_mean), refreshed(new.modes)
+    solver = Davidson(_MODE[dtype.name])
+    pair = on_space(solver, contact.hessian(gap, control), space, modes).pair
     is_met = residual <= TOLERANCE[dtype.name]
     is_flat = jnp.abs(pair.eigenvalue) <= ZERO[dtype.name] * contact.solid.min_stiffness
     is_event = is_met & jnp.where(is_release, pair.eigenvalue < pair.error, is_flat)

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Field, Flag, Mask
+from jaxstab.core.types import ArrayLike, Field, Flag, Mask
 from jaxstab.loads import Load
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.ritz import norms
@@ -48,6 +48,13 @@ class _Signs(Davidson):
 def some_modes(gap: Field) -> Block:
     """Return modes to begin with."""
     return noise(jax.random.key(0), _FEW, gap)
+
+
+def refreshed(modes: Block, is_new: ArrayLike = False) -> Block:
+    """Return modes with new vectors for those that a smaller space did not have, and others."""
+    is_new = is_new | (norms(modes) == 0)
+    fresh = noise(jax.random.key(2), len(modes), modes[0])
+    return jnp.where(is_new.reshape(-1, *[1] * (modes.ndim - 1)), fresh, modes)
 
 
 def index_of(
@@ -109,10 +116,7 @@ def _lowest(
     """Return which of the lowest eigenvalues are negative, whether that is known, and modes."""
     control = contact.control(load)
     space = Subspace(is_free, control.fixes_mean)
-    # New vectors replace the last mode, and modes that a smaller space did not have.
-    is_new = (jnp.arange(len(modes)) == len(modes) - 1) | (norms(modes) == 0)
-    fresh = noise(jax.random.key(2), len(modes), gap)
-    modes = jnp.where(is_new.reshape(-1, *[1] * gap.ndim), fresh, modes)
+    modes = refreshed(modes, jnp.arange(len(modes)) == len(modes) - 1)
     hessian = contact.hessian(gap, control).restricted(space.is_moving)
     minimum = solver.solve(hessian, space, modes, len(modes) - spare)
     found = minimum.vector
