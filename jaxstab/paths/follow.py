@@ -19,6 +19,7 @@ from jaxstab.core.checks import (
     require,
     require_finite,
     require_positive,
+    scalar_parameter,
 )
 from jaxstab.core.display import several
 from jaxstab.core.implicit import attach, undefined
@@ -114,9 +115,10 @@ def follow(
     cure = "a turning point repeats the one before: leave it out."
     require("The load", turns, (turns[1:] != turns[:-1]).all(), cure)
     require_same_machine(load)
-    least = parameter(_SMALLEST_JUMP if smallest_jump is None else smallest_jump)
+    least = _SMALLEST_JUMP if smallest_jump is None else smallest_jump
+    least = scalar_parameter(least, "smallest_jump")
     share = parameter(_SMALLEST_SHARE if smallest_jump is None else 0.0)
-    noise = parameter(disturbance)
+    noise = scalar_parameter(disturbance, "The disturbance")
     require_positive("smallest_jump", least)
     require("The disturbance", noise, concrete(noise) >= 0, "it must not be negative.")
     sizes = integer("max_states", max_states), integer("max_jumps", max_jumps)

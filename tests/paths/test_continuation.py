@@ -135,3 +135,5 @@ def test_bad_loads_are_refused(hertz):
         js.continuation(hertz, js.MeanDisplacement(jnp.array([1.6, 1.6])))
     with pytest.raises(ValueError, match="max_states"):
         js.continuation(hertz, js.MeanDisplacement(jnp.array([1.6, 1.0])), max_states=1)
+    with pytest.raises(ValueError, match=r"max_step has shape \(2,\): give one number"):
+        js.continuation(hertz, js.MeanDisplacement(jnp.array([1.6, 1.0])), max_step=jnp.ones(2))

@@ -101,6 +101,12 @@ def test_mistakes_are_named():
         js.evolve(contact, load, times, max_steps=0)
     with pytest.raises(ValueError, match=r"until is -1\.0"):
         js.lifetime(contact, js.MeanPressure(0.1), until=-1.0)
+    with pytest.raises(ValueError, match=r"until has shape \(2,\): give one number"):
+        js.lifetime(contact, js.MeanPressure(0.1), until=[1.0, 2.0])
+    with pytest.raises(TypeError, match=r"Array.* is no state: give one of equilibrate or evolve"):
+        js.lifetime(contact, js.MeanPressure(0.1), initial=contact.heights)
+    with pytest.raises(ValueError, match=r"rtol has shape \(2,\): give one number"):
+        js.evolve(contact, load, times, rtol=[1e-3, 1e-4])
     with pytest.raises(TypeError, match=r"lifetime works on known numbers.* outside of jax\.jit"):
         jax.jit(lambda value: js.lifetime(contact, js.MeanPressure(value)))(0.1)
     found = js.evolve(contact, load, times, rtol=ANY)

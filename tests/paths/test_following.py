@@ -154,6 +154,10 @@ def test_what_cannot_be_followed_is_told(hertz):
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), max_states=1)
     with pytest.raises(ValueError, match=r"disturbance is -1\.0"):
         js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), disturbance=-1.0)
+    with pytest.raises(ValueError, match=r"The disturbance has shape \(2,\): give one number"):
+        js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), disturbance=jnp.ones(2))
+    with pytest.raises(ValueError, match=r"smallest_jump has shape \(2,\): give one number"):
+        js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2])), smallest_jump=jnp.ones(2))
 
 
 @pytest.mark.nightly

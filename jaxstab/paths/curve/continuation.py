@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS
-from jaxstab.core.checks import integer, is_traced, parameter, require, require_positive
+from jaxstab.core.checks import integer, is_traced, require, require_positive, scalar_parameter
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries
 from jaxstab.core.display import several
@@ -90,8 +90,9 @@ def continuation(
     load = two_loads(load, contact, "continuation takes two loads", cure)
     number = integer("max_states", max_states)
     require("max_states", number, number >= 2, "a branch has two states at least.")
-    steps = [None if step is None else parameter(step) for step in (max_step, min_step)]
-    for name, step in zip(("max_step", "min_step"), steps, strict=True):
+    given = {"max_step": max_step, "min_step": min_step}
+    steps = [None if step is None else scalar_parameter(step, x) for x, step in given.items()]
+    for name, step in zip(given, steps, strict=True):
         if step is not None:
             require_positive(name, step)
     is_state = isinstance(initial, eqx.Module)

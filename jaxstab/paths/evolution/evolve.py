@@ -19,6 +19,7 @@ from jaxstab.core.checks import (
     require,
     require_finite,
     require_positive,
+    scalar_parameter,
 )
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.control_flow import by_entries, entry_of
@@ -101,7 +102,7 @@ def evolve(
     cure = f"the times must increase, in {known.dtype} too."
     require("A time after the first", known[1:], known[1:] > known[:-1], cure)
     require_same_machine(load)
-    tolerance = parameter(rtol).astype(instants.dtype)
+    tolerance = scalar_parameter(rtol, "rtol").astype(instants.dtype)
     require_positive("rtol", tolerance)
     size = integer("max_steps", max_steps)
     require("max_steps", size, size > 0, "it must be positive.")

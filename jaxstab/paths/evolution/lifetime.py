@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import parameter, require_known, require_positive
+from jaxstab.core.checks import require_kind, require_known, require_positive, scalar_parameter
 from jaxstab.core.results import RESULTS, SolverError
 from jaxstab.core.types import ArrayLike
 from jaxstab.equilibrium import Equilibrium, equilibrate
@@ -46,7 +46,8 @@ def lifetime(
         equilibrium in contact where the contact has come to rest.
 
     Raises:
-        TypeError: for a solid that is not viscoelastic, and under JAX transformations.
+        TypeError: for a solid that is not viscoelastic, a start that is no state, and under JAX
+            transformations.
         ValueError: for an array of loads, and an initial state without contact.
         SolverError: where an equilibrium is not found for another reason than detachment, and for a
             contact that has not come to rest.
@@ -56,6 +57,7 @@ def lifetime(
     require_loads(load, (), "lifetime takes one load", "use a loop.")
     solid: Any = contact.solid
     start = equilibrate(relaxed, MeanPressure(0.0)) if initial is None else initial
+    require_kind(start, Equilibrium | Evolution, "no state: give one of equilibrate or evolve.")
     # Where a core keeps every gap open, a dead load alone detaches the surfaces.
     has_core = bool(contact.has_core)
     if not (has_core or np.asarray(start.contact_area).flat[-1] > 0):
@@ -63,7 +65,7 @@ def lifetime(
             "The initial state has no point in contact, so that nothing can detach: give "
             "`initial`, a state in contact."
         )
-    end = _LAST * solid.times[-1] if until is None else parameter(until)
+    end = _LAST * solid.times[-1] if until is None else scalar_parameter(until, "until")
     require_positive("until", end)
     first = jnp.minimum(_FIRST * solid.times[0], end / 2)
     count = int(_PER_DECADE * np.log10(float(end / first))) + 2
