@@ -9,6 +9,7 @@ from functools import partial
 from itertools import chain
 from typing import TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.extend.backend import backends
@@ -31,14 +32,10 @@ def by_entries(function: Callable[..., Out]) -> Callable[..., Out]:
 
     @alone.def_vmap
     def run(axis_size: int, in_batched: PyTree, *args: PyTree) -> tuple[Out, PyTree]:
-        leaves, tree = jax.tree.flatten(args)
-        is_mapped = jax.tree.leaves(in_batched)
-        mapped = [leaf for leaf, m in zip(leaves, is_mapped, strict=True) if m]
+        mapped, shared = eqx.partition(args, tuple(in_batched))
 
-        def call(callee: Callable[..., Out], mapped: list[Array]) -> Out:
-            rest = iter(mapped)
-            merged = [next(rest) if m else leaf for leaf, m in zip(leaves, is_mapped, strict=True)]
-            return callee(*jax.tree.unflatten(tree, merged))
+        def call(callee: Callable[..., Out], mapped: PyTree) -> Out:
+            return callee(*eqx.combine(mapped, shared))
 
         # An entry may be a batch itself.
         one_by_one = partial(jax.lax.map, partial(call, alone))
