@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
-from jaxstab.core.control_flow import on_platform
+from jaxstab.core.control_flow import choose, on_platform
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.linear_system import LinearSystem
@@ -73,7 +73,7 @@ class SaddleNewton(EquilibriumSolver):
             return (trial.count == 0) | (~falls & (trial.count <= _MAX_CUTS))
 
         def unless_found(_: Array, trial: _NewtonTrial) -> _NewtonTrial:
-            return jax.tree.map(partial(jnp.where, is_worse(trial)), attempt(trial), trial)
+            return choose(is_worse(trial), attempt(trial), trial)
 
         # The system took many more transforms than all lengths do: elsewhere no host looks on.
         return on_platform(
