@@ -45,6 +45,8 @@ def potential_and_modulus(contact: Contact) -> PyTree:
     return contact.potential if modulus is None else (contact.potential, modulus)
 
 
+# Curves without an equilibrium are NaN.
+@own_conventions()
 def calibrate(
     contact: Contact,
     load: Load,
@@ -161,8 +163,7 @@ def calibrate(
     # Compiled code reports its steps only if the bar is visible.
     is_seen = is_watched() if progress is None else progress
     bar = progress_bar(max_steps * (starts or 1), "step", shown=progress if is_seen else False)
-    # Curves without an equilibrium are NaN.
-    with bar, own_conventions():
+    with bar:
         fit, hints = _fit(
             contact,
             measured,

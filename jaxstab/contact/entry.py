@@ -30,6 +30,8 @@ Found = TypeVar("Found", bound=_Result)
 Others = TypeVarTuple("Others")
 
 
+# Histories end in NaN, and a result that was not found is NaN.
+@own_conventions()
 def answer(
     search: Callable[[Contact, State, *Others], Sought],
     contact: Contact,
@@ -61,8 +63,7 @@ def answer(
     given = given if differentiable else refuse_derivatives(given)
     constants: tuple[Contact, State, tuple[*Others]] = jax.lax.stop_gradient(given)
     progress = progress_bar(*bar[:2], shown=bar[2], inputs=constants)
-    # Histories end in NaN, and a result that was not found is NaN.
-    with own_conventions(), progress:
+    with progress:
         sought = search(*constants[:2], *constants[2])
     # An interrupt here would lose a long search. Short ones, whose loops it ends, have their units.
     with nullcontext() if has_units else interrupts_held():

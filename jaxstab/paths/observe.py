@@ -11,7 +11,7 @@ import numpy as np
 from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.core import display
 from jaxstab.core.checks import require_known
-from jaxstab.core.compile import program
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.stack import Stackable, nothing_like, stacked
 from jaxstab.core.types import Field
 from jaxstab.core.units import NUMBER, dimensions
@@ -152,6 +152,7 @@ def _row(observable: Callable[..., Any], contact: Contact, state: Equilibrium) -
     return result.row()
 
 
+@own_conventions()
 def _filled(rows: list[Observable], are_found: list[bool]) -> Observable:
     """Return the rows of the states that were found, and of the others nothing."""
     found, nothing = iter(rows), jax.tree.map(nothing_like, rows[0])

@@ -15,6 +15,7 @@ from jaxstab.core.checks import (
     require_positive,
     scalar_parameter,
 )
+from jaxstab.core.compile import own_conventions
 from jaxstab.core.types import ArrayLike, Flag, Scalar
 from jaxstab.core.units import NUMBER, TIME
 from jaxstab.solids.solid import Solid
@@ -150,6 +151,7 @@ class Viscoelastic(Solid):
         return self.solid.scaled(self.stiffening(dt))
 
     @property
+    @own_conventions()
     def springs(self) -> tuple[Array, Array]:
         """r_k and t_k of all springs in parallel, first of the relaxed one: 1 and infinity."""
         ratios = jnp.pad(self.ratios, (1, 0), constant_values=1)
@@ -160,6 +162,7 @@ class Viscoelastic(Solid):
         ratios, times = self.springs
         return jnp.sum(ratios * ramp(jnp.asarray(dt) / times))
 
+    @own_conventions()
     def storage_and_loss(self, frequency: ArrayLike) -> tuple[Array, Array]:
         """Return the storage and the loss modulus at an angular frequency, over the relaxed one.
 

@@ -79,3 +79,24 @@ def test_pull_offs_loops_and_observables_pass():
     js.to_dataset(contact, state)
     assert js.pull_off(contact).equilibrium.mean_pressure < 0
     js.follow(contact, js.MeanGap(jnp.array([0.3, 0.1])))
+
+
+@pytest.mark.nightly
+def test_evolutions_failures_and_fits_pass():
+    line = js.Grid((16,))
+    heights = js.surfaces.self_affine(line, jax.random.key(3), k_high=4, rms_height=0.05)
+    law, solid = js.potentials.Exponential(0.02, 0.08), js.HalfSpace(line, 1.0)
+    slow = js.Contact(js.Viscoelastic(solid, (1.0,), (1.0,)), heights, law)
+    times, pressures = jnp.array([0.0, 1.0, 2.0]), js.MeanPressure(jnp.array([0.0, -0.1, -10.0]))
+    torn = js.evolve(slow, pressures, times, throw=False)
+    assert torn.result.name.tolist() == ["successful", "successful", "pulled_off"]
+    held = js.evolve(slow, js.MeanGap(jnp.array([0.2, 0.1])), times[:2])
+    assert js.growth_rate(held) == 0
+    storage, loss = slow.solid.storage_and_loss(jnp.array([1.0, 2.0]))
+    np.testing.assert_allclose([*storage, *loss], [1.5, 1.8, 0.5, 0.4])
+    contact = js.Contact(solid, heights, law)
+    failed = js.sweep(contact, js.MeanPressure(jnp.array([0.0, -5.0])), throw=False)
+    assert js.observe(contact, failed, js.patches).patches.number[0] > 0
+    gaps = js.MeanGap(jnp.linspace(0.1, 0.4, 6))
+    curve = js.sweep(contact, gaps, stability=False).equilibrium.mean_pressure
+    assert js.calibrate(contact, gaps, curve).result == "successful"

@@ -39,6 +39,8 @@ from jaxstab.paths.path import PathInterrupted
 from jaxstab.paths.record import Table
 
 
+# After a failure numbers are NaN.
+@own_conventions()
 def evolve(
     contact: Contact,
     load: Load,
@@ -117,7 +119,7 @@ def evolve(
     pairs = np.stack([np.maximum(numbers - 1, 0), numbers], axis=-1)
     intervals = Interval(numbers, concrete(held.value)[pairs], concrete(given_times)[pairs])
     watch = progress_bar(numbers.size, "time", shown=progress, inputs=(inputs, given))
-    with own_conventions(), watch as bar:
+    with watch as bar:
         # Time by time, so that it can be watched, and interrupted: one program, whatever is kept.
         for interval in map(Interval, *intervals) if is_alone else [intervals]:
             try:

@@ -10,7 +10,7 @@ from jaxtyping import Array
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core.checks import require_kind
-from jaxstab.core.compile import program
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import attach, finite, pushed, undefined
 from jaxstab.core.types import Field, Flag, Mask, Scalar
@@ -26,6 +26,7 @@ _TOLERANCE = 1e-10
 _MOST_DOUBLINGS = 128
 
 
+@own_conventions()
 def growth_rate(evolution: Evolution) -> Scalar:
     """Return the rate s at which the least stable perturbation of a state grows [1/time].
 
