@@ -21,7 +21,7 @@ def parameters_of(seed, shape, load):
     is_far = random.random() < 0.3
     value = random.uniform(0.6, 0.9) if is_far else random.uniform(0.05, 0.3)
     if load is js.MeanPressure:
-        value = random.uniform(-0.01, 0.3)
+        value = random.uniform(-0.01, 0.5)
     return {
         "surface_energy": jnp.array(random.uniform(0.005, 0.02)),
         "length": jnp.array(random.uniform(0.1, 0.2)),
