@@ -24,7 +24,7 @@ def run(options: argparse.Namespace) -> None:
         )
     print(attributes["title"])
     for name, text in attributes.items():
-        if name not in ("title", "structure"):
+        if name not in ("title", "structure", "checksums"):
             print(f"  {name.replace('_', ' ')}: {text}")
     if "structure" in attributes:
         contact, result = loaded(options)

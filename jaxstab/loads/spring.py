@@ -161,7 +161,7 @@ class Spring(Load):
             ValueError: if a constant is not positive.
             TypeError: for something that is not a grid.
         """
-        require_kind(grid, Grid, "no grid: give that of the contact, contact.grid.")
+        require_kind(grid, Grid, "no grid: give the grid of the contact, contact.grid.")
         given = parameter(constant)
         require_positive("The constant of the cantilever", given)
         return cls(position, given / grid.area)

@@ -23,6 +23,7 @@ def test_a_surface_and_a_result_say_what_they_are_and_a_result_is_drawn(scan, tm
     main(["info", str(path)])
     said = capsys.readouterr().out
     assert said.startswith("Sweep of an adhesive contact") and str(sweep) in said
+    assert max(map(len, said.splitlines())) < 200
     for options in ([], [], ["--state", "1", "--output", str(tmp_path / "a.pdf")]):
         main(["plot", str(path), *options])
         file = capsys.readouterr().out.strip()

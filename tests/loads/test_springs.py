@@ -117,7 +117,7 @@ def test_cantilevers_can_be_traced_and_must_be_stiff():
     assert jax.grad(lambda c: js.Spring.cantilever(0.1, c, grid).stiffness)(1.0) == 1 / 6
     with pytest.raises(ValueError, match="constant of the cantilever is -1"):
         js.Spring.cantilever(0.1, -1.0, grid)
-    with pytest.raises(TypeError, match=r"int is no grid: give that of the contact"):
+    with pytest.raises(TypeError, match=r"int is no grid: give the grid of the contact"):
         js.Spring.cantilever(0.1, 1.0, 16)
 
 

@@ -137,3 +137,7 @@ def test_bad_loads_are_refused(hertz):
         js.continuation(hertz, js.MeanDisplacement(jnp.array([1.6, 1.0])), max_states=1)
     with pytest.raises(ValueError, match=r"max_step has shape \(2,\): give one number"):
         js.continuation(hertz, js.MeanDisplacement(jnp.array([1.6, 1.0])), max_step=jnp.ones(2))
+    with pytest.raises(ValueError, match=r"min_step is 0.2: give at most `max_step`"):
+        js.continuation(
+            hertz, js.MeanDisplacement(jnp.array([1.6, 1.0])), max_step=0.1, min_step=0.2
+        )

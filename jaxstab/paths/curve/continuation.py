@@ -81,7 +81,7 @@ def continuation(
 
     Raises:
         ValueError: for other than two finite loads that differ, or machines that do; for steps that
-            are not positive.
+            are not positive, and a shortest one that exceeds the longest.
         SolverError: if `throw`, where there is no equilibrium at the first load, or the branch ends
             as "uncertain" or "lost".
     """
@@ -95,6 +95,9 @@ def continuation(
     for name, step in zip(given, steps, strict=True):
         if step is not None:
             require_positive(name, step)
+    longest, shortest = steps
+    if longest is not None and shortest is not None:
+        require("min_step", shortest, shortest <= longest, "give at most `max_step`.")
     is_state = isinstance(initial, eqx.Module)
     padded, start = posed(contact, load[0], initial, FOR_JUMPS)
     return answer(
