@@ -220,33 +220,27 @@ def test_of_several_minima_the_least_one_is_found(n, side, points, seed, start):
 @pytest.mark.nightly
 def test_a_curve_of_jkr_gives_what_a_fit_of_their_closed_form_gives():
     radius, modulus, energy = 20.0, 0.1, 0.05
-    states = js.references.jkr.curve(np.linspace(3.0, 9.0, 400), radius, modulus, energy)
-    order = np.argsort(states.displacement)
-    indentation = np.linspace(2.5, -1.0, 16)
 
-    def closed_form(x, energy, offset, baseline):
-        states = js.references.jkr.curve(np.linspace(3.0, 9.0, 400), radius, modulus, energy)
-        order = np.argsort(states.displacement)
-        at = x - offset
-        return np.interp(at, states.displacement[order], states.force[order]) + baseline
+    def closed_form(x, energy, offset):
+        # Beyond the turning point of the displacement, where the contact is stable.
+        states = js.references.jkr.curve(np.linspace(4.5, 16.0, 400), radius, modulus, energy)
+        return np.interp(x - offset, states.displacement, states.force)
 
-    exact = np.interp(indentation, states.displacement[order], states.force[order])
-    forces = exact + 0.05 * np.random.default_rng(0).normal(size=16)
+    indentation = np.linspace(2.5, -1.5, 12)
+    noise = 0.05 * np.random.default_rng(0).normal(size=12)
+    forces = closed_form(indentation, energy, 0.0) + noise
     shifted = indentation - 0.3
-    values, covariance = curve_fit(closed_form, shifted, forces + 0.2, p0=[0.06, 0.0, 0.0])
+    values, _ = curve_fit(closed_form, shifted, forces, p0=[0.06, 0.0])
     fit = js.calibrate(
         tip(64, 40.0, 0.06, 0.6),
         js.FarDisplacement(-shifted),
-        forces=forces + 0.2,
+        forces=forces,
         where=lambda contact: contact.potential.surface_energy,
         offset=True,
-        baseline=True,
     )
-    errors = np.sqrt(np.diag(covariance))
-    # The range of 0.6 nm and the grid shift the contact point by a tenth of a nanometre.
-    np.testing.assert_allclose([fit.parameters, fit.baseline], values[[0, 2]], rtol=0.1)
-    np.testing.assert_allclose(fit.offset, -values[1], atol=0.15)
-    np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), errors, rtol=0.3)
+    # A law with a range of 0.6 nm on points as far apart is not quite JKR's.
+    np.testing.assert_allclose(fit.parameters, values[0], rtol=0.05)
+    np.testing.assert_allclose(fit.offset, -values[1], atol=0.1)
 
 
 def test_a_missing_baseline_is_named_alone_beside_a_fitted_offset():
