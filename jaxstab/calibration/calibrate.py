@@ -1,22 +1,25 @@
 """The fit of an interaction law and a modulus to a measured curve of force over distance."""
 
 from dataclasses import replace
-from functools import partial
+from typing import Any
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-from jaxstab.calibration.advice import Hints, warn_of_misfit
+from jaxstab.calibration.advice import FitWarning, Hints, warn_of_misfit
 from jaxstab.calibration.least_squares import FitProblem, Measured, directions
 from jaxstab.calibration.model import Model, Order, Pick, Where, values_of
 from jaxstab.calibration.result import ZEROS, Calibration, describe, profile_of
-from jaxstab.calibration.search import search
+from jaxstab.calibration.search import Plan, Search, num_fits
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import warn_if_coarse
 from jaxstab.core.checks import (
     integer,
     is_traced,
+    is_transformed,
     parameter,
     require,
     require_finite,
@@ -26,9 +29,10 @@ from jaxstab.core.checks import (
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.loop import optional_parameter
-from jaxstab.core.progress import advance, is_watched, progress_bar
+from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import ArrayLike, Scalar
+from jaxstab.core.warn import warn
 from jaxstab.loads import Load, MeanPressure, require_load
 
 # A fit with a larger loss does not describe the measurements; a zero curve has a loss of 1/2.
@@ -86,8 +90,8 @@ def calibrate(
         contact: the contact with the parameters to start from.
         load: one value for each measurement, in their order: a displacement, a gap, or the position
             of a spring. A load without an equilibrium fails the fit, unless its weight is zero.
-        mean_pressure: m, the measured mean pressures, positive in compression [pressure]. Masked
-            values of a masked array have no weight.
+        mean_pressure: m, the measured mean pressures, positive in compression [pressure]. Minputs
+            values of a minputs array have no weight.
         forces: measured forces instead, positive in compression: m times the area of the cell
             [pressure length^2].
         offset: fit the zero of the loads, the contact point of a measured curve.
@@ -110,8 +114,10 @@ def calibrate(
         throw: raise an error if the fit fails; otherwise look at `result`.
 
     Returns:
-        The fit. Standard errors follow from the misfit's variance times the inverse of J^T W J,
-        with the Jacobian J of the curve. They are raised if the loss of the profile rises by less.
+        The fit. Ctrl-C ends the search after the current one of its fits, with a warning; the best
+        one is returned, with the result `interrupted`. Standard errors follow from the misfit's
+        variance times the inverse of J^T W J, with the Jacobian J of the curve. They are raised if
+        the loss of the profile rises by less.
 
     Raises:
         ValueError: for measurements that do not match the loads, are not finite, or are not more
@@ -123,7 +129,7 @@ def calibrate(
 
     Warns:
         FitWarning: for an outlier, and for an offset or a baseline that is not fitted although the
-            measurements have one.
+            measurements have one; for an interrupt.
     """
     require_contact(contact)
     require_load(load)
@@ -160,24 +166,23 @@ def calibrate(
     differs = jnp.linalg.norm(measured.deviation) > _ROUNDING * w.size * norm
     require("The norm of the measurements", norm, differs, cure)
     warn_if_coarse(contact)
-    # Compiled code reports its steps only if the bar is visible.
-    is_seen = is_watched() if progress is None else progress
-    bar = progress_bar(max_steps * (starts or 1), "step", shown=progress if is_seen else False)
-    with bar:
-        fit, hints = _fit(
-            contact,
-            measured,
-            area,
-            tolerance,
-            max_steps,
-            where=pick,
-            zeros=(bool(offset), bool(baseline)),
-            order=order,
-            starts=starts,
-            progress=is_seen,
-        )
-    if not is_traced(fit) and fit.result == RESULTS.successful:
-        warn_of_misfit(measured, fit.mean_pressure, len(fit.names), hints)
+    inputs = _Inputs(
+        contact,
+        measured,
+        area,
+        tolerance,
+        max_steps,
+        where=pick,
+        zeros=(bool(offset), bool(baseline)),
+        order=order,
+        starts=starts,
+    )
+    if is_transformed(inputs):
+        fit, hints = _answer(inputs)
+    else:
+        fit, hints = _watched(inputs, progress)
+        if fit.result == RESULTS.successful:
+            warn_of_misfit(measured, fit.mean_pressure, len(fit.names), hints)
     return throw_failure(fit.result, fit, lambda: describe(fit, measured, hints), throw)
 
 
@@ -206,32 +211,75 @@ def _measured(
     return Measured(load, measured / area, w, bool(has_baseline))
 
 
-@partial(program, static_argnames=("where", "zeros", "order", "starts", "progress"))
-def _fit(
-    contact: Contact,
-    measured: Measured,
-    area: Scalar,
-    tolerance: Scalar | None,
-    max_steps: ArrayLike,
-    *,
-    where: Pick,
-    zeros: tuple[bool, bool],
-    order: Order,
-    starts: int | None,
-    progress: bool,
-) -> tuple[Calibration, Hints]:
-    contact, measured = refuse_derivatives((contact, measured))
-    values, unravel = values_of(where(contact))
-    model = Model(contact, where, unravel, measured.load, order)
-    start = jnp.concatenate([values, jnp.zeros(2)])
-    is_fitted = np.array([True] * values.size + list(zeros))
-    held, is_profiled = jnp.asarray(~is_fitted), (start > 0) & is_fitted
-    report = advance if progress else lambda after: None
-    problem = FitProblem(model.curve, start, measured, tolerance, report)
-    found = search(problem, held, is_profiled, starts, max_steps)
-    best = found.best.point
+class _Inputs(eqx.Module):
+    """All that a fit depends on."""
 
-    units = jnp.ones(start.size).at[-1].set(area)
+    contact: Contact
+    measured: Measured
+    area: Scalar
+    tolerance: Scalar | None
+    max_steps: ArrayLike
+    where: Pick = eqx.field(static=True)
+    zeros: tuple[bool, bool] = eqx.field(static=True)
+    order: Order = eqx.field(static=True)
+    starts: int | None = eqx.field(static=True)
+
+    def fits(self) -> tuple[Model, Plan]:
+        """Return the contact as a function of its parameters, and the fits to make."""
+        inputs: Any = refuse_derivatives(self)
+        values, unravel = values_of(self.where(inputs.contact))
+        model = Model(inputs.contact, self.where, unravel, inputs.measured.load, self.order)
+        start = jnp.concatenate([values, jnp.zeros(2)])
+        is_fitted = np.array([True] * values.size + list(self.zeros))
+        problem = FitProblem(model.curve, start, inputs.measured, inputs.tolerance)
+        is_profiled = (start > 0) & is_fitted
+        return model, Plan(problem, ~is_fitted, is_profiled, self.starts, inputs.max_steps)
+
+
+@program
+def _answer(inputs: _Inputs) -> tuple[Calibration, Hints]:
+    _, plan = inputs.fits()
+    found = jax.lax.fori_loop(0, num_fits(inputs.starts), plan.attempt, plan.begin())
+    return _result(inputs, found)
+
+
+def _watched(inputs: _Inputs, progress: bool | None) -> tuple[Calibration, Hints]:
+    """Return the result fit by fit, so that these can be watched, and interrupted."""
+    number, found = num_fits(inputs.starts), _begin(inputs)
+    with progress_bar(number, "fit", shown=progress) as bar:
+        for i in range(number):
+            try:
+                found = jax.block_until_ready(_attempt(inputs, i, found))
+            except KeyboardInterrupt:
+                if i == 0:
+                    raise
+                done = f"{i} of {number} fits are done, the best of which is returned"
+                warn(f"The search was interrupted: {done}.", FitWarning)
+                fit, hints = _finish(inputs, found)
+                has_ended = fit.result == RESULTS.successful
+                result = RESULTS.where(has_ended, RESULTS.interrupted, fit.result)
+                return replace(fit, result=result), hints
+            bar.update()
+    return _finish(inputs, found)
+
+
+@program
+def _begin(inputs: _Inputs) -> Search:
+    return inputs.fits()[1].begin()
+
+
+@program
+def _attempt(inputs: _Inputs, number: int, so_far: Search) -> Search:
+    return inputs.fits()[1].attempt(number, so_far)
+
+
+def _result(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
+    """Return the fit of a search, and hints at what it lacks."""
+    model, plan = inputs.fits()
+    problem, held, is_fitted = plan.problem, plan.held, ~plan.held
+    measured, unravel, best = problem.measured, model.unravel, found.best.point
+
+    units = jnp.ones(held.size).at[-1].set(inputs.area)
     slopes = problem.slopes(best.free)
     shown = directions(problem, best, held).covariance
     relative = jnp.sqrt(jnp.diag(shown))
@@ -247,7 +295,8 @@ def _fit(
     is_bad |= ~jnp.all(jnp.isfinite(jnp.where(is_fitted, errors, 0)))
     result = RESULTS.where(is_bad & jnp.isfinite(best.loss), RESULTS.no_fit, found.result)
 
-    free_of_zeros = directions(problem, best, held.at[-2:].set(False))
+    is_zero = np.arange(held.size) >= held.size - 2
+    free_of_zeros = directions(problem, best, held & ~is_zero)
     left = best.misfit - best.jacobian @ free_of_zeros.newton
     zero_steps = -free_of_zeros.newton[-2:] * units[-2:] * held[-2:]
     fit = Calibration(
@@ -260,7 +309,7 @@ def _fit(
         baseline_error=errors[-1],
         covariance=(factors[:, None] * shown * factors)[is_fitted][:, is_fitted],
         mean_pressure=best.mean_pressure,
-        area=contact.area,
+        area=inputs.contact.area,
         loss=best.loss,
         residual=found.best.residual,
         num_steps=found.num_steps,
@@ -269,6 +318,12 @@ def _fit(
         result=result,
         losses=found.losses[: found.num_starts],
         results=found.results[: found.num_starts],
-        names=(*where.names, *(name for name, fits in zip(ZEROS, zeros, strict=True) if fits)),
+        names=(
+            *inputs.where.names,
+            *(x for x, fits in zip(ZEROS, inputs.zeros, strict=True) if fits),
+        ),
     )
     return fit, Hints(found.guess, zero_steps, 1 - jnp.sum(left**2) / (2 * best.loss))
+
+
+_finish = program(_result)

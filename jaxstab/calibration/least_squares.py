@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.core.results import RESULTS
@@ -13,7 +14,7 @@ from jaxstab.core.types import ArrayLike, Flag, Scalar
 from jaxstab.loads import Load
 
 Values = Float[Array, " parameters"]
-Chosen = Bool[Array, " parameters"]
+Chosen = Bool[Array | np.ndarray, " parameters"]
 Curve = Float[Array, " loads"]
 Rows = Float[Array, "loads parameters"]
 
@@ -73,14 +74,12 @@ class FitProblem:
         start: the parameters at the start.
         measured: the measurements.
         tolerance: the relative change of each parameter to reach; None for a part of its error.
-        report: called at each evaluation.
     """
 
     curve: Callable[[Values], tuple[Curve, Rows]]
     start: Values
     measured: Measured
     tolerance: Scalar | None
-    report: Callable[[Array], None]
 
     @property
     def is_log(self) -> Chosen:
@@ -107,7 +106,6 @@ class FitProblem:
         misfit = jnp.where(roots > 0, roots * (pressure - self.measured.mean_pressure), 0)
         rows = roots[:, None] * jacobian * self.slopes(free)
         has_slope = (roots > 0) & jnp.all(jnp.isfinite(rows), axis=1)
-        self.report(misfit)
         return Evaluation(free, pressure, misfit, jnp.where(has_slope[:, None], rows, 0))
 
     def variance(self, point: Evaluation, held: Chosen) -> Scalar:

@@ -1,5 +1,6 @@
 """The search for the least misfit: several starts, and a profile along the weakest parameter."""
 
+from dataclasses import dataclass
 from functools import partial
 
 import equinox as eqx
@@ -115,31 +116,54 @@ class Search(eqx.Module):
         return jnp.maximum(errors, jnp.max(away, axis=0))
 
 
-def search(
-    problem: FitProblem,
-    held: Chosen,
-    is_profiled: Chosen,
-    starts: int | None,
-    max_steps: ArrayLike,
-) -> Search:
-    """Fit from several starts, then look along the weakest parameter for lower minima.
+@dataclass(frozen=True)
+class Plan:
+    """The fits to make: from several starts, then along the weakest parameter for lower minima.
 
     Half of the starts lie around zero, the others around the best fit so far; by default starts are
     added until one converges, up to `MOST`. The profile holds the weakest parameter at values
-    around its fit, and fits the others. From each of its minima, all are fitted again. Masks say
-    which variables are fixed, and which may be profiled.
-    """
-    limit = MOST if starts is None else starts
-    end_of_profile = limit + len(_SIGNS)
-    total = end_of_profile + len(_SIGNS)
-    moves = _moves(limit, held.size) * (problem.is_log & ~held)
+    around its fit, and fits the others. From each of its minima, all are fitted again.
 
-    def attempt(number: Array, so_far: Search) -> Search:
-        is_start, is_refit = number < limit, number >= end_of_profile
+    Attributes:
+        problem: the misfit.
+        held: which variables are fixed.
+        is_profiled: which may be profiled.
+        starts: the number of starts, or None.
+        max_steps: of each fit.
+    """
+
+    problem: FitProblem
+    held: Chosen
+    is_profiled: Chosen
+    starts: int | None
+    max_steps: ArrayLike
+
+    def begin(self) -> Search:
+        """Return a search without a fit."""
+        zero, number = jnp.zeros_like(self.problem.start), num_fits(self.starts)
+        nothing = zeros_of(partial(minimise, self.problem, zero, self.held, 0))
+        return Search(
+            guess=nothing.first,
+            best=nothing,
+            centre=zero,
+            weakest=jnp.zeros((), int),
+            error=jnp.zeros(()),
+            free=jnp.zeros((number, zero.size)),
+            losses=jnp.full(number, jnp.inf),
+            results=RESULTS(jnp.full(number, RESULTS.not_computed.code)),
+            num_steps=jnp.array(0),
+        )
+
+    def attempt(self, number: Array | int, so_far: Search) -> Search:
+        """Return the search after the fit of a number, which may not be needed."""
+        problem, limit, size = self.problem, so_far.num_starts, len(_SIGNS)
+        number = jnp.asarray(number)
+        is_start, is_refit = number < limit, number >= so_far.along.stop
         is_along = ~is_start & ~is_refit
-        place = jnp.clip(number - limit, 0) % len(_SIGNS)
+        place = jnp.clip(number - limit, 0) % size
         is_first = place % len(_DISTANCES) == 0
         near = jnp.where(number < _num_far(limit), 0, so_far.best.point.free)
+        moves = _moves(limit, self.held.size) * (problem.is_log & ~self.held)
         begin = moves[jnp.minimum(number, limit - 1)] + near
         before = jnp.where(is_first, so_far.centre, so_far.free[number - 1])
         error = jnp.maximum(so_far.error, _SAME)
@@ -151,24 +175,31 @@ def search(
         ended = so_far.best.result
         has_ended = (ended == RESULTS.successful) | (ended == RESULTS.stagnated)
         needs_start = (number == 0) | (ended == RESULTS.stagnated) | (ended == RESULTS.nonfinite)
-        needs_start |= starts is not None
-        is_needed = jnp.where(is_start, needs_start, jnp.any(is_profiled) & has_ended)
+        needs_start |= self.starts is not None
+        is_needed = jnp.where(is_start, needs_start, jnp.any(self.is_profiled) & has_ended)
         is_needed &= ~is_refit | _minima(so_far)[place]
-        is_held = held | (is_along & (jnp.arange(held.size) == so_far.weakest))
-        steps = jnp.where(is_along, jnp.minimum(max_steps, _PROFILE_STEPS), max_steps)
+        is_held = self.held | (is_along & (jnp.arange(self.held.size) == so_far.weakest))
+        most = self.max_steps
+        steps = jnp.where(is_along, jnp.minimum(most, _PROFILE_STEPS), most)
         end = minimise(problem, start, is_held, jnp.where(is_needed, steps, -1))
-        return _recorded(so_far, number, end, ~is_along, is_start, is_needed)
+        return self._recorded(so_far, number, end, ~is_along, is_start, is_needed)
 
     def _recorded(
-        so_far: Search, number: Array, end: Fit, may_win: Flag, is_start: Flag, is_needed: Flag
+        self,
+        so_far: Search,
+        number: Array,
+        end: Fit,
+        may_win: Flag,
+        is_start: Flag,
+        is_needed: Flag,
     ) -> Search:
         loss = jnp.where(jnp.isfinite(end.point.loss), end.point.loss, jnp.inf)
         # A finite loss is lower than NaN.
         is_lower = (loss < jnp.inf) & ~(loss >= so_far.best.point.loss)
         is_better = (number == 0) | (may_win & is_lower)
         best = choose(is_better, end, so_far.best)
-        errors = jnp.sqrt(jnp.diag(directions(problem, best.point, held).covariance))
-        weakest = jnp.argmax(jnp.where(is_profiled, errors, -1))
+        errors = jnp.sqrt(jnp.diag(directions(self.problem, best.point, self.held).covariance))
+        weakest = jnp.argmax(jnp.where(self.is_profiled, errors, -1))
         result = RESULTS.where(is_needed, end.result, RESULTS.not_computed)
         return Search(
             guess=jnp.where(number == 0, end.first, so_far.guess),
@@ -182,20 +213,10 @@ def search(
             num_steps=so_far.num_steps + jnp.maximum(end.num_steps, 0),
         )
 
-    zero = jnp.zeros_like(problem.start)
-    nothing = zeros_of(partial(minimise, problem, zero, held, 0))
-    first = Search(
-        guess=nothing.first,
-        best=nothing,
-        centre=zero,
-        weakest=jnp.array(0),
-        error=jnp.array(0.0),
-        free=jnp.zeros((total, zero.size)),
-        losses=jnp.full(total, jnp.inf),
-        results=RESULTS(jnp.full(total, RESULTS.not_computed.code)),
-        num_steps=jnp.array(0),
-    )
-    return jax.lax.fori_loop(0, total, attempt, first)
+
+def num_fits(starts: int | None) -> int:
+    """Return the number of fits of a search, needed or not."""
+    return (MOST if starts is None else starts) + 2 * len(_SIGNS)
 
 
 def _moves(limit: int, count: int) -> Float[Array, "starts parameters"]:

@@ -1,4 +1,4 @@
-"""Progress bars, which compiled code can move too."""
+"""Progress bars."""
 
 import os
 import sys
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import jax
-from jaxtyping import Array, PyTree
+from jaxtyping import PyTree
 from tqdm import tqdm
 
 from jaxstab.core.checks import is_traced, is_transformed
@@ -59,14 +59,3 @@ def advance_to(done: Callable[[], int]) -> None:
     """Move the bar to a number of units, which is computed only where the bar is shown."""
     if _bars and not _bars[-1].disable:
         _bars[-1].update(done() - _bars[-1].n)
-
-
-def advance(after: Array) -> None:
-    """Move the bar by one unit once `after` is known; works inside compiled code."""
-    jax.debug.callback(_advance, after)
-
-
-def _advance(_: Array) -> None:
-    # The program is still running: here nothing may wait for the device.
-    if _bars:
-        _bars[-1].update()

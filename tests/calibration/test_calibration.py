@@ -1,5 +1,8 @@
 """Fits to curves with known noise: the truth is recovered, with errors that cover it."""
 
+import signal
+import sys
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -60,6 +63,29 @@ def test_an_exact_curve_gives_potential_and_modulus_exactly(start, exact, order)
     np.testing.assert_allclose(fit.mean_pressure, exact, atol=1e-6 * abs(exact).max())
     assert fit.residual <= 1e-6 and fit.num_minima == 1
     assert fit.contact.solid.youngs_modulus == modulus
+
+
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.parametrize("number", [0, 3])
+def test_an_interrupt_loses_no_fit_that_has_ended(start, exact, number, monkeypatch):
+    module = sys.modules["jaxstab.calibration.calibrate"]
+    attempt = module._attempt
+
+    def interrupted(inputs, i, found):
+        if i == number:
+            signal.raise_signal(signal.SIGINT)
+        return attempt(inputs, i, found)
+
+    monkeypatch.setattr(module, "_attempt", interrupted)
+    if number == 0:
+        with pytest.raises(KeyboardInterrupt):
+            js.calibrate(start, LOAD, exact)
+        return
+    with pytest.warns(js.FitWarning, match="3 of 44 fits are done"):
+        fit = js.calibrate(start, LOAD, exact)
+    assert fit.result == "interrupted"
+    law, modulus = fit.parameters
+    np.testing.assert_allclose([law.surface_energy, law.length, modulus], [GAMMA, RHO, 1.0], 1e-5)
 
 
 # These contacts jump, on surfaces of different seeds.

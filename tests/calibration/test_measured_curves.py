@@ -171,7 +171,7 @@ def test_a_load_without_a_derivative_counts_but_does_not_direct():
         return values[0] * x, jnp.stack([jnp.where(x == 4, jnp.nan, x), 0 * x], axis=1)
 
     measured = Measured(js.MeanGap(x), y, jnp.ones(4), has_baseline=False)
-    problem = FitProblem(line, jnp.array([2.0, 0.0]), measured, jnp.array(1e-8), lambda after: None)
+    problem = FitProblem(line, jnp.array([2.0, 0.0]), measured, jnp.array(1e-8))
     end = minimise(problem, jnp.zeros(2), jnp.array([False, True]), 50)
     expected = np.sum((problem.values(end.point.free)[0] * x - y) ** 2) / np.sum(y**2) / 2
     np.testing.assert_allclose(end.point.loss, expected, rtol=1e-12)
