@@ -20,7 +20,7 @@ from jaxstab.calibration.least_squares import (
 )
 from jaxstab.core.control_flow import choose, zeros_of
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import ArrayLike, Flag, Scalar
+from jaxstab.core.types import ArrayLike, Scalar
 
 MOST = 8
 # Logarithms: a factor of two around the first start, and nearer to the best fit so far.
@@ -156,11 +156,11 @@ class Plan:
 
     def attempt(self, number: Array | int, so_far: Search) -> Search:
         """Return the search after the fit of a number, which may not be needed."""
-        problem, limit, size = self.problem, so_far.num_starts, len(_SIGNS)
+        problem, limit = self.problem, so_far.num_starts
         number = jnp.asarray(number)
         is_start, is_refit = number < limit, number >= so_far.along.stop
         is_along = ~is_start & ~is_refit
-        place = jnp.clip(number - limit, 0) % size
+        place = jnp.clip(number - limit, 0) % len(_SIGNS)
         is_first = place % len(_DISTANCES) == 0
         near = jnp.where(number < _num_far(limit), 0, so_far.best.point.free)
         moves = _moves(limit, self.held.size) * (problem.is_log & ~self.held)
@@ -179,26 +179,14 @@ class Plan:
         is_needed = jnp.where(is_start, needs_start, jnp.any(self.is_profiled) & has_ended)
         is_needed &= ~is_refit | _minima(so_far)[place]
         is_held = self.held | (is_along & (jnp.arange(self.held.size) == so_far.weakest))
-        most = self.max_steps
-        steps = jnp.where(is_along, jnp.minimum(most, _PROFILE_STEPS), most)
+        steps = jnp.where(is_along, jnp.minimum(self.max_steps, _PROFILE_STEPS), self.max_steps)
         end = minimise(problem, start, is_held, jnp.where(is_needed, steps, -1))
-        return self._recorded(so_far, number, end, ~is_along, is_start, is_needed)
-
-    def _recorded(
-        self,
-        so_far: Search,
-        number: Array,
-        end: Fit,
-        may_win: Flag,
-        is_start: Flag,
-        is_needed: Flag,
-    ) -> Search:
         loss = jnp.where(jnp.isfinite(end.point.loss), end.point.loss, jnp.inf)
         # A finite loss is lower than NaN.
         is_lower = (loss < jnp.inf) & ~(loss >= so_far.best.point.loss)
-        is_better = (number == 0) | (may_win & is_lower)
+        is_better = (number == 0) | (~is_along & is_lower)
         best = choose(is_better, end, so_far.best)
-        errors = jnp.sqrt(jnp.diag(directions(self.problem, best.point, self.held).covariance))
+        errors = jnp.sqrt(jnp.diag(directions(problem, best.point, self.held).covariance))
         weakest = jnp.argmax(jnp.where(self.is_profiled, errors, -1))
         result = RESULTS.where(is_needed, end.result, RESULTS.not_computed)
         return Search(
