@@ -1,5 +1,6 @@
 """Warnings that point at the line of the caller that they concern."""
 
+import contextlib
 import os
 import sys
 import warnings
@@ -9,14 +10,11 @@ import equinox
 import jax
 import jaxlib
 
-# Frames of these packages lie between the caller's line and ours.
-_INSIDE = tuple(
-    f"{folder}{os.sep}"
-    for folder in (
-        Path(__file__).parents[1],
-        *(Path(package.__file__ or "").parent for package in (jax, jaxlib, equinox)),
-    )
-)
+# Frames of these packages, and of context managers that decorate ours, lie between the caller's
+# line and ours.
+_PACKAGES = jax, jaxlib, equinox
+_FOLDERS = Path(__file__).parents[1], *(Path(x.__file__ or "").parent for x in _PACKAGES)
+_INSIDE = (contextlib.__file__, *(f"{folder}{os.sep}" for folder in _FOLDERS))
 
 
 def warn(message: str, category: type[Warning] = UserWarning) -> None:

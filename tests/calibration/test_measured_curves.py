@@ -102,8 +102,10 @@ def test_errors_are_the_scatter_of_repeated_measurements():
 def test_a_zero_that_is_off_is_warned_of_and_no_longer_biases_the_work_of_adhesion():
     forces = forces_of(POSITIONS, ENERGY, RANGE, 0.01, 0.0)
     forces += 2e-3 * np.random.default_rng(2).normal(size=forces.size)
-    with pytest.warns(js.FitWarning, match=r"offset of about 0\.0.* baseline of .*offset=True"):
+    message = r"offset of about 0\.0.* baseline of .*offset=True"
+    with pytest.warns(js.FitWarning, match=message) as said:
         biased = fit_flat(forces, offset=False, baseline=False)
+    assert {warning.filename for warning in said} == {__file__}
     assert biased.offset == biased.baseline == biased.offset_error == 0
     with warnings.catch_warnings():
         warnings.simplefilter("error", js.FitWarning)
