@@ -26,8 +26,6 @@ DISTURBANCE = 1e-6
 _MAX_MOVE, _MAX_MOVE_IN_JUMP = 0.1, 0.03
 # A monotone part of the programme takes so many steps at least.
 _NUM_STEPS = 32
-# The part of a loss that may be rounding, in units of the precision.
-_ROUNDING = 16
 
 
 class Programme(eqx.Module):
@@ -54,12 +52,9 @@ class Programme(eqx.Module):
 
     def smallest_loss(self, here: PathPoint) -> Scalar:
         """Return the loss from which a jump from a state is located, above rounding."""
-        # The rounding of the gap counts too: under a high pressure it does work.
-        work = self.contact.area * here.mean_pressure * here.mean_gap
-        rounding = _ROUNDING * jnp.finfo(work.dtype).eps * (jnp.abs(here.potential) + jnp.abs(work))
         # The loss of surfaces that fell apart is NaN.
         threshold = jnp.fmax(self.threshold, self.share * here.dissipation)
-        return jnp.fmax(threshold, rounding)
+        return jnp.fmax(threshold, here.rounding(self.contact.area))
 
     @property
     def longest(self) -> Scalar:

@@ -22,6 +22,8 @@ from jaxstab.paths.energy import supply_of
 from jaxstab.paths.path import States
 
 Row = TypeVar("Row")
+# The part of a loss that may be rounding, in units of the precision.
+_ROUNDING = 16
 
 
 class PathPoint(eqx.Module):
@@ -50,6 +52,14 @@ class PathPoint(eqx.Module):
     potential: Scalar
     force: Scalar
     dissipation: Scalar
+
+    def rounding(self, area: Scalar) -> Scalar:
+        """Return the part of a loss near this state that may be rounding [energy].
+
+        The rounding of the gap counts too: under a high pressure it does work.
+        """
+        work = area * self.mean_pressure * self.mean_gap
+        return _ROUNDING * jnp.finfo(work.dtype).eps * (jnp.abs(self.potential) + jnp.abs(work))
 
 
 class Event(eqx.Module):

@@ -25,8 +25,6 @@ from jaxstab.paths.record import Event, PathPoint, Tables, states_along
 
 # Tables of states have multiples of this size, so that one program serves many lengths.
 _ROOM = 1024
-# The part of a gain of energy that may be rounding, over the energies, in units of the precision.
-_ROUNDING = 16
 
 
 class Recording:
@@ -136,8 +134,7 @@ def _path(
     is_branch = (jnp.diff(points.dissipation) == 0) & jnp.isfinite(points.value[1:])
     unlocated, error = _unlocated_loss(points, is_branch)
     # The sum of many terms, each as large as the energies, is rounded.
-    sizes = jnp.where(is_branch, jnp.abs(points.potential[1:]), 0)
-    rounding = _ROUNDING * jnp.finfo(sizes.dtype).eps * jnp.sum(sizes)
+    rounding = jnp.sum(jnp.where(is_branch, points.rounding(contact.area)[1:], 0))
     gains = (walk.result == RESULTS.successful) & (unlocated < -error - rounding)
     load, states = states_along(contact, one, points)
     return Path(

@@ -125,6 +125,18 @@ def test_a_gain_of_energy_that_no_load_supplies_ends_as_failed():
 
 
 @pytest.mark.nightly
+def test_the_rounding_of_a_window_in_single_precision_is_no_gain():
+    grid = js.Grid(64, (30.0, 30.0))
+    heights = js.surfaces.paraboloid(grid, radius=20.0).astype("float32")
+    law = js.potentials.Exponential(0.05, 0.7)
+    contact = js.Contact(js.FreeHalfSpace(grid, 1.0), heights, law)
+    path = js.follow(contact, js.FarDisplacement([3.0, -1.0, 3.0]))
+    assert path.result == "successful" and len(path.jumps.state) == 0
+    # The rounding of the work is larger than that of the potential alone.
+    assert abs(path.unlocated) < 1e-3 * abs(path.equilibrium.energy).max()
+
+
+@pytest.mark.nightly
 def test_a_load_that_rounding_reaches_a_step_too_early_is_passed():
     grid = js.Grid((16,))
     heights = js.surfaces.sinusoid(grid, 0.05)
