@@ -79,3 +79,20 @@ def test_single_precision_agrees_to_its_digits():
     both = [js.evolve(c, load, times, rtol=ANY).mean_pressure for c in (contact, single)]
     assert both[1].dtype == "float32"
     assert np.array(both[1]) == pytest.approx(np.array(both[0]), abs=1e-4)
+
+
+@pytest.mark.nightly
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+def test_by_default_single_precision_takes_few_steps_too():
+    grid = js.Grid(64, (30.0, 30.0))
+    heights = js.surfaces.paraboloid(grid, radius=20.0)
+    solid = js.Viscoelastic(js.FreeHalfSpace(grid, 1.0), 3.0, 1.0)
+    law, times = js.potentials.Exponential(0.05, 0.5), jnp.linspace(0.0, 1.0, 5)
+    load = js.FarDisplacement(jnp.linspace(1.0, 3.0, 5))
+    double, single = (
+        js.evolve(js.Contact(solid, heights.astype(dtype), law), load, times)
+        for dtype in ("float64", "float32")
+    )
+    assert single.num_steps.sum() < 100
+    np.testing.assert_allclose(single.force, double.force, atol=1e-2 * abs(double.force).max())
+    np.testing.assert_allclose(single.work, double.work, atol=2e-2 * abs(double.work).max())

@@ -34,7 +34,16 @@ from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.evolution.evolution import Evolution, Internal, Totals, relaxed_contact
-from jaxstab.paths.evolution.step import Interval, Moment, Step, along, first_moment, march, stepped
+from jaxstab.paths.evolution.step import (
+    RTOL,
+    Interval,
+    Moment,
+    Step,
+    along,
+    first_moment,
+    march,
+    stepped,
+)
 from jaxstab.paths.path import PathInterrupted
 from jaxstab.paths.record import Table
 
@@ -47,7 +56,7 @@ def evolve(
     times: ArrayLike,
     *,
     initial: ArrayLike | Equilibrium | Evolution | None = None,
-    rtol: ArrayLike = 1e-3,
+    rtol: ArrayLike | None = None,
     fields: bool = False,
     progress: bool | None = None,
     max_steps: int = 2000,
@@ -75,7 +84,8 @@ def evolve(
             responds to the first load at once. Otherwise the contact is relaxed at the first load;
             a gap is then the start of its equilibrium, as in `equilibrate`.
         rtol: the error of a step, in deformation and in the balance of energies, over the largest
-            ones so far. Below 1e-5, and 1e-3 in float32, the rounding of equilibria may be seen.
+            ones so far; by default 1e-3, in float32 1e-2. Below 1e-5, and 1e-3 in float32, the
+            rounding of equilibria may be seen.
         fields: whether to keep gap and memory at each time, for verdicts and growth rates.
         progress: show a progress bar; by default after two seconds, in a terminal or notebook.
         max_steps: how many steps there is room for in all.
@@ -104,7 +114,8 @@ def evolve(
     cure = f"the times must increase, in {known.dtype} too."
     require("A time after the first", known[1:], known[1:] > known[:-1], cure)
     require_same_machine(load)
-    tolerance = scalar_parameter(rtol, "rtol").astype(instants.dtype)
+    given_rtol = RTOL[instants.dtype.name] if rtol is None else rtol
+    tolerance = scalar_parameter(given_rtol, "rtol").astype(instants.dtype)
     require_positive("rtol", tolerance)
     size = integer("max_steps", max_steps)
     require("max_steps", size, size > 0, "it must be positive.")

@@ -14,6 +14,7 @@ from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.loads import Load, MeanPressure, require_loads
 from jaxstab.paths.evolution.evolution import Evolution, relaxed_contact
 from jaxstab.paths.evolution.evolve import evolve
+from jaxstab.paths.evolution.step import RTOL
 
 # When to look first, over the shortest relaxation time; until when, over the longest.
 _FIRST, _LAST = 1e-4, 1e3
@@ -26,7 +27,7 @@ def lifetime(
     *,
     initial: Equilibrium | Evolution | None = None,
     until: ArrayLike | None = None,
-    rtol: float = 1e-3,
+    rtol: float | None = None,
 ) -> float:
     """Return the time to detachment under a load that is applied at once and then held.
 
@@ -53,6 +54,7 @@ def lifetime(
             contact that has not come to rest.
     """
     relaxed = relaxed_contact(contact)
+    rtol = RTOL[contact.heights.dtype.name] if rtol is None else rtol
     require_known((contact, load, initial, until), "lifetime")
     require_loads(load, (), "lifetime takes one load", "use a loop.")
     solid: Any = contact.solid

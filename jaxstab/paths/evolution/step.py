@@ -38,6 +38,8 @@ from jaxstab.potentials import energy_density
 from jaxstab.solids.solid import finite_or_zero
 from jaxstab.solids.viscoelastic import ramp
 
+# The error of a step by default. In float32 less is the rounding of equilibria.
+RTOL = {"float64": 1e-3, "float32": 1e-2}
 # Errors are relative to these parts of the height and energy of the surface before it moves.
 _LEAST = 1e-2
 # The shortest step, over the interval and over the shortest relaxation time.
