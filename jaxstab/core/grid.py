@@ -224,13 +224,15 @@ def totals(fields: Sequence[Field]) -> Float[Array, " fields"]:
     return _totals_in_a_pass(*fields)
 
 
+# A function of its own: JAX compiles a reduction anew for each new one.
+def _added(left: tuple[Array, ...], right: tuple[Array, ...]) -> tuple[Array, ...]:
+    return tuple(map(jnp.add, left, right))
+
+
 @jax.custom_jvp
 def _totals_in_a_pass(*fields: Field) -> Float[Array, " fields"]:
-    def add(left: tuple[Array, ...], right: tuple[Array, ...]) -> tuple[Array, ...]:
-        return tuple(map(jnp.add, left, right))
-
     zeros = tuple(jnp.zeros((), field.dtype) for field in fields)
-    rows = jnp.stack(jax.lax.reduce(fields, zeros, add, (fields[0].ndim - 1,)))
+    rows = jnp.stack(jax.lax.reduce(fields, zeros, _added, (fields[0].ndim - 1,)))
     return jax.vmap(total)(rows) if rows.ndim > 1 else rows
 
 
