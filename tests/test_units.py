@@ -177,8 +177,7 @@ def probe():
 
 
 def test_a_window_shows_forces_in_a_readable_unit(probe):
-    load = js.FarDisplacement(jnp.array([4.0, 2.0, 4.0]))
-    path, sweep = js.follow(probe, load), js.sweep(probe, load[:2], stability=False)
+    sweep = js.sweep(probe, js.FarDisplacement(jnp.array([4.0, 2.0])), stability=False)
     assert "force [nN]" in str(sweep).splitlines()[0] and "mean pressure [GPa]" in str(sweep)
     state = sweep[1].equilibrium
     (line,) = (line for line in str(state).splitlines() if line.startswith("  force"))
@@ -186,6 +185,9 @@ def test_a_window_shows_forces_in_a_readable_unit(probe):
     # The area of the cell is 3600 nm^2, and 1 GPa nm^2 is 1 nN.
     np.testing.assert_allclose(float(number), 3600 * state.mean_pressure, rtol=1e-5)
     assert unit == "nN"
+
+
+def check_drawn_forces(path):
     axes = plots.path(path)
     assert axes.get_ylabel() == "force [nN]" and axes.get_xlabel().endswith("[nm]")
     drawn = np.concatenate([line.get_ydata() for line in axes.lines if line.get_marker() == "."])
@@ -193,6 +195,19 @@ def test_a_window_shows_forces_in_a_readable_unit(probe):
     assert plots.path(path, y="mean_pressure").get_ylabel() == "mean pressure $p_0$ [GPa]"
     soft = replace(path, equilibrium=replace(path.equilibrium, units=Units("nm", "kPa")))
     assert plots.path(soft).get_ylabel() == "force [fN]"
+
+
+def test_a_path_on_a_window_is_drawn_by_its_forces(loop):
+    # Another contact's path, which other tests have followed, as if it were one.
+    states = replace(loop.equilibrium, is_window=True, area=2.0, units=Units("nm", "GPa"))
+    load = js.FarDisplacement(loop.load.value)
+    np.testing.assert_allclose(states.force, 2 * states.mean_pressure)
+    check_drawn_forces(replace(loop, load=load, equilibrium=states))
+
+
+@pytest.mark.nightly
+def test_a_window_is_followed_and_its_path_drawn_by_its_forces(probe):
+    check_drawn_forces(js.follow(probe, js.FarDisplacement(jnp.array([4.0, 2.0, 4.0]))))
 
 
 def test_files_keep_both_units(tmp_path, probe):

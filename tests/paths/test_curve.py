@@ -40,7 +40,7 @@ def assert_same(branch, curve):
 
 
 @pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
-def test_it_does_not_cross_to_another_branch_and_depends_on_no_unit():
+def test_it_crosses_to_no_other_branch_depends_on_no_unit_and_ends_where_a_point_touches():
     ends = jnp.array([0.4342, 0.0042])
     contact = line(HEIGHTS, 0.0939, 0.1)
     branch = js.continuation(contact, js.MeanDisplacement(ends))
@@ -55,6 +55,11 @@ def test_it_does_not_cross_to_another_branch_and_depends_on_no_unit():
     assert len(other.index) == len(branch.index)
     scaled = np.asarray(other.turns.load.value) / length
     np.testing.assert_allclose(scaled, branch.turns.load.value, rtol=1e-8)
+    # Also the first load at which a point touches is an end.
+    touch = branch.load.value[int(np.argmax(branch.equilibrium.contact_area > 0))]
+    found = js.continuation(contact, js.MeanDisplacement(jnp.stack([ends[0], touch])))
+    assert found.end == "load"
+    np.testing.assert_allclose(found.load.value[-1], touch, rtol=1e-12)
 
 
 @pytest.mark.nightly

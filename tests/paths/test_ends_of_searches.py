@@ -19,22 +19,14 @@ def central(function, point, step):
     return (function(point + step) - function(point - step)) / (2 * step)
 
 
-def test_a_branch_ends_at_a_load_where_a_point_touches():
-    whole = js.continuation(LINE, js.MeanGap([0.1, 0.005]))
-    touch = whole.load.value[int(np.argmax(whole.equilibrium.contact_area > 0))]
-    found = js.continuation(LINE, js.MeanGap(jnp.stack([jnp.array(0.1), touch])))
-    assert found.end == "load"
-    assert found.load.value[-1] == pytest.approx(float(touch), rel=1e-12)
-
-
-@pytest.mark.parametrize("last", [0.1, np.nan])
-def test_a_branch_without_a_way_to_go_ends_under_jit(last):
+def test_a_branch_without_a_way_to_go_ends_under_jit():
     @jax.jit
     def end(value):
         loads = js.MeanGap(jnp.stack([jnp.array(0.1), value]))
         return js.continuation(LINE, loads, max_states=4, throw=False).result
 
-    assert end(last) != "successful"
+    for last in (0.1, np.nan):
+        assert end(last) != "successful"
 
 
 def test_loads_that_are_one_in_the_precision_of_the_contact_are_refused():
@@ -56,8 +48,9 @@ def test_second_derivatives_of_a_critical_load_are_differences_of_first_ones():
         contact = js.Contact(js.HalfSpace(grid, 1.0), heights, law)
         return js.critical_load(contact, js.MeanGap([1.5, 0.3]), throw=False).load.value
 
-    expected = central(jax.grad(fold), 0.8, 1e-4)
-    assert jax.grad(jax.grad(fold))(0.8) == pytest.approx(float(expected), rel=1e-5)
+    both = jax.jit(jax.value_and_grad(jax.grad(fold)))
+    expected = central(lambda energy: both(energy)[0], 0.8, 1e-4)
+    assert both(0.8)[1] == pytest.approx(float(expected), rel=1e-5)
 
 
 def test_second_derivatives_of_barriers_are_nan_and_those_of_no_pass_too(hertz, transition):
@@ -93,26 +86,6 @@ def test_a_flat_surface_takes_few_steps_and_no_jump():
     assert found.num_steps[-1] < 20 and len(found.jump_times) == 0
     law = -0.0002 / 0.05 * np.exp(-np.array([0.05, 0.06]) / 0.05)
     assert found.mean_pressure == pytest.approx(law, rel=1e-9)
-
-
-def test_losses_of_jumps_and_kept_fields_have_no_derivatives_and_times_have():
-    times, load = jnp.arange(3.0), js.MeanDisplacement(jnp.array([0.05, 0.01, 0.05]))
-
-    def run(parameters):
-        energy, speed = parameters
-        contact = viscoelastic(0.0, 1.0, energy=energy)
-        return js.evolve(contact, load, times / speed, max_steps=400, fields=True)
-
-    def numbers(parameters):
-        found = run(parameters)
-        return jnp.stack([found.reached, jnp.sum(found.dissipation), found.fields.gap[1, 3]])
-
-    point = jnp.array([0.004, 1.0])
-    slopes = jax.jit(jax.jacfwd(numbers))(point)
-    assert slopes[0] == pytest.approx(np.array([0.0, -2.0]))
-    assert np.isnan(slopes[1, 0]) and np.all(np.isnan(slopes[2]))
-    found = run(point)
-    assert found.lost[-1] > 0 and found[:2].reached == 1.0
 
 
 def rate(parameters):

@@ -9,24 +9,65 @@ from viscoelastic_lines import ANY, cycle, viscoelastic
 import jaxstab as js
 
 
+INSTANTS, VALUES = cycle(9)
+# The surface energy, a ratio, its time and the speed.
+POINT = jnp.array([0.002, 2.0, 0.1, 1.0])
+
+
+@jax.jit
+def differentiated(parameters, other_ratio, values, rtol, weights):
+    """Return a run, derivatives in forward mode, and those of a weighted sum in reverse mode.
+
+    All of them are in one program, as it takes longer to make than to run.
+    """
+
+    def numbers(parameters):
+        energy, ratio, time, speed = parameters
+        ratios, times = jnp.stack([ratio, other_ratio]), jnp.stack([time, jnp.ones(())])
+        contact, load = viscoelastic(ratios, times, energy), js.MeanDisplacement(values)
+        options = {"rtol": rtol, "max_steps": 128, "fields": True, "throw": False}
+        run = js.evolve(contact, load, INSTANTS / speed, **options)
+        lost = jnp.sum(run.dissipation)
+        return (run.force + run.dissipated, run.reached, lost, run.fields.gap[1, 3]), run
+
+    found, push, run = jax.linearize(numbers, parameters, has_aux=True)
+    forward = jax.vmap(push, out_axes=-1)(jnp.eye(4))
+    nothing = jax.tree.map(jnp.zeros_like, found[1:])
+    (reverse,) = jax.linear_transpose(push, parameters)((weights, *nothing))
+    return run, forward, reverse
+
+
+def test_derivatives_by_law_ratio_time_and_speed_are_those_of_differences():
+    def pull(point):
+        run, forward, reverse = differentiated(point, 1.0, VALUES, ANY, jnp.eye(9)[6])
+        return (run.force + run.dissipated)[6], forward[0][6], reverse
+
+    _, forward, reverse = pull(POINT)
+    assert reverse == pytest.approx(np.array(forward), rel=1e-8)
+    for i, derivative in enumerate(forward):
+        step = 1e-5 * POINT[i] * jnp.eye(4)[i]
+        difference = (pull(POINT + step)[0] - pull(POINT - step)[0]) / (2e-5 * POINT[i])
+        assert derivative == pytest.approx(float(difference), rel=1e-5)
+
+
 def test_after_a_failure_there_are_no_derivatives():
-    times, load = jnp.linspace(0, 4, 5), js.MeanPressure(jnp.linspace(0, -0.16, 5))
-
-    def gaps(energy):
-        contact = viscoelastic(energy=energy)
-        return js.evolve(contact, load, times, rtol=0.1, max_steps=64, throw=False).mean_gap
-
-    @jax.jit
-    def derivatives(energy):
-        _, changes = jax.jvp(gaps, (energy,), (1.0,))
-        _, pull_back = jax.vjp(gaps, energy)
-        return changes, *(pull_back(jnp.eye(5)[i])[0] for i in (1, 3))
-
-    changes, found, failed = derivatives(0.002)
-    assert np.isnan(changes).tolist() == [False, False, True, True, True]
+    # The surfaces would overlap.
+    values = VALUES.at[4:].set(-0.05)
+    run, (changes, *_), found = differentiated(POINT, 1.0, values, 0.1, jnp.eye(9)[1])
+    assert run.result.name.tolist() == 4 * ["successful"] + 5 * ["infeasible_load"]
+    assert np.all(np.isnan(changes) == (np.arange(9) >= 4)[:, None])
     # Where failed states do not count, they spoil nothing.
-    assert found == pytest.approx(float(changes[1])) and found != 0
-    assert np.isnan(failed)
+    assert found == pytest.approx(np.array(changes[1])) and np.all(found != 0)
+    _, _, failed = differentiated(POINT, 1.0, values, 0.1, jnp.eye(9)[5])
+    assert np.all(np.isnan(failed))
+
+
+def test_losses_of_jumps_and_kept_fields_have_no_derivatives_and_times_have():
+    point = jnp.array([0.004, 0.0, 0.1, 1.0])
+    run, (_, reached, lost, kept), _ = differentiated(point, 0.0, VALUES, 1e-3, jnp.zeros(9))
+    assert run.result[-1] == "successful" and run.lost[-1] > 0 and run[:2].reached == 0.5
+    assert reached == pytest.approx(np.array([0.0, 0.0, 0.0, -4.0]))
+    assert np.isnan(lost[0]) and np.all(np.isnan(kept))
 
 
 def test_many_speeds_at_once_are_those_alone():
@@ -50,25 +91,6 @@ def test_many_speeds_at_once_are_those_alone():
     with pytest.raises(ValueError, match="3 evolutions: choose one"):
         js.growth_rate(batch)
     assert np.ptp(alone[:, -2]) > 1e-4
-
-
-def test_derivatives_by_law_ratio_time_and_speed_are_those_of_differences():
-    times, values = cycle(9)
-
-    def pull(parameters):
-        energy, ratio, time, speed = parameters
-        one = jnp.ones(())
-        contact = viscoelastic(jnp.stack([ratio, one]), jnp.stack([time, one]), energy)
-        load = js.MeanDisplacement(values)
-        found = js.evolve(contact, load, times / speed, rtol=ANY, max_steps=16)
-        return found.force[6] + found.dissipated[6]
-
-    point = jnp.array([0.002, 2.0, 0.1, 1.0])
-    gradient = jax.jit(jax.grad(pull))(point)
-    for i, derivative in enumerate(gradient):
-        step = 1e-5 * point[i] * jnp.eye(4)[i]
-        difference = (pull(point + step) - pull(point - step)) / (2e-5 * point[i])
-        assert derivative == pytest.approx(float(difference), rel=1e-5)
 
 
 def test_single_precision_agrees_to_its_digits():
