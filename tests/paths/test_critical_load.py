@@ -109,6 +109,14 @@ def test_its_derivatives_agree_with_finite_differences(i):
     np.testing.assert_allclose(reverse[i], rates["load"], rtol=1e-9)
 
 
+def test_its_second_derivatives_are_differences_of_first_ones():
+    rates = jax.grad(lambda values: find(values).load.value)
+    found = jax.grad(lambda values: rates(values)[1])(VALUES)
+    step = jnp.array([0.0, 1e-3, 0.0, 0.0])
+    differences = (rates(VALUES + step) - rates(VALUES - step)) / 2e-3
+    np.testing.assert_allclose(found, differences, rtol=1e-5)
+
+
 def test_at_the_fold_an_equilibrium_has_no_derivative_and_beside_it_it_has(fold):
     tight = js.PreconditionedConjugateGradient(tolerance=1e-11)
     contact = paraboloid(VALUES)

@@ -15,10 +15,6 @@ LINE = js.Contact(
 )
 
 
-def central(function, point, step):
-    return (function(point + step) - function(point - step)) / (2 * step)
-
-
 def test_a_branch_without_a_way_to_go_ends_under_jit():
     @jax.jit
     def end(value):
@@ -36,36 +32,6 @@ def test_loads_that_are_one_in_the_precision_of_the_contact_are_refused():
             find(single, js.MeanGap([0.1, 0.1 + 1e-10]))
     with pytest.raises(ValueError, match="nan"):
         js.critical_load(LINE, js.MeanGap([0.1, np.nan]))
-
-
-def test_second_derivatives_of_a_critical_load_are_differences_of_first_ones():
-    grid = js.Grid((32,))
-    x = 2 * np.pi * grid.coordinates[0]
-    heights = 0.1 * (jnp.cos(2 * x) - 1) + 0.05 * jnp.cos(x)
-
-    def fold(energy):
-        law = js.potentials.Exponential(energy, 0.3)
-        contact = js.Contact(js.HalfSpace(grid, 1.0), heights, law)
-        return js.critical_load(contact, js.MeanGap([1.5, 0.3]), throw=False).load.value
-
-    both = jax.jit(jax.value_and_grad(jax.grad(fold)))
-    expected = central(lambda energy: both(energy)[0], 0.8, 1e-4)
-    assert both(0.8)[1] == pytest.approx(float(expected), rel=1e-5)
-
-
-def test_second_derivatives_of_barriers_are_nan_and_those_of_no_pass_too(hertz, transition):
-    load = transition.start.load
-
-    def there(energy, value=load.value):
-        contact = with_parameters(hertz, energy, 1.0, 1.0)
-        held = js.MeanDisplacement(value)
-        start, end = transition.start.gap, transition.end.gap
-        return js.transition(contact, held, start, end, num_images=6, throw=False).there
-
-    slope = central(there, 10.0, 1e-3)
-    assert jax.grad(there)(10.0) == pytest.approx(float(slope), rel=1e-6)
-    assert np.isnan(jax.grad(jax.grad(there))(10.0))
-    assert np.isnan(jax.jvp(lambda value: there(10.0, value), (1.6,), (1.0,))[1])
 
 
 def test_a_start_that_is_not_found_says_why():

@@ -99,6 +99,28 @@ def test_states_of_a_path_are_entries_of_a_sequence(hertz, loop):
     np.testing.assert_allclose(held.mean_pressure, pressure, rtol=1e-6)
 
 
+def test_what_energies_lose_between_jumps_is_the_work_that_is_missing(loop):
+    # States of the force 3 v^2 - v, whose work is v^3 - v^2 / 2: parabolas have no error.
+    values = jnp.array([0.0, 0.1, 0.3, 0.4, 0.7, 1.0])
+    changes = jnp.array([0.0, 0.0, 0.0, 0.25, 0.25, 0.25])
+    zeros = jnp.zeros(6)
+    points = PathPoint(
+        value=values,
+        mean_gap=zeros,
+        mean_pressure=zeros,
+        force=3 * values**2 - values,
+        stored=zeros,
+        potential=values**3 - values**2 / 2 + changes,
+        dissipation=zeros,
+    )
+    lost, error = unlocated_loss(points, jnp.ones(5, bool))
+    np.testing.assert_allclose([lost, error], [-0.25, 0.0], atol=1e-15)
+    # Where there is a jump it does not count.
+    assert unlocated_loss(points, jnp.arange(5) != 2)[0] == pytest.approx(0, abs=1e-15)
+    failed = eqx.tree_at(lambda path: path.unlocated, loop, -1.0)
+    assert "lost between jumps, which cannot be" in repr(failed)
+
+
 class Reaching(eqx.Module):
     """A law with a core, which is zero beyond its reach."""
 
@@ -109,6 +131,7 @@ class Reaching(eqx.Module):
         return jnp.where(gap < self.reach, 0.002 * (0.5 * core**9 - 1.5 * core**3), 0.0)
 
 
+@pytest.mark.nightly
 def test_a_gain_of_energy_that_no_load_supplies_ends_as_failed():
     grid = js.Grid(8)
     heights = js.surfaces.self_affine(grid, jax.random.key(3), k_high=2, rms_height=0.05)

@@ -1,5 +1,7 @@
 """The pull-off: against bisection, differences of itself, Johnson's wave, and soft machines."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -16,8 +18,11 @@ LAWS = {
 NO_ATTRACTION = r"No pull-off found .* the law attracts nowhere"
 
 
-def surface(law, seed=0):
-    return rough_contact(32, law, seed=seed, rms_height=0.05)
+def surface(law):
+    """Return a contact of few points, of which no two are alike."""
+    grid = js.Grid(8)
+    heights = js.surfaces.self_affine(grid, jax.random.key(1), k_high=4, rms_height=0.05)
+    return js.Contact(js.HalfSpace(grid, 1.0), heights, law)
 
 
 @pytest.fixture(
@@ -42,61 +47,54 @@ def test_it_is_where_bisection_ends(case):
     np.testing.assert_allclose(pull.equilibrium.mean_pressure, pull.load.value, rtol=1e-9)
 
 
-def changing(case):
-    """Return the contact as a function of its surface energy and of the height of a free point."""
+def strength(parts, throw=True):
+    """Return the load at the pull-off as a function of all of the contact."""
+    modulus, heights, law = parts
+    contact = js.Contact(js.HalfSpace(js.Grid(8), modulus), heights, law)
+    return js.pull_off(contact, throw=throw).load.value
+
+
+def changes_of(case):
+    """Return a contact's parts, and two of their numbers: an energy and a free point's height."""
     _, contact, pull = case
-    point = np.unravel_index(
-        np.argmin(np.where(pull.equilibrium.in_contact, np.inf, pull.equilibrium.gap)), (32, 32)
-    )
-
-    @jax.jit
-    def changed(changes):
-        energy, height = changes
-        law = eqx.tree_at(lambda law: law.surface_energy, contact.potential, 0.02 + energy)
-        return js.Contact(contact.solid, contact.heights.at[point].add(height), law)
-
-    return changed
+    state, parts = pull.equilibrium, (jnp.array(1.0), contact.heights, contact.potential)
+    point = np.unravel_index(np.argmin(np.where(state.in_contact, np.inf, state.gap)), (8, 8))
+    return parts, (lambda parts: parts[2].surface_energy, lambda parts: parts[1][point])
 
 
 def test_its_derivatives_are_those_of_differences(case):
-    changed = changing(case)
-
-    def value(changes):
-        return js.pull_off(changed(changes)).load.value
-
-    rates = jax.grad(value)(jnp.zeros(2))
-    for i, step in enumerate((1e-8, 1e-6)):
-        change = jnp.zeros(2).at[i].set(step)
-        difference = (value(change) - value(-change)) / (2 * step)
-        np.testing.assert_allclose(rates[i], difference, rtol=1e-4, atol=1e-6)
+    parts, (energy, height) = changes_of(case)
+    rates = jax.grad(strength)(parts)
+    for pick, step in ((energy, 1e-8), (height, 1e-6)):
+        change = jax.grad(pick)(parts)
+        ends = [
+            strength(jax.tree.map(lambda part, d, s=s: part + s * step * d, parts, change))
+            for s in (1, -1)
+        ]
+        difference = (ends[0] - ends[1]) / (2 * step)
+        np.testing.assert_allclose(pick(rates), difference, rtol=1e-4, atol=1e-6)
 
 
 @pytest.mark.nightly
 def test_its_derivatives_are_the_same_in_both_modes(case):
-    changed = changing(case)
-
-    def traced(changes):
-        return js.pull_off(changed(changes), throw=False).load.value
-
-    rates = jax.jit(jax.jacrev(traced))(jnp.zeros(2))
-    np.testing.assert_allclose(jax.jit(jax.jacfwd(traced))(jnp.zeros(2)), rates, rtol=1e-8)
+    parts, picks = changes_of(case)
+    rates = jax.jit(jax.grad(partial(strength, throw=False)))(parts)
+    push = jax.jit(lambda change: jax.jvp(partial(strength, throw=False), (parts,), (change,))[1])
+    for pick in picks:
+        np.testing.assert_allclose(push(jax.grad(pick)(parts)), pick(rates), rtol=1e-8)
 
 
 def test_from_full_contact_the_point_under_the_largest_tension_lets_go():
-    grid = js.Grid((8,), (1.0,))
-    heights = 0.002 * jnp.array([0.0, 2.0, 1.0, 0.0, -1.0, 1.0, -2.0, 0.5])
-
-    def strength(values):
-        energy, length, modulus = values
-        law = js.potentials.Exponential(energy, length)
-        return js.pull_off(js.Contact(js.HalfSpace(grid, modulus), heights, law)).load.value
-
+    heights = 0.002 * np.random.default_rng(0).normal(size=(8, 8))
+    law = js.potentials.Exponential(0.02, 0.03)
+    parts = jnp.array(1.0), jnp.array(heights), law
     # Reactions are K h + w / l + p0, of which the least is zero.
-    wavenumbers = 2 * np.pi * np.abs(np.fft.fftfreq(8, 1 / 8))
-    pressures = np.fft.ifft(0.5 * wavenumbers * np.fft.fft(heights)).real
-    value, rates = jax.value_and_grad(strength)(jnp.array([0.02, 0.05, 1.0]))
-    np.testing.assert_allclose(value, -0.02 / 0.05 - pressures.min(), rtol=1e-12)
-    np.testing.assert_allclose(rates, [-1 / 0.05, 0.02 / 0.05**2, -pressures.min()], rtol=1e-9)
+    waves = np.hypot(*np.meshgrid(*2 * [np.fft.fftfreq(8, 1 / 8)], indexing="ij"))
+    pressures = np.fft.ifft2(np.pi * waves * np.fft.fft2(heights)).real
+    value, (by_modulus, _, by_law) = jax.value_and_grad(strength)(parts)
+    np.testing.assert_allclose(value, -0.02 / 0.03 - pressures.min(), rtol=1e-12)
+    rates = by_law.surface_energy, by_law.length, by_modulus
+    np.testing.assert_allclose(rates, [-1 / 0.03, 0.02 / 0.03**2, -pressures.min()], rtol=1e-9)
 
 
 @pytest.mark.nightly
@@ -111,7 +109,7 @@ def test_flat_surfaces_come_off_at_the_largest_attraction_wherever_it_is():
 
 @pytest.mark.nightly
 def test_lanes_give_what_they_give_alone():
-    contact = surface(LAWS["exponential"])
+    contact = rough_contact(32, LAWS["exponential"], rms_height=0.05)
 
     def value(energy):
         law = eqx.tree_at(lambda law: law.surface_energy, contact.potential, energy)
@@ -124,7 +122,7 @@ def test_lanes_give_what_they_give_alone():
 
 @pytest.mark.nightly
 def test_a_soft_machine_lets_go_like_a_dead_load_and_a_stiff_one_without_a_jump():
-    contact = surface(LAWS["exponential"])
+    contact = rough_contact(32, LAWS["exponential"], rms_height=0.05)
     dead = js.pull_off(contact)
     soft = js.pull_off(contact, spring=1e-3)
     assert isinstance(soft.load, js.Spring)
@@ -158,7 +156,7 @@ def test_it_starts_where_it_is_told_to(case):
 
 @pytest.mark.nightly
 def test_a_start_in_a_core_under_tension_is_not_lifted_off():
-    contact = surface(LAWS["core"])
+    contact = rough_contact(32, LAWS["core"], rms_height=0.05)
     near = js.pull_off(contact).equilibrium
     again = js.equilibrate(contact, js.MeanPressure(0.999 * near.load.value), initial=near)
     np.testing.assert_allclose(again.mean_pressure, 0.999 * near.load.value, rtol=1e-8)

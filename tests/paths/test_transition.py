@@ -104,6 +104,18 @@ def test_its_barriers_have_the_derivatives_of_differences(detachment):
         np.testing.assert_allclose(rate, (ends[0] - ends[1]) / 2e-4, rtol=1e-5)
 
 
+def test_second_derivatives_of_barriers_are_nan_and_those_of_no_pass_too(detachment):
+    contact, at = detachment
+
+    def there(energy, value=1.35):
+        load, other = js.MeanDisplacement(value), with_parameters(contact, energy, 1.0, 1.0)
+        options = {"num_images": 6, "throw": False}
+        return js.transition(other, load, at.start.gap, at.end.gap, **options).there
+
+    assert np.isnan(jax.grad(jax.grad(there))(10.0))
+    assert np.isnan(jax.jvp(lambda value: there(10.0, value), (1.6,), (1.0,))[1])
+
+
 @pytest.mark.nightly
 def test_loads_can_be_vmapped_and_single_precision_agrees(detachment):
     contact, at = detachment
