@@ -15,6 +15,8 @@ LINE = js.Contact(
 )
 
 
+# Where the loads are known they are refused, as is tested daily below.
+@pytest.mark.nightly
 def test_a_branch_without_a_way_to_go_ends_under_jit():
     @jax.jit
     def end(value):
