@@ -8,7 +8,6 @@ from viscoelastic_lines import ANY, cycle, viscoelastic
 
 import jaxstab as js
 
-
 INSTANTS, VALUES = cycle(9)
 # The surface energy, a ratio, its time and the speed.
 POINT = jnp.array([0.002, 2.0, 0.1, 1.0])
