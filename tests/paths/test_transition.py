@@ -101,7 +101,7 @@ def test_its_barriers_have_the_derivatives_of_differences(detachment):
     rates = jax.jacrev(barriers, (0, 1))(10.0, 1.35)
     for rate, step in zip(rates, np.eye(2), strict=True):
         ends = [barriers(10.0 + s * 1e-4 * step[0], 1.35 + s * 1e-4 * step[1]) for s in (1, -1)]
-        np.testing.assert_allclose(rate, (ends[0] - ends[1]) / 2e-4, rtol=1e-5)
+        np.testing.assert_allclose(rate, (ends[0] - ends[1]) / 2e-4, rtol=1e-6)
 
 
 def test_second_derivatives_of_barriers_are_nan_and_those_of_no_pass_too(detachment):
