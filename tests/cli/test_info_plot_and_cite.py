@@ -1,6 +1,5 @@
 import os
 
-import jax
 import jax.numpy as jnp
 import pytest
 
@@ -8,15 +7,14 @@ import jaxstab as js
 from jaxstab.__main__ import main
 
 
-def test_a_surface_and_a_result_say_what_they_are_and_a_result_is_drawn(scan, tmp_path, capsys):
+def test_a_surface_and_a_result_say_what_they_are_and_a_result_is_drawn(
+    scan, hertz, tmp_path, capsys
+):
     main(["info", str(scan), "--lengths", "2", "1.5", "--unit", "um"])
     said = capsys.readouterr().out
     assert "16 x 12" in said and "µm" in said and "missing" in said
-    grid = js.Grid(16)
-    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=0.1)
-    contact = js.Contact(js.HalfSpace(grid, 0.05), heights, js.potentials.Exponential(0.01, 0.2))
-    sweep = js.sweep(contact, js.MeanGap(jnp.array([0.1, 0.2])))
-    path = js.save(tmp_path / "run.nc", contact, sweep)
+    sweep = js.sweep(hertz, js.MeanDisplacement(jnp.array([1.2, 1.31])))
+    path = js.save(tmp_path / "run.nc", hertz, sweep)
     with pytest.raises(SystemExit):
         main(["info", str(path), "--unit", "um"])
     assert "which has its own lengths and unit: leave out" in capsys.readouterr().err
@@ -30,7 +28,7 @@ def test_a_surface_and_a_result_say_what_they_are_and_a_result_is_drawn(scan, tm
         assert os.path.getsize(file) > 10_000
     figures = sorted(file.name for file in tmp_path.iterdir() if file.suffix in (".png", ".pdf"))
     assert figures == ["a.pdf", "run-2.png", "run.png"]
-    scalars = js.save(tmp_path / "scalars.nc", contact, sweep, fields=False)
+    scalars = js.save(tmp_path / "scalars.nc", hertz, sweep, fields=False)
     main(["info", str(scalars)])
     assert "HalfSpace" in capsys.readouterr().out
 

@@ -15,7 +15,7 @@ MATERIAL = ["--youngs-modulus", "2", "--surface-energy", "0.02", "--range", "0.2
 def test_every_option_reaches_the_problem_that_is_solved(tmp_path):
     options = {
         "study": "unloading",
-        "size": 24,
+        "size": 32,
         "seed": 3,
         "hurst": 0.6,
         "k-low": 1,
@@ -37,7 +37,7 @@ def test_every_option_reaches_the_problem_that_is_solved(tmp_path):
     main([text for name, value in options.items() for text in (f"--{name}", str(value))])
     data = xarray.load_dataset(tmp_path / "1" / "unloading.nc")
 
-    grid = js.Grid(24)
+    grid = js.Grid(32)
     heights = js.surfaces.self_affine(
         grid, jax.random.key(3), hurst=0.6, k_low=1, k_rolloff=3, k_high=7, rms_height=0.2
     )
@@ -86,12 +86,12 @@ def test_a_measured_surface_every_law_and_load_reach_the_problem(scan, tmp_path,
 def test_a_configuration_does_what_options_do_and_they_go_before_it(tmp_path, capsys):
     config = tmp_path / "study.toml"
     config.write_text(
-        'study = "unloading"\nnumber = 3\nfirst = -1e-3\n[surface]\nsize = 16\nk_high = 4\n'
+        'study = "unloading"\nnumber = 3\nfirst = -1e-3\n[surface]\nsize = 32\nk_high = 8\n'
     )
     output = ["--output", str(tmp_path / "out")]
     main(["--config", str(config), *output])
-    options = ["--study", "unloading", "--number", "3", "--first=-1e-3", "--size", "16"]
-    main([*options, "--k-high", "4", *output])
+    options = ["--study", "unloading", "--number", "3", "--first=-1e-3", "--size", "32"]
+    main([*options, "--k-high", "8", *output])
     main(["run", "--config", str(config), *output, "--number", "2"])
     first, second, third = (
         xarray.load_dataset(tmp_path / "out" / str(i) / "unloading.nc") for i in (1, 2, 3)

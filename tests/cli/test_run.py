@@ -159,8 +159,7 @@ def test_a_run_whose_figure_fails_has_saved_its_result(study, number, tmp_path, 
 
     monkeypatch.setattr("jaxstab.cli.run.plot_path", fail)
     monkeypatch.setattr("jaxstab.cli.run.stability_curve", fail)
-    surface = ["--size", "8", "--k-high", "4", "--output", str(tmp_path)]
     with pytest.raises(SystemExit):
-        main(["run", *surface, "--study", *study])
+        main(["run", *SURFACE, "--output", str(tmp_path), "--study", *study])
     _, found = js.load(tmp_path / "1" / f"{study[0]}.nc")
     assert len(found.load.value) >= number

@@ -11,7 +11,7 @@ from pathlib import Path
 import h5netcdf
 import numpy as np
 import pytest
-from saved import assert_same_bits, contact_and_state, contact_of, rewrite
+from saved import assert_same_bits, contact_and_state, rewrite
 
 import jaxstab as js
 
@@ -28,10 +28,9 @@ class Law(eqx.Module):
 
 
 @pytest.fixture(scope="module")
-def original(tmp_path_factory):
-    contact = contact_of(js.potentials.Exponential(0.01, 0.2))
-    sweep = js.sweep(contact, js.MeanGap(np.array([0.1, 0.2])))
-    return js.save(tmp_path_factory.mktemp("original") / "run.nc", contact, sweep)
+def original(hertz, tmp_path_factory):
+    sweep = js.sweep(hertz, js.MeanDisplacement(np.array([1.2, 1.31])))
+    return js.save(tmp_path_factory.mktemp("original") / "run.nc", hertz, sweep)
 
 
 @pytest.fixture
