@@ -1,5 +1,7 @@
 """Contacts that several tests share, and states that are made or found by other means."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -89,6 +91,8 @@ def with_parameters(contact, energy, length, modulus):
     return js.Contact(solid, contact.heights, js.potentials.Exponential(energy, length))
 
 
+# One program, and not two dozen small ones for each shape.
+@partial(jax.jit, static_argnames="load")
 def state_of(contact, gap, reaction=1.0, load=js.MeanGap):
     """Return a contact with the same Hessian at a gap, and that gap as its equilibrium.
 

@@ -43,8 +43,8 @@ def faces(request):
         return state_of(js.Contact(solid, jnp.zeros(SHAPE), Waves(strength)), gap)
 
     gaps, strengths = random_problems(request.param)
-    states = jax.vmap(state)(gaps, strengths)
-    assess = jax.vmap(lambda state: js.assess_stability(*state, throw=False))
+    states = jax.jit(jax.vmap(state))(gaps, strengths)
+    assess = jax.jit(jax.vmap(lambda state: js.assess_stability(*state, throw=False)))
     curvatures = strengths[:, None] * np.cos(np.asarray(gaps).reshape(len(gaps), -1))
     stiffness = periodic_stiffness(SHAPE, (1.0, 1.2), 1.0)
     matrices = [stiffness + np.diag(curvature) for curvature in curvatures]
