@@ -14,6 +14,7 @@ import pytest
 from saved import assert_same_bits, contact_and_state, rewrite
 
 import jaxstab as js
+from jaxstab.__main__ import main
 
 # A module that leaves a trace when it is imported.
 TRAP = """
@@ -139,7 +140,7 @@ def test_nothing_else_that_a_file_names_is_called(saved, old, new, message, monk
     assert "jaxstab.references" not in sys.modules
 
 
-def test_a_class_comes_back_once_its_module_is_imported(tmp_path, monkeypatch):
+def test_a_class_comes_back_once_its_module_is_imported(tmp_path, monkeypatch, capsys):
     (tmp_path / "my_laws.py").write_text(TRAP)
     monkeypatch.syspath_prepend(tmp_path)
     import my_laws
@@ -150,7 +151,8 @@ def test_a_class_comes_back_once_its_module_is_imported(tmp_path, monkeypatch):
     monkeypatch.delitem(sys.modules, "my_laws")
     with pytest.raises(ValueError, match="Import my_laws before"):
         js.equilibrate(js.load(path)[0], state.load)
-    said = run_in(tmp_path, "info", str(path), "--import", "my_laws").stdout
+    main(["info", str(path), "--import", "my_laws"])
+    said = capsys.readouterr().out
     assert "Law(" in said and "LostFunction" not in said
 
 

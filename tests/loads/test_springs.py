@@ -49,6 +49,7 @@ def test_it_presses_with_its_stretch_and_is_part_of_the_hessian(contact, stiffne
     np.testing.assert_allclose(found, exact, atol=1e-8)
 
 
+@pytest.mark.nightly
 def test_a_stiff_spring_holds_the_displacement_and_a_soft_one_the_pressure(contact):
     def outcome(load):
         equilibrium = js.equilibrate(contact, load, TIGHT)

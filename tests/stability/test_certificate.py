@@ -28,7 +28,7 @@ def nearly_closed(seed, load=js.MeanGap):
 
 @pytest.fixture(scope="module")
 def judged():
-    problems = [nearly_closed(seed) for seed in range(16)]
+    problems = [nearly_closed(seed) for seed in range(10)]
     return [(*problem, js.assess_stability(*problem)) for problem in problems]
 
 
@@ -60,7 +60,7 @@ def test_what_is_only_found_is_said_to_hold_locally(judged):
 
 
 def test_on_a_linear_space_and_by_a_mode_the_verdict_is_proved():
-    contact = rough_contact(16, js.potentials.Exponential(0.06, 0.06), rms_height=0.05)
+    contact = rough_contact(32, js.potentials.Exponential(0.06, 0.06), rms_height=0.05)
     states = {g: js.equilibrate(contact, js.MeanGap(g)) for g in (0.1, 0.5)}
     held, apart = (js.assess_stability(contact, state) for state in states.values())
     assert held.verdict == "held_by_contact" and held.proved and held.critical.proved

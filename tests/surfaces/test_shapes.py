@@ -66,7 +66,8 @@ def test_shapes_can_be_differentiated():
         (lambda x: js.surfaces.tip(grid, radii, x * heights), 0.4),
     ]
     for function, value in functions:
-        slope = jax.jacrev(function)(value)
+        function = jax.jit(function)
+        slope = jax.jit(jax.jacrev(function))(value)
         differences = (function(value + 1e-6) - function(value - 1e-6)) / 2e-6
         np.testing.assert_allclose(slope, differences, atol=1e-7)
     single = js.surfaces.sphere(js.Grid(6, np.ones(2, np.float32)), np.float32(2.0))
@@ -113,7 +114,8 @@ def test_the_force_is_the_sum_of_pressures_over_the_points(grid):
     total = np.asarray(swept.equilibrium.pressure).reshape(2, -1).sum(1) * point
     np.testing.assert_allclose(swept.equilibrium.force, total, rtol=1e-9)
     if len(grid.shape) == 2:
-        path = js.follow(contact, js.MeanGap(jnp.asarray([0.1, 0.2])), max_states=128)
+        # With fields, as other paths on such a grid are followed.
+        path = js.follow(contact, js.MeanGap(jnp.asarray([0.1, 0.2])), fields=True)
         np.testing.assert_allclose(path.equilibrium.force[0], total[0], rtol=1e-6)
         assert path.equilibrium.force.shape == path.load.value.shape
 
@@ -125,7 +127,7 @@ def test_the_force_under_a_pressure_grows_with_the_area_of_the_cell():
         contact = js.Contact(js.HalfSpace(grid, 3.0), heights, js.potentials.Exponential(0.01, 0.2))
         return js.equilibrate(contact, js.MeanPressure(0.01), throw=False).force
 
-    np.testing.assert_allclose(jax.grad(force)(2.0), 0.01 * 2 * 2.0, rtol=1e-8)
+    np.testing.assert_allclose(jax.jit(jax.grad(force))(2.0), 0.01 * 2 * 2.0, rtol=1e-8)
 
 
 def test_traced_radii_that_are_not_positive_give_no_surface():
