@@ -22,12 +22,15 @@ def test_a_surface_and_a_result_say_what_they_are_and_a_result_is_drawn(
     said = capsys.readouterr().out
     assert said.startswith("Sweep of an adhesive contact") and str(sweep) in said
     assert max(map(len, said.splitlines())) < 200
-    for options in ([], [], ["--state", "1", "--output", str(tmp_path / "a.pdf")]):
+    # A figure that is there already stays as it is.
+    (tmp_path / "run.png").touch()
+    for options in ([], ["--state", "1", "--output", str(tmp_path / "a.pdf")]):
         main(["plot", str(path), *options])
         file = capsys.readouterr().out.strip()
         assert os.path.getsize(file) > 10_000
     figures = sorted(file.name for file in tmp_path.iterdir() if file.suffix in (".png", ".pdf"))
     assert figures == ["a.pdf", "run-2.png", "run.png"]
+    assert os.path.getsize(tmp_path / "run.png") == 0
     scalars = js.save(tmp_path / "scalars.nc", hertz, sweep, fields=False)
     main(["info", str(scalars)])
     assert "HalfSpace" in capsys.readouterr().out

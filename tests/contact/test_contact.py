@@ -9,6 +9,7 @@ import jaxstab as js
 POTENTIALS = [js.potentials.Gaussian(0.3, 0.2), js.potentials.NoAdhesion()]
 
 
+@jax.jit
 def residual_of(contact, gap):
     return contact.balance(contact.control(js.MeanGap(gap.mean())))(gap).residual
 

@@ -97,12 +97,13 @@ def test_it_runs_in_programs_batches_and_derivatives():
 
     plain = of(2.0).conductance
     np.testing.assert_allclose(jax.jit(of)(2.0).conductance, plain, rtol=1e-9)
-    np.testing.assert_allclose(jax.grad(lambda x: of(x).conductance)(2.0), -plain / 3, rtol=1e-9)
-    slope = jax.grad(lambda length: of(2.0, length).conductance)(1.0)
-    np.testing.assert_allclose(slope, plain, rtol=1e-6)
+    # In one program: by a resistivity it falls, by the length it grows in proportion.
+    slopes = jax.jit(jax.grad(lambda x, length: of(x, length).conductance, (0, 1)))(2.0, 1.0)
+    np.testing.assert_allclose(slopes[0], -plain / 3, rtol=1e-9)
+    np.testing.assert_allclose(slopes[1], plain, rtol=1e-6)
     _, other = touching(disc(16, 0.2))
     both = jax.tree.map(lambda *x: jnp.stack(x), state, other)
-    found = jax.vmap(lambda state: of(2.0, state=state))(both)
+    found = jax.jit(jax.vmap(lambda state: of(2.0, state=state)))(both)
     np.testing.assert_allclose(found.conductance[0], plain, rtol=1e-9)
     assert len(found) == 2
     assert found[1].conductance < plain
@@ -127,11 +128,12 @@ def test_a_state_that_was_not_found_has_no_observables():
     grid = js.Grid(8)
     contact = js.Contact(js.HalfSpace(grid, 1.0), js.surfaces.paraboloid(grid, 2.0), NONE)
     gaps = jnp.array([0.02, -1.0])
-    states = jax.vmap(lambda gap: js.equilibrate(contact, js.MeanGap(gap), throw=False))(gaps)
+    solve = jax.vmap(lambda gap: js.equilibrate(contact, js.MeanGap(gap), throw=False))
+    states = jax.jit(solve)(gaps)
     for observable in (js.conductance, js.patches, js.leakage):
         with pytest.raises(ValueError, match=r"not found \(infeasible_load\)"):
             observable(contact, states[1])
-    batch = jax.vmap(lambda state: js.conductance(contact, state))(states)
+    batch = jax.jit(jax.vmap(lambda state: js.conductance(contact, state)))(states)
     expected = js.conductance(contact, states[0]).conductance
     assert expected > 0
     np.testing.assert_allclose(batch.conductance, [expected, np.nan])

@@ -29,8 +29,8 @@ def test_with_both_units_no_figure_names_a_dimension(kind, request):
 @pytest.fixture(scope="module")
 def pdms():
     """A PDMS-like contact in metres, pascals and joules per square metre, over a load."""
-    grid = js.Grid(16, (50e-6, 50e-6))
-    heights = js.surfaces.self_affine(grid, jax.random.key(1), k_high=4, rms_height=0.5e-6)
+    grid = js.Grid(32, (50e-6, 50e-6))
+    heights = js.surfaces.self_affine(grid, jax.random.key(1), k_high=8, rms_height=0.5e-6)
     law = js.potentials.Exponential(0.04, 0.5e-6)
     contact = js.Contact(js.HalfSpace(grid, 2e6, 0.5), heights, law, unit="m")
     return contact, js.sweep(contact, js.MeanGap(jnp.array([0.5e-6, 1e-6])))

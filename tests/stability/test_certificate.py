@@ -28,7 +28,7 @@ def nearly_closed(seed, load=js.MeanGap):
 
 @pytest.fixture(scope="module")
 def judged():
-    problems = [nearly_closed(seed) for seed in range(10)]
+    problems = [nearly_closed(seed) for seed in range(13)]
     return [(*problem, js.assess_stability(*problem)) for problem in problems]
 
 
