@@ -90,8 +90,8 @@ def calibrate(
         contact: the contact with the parameters to start from.
         load: one value for each measurement, in their order: a displacement, a gap, or the position
             of a spring. A load without an equilibrium fails the fit, unless its weight is zero.
-        mean_pressure: m, the measured mean pressures, positive in compression [pressure]. Minputs
-            values of a minputs array have no weight.
+        mean_pressure: m, the measured mean pressures, positive in compression [pressure]. Masked
+            values of a masked array have no weight.
         forces: measured forces instead, positive in compression: m times the area of the cell
             [pressure length^2].
         offset: fit the zero of the loads, the contact point of a measured curve.
