@@ -116,7 +116,7 @@ def loop_row(seed, energy, length):
 
 
 def random_loop(seed):
-    """Return a random contact and a random programme that ends where it begins."""
+    """Return a random contact and a random load path that ends where it begins."""
     random = np.random.default_rng(seed)
     law = LAWS[seed % len(LAWS)]
     rms_height = 0.05

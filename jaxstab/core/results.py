@@ -82,7 +82,7 @@ class RESULTS(Enumeration):
     )
     store_full = member(
         "the store is full before the end. Raise `max_steps`, `max_states` or `max_jumps`, follow "
-        "a shorter programme, or locate fewer jumps (`smallest_jump`). In time raise `rtol`: below "
+        "a shorter load path, or locate fewer jumps (`smallest_jump`). In time raise `rtol`: below "
         "1e-5, and 1e-3 in float32, rounding of equilibria makes steps ever shorter"
     )
     interrupted = member("it was interrupted; the states before are kept")

@@ -1,4 +1,4 @@
-"""The path of a contact under a programme of loads, through its jumps."""
+"""The path of a contact along a load path, through its jumps."""
 
 from dataclasses import replace
 from functools import partial
@@ -32,11 +32,11 @@ from jaxstab.equilibrium.equilibrium import State
 from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.curve.critical_load import differentiable_value
+from jaxstab.paths.load_path import DISTURBANCE, LoadPath, load_path_of
+from jaxstab.paths.load_stepping import fraction_done, step_to_end
 from jaxstab.paths.path import Jump, Path, PathInterrupted
-from jaxstab.paths.programme import DISTURBANCE, Programme, programme_of
 from jaxstab.paths.record import Room
 from jaxstab.paths.recorded_path import Recording, path_of, path_with_room
-from jaxstab.paths.walk import travel, travelled
 
 # States and jumps of a batch.
 _ROOM = 32, 2
@@ -151,13 +151,13 @@ def _search(
     share: Scalar,
     noise: Scalar,
 ) -> Path:
-    programme = programme_of(contact, load, least, noise, share, finds_all=True)
-    is_alone = not is_traced((programme, start))
+    load_path = load_path_of(contact, load, least, noise, share, finds_all=True)
+    is_alone = not is_traced((load_path, start))
     room = Room(*(_ROOM if is_alone else sizes), fields)
     if is_alone:
-        return _known_path(room, programme, start)
-    ended = travel(room, programme, start)
-    is_short = ended.is_open(programme.load)
+        return _known_path(room, load_path, start)
+    ended = step_to_end(room, load_path, start)
+    is_short = ended.is_open(load_path.load)
     ended = replace(ended, result=RESULTS.where(is_short, RESULTS.store_full, ended.result))
     return path_with_room(ended, contact, load)
 
@@ -179,23 +179,23 @@ def _with_derivatives(
     return replace(path, jumps=replace(path.jumps, load=path.jumps.load.at(values)))
 
 
-def _known_path(room: Room, programme: Programme, start: Field | None) -> Path:
+def _known_path(room: Room, load_path: LoadPath, start: Field | None) -> Path:
     """Return the path to the end, or until interrupted."""
-    recording, was_interrupted = Recording(programme.contact, programme.load), False
+    recording, was_interrupted = Recording(load_path.contact, load_path.load), False
     try:
-        travel(room, programme, start, recording.emptied)
+        step_to_end(room, load_path, start, recording.emptied)
     except KeyboardInterrupt:
-        if recording.walk is None:
+        if recording.progress is None:
             raise
         was_interrupted = True
-    is_cut = bool(recording.walk.is_open(programme.load))
+    is_cut = bool(recording.progress.is_open(load_path.load))
     if is_cut:
-        recording.walk = replace(recording.walk, result=RESULTS.interrupted)
+        recording.progress = replace(recording.progress, result=RESULTS.interrupted)
     # The last end of a branch may not be located yet, which takes seconds.
     with interrupts_held() as held:
         path = path_of(recording)
     if is_cut:
-        part = 100 * float(travelled(programme.load, recording.walk))
+        part = 100 * float(fraction_done(load_path.load, recording.progress))
         warn(f"The path was interrupted at {part:.0f} %.", PathInterrupted)
     elif was_interrupted or held:
         warn("The path was interrupted after its last step; it is complete.", PathInterrupted)

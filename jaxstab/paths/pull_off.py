@@ -23,9 +23,9 @@ from jaxstab.loads import Load, MeanPressure, Spring
 from jaxstab.paths.curve.critical_load import CriticalLoad, critical_load_at
 from jaxstab.paths.curve.limit import Limit, limit_ahead
 from jaxstab.paths.jump_detection import Progress
-from jaxstab.paths.programme import DISTURBANCE, Programme, programme_of
+from jaxstab.paths.load_path import DISTURBANCE, LoadPath, load_path_of
+from jaxstab.paths.load_stepping import step_to_end
 from jaxstab.paths.record import Strongest
-from jaxstab.paths.walk import travel
 
 # Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4
@@ -99,9 +99,9 @@ def pull_off(
 
 def _search(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
     resolution = _RESOLUTION[contact.heights.dtype.name]
-    programme = programme_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, resolution=resolution)
-    ended = travel(Strongest.none, programme, start)
-    return jax.block_until_ready(_end(programme, ended))
+    load_path = load_path_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, resolution=resolution)
+    ended = step_to_end(Strongest.none, load_path, start)
+    return jax.block_until_ready(_end(load_path, ended))
 
 
 def _pull_off(contact: Contact, load: Load, end: tuple[Limit, Equilibrium]) -> CriticalLoad:
@@ -111,9 +111,9 @@ def _pull_off(contact: Contact, load: Load, end: tuple[Limit, Equilibrium]) -> C
 
 @program
 @by_entries
-def _end(programme: Programme, ended: Progress[Strongest]) -> tuple[Limit, Equilibrium]:
+def _end(load_path: LoadPath, ended: Progress[Strongest]) -> tuple[Limit, Equilibrium]:
     """Return the pull-off of a contact that was unloaded, and the state that remains."""
-    contact, one = programme.contact, programme.load[0]
+    contact, one = load_path.contact, load_path.load[0]
     jump = ended.records.event
     before = jump.before
     limit = limit_ahead(contact, one.at(before.value), before.gap, jump.ahead)

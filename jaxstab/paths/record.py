@@ -1,4 +1,4 @@
-"""The states and jumps that a walk records, in stores of a bounded size."""
+"""The states and jumps that load stepping records, in stores of a bounded size."""
 
 from dataclasses import replace
 from typing import Generic, NamedTuple, TypeVar

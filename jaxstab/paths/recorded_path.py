@@ -1,4 +1,4 @@
-"""The path that a walk has recorded, its jumps explained and its work accounted for."""
+"""The path that load stepping has recorded, its jumps explained and its work accounted for."""
 
 from dataclasses import replace
 from functools import partial
@@ -28,15 +28,15 @@ _ROOM = 1024
 
 
 class Recording:
-    """All states and jumps of a walk, taken out of its tables from time to time.
+    """All states and jumps of load stepping, taken out of its tables from time to time.
 
     Jumps are looked at one by one: any number of them needs one program, and no more memory than
     they take.
 
     Attributes:
-        contact: the contact, in units of its own.
+        contact: the contact, in its characteristic units.
         load: the turning points.
-        walk: where it is, with empty tables; None before its first state.
+        progress: how far it has come, with empty tables; None before its first state.
         points: the parts of the table of states.
         events: the jumps, as they were detected.
         jumps: the jumps with the ends of their branches, as far as these are located.
@@ -44,20 +44,20 @@ class Recording:
 
     def __init__(self, contact: Contact, load: Load) -> None:
         self.contact, self.load = contact, load
-        self.walk: Any = None
+        self.progress: Any = None
         self.points: list[PathPoint] = []
         self.events: list[Event] = []
         self.jumps: list[Jump] = []
 
-    def emptied(self, walk: Progress[Tables]) -> Progress[Tables]:
-        """Return a walk with empty tables, whose states and jumps are taken out."""
-        events = walk.records.jumps.entries()
+    def emptied(self, progress: Progress[Tables]) -> Progress[Tables]:
+        """Return the progress with empty tables, whose states and jumps are taken out."""
+        events = progress.records.jumps.entries()
         for i in range(len(events.state)):
             self.events.append(jax.tree.map(lambda leaf, i=i: leaf[i], events))
-        self.points.append(walk.records.states.entries())
-        self.walk = replace(walk, records=walk.records.emptied())
+        self.points.append(progress.records.states.entries())
+        self.progress = replace(progress, records=progress.records.emptied())
         self.locate_ends()
-        return self.walk
+        return self.progress
 
     def locate_ends(self) -> None:
         """Locate the ends of the branches at the jumps since the last time."""
@@ -68,20 +68,20 @@ class Recording:
 
 @program
 @by_entries
-def path_with_room(walk: Progress[Tables], contact: Contact, load: Load) -> Path:
-    """Return the path of a contact under a programme of loads.
+def path_with_room(progress: Progress[Tables], contact: Contact, load: Load) -> Path:
+    """Return the path of a contact along a load path.
 
-    Only the first entries are of states, and of jumps, as many as the walk has recorded.
+    Only the first entries are of states, and of jumps, as many as it has recorded.
     """
-    jumps = jax.lax.map(partial(_jump, contact, load[0]), walk.records.jumps.rows)
-    return _path(walk, walk.records.states.rows, contact, load[0], jumps)
+    jumps = jax.lax.map(partial(_jump, contact, load[0]), progress.records.jumps.rows)
+    return _path(progress, progress.records.states.rows, contact, load[0], jumps)
 
 
 def path_of(record: Recording) -> Path:
     """Return the path as `path_with_room` does, from the records on the way."""
-    contact, one, walk = record.contact, record.load[0], record.walk
-    number = int(walk.num_states)
-    none = jax.tree.map(lambda leaf: leaf[0], walk.records.jumps.rows)
+    contact, one, progress = record.contact, record.load[0], record.progress
+    number = int(progress.num_states)
+    none = jax.tree.map(lambda leaf: leaf[0], progress.records.jumps.rows)
     record.locate_ends()
     jumps = record.jumps
     like = jumps[0] if jumps else jax.eval_shape(_jump_alone, contact, one, none)
@@ -93,7 +93,7 @@ def path_of(record: Recording) -> Path:
         rest = np.full((room - len(rows), *rows.shape[1:]), np.nan, rows.dtype)
         return np.concatenate([rows, rest])
 
-    path = _path_alone(walk, jax.tree.map(padded, *record.points), contact, one)
+    path = _path_alone(progress, jax.tree.map(padded, *record.points), contact, one)
     load, states = (first_entries(part, number) for part in (path.load, path.equilibrium))
     gaps = np.concatenate([part.gap for part in record.points])
     states = replace(states, gap=jax.device_put(gaps) if gaps.size else None)
@@ -128,25 +128,25 @@ def _jump(contact: Contact, one: Load, event: Event) -> Jump:
 
 
 def _path(
-    walk: Progress[Tables], points: PathPoint, contact: Contact, one: Load, jumps: Any = None
+    progress: Progress[Tables], points: PathPoint, contact: Contact, one: Load, jumps: Any = None
 ) -> Path:
-    """Return the path of a walk through points, with jumps if they are given."""
+    """Return the path through points, with jumps if they are given."""
     is_branch = (jnp.diff(points.dissipation) == 0) & jnp.isfinite(points.value[1:])
     unlocated, error = _unlocated_loss(points, is_branch)
     # The sum of many terms, each as large as the energies, is rounded.
     rounding = jnp.sum(jnp.where(is_branch, points.rounding(contact.area)[1:], 0))
-    gains = (walk.result == RESULTS.successful) & (unlocated < -error - rounding)
+    gains = (progress.result == RESULTS.successful) & (unlocated < -error - rounding)
     load, states = states_along(contact, one, points)
     return Path(
         load=load,
         equilibrium=states,
         jumps=jumps,
-        work=walk.here.stored - points.stored[0] + walk.here.dissipation,
-        dissipation=walk.here.dissipation,
-        result=RESULTS.where(gains, RESULTS.unbalanced_work, walk.result),
+        work=progress.here.stored - points.stored[0] + progress.here.dissipation,
+        dissipation=progress.here.dissipation,
+        result=RESULTS.where(gains, RESULTS.unbalanced_work, progress.result),
         unlocated=unlocated,
         unlocated_error=error,
-        last_gap=walk.gap,
+        last_gap=progress.gap,
     )
 
 

@@ -104,7 +104,7 @@ def quantities_or_default(
 def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
     loads, units = np.asarray(path.load.value), path.equilibrium.units
     there, across, gap = (of_states(path, quantity) for quantity in (x, y, "mean_gap"))
-    # A state belongs to the part of the programme that leads to it.
+    # A state belongs to the part of the load path that leads to it.
     forth = np.sign(np.diff(loads, prepend=2 * loads[0] - loads[1]))
     part = np.cumsum(np.diff(forth, prepend=forth[0]) != 0)
     is_last = np.isin(np.arange(loads.size), np.asarray(path.jumps.state))

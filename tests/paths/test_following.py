@@ -34,16 +34,16 @@ def test_lanes_give_what_they_give_alone(hertz):
 
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
-    module = sys.modules["jaxstab.paths.walk"]
-    go_on, calls = module._go_on, []
+    module = sys.modules["jaxstab.paths.load_stepping"]
+    advance, calls = module._advance, []
 
     def interrupted(*arguments):
         calls.append(None)
         if len(calls) == 4:
             signal.raise_signal(signal.SIGINT)
-        return go_on(*arguments)
+        return advance(*arguments)
 
-    monkeypatch.setattr(module, "_go_on", interrupted)
+    monkeypatch.setattr(module, "_advance", interrupted)
     with pytest.warns(js.PathInterrupted, match=r"interrupted at \d+ %"):
         turns = js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6]))
         path = js.follow(hertz, turns, smallest_jump=1e-5, fields=True)

@@ -1,4 +1,4 @@
-"""The programme of a path: the data that stay the same all the way."""
+"""A load path: the data that stay the same in all its steps."""
 
 from functools import partial
 
@@ -24,16 +24,16 @@ DISTURBANCE = 1e-6
 # were seen to leap over minima. On its way to another branch longer ones came to other minima than
 # an overdamped relaxation.
 _MAX_MOVE, _MAX_MOVE_IN_JUMP = 0.1, 0.03
-# A monotone part of the programme takes so many steps at least.
+# A monotone part of the load path takes so many steps at least.
 _NUM_STEPS = 32
 
 
-class Programme(eqx.Module):
-    """The data that stay the same all the way.
+class LoadPath(eqx.Module):
+    """The data that stay the same in all steps along a load path.
 
     Attributes:
-        contact: the contact problem, in units of its own.
-        load: the turning points of the programme.
+        contact: the contact problem, in its characteristic units.
+        load: the turning points of the load path.
         threshold: the loss from which a jump is located [energy].
         share: the same, over the earlier losses.
         resolution: how near it is located [unit of the load].
@@ -57,13 +57,13 @@ class Programme(eqx.Module):
         return jnp.fmax(threshold, here.rounding(self.contact.area))
 
     @property
-    def longest(self) -> Scalar:
+    def max_step(self) -> Scalar:
         """The longest step."""
         turns = self.load.value
         return jnp.maximum((jnp.max(turns) - jnp.min(turns)) / _NUM_STEPS, self.resolution)
 
     def at(self, value: Scalar) -> Load:
-        """Return the load at a value; all else of it is the same all along."""
+        """Return the load at a value; all else of it is the same everywhere."""
         return self.load[0].at(value)
 
     def state(
@@ -99,7 +99,7 @@ class Programme(eqx.Module):
 
 
 @partial(program, static_argnames="finds_all")
-def programme_of(
+def load_path_of(
     contact: Contact,
     load: Load,
     smallest_jump: ArrayLike,
@@ -107,8 +107,8 @@ def programme_of(
     share: ArrayLike = 0.0,
     resolution: ArrayLike = 1e-6,
     finds_all: bool = False,
-) -> Programme:
-    """Return the programme of a contact, in units of its own, from turning point to turning point.
+) -> LoadPath:
+    """Return the load path of a contact, in its characteristic units, through turning points.
 
     Here the smallest jump is relative to the problem's own energy, the resolution to the range of
     the loads, and the disturbance to `_own_length`.
@@ -124,7 +124,7 @@ def programme_of(
         return own_energy(contact), span, finest, _own_length(contact) * noise
 
     energy, span, finest, field = scales(contact, load)
-    return Programme(
+    return LoadPath(
         contact,
         load,
         threshold=jnp.asarray(smallest_jump) * energy,
