@@ -50,7 +50,7 @@ class BarrierLaw(Outcome):
 def barrier_law(
     contact: Contact, load: Load, gap: Field, kind: KINDS, mode: Field, point: Mask
 ) -> BarrierLaw:
-    """Return the law at the last state of a branch, given its mode, or the point that lets go.
+    """Return the law at the last state of a branch, given its mode, or the released point.
 
     With a = x.dr/dl and k = sum f'''(g) x^3 at a fold, C = 4 sqrt(2) / 3 |a|^(3/2) / |k|^(1/2). At
     a release C = (x.dr/dl)^2 / (2 |x.Ax|), x being the move that opens the point.

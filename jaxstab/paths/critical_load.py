@@ -30,9 +30,9 @@ from jaxstab.equilibrium.equilibrate import find, first_gap
 from jaxstab.equilibrium.equilibrium import State, fields_of
 from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load
+from jaxstab.paths.curve.branch import begin, two_loads
 from jaxstab.paths.curve.critical_load import CriticalLoad, critical_load_at
 from jaxstab.paths.curve.limit import Limit, limit_of
-from jaxstab.paths.curve.march import begin, two_loads
 from jaxstab.paths.energy import own_energy, supply_of
 from jaxstab.paths.kinds import KINDS
 
@@ -41,8 +41,8 @@ Starts = list[Field | None]
 # A branch is followed from either load.
 _NUM_SEARCHES = 2
 # Releases that lose a smaller part of the problem's own energy do not end a branch: so little is
-# known in float32. The next one is sought so far beyond, over the way from load to load, by steps
-# of the solver that are no longer.
+# known in float32. The next one is sought so far beyond, over the distance between the loads, by
+# steps of the solver that are no longer.
 _SMALLEST_LOSS = 1e-5
 _BEYOND, _MAX_MOVE = 1e-6, 0.03
 # A branch that is lost within so many of these distances behind a release has not left it.
@@ -161,7 +161,7 @@ class _Search(eqx.Module):
 
 @program
 def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
-    """Return where the branch from the first load ends on its way to the second.
+    """Return where the branch from the first load ends as the load goes to the second.
 
     At a contact edge that moves by one point of the grid a release may lose next to nothing. Then
     the next branch counts as the same one.
@@ -232,11 +232,11 @@ def _limit_from(contact: Contact, loads: Load, found: Equilibrium) -> tuple[Limi
 
     An unstable one is on no stable branch.
     """
-    way, walk = begin(contact, loads, found, to_limit=True)
-    is_stable = walk.stride.index == 0
+    problem, branch = begin(contact, loads, found, to_limit=True)
+    is_stable = branch.step.index == 0
     result = RESULTS.where(is_stable, RESULTS.successful, RESULTS.no_fold)
-    result = RESULTS.where(walk.result == RESULTS.successful, result, walk.result)
-    return limit_of(way, replace(walk, result=result)), is_stable
+    result = RESULTS.where(branch.result == RESULTS.successful, result, branch.result)
+    return limit_of(problem, replace(branch, result=result)), is_stable
 
 
 def _describe(bracket: Load, found: CriticalLoad) -> str:

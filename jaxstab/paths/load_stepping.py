@@ -95,8 +95,8 @@ def step_to_end(
 ) -> Progress[Records]:
     """Return the progress at its end; outside of a trace in batches, inside of one if it has room.
 
-    The first equilibrium is sought from the start. The bar shows the part of the way that is done,
-    in per cent. The records can be taken out after each batch, of about a second.
+    The first equilibrium is sought from the start. The bar shows the fraction of the load path that
+    is done. The records can be taken out after each batch, of about a second.
     """
     progress = keep(_begin(store, load_path, start))
     if is_traced((load_path, start)):

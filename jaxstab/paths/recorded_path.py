@@ -78,7 +78,7 @@ def path_with_room(progress: Progress[Tables], contact: Contact, load: Load) -> 
 
 
 def path_of(record: Recording) -> Path:
-    """Return the path as `path_with_room` does, from the records on the way."""
+    """Return the path as `path_with_room` does, from the states and jumps taken out on the way."""
     contact, one, progress = record.contact, record.load[0], record.progress
     number = int(progress.num_states)
     none = jax.tree.map(lambda leaf: leaf[0], progress.records.jumps.rows)

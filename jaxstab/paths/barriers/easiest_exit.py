@@ -73,19 +73,19 @@ def easiest_exit(
             if end is not None and all(_are_apart(end, other) for other in ends):
                 ends.append(end)
         # Without another state, from the state to itself: its result says so.
-        ways = [
+        exits = [
             transition(contact, equilibrium.load, equilibrium, end, throw=False)
             for end in ends or [equilibrium]
         ]
-    found = [way for way in ways if way.result == RESULTS.successful]
+    found = [one for one in exits if one.result == RESULTS.successful]
     if found:
-        return min(found, key=lambda way: float(way.there))
+        return min(found, key=lambda one: float(one.there))
     if not throw:
-        return ways[0]
+        return exits[0]
     raise SolverError(
         f"None of {len(directions)} pushes led over a pass to another state; {len(ends)} other "
         "states were found. Try more modes (`num_modes`), or give another state to `transition`.",
-        ways[0],
+        exits[0],
     )
 
 

@@ -1,4 +1,4 @@
-"""The way of least energy between two states: the string method.
+"""The minimum-energy path between two states: the string method.
 
 The simplified method of W. E, W. Ren and E. Vanden-Eijnden, J. Chem. Phys. 126, 164103 (2007):
 images of the gap go down in energy, each by itself, and are then set at equal distances along the

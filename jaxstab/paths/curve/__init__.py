@@ -1,1 +1,1 @@
-"""Branches of equilibria, stable or not, around their folds and corners."""
+"""Branches of equilibria, stable or not, around their folds and active-set changes."""

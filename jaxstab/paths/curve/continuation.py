@@ -1,4 +1,4 @@
-"""The branch of equilibria from one load to another, around its folds and corners."""
+"""The branch of equilibria from one load to another, around its folds and active-set changes."""
 
 from dataclasses import replace
 from functools import partial
@@ -23,8 +23,16 @@ from jaxstab.equilibrium import PreconditionedConjugateGradient, SaddleNewton
 from jaxstab.equilibrium.equilibrate import find, posed
 from jaxstab.equilibrium.equilibrium import State
 from jaxstab.loads import Load
-from jaxstab.paths.curve.curve import Way
-from jaxstab.paths.curve.march import Entry, Walk, begin, entry_of, is_same, next_walk, two_loads
+from jaxstab.paths.curve.branch import (
+    BranchState,
+    Entry,
+    begin,
+    entry_of,
+    is_same,
+    next_state,
+    two_loads,
+)
+from jaxstab.paths.curve.curve import ContinuationProblem
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.path import Branch, PathInterrupted, Turn
 from jaxstab.paths.record import Table, states_along
@@ -32,7 +40,7 @@ from jaxstab.paths.record import Table, states_along
 # Turns that there is room for under JAX transformations.
 _MAX_TURNS = 16
 # A branch at its first state, and its turn as if it had one.
-Begun = tuple[Way, Walk, Entry, Turn]
+Begun = tuple[ContinuationProblem, BranchState, Entry, Turn]
 
 
 def continuation(
@@ -133,38 +141,38 @@ def _begun(
     is_state: bool, contact: Contact, load: Load, start: Field | None, steps: list[Scalar | None]
 ) -> Begun:
     solver = SaddleNewton() if is_state else PreconditionedConjugateGradient()
-    way, walk = begin(contact, load, find(contact, load[0], solver, start), *steps)
-    return way, walk, *entry_of(way, walk)
+    problem, branch = begin(contact, load, find(contact, load[0], solver, start), *steps)
+    return problem, branch, *entry_of(problem, branch)
 
 
 @program
-def _gone_on(way: Way, walk: Walk) -> tuple[Walk, Entry, Turn]:
+def _gone_on(problem: ContinuationProblem, branch: BranchState) -> tuple[BranchState, Entry, Turn]:
     """Return a branch after the next new state, which it also returns, or at its end."""
-    fresh = replace(walk, stride=replace(walk.stride, is_new=jnp.array(False)))
+    fresh = replace(branch, step=replace(branch.step, is_new=jnp.array(False)))
     ended = jax.lax.while_loop(
-        lambda walk: walk.is_on & ~walk.stride.is_new, partial(next_walk, way), fresh
+        lambda branch: branch.is_on & ~branch.step.is_new, partial(next_state, problem), fresh
     )
-    return ended, *entry_of(way, ended)
+    return ended, *entry_of(problem, ended)
 
 
 def _eager(number: int, fields: bool, begun: Begun) -> Branch:
     """Return a branch to its end, or until interrupted, state by state."""
-    way, walk, entry, like = begun
+    problem, branch, entry, like = begun
     entries, turns = [_kept(entry, fields)], []
     try:
-        while walk.is_on and len(entries) < number:
-            walk, entry, turn = jax.block_until_ready(_gone_on(way, walk))
-            if walk.stride.is_new:
+        while branch.is_on and len(entries) < number:
+            branch, entry, turn = jax.block_until_ready(_gone_on(problem, branch))
+            if branch.step.is_new:
                 entries.append(_kept(entry, fields))
                 advance_if_known(entry)
-                if walk.stride.turns:
-                    if any(is_same(way, turn, other) for other in turns):
-                        walk = replace(walk, end=KINDS.loop)
+                if branch.step.turns:
+                    if any(is_same(problem, turn, other) for other in turns):
+                        branch = replace(branch, end=KINDS.loop)
                     turns.append(turn)
     except KeyboardInterrupt:
         warn(f"The branch was interrupted after {several(len(entries), 'state')}.", PathInterrupted)
-        walk = replace(walk, result=RESULTS.interrupted)
-    return _branch(way, walk, stacked(entries, entry), stacked(turns, like))
+        branch = replace(branch, result=RESULTS.interrupted)
+    return _branch(problem, branch, stacked(entries, entry), stacked(turns, like))
 
 
 def _kept(entry: Entry, fields: bool) -> Entry:
@@ -173,33 +181,35 @@ def _kept(entry: Entry, fields: bool) -> Entry:
 
 def _traced(number: int, fields: bool, begun: Begun) -> Branch:
     """Return a branch in room for a number of states, within a program."""
-    way, walk, entry, turn = begun
+    problem, branch, entry, turn = begun
     states = Table.like(entry, number, fields).with_entry(entry, jnp.array(True))
 
-    def further(state: tuple[Walk, Table, Table]) -> tuple[Walk, Table, Table]:
-        walk, states, turns = state
-        walk, entry, turn = _gone_on(way, walk)
-        is_turn = walk.stride.is_new & walk.stride.turns
-        is_loop = is_turn & is_same(way, turn, turns.rows)
-        walk = replace(walk, end=KINDS.where(is_loop, KINDS.loop, walk.end))
-        states = states.with_entry(entry, walk.stride.is_new)
-        return walk, states, turns.with_entry(turn, is_turn)
+    def further(state: tuple[BranchState, Table, Table]) -> tuple[BranchState, Table, Table]:
+        branch, states, turns = state
+        branch, entry, turn = _gone_on(problem, branch)
+        is_turn = branch.step.is_new & branch.step.turns
+        is_loop = is_turn & is_same(problem, turn, turns.rows)
+        branch = replace(branch, end=KINDS.where(is_loop, KINDS.loop, branch.end))
+        states = states.with_entry(entry, branch.step.is_new)
+        return branch, states, turns.with_entry(turn, is_turn)
 
-    def goes_on(state: tuple[Walk, Table, Table]) -> Flag:
+    def goes_on(state: tuple[BranchState, Table, Table]) -> Flag:
         return state[0].is_on & ~state[1].is_full & ~state[2].is_full
 
-    start = walk, states, Table.like(turn, _MAX_TURNS)
-    walk, states, turns = jax.lax.while_loop(goes_on, further, start)
-    is_cut = walk.is_on & turns.is_full & ~states.is_full
-    walk = replace(walk, result=RESULTS.where(is_cut, RESULTS.store_full, walk.result))
-    return _branch(way, walk, states.rows, turns.rows)
+    start = branch, states, Table.like(turn, _MAX_TURNS)
+    branch, states, turns = jax.lax.while_loop(goes_on, further, start)
+    is_cut = branch.is_on & turns.is_full & ~states.is_full
+    branch = replace(branch, result=RESULTS.where(is_cut, RESULTS.store_full, branch.result))
+    return _branch(problem, branch, states.rows, turns.rows)
 
 
-def _branch(way: Way, walk: Walk, entries: Entry, turns: Turn) -> Branch:
-    is_unclear = (walk.end == KINDS.lost) | (walk.end == KINDS.uncertain)
-    result = RESULTS.where(is_unclear, RESULTS.lost_branch, walk.result)
-    load, states = states_along(way.curve.contact, way.curve.load, entries.point)
-    return Branch(load, states, entries.index, turns, walk.end, result)
+def _branch(
+    problem: ContinuationProblem, branch: BranchState, entries: Entry, turns: Turn
+) -> Branch:
+    is_unclear = (branch.end == KINDS.lost) | (branch.end == KINDS.uncertain)
+    result = RESULTS.where(is_unclear, RESULTS.lost_branch, branch.result)
+    load, states = states_along(problem.curve.contact, problem.curve.load, entries.point)
+    return Branch(load, states, entries.index, turns, branch.end, result)
 
 
 def _describe(load: Load, branch: Branch) -> str:

@@ -64,7 +64,7 @@ def on_plane(row: Point, value: Scalar, scale: Scalar) -> Condition:
     return Condition(row, jnp.zeros_like(row.gap), value, scale)
 
 
-def at_corner(curve: Curve, point: Mask, opens: Flag, scale: Scalar) -> Condition:
+def at_change(curve: Curve, point: Mask, opens: Flag, scale: Scalar) -> Condition:
     """Return the condition that a point has lost its reaction, or its gap; scale is a length."""
     one = point.astype(curve.contact.heights.dtype)
     zero = jnp.zeros((), one.dtype)

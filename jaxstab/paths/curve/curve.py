@@ -2,7 +2,7 @@
 
 Whatever the load, its equilibria obey K u + p0 + f'(g) = 0 on the free points. With p0 as an
 unknown these are curves, which no load is a part of: a load only says where on them it is. They are
-smooth where the free points stay the same, and have corners where one touches or lets go.
+smooth where the free points stay the same, and have kinks where one touches or is released.
 """
 
 import equinox as eqx
@@ -250,7 +250,7 @@ class Place(eqx.Module):
     tangent: Point
 
 
-class Way(eqx.Module):
+class ContinuationProblem(eqx.Module):
     """A curve, the values of the load that begin and end a branch, and the limits of steps on it.
 
     One to a limit ends with its first unstable state: of negative eigenvalues only few are counted.
@@ -259,8 +259,8 @@ class Way(eqx.Module):
     curve: Curve
     first: Scalar
     last: Scalar
-    longest: Scalar
-    shortest: Scalar
+    max_step: Scalar
+    min_step: Scalar
     to_limit: bool = eqx.field(static=True, default=False)
 
     def is_beyond(self, at: Point) -> Flag:

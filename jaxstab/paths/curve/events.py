@@ -1,7 +1,8 @@
-"""Events along a curve of equilibria, and the corner ahead of one of its points.
+"""Events along a curve of equilibria, and the active-set change ahead of one of its points.
 
 The curve is smooth as long as the free points stay the same. At a fold its load turns back on such
-a piece. At a corner a contact point loses its reaction (release) or a free point its gap (touch).
+a piece. At an active-set change a contact point loses its reaction (release) or a free point its
+gap (touch).
 """
 
 import equinox as eqx
@@ -11,7 +12,7 @@ from jaxtyping import Array
 
 from jaxstab.core.control_flow import choose, first_good
 from jaxstab.core.types import Field, Flag, Mask, Scalar
-from jaxstab.paths.curve.corrector import CLOSE, Correction, at_corner, correct, on_plane
+from jaxstab.paths.curve.corrector import CLOSE, Correction, at_change, correct, on_plane
 from jaxstab.paths.curve.curve import Curve, Place, Point
 
 # Points tie that change sides within this part of the distance to the first of them.
@@ -24,8 +25,8 @@ _FINE = {"float64": 1e-10, "float32": 1e-4}
 _FLAT = 1e-3
 
 
-class Corners(eqx.Module):
-    """The corners ahead of a place, to first order.
+class ActiveSetChanges(eqx.Module):
+    """The active-set changes ahead of a place, to first order.
 
     Attributes:
         net: K u + p0 + f'(g) [pressure].
@@ -44,8 +45,8 @@ class Corners(eqx.Module):
     tied: Mask
 
 
-def corners_ahead(curve: Curve, place: Place, shortest: Scalar) -> Corners:
-    """Return the corners ahead of a place; those nearer to each other than the shortest tie."""
+def changes_ahead(curve: Curve, place: Place, shortest: Scalar) -> ActiveSetChanges:
+    """Return the active-set changes ahead of a place; changes within the shortest distance tie."""
     at, tangent, is_free = place.at, place.tangent, place.is_free
     forces = curve.forces(at, is_free)
     rate = curve.net_rate(forces.curvature, tangent)
@@ -59,26 +60,28 @@ def corners_ahead(curve: Curve, place: Place, shortest: Scalar) -> Corners:
     places = jnp.arange(distances.size).reshape(distances.shape)
     point = places == jnp.argmin(distances)
     tied = distances <= (1 + _TIE) * first + shortest
-    return Corners(forces.net, rate, distances, first, point, tied)
+    return ActiveSetChanges(forces.net, rate, distances, first, point, tied)
 
 
-def behind(curve: Curve, at: Place, corners: Corners, opens: Flag) -> tuple[Place, Flag]:
-    """Return the place behind a corner, and whether the points that change sides there do so.
+def beyond_change(
+    curve: Curve, at: Place, changes: ActiveSetChanges, opens: Flag
+) -> tuple[Place, Flag]:
+    """Return the place beyond an active-set change, and whether its points change sides there.
 
     All points that tie change sides, or the first alone.
     """
 
     # The first has a gap that grows, or a reaction.
-    unit = at_corner(curve, corners.point, ~opens, jnp.ones_like(at.at.pressure))
+    unit = at_change(curve, changes.point, ~opens, jnp.ones_like(at.at.pressure))
     ahead = unit.gradient(curve, curve.forces(at.at, at.is_free))
 
     def beyond(number: Array) -> tuple[Place, Flag]:
-        flips = jnp.where(number == 0, corners.tied, corners.point)
+        flips = jnp.where(number == 0, changes.tied, changes.point)
         is_free = at.is_free ^ flips
         point = Point(jnp.where(flips, 0, at.at.gap), at.at.pressure)
         place = Place(point, is_free, curve.tangent(point, is_free, ahead, at.tangent))
         rate = curve.net_rate(curve.contact.curvature(point.gap), place.tangent)
-        # Points that let go open further along the tangent, others are pressed more.
+        # Released points open further along the tangent, others are pressed more.
         goes_on = jnp.where(is_free, place.tangent.gap, rate) > 0
         return place, jnp.all(goes_on | ~flips)
 
@@ -125,8 +128,8 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
         missing = length - row.times(at.minus(old.at))
         start = at.plus(tangent, missing / row.times(tangent))
         plane = on_plane(row, row.times(old.at) + length, jnp.abs(whole))
-        problem = Correction(curve, plane, old.is_free)
-        place = correct(problem, start, row, tangent, CLOSE[dtype], fine).place
+        correction = Correction(curve, plane, old.is_free)
+        place = correct(correction, start, row, tangent, CLOSE[dtype], fine).place
         rate = curve.rate(place.tangent)
         is_low = rate * rates[0] > 0
         # An end that stays a second time counts for half.

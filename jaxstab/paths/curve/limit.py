@@ -1,4 +1,4 @@
-"""The limit of a stable branch: the first event behind which its states are no minima.
+"""The limit of a stable branch: the first event beyond which its states are no minima.
 
 The curve is followed towards a load until the load turns back on it, at a fold or a release. At a
 bifurcation, which a symmetry makes, it does not turn, but an eigenvalue vanishes: a fold too.
@@ -18,11 +18,11 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.loads import Load
-from jaxstab.paths.curve.corrector import TOLERANCE, Correction, at_corner, correct, on_plane
-from jaxstab.paths.curve.curve import Curve, Place, Point, Way
-from jaxstab.paths.curve.march import SHORTEST, Walk, next_walk, pressure_of, walk_from
+from jaxstab.paths.curve.arclength import ArclengthStep
+from jaxstab.paths.curve.branch import SHORTEST, BranchState, branch_from, next_state, pressure_of
+from jaxstab.paths.curve.corrector import TOLERANCE, Correction, at_change, correct, on_plane
+from jaxstab.paths.curve.curve import ContinuationProblem, Curve, Place, Point
 from jaxstab.paths.curve.morse_index import UNKNOWN, refreshed, some_modes
-from jaxstab.paths.curve.step import Stride
 from jaxstab.paths.kinds import KINDS
 from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpair import Eigenpair
@@ -52,9 +52,9 @@ class Limit(eqx.Module):
         load: the load there.
         gap: the last gap of the branch [length].
         kind: a fold or a release; uncertain if neither could be told.
-        point: the contact point that lets go; none at a fold.
-        is_tied: whether others let go with it.
-        critical: the lowest eigenpair on the points that are free or let go.
+        point: the contact point that is released; none at a fold.
+        is_tied: whether others are released with it.
+        critical: the lowest eigenpair on the points that are free or released.
         residual: of the balance of pressures and the condition of the kind.
         num_steps: along the curve to find it.
         result: how the search ended.
@@ -82,18 +82,18 @@ class Limit(eqx.Module):
         return mode * jnp.where(mean(jnp.where(self.gap == 0, mode, 0)) < 0, -1, 1)
 
 
-class _March(eqx.Module):
+class _LimitSearch(eqx.Module):
     """A branch before and after its last step, and how closely a bifurcation is bracketed."""
 
-    before: Walk
-    after: Walk
+    before: BranchState
+    after: BranchState
     width: Scalar
     count: Int[Array, ""]
 
     @property
     def is_past(self) -> Flag:
         """Whether the last step has led past the limit."""
-        old, new = self.before.stride, self.after.stride
+        old, new = self.before.step, self.after.step
         return new.is_new & (new.turns | ((old.index == 0) & (new.index > 0)))
 
 
@@ -101,7 +101,7 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
     """Return the limit of a branch from a state close to it.
 
     A load that is so far ahead, with its sign, has no state of this branch. The state itself may
-    lie past the limit, by no more than its residual; then the point that let go is the one that is
+    lie past the limit, by no more than its residual; then the released point is the one that is
     least open. So the search begins a little further back. If it finds no event, the limit is the
     state itself: a fold if an eigenvalue is negative already, since a bifurcation was passed whose
     symmetry held the state; otherwise uncertain.
@@ -112,7 +112,9 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
     sign = jnp.sign(ahead)
     row = Point(sign * curve.load_gradient.gap, sign * curve.load_gradient.pressure)
     end = load.value + _LEEWAY * _horizon(load, gap, ahead)
-    way = Way(curve, load.value, end, longest, SHORTEST[dtype.name] * longest, to_limit=True)
+    problem = ContinuationProblem(
+        curve, load.value, end, longest, SHORTEST[dtype.name] * longest, to_limit=True
+    )
 
     def back(number: Array) -> tuple[Place, Flag]:
         closes = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
@@ -123,15 +125,15 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
         tangent = curve.tangent(start, is_free, row)
         ahead = curve.gradient_of(tangent)
         plane = on_plane(ahead, ahead.times(start) - length, longest)
-        problem = Correction(curve, plane, is_free)
-        found = correct(problem, start, ahead, tangent, TOLERANCE[dtype.name])
+        correction = Correction(curve, plane, is_free)
+        found = correct(correction, start, ahead, tangent, TOLERANCE[dtype.name])
         signs = jnp.where(is_free, found.place.at.gap, found.forces.net) > 0
         return found.place, found.is_found & jnp.all(signs)
 
     here, is_found = first_good(back, lambda found: found[1], _NUM_STARTS)
     result = RESULTS.where(is_found, RESULTS.successful, RESULTS.lost_branch)
-    walk = walk_from(here, _FIRST * longest, jnp.array(UNKNOWN), some_modes(gap), result)
-    limit = limit_of(way, walk)
+    branch = branch_from(here, _FIRST * longest, jnp.array(UNKNOWN), some_modes(gap), result)
+    limit = limit_of(problem, branch)
     residual = contact.balance(contact.control(load))(gap).residual
     result = RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite)
     state = replace(limit, load=load, gap=gap, residual=residual, result=result)
@@ -152,47 +154,49 @@ def _horizon(load: Load, gap: Field, ahead: Scalar) -> Scalar:
     return jnp.sign(ahead) * jnp.maximum(jnp.abs(ahead), tolerance * size)
 
 
-def limit_of(way: Way, walk: Walk) -> Limit:
+def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
     """Return the limit of a branch that begins so."""
-    close = _BRACKET[way.longest.dtype.name] * way.longest
+    close = _BRACKET[problem.max_step.dtype.name] * problem.max_step
 
-    def goes_on(march: _March) -> Flag:
-        is_open = (march.width > close) & ~(march.is_past & march.after.stride.turns)
-        return march.after.is_on & is_open & (march.count < _MAX_STEPS)
+    def goes_on(search: _LimitSearch) -> Flag:
+        is_open = (search.width > close) & ~(search.is_past & search.after.step.turns)
+        return search.after.is_on & is_open & (search.count < _MAX_STEPS)
 
-    def further(march: _March) -> _March:
+    def further(search: _LimitSearch) -> _LimitSearch:
         # Past a bifurcation the step before is taken again, half as long.
-        old = choose(march.is_past, march.before, march.after)
-        length = jnp.minimum(old.stride.length, march.width / 2)
-        old = replace(old, stride=replace(old.stride, length=length, turns=jnp.array(False)))
-        new = next_walk(way, old)
-        taken = way.curve.length(new.stride.here.at.minus(old.stride.here.at))
-        next_march = _March(old, new, march.width, march.count + 1)
-        width = jnp.where(next_march.is_past, taken, march.width - taken)
-        return replace(next_march, width=jnp.where(new.stride.is_new, width, march.width))
+        old = choose(search.is_past, search.before, search.after)
+        length = jnp.minimum(old.step.length, search.width / 2)
+        old = replace(old, step=replace(old.step, length=length, turns=jnp.array(False)))
+        new = next_state(problem, old)
+        taken = problem.curve.length(new.step.here.at.minus(old.step.here.at))
+        next_search = _LimitSearch(old, new, search.width, search.count + 1)
+        width = jnp.where(next_search.is_past, taken, search.width - taken)
+        return replace(next_search, width=jnp.where(new.step.is_new, width, search.width))
 
-    infinite = jnp.full_like(way.longest, jnp.inf)
-    start = _March(walk, walk, infinite, jnp.array(0))
-    march = jax.lax.while_loop(goes_on, further, start)
-    ended = march.after.end
-    is_unclear = (ended == KINDS.uncertain) | (ended == KINDS.lost) | march.after.is_on
+    infinite = jnp.full_like(problem.max_step, jnp.inf)
+    start = _LimitSearch(branch, branch, infinite, jnp.array(0))
+    search = jax.lax.while_loop(goes_on, further, start)
+    ended = search.after.end
+    is_unclear = (ended == KINDS.uncertain) | (ended == KINDS.lost) | search.after.is_on
     result = RESULTS.where(is_unclear, RESULTS.lost_branch, RESULTS.no_fold)
-    result = RESULTS.where(walk.result == RESULTS.successful, result, walk.result)
-    limit = _located(way, march.before.stride, march.after.stride, march.count)
+    result = RESULTS.where(branch.result == RESULTS.successful, result, branch.result)
+    limit = _located(problem, search.before.step, search.after.step, search.count)
     # Between two states as near as steps can tell, a bifurcation is known by its eigenvalue.
-    is_between = jnp.isfinite(march.width) & (limit.kind != KINDS.uncertain)
-    is_found = march.is_past | (march.width <= close) | is_between
+    is_between = jnp.isfinite(search.width) & (limit.kind != KINDS.uncertain)
+    is_found = search.is_past | (search.width <= close) | is_between
     result = RESULTS.where(is_found, limit.result, result)
     return replace(limit, result=result)
 
 
-def _located(way: Way, old: Stride, new: Stride, count: Int[Array, ""]) -> Limit:
+def _located(
+    problem: ContinuationProblem, old: ArclengthStep, new: ArclengthStep, count: Int[Array, ""]
+) -> Limit:
     """Return the limit between two states of a branch.
 
     It is uncertain if the test function of its kind is not zero: at a fold the eigenvalue, at a
     release the reaction, and the energy must fall as the point opens.
     """
-    curve = way.curve
+    curve = problem.curve
     contact, dtype = curve.contact, new.length.dtype
     is_free, changes = old.here.is_free & new.here.is_free, old.here.is_free ^ new.here.is_free
     # From the far side a release is a touch.
@@ -202,8 +206,10 @@ def _located(way: Way, old: Stride, new: Stride, count: Int[Array, ""]) -> Limit
     seen = choose(new.turns, new.turn, new.here.at)
     gap = jnp.where(is_free, jnp.maximum(seen.gap, 0), 0)
     at = Point(gap, seen.pressure)
-    problem = Correction(curve, at_corner(curve, point, jnp.array(True), way.longest), is_free)
-    imbalance, reaction = problem.residual(at, problem.forces(at))
+    correction = Correction(
+        curve, at_change(curve, point, jnp.array(True), problem.max_step), is_free
+    )
+    imbalance, reaction = correction.residual(at, correction.forces(at))
     residual = jnp.maximum(imbalance, jnp.where(is_release, jnp.abs(reaction), 0))
     load = curve.load.at(curve.value(at))
     control = contact.control(load)

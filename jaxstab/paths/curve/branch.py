@@ -1,4 +1,4 @@
-"""The march along a branch of equilibria: its first state, its next one, and its end."""
+"""Arclength steps along a branch of equilibria: its first state, its next one, and its end."""
 
 from dataclasses import replace
 
@@ -14,32 +14,32 @@ from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load, require_loads, require_same_machine
-from jaxstab.paths.curve.curve import Curve, Place, Point, Way
+from jaxstab.paths.curve.arclength import ArclengthStep, take_step
+from jaxstab.paths.curve.curve import ContinuationProblem, Curve, Place, Point
 from jaxstab.paths.curve.morse_index import UNKNOWN, index_of, some_modes
-from jaxstab.paths.curve.step import Stride, next_stride
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.path import Turn
 from jaxstab.paths.record import PathPoint, point_of
 
-# The longest step over the way from load to load; the first and the shortest over the longest.
+# The longest step over the distance between the loads; the first and the shortest over the longest.
 _LONGEST, _FIRST = 0.1, 0.2
 SHORTEST = {"float64": 1e-7, "float32": 1e-4}
 # How nearly a turn is one that was passed before, over the size of its state.
 _SAME = {"float64": 1e-7, "float32": 1e-3}
 
 
-class Walk(eqx.Module):
-    """A branch under way.
+class BranchState(eqx.Module):
+    """A branch as far as it has been followed.
 
     Attributes:
-        stride: the last step.
+        step: the last step.
         start: where the branch began.
         count: the number of its states.
         end: why it is followed no more, `KINDS.states` while it is.
         result: the result of the first equilibrium.
     """
 
-    stride: Stride
+    step: ArclengthStep
     start: Place
     count: Int[Array, ""]
     end: KINDS
@@ -77,8 +77,8 @@ def begin(
     min_step: Scalar | None = None,
     *,
     to_limit: bool = False,
-) -> tuple[Way, Walk]:
-    """Return the way between two loads, and a branch at its first state, an equilibrium there."""
+) -> tuple[ContinuationProblem, BranchState]:
+    """Return the problem between two loads, and a branch at its first state, an equilibrium."""
     gap, dtype = found.gap, found.gap.dtype
     at = Point(gap, pressure_of(contact, loads[0], gap))
     curve = Curve.of(contact, loads[0])
@@ -93,18 +93,20 @@ def begin(
     longest = longest if max_step is None else max_step.astype(dtype)
     shortest = SHORTEST[dtype.name] * longest if min_step is None else min_step.astype(dtype)
     index, modes = index_of(contact, loads[0], gap, some_modes(gap), counts_all=not to_limit)
-    way = Way(curve, first, last, longest, shortest, to_limit)
-    return way, walk_from(here, _FIRST * longest, index, modes, found.result)
+    problem = ContinuationProblem(curve, first, last, longest, shortest, to_limit)
+    return problem, branch_from(here, _FIRST * longest, index, modes, found.result)
 
 
-def walk_from(
+def branch_from(
     here: Place, length: Scalar, index: Int[Array, ""], modes: Block, result: RESULTS
-) -> Walk:
+) -> BranchState:
     """Return a branch that begins at a place with a step of a length."""
     yes, no = jnp.array(True), jnp.array(False)
     expected = jnp.where(index >= 0, index, UNKNOWN)
-    stride = Stride(here, length, index, expected, modes, here.at, KINDS.fold, no, no, no, yes, yes)
-    return Walk(stride, here, jnp.array(1), KINDS.states, result)
+    step = ArclengthStep(
+        here, length, index, expected, modes, here.at, KINDS.fold, no, no, no, yes, yes
+    )
+    return BranchState(step, here, jnp.array(1), KINDS.states, result)
 
 
 def pressure_of(contact: Contact, load: Load, gap: Field) -> Scalar:
@@ -113,62 +115,62 @@ def pressure_of(contact: Contact, load: Load, gap: Field) -> Scalar:
     return jnp.mean(contact.control(load).net_pressure(gradient, gap) - gradient)
 
 
-def next_walk(way: Way, walk: Walk) -> Walk:
+def next_state(problem: ContinuationProblem, branch: BranchState) -> BranchState:
     """Return a branch after a step, which may have been cut."""
-    stride = next_stride(way, walk.stride)
+    step = take_step(problem, branch.step)
     # No step is long enough if the loads are equal or not finite, which under JAX nothing refuses.
-    no_more = ~(stride.length > way.shortest)
-    unclear = KINDS.where(stride.is_found, KINDS.uncertain, KINDS.lost)
-    end = KINDS.where(no_more & ~stride.is_new & ~stride.lands, unclear, KINDS.states)
+    no_more = ~(step.length > problem.min_step)
+    unclear = KINDS.where(step.is_found, KINDS.uncertain, KINDS.lost)
+    end = KINDS.where(no_more & ~step.is_new & ~step.lands, unclear, KINDS.states)
     # In full contact a load that holds the gap stays where it is, whatever the pressure.
-    is_stuck = ~jnp.any(stride.here.is_free) & (way.curve.load_gradient.pressure == 0)
+    is_stuck = ~jnp.any(step.here.is_free) & (problem.curve.load_gradient.pressure == 0)
     end = KINDS.where(is_stuck, KINDS.full_contact, end)
-    end = KINDS.where(_goes_apart(way, stride), KINDS.separated, end)
-    is_loop = stride.is_new & _closes(way.curve, walk, stride.here.at)
+    end = KINDS.where(_goes_apart(problem, step), KINDS.separated, end)
+    is_loop = step.is_new & _closes(problem.curve, branch, step.here.at)
     end = KINDS.where(is_loop, KINDS.loop, end)
-    end = KINDS.where(stride.is_there, KINDS.load, end)
-    return replace(walk, stride=stride, count=walk.count + stride.is_new, end=end)
+    end = KINDS.where(step.is_there, KINDS.load, end)
+    return replace(branch, step=step, count=branch.count + step.is_new, end=end)
 
 
-def _goes_apart(way: Way, stride: Stride) -> Flag:
+def _goes_apart(problem: ContinuationProblem, step: ArclengthStep) -> Flag:
     """Return whether surfaces go apart without end, towards zero pressure.
 
     That is so unless the last load comes before.
     """
-    here, value = stride.here, way.curve.value(stride.here.at)
-    is_far = jnp.all(here.at.gap > way.curve.farthest) & (jnp.mean(here.tangent.gap) > 0)
-    return stride.is_new & is_far & ((way.last - value) * way.last >= 0)
+    here, value = step.here, problem.curve.value(step.here.at)
+    is_far = jnp.all(here.at.gap > problem.curve.farthest) & (jnp.mean(here.tangent.gap) > 0)
+    return step.is_new & is_far & ((problem.last - value) * problem.last >= 0)
 
 
-def _closes(curve: Curve, walk: Walk, at: Point) -> Flag:
+def _closes(curve: Curve, branch: BranchState, at: Point) -> Flag:
     """Return whether the last step has come back to where the branch began."""
-    row = curve.gradient_of(walk.start.tangent)
-    before = row.times(walk.stride.here.at.minus(walk.start.at))
-    after = row.times(at.minus(walk.start.at))
-    step = curve.length(at.minus(walk.stride.here.at))
-    is_near = curve.length(at.minus(walk.start.at)) <= step
-    return (walk.count > 3) & (before < 0) & (after >= 0) & is_near
+    row = curve.gradient_of(branch.start.tangent)
+    before = row.times(branch.step.here.at.minus(branch.start.at))
+    after = row.times(at.minus(branch.start.at))
+    step = curve.length(at.minus(branch.step.here.at))
+    is_near = curve.length(at.minus(branch.start.at)) <= step
+    return (branch.count > 3) & (before < 0) & (after >= 0) & is_near
 
 
-def entry_of(way: Way, walk: Walk) -> tuple[Entry, Turn]:
+def entry_of(problem: ContinuationProblem, branch: BranchState) -> tuple[Entry, Turn]:
     """Return the last state of a branch, and the turn before it."""
-    contact, load, stride = way.curve.contact, way.curve.load, walk.stride
+    contact, load, step = problem.curve.contact, problem.curve.load, branch.step
 
     def state(at: Point) -> Equilibrium:
-        return state_at(contact, load.at(way.curve.value(at)), at.gap)
+        return state_at(contact, load.at(problem.curve.value(at)), at.gap)
 
-    here, equilibrium = stride.here, state(stride.turn)
-    entry = Entry(point_of(contact, state(here.at), way.curve.value(here.at)), stride.index)
+    here, equilibrium = step.here, state(step.turn)
+    entry = Entry(point_of(contact, state(here.at), problem.curve.value(here.at)), step.index)
     size = jnp.sqrt(jnp.sum(here.tangent.gap**2))
     mode = here.tangent.gap / jnp.where(size > 0, size, 1)
-    return entry, Turn(equilibrium.load, stride.kind, equilibrium, mode, walk.count - 1)
+    return entry, Turn(equilibrium.load, step.kind, equilibrium, mode, branch.count - 1)
 
 
-def is_same(way: Way, one: Turn, other: Turn) -> Flag:
+def is_same(problem: ContinuationProblem, one: Turn, other: Turn) -> Flag:
     """Return whether a turn is one of others: then the branch comes back to where it has been."""
     gap, gaps = one.equilibrium.gap, other.equilibrium.gap
     grid = tuple(range(-gap.ndim, 0))
-    close = _SAME[gap.dtype.name]
+    close, span = _SAME[gap.dtype.name], jnp.abs(problem.last - problem.first)
     is_near = jnp.max(jnp.abs(gap - gaps), axis=grid) <= close * jnp.max(gap)
-    is_near &= jnp.abs(one.load.value - other.load.value) <= close * jnp.abs(way.last - way.first)
+    is_near &= jnp.abs(one.load.value - other.load.value) <= close * span
     return jnp.any(is_near & (one.kind.code == other.kind.code))

@@ -1,8 +1,8 @@
 """Checks of a step along a curve, by the values and rates at its ends.
 
-On one smooth piece cubics go through both ends. No gap and no reaction may become negative between
-them, and the load may turn once at most. Over several corners each point must change sides where
-the lines from both ends say.
+On one smooth piece cubics interpolate between both ends. No gap and no reaction may become negative
+there, and the load may turn once at most. Over several active-set changes each point must change
+sides where the lines from both ends predict.
 """
 
 from typing import NamedTuple
@@ -12,12 +12,12 @@ from jaxtyping import Array
 
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.paths.curve.curve import Curve, Place
-from jaxstab.paths.curve.events import Corners
+from jaxstab.paths.curve.events import ActiveSetChanges
 
 # One in so many points may change sides in a step.
-_LEAP = 64
+_ONE_IN = 64
 # By how much the lines from both ends of a step to where a point changes sides may be too long.
-_FORESEEN = 3
+_LEEWAY = 3
 # Places between two ends where the cubics are looked at.
 _BETWEEN = 16
 # A gap or reaction less than this below zero counts as zero, over the size of the pressures.
@@ -26,7 +26,7 @@ _SLACK = {"float64": 1e-8, "float32": 1e-3}
 
 def most_changes(size: int) -> int:
     """Return how many of so many points may change sides in a step."""
-    return max(size // _LEAP, 1)
+    return max(size // _ONE_IN, 1)
 
 
 class Cubics(NamedTuple):
@@ -55,14 +55,14 @@ class Cubics(NamedTuple):
 
 def stays_positive(
     curve: Curve,
-    pieces: Cubics,
-    corners: Corners,
-    is_corner: Flag,
+    cubics: Cubics,
+    changes: ActiveSetChanges,
+    is_change: Flag,
     after: tuple[Field, Field],
     scale: Scalar,
 ) -> tuple[Flag, Scalar]:
     """Return whether gaps and reactions stay positive between two places, and up to where."""
-    old, new = pieces.old, pieces.new
+    old, new = cubics.old, cubics.new
     slack = _SLACK[scale.dtype.name] * scale
     soft = curve.stiffness
 
@@ -71,11 +71,11 @@ def stays_positive(
         gap = jnp.where(jnp.asarray(curve.contact.has_core), jnp.maximum(gap, 0), gap)
         return jnp.where(old.is_free, soft * gap, net)
 
-    value, rate = both(old.at.gap, corners.net), _both_rates(old, corners.net_rate, soft)
+    value, rate = both(old.at.gap, changes.net), _both_rates(old, changes.net_rate, soft)
     end, end_rate = both(new.at.gap, after[0]), _both_rates(new, after[1], soft)
-    # The corner itself ends the step.
-    ends = is_corner & corners.tied
-    between = jnp.where(ends | ~jnp.isfinite(value), 0, pieces.between(value, rate, end, end_rate))
+    # The active-set change itself ends the step.
+    ends = is_change & changes.tied
+    between = jnp.where(ends | ~jnp.isfinite(value), 0, cubics.between(value, rate, end, end_rate))
     is_over = ~ends & (end < -slack)
     dips = ~is_over & (value > slack) & (jnp.min(between, 0) < -slack)
     share = jnp.where(is_over, value / jnp.where(is_over, value - end, 1), 1)
@@ -90,12 +90,12 @@ def _both_rates(place: Place, net_rate: Field, soft: Scalar) -> Field:
     return jnp.where(place.is_free, soft * place.tangent.gap, net_rate)
 
 
-def turns_as_said(curve: Curve, pieces: Cubics) -> Flag:
+def turns_as_predicted(curve: Curve, cubics: Cubics) -> Flag:
     """Return whether the load turns between two places no more often than its rates say."""
-    old, new = pieces.old, pieces.new
+    old, new = cubics.old, cubics.new
     value, end = curve.value(old.at), curve.value(new.at)
     rate, end_rate = curve.rate(old.tangent), curve.rate(new.tangent)
-    between = pieces.between(jnp.zeros_like(value), rate, end - value, end_rate)
+    between = cubics.between(jnp.zeros_like(value), rate, end - value, end_rate)
     steps = jnp.diff(jnp.concatenate([jnp.zeros((1,)), between, (end - value)[None]]))
     # Rounding of the load hides smaller steps.
     noise = 16 * jnp.finfo(value.dtype).eps * (jnp.abs(value) + jnp.abs(end))
@@ -108,13 +108,15 @@ def turns_as_said(curve: Curve, pieces: Cubics) -> Flag:
     return ~jnp.any(went_back & forth) & (jnp.any(back) == (rate * end_rate < 0))
 
 
-def leaps_as_foreseen(pieces: Cubics, corners: Corners, after: tuple[Field, Field]) -> Flag:
-    """Return whether each point that changed sides did so as the lines from both ends foresee."""
-    new, flipped = pieces.new, pieces.old.is_free != pieces.new.is_free
+def changes_as_predicted(
+    cubics: Cubics, changes: ActiveSetChanges, after: tuple[Field, Field]
+) -> Flag:
+    """Return whether each point that changed sides did so as the lines from both ends predict."""
+    new, flipped = cubics.new, cubics.old.is_free != cubics.new.is_free
     net, net_rate = after
     value = jnp.where(new.is_free, new.at.gap, net)
     rate = jnp.where(new.is_free, new.tangent.gap, net_rate)
     behind = jnp.where(rate > 0, value / jnp.where(rate > 0, rate, 1), jnp.inf)
-    is_foreseen = corners.distances + behind <= _FORESEEN * pieces.length
+    is_predicted = changes.distances + behind <= _LEEWAY * cubics.length
     most = most_changes(net.size)
-    return jnp.all(jnp.where(flipped, is_foreseen, True)) & (jnp.sum(flipped) <= 2 * most)
+    return jnp.all(jnp.where(flipped, is_predicted, True)) & (jnp.sum(flipped) <= 2 * most)
