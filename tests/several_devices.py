@@ -82,7 +82,7 @@ def programs(grid):
     """Return the texts of the programs of an equilibrium and of an eigenvalue."""
     contact = contact_on(grid)
     heights = contact.heights
-    find = import_module("jaxstab.equilibrium.equilibrate")._find_in_own_units
+    find = import_module("jaxstab.equilibrium.equilibrate")._find_in_characteristic_units
     on_space = import_module("jaxstab.stability.lowest_pair").on_space
     search = jax.jit(on_space)
     hessian, space = Hessian(contact.solid, heights), Subspace(heights > 0)

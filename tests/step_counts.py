@@ -39,7 +39,7 @@ def solver_runs(n):
     grid = js.Grid(n)
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=n // 4, rms_height=0.05)
     law = js.potentials.Exponential(2e-3, 0.05)
-    contact, _ = js.Contact(js.HalfSpace(grid, 1.0), heights, law).in_own_units()
+    contact, _ = js.Contact(js.HalfSpace(grid, 1.0), heights, law).in_characteristic_units()
     load = js.MeanGap(0.05)
     state = js.equilibrate(contact, load)
     hessian = contact.hessian(state.gap, contact.control(load))

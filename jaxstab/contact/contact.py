@@ -182,7 +182,7 @@ class Contact(eqx.Module):
         return jnp.all(jnp.isfinite(self.heights)) & self.solid.is_valid
 
     @property
-    def own_pressure(self) -> Scalar:
+    def characteristic_pressure(self) -> Scalar:
         """The unit of pressure that suits the problem, a power of two: squares keep the range.
 
         It is about the pressure that moves the stiffest wave by the height of the surface.
@@ -201,9 +201,9 @@ class Contact(eqx.Module):
         law = Scaled(self.potential, 1 / pressure, has_core)
         return eqx.tree_at(lambda contact: (contact.solid, contact.potential), self, (solid, law))
 
-    def in_own_units(self) -> tuple["Contact", Scalar]:
-        """Return the same contact with pressures in a unit of its own, and that unit."""
-        unit, has_core = self.own_pressure, self.has_core
+    def in_characteristic_units(self) -> tuple["Contact", Scalar]:
+        """Return the same contact in units of its characteristic pressure, and that pressure."""
+        unit, has_core = self.characteristic_pressure, self.has_core
         return self.in_units_of(unit, None if is_traced(has_core) else bool(has_core)), unit
 
     def gap(self, displacement: Field) -> Field:

@@ -57,7 +57,7 @@ def answer(
             default an error is raised where derivatives are taken.
         has_units: whether the search converts units itself, within its programs.
     """
-    own, unit = (contact, None) if has_units else contact.in_own_units()
+    own, unit = (contact, None) if has_units else contact.in_characteristic_units()
     own_state = state if unit is None else state.in_units_of(unit)
     given: Any = own, own_state, others
     given = given if differentiable else refuse_derivatives(given)

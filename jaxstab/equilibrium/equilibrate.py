@@ -123,18 +123,18 @@ def find_equilibrium(
     """Return the result of `equilibrate` on checked arguments, without derivatives."""
     has_core = contact.has_core
     has_core = None if is_traced(has_core) else bool(has_core)
-    return _find_in_own_units(contact, load, solver, initial, has_core)
+    return _find_in_characteristic_units(contact, load, solver, initial, has_core)
 
 
 @partial(program, static_argnames="has_core")
-def _find_in_own_units(
+def _find_in_characteristic_units(
     contact: Contact,
     load: Load,
     solver: EquilibriumSolver,
     initial: Field | None,
     has_core: bool | None,
 ) -> Equilibrium:
-    unit = contact.own_pressure
+    unit = contact.characteristic_pressure
     own = contact.in_units_of(unit, has_core), load.in_units_of(unit)
     found = by_entries(find)(*own, solver, initial).in_units_of(1 / unit)
     overflows = (found.result == RESULTS.successful) & ~jnp.isfinite(found.energy)
@@ -146,7 +146,7 @@ def with_derivatives(contact: Contact, load: Load, found: Equilibrium) -> Equili
     """Return an equilibrium as a differentiable function of the contact and the load."""
     if not is_traced((contact, load)):
         return found
-    unit = contact.own_pressure
+    unit = contact.characteristic_pressure
     inputs, own = (contact.in_units_of(unit), load.in_units_of(unit)), found.in_units_of(unit)
     fields = {name: getattr(own, name) for name in DIFFERENTIABLE}
     fields = attach(changes_of_fields, fields, found.result == RESULTS.successful, inputs)

@@ -18,7 +18,7 @@ _ROUNDING = 1e3
 def recognised(contact: Contact, equilibrium: Equilibrium) -> RESULTS:
     """Return whether a state is in equilibrium in this contact, under its load."""
     contact, equilibrium = padded_state(contact, equilibrium)
-    unit = contact.own_pressure
+    unit = contact.characteristic_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     control = contact.control(equilibrium.load)
     balance = contact.balance(control)(equilibrium.gap)

@@ -33,16 +33,16 @@ from jaxstab.loads import Load
 from jaxstab.paths.curve.branch import begin, two_loads
 from jaxstab.paths.curve.critical_load import CriticalLoad, critical_load_at
 from jaxstab.paths.curve.limit import Limit, limit_of
-from jaxstab.paths.energy import own_energy, supply_of
+from jaxstab.paths.energy import characteristic_energy, supply_of
 from jaxstab.paths.kinds import KINDS
 
 # Where the branches from the two loads start.
 Starts = list[Field | None]
 # A branch is followed from either load.
 _NUM_SEARCHES = 2
-# Releases that lose a smaller part of the problem's own energy do not end a branch: so little is
-# known in float32. The next one is sought so far beyond, over the distance between the loads, by
-# steps of the solver that are no longer.
+# Releases that lose a smaller part of the problem's characteristic energy do not end a branch: so
+# little is known in float32. The next one is sought so far beyond, over the distance between the
+# loads, by steps of the solver that are no longer.
 _SMALLEST_LOSS = 1e-5
 _BEYOND, _MAX_MOVE = 1e-6, 0.03
 # A branch that is lost within so many of these distances behind a release has not left it.
@@ -64,8 +64,9 @@ def critical_load(
     The branch is followed as by `jaxstab.continuation` to its first fold or release. That need not
     be a pull-off: beyond it the contact may go on in another state, as rough surfaces often do.
     `jaxstab.pull_off` gives the last one, `jaxstab.follow` all of them. A release that loses less
-    than 1e-5 of the problem's own energy (`follow`), as when the edge of contact moves by a point
-    of the grid, is passed over. In float32 the branch beyond it may be lost, as the result says.
+    than 1e-5 of the problem's characteristic energy (`follow`), as when the edge of contact moves
+    by a point of the grid, is passed over. In float32 the branch beyond it may be lost, as the
+    result says.
 
     Arguments:
         contact: the contact problem.
@@ -169,7 +170,7 @@ def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
     first, last = loads.value.astype(contact.heights.dtype)
     if start is None:
         start = contact.control(loads[0]).starting_gap(contact.heights)
-    threshold = _SMALLEST_LOSS * own_energy(contact)
+    threshold = _SMALLEST_LOSS * characteristic_energy(contact)
     rounding = 4 * jnp.finfo(start.dtype).eps * jnp.maximum(jnp.abs(first), jnp.abs(last))
     beyond = jnp.sign(last - first) * jnp.maximum(_BEYOND * jnp.abs(last - first), rounding)
 

@@ -28,7 +28,7 @@ def supply_of(
     return held, force
 
 
-def own_energy(contact: Contact) -> Scalar:
+def characteristic_energy(contact: Contact) -> Scalar:
     """Return the elastic energy of full contact plus the deepest adhesive energy everywhere."""
     values = contact.profile.values
     deepest = -jnp.min(jnp.where(jnp.isfinite(values), values, 0))

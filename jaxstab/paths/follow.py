@@ -40,8 +40,8 @@ from jaxstab.paths.recorded_path import Recording, path_of, path_with_room
 
 # States and jumps of a batch.
 _ROOM = 32, 2
-# Jumps are located by default from this loss: over the problem's own energy, and over the earlier
-# losses.
+# Jumps are located by default from this loss: over the problem's characteristic energy, and over
+# the earlier losses.
 _SMALLEST_JUMP = 2e-7
 _SMALLEST_SHARE = 3e-3
 
@@ -75,8 +75,8 @@ def follow(
         contact: the contact problem.
         load: the turning points of the load path, in order: two or more.
         initial: where the first equilibrium starts, as in `equilibrate`.
-        smallest_jump: the loss from which a jump is located, over the problem's own energy: the
-            elastic energy of full contact and the deepest adhesion. By default 2e-7, or
+        smallest_jump: the loss from which a jump is located, over the problem's characteristic
+            energy: the elastic energy of full contact and the deepest adhesion. By default 2e-7, or
             0.3 % of the earlier losses of the path if that is more: jumps of 1 % of a loop's loss
             are located.
         disturbance: the size of a random field over the rms height; zero for none. The field is the

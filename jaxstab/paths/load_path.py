@@ -15,7 +15,7 @@ from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import concluded, started
 from jaxstab.equilibrium.solvers.base import Problem
 from jaxstab.loads import Load
-from jaxstab.paths.energy import own_energy
+from jaxstab.paths.energy import characteristic_energy
 from jaxstab.paths.record import PathPoint, point_of
 
 # The default is relative to the size of the problem's own heights and gaps.
@@ -110,8 +110,8 @@ def load_path_of(
 ) -> LoadPath:
     """Return the load path of a contact, in its characteristic units, through turning points.
 
-    Here the smallest jump is relative to the problem's own energy, the resolution to the range of
-    the loads, and the disturbance to `_own_length`.
+    Here the smallest jump is relative to the problem's characteristic energy, the resolution to the
+    range of the loads, and the disturbance to `_characteristic_length`.
     """
 
     @by_entries
@@ -121,7 +121,7 @@ def load_path_of(
         # Loads that are nearer to each other are the same.
         finest = 4 * jnp.finfo(turns.dtype).eps * jnp.max(jnp.abs(turns))
         span = jnp.max(turns) - jnp.min(turns)
-        return own_energy(contact), span, finest, _own_length(contact) * noise
+        return characteristic_energy(contact), span, finest, _characteristic_length(contact) * noise
 
     energy, span, finest, field = scales(contact, load)
     return LoadPath(
@@ -135,7 +135,7 @@ def load_path_of(
     )
 
 
-def _own_length(contact: Contact) -> Scalar:
+def _characteristic_length(contact: Contact) -> Scalar:
     """Return the rms height, or of a flatter surface the resolution of law and grid."""
     grid = contact.grid
     spacing = jnp.min(grid.lengths / jnp.asarray(grid.shape))

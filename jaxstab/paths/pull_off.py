@@ -50,7 +50,7 @@ def pull_off(
     jump, whatever jumps come before. Under a dead load no state remains. With a machine of finite
     stiffness the contact may survive a jump: the jump from the largest tension counts. If the
     machine is so stiff that tension passes a maximum without a jump, that maximum is larger. Jumps
-    that lose about 1e-4 of the problem's own energy may be passed over (`follow`).
+    that lose about 1e-4 of the problem's characteristic energy may be passed over (`follow`).
 
     Arguments:
         contact: the contact problem.

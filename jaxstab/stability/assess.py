@@ -143,7 +143,7 @@ def with_derivatives(contact: Contact, equilibrium: Equilibrium, stability: Stab
     if not is_traced((contact, equilibrium)):
         return stability
     # Squares of pressures over lengths stay in range in this unit.
-    unit = contact.own_pressure
+    unit = contact.characteristic_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     stability = stability.in_units_of(unit)
     fixes_mean = contact.control(equilibrium.load).fixes_mean

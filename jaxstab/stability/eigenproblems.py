@@ -57,7 +57,7 @@ class AssessedState(eqx.Module):
 
     Attributes:
         result: whether it is an equilibrium of this contact.
-        unit: the contact's own unit of pressure, in which all is meanwhile.
+        unit: the contact's characteristic pressure, the unit of all that is computed.
         area: the area of a point [length^2].
         scale: the rms of elastic pressure and attraction [pressure].
         imbalance: the norm of the pressures that are out of balance [pressure].
@@ -130,7 +130,7 @@ def problems_of(
     contact: Contact, equilibrium: Equilibrium, key: PRNGKeyArray
 ) -> tuple[Eigenproblems, AssessedState]:
     """Return the eigenproblems of an equilibrium, and the data of that state."""
-    unit = contact.own_pressure
+    unit = contact.characteristic_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     gap, in_contact = equilibrium.gap, equilibrium.in_contact
     control = contact.control(equilibrium.load)

@@ -27,7 +27,7 @@ class Problem:
     """A contact under a load.
 
     Attributes:
-        contact: the contact, in units of its own.
+        contact: the contact, in its characteristic units.
         control: the condition that the load sets on the gap.
         balance: maps a gap to how far it is from equilibrium.
     """

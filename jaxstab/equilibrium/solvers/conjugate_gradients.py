@@ -73,8 +73,8 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
             as on paths under tension, no step was seen to leap over a minimum. By default as far as
             the energy falls.
         least_energy: stop, and report no result, once energy and potential of the load fall below
-            this value. It is summed over the points [pressure length, in the contact's own unit of
-            pressure]. By default never.
+            this value. It is summed over the points [pressure length, in the contact's
+            characteristic pressure]. By default never.
 
     Raises:
         ValueError: if `max_move` is not positive.

@@ -59,7 +59,7 @@ class Landscape:
     """The energy over the gaps that a load allows.
 
     Attributes:
-        contact: the contact, in units of its own.
+        contact: the contact, in its characteristic units.
         control: the condition of the load on the gap.
     """
 

@@ -63,7 +63,7 @@ class Curve(eqx.Module):
     """The equilibria of a contact, and where a load is on them.
 
     Attributes:
-        contact: the contact, in units of its own.
+        contact: the contact, in its characteristic units.
         load: the load, at any value.
         least_scale: the pressure below which an imbalance counts for less.
         load_offset: the value of the load at no gap and no pressure.

@@ -49,7 +49,7 @@ def growth_rate(evolution: Evolution) -> Scalar:
     require_kind(evolution, Evolution, "no evolution: give a state of a result of jaxstab.evolve.")
     contact, equilibrium = evolution.instant
     solid: Any = evolution.contact.solid
-    unit = contact.own_pressure
+    unit = contact.characteristic_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
     glassy = solid.stiffening(0.0)
     inputs = glassy, contact, equilibrium.load, equilibrium.gap

@@ -31,7 +31,7 @@ from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
 from jaxstab.loads import Load, Spring
-from jaxstab.paths.energy import own_energy
+from jaxstab.paths.energy import characteristic_energy
 from jaxstab.paths.evolution.evolution import Internal, Totals, moved_contact, on_gap, or_nan
 from jaxstab.paths.record import Table
 from jaxstab.potentials import energy_density
@@ -100,7 +100,7 @@ def first_moment(contact: Contact, load: Load, memory: Internal, dt: Scalar) -> 
         rate=jnp.zeros_like(contact.heights),
         forms=jnp.concatenate([_forms(contact, [v], v) for v in memory.strains]),
         totals=Totals(*[zero] * 7),
-        scales=jnp.stack([_LEAST * extent, _LEAST**2 * own_energy(contact)]),
+        scales=jnp.stack([_LEAST * extent, _LEAST**2 * characteristic_energy(contact)]),
         dt=jnp.full_like(zero, jnp.inf),
         result=RESULTS.successful,
     )
