@@ -133,8 +133,8 @@ def test_a_solver_of_ones_own_finds_equilibria_in_every_call(contact):
     mode = js.assess_stability(contact, found).critical.mode
     released = js.release(contact, found, mode, solver=solver)
     np.testing.assert_allclose(released.gap, expected.gap, atol=1e-6)
-    lanes = jax.vmap(lambda value: js.equilibrate(contact, js.MeanGap(value), solver, throw=False))
-    together = lanes(jnp.array([0.08, 0.1])).gap
+    batch = jax.vmap(lambda value: js.equilibrate(contact, js.MeanGap(value), solver, throw=False))
+    together = batch(jnp.array([0.08, 0.1])).gap
     np.testing.assert_allclose(together, swept.equilibrium.gap, rtol=1e-12, atol=1e-15)
     short = js.equilibrate(contact, load, Descent(max_steps=3), throw=False)
     assert short.result == js.RESULTS.max_steps_reached

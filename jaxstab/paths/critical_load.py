@@ -112,7 +112,7 @@ def critical_load(
 
 def _search(contact: Contact, bracket: Load, starts: Starts) -> Limit:
     # Outside of a trace nothing is compiled for a search that is not needed.
-    find = _find_lanes if is_traced((contact, bracket, starts)) else _find
+    find = _find_batch if is_traced((contact, bracket, starts)) else _find
     limit = find(contact, bracket, starts)
     # Not all searches are needed.
     advance_to(lambda: _NUM_SEARCHES)
@@ -139,7 +139,7 @@ def _find(contact: Contact, bracket: Load, starts: Starts) -> Limit:
 
 
 # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
-_find_lanes = program(by_entries(_find))
+_find_batch = program(by_entries(_find))
 
 
 class _Search(eqx.Module):

@@ -46,7 +46,7 @@ def check_solution(result, contact, load=LOAD):
     assert equilibrium.result == js.RESULTS.successful
 
 
-def lane(tree, i):
+def entry(tree, i):
     return jax.tree.map(lambda leaf: leaf[i], tree)
 
 
@@ -54,12 +54,12 @@ def lane(tree, i):
 def test_surfaces_loads_and_moduli_can_be_vmapped(solid, heights):
     surfaces = jnp.stack([heights, heights[::-1], heights.T * 0.8])
     by_surface = jax.vmap(lambda h: solve(js.Contact(solid, h, named_law(0.01))))(surfaces)
-    check_solution(lane(by_surface, 2), js.Contact(solid, surfaces[2], named_law(0.01)))
+    check_solution(entry(by_surface, 2), js.Contact(solid, surfaces[2], named_law(0.01)))
 
     contact = js.Contact(solid, heights, named_law(0.01))
     loads = js.MeanGap(jnp.array([0.05, 0.1, 0.2]))
     by_load = jax.vmap(solve, in_axes=(None, 0))(contact, loads)
-    check_solution(lane(by_load, 0), contact, js.MeanGap(0.05))
+    check_solution(entry(by_load, 0), contact, js.MeanGap(0.05))
 
     def with_modulus(modulus):
         stiff = js.HalfSpace(solid.grid, modulus, 0.3)
@@ -67,14 +67,14 @@ def test_surfaces_loads_and_moduli_can_be_vmapped(solid, heights):
 
     by_modulus = jax.vmap(with_modulus)(jnp.array([1.0, 2.0]))
     stiff = js.HalfSpace(solid.grid, 2.0, 0.3)
-    check_solution(lane(by_modulus, 1), js.Contact(stiff, heights, named_law(0.01)))
+    check_solution(entry(by_modulus, 1), js.Contact(stiff, heights, named_law(0.01)))
 
 
-def test_a_failed_lane_leaves_the_others_identical(solid, heights):
+def test_a_failed_entry_leaves_the_others_identical(solid, heights):
     contact = js.Contact(solid, heights, bare_law(0.01))
     solve = jax.jit(jax.vmap(lambda load: js.equilibrate(contact, load, throw=False)))
     good, bad = (solve(js.MeanGap(jnp.array([0.05, value, 0.2]))) for value in (0.1, -0.1))
-    assert lane(bad, 1).result == js.RESULTS.infeasible_load
+    assert entry(bad, 1).result == js.RESULTS.infeasible_load
     alone = js.equilibrate(js.Contact(solid, heights, named_law(0.01)), LOAD)
     np.testing.assert_allclose(good.gap[1], alone.gap, atol=1e-9)
     for i in (0, 2):
@@ -83,16 +83,16 @@ def test_a_failed_lane_leaves_the_others_identical(solid, heights):
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("law", [named_law, bare_law])
-def test_a_contact_is_an_argument_of_plain_jit_and_a_failed_lane_leaves_the_others_identical(
+def test_a_contact_is_an_argument_of_plain_jit_and_a_failed_entry_leaves_the_others_identical(
     solid, heights, law
 ):
     contact = js.Contact(solid, heights, law(0.01))
     good, bad = (js.MeanGap(jnp.array([0.05, value, 0.2])) for value in (0.1, -0.1))
     run = jax.jit(jax.vmap(solve, in_axes=(None, 0)))
     expected, (actual, stability) = run(contact, good), run(contact, bad)
-    check_solution(lane(expected, 1), js.Contact(solid, heights, named_law(0.01)))
-    assert lane(actual, 1).result == js.RESULTS.infeasible_load
-    assert lane(stability, 1).cone.result == js.RESULTS.no_equilibrium
+    check_solution(entry(expected, 1), js.Contact(solid, heights, named_law(0.01)))
+    assert entry(actual, 1).result == js.RESULTS.infeasible_load
+    assert entry(stability, 1).cone.result == js.RESULTS.no_equilibrium
     for i in (0, 2):
         np.testing.assert_array_equal(actual.gap[i], expected[0].gap[i])
 

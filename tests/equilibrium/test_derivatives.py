@@ -155,20 +155,20 @@ def test_second_derivatives_are_right_too(contact):
 
 
 @pytest.mark.nightly
-def test_lanes_of_vmap_and_jacobians_equal_single_derivatives(contact):
+def test_a_batch_and_jacobians_equal_single_derivatives(contact):
     def pressure(x):
         return solve(contact, x, throw=False).mean_pressure
 
     values = jnp.stack([X, 0.9 * X, 1.1 * X])
-    lanes = jax.jit(jax.vmap(jax.value_and_grad(pressure)))(values)[1]
+    batch = jax.jit(jax.vmap(jax.value_and_grad(pressure)))(values)[1]
     jacobian = jax.jacrev(jax.vmap(pressure))(values)
     for i, x in enumerate(values):
         single = jax.grad(pressure)(x)
-        np.testing.assert_allclose(lanes[i], single, rtol=1e-10)
+        np.testing.assert_allclose(batch[i], single, rtol=1e-10)
         np.testing.assert_allclose(jacobian[i, i], single, rtol=1e-10)
 
 
-def test_a_failed_lane_is_nan_and_leaves_a_masked_sum_alone(contact):
+def test_a_failed_entry_is_nan_and_leaves_a_masked_sum_alone(contact):
     gaps = jnp.array([0.1, -0.1, jnp.nan, 0.2])
 
     def solve_at(energy, gap):

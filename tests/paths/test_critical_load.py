@@ -244,7 +244,7 @@ def test_a_fold_in_contact_is_found_from_a_state_in_contact():
 
 
 @pytest.mark.nightly
-def test_lanes_give_what_they_give_alone_and_a_failed_one_harms_no_other(fold):
+def test_entries_of_a_batch_are_those_alone_and_a_failed_one_harms_no_other(fold):
     ends = jnp.array([ENDS, ENDS, [jnp.nan, 1.0], [1.4, 1.35]])
     near = 1.001 * VALUES
 

@@ -17,7 +17,7 @@ from jaxstab.paths.record import PathPoint
 
 
 @pytest.mark.nightly
-def test_lanes_give_what_they_give_alone(hertz):
+def test_entries_of_a_batch_are_those_alone(hertz):
     turns = jnp.array([1.6, 1.2])
 
     def follow(load):

@@ -106,7 +106,7 @@ def test_flat_surfaces_come_off_at_the_largest_attraction_wherever_it_is():
 
 
 @pytest.mark.nightly
-def test_lanes_give_what_they_give_alone():
+def test_entries_of_a_batch_are_those_alone():
     contact = rough_contact(32, LAWS["exponential"], rms_height=0.05)
 
     def value(energy):

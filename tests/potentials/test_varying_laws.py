@@ -67,8 +67,8 @@ def test_a_law_that_varies_has_a_derivative_by_each_of_its_numbers():
     slope = jnp.sum(jax.jit(jax.grad(pressure))(energies) * move)
     difference = (pressure(energies + move) - pressure(energies - move)) / 2
     np.testing.assert_allclose(slope, difference, rtol=1e-4)
-    lanes = jax.vmap(pressure)(jnp.stack([energies, energies + move]))
-    np.testing.assert_allclose(lanes, [pressure(energies), pressure(energies + move)], rtol=1e-9)
+    batch = jax.vmap(pressure)(jnp.stack([energies, energies + move]))
+    np.testing.assert_allclose(batch, [pressure(energies), pressure(energies + move)], rtol=1e-9)
 
 
 def test_a_law_that_varies_over_other_points_is_refused():

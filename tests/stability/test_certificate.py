@@ -73,17 +73,17 @@ def test_on_a_linear_space_and_by_a_mode_the_verdict_is_proved():
 
 
 @pytest.mark.nightly
-def test_proofs_are_the_same_in_lanes_and_in_single_precision():
+def test_proofs_are_the_same_in_a_batch_and_in_single_precision():
     problems = [nearly_closed(seed, load=js.MeanPressure) for seed in range(4)]
     alone = [js.assess_stability(*problem) for problem in problems]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *problems)
-    lanes = jax.vmap(lambda contact, state: js.assess_stability(contact, state, throw=False))(
+    batch = jax.vmap(lambda contact, state: js.assess_stability(contact, state, throw=False))(
         *stacked
     )
-    np.testing.assert_array_equal(lanes.proved, [s.proved for s in alone])
+    np.testing.assert_array_equal(batch.proved, [s.proved for s in alone])
     for name in ("lower_bound", "cone", "critical"):
         np.testing.assert_allclose(
-            getattr(lanes, name).bound, [getattr(s, name).bound for s in alone], rtol=1e-5
+            getattr(batch, name).bound, [getattr(s, name).bound for s in alone], rtol=1e-5
         )
     contact, state = jax.tree.map(
         lambda leaf: leaf.astype(jnp.float32) if leaf.dtype == jnp.float64 else leaf,
