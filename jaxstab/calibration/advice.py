@@ -41,9 +41,9 @@ def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) 
     """Warn of an outlier, a wrong sign, and an offset or a baseline that the measurements show."""
     if outlier := outlier_of(measured, fitted, count):
         warn(f"{outlier}.", FitWarning)
-    missed = np.linalg.norm(_missed(measured, fitted)) / np.linalg.norm(measured.deviation)
-    if missed > _POOR and (sign := wrong_sign(measured, hints.guess)):
-        warn(f"{sign}. The misfit is {missed:.0%} of the curve.", FitWarning)
+    misfit = np.linalg.norm(_misfit(measured, fitted)) / np.linalg.norm(measured.deviation)
+    if misfit > _POOR and (sign := wrong_sign(measured, hints.guess)):
+        warn(f"{sign}. The misfit is {misfit:.0%} of the curve.", FitWarning)
     missing = [name for name, zero in zip(("offset", "baseline"), hints.zeros, strict=True) if zero]
     freedom = int(jnp.sum(measured.weights > 0)) - count - len(missing)
     if not missing or freedom < 1 or _is_exact(measured, fitted):
@@ -82,19 +82,19 @@ def wrong_sign(measured: Measured, guess: Curve) -> str:
     return ""
 
 
-def _missed(measured: Measured, fitted: Curve) -> np.ndarray:
+def _misfit(measured: Measured, fitted: Curve) -> np.ndarray:
     misfit = np.asarray(fitted - measured.mean_pressure)
     return np.where(measured.weights > 0, np.sqrt(measured.weights) * misfit, 0)
 
 
 def _is_exact(measured: Measured, fitted: Curve) -> bool:
-    missed = np.linalg.norm(_missed(measured, fitted))
-    return bool(missed < _SMALLEST * np.linalg.norm(measured.deviation))
+    misfit = np.linalg.norm(_misfit(measured, fitted))
+    return bool(misfit < _SMALLEST * np.linalg.norm(measured.deviation))
 
 
 def outlier_of(measured: Measured, fitted: Curve, count: int) -> str:
     """Return a sentence on the measurement of the largest misfit, if noise is not the cause."""
-    squares = _missed(measured, fitted) ** 2
+    squares = _misfit(measured, fitted) ** 2
     number, weighed = int(np.argmax(squares)), int(np.sum(squares > 0))
     freedom = weighed - count - 1
     if freedom < 1 or _is_exact(measured, fitted) or not np.isfinite(squares).all():

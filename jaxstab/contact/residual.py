@@ -1,4 +1,4 @@
-"""Equilibrium as a residual: how far a gap is from it."""
+"""The residual of equilibrium at a gap."""
 
 from collections.abc import Callable
 
@@ -47,7 +47,7 @@ class Balance(eqx.Module):
         adhesion: sum f(g) [energy/area].
         mean_gap: the mean of g [length].
         residual: the relative optimality residual.
-        has_escaped: whether the load has pulled the surfaces apart for good.
+        has_escaped: whether the load has separated the surfaces for good.
     """
 
     net: Field
@@ -83,7 +83,7 @@ def balance_of(
         elastic = held.apply(displacement)
         density, attraction, curvature = derivatives(potential, gap)
         net = control.net_pressure(elastic + attraction, gap)
-        missed = model.imbalance(net, gap)
+        imbalance = model.imbalance(net, gap)
         # Between flat surfaces only attraction and p0 tell how much is little.
         whole = jnp.abs(attraction) + jnp.abs(net - elastic - attraction)
         resisting = control.resisting(attraction, gap)
@@ -91,7 +91,7 @@ def balance_of(
         # On a core stiffer than any wave, a point is as far off as its own stiffness says, unless
         # that is beyond all numbers.
         share = jnp.where(curvature == jnp.inf, 1, stiffest / jnp.maximum(curvature, stiffest))
-        squares = elastic**2 + (share * resisting) ** 2, (share * missed) ** 2
+        squares = elastic**2 + (share * resisting) ** 2, (share * imbalance) ** 2
         scale, residual = jnp.sqrt(totals(squares) / gap.size)
         scale = jnp.maximum(scale, smallest_scale)
         sums = totals([displacement * elastic, density, gap, gap**2])
@@ -103,14 +103,14 @@ def balance_of(
         # A light load is all that keeps the surfaces where they are.
         # So it counts in full where the scale is rounding, which has no mean.
         share = jnp.where(is_nearly_flat, 1, _MEAN_SHARE)
-        imbalance = share * control.mean_imbalance(missed, attraction, gap)
+        mean_imbalance = share * control.mean_imbalance(imbalance, attraction, gap)
         return Balance(
             net=net,
             curvature=curvature,
             elastic_energy=twice_elastic / 2,
             adhesion=adhesion,
             mean_gap=level,
-            residual=jnp.maximum(residual, imbalance),
+            residual=jnp.maximum(residual, mean_imbalance),
             has_escaped=control.has_escaped(gap, escape),
         )
 

@@ -1,4 +1,4 @@
-"""A surface that ends, continued on the larger grid that its contact is solved on."""
+"""A surface of finite extent, continued on the padded grid that its contact is solved on."""
 
 import jax.numpy as jnp
 

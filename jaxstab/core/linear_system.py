@@ -85,8 +85,8 @@ class LinearSystem(eqx.Module):
         steepest = self.project(self.precondition(b))
         start = _Iterate(jnp.zeros_like(b), b, steepest, total(b * steepest), jnp.array(0))
         x = jax.lax.while_loop(goes_on, step, start).solution
-        missed = total((self.project(self.operator(x)) - b) ** 2)
-        return x, missed <= _LIMIT[b.dtype.name] ** 2 * total(b**2)
+        left = total((self.project(self.operator(x)) - b) ** 2)
+        return x, left <= _LIMIT[b.dtype.name] ** 2 * total(b**2)
 
 
 class _Iterate(eqx.Module):

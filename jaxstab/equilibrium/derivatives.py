@@ -33,13 +33,13 @@ def changes_of_fields(
     is_free = gap > 0
     control = contact.control(load)
     net = fields["pressure"] + slope(contact.potential, gap)
-    missed = model.imbalance(net, gap)
+    residual = model.imbalance(net, gap)
     sharpness = jnp.max(jnp.abs(jnp.where(is_free, third_derivative(contact, gap), 0)))
 
     def is_sound(moved: Field, right_side: Field) -> Flag:
         # After Newton and Kantorovich, with the eigenvalue that the solution shows.
         eigenvalue = total(moved * right_side) / total(moved**2)
-        error = sharpness * jnp.sqrt(total(missed**2)) / eigenvalue**2
+        error = sharpness * jnp.sqrt(total(residual**2)) / eigenvalue**2
         return error < _MAX_ERROR
 
     is_undefined = ~is_found | jnp.any(changing_points(net, gap, contact.solid))

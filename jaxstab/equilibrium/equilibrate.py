@@ -178,7 +178,7 @@ def concluded(contact: Contact, load: Load, iteration: Iteration[SolverState]) -
     control = contact.control(load)
     gap, balance = iteration.state.gap, iteration.state.balance
     energy = balance.elastic_energy + balance.adhesion
-    is_met = control.missed(gap) <= _ROUNDING * jnp.finfo(gap.dtype).eps
+    is_met = control.error(gap) <= _ROUNDING * jnp.finfo(gap.dtype).eps
     is_finite = jnp.isfinite(energy) & is_met
     result = RESULTS.where(is_finite, iteration.result, RESULTS.nonfinite)
     is_sunk = jnp.sum(gap == 0) > jnp.sum(contact.solid.surface(gap == 0))

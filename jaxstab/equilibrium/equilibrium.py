@@ -1,4 +1,4 @@
-"""An equilibrium, its fields, and the reading of results as equilibria."""
+"""An equilibrium, its fields, and the conversion of other results to equilibria."""
 
 from typing import Annotated, Any, Protocol
 

@@ -29,8 +29,8 @@ def recognised_by(balance: Balance, contact: Contact, equilibrium: Equilibrium) 
     """Return the same, from the balance of pressures evaluated anew."""
     gap, reaction, pressure = equilibrium.gap, equilibrium.reaction, equilibrium.pressure
     rounding = _ROUNDING * jnp.finfo(gap.dtype).eps
-    missed = contact.control(equilibrium.load).missed(gap)
-    is_own = (balance.residual <= 2 * equilibrium.residual + rounding) & (missed <= rounding)
+    load_error = contact.control(equilibrium.load).error(gap)
+    is_own = (balance.residual <= 2 * equilibrium.residual + rounding) & (load_error <= rounding)
     result = RESULTS.where(is_own, RESULTS.successful, RESULTS.other_contact)
     result = RESULTS.where(jnp.isfinite(balance.residual), result, RESULTS.nonfinite)
     is_finite = jnp.isfinite(total(gap) + total(reaction) + total(pressure))

@@ -1,6 +1,6 @@
-"""Between the window that users see and the grid that it is solved on, where that is a larger one.
+"""The transfer of states between a window and the padded grid that it is solved on.
 
-On any other solid all of it is the identity.
+On any other solid it is the identity.
 """
 
 from dataclasses import replace

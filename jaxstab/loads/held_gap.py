@@ -42,7 +42,7 @@ class GapControl(Control):
         """Return the gap cut at zero, and scaled to its mean."""
         return self.restore(jnp.maximum(gap, 0))
 
-    def missed(self, gap: Field) -> Scalar:
+    def error(self, gap: Field) -> Scalar:
         """Return the error of the mean gap, over its prescribed value."""
         unit = jnp.where(self.mean_gap == 0, 1, self.mean_gap)
         return jnp.abs((mean(gap) - self.mean_gap) / unit)
@@ -59,9 +59,9 @@ class GapControl(Control):
         """Return the attraction of the free points less its mean, which p0 balances."""
         return model.onto_space(attraction, gap > 0)
 
-    def mean_imbalance(self, missed: Field, attraction: Field, gap: Field) -> Scalar:
+    def mean_imbalance(self, imbalance: Field, attraction: Field, gap: Field) -> Scalar:
         """Return zero: p0 is whatever balances the mean."""
-        return jnp.zeros((), missed.dtype)
+        return jnp.zeros((), imbalance.dtype)
 
     def project(self, field: Field, is_moving: Mask) -> Field:
         """Return the field less its mean over the moving points, zero elsewhere."""

@@ -64,7 +64,7 @@ class Control(eqx.Module):
         """Return a gap that meets the load and is nowhere negative, near to any other."""
 
     @abstractmethod
-    def missed(self, gap: Field) -> Scalar:
+    def error(self, gap: Field) -> Scalar:
         """Return the relative error of a gap under the load."""
 
     @abstractmethod
@@ -80,7 +80,7 @@ class Control(eqx.Module):
         """Return the part of the attraction that neither load nor contact takes [pressure]."""
 
     @abstractmethod
-    def mean_imbalance(self, missed: Field, attraction: Field, gap: Field) -> Scalar:
+    def mean_imbalance(self, imbalance: Field, attraction: Field, gap: Field) -> Scalar:
         """Return the mean imbalance of pressures over the mean of the pressures in balance."""
 
     @abstractmethod
@@ -100,7 +100,7 @@ class Control(eqx.Module):
         return jnp.array(jnp.inf)
 
     def has_escaped(self, gap: Field, escape_gap: Scalar) -> Flag:
-        """Whether the load has pulled the surfaces apart for good."""
+        """Whether the load has separated the surfaces for good."""
         return jnp.array(False)
 
 

@@ -32,7 +32,7 @@ class PressingControl(Control):
         """Return the gap cut at zero."""
         return jnp.maximum(gap, 0)
 
-    def missed(self, gap: Field) -> Scalar:
+    def error(self, gap: Field) -> Scalar:
         """Return zero: any gap will do."""
         return jnp.zeros((), gap.dtype)
 
@@ -44,13 +44,13 @@ class PressingControl(Control):
         """Return the attraction of the free points plus p0, which balances it if a tension."""
         return jnp.where(gap > 0, attraction + self.pressure(gap), 0)
 
-    def mean_imbalance(self, missed: Field, attraction: Field, gap: Field) -> Scalar:
+    def mean_imbalance(self, imbalance: Field, attraction: Field, gap: Field) -> Scalar:
         """Return the mean imbalance over p0 and the attraction."""
         # A relaxed spring is balanced to a part of its length.
         stiffness = 0 if self.stiffness is None else self.stiffness
         balancing = jnp.abs(self.pressure(gap)) + mean(jnp.abs(attraction))
         balancing = balancing + stiffness * mean(gap)
-        left = jnp.abs(mean(missed))
+        left = jnp.abs(mean(imbalance))
         return jnp.where(balancing > 0, left / jnp.where(balancing > 0, balancing, 1), 0)
 
     def project(self, field: Field, is_moving: Mask) -> Field:

@@ -67,8 +67,8 @@ class SpringControl(PressingControl):
         pressure = self.pressure(gap)
         lengths = jnp.abs(self.relaxed_gap) + mean(gap)
         rounding = _ROUNDING * jnp.finfo(gap.dtype).eps * self.constant * lengths
-        missed = pressure - model.held_mean_pressure(gradient, gap)
-        open_part = jax.lax.stop_gradient(jnp.clip(missed, -rounding, rounding))
+        imbalance = pressure - model.held_mean_pressure(gradient, gap)
+        open_part = jax.lax.stop_gradient(jnp.clip(imbalance, -rounding, rounding))
         return gradient + (pressure - open_part)
 
     def starting_gap(self, heights: Field) -> Field:

@@ -1,4 +1,4 @@
-"""How the barrier that holds a state grows with the distance of its load from a jump.
+"""The power law of the barrier before a jump, over the distance of the load from it.
 
 Near a fold the energy along the mode is a cubic, and the barrier grows with the power 3/2. Near a
 release a negative curvature overcomes a reaction, and the power is 2.

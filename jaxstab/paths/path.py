@@ -1,4 +1,4 @@
-"""The states of a contact along a path or a branch, and its jumps or turns."""
+"""The states of a contact along a path or a branch, and its jumps or turning points."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""How a state of a branch follows its load, and the move that opens one of its contact points."""
+"""The response of a state of a branch to its load, and to the opening of a contact point."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""How far a state is from losing its contact: the least reaction, and the barrier that holds it."""
+"""The margins of a state before it loses contact: the least reaction, and its energy barrier."""
 
 from functools import partial
 from typing import Annotated

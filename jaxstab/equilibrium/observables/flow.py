@@ -118,12 +118,12 @@ def _balanced(
     for _ in range(_MAX_ROUNDS):
         left = _outflow(flux)
         size = np.abs(flux).max()
-        missed = np.abs(left).max() / size
-        if missed < best:
-            best, best_found = missed, (moved, flux)
-        elif missed > 0.5 * best and best <= _LIMIT:
+        residual = np.abs(left).max() / size
+        if residual < best:
+            best, best_found = residual, (moved, flux)
+        elif residual > 0.5 * best and best <= _LIMIT:
             break
-        if missed <= _BALANCED:
+        if residual <= _BALANCED:
             break
         change = np.zeros(is_cell.shape)
         change[is_cell] = solve(left[is_cell])

@@ -1,1 +1,1 @@
-"""Ways from one equilibrium to another at the same load, and the passes on them."""
+"""Minimum-energy paths between equilibria at one load, and the saddle points (passes) on them."""

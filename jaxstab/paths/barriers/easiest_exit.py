@@ -1,4 +1,4 @@
-"""The lowest pass out of a state that pushes along its modes find."""
+"""The lowest pass out of a state, found by pushes along its modes."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""The pass between two equilibria at one load: how high it is, and where."""
+"""The pass between two equilibria at one load: the saddle point and the heights of the barrier."""
 
 from dataclasses import replace
 from functools import partial

@@ -47,7 +47,7 @@ class Condition(eqx.Module):
     value: Scalar
     scale: Scalar
 
-    def missed(self, at: Point, forces: Forces) -> Scalar:
+    def error(self, at: Point, forces: Forces) -> Scalar:
         """Return the error at a point, over the scale."""
         found = self.row.times(at) + total(self.weights * forces.net)
         return (found - self.value) / self.scale
@@ -98,11 +98,11 @@ class Correction(eqx.Module):
 
     def residual(self, point: Point, forces: Forces) -> tuple[Scalar, Scalar]:
         """Return the relative imbalance of pressures, and the error of the condition."""
-        missed = jnp.where(self.is_free, forces.net, 0)
-        missed = jnp.where(self.follows, model.imbalance(forces.net, point.gap), missed)
-        size = jnp.sqrt(total(missed**2) / missed.size)
+        net = jnp.where(self.is_free, forces.net, 0)
+        net = jnp.where(self.follows, model.imbalance(forces.net, point.gap), net)
+        size = jnp.sqrt(total(net**2) / net.size)
         imbalance = size / jnp.where(forces.scale > 0, forces.scale, 1)
-        return imbalance, self.condition.missed(point, forces)
+        return imbalance, self.condition.error(point, forces)
 
 
 class Found(eqx.Module):
@@ -151,19 +151,19 @@ def correct(
     def step(old: Found) -> Found:
         at, follows = old.place.at, problem.follows
         forces = problem.forces(at)
-        imbalance, missed = problem.residual(at, forces)
-        residual = jnp.maximum(imbalance, jnp.abs(missed))
+        imbalance, error = problem.residual(at, forces)
+        residual = jnp.maximum(imbalance, jnp.abs(error))
         falls = residual <= _LEAST_FALL * old.residual
         is_found = (residual <= close) | ((residual <= enough) & ~falls)
         moves = at.gap > 0, (at.gap > 0) | (forces.net < 0)
         is_free = jnp.where(follows, jnp.where(is_found, *moves), problem.is_free)
         direction = curve.scaled(near, is_free, ahead)
-        rest = curve.missed_by(direction, forces.curvature, ahead)
+        rest = curve.residual_of(direction, forces.curvature, ahead)
         change = curve.solution(
             forces.curvature,
             is_free,
             choose(is_found, ahead, problem.condition.gradient(curve, forces)),
-            choose(is_found, rest, Point(-forces.net, -missed)),
+            choose(is_found, rest, Point(-forces.net, -error)),
             jnp.where(is_found, fine, _ACCURACY),
             jnp.where(is_found, curve.length(direction), 0),
         )

@@ -1,4 +1,4 @@
-"""The load at which a stable branch ends, and how it follows the contact.
+"""The load at which a stable branch ends, and its derivatives with respect to the contact.
 
 By the implicit function theorem: let x be the mode of a fold, or at a release the move that opens
 the point, x_p = 1, with the free points following at no cost. Both do no work to first order, and
@@ -150,10 +150,10 @@ def _changes_of_limit(
 
     def moved(direction: Field, system: LinearSystem, is_of_kind: Flag) -> Changes:
         # A linear system with a zero right-hand side converges at once.
-        missed = jnp.where(is_of_kind & ~is_undefined, net_change, 0)
+        unbalanced = jnp.where(is_of_kind & ~is_undefined, net_change, 0)
         work = total(direction * net_rate)
-        change = -total(direction * missed) / jnp.where(work == 0, 1, work)
-        move = system.differentiable_solution(-missed - change * net_rate)
+        change = -total(direction * unbalanced) / jnp.where(work == 0, 1, work)
+        move = system.differentiable_solution(-unbalanced - change * net_rate)
         return change, move + change * gap_rate
 
     def folded() -> Changes:

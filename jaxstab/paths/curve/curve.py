@@ -144,8 +144,8 @@ class Curve(eqx.Module):
         start = (
             jax.tree.map(jnp.zeros_like, at) if near is None else self.scaled(near, is_free, ahead)
         )
-        missed = self.missed_by(start, curvature, ahead)
-        change = self.solution(curvature, is_free, ahead, missed, accuracy, self.length(start))
+        residual = self.residual_of(start, curvature, ahead)
+        change = self.solution(curvature, is_free, ahead, residual, accuracy, self.length(start))
         return self.unit(start.plus(change))
 
     def scaled(self, change: Point, is_free: Mask, ahead: Point) -> Point:
@@ -158,7 +158,7 @@ class Curve(eqx.Module):
         scale = jnp.where(rate > 0, 1 / jnp.where(rate > 0, rate, 1), 0)
         return Point(scale * change.gap, scale * change.pressure)
 
-    def missed_by(self, direction: Point, curvature: Field, ahead: Point) -> Point:
+    def residual_of(self, direction: Point, curvature: Field, ahead: Point) -> Point:
         """Return how far a change is from one along the curve by which a function grows by one."""
         return Point(-self.net_rate(curvature, direction), 1 - ahead.times(direction))
 
@@ -227,10 +227,10 @@ class Curve(eqx.Module):
             level = total(uniform * right.gap) / share
             rest = soft * inside(inverse(inside(right.gap - level * uniform)))
             rest = rest - total(uniform * rest) / share * uniform
-            missed = right.pressure - total(row.gap * rest) - row.pressure * level
-            shift = missed / along
+            residual = right.pressure - total(row.gap * rest) - row.pressure * level
+            shift = residual / along
             # In full contact there is the pressure alone.
-            pressure = jnp.where(is_open, level - stiffness * shift, missed / by_pressure)
+            pressure = jnp.where(is_open, level - stiffness * shift, residual / by_pressure)
             return Point(rest + shift * uniform, pressure)
 
         wanted = Point(inside(right.gap) / soft, right.pressure / jnp.where(norm > 0, norm, 1))
@@ -274,13 +274,13 @@ def _value_of(contact: Contact, load: Load) -> tuple[Scalar, Point]:
     nothing = jnp.zeros((), gap.dtype)
     fixes_mean = contact.control(load).fixes_mean
 
-    def missed(value: Scalar, level: Scalar) -> Scalar:
+    def error(value: Scalar, level: Scalar) -> Scalar:
         control = contact.control(load.at(value))
         if fixes_mean:
             return level - mean(control.restore(gap))
         return mean(control.net_pressure(0 * gap, level * gap))
 
-    by_value, by_mean = jax.grad(missed, (0, 1))(nothing, nothing)
+    by_value, by_mean = jax.grad(error, (0, 1))(nothing, nothing)
     by_pressure = 0 * by_value if fixes_mean else -jnp.ones_like(by_value)
     row = Point(-by_mean / by_value * gap / gap.size, -by_pressure / by_value)
-    return -missed(nothing, nothing) / by_value, row
+    return -error(nothing, nothing) / by_value, row

@@ -83,8 +83,8 @@ def _cycle(
     # Columns that are not used are zero, and so are their parts.
     parts = jnp.linalg.lstsq(space.hessenberg, norm * first)[0]
     # The residual lies in the space too: no other product with A is needed.
-    missed = norm * first - space.hessenberg @ parts
-    both = jnp.stack([jnp.append(parts, 0), missed])
+    residual = norm * first - space.hessenberg @ parts
+    both = jnp.stack([jnp.append(parts, 0), residual])
     return jnp.matmul(both, space.vectors, precision="highest")
 
 

@@ -1,4 +1,4 @@
-"""The number of ways down from an equilibrium: negative eigenvalues on its free points."""
+"""The Morse index of an equilibrium: the number of negative eigenvalues on its free points."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""How fast the least stable perturbation of a viscoelastic contact grows."""
+"""The growth rate of the least stable perturbation of a viscoelastic contact."""
 
 from functools import partial
 from typing import Any

@@ -1,4 +1,4 @@
-"""How long a viscoelastic contact lasts under a held load."""
+"""The lifetime of a viscoelastic contact under a held load."""
 
 from typing import Any
 

@@ -134,8 +134,8 @@ def _compared(old: _Point, mode: Array, product: Array) -> tuple[_Point, Flag]:
     The Rayleigh quotients of x and x + d differ by d.((A x - lambda x) + (A (x + d) - lambda
     (x + d))), also where rounding hides it.
     """
-    missed = old.product + product - old.eigenvalue * (old.mode + mode)
-    eigenvalue, change, square = totals([mode * product, (mode - old.mode) * missed, mode**2])
+    residual = old.product + product - old.eigenvalue * (old.mode + mode)
+    eigenvalue, change, square = totals([mode * product, (mode - old.mode) * residual, mode**2])
     point = _Point(mode, product, eigenvalue / jnp.where(square > 0, square, 1))
     return point, (change <= 0) & (square > 0)
 
