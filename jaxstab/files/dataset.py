@@ -145,7 +145,7 @@ def _axes(
     own = _OWN_AXES.get(type(result), {})
     axes: tuple[str, ...] = ()
     if isinstance(result, Evolution):
-        if result.times.ndim > 1:
+        if result.is_batch:
             raise ValueError("These are several evolutions: choose one, as evolution[0].")
         require_same_contact(contact, result.contact, "The evolution")
         return ("state",)[: result.times.ndim], own

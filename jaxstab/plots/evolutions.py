@@ -43,7 +43,7 @@ def evolution(
     """
     for each in evolutions or [None]:
         require_kind(each, Evolution, "no evolution: give a result of jaxstab.evolve.")
-    if any(each.times.ndim != 1 for each in evolutions):
+    if any(each.times.ndim != 1 or each.is_batch for each in evolutions):
         raise ValueError(
             "A single state has no times to draw, and a batch has several evolutions: give whole "
             "evolutions, as batch[0]."

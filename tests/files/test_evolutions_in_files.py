@@ -50,9 +50,10 @@ def test_its_data_set_says_what_everything_is(evolution):
 def test_an_evolution_of_another_contact_or_several_are_refused(evolution):
     with pytest.raises(ValueError, match="another potential than the contact"):
         js.to_dataset(viscoelastic(energy=0.001), evolution)
-    several = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), evolution)
-    with pytest.raises(ValueError, match="several evolutions"):
-        js.to_dataset(evolution.contact, several)
+    for one in (evolution, evolution[-1]):
+        several = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), one)
+        with pytest.raises(ValueError, match="several evolutions"):
+            js.to_dataset(evolution.contact, several)
 
 
 def test_observables_stand_beside_its_states_and_go_into_files(evolution, tmp_path):

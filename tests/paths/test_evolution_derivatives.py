@@ -90,6 +90,11 @@ def test_many_speeds_at_once_are_those_alone():
     with pytest.raises(ValueError, match="3 evolutions: choose one"):
         js.growth_rate(batch)
     assert np.ptp(alone[:, -2]) > 1e-4
+    # So are states of several evolutions.
+    last = jax.vmap(lambda run: run[-1])(batch)
+    assert last[0].times == times[-1] / speeds[0] and last[2].gap.shape == (32,)
+    with pytest.raises(ValueError, match="3 evolutions: choose one"):
+        js.growth_rate(last)
 
 
 def test_single_precision_agrees_to_its_digits():

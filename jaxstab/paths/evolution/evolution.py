@@ -101,7 +101,7 @@ class Evolution(Totals):
 
     def __getitem__(self, index: Any) -> "Evolution":
         places = np.arange(len(self))[index]
-        if self.times.ndim > 1:
+        if self.is_batch:
             return jax.tree.map(lambda leaf: leaf[places], self)
         names = "contact", "last", "reached", "jump_times", "dissipation"
         of_all, end = {name: getattr(self, name) for name in names}, np.ravel(places)[-1]
@@ -112,13 +112,18 @@ class Evolution(Totals):
         return replace(jax.tree.map(lambda leaf: leaf[places], picked), **of_all)
 
     @property
+    def is_batch(self) -> bool:
+        """Whether these are several evolutions, or states of several."""
+        return self.reached.ndim > 0
+
+    @property
     def internal(self) -> Internal:
         """Gap and memory of a single state, or of the last one.
 
         Raises:
             ValueError: where they were not kept, and for several evolutions.
         """
-        if self.times.ndim > 1:
+        if self.is_batch:
             raise ValueError(f"These are {len(self)} evolutions: choose one, as batch[0].")
         if self.last is None:
             raise ValueError(
