@@ -40,8 +40,8 @@ class Viscoelastic(Solid):
 
     Raises:
         TypeError: for a solid that is not elastic.
-        ValueError: for ratios and times of different numbers, a negative ratio, and times that are
-            not positive or not in increasing order.
+        ValueError: for ratios and times of different numbers or none, a negative ratio, and times
+            that are not positive or not in increasing order.
     """
 
     solid: Solid
@@ -53,10 +53,10 @@ class Viscoelastic(Solid):
         self.solid = solid
         self.ratios = jnp.atleast_1d(parameter(ratios, "The ratios"))
         self.times = jnp.atleast_1d(parameter(times, "The relaxation times"))
-        if self.ratios.ndim != 1 or self.ratios.shape != self.times.shape:
+        if self.ratios.ndim != 1 or self.ratios.shape != self.times.shape or not self.ratios.size:
             raise ValueError(
                 f"The ratios have shape {self.ratios.shape}, the relaxation times "
-                f"{self.times.shape}: give one ratio for each time."
+                f"{self.times.shape}: give one ratio for each of one or more times."
             )
         given, order = concrete(self.ratios), concrete(self.times)
         is_ratio = (given >= 0) & (given < np.inf)

@@ -69,6 +69,7 @@ def test_a_power_law_is_met_to_the_error_that_is_told(exponent):
     ("ratios", "times", "named"),
     [
         ((1.0,), (1.0, 2.0), r"shape \(1,\)"),
+        ((), (), r"shape \(0,\)"),
         ((-1.0,), (1.0,), "ratio of moduli is -1.0"),
         ((1.0, 1.0), (2.0, 1.0), "sort them"),
         ((1.0,), (0.0,), "relaxation time is 0.0"),
