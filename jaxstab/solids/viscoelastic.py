@@ -87,6 +87,7 @@ class Viscoelastic(Solid):
         left = 1 - jnp.sum(given)
         cure = "it is negative or zero: the fractions must add up to less than one."
         require("The relaxed part of the modulus", concrete(left), concrete(left) > 0, cure)
+        left = possible(left, concrete(left) > 0)
         return cls(glassy.scaled(left), given / left, times)
 
     @classmethod

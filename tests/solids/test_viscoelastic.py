@@ -121,6 +121,11 @@ def test_a_traced_ratio_or_time_that_is_refused_otherwise_is_nan():
     pressures = jax.vmap(glassy)(jnp.array([2.0, -2.0]), jnp.array([3.0, 3.0]))
     np.testing.assert_allclose(pressures[0], 4 * SOLID.pressure(wave(1, 2)))
     assert np.isnan(pressures[1]).all()
+
+    def relaxed(fraction):
+        return js.Viscoelastic.from_moduli(SOLID, (fraction, 0.5), (1.0, 2.0)).max_stiffness
+
+    assert np.isnan(jax.vmap(relaxed)(jnp.array([0.25, 0.75]))).tolist() == [False, True]
     moduli = jax.vmap(
         lambda time: js.Viscoelastic(SOLID, (2.0, 1.0), (1.0, time)).storage_and_loss(1.0)[0]
     )(jnp.array([3.0, 0.5]))
