@@ -120,14 +120,16 @@ def test_times_that_do_not_increase_have_no_states_under_jit():
     contact, (times, values) = viscoelastic(), cycle(5)
 
     @jax.jit
-    def found(times):
+    def found(times, rtol):
         load = js.MeanDisplacement(values)
-        return js.evolve(contact, load, times, rtol=ANY, max_steps=4, throw=False)
+        return js.evolve(contact, load, times, rtol=rtol, max_steps=4, throw=False)
 
-    run = found(times.at[2].set(times[1]))
+    run = found(times.at[2].set(times[1]), ANY)
     assert np.isnan(run.mean_pressure).tolist() == [False, False, True, True, True]
     assert run.result.name.tolist() == 2 * ["successful"] + 3 * ["unordered_times"]
     assert run.num_steps.sum() == 1
+    # Nor has any time after the first at a tolerance that is refused otherwise.
+    assert found(times, -1.0).result.name.tolist() == ["successful"] + 4 * ["store_full"]
 
 
 @pytest.fixture(scope="module")

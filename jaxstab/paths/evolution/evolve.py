@@ -16,6 +16,7 @@ from jaxstab.core.checks import (
     integer,
     is_transformed,
     parameter,
+    possible,
     require,
     require_finite,
     require_positive,
@@ -117,6 +118,7 @@ def evolve(
     given_rtol = RTOL[instants.dtype.name] if rtol is None else rtol
     tolerance = scalar_parameter(given_rtol, "rtol").astype(instants.dtype)
     require_positive("rtol", tolerance)
+    tolerance = possible(tolerance, tolerance > 0)
     size = integer("max_steps", max_steps)
     require("max_steps", size, size > 0, "it must be positive.")
     warn_if_coarse(contact, FOR_JUMPS)
