@@ -194,7 +194,7 @@ class Path(StateSequence):
 
     def __getitem__(self, index: Any) -> PathState:
         state = super().__getitem__(index)
-        is_last = isinstance(index, int) and index % len(self) == len(self) - 1
+        is_last = isinstance(index, int | np.integer) and index % len(self) == len(self) - 1
         if is_last and self.equilibrium.gap is None:
             last = replace(state.equilibrium, gap=self.last_gap)
             return replace(state, equilibrium=last)

@@ -92,6 +92,7 @@ def test_states_of_a_path_are_entries_of_a_sequence(hertz, loop):
     with pytest.raises(IndexError):
         loop[len(loop)]
     bare = eqx.tree_at(lambda path: path.equilibrium.gap, loop, None)
+    assert bare[np.int64(-1)].equilibrium.gap is loop.last_gap
     with pytest.raises(ValueError, match=r"without its gap: start from path\[-1\]"):
         js.equilibrate(hertz, loop[3].load, initial=bare[3])
     with pytest.raises(ValueError, match=r"is a stack .* path\[-1\]"):
