@@ -91,6 +91,8 @@ def test_mistakes_are_named():
         js.evolve(contact, load, times[1:])
     with pytest.raises(ValueError, match="the times must increase"):
         js.evolve(contact, load, times.at[3].set(0.0))
+    with pytest.raises(ValueError, match=r"The load is nan at \(3,\)"):
+        js.evolve(contact, load.at(values.at[3].set(jnp.nan)), times)
     # In the precision of the contact they are one time.
     single = js.Contact(contact.solid, contact.heights.astype("float32"), contact.potential)
     with pytest.raises(ValueError, match=r"1000000\.0 at \(\d,\): the times must increase, in flo"):

@@ -111,6 +111,7 @@ def evolve(
             f"The times have shape {known.shape}, the load has {load.value.shape}: give one value "
             "of the load for each of two or more times."
         )
+    require_finite("The load", load.value)
     require_finite("The times", known)
     cure = f"the times must increase, in {known.dtype} too."
     require("A time after the first", known[1:], known[1:] > known[:-1], cure)
