@@ -57,7 +57,8 @@ def read(
             number does for a line, and for as many points along either side.
         unit: the unit of lengths and heights, where the file states none.
         channel: the name of one of several channels, of NetCDF and `.npz` a variable; by default
-            `heights`, or the first that holds heights. `print` of the surface names them.
+            the first that holds heights, of NetCDF and `.npz` `heights`, or the only one. `print`
+            of the surface names them.
 
     Raises:
         FileNotFoundError: if there is no such file.

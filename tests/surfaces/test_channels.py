@@ -72,7 +72,7 @@ def test_variables_of_netcdf_are_channels(tmp_path):
     coordinates = {"x": ("x", x[:, 0], {"units": "um"}), "y": ("y", y[0], {"units": "um"})}
     maps = {"first": (("x", "y"), HEIGHTS), "second": (("x", "y"), 2 * HEIGHTS)}
     xarray.Dataset(maps, coordinates).to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
-    with pytest.raises(ValueError, match=r"several maps, first, second: name .* or choose one as"):
+    with pytest.raises(ValueError, match=r"several arrays, first, second: name .* or choose"):
         js.surfaces.read(tmp_path / "a.nc")
     with pytest.raises(ValueError, match=r"no channel 'third' of heights: .* 'first', 'second'"):
         js.surfaces.read(tmp_path / "a.nc", channel="third")
@@ -98,6 +98,10 @@ def test_arrays_of_npz_are_channels(tmp_path):
     np.savez(path, lengths=SIDES)
     with pytest.raises(ValueError, match=r"a\.npz: it has no array of heights"):
         js.surfaces.read(path)
+    np.savez(path, x=x, y=y, z=HEIGHTS, lengths=SIDES)
+    with pytest.raises(ValueError, match=r"several arrays, x, y, z: name .* or choose one as"):
+        js.surfaces.read(path)
+    np.testing.assert_array_equal(js.surfaces.read(path, channel="z").heights, HEIGHTS)
     np.savez(path, HEIGHTS[:7], lengths=1.4)
     np.testing.assert_allclose(js.surfaces.read(path).lengths, [1.4, 1.4])
 

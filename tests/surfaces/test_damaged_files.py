@@ -137,7 +137,7 @@ def test_lengths_and_units_are_asked_for_and_not_contradicted(tmp_path):
             lambda data: data.rename(x="u"),
             r"no variable over the dimensions x and y, but z\('y', 'u'",
         ),
-        (lambda data: data.assign(w=2 * data.z), "several maps, z, w: name the surface `heights`"),
+        (lambda data: data.assign(w=2 * data.z), "several arrays, z, w: name the surface"),
         (lambda data: data.assign_coords(x=data.x**2), "coordinates x are not evenly spaced"),
         (lambda data: data.assign_coords(x=data.x.assign_attrs(units="m")), "different units"),
         (lambda data: data.drop_vars(["x", "y"]), "without side lengths"),

@@ -5,7 +5,7 @@ from io import BytesIO
 import numpy as np
 
 from jaxstab.core.units import unit_of
-from jaxstab.surfaces.formats.scan import Scan, chosen, on_a_side_or_two
+from jaxstab.surfaces.formats.scan import Scan, chosen_array, on_a_side_or_two
 
 
 def read_arrays(content: bytes, channel: str | None) -> Scan:
@@ -20,7 +20,6 @@ def read_arrays(content: bytes, channel: str | None) -> Scan:
     lengths, unit = arrays.pop("lengths", None), arrays.pop("unit", None)
     if not arrays:
         raise ValueError("it has no array of heights: save it as `heights`.")
-    default = "heights" if "heights" in arrays else next(iter(arrays))
-    name, remarks = chosen(arrays, channel, default)
+    name, remarks = chosen_array(arrays, channel)
     unit = None if unit is None else unit_of(str(unit))
     return Scan(on_a_side_or_two(arrays[name]), lengths, unit, remarks)

@@ -7,7 +7,13 @@ import numpy as np
 
 from jaxstab.core.optional_packages import NETCDF, require_packages
 from jaxstab.core.units import converted, unit_of
-from jaxstab.surfaces.formats.scan import Scan, UnknownContent, chosen, on_a_side_or_two, on_lattice
+from jaxstab.surfaces.formats.scan import (
+    Scan,
+    UnknownContent,
+    chosen_array,
+    on_a_side_or_two,
+    on_lattice,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -34,12 +40,7 @@ def scan_of_dataset(data: "xarray.Dataset", channel: str | None = None) -> Scan:
     if not names:
         found = ", ".join(f"{name}{tuple(v.dims)}" for name, v in data.items()) or "no variable"
         raise UnknownContent(f"it has no variable over the dimensions x and y, but {found}.")
-    if "heights" not in names and channel is None and len(names) > 1:
-        raise ValueError(
-            f"it has several maps, {', '.join(names)}: name the surface `heights`, or choose one "
-            "as `channel=`."
-        )
-    name, remarks = chosen(names, channel, "heights" if "heights" in names else names[0])
+    name, remarks = chosen_array(names, channel)
     heights = data[name].where(data["mask"] == 0) if "mask" in data else data[name]
     if name == "heights" and "datum" in data:
         # Files of results hold heights relative to the datum.

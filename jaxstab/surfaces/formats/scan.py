@@ -46,6 +46,17 @@ def chosen(names: Iterable[str], channel: str | None, default: str) -> tuple[str
     return name, (f"channel {name!r} of {listed}{hint}",) if len(names) > 1 else ()
 
 
+def chosen_array(names: Iterable[str], channel: str | None) -> tuple[str, tuple[str, ...]]:
+    """As `chosen`, by default `heights` or the only one, since others may be coordinates."""
+    names = list(names)
+    if "heights" not in names and channel is None and len(names) > 1:
+        raise ValueError(
+            f"it has several arrays, {', '.join(names)}: name the surface `heights`, or choose one "
+            "as `channel=`."
+        )
+    return chosen(names, channel, "heights" if "heights" in names else names[0])
+
+
 def on_a_side_or_two(values: np.ndarray) -> np.ndarray:
     """Return an array as heights of float64: a map, or of a single row or column a line."""
     if values.dtype.kind not in "fiub":
