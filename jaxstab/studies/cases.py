@@ -115,4 +115,7 @@ def _array(name: Any, value: Any) -> np.ndarray:
     if array.dtype.kind not in "biufcU":
         kind = f"{type(value).__name__} of {array.dtype}"
         raise TypeError(f"{name} is {kind}: give numbers or words, or an array of either.")
+    if array.dtype.kind == "f":
+        # NetCDF has no other precisions; its library crashes on a half.
+        return array.astype(np.float64 if array.dtype.itemsize > 4 else np.float32, copy=False)
     return array

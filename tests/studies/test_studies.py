@@ -221,6 +221,11 @@ def test_masked_floats_are_missing_numbers(tmp_path):
     np.testing.assert_array_equal(study["w"][1], np.exp(1j * np.arange(3)))
 
 
+def test_a_half_is_kept_in_single_precision(tmp_path):
+    study = js.study(lambda seed: {"half": np.float16(seed)}, {"seed": [1]}, tmp_path, version=1)
+    assert study["half"].dtype == read(tmp_path)["half"].dtype == np.float32
+
+
 @pytest.mark.parametrize(
     ("outputs", "message"),
     [
