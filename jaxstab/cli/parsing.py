@@ -95,7 +95,7 @@ def number(text: str) -> float:
 
 def from_config(parser: Parser, path: Path) -> list[str]:
     """Return the options that a TOML file holds, at its top or in tables, as arguments."""
-    source, arguments = f"argument --config: {path}: ", []
+    source, arguments, seen = f"argument --config: {path}: ", [], set[str]()
     try:
         items = [*tomllib.loads(path.read_text("utf-8")).items()]
     except (OSError, ValueError) as error:
@@ -106,6 +106,9 @@ def from_config(parser: Parser, path: Path) -> list[str]:
             items += value.items()
             continue
         parser.require_option(option_of(name), source)
+        if option_of(name) in seen:
+            parser.error(f"{source}{name} is given twice: give each option once.")
+        seen.add(option_of(name))
         values = value if isinstance(value, list) else [value]
         if name == "config" or not all(type(part) in (int, float, str) for part in values):
             parser.error(f"{source}{name} is {value!r}: give options as numbers or texts.")

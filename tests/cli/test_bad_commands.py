@@ -71,6 +71,7 @@ def test_options_that_make_no_sense_end_in_one_line(tmp_path, capsys, arguments,
             ["--first", "1", "--last", "1", "--size", "16", "--k-high", "4"],
             "repeats the one before",
         ),
+        (["run", "--config", "twice.toml"], "twice.toml: k-high is given twice"),
         (["run", "--config", "wrong.toml"], "wrong.toml: size is True: give options as"),
         (
             ["run", "--config", "typo.toml"],
@@ -85,6 +86,7 @@ def test_files_that_make_no_sense_end_in_one_line(
     (tmp_path / "empty.txt").touch()
     (tmp_path / "broken.toml").write_text("size = = 3")
     (tmp_path / "wrong.toml").write_text("size = true")
+    (tmp_path / "twice.toml").write_text("k_high = 8\n[surface]\nk-high = 9")
     (tmp_path / "typo.toml").write_text("[surface]\nrms_hight = 0.1")
     (tmp_path / "other.toml").write_text('config = "wrong.toml"')
     assert_refused(arguments, message, capsys)
