@@ -141,6 +141,9 @@ class Recorder:
         record = NamedArray(values, dims, path, dimension)
         if name in self.records and not _is_same(self.records[name], record):
             name = "_".join(words)
+        # A field `k_0` and the first of a tuple `k` have one name.
+        while name in self.records and not _is_same(self.records[name], record):
+            name += "_"
         self.records[name] = record
         return {"array": name}
 

@@ -15,6 +15,7 @@ from problems import state_of
 from saved import BUMPY, LENGTHS, assert_same_bits, contact_of, rewrite
 
 import jaxstab as js
+from jaxstab.files.records import Recorder, restored
 
 
 def swept(potential, dtype=jnp.float64):
@@ -287,3 +288,16 @@ def test_a_result_of_another_contact_is_refused(plain, tmp_path):
         with pytest.raises(ValueError, match=r"no equilibrium of this contact.*it came from"):
             js.save(tmp_path / "other.nc", other, sweep)
     assert not (tmp_path / "other.nc").exists()
+
+
+class Stiffnesses(eqx.Module):
+    k_0: jax.Array
+    k: tuple[jax.Array, ...]
+
+
+def test_fields_whose_joined_names_agree_are_kept_apart():
+    recorder = Recorder((4, 6))
+    given = Stiffnesses(jnp.array(1.0), (jnp.array(2.0), jnp.array(3.0)))
+    structure = recorder.structure(given, ("load",))
+    arrays = {name: record.values for name, record in recorder.records.items()}
+    assert_same_bits(restored(structure, arrays), given)
