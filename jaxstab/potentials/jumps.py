@@ -84,8 +84,10 @@ def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
     sides = tuple(map(side, (gaps[interval + 1], gaps[interval])))
     low, high = jax.lax.fori_loop(0, jnp.finfo(gaps.dtype).nmant - 6, halved, sides)
     steepest = jnp.maximum(jnp.abs(low[2]), jnp.abs(high[2]))
-    # A number that underflows is no jump.
-    change = jnp.abs(high[1] - low[1]) - 4 * jnp.finfo(gaps.dtype).tiny
+    # A number that underflows is no jump, nor is the rounding of a law that is brought to zero.
+    limits = jnp.finfo(gaps.dtype)
+    rounding = 64 * limits.eps * jnp.abs(side(0.75 * low[0])[1])
+    change = jnp.abs(high[1] - low[1]) - 4 * limits.tiny - rounding
     change = change - 4 * steepest * (high[0] - low[0])
     larger = jnp.maximum(scale[:, None], jnp.maximum(jnp.abs(low[1]), jnp.abs(high[1])))
     size = jnp.nan_to_num(change / larger, nan=0, posinf=0)

@@ -138,6 +138,7 @@ def steep_and_smooth(energy, length):
         "morse": lambda gap: energy * jnp.expm1(1 - 5 * gap / length) ** 2 - energy,
         "sum": laws.LennardJones(energy, length) + laws.Electrostatic(1.0, energy * length / 5),
         "cut off": laws.CutOff(laws.LennardJones(energy, length), 3 * length),
+        "repulsive": laws.CutOff(lambda gap: energy * jnp.exp(-gap / length), 3 * length),
         "varying": laws.Varying(laws.Dugdale(energy * jnp.eye(8), length)),
     }
 
