@@ -182,7 +182,10 @@ class Electrostatic(Law):
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length], the voltage source's work included."""
-        return -self.permittivity / 2 * self.voltage**2 / (gap + self.dielectric)
+        distance = gap + self.dielectric
+        # In this unit derivatives take no powers of the distance, which would underflow.
+        unit = jax.lax.stop_gradient(jnp.where(distance > 0, distance, 1))
+        return -self.permittivity / 2 * self.voltage**2 / unit / (distance * (1 / unit))
 
 
 class Capillary(Law):

@@ -120,3 +120,15 @@ def test_a_potential_may_branch_on_the_scalar_gap():
 
     np.testing.assert_allclose(energy_density(law, GAPS), -(np.maximum(1 - GAPS, 0) ** 3))
     np.testing.assert_allclose(curvature(law, GAPS), -6 * np.maximum(1 - GAPS, 0), atol=1e-12)
+
+
+def test_derivatives_of_a_voltage_do_not_underflow_at_nanometres_in_metres():
+    law = js.potentials.Electrostatic(0.2, 8.854e-12, 1e-10)
+    gap, derivative = jnp.array(1e-10, jnp.float32), law
+    for power in range(1, 5):
+        expected = -8.854e-12 * 0.02 * np.prod(-np.arange(1.0, power)) / 2e-10**power
+        np.testing.assert_allclose(derivative(gap), expected, rtol=1e-5)
+        derivative = jax.grad(derivative)
+    # The dielectric is as good as a gap.
+    steps = jax.grad(lambda d: js.potentials.Electrostatic(0.2, 8.854e-12, d)(gap))
+    np.testing.assert_allclose(steps(1e-10), jax.grad(law)(gap), rtol=1e-5)
