@@ -2,15 +2,15 @@
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from jaxstab.contact.contact import Contact
 from jaxstab.core.checks import concrete, is_traced
 from jaxstab.core.compile import program
 from jaxstab.core.display import times
+from jaxstab.core.types import Scalar
 from jaxstab.core.warn import warn
+from jaxstab.solids.solid import Solid
 
 _MAX_REFINEMENT = 1024
 
@@ -31,10 +31,10 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
     It warns where `contact.resolution` is below the number needed. It does not warn inside of
     `jax.jit` and `jax.vmap`, where values are not known yet.
     """
-    both = concrete(_stiffnesses(contact))
-    if is_traced(both) or both[0] >= needed * both[1]:
+    both = _max_stiffness(contact.solid), contact.profile.max_curvature
+    stiffest, sharpest = map(concrete, both)
+    if is_traced(both) or stiffest >= needed * sharpest:
         return
-    stiffest, sharpest = both
     resolution = stiffest / sharpest
     effect = (
         "contact edges may be pinned to the grid, and jumps be artefacts"
@@ -50,9 +50,8 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
 
 
 @program
-def _stiffnesses(contact: Contact) -> Float[Array, " two"]:
-    """Return the stiffness of the shortest wave, and the largest |f''| where the law attracts."""
-    return jnp.stack([contact.solid.max_stiffness, contact.profile.max_curvature])
+def _max_stiffness(solid: Solid) -> Scalar:
+    return solid.max_stiffness
 
 
 def _cure(contact: Contact, share: np.floating) -> str:
