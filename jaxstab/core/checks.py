@@ -185,6 +185,13 @@ def require_one_of(name: str, value: object, choices: Collection[object]) -> Non
         raise ValueError(f"{name} is {value!r}: choose one of {', '.join(map(str, choices))}.")
 
 
+def require_key(key: object) -> None:
+    """Raise `TypeError` for anything but a random key of JAX."""
+    dtype = getattr(key, "dtype", np.dtype(object))
+    if not (jnp.issubdtype(dtype, jax.dtypes.prng_key) or dtype == np.uint32):
+        raise TypeError(f"The key is {key!r}: give a random key, as jax.random.key(0).")
+
+
 def require_positive(name: str, value: Float[Array, "..."]) -> None:
     """Raise `ValueError` where `value`, if known, is not positive and finite."""
     value = concrete(value)

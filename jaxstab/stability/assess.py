@@ -11,7 +11,7 @@ from jaxtyping import PRNGKeyArray
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import warn_if_coarse
-from jaxstab.core.checks import is_traced
+from jaxstab.core.checks import is_traced, require_key
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries
 from jaxstab.core.loop import solver_or_default
@@ -110,6 +110,7 @@ def assess_stability(
     warn_if_coarse(contact)
     solver = solver_or_default(solver, ConeSolver, ProjectedLOBPCG)
     key = jax.random.key(0) if key is None else key
+    require_key(key)
     contact, equilibrium = padded_state(contact, equilibrium)
     return answer(
         partial(_assess, verdict_only),

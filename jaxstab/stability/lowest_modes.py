@@ -11,7 +11,7 @@ from jaxtyping import Array, Int, PRNGKeyArray
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import warn_if_coarse
-from jaxstab.core.checks import integer, require, require_one_of
+from jaxstab.core.checks import integer, require, require_key, require_one_of
 from jaxstab.core.compile import program
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.results import RESULTS
@@ -69,6 +69,7 @@ def lowest_modes(
     warn_if_coarse(contact)
     solver = solver_or_default(solver, SpaceSolver, Davidson)
     key = jax.random.key(0) if key is None else key
+    require_key(key)
     contact, equilibrium = padded_state(contact, equilibrium)
     most = contact.grid.size - contact.control(equilibrium.load).fixes_mean
     require("count", count, count <= most, f"{most} directions are admissible: ask for fewer.")

@@ -13,6 +13,7 @@ from jaxstab.core.checks import (
     integer,
     possible,
     require,
+    require_key,
     require_one_of,
     require_positive,
     scalar_parameter,
@@ -103,6 +104,7 @@ def self_affine(
         TypeError: for anything but a random key.
     """
     require_grid(grid)
+    require_key(key)
     targets = [x for x in (rms_height, rms_slope) if x is not None]
     if len(targets) != 1:
         raise ValueError("Give exactly one of rms_height and rms_slope: it sets the amplitude.")

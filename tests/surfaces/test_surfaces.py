@@ -136,7 +136,7 @@ def test_a_surface_that_cannot_be_drawn_is_refused(options, message):
 
 @pytest.mark.parametrize("key", [0, 1.5, None, jnp.arange(2)])
 def test_what_is_not_a_random_key_is_refused(key):
-    with pytest.raises(TypeError, match="PRNG key"):
+    with pytest.raises(TypeError, match="give a random key, as"):
         surfaces.self_affine(js.Grid(32), key, k_high=8, rms_height=0.1)
 
 
