@@ -78,8 +78,8 @@ def observe(
     Raises:
         TypeError: for states of another kind, an observable that is no function or returns no
             `Observable`, and as the observables.
-        ValueError: for a path without gaps, no observable, no state that was found, a single state,
-            states of another grid, and as the observables.
+        ValueError: for a path without gaps, two observables of one name, no state that was found,
+            a single state, states of another grid, and as the observables.
         SolverError: as the observables.
     """
     require_contact(contact)
@@ -91,6 +91,12 @@ def observe(
     wrong = [repr(x) for x in observables if not callable(x)] or ["missing"] * (not observables)
     if wrong:
         raise TypeError(f"The observable is {wrong[0]}: give functions, as jaxstab.patches.")
+    names = [_name(observable) for observable in observables]
+    if len({*names}) < len(names):
+        raise ValueError(
+            f"The observables are named {', '.join(names)}: names must differ. Observe them in "
+            "separate calls, or write a function with a name of its own."
+        )
     if isinstance(states, Evolution):
         require_same_contact(contact, states.contact, "The evolution")
     require_known((states, contact), "observe")
@@ -99,7 +105,7 @@ def observe(
     are_found = [bool(np.isfinite(gap).all()) for gap in gaps]
     if not any(are_found):
         raise ValueError("No state was found, so that there is nothing to observe.")
-    found: dict[str, list[Observable]] = {_name(observable): [] for observable in observables}
+    found: dict[str, list[Observable]] = {name: [] for name in names}
     for i in np.flatnonzero(are_found):
         state = equilibrium[i]
         if isinstance(states, Evolution):
@@ -107,8 +113,8 @@ def observe(
             state = state.on_surface(moved.solid)
         elif not isinstance(state, Equilibrium):
             state = _state(contact, states.load[i], gaps[i])
-        for observable in observables:
-            found[_name(observable)].append(_row(observable, contact, state))
+        for name, observable in zip(names, observables, strict=True):
+            found[name].append(_row(observable, contact, state))
     columns = {name: _filled(rows, are_found) for name, rows in found.items()}
     return Observed(states.load, equilibrium, columns)
 

@@ -179,6 +179,8 @@ def test_what_cannot_be_observed_is_said(contact, path, sweep):
         js.observe(contact, path, "patches")
     with pytest.raises(TypeError, match="is missing: give functions"):
         js.observe(contact, path)
+    with pytest.raises(ValueError, match=r"named patches, leakage, leakage: names must differ"):
+        js.observe(contact, sweep, js.patches, js.leakage, partial(js.leakage, viscosity=2.0))
     with pytest.raises(TypeError, match="<lambda> returned a Array"):
         js.observe(contact, sweep, lambda contact, state: state.gap)
     with pytest.raises(ValueError, match="several states in one row"):
