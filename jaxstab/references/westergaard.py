@@ -41,7 +41,7 @@ def pressure(
     length: float,
     contact_modulus: float,
 ) -> Array:
-    """Return p(x) = 2 p cos(s) sqrt(sin(s_a)^2 - sin(s)^2) / sin(s_a)^2 in contact, 0 elsewhere.
+    """Return p(x) = 2 p* cos(s) sqrt(sin(s_a)^2 - sin(s)^2) in contact, 0 elsewhere.
 
     Arguments:
         x: distance from a crest [length].
@@ -56,5 +56,5 @@ def pressure(
     edge = contact_fraction(mean_pressure, amplitude, length, contact_modulus) * np.pi / 2
     sine = np.sin(np.pi * x / length)
     under_root = np.maximum(np.sin(edge) ** 2 - sine**2, 0)
-    shape = np.abs(np.cos(np.pi * x / length)) * np.sqrt(under_root) / np.sin(edge) ** 2
-    return 2 * mean_pressure * shape
+    shape = np.abs(np.cos(np.pi * x / length)) * np.sqrt(under_root)
+    return 2 * full_contact_pressure(amplitude, length, contact_modulus) * shape

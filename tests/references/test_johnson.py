@@ -81,3 +81,10 @@ def test_johnson_without_adhesion_is_westergaard():
         assert_allclose(westergaard.contact_fraction(pressure, *waves[:3]), fraction, rtol=1e-8)
     full = westergaard.full_contact_pressure(*waves[:3])
     assert_allclose(johnson.jump_to_full_contact(*waves).mean_pressure, full, rtol=1e-6)
+
+
+def test_westergaards_pressure_has_the_given_mean():
+    x = np.linspace(-0.5, 0.5, 20_001)
+    for mean in (0.0, 0.3, 0.9):
+        pressure = westergaard.pressure(x, mean, 0.2, 1.0, 2.0)
+        assert_allclose(np.trapezoid(pressure, x), mean, rtol=1e-5)
