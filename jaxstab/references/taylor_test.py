@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jaxstab.core import display
-from jaxstab.core.checks import is_traced
+from jaxstab.core.checks import is_traced, require_one_of
 
 _NUM_STEPS = 12
 # Remainders fall with rates 1 and 2 along a line of steps: a rate of 2 is at least this.
@@ -108,13 +108,15 @@ def check_derivative(
         A `TaylorTest`: print it for the table. Nothing is raised if the derivative is wrong.
 
     Raises:
-        ValueError: if a leaf is zero everywhere, so that its scale is unknown: give a direction.
+        ValueError: if a leaf is zero everywhere, so that its scale is unknown: give a direction;
+            for another mode.
         TypeError: under a JAX transformation, or if the point has no floating-point leaf.
     """
     if is_traced(point):
         raise TypeError(
             "check_derivative compares numbers: call it outside of JAX transformations."
         )
+    require_one_of("mode", mode, ("fwd", "rev"))
     moving, held = eqx.partition(point, eqx.is_inexact_array_like)
     moving = jax.tree.map(jnp.asarray, moving)
     leaves = jax.tree.leaves(moving)

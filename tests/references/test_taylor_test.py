@@ -111,6 +111,8 @@ def test_what_cannot_be_tested_is_refused():
         jax.jit(lambda x: js.check_derivative(jnp.sin, x).success)(1.0)
     with pytest.raises(TypeError, match="at least one floating-point number"):
         js.check_derivative(jnp.sin, "x")
+    with pytest.raises(ValueError, match="mode is 'reverse': choose one of fwd, rev"):
+        js.check_derivative(jnp.sin, 1.0, mode="reverse")
 
 
 def test_laws_solids_and_equilibria_pass_in_any_units():
