@@ -1,6 +1,7 @@
 """Observables beside the states of a path or a sweep."""
 
 from collections.abc import Callable
+from dataclasses import fields
 from functools import partial
 from typing import Any
 
@@ -78,8 +79,9 @@ def observe(
     Raises:
         TypeError: for states of another kind, an observable that is no function or returns no
             `Observable`, and as the observables.
-        ValueError: for a path without gaps, two observables of one name, no state that was found,
-            a single state, states of another grid, and as the observables.
+        ValueError: for a path without gaps, an observable with a name of another one or of the
+            result's own fields, no state that was found, a single state, states of another grid,
+            and as the observables.
         SolverError: as the observables.
     """
     require_contact(contact)
@@ -97,6 +99,9 @@ def observe(
             f"The observables are named {', '.join(names)}: names must differ. Observe them in "
             "separate calls, or write a function with a name of its own."
         )
+    own = sorted({field.name for field in fields(Observed)} & {*names})
+    if own:
+        raise ValueError(f"{own[0]} is a name of the result itself: rename the observable.")
     if isinstance(states, Evolution):
         require_same_contact(contact, states.contact, "The evolution")
     require_known((states, contact), "observe")

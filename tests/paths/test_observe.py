@@ -168,6 +168,9 @@ def test_the_command_line_shows_columns_and_draws_one(contact, sweep, tmp_path, 
 
 
 def test_what_cannot_be_observed_is_said(contact, path, sweep):
+    def equilibrium(contact, state):
+        return cubed_pressure(contact, state)
+
     bare = eqx.tree_at(lambda path: path.equilibrium.gap, path, None)
     with pytest.raises(ValueError, match=r"kept no gaps.*fields=True"):
         js.observe(contact, bare, js.patches)
@@ -181,6 +184,8 @@ def test_what_cannot_be_observed_is_said(contact, path, sweep):
         js.observe(contact, path)
     with pytest.raises(ValueError, match=r"named patches, leakage, leakage: names must differ"):
         js.observe(contact, sweep, js.patches, js.leakage, partial(js.leakage, viscosity=2.0))
+    with pytest.raises(ValueError, match="equilibrium is a name of the result itself: rename"):
+        js.observe(contact, sweep, equilibrium)
     with pytest.raises(TypeError, match="<lambda> returned a Array"):
         js.observe(contact, sweep, lambda contact, state: state.gap)
     with pytest.raises(ValueError, match="several states in one row"):
