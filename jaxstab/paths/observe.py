@@ -7,6 +7,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxstab.contact import Contact, require_contact, require_same_contact
@@ -160,7 +161,8 @@ def _row(observable: Callable[..., Any], contact: Contact, state: Equilibrium) -
             f"{_name(observable)} returned a {type(result).__name__}: return a subclass of "
             "jaxstab.Observable, which declares the columns."
         )
-    return result.row()
+    # Numbers of Python have no precision of their own.
+    return jax.tree.map(jnp.asarray, result.row())
 
 
 @own_conventions()

@@ -159,6 +159,15 @@ def test_units_of_the_users_dimension_follow_from_those_of_length_and_pressure(c
     np.testing.assert_allclose(kilo.total, found.total / 1e3, rtol=1e-14)
 
 
+def test_an_observable_of_python_numbers_is_a_column(contact, sweep):
+    def counted(contact, state):
+        return CubedPressure(float(state.num_steps), None)
+
+    found = js.observe(contact, sweep, counted).counted.total
+    np.testing.assert_array_equal(found, sweep.equilibrium.num_steps)
+    assert found.dtype == contact.heights.dtype
+
+
 def test_the_command_line_shows_columns_and_draws_one(contact, sweep, tmp_path, capsys):
     path = js.save(tmp_path / "it.nc", contact, js.observe(contact, sweep, js.patches))
     main(["info", str(path)])
