@@ -64,6 +64,9 @@ def test_the_stiffness_is_that_of_dense_algebra(kind, shape):
     np.testing.assert_allclose(found.conductance, 2 * stiffness / (2.0 * 0.3), rtol=1e-8)
     np.testing.assert_allclose(found.current[mask], pressure / pressure.sum(), rtol=1e-6)
     assert not found.current[~mask].any()
+    soft = js.Contact(js.Viscoelastic(contact.solid, (1.0,), (1.0,)), contact.heights, NONE)
+    relaxed = js.conductance(soft, state)
+    np.testing.assert_allclose(relaxed.incremental_stiffness, stiffness, rtol=1e-8)
 
 
 def test_without_contact_nothing_flows_and_in_full_contact_nothing_constricts():

@@ -19,7 +19,7 @@ from jaxstab.core.types import ArrayLike, Field, Mask, Scalar
 from jaxstab.core.units import NUMBER, SPRING_CONSTANT, Dimension
 from jaxstab.equilibrium.equilibrium import State, found_equilibrium
 from jaxstab.equilibrium.observables.observable import Observable
-from jaxstab.solids import FreeHalfSpace, HalfSpace
+from jaxstab.solids import FreeHalfSpace, HalfSpace, Viscoelastic
 
 CONDUCTANCE = Dimension("length/resistivity")
 
@@ -66,7 +66,8 @@ def conductance(
     Works inside of `jax.jit` and `jax.vmap`, and with derivatives by resistivities and lengths.
 
     Arguments:
-        contact: the contact problem, on a half space.
+        contact: the contact problem, on a half space; of a viscoelastic one the relaxed modulus
+            counts.
         equilibrium: one of its states.
         resistivities: rho1 and rho2 of the two bodies; of heat 1 over the conductivity. One may be
             zero, as in a perfect conductor. By default they add up to one.
@@ -81,6 +82,7 @@ def conductance(
     state = found_equilibrium(contact, equilibrium)
     touches = state.in_contact
     solid, dtype = contact.solid, contact.heights.dtype
+    solid = solid.relaxed if isinstance(solid, Viscoelastic) else solid
     require_kind(
         solid,
         HalfSpace | FreeHalfSpace,
