@@ -1,6 +1,7 @@
 """Viscoelastic contacts in time: going on, interrupts, failures and refusals."""
 
 import importlib
+import signal
 
 import jax
 import jax.numpy as jnp
@@ -40,6 +41,24 @@ def test_an_interrupted_evolution_keeps_its_states_and_goes_on(monkeypatch):
     assert len(first) == len(first.load.value) == 4
     rest = js.evolve(contact, load[3:], times[3:], rtol=ANY, initial=first)
     assert rest.mean_pressure == pytest.approx(np.array(whole.mean_pressure[3:]), abs=1e-12)
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupt_after_the_last_time_loses_nothing(monkeypatch):
+    contact, (times, values) = viscoelastic(), cycle(9)
+    whole = js.evolve(contact, js.MeanDisplacement(values), times, rtol=ANY)
+    module = importlib.import_module("jaxstab.paths.evolution.evolve")
+    along = module.along
+
+    def interrupted(*inputs):
+        signal.raise_signal(signal.SIGINT)
+        return along(*inputs)
+
+    monkeypatch.setattr(module, "along", interrupted)
+    with pytest.warns(js.PathInterrupted, match="after its last time; it is complete"):
+        found = js.evolve(contact, js.MeanDisplacement(values), times, rtol=ANY)
+    np.testing.assert_array_equal(found.work, whole.work)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_after_a_failure_there_are_no_numbers_and_it_goes_on_from_the_last_state():

@@ -25,6 +25,7 @@ from jaxstab.core.checks import (
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.control_flow import by_entries, entry_of
 from jaxstab.core.implicit import attach, nan_if, pushed, undefined
+from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import stacked
@@ -139,36 +140,40 @@ def evolve(
             try:
                 state, row = jax.block_until_ready(_march(*given, keeps, state, interval))
                 rows.append(row if fields else (row[0], None, *row[2:]))
+                bar.update()
             except KeyboardInterrupt:
                 if not rows:
                     raise
                 done = f"{len(rows) - 1} of {numbers.size - 1} times after the first"
                 warn(f"The evolution was interrupted: {done}.", PathInterrupted)
                 break
-            bar.update()
-    (moment, steps), found = state, stacked(rows, rows[0]) if is_alone else rows[0]
-    totals, kept, result, counts = found
-    known = steps, counts, result == RESULTS.successful
-    ways, _, parts, losses = steps.rows
-    values = totals, losses, moment.internal
-    totals, losses, last = attach(_changes, values, known, inputs)
-    ends = along(instants, ways, parts)
-    has_jumped = np.asarray(losses) > 0 if is_alone else slice(None)
-    evolution = Evolution(
-        **vars(totals) | {"stored": totals.stored - totals.stored[0]},
-        contact=contact,
-        # Fewer than all, if it was interrupted.
-        load=load[: counts.size],
-        times=instants[: counts.size],
-        force=totals.mean_pressure * contact.area,
-        fields=attach(undefined, kept, None, inputs),
-        last=last,
-        reached=jnp.where(steps.count > 0, ends[steps.count - 1], instants[0]),
-        jump_times=ends[has_jumped],
-        dissipation=losses[has_jumped],
-        num_steps=jnp.diff(counts, prepend=0),
-        result=result,
-    )
+    # An interrupt here would lose it.
+    with interrupts_held() as held:
+        (moment, steps), found = state, stacked(rows, rows[0]) if is_alone else rows[0]
+        totals, kept, result, counts = found
+        known = steps, counts, result == RESULTS.successful
+        ways, _, parts, losses = steps.rows
+        values = totals, losses, moment.internal
+        totals, losses, last = attach(_changes, values, known, inputs)
+        ends = along(instants, ways, parts)
+        has_jumped = np.asarray(losses) > 0 if is_alone else slice(None)
+        evolution = Evolution(
+            **vars(totals) | {"stored": totals.stored - totals.stored[0]},
+            contact=contact,
+            # Fewer than all, if it was interrupted.
+            load=load[: counts.size],
+            times=instants[: counts.size],
+            force=totals.mean_pressure * contact.area,
+            fields=attach(undefined, kept, None, inputs),
+            last=last,
+            reached=jnp.where(steps.count > 0, ends[steps.count - 1], instants[0]),
+            jump_times=ends[has_jumped],
+            dissipation=losses[has_jumped],
+            num_steps=jnp.diff(counts, prepend=0),
+            result=result,
+        )
+    if held and counts.size == numbers.size:
+        warn("The evolution was interrupted after its last time; it is complete.", PathInterrupted)
     return throw_failure(result[-1], evolution, lambda: _describe(evolution, tolerance), throw)
 
 
