@@ -1,5 +1,8 @@
 """Branches of equilibria, stable or not, around their folds and corners."""
 
+import importlib
+import itertools
+import signal
 from dataclasses import replace
 from functools import partial
 
@@ -38,6 +41,22 @@ def test_it_goes_on_from_an_unstable_state_of_a_branch(hertz, branch):
     np.testing.assert_allclose(
         rest[-1].equilibrium.gap, branch[middle + 2].equilibrium.gap, atol=1e-6
     )
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupted_branch_keeps_the_turn_of_its_last_state(hertz, branch, monkeypatch):
+    module = importlib.import_module("jaxstab.paths.curve.continuation")
+    count, number = itertools.count(1), int(branch.turns.state[0])
+
+    def interrupted(_):
+        if next(count) == number:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(module, "advance_if_known", interrupted)
+    with pytest.warns(js.PathInterrupted, match=f"after {number + 1} states"):
+        found = js.continuation(hertz, js.MeanDisplacement(jnp.array([1.6, 1.0])), max_states=24)
+    assert found.result == "interrupted" and len(found) == number + 1
+    np.testing.assert_array_equal(found.turns.load.value, branch.turns.load.value[:1])
 
 
 def test_an_index_that_is_not_found_is_not_a_number_of_ways(hertz, branch, monkeypatch):

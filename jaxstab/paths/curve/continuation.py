@@ -14,6 +14,7 @@ from jaxstab.core.checks import integer, is_traced, require, require_positive, s
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries
 from jaxstab.core.display import several
+from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.progress import advance_if_known
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import stacked
@@ -162,17 +163,22 @@ def _eager(number: int, fields: bool, begun: Begun) -> Branch:
     try:
         while branch.is_on and len(entries) < number:
             branch, entry, turn = jax.block_until_ready(_gone_on(problem, branch))
-            if branch.step.is_new:
-                entries.append(_kept(entry, fields))
-                advance_if_known(entry)
-                if branch.step.turns:
-                    if any(is_same(problem, turn, other) for other in turns):
-                        branch = replace(branch, end=KINDS.loop)
-                    turns.append(turn)
+            # A state is kept with its turn, or not at all.
+            with interrupts_held() as held:
+                if branch.step.is_new:
+                    entries.append(_kept(entry, fields))
+                    advance_if_known(entry)
+                    if branch.step.turns:
+                        if any(is_same(problem, turn, other) for other in turns):
+                            branch = replace(branch, end=KINDS.loop)
+                        turns.append(turn)
+            if held:
+                raise KeyboardInterrupt
     except KeyboardInterrupt:
         warn(f"The branch was interrupted after {several(len(entries), 'state')}.", PathInterrupted)
         branch = replace(branch, result=RESULTS.interrupted)
-    return _branch(problem, branch, stacked(entries, entry), stacked(turns, like))
+    with interrupts_held():
+        return _branch(problem, branch, stacked(entries, entry), stacked(turns, like))
 
 
 def _kept(entry: Entry, fields: bool) -> Entry:
