@@ -160,3 +160,8 @@ def test_bad_loads_are_refused(hertz):
         js.continuation(
             hertz, js.MeanDisplacement(jnp.array([1.6, 1.0])), max_step=0.1, min_step=0.2
         )
+
+
+def test_a_branch_without_a_first_state_has_no_end(hertz):
+    with pytest.raises(js.SolverError, match=r"ended at .*\(-2\) after 1 state: infeasible_load"):
+        js.continuation(hertz, js.MeanDisplacement(jnp.array([-2.0, -1.0])), max_states=24)

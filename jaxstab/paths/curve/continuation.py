@@ -1,5 +1,6 @@
 """The branch of equilibria from one load to another, around its folds and active-set changes."""
 
+import math
 from dataclasses import replace
 from functools import partial
 
@@ -220,6 +221,8 @@ def _branch(
 
 def _describe(load: Load, branch: Branch) -> str:
     number, last = several(len(branch), "state"), float(branch.load.value[-1])
-    return (
-        f"The branch ended at {type(load).__name__}({last:.6g}) after {number}, {KINDS[branch.end]}"
-    )
+    # Without a first state there is no load, nor an end.
+    last = float(load.value[0]) if math.isnan(last) else last
+    where = f"{type(load).__name__}({last:.6g}) after {number}"
+    is_end = branch.end != KINDS.states
+    return f"The branch ended at {where}" + (f", {KINDS[branch.end]}" if is_end else "")
