@@ -10,6 +10,7 @@ import pytest
 from problems import bisected, rough_contact
 
 import jaxstab as js
+from jaxstab.paths.curve.limit import limit_ahead
 
 LAWS = {
     "exponential": js.potentials.Exponential(0.02, 0.08),
@@ -210,6 +211,31 @@ def test_the_point_that_lets_go_is_found_where_the_last_state_lies_before_it():
     np.testing.assert_allclose(pull.critical.eigenvalue, -0.0869, rtol=1e-3)
     rate = jax.grad(lambda energy: found(energy).load.value)(energy)
     np.testing.assert_allclose(rate, -4.58231, rtol=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+def test_in_single_precision_a_release_is_found_from_states_past_it():
+    random, phase = np.random.default_rng(4), 2 * np.pi * np.arange(16) / 16
+    waves = [
+        np.cos(k * phase + 6 * random.uniform()) * random.uniform(0.5, 1.5) / k for k in (1, 2, 3)
+    ]
+    grid, heights = js.Grid((16,)), 0.05 * sum(waves)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.01, 0.03))
+    pull = js.pull_off(contact)
+    assert pull.kind == "release"
+    gap, mode = np.asarray(pull.equilibrium.gap), np.asarray(pull.critical.mode)
+    move = mode / mode[(gap == 0) & (mode != 0)]
+    single = js.Contact(contact.solid, heights.astype("float32"), contact.potential)
+    single, unit = single.in_characteristic_units()
+    load = js.MeanPressure(jnp.asarray(pull.load.value / unit, "float32"))
+    ahead = jnp.asarray(-1e-6, "float32")
+    find = jax.jit(lambda gap: limit_ahead(single, load, gap, ahead))
+    for opening in (1e-8, 1e-7, 1e-6, 1e-5):
+        limit = find(jnp.maximum(gap + opening * move, 0).astype("float32"))
+        assert limit.kind == "release"
+        np.testing.assert_allclose(limit.load.value * unit, pull.load.value, rtol=2e-6)
+        eigenvalue = limit.critical.eigenvalue * unit
+        np.testing.assert_allclose(eigenvalue, pull.critical.eigenvalue, rtol=1e-4)
 
 
 def test_a_release_is_found_where_the_solver_has_let_go_a_little_before_it():

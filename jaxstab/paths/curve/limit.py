@@ -21,7 +21,7 @@ from jaxstab.loads import Load
 from jaxstab.paths.curve.arclength import ArclengthStep
 from jaxstab.paths.curve.branch import SHORTEST, BranchState, branch_from, next_state, pressure_of
 from jaxstab.paths.curve.corrector import TOLERANCE, Correction, at_change, correct, on_plane
-from jaxstab.paths.curve.curve import ContinuationProblem, Curve, Place, Point
+from jaxstab.paths.curve.curve import ContinuationProblem, Curve, Point
 from jaxstab.paths.curve.morse_index import UNKNOWN, refreshed, some_modes
 from jaxstab.paths.kinds import KINDS
 from jaxstab.stability.cones import Subspace
@@ -37,12 +37,13 @@ ZERO = {"float64": 1e-6, "float32": 1e-3}
 _BRACKET = {"float64": 1e-10, "float32": 1e-5}
 _MAX_STEPS = 2000
 # How far from where it was seen to lie a limit may be found, over how near that is known: what is
-# missing on the whole may be missing at one point.
-_LEEWAY = 100
+# missing on the whole may be missing at one point, and disturbed starts leave a branch early.
+_LEEWAY = {"float64": 1000, "float32": 100}
 # From a state nearby: its longest step over its size, the first one over that, and how far back it
-# begins, that too, to which side of the event whatever the state lies on.
+# begins, that too, to which side of the event whatever the state lies on. In single precision a
+# state may lie farther past the event.
 _SHARE, _FIRST, _BACK = 0.1, 1e-3, {"float64": 1e-5, "float32": 1e-3}
-_NUM_STARTS = 4
+_BACKS = 1.0, 1e-2, 10.0
 
 
 class Limit(eqx.Module):
@@ -102,24 +103,24 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
 
     A load that is so far ahead, with its sign, has no state of this branch. The state itself may
     lie past the limit, by no more than its residual; then the released point is the one that is
-    least open. So the search begins a little further back. If it finds no event, the limit is the
-    state itself: a fold if an eigenvalue is negative already, since a bifurcation was passed whose
-    symmetry held the state; otherwise uncertain.
+    least open. So the search begins a little further back, anew until it finds an event. If it
+    finds none, the limit is the state itself: a fold if an eigenvalue is negative already, since a
+    bifurcation was passed whose symmetry held the state; otherwise uncertain.
     """
     curve = Curve.of(contact, load)
     at, dtype = Point(gap, pressure_of(contact, load, gap)), gap.dtype
     longest = _SHARE * curve.length(at)
     sign = jnp.sign(ahead)
     row = Point(sign * curve.load_gradient.gap, sign * curve.load_gradient.pressure)
-    end = load.value + _LEEWAY * _horizon(load, gap, ahead)
+    end = load.value + _LEEWAY[dtype.name] * _horizon(load, gap, ahead)
     problem = ContinuationProblem(
         curve, load.value, end, longest, SHORTEST[dtype.name] * longest, to_limit=True
     )
 
-    def back(number: Array) -> tuple[Place, Flag]:
+    def from_back(number: Array) -> tuple[Limit, Flag]:
         closes = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
         is_free = (gap > 0) & ~(closes & (number % 2 == 1))
-        length = _BACK[dtype.name] * longest * jnp.where(number < 2, 1.0, 1e-2).astype(dtype)
+        length = _BACK[dtype.name] * longest * jnp.array(_BACKS, dtype)[number // 2]
 
         start = Point(jnp.where(is_free, gap, 0), at.pressure)
         tangent = curve.tangent(start, is_free, row)
@@ -128,12 +129,13 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
         correction = Correction(curve, plane, is_free)
         found = correct(correction, start, ahead, tangent, TOLERANCE[dtype.name])
         signs = jnp.where(is_free, found.place.at.gap, found.forces.net) > 0
-        return found.place, found.is_found & jnp.all(signs)
+        is_found = found.is_found & jnp.all(signs)
+        result = RESULTS.where(is_found, RESULTS.successful, RESULTS.lost_branch)
+        first = _FIRST * longest
+        branch = branch_from(found.place, first, jnp.array(UNKNOWN), some_modes(gap), result)
+        return limit_of(problem, branch), is_found
 
-    here, is_found = first_good(back, lambda found: found[1], _NUM_STARTS)
-    result = RESULTS.where(is_found, RESULTS.successful, RESULTS.lost_branch)
-    branch = branch_from(here, _FIRST * longest, jnp.array(UNKNOWN), some_modes(gap), result)
-    limit = limit_of(problem, branch)
+    limit, is_found = first_good(from_back, lambda found: found[0].is_found, 2 * len(_BACKS))
     residual = contact.balance(contact.control(load))(gap).residual
     result = RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite)
     state = replace(limit, load=load, gap=gap, residual=residual, result=result)
