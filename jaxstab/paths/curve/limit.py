@@ -43,7 +43,7 @@ _LEEWAY = {"float64": 1000, "float32": 100}
 # begins, that too, to which side of the event whatever the state lies on. In single precision a
 # state may lie farther past the event.
 _SHARE, _FIRST, _BACK = 0.1, 1e-3, {"float64": 1e-5, "float32": 1e-3}
-_BACKS = 1.0, 1e-2, 10.0
+_BACKS = 1.0, 1e-2, 10.0, 100.0
 
 
 class Limit(eqx.Module):
