@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -137,6 +138,8 @@ class PathState(Outcome):
 class StateSequence(Dimensioned):
     """States in order: `path[3]` is one of them, `path[3:5]` are several, `len(path)` all.
 
+    In a batch, as after `jax.vmap`, `batch[3]` is the fourth path.
+
     Attributes:
         load: the loads of the recorded states.
         equilibrium: these states.
@@ -148,10 +151,13 @@ class StateSequence(Dimensioned):
     def __len__(self) -> int:
         return len(self.load)
 
-    def __getitem__(self, index: Any) -> PathState:
+    def __getitem__(self, index: Any) -> PathState | Self:
+        if self.load.value.ndim > 1:
+            entry = np.arange(len(self))[index]
+            return jax.tree.map(lambda leaf: leaf[entry], self)
         return PathState(self.load[index], self.equilibrium[index])
 
-    def __iter__(self) -> Iterator[PathState]:
+    def __iter__(self) -> Iterator[PathState | Self]:
         return (self[i] for i in range(len(self)))
 
     @property
@@ -167,6 +173,7 @@ class Path(StateSequence):
 
     `path[3]` is a recorded state, `len(path)` their number. The last state, `path[-1]`, always has
     its gap. So `follow(contact, rest, initial=path[-1])` goes on with a path that was interrupted.
+    In a batch, as after `jax.vmap`, `batch[3]` is the fourth path.
 
     Attributes:
         load: the loads of the recorded states.
@@ -192,10 +199,10 @@ class Path(StateSequence):
     unlocated_error: Annotated[Scalar, ENERGY]
     last_gap: Annotated[Field, LENGTH]
 
-    def __getitem__(self, index: Any) -> PathState:
+    def __getitem__(self, index: Any) -> PathState | Self:
         state = super().__getitem__(index)
         is_last = isinstance(index, int | np.integer) and index % len(self) == len(self) - 1
-        if is_last and self.equilibrium.gap is None:
+        if is_last and isinstance(state, PathState) and self.equilibrium.gap is None:
             last = replace(state.equilibrium, gap=self.last_gap)
             return replace(state, equilibrium=last)
         return state

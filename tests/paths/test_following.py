@@ -91,6 +91,11 @@ def test_states_of_a_path_are_entries_of_a_sequence(hertz, loop):
     assert len(loop[2:5]) == 3 and len([*loop]) == len(loop)
     with pytest.raises(IndexError):
         loop[len(loop)]
+    batch = jax.tree.map(lambda leaf: jnp.stack([leaf, 2 * leaf]), loop)
+    assert len(batch) == 2 and len(batch[-1]) == len(loop)
+    np.testing.assert_array_equal(batch[1][3].equilibrium.gap, 2 * loop[3].equilibrium.gap)
+    with pytest.raises(IndexError):
+        batch[2]
     bare = eqx.tree_at(lambda path: path.equilibrium.gap, loop, None)
     assert bare[np.int64(-1)].equilibrium.gap is loop.last_gap
     with pytest.raises(ValueError, match=r"without its gap: start from path\[-1\]"):
