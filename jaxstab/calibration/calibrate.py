@@ -20,9 +20,7 @@ from jaxstab.core.checks import (
     integer,
     is_traced,
     is_transformed,
-    parameter,
     require,
-    require_finite,
     require_one_of,
     require_positive,
 )
@@ -149,9 +147,9 @@ def calibrate(
         require_positive("The tolerance", tolerance)
     if (mean_pressure is None) == (forces is None):
         raise ValueError("Give the measurements once: as `forces`, or as mean pressures.")
-    is_force = mean_pressure is None
-    area = contact.area if is_force else jnp.ones(())
-    measured = _measured(load, forces if is_force else mean_pressure, weights, area, baseline)
+    is_pressure = forces is None
+    given, area = (mean_pressure, jnp.ones(())) if is_pressure else (forces, contact.area)
+    measured = Measured.of(load, given, weights, area, bool(baseline))
     pick = Pick.of(where, contact)
     w, count = measured.weights, len(pick.names) + offset + baseline
     weighed = w.size if is_traced(w) else int(jnp.sum(w > 0))
@@ -184,31 +182,6 @@ def calibrate(
         if fit.result == RESULTS.successful:
             warn_of_misfit(measured, fit.mean_pressure, len(fit.names), hints)
     return throw_failure(fit.result, fit, lambda: describe(fit, measured, hints), throw)
-
-
-def _measured(
-    load: Load,
-    given: ArrayLike | None,
-    weights: ArrayLike | None,
-    area: Scalar,
-    has_baseline: bool,
-) -> Measured:
-    mask = None
-    if isinstance(given, np.ma.MaskedArray):
-        mask, given = np.ma.getmaskarray(given), given.filled(0)
-    measured = parameter(given, "The measurements")
-    if load.value.ndim != 1 or measured.shape != load.value.shape:
-        raise ValueError(
-            f"There are loads of shape {load.value.shape} and measurements of shape "
-            f"{measured.shape}: give as many of one as of the other, in one dimension."
-        )
-    require_finite("The measured curve", measured)
-    w = jnp.ones_like(measured) if weights is None else parameter(weights)
-    if w.shape != measured.shape:
-        raise ValueError(f"The weights have shape {w.shape}, the measurements {measured.shape}.")
-    require("A weight", w, (w >= 0) & jnp.isfinite(w), "all must be finite and not negative.")
-    w = w if mask is None else jnp.where(mask, 0, w)
-    return Measured(load, measured / area, w, bool(has_baseline))
 
 
 class _Inputs(eqx.Module):
@@ -280,10 +253,9 @@ def _result(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
     measured, unravel, best = problem.measured, model.unravel, found.best.point
 
     units = jnp.ones(held.size).at[-1].set(inputs.area)
-    slopes = problem.slopes(best.free)
     shown = directions(problem, best, held).covariance
     relative = jnp.sqrt(jnp.diag(shown))
-    errors = found.errors(problem, held, relative * slopes) * units
+    errors = found.errors(problem, held, relative * problem.slopes(best.free)) * units
     factors = jnp.where(relative > 0, errors / relative, 0)
     parameters = problem.values(best.free) * units
 
@@ -294,7 +266,6 @@ def _result(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
     is_bad = jnp.any(is_bad & problem.is_log & is_fitted) | (best.loss > limit)
     is_bad |= ~jnp.all(jnp.isfinite(jnp.where(is_fitted, errors, 0)))
     result = RESULTS.where(is_bad & jnp.isfinite(best.loss), RESULTS.no_fit, found.result)
-
     is_zero = np.arange(held.size) >= held.size - 2
     free_of_zeros = directions(problem, best, held & ~is_zero)
     left = best.misfit - best.jacobian @ free_of_zeros.newton

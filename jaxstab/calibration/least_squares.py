@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxstab.core.checks import parameter, require, require_finite
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Flag, Scalar
 from jaxstab.loads import Load
@@ -36,6 +37,35 @@ class Measured(eqx.Module):
     mean_pressure: Curve
     weights: Curve
     has_baseline: bool = eqx.field(static=True)
+
+    @classmethod
+    def of(
+        cls,
+        load: Load,
+        given: ArrayLike | None,
+        weights: ArrayLike | None,
+        area: Scalar,
+        has_baseline: bool,
+    ) -> "Measured":
+        """Return checked measurements, forces over an area or pressures, without masked ones."""
+        mask = None
+        if isinstance(given, np.ma.MaskedArray):
+            mask, given = np.ma.getmaskarray(given), given.filled(0)
+        measured = parameter(given, "The measurements")
+        if load.value.ndim != 1 or measured.shape != load.value.shape:
+            raise ValueError(
+                f"There are loads of shape {load.value.shape} and measurements of shape "
+                f"{measured.shape}: give as many of one as of the other, in one dimension."
+            )
+        require_finite("The measured curve", measured)
+        w = jnp.ones_like(measured) if weights is None else parameter(weights)
+        if w.shape != measured.shape:
+            raise ValueError(
+                f"The weights have shape {w.shape}, the measurements {measured.shape}."
+            )
+        require("A weight", w, (w >= 0) & jnp.isfinite(w), "all must be finite and not negative.")
+        w = w if mask is None else jnp.where(mask, 0, w)
+        return cls(load, measured / area, w, has_baseline)
 
     @property
     def deviation(self) -> Curve:

@@ -40,8 +40,7 @@ from jaxstab.paths.kinds import KINDS
 # The least cosine between the tangents at both ends of a step, and that from which steps grow.
 _LEAST_COSINE, _STRAIGHT = 0.95, 0.99
 _GROWTH, _CUT, _TO_TURN = 1.5, 0.4, 0.9
-# How far from its prediction a state may be, over the step: on one smooth piece, and over several
-# active-set changes.
+# How far from its prediction a state may be, over the step: on a smooth piece, and over several.
 _FARTHEST, _FARTHEST_LEAP = 0.1, 0.3
 # Steps of Newton's method from which steps grow no more, and that a step may take at most.
 _EASY, _HARD = 4, 8
@@ -122,8 +121,7 @@ class _Candidate(NamedTuple):
 def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthStep:
     """Return the state after the next step, or the same with a shorter one to try."""
     curve, old = problem.curve, step.here
-    shortest = _NEAREST[step.length.dtype.name] * problem.max_step
-    changes = changes_ahead(curve, old, shortest)
+    changes = changes_ahead(curve, old, _NEAREST[step.length.dtype.name] * problem.max_step)
     target = _target_of(changes, old, step.length, step.lands)
     candidate = _candidate_of(problem, step, changes, target)
     new = candidate.place
@@ -235,9 +233,8 @@ def _accepted(
 
     turn, is_flat = jax.lax.cond(turns & is_clear, at_fold, lambda: (reached.at, jnp.array(True)))
     new, goes_on = jax.lax.cond(target.is_change, past_change, lambda: (reached, is_clear))
-    gap = new.at.gap
     index, modes = index_of(
-        curve.contact, curve.load, gap, step.modes, counts_all=not problem.to_limit
+        curve.contact, curve.load, new.at.gap, step.modes, counts_all=not problem.to_limit
     )
     turns_back = curve.rate(reached.tangent) * curve.rate(new.tangent) < 0
     # At a release the released point has no part in the index yet.
@@ -290,8 +287,7 @@ def _explains(
             gap, tangent = place.at.gap, place.tangent.gap
             return driven_index_of(curve.contact, curve.load, gap, place.is_free, tangent)
 
-        is_free = reached.is_free & (~touches | (reached.at.gap > 0))
-        ends = old, replace(reached, is_free=is_free)
+        ends = old, replace(reached, is_free=reached.is_free & (~touches | (reached.at.gap > 0)))
         before, after = jax.lax.map(driven, jax.tree.map(lambda *pair: jnp.stack(pair), *ends))
         return (before >= 0) & (after >= 0) & is_explained(before, after)
 
