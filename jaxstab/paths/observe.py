@@ -100,7 +100,8 @@ def observe(
             f"The observables are named {', '.join(names)}: names must differ. Observe them in "
             "separate calls, or write a function with a name of its own."
         )
-    own = sorted({field.name for field in fields(Observed)} & {*names})
+    # Files keep the table of the law by this name.
+    own = sorted({"law", *(field.name for field in fields(Observed))} & {*names})
     if own:
         raise ValueError(f"{own[0]} is a name of the result itself: rename the observable.")
     if isinstance(states, Evolution):

@@ -180,6 +180,9 @@ def test_what_cannot_be_observed_is_said(contact, path, sweep):
     def equilibrium(contact, state):
         return cubed_pressure(contact, state)
 
+    def law(contact, state):
+        return cubed_pressure(contact, state)
+
     bare = eqx.tree_at(lambda path: path.equilibrium.gap, path, None)
     with pytest.raises(ValueError, match=r"kept no gaps.*fields=True"):
         js.observe(contact, bare, js.patches)
@@ -195,6 +198,8 @@ def test_what_cannot_be_observed_is_said(contact, path, sweep):
         js.observe(contact, sweep, js.patches, js.leakage, partial(js.leakage, viscosity=2.0))
     with pytest.raises(ValueError, match="equilibrium is a name of the result itself: rename"):
         js.observe(contact, sweep, equilibrium)
+    with pytest.raises(ValueError, match="law is a name of the result itself: rename"):
+        js.observe(contact, sweep, law)
     with pytest.raises(TypeError, match="<lambda> returned a Array"):
         js.observe(contact, sweep, lambda contact, state: state.gap)
     with pytest.raises(ValueError, match="several states in one row"):
