@@ -187,7 +187,7 @@ def test_what_has_no_pull_off_is_told():
 
 @pytest.mark.nightly
 def test_the_point_that_lets_go_is_found_where_the_last_state_lies_before_it():
-    # The walk stops so far before the release that no reaction there is zero yet.
+    # Load stepping stops so far before the release that no reaction there is zero yet.
     random = np.random.default_rng(100)
     random.random(5)
     rms = random.uniform(0.03, 0.08)
