@@ -30,7 +30,7 @@ _SINGULAR = {"jumps": "jump", "turns": "turn", "minima": "minimum"}
 _TOTALS = {("work",), ("dissipation",)}
 # The modules by whose names files know the classes of this package, so that inner modules can move.
 _PACKAGE = __name__.partition(".")[0]
-_PUBLIC = (_PACKAGE, f"{_PACKAGE}.potentials")
+_PUBLIC = (_PACKAGE, f"{_PACKAGE}.potentials", f"{_PACKAGE}.solids")
 
 
 class LostFunction(eqx.Module):

@@ -3,12 +3,13 @@
 from jaxstab.solids.free_half_space import FreeHalfSpace
 from jaxstab.solids.half_space import HalfSpace
 from jaxstab.solids.layers import CoatedHalfSpace, Layer
-from jaxstab.solids.solid import Solid, apart_from_mean
-from jaxstab.solids.spectral import Spectral, SpectralSolid
+from jaxstab.solids.solid import Altered, Solid, apart_from_mean
+from jaxstab.solids.spectral import Spectral, SpectralSolid, Waves
 from jaxstab.solids.surface_tension import Sheet, SurfaceTension
 from jaxstab.solids.viscoelastic import Viscoelastic
 
 __all__ = [
+    "Altered",
     "CoatedHalfSpace",
     "FreeHalfSpace",
     "HalfSpace",
@@ -19,5 +20,6 @@ __all__ = [
     "SpectralSolid",
     "SurfaceTension",
     "Viscoelastic",
+    "Waves",
     "apart_from_mean",
 ]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import xarray
 from problems import state_of
-from saved import BUMPY, LENGTHS, assert_same_bits, contact_of, rewrite
+from saved import BUMPY, LENGTHS, SHAPE, assert_same_bits, contact_of, rewrite
 
 import jaxstab as js
 from jaxstab.files.records import Recorder, restored
@@ -251,6 +251,18 @@ def test_a_file_that_lacks_something_says_what(plain, tmp_path):
         file.attrs["structure"] = "{"
     with pytest.raises(ValueError, match=r"run.nc was changed since .* damaged: structure"):
         js.load(path)
+
+
+def test_solids_with_a_scaled_stiffness_come_back(tmp_path):
+    contact, state = state_of(
+        contact_of(js.potentials.Exponential(0.01, 0.2)), jnp.full(SHAPE, 0.2)
+    )
+    layer = js.Layer(contact.grid, 1.0, 0.3, 0.1)
+    rubber = js.Viscoelastic.from_moduli(layer, (0.5,), (1.0,))
+    altered = js.Solid.scaled(layer, jnp.array(2.0))
+    for i, solid in enumerate((rubber, rubber.glassy, altered)):
+        both = js.Contact(solid, contact.heights, contact.potential), state
+        assert_same_bits(both, js.load(js.save(tmp_path / f"{i}.nc", *both)))
 
 
 def test_a_line_has_one_dimension(tmp_path):
