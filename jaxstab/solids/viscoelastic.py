@@ -18,6 +18,8 @@ from jaxstab.core.checks import (
 from jaxstab.core.compile import own_conventions
 from jaxstab.core.types import ArrayLike, Flag, Scalar
 from jaxstab.core.units import NUMBER, TIME
+from jaxstab.solids.half_space import HalfSpace
+from jaxstab.solids.layers import Layer
 from jaxstab.solids.solid import Solid
 
 
@@ -88,7 +90,13 @@ class Viscoelastic(Solid):
         cure = "it is negative or zero: the fractions must add up to less than one."
         require("The relaxed part of the modulus", concrete(left), concrete(left) > 0, cure)
         left = possible(left, concrete(left) > 0)
-        return cls(glassy.scaled(left), given / left, times)
+        if isinstance(glassy, HalfSpace | Layer):
+            # Its moduli are still known, as a conductance needs.
+            modulus = left * glassy.youngs_modulus
+            relaxed = eqx.tree_at(lambda solid: solid.youngs_modulus, glassy, modulus)
+        else:
+            relaxed = glassy.scaled(left)
+        return cls(relaxed, given / left, times)
 
     @classmethod
     def power_law(

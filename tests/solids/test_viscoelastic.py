@@ -33,6 +33,7 @@ def test_moduli_as_finite_elements_take_them_are_the_same_series():
     given = js.Viscoelastic.from_moduli(SOLID, (0.5, 0.25), (0.1, 1.0))
     assert np.array(given.ratios) == pytest.approx([2.0, 1.0])
     assert given.glassy.max_stiffness == pytest.approx(float(SOLID.max_stiffness))
+    assert (given.relaxed.youngs_modulus, given.relaxed.poisson_ratio) == (0.5, 0.3)
     with pytest.raises(ValueError, match="add up to less than one"):
         js.Viscoelastic.from_moduli(SOLID, (0.5, 0.5), (0.1, 1.0))
     for other in (given, 2.0):
