@@ -103,8 +103,9 @@ class RESULTS(Enumeration):
     )
     no_fit = member(
         "the curve does not describe the measurements: a parameter is at its bound or is not "
-        "determined, or the misfit is hardly less than a curve of zero has. Look at signs, "
-        "units and outliers, plot the fitted curve beside the measurements, or fit fewer parameters"
+        "determined, or the misfit is hardly less than a zero or a constant curve has. Look at "
+        "signs, units and outliers, plot the fitted curve beside the measurements, or fit fewer "
+        "parameters"
     )
     long_steps = member(
         "the steps violate 1 / tau - sigma >= beta / 2, beta the bound on |A|, from which the "
