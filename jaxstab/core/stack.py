@@ -30,7 +30,8 @@ class Stackable:
     def __getitem__(self, index: PyTree) -> Self:
         shape = self._leading_axes()
         if isinstance(index, list):
-            index = np.asarray(index)
+            # An empty list is of floats.
+            index = np.asarray(index, None if index else int)
         if not is_traced(index):
             # NumPy refuses an index beyond the end; JAX would take the last entry.
             _ = np.broadcast_to(False, shape)[index]

@@ -59,7 +59,8 @@ def evolution(
         shown = slice(1, None) if x == "time" else slice(None)
         values = np.asarray(getattr(each, y))[shown]
         if not np.isfinite(values).any():
-            raise ValueError(f"No state to draw was found ({each.result.name[-1]}).")
+            ended = each.result.name[-1] if len(each) else "none"
+            raise ValueError(f"No state to draw was found ({ended}).")
         axes.plot(np.asarray(across)[shown], values, ".-", label=label)
     load = evolutions[0].load
     across = x if x == "time" else quantity_label(x, load)

@@ -137,6 +137,8 @@ def test_slices_masks_and_lists_choose_several_states(sweep):
     for numbers, index in chosen.items():
         np.testing.assert_array_equal(sweep[index].load.value, numbers)
         np.testing.assert_array_equal(sweep[index].equilibrium.gap[:, 0, 0], numbers)
+    for nothing in ([], slice(0), np.zeros(NUM_LOADS, bool)):
+        assert len(sweep[nothing]) == 0 and len(repr(sweep[nothing]).splitlines()) == 2
 
 
 def test_a_sweep_is_a_sequence_of_its_states(sweep):

@@ -18,7 +18,8 @@ def evolution():
 
 def test_an_evolution_comes_back_to_the_last_bit_and_goes_on(evolution, tmp_path):
     contact = evolution.contact
-    for name, result in {"all": evolution, "one": evolution[2], "some": evolution[:2]}.items():
+    parts = {"one": evolution[2], "some": evolution[:2], "none": evolution[:0]}
+    for name, result in {"all": evolution, **parts}.items():
         saved = js.save(tmp_path / f"{name}.nc", contact, result)
         assert_same_bits((contact, result), js.load(saved))
     _, state = js.load(tmp_path / "one.nc")

@@ -41,6 +41,8 @@ def test_mistakes_are_named(run):
     assert len(js.plots.evolution(failed).lines) == 1
     with pytest.raises(ValueError, match=r"No state to draw was found \(infeasible_load\)"):
         js.plots.evolution(failed, x="time")
+    with pytest.raises(ValueError, match=r"No state to draw was found \(none\)"):
+        js.plots.evolution(run[[]])
     with pytest.raises(TypeError, match=r"state of an evolution .* in evolution\[i\]\.instant"):
         js.plots.gap(run.contact, run[-1])
     state = js.plots.gap(*run[-1].instant)

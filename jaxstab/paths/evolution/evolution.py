@@ -104,8 +104,10 @@ class Evolution(Totals):
         if self.is_batch:
             return jax.tree.map(lambda leaf: leaf[places], self)
         names = "contact", "last", "reached", "jump_times", "dissipation"
-        of_all, end = {name: getattr(self, name) for name in names}, np.ravel(places)[-1]
-        if end < len(self) - 1:
+        of_all = {name: getattr(self, name) for name in names}
+        if places.size == 0:
+            of_all["last"] = None
+        elif (end := np.ravel(places)[-1]) < len(self) - 1:
             of_all["last"] = jax.tree.map(lambda leaf: leaf[end], self.fields)
             of_all["reached"] = jnp.minimum(self.reached, self.times[end])
         picked = replace(self, **dict.fromkeys(names))
