@@ -82,7 +82,22 @@ class Dimension(str):
 
     Words are length, pressure, energy, force, area, time and number "1", with powers, in products
     divided by a product. Units in tables, figures and files follow from it.
+
+    Raises:
+        ValueError: for other words or powers.
     """
+
+    def __new__(cls, name: str) -> Self:
+        """Check the words."""
+        for factor in re.split(r"[ /()]+", name):
+            word, *power = factor.split("^", 1)
+            is_power = power in ([], ["exponent"]) or re.fullmatch(r"\d", power[0])
+            if not (factor in ("", "1") or (word in _DIMENSIONS and is_power)):
+                raise ValueError(
+                    f"The dimension {name!r} has the factor {factor!r}: give powers from 2 to 9 of "
+                    f"{', '.join(sorted(_DIMENSIONS))}, as in 'pressure^3 length^2 / time'."
+                )
+        return super().__new__(cls, name)
 
 
 NUMBER, LENGTH, AREA = Dimension("1"), Dimension("length"), Dimension("length^2")

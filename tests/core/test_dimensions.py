@@ -7,6 +7,7 @@ from typing import Annotated, get_args
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from jaxtyping import Array, Bool, Float, Int
 
 import jaxstab as js
@@ -62,3 +63,11 @@ def test_pressures_change_their_unit_and_fields_are_cropped_also_within():
     np.testing.assert_array_equal(found.inner.pressure, [1.5, 2.5])
     np.testing.assert_array_equal(found.inner.profile, [[0, 1], [4, 5]])
     assert jax.grad(lambda x: Result(x).in_units_of(jnp.array(2.0)).pressure)(1.0) == 0.5
+
+
+@pytest.mark.parametrize(
+    "name", ["presure", "MPa", "length²", "length**2", "length^-1", "length^0.5", "force * length"]
+)
+def test_an_unknown_dimension_is_refused(name):
+    with pytest.raises(ValueError, match="has the factor"):
+        js.Dimension(name)
