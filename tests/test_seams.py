@@ -1,5 +1,8 @@
-"""A solid and solvers of one's own, through every call that takes ours."""
+"""A solid, loads and solvers of one's own, through every call that takes ours."""
 
+from typing import Annotated
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +13,19 @@ from jaxtyping import Array
 from problems import TIGHT, DenseSolid, rough_contact
 
 import jaxstab as js
+
+
+class Undeclared(js.loads.Load):
+    value: Annotated[Array, js.Dimension("length")] = eqx.field(converter=jnp.asarray)
+    bulk_modulus: Array = eqx.field(converter=jnp.asarray)
+
+    def control(self, solid, heights):
+        raise NotImplementedError
+
+
+class Sealed(Undeclared):
+    bulk_modulus: Annotated[Array, js.Dimension("pressure")] = eqx.field(converter=jnp.asarray)
+
 
 SHAPE = (4, 5)
 SIZE = 20
@@ -159,6 +175,13 @@ def test_a_solver_of_ones_own_finds_the_cones_eigenvalue_in_every_call(contact):
     failed = js.assess_stability(contact, state, PowerIteration(max_steps=1), throw=False)
     assert failed.cone.result == js.RESULTS.max_steps_reached
     assert failed.verdict == "undecided"
+
+
+def test_numbers_of_a_load_without_a_dimension_or_of_differing_shapes_are_refused(contact):
+    with pytest.raises(TypeError, match=r"bulk_modulus of Undeclared has no dimension"):
+        js.equilibrate(contact, Undeclared(0.1, 2.0))
+    with pytest.raises(ValueError, match=r"bulk_modulus=2\), its value of shape \(2,\)"):
+        js.sweep(contact, Sealed([0.1, 0.2], 2.0))
 
 
 def test_what_is_no_solver_of_the_kind_is_refused_by_name(contact):

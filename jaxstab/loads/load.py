@@ -145,7 +145,10 @@ class Load(Stackable, Dimensioned):
 
 
 def require_load(load: Load) -> None:
-    """Raise `TypeError` if `load` is not one."""
+    """Raise `TypeError` if `load` is not one, or has numbers whose units are not known.
+
+    Raises `ValueError` if its numbers differ in shape.
+    """
     if not isinstance(load, Load):
         given = load if isinstance(load, int | float) else f"a {type(load).__name__}"
         if isinstance(load, type):
@@ -153,6 +156,18 @@ def require_load(load: Load) -> None:
         raise TypeError(
             f"The load is {given}: give the prescribed quantity, by MeanDisplacement, MeanGap, "
             "MeanPressure, FarDisplacement or Spring."
+        )
+    kind, shape = type(load), load.value.shape
+    numbers = {name for name, value in vars(load).items() if eqx.is_inexact_array(value)}
+    unknown = sorted(numbers - {*dimensions(kind)})
+    if unknown and kind.in_units_of is Dimensioned.in_units_of:
+        raise TypeError(
+            f"{unknown[0]} of {kind.__name__} has no dimension, which its units follow from: "
+            f'declare it, as in {unknown[0]}: Annotated[Array, jaxstab.Dimension("pressure")].'
+        )
+    if any(leaf.shape[: len(shape)] != shape for leaf in jax.tree.leaves(load)):
+        raise ValueError(
+            f"The load is {load!r}, its value of shape {shape}: give all of its numbers that shape."
         )
 
 
