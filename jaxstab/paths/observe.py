@@ -16,7 +16,7 @@ from jaxstab.core.checks import require_known
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.stack import Stackable, nothing_like, stacked
 from jaxstab.core.types import Field
-from jaxstab.core.units import NUMBER, dimensions
+from jaxstab.core.units import NUMBER, axes_of, dimensions
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.equilibrium.observables.observable import Observable
@@ -81,8 +81,8 @@ def observe(
         TypeError: for states of another kind, an observable that is no function or returns no
             `Observable`, and as the observables.
         ValueError: for a path without gaps, an observable with a name of another one or of the
-            result's own fields, no state that was found, a single state, states of another grid,
-            and as the observables.
+            result's own fields, a column of another shape than it declares, no state that was
+            found, a single state, states of another grid, and as the observables.
         SolverError: as the observables.
     """
     require_contact(contact)
@@ -163,7 +163,19 @@ def _row(observable: Callable[..., Any], contact: Contact, state: Equilibrium) -
             "jaxstab.Observable, which declares the columns."
         )
     # Numbers of Python have no precision of their own.
-    return jax.tree.map(jnp.asarray, result.row())
+    row, kind = jax.tree.map(jnp.asarray, result.row()), type(result)
+    axes, sides = axes_of(kind), len(contact.grid.shape)
+    declared = "declare a column as Float[Array, ''], or for each side as Float[Array, 'sides']."
+    for name in [field.name for field in fields(kind) if not field.metadata.get("static")]:
+        if name not in axes:
+            raise TypeError(f"{name} of {kind.__name__} is declared as no array: {declared}")
+        found, expected = getattr(row, name), (sides,) * len(axes[name])
+        if name in kind.columns() and getattr(found, "shape", None) != expected:
+            raise ValueError(
+                f"{name} of {kind.__name__} is {display.text(found)}, not of shape {expected}: "
+                f"{declared}"
+            )
+    return row
 
 
 @own_conventions()

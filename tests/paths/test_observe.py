@@ -26,6 +26,10 @@ def cubed_pressure(contact, equilibrium):
     return CubedPressure(jnp.sum(cubes) * contact.grid.cell_area, cubes, units=contact.units)
 
 
+class Bare(js.Observable):
+    total: Annotated[Array, js.Dimension("pressure")]
+
+
 @pytest.fixture(scope="module")
 def contact():
     return rough_contact(32, js.potentials.Exponential(1e-3, 0.05), rms_height=0.05)
@@ -202,6 +206,11 @@ def test_what_cannot_be_observed_is_said(contact, path, sweep):
         js.observe(contact, sweep, law)
     with pytest.raises(TypeError, match="<lambda> returned a Array"):
         js.observe(contact, sweep, lambda contact, state: state.gap)
+    with pytest.raises(TypeError, match=r"total of Bare is declared as no array: .*Float\["):
+        js.observe(contact, sweep, lambda contact, state: Bare(state.energy))
+    for wrong in (jnp.ones(3), None, js.RESULTS.successful):
+        with pytest.raises(ValueError, match=r"total of CubedPressure is .*, not of shape \(\)"):
+            js.observe(contact, sweep, lambda contact, state, x=wrong: CubedPressure(x, None))
     with pytest.raises(ValueError, match="several states in one row"):
         js.observe(contact, sweep[0], js.patches)
     with pytest.raises(ValueError, match=r"column is 'area': choose one of patches\.number"):
