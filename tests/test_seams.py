@@ -1,5 +1,6 @@
 """A solid, loads and solvers of one's own, through every call that takes ours."""
 
+from collections.abc import Callable
 from typing import Annotated
 
 import equinox as eqx
@@ -25,6 +26,15 @@ class Undeclared(js.loads.Load):
 
 class Sealed(Undeclared):
     bulk_modulus: Annotated[Array, js.Dimension("pressure")] = eqx.field(converter=jnp.asarray)
+
+
+class Changed(DenseSolid):
+    """A solid whose pressure is changed by a function."""
+
+    change: Callable[[Array], Array] = eqx.field(static=True)
+
+    def apply(self, displacement):
+        return self.change(super().apply(displacement))
 
 
 SHAPE = (4, 5)
@@ -175,6 +185,14 @@ def test_a_solver_of_ones_own_finds_the_cones_eigenvalue_in_every_call(contact):
     failed = js.assess_stability(contact, state, PowerIteration(max_steps=1), throw=False)
     assert failed.cone.result == js.RESULTS.max_steps_reached
     assert failed.verdict == "undecided"
+
+
+@pytest.mark.parametrize("change", [lambda pressure: pressure[0], lambda p: p.astype("float32")])
+def test_a_pressure_of_another_shape_or_precision_is_refused(change):
+    solid = Changed(js.Grid(SHAPE), jnp.asarray(matrix_of(1.0)), 9.0, 1.0, change)
+    contact = js.Contact(solid, jnp.zeros(SHAPE), js.potentials.Exponential(0.1, 0.4))
+    with pytest.raises(TypeError, match=r"`apply` of Changed maps f64\[4,5\] to f(64\[5|32)"):
+        js.equilibrate(contact, js.MeanGap(0.2))
 
 
 def test_numbers_of_a_load_without_a_dimension_or_of_differing_shapes_are_refused(contact):

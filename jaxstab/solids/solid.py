@@ -168,7 +168,15 @@ class Altered(Solid):
         """Apply the scaled K of the solid to a field; the mean has the uniform stiffness."""
         rigid = mean(displacement)
         level = finite_or_zero(self.uniform) * rigid
-        return self.factor * self.solid.apply(displacement - rigid) + level
+        pressure = self.solid.apply(displacement - rigid)
+        dtype = jnp.result_type(pressure, displacement)
+        if (pressure.shape, pressure.dtype) != (displacement.shape, dtype):
+            given, found = map(eqx.tree_pformat, (displacement, pressure))
+            raise TypeError(
+                f"`apply` of {type(self.solid).__name__} maps {given} to {found}: return a "
+                "pressure of the same shape and precision."
+            )
+        return self.factor * pressure + level
 
     def precondition(self, shift: Scalar) -> FieldMap:
         """Return the solid's scaled preconditioner, exact for the mean."""
