@@ -157,7 +157,7 @@ def require_load(load: Load) -> None:
             f"The load is {given}: give the prescribed quantity, by MeanDisplacement, MeanGap, "
             "MeanPressure, FarDisplacement or Spring."
         )
-    kind, shape = type(load), load.value.shape
+    kind, shape = type(load), jnp.shape(load.value)
     numbers = {name for name, value in vars(load).items() if eqx.is_inexact_array(value)}
     unknown = sorted(numbers - {*dimensions(kind)})
     if unknown and kind.in_units_of is Dimensioned.in_units_of:
@@ -165,7 +165,7 @@ def require_load(load: Load) -> None:
             f"{unknown[0]} of {kind.__name__} has no dimension, which its units follow from: "
             f'declare it, as in {unknown[0]}: Annotated[Array, jaxstab.Dimension("pressure")].'
         )
-    if any(leaf.shape[: len(shape)] != shape for leaf in jax.tree.leaves(load)):
+    if any(jnp.shape(leaf)[: len(shape)] != shape for leaf in jax.tree.leaves(load)):
         raise ValueError(
             f"The load is {load!r}, its value of shape {shape}: give all of its numbers that shape."
         )
