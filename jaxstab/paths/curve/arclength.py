@@ -24,7 +24,7 @@ from jaxtyping import Array, Int
 from jaxstab.contact.hessian import Block
 from jaxstab.core.control_flow import choose
 from jaxstab.core.types import Flag, Scalar
-from jaxstab.paths.curve.corrector import CLOSE, TOLERANCE, Correction, at_change, correct, on_plane
+from jaxstab.paths.curve.corrector import AT_STATES, CLOSE, Correction, at_change, correct, on_plane
 from jaxstab.paths.curve.curve import ContinuationProblem, Place, Point
 from jaxstab.paths.curve.events import ActiveSetChanges, beyond_change, changes_ahead, fold_between
 from jaxstab.paths.curve.interpolation import (
@@ -189,7 +189,7 @@ def _candidate_of(
     start = Point(jnp.maximum(predicted.gap, least), predicted.pressure)
     correction = Correction(curve, condition, old.is_free, target.follows)
     dtype = reach.dtype.name
-    closely = jnp.where(target.is_change, CLOSE[dtype], TOLERANCE[dtype])
+    closely = jnp.where(target.is_change, CLOSE[dtype], AT_STATES[dtype])
     found = correct(correction, start, row, old.tangent, closely)
     place, tangent = found.place, found.place.tangent
     length, cosine = row.times(place.at.minus(old.at)), curve.cosine(tangent, old.tangent)

@@ -9,12 +9,14 @@ from jaxtyping import Array, Int
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
 from jaxstab.core.checks import cast, concrete, require, require_finite
+from jaxstab.core.control_flow import choose
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load, require_loads, require_same_machine
 from jaxstab.paths.curve.arclength import ArclengthStep, take_step
+from jaxstab.paths.curve.corrector import CLOSE, Correction, correct, on_plane
 from jaxstab.paths.curve.curve import ContinuationProblem, Curve, Place, Point
 from jaxstab.paths.curve.morse_index import UNKNOWN, index_of, some_modes
 from jaxstab.paths.kinds import KINDS
@@ -87,6 +89,13 @@ def begin(
     span = last - first
     ahead = Point(jnp.sign(span) * row.gap, jnp.sign(span) * row.pressure)
     here = Place(at, gap > 0, curve.tangent(at, gap > 0, ahead))
+    if dtype == jnp.float32:
+        # A solver may stop as far from the curve as a short step may from its prediction.
+        condition = on_plane(row, first - curve.load_offset, jnp.abs(span))
+        correction = Correction(curve, condition, gap > 0, follows=True)
+        closer = correct(correction, at, ahead, here.tangent, CLOSE[dtype.name])
+        here = choose(closer.is_found, closer.place, here)
+        at, gap = here.at, here.at.gap
     speed, size = jnp.abs(row.times(here.tangent)), curve.length(at)
     longest = _LONGEST * jnp.abs(span) / jnp.where(speed > 0, speed, 1)
     longest = jnp.where(size > 0, jnp.minimum(longest, size), longest)

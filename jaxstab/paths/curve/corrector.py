@@ -20,10 +20,12 @@ from jaxstab.core.grid import total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.paths.curve.curve import TANGENT_ACCURACY, Curve, Forces, Place, Point
 
-# The residual at which a point counts as found, that sought at events, and how well a step is
-# solved for.
+# The residual at which a point counts as found, those sought at states and events, and how well a
+# step is solved for. In single precision a point within the tolerance alone may lie as far from the
+# curve as a short step may from its prediction.
 TOLERANCE = {"float64": 1e-9, "float32": 1e-4}
-CLOSE = {"float64": 1e-12, "float32": 1e-6}
+AT_STATES = {"float64": 1e-9, "float32": 1e-6}
+CLOSE = {"float64": 1e-12, "float32": 1e-7}
 _ACCURACY = 1e-2
 _MAX_STEPS = 12
 # A step that lowers a residual below the tolerance by less ends a search for a smaller one.
