@@ -49,6 +49,12 @@ _BEYOND, _MAX_MOVE = 1e-6, 0.03
 _NEAR = 10
 # So far beyond where the curve could not be followed: the same branch, if nothing is lost.
 _OVER = 1e-3
+# In single precision a looser solver takes the last state of a branch for balanced behind its end:
+# it goes on as far as rounding allows, which is close enough.
+_TOLERANCE = {"float64": 1e-9, "float32": 1e-6}
+_ROUNDED = {"float64": 0.0, "float32": 1e-4}
+# A solver that has not left a release begins farther beyond it by this factor.
+_GROWTH = 10.0
 
 
 def critical_load(
@@ -148,6 +154,7 @@ class _Search(eqx.Module):
     Attributes:
         limit: the last limit.
         value: the load at which the next branch begins.
+        step: how far this lies beyond the limit, or the last load that was tried.
         number: of branches that were followed.
         is_over: whether the limit is the answer.
         is_stuck: whether no stable state has been found behind it yet.
@@ -155,6 +162,7 @@ class _Search(eqx.Module):
 
     limit: Limit
     value: Scalar
+    step: Scalar
     number: Int[Array, ""]
     is_over: Flag
     is_stuck: Flag
@@ -173,6 +181,7 @@ def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
     threshold = _SMALLEST_LOSS * characteristic_energy(contact)
     rounding = 4 * jnp.finfo(start.dtype).eps * jnp.maximum(jnp.abs(first), jnp.abs(last))
     beyond = jnp.sign(last - first) * jnp.maximum(_BEYOND * jnp.abs(last - first), rounding)
+    over = _OVER * (last - first)
 
     def potential(load: Load, gap: Field) -> tuple[Scalar, Scalar]:
         fields, _ = fields_of(contact, load, gap)
@@ -187,6 +196,8 @@ def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
         is_found = found.result == RESULTS.successful
         before, force = potential(search.limit.load, search.limit.gap)
         after, force_after = potential(found.load, found.gap)
+        # Behind a release the force is another one.
+        force = jnp.where(search.limit.is_found, force_after, force)
         work = (search.value - search.limit.load.value) * (force + force_after) / 2
         loses = ~is_found | (before + work - after > threshold)
         is_over = ~is_first & loses
@@ -197,7 +208,8 @@ def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
         )
         # Right behind a release the solver may stay where the point has not opened yet.
         is_lost = limit.result == RESULTS.lost_branch
-        is_near = jnp.abs(limit.load.value - search.limit.load.value) <= _NEAR * jnp.abs(beyond)
+        distance = jnp.abs(search.value - search.limit.load.value)
+        is_near = jnp.abs(limit.load.value - search.limit.load.value) <= _NEAR * distance
         is_stuck = ~is_first & (~is_stable | (is_lost & is_near & search.limit.is_found))
         limit = choose(is_stuck, search.limit, limit)
         is_lost |= is_stuck
@@ -205,15 +217,17 @@ def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
         # Never back, so that the search has an end.
         is_ahead = (limit.load.value - search.value) * (last - first) > 0
         reached = jnp.where(is_ahead, limit.load.value, search.value)
-        value = reached + jnp.where(is_lost, _OVER * (last - first), beyond)
-        return _Search(limit, value, search.number + 1, is_over, is_stuck)
+        is_short = jnp.abs(_GROWTH * search.step) < jnp.abs(over)
+        farther = jnp.where(is_stuck & is_short, _GROWTH * search.step, over)
+        step = jnp.where(is_lost, farther, beyond)
+        return _Search(limit, reached + step, step, search.number + 1, is_over, is_stuck)
 
     def goes_on(search: _Search) -> Flag:
         return ~search.is_over & ((last - search.value) * (last - first) > 0)
 
     none = zeros_of(lambda: _limit_from(contact, loads, _found(contact, loads[0], last, start))[0])
     no = jnp.array(False)
-    search = _Search(replace(none, gap=start), first, jnp.array(0), no, no)
+    search = _Search(replace(none, gap=start), first, beyond, jnp.array(0), no, no)
     search = jax.lax.while_loop(goes_on, next_limit, search)
     result = search.limit.result
     is_lost = (search.number > 0) & (search.is_stuck | (result == RESULTS.lost_branch))
@@ -224,7 +238,11 @@ def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
 # Apart, so that each is traced once.
 @jax.jit
 def _found(contact: Contact, load: Load, farthest: Scalar, start: Field) -> Equilibrium:
-    return find(contact, load, PreconditionedConjugateGradient(max_move=farthest), start)
+    dtype = start.dtype.name
+    solver = PreconditionedConjugateGradient(max_move=farthest, tolerance=_TOLERANCE[dtype])
+    found = find(contact, load, solver, start)
+    is_close = (found.result == RESULTS.stagnated) & (found.residual <= _ROUNDED[dtype])
+    return replace(found, result=RESULTS.where(is_close, RESULTS.successful, found.result))
 
 
 @jax.jit

@@ -321,6 +321,22 @@ def test_in_single_precision_a_release_is_found_where_the_solver_has_not_left_it
 
 
 @pytest.mark.nightly
+def test_in_single_precision_a_branch_goes_on_behind_releases_that_lose_little():
+    heights = js.surfaces.self_affine(js.Grid((32,)), jax.random.key(18), k_high=8, rms_height=0.05)
+
+    def end(dtype):
+        solid = js.HalfSpace(js.Grid((32,), jnp.ones(1, dtype)), jnp.ones((), dtype))
+        law = js.potentials.Exponential(*jnp.array([0.043, 0.055], dtype))
+        contact = js.Contact(solid, heights.astype(dtype), law)
+        return js.critical_load(contact, js.MeanGap(jnp.array([0.02, 0.35], dtype)))
+
+    single, double = end("float32"), end("float64")
+    assert single.kind == double.kind == "release"
+    np.testing.assert_allclose(single.load.value, double.load.value, rtol=1e-5)
+    np.testing.assert_allclose(single.critical.eigenvalue, double.critical.eigenvalue, rtol=1e-3)
+
+
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", [0, 3, 12])
 def test_in_single_precision_a_branch_ends_where_it_does_in_double_or_is_lost(seed, hertz):
     noise = 1e-3 * jax.random.normal(jax.random.key(seed), hertz.heights.shape)
