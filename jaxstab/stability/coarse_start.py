@@ -82,9 +82,8 @@ def lowest_by_coarser(
         lambda: mode_by_coarser(spaces, solver, hessian, cone, key),
     )
     is_start = jnp.any(guess != 0)
-    restricted = hessian.restricted(cone.is_moving)
-    found = solver.solve(restricted, cone, guess[None], is_start[None])
-    lowest = on_cone(hessian, cone, hull, found, is_answer).costing(cost)
+    starts = guess[None], is_start[None], is_answer
+    lowest = on_cone(solver, hessian, cone, hull, starts).costing(cost)
     eigenvalue = lowest.pair.eigenvalue
     agrees = is_start & (jnp.abs(eigenvalue - coarser) <= _TRUST * jnp.abs(eigenvalue))
     return lowest, is_known | agrees

@@ -12,10 +12,12 @@ from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Flag
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpair import Eigenpair, Minimum, measured
+from jaxstab.stability.eigenpair import Eigenpair, measured
 from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import ConeSolver, ModesProblem, SpaceSolver
 
+# Starts on a cone, which of them are needed, and whether the first is the answer.
+ConeStarts = tuple[Block, Bool[Array, " starts"], Flag]
 # Up to so many points each one that lifts alone is a start too: near full contact others failed.
 _FEW = 24
 
@@ -57,10 +59,13 @@ def on_space(solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Blo
 
 
 def on_cone(
-    hessian: Hessian, cone: AdmissibleCone, around: Lowest, found: Minimum, is_answer: Flag
+    solver: ConeSolver, hessian: Hessian, cone: AdmissibleCone, around: Lowest, starts: ConeStarts
 ) -> Lowest:
-    """Return the lowest pair on a cone from the minimum that a solver found."""
-    pair = measured(hessian.restricted(cone.is_moving), cone, found, found.vector)
+    """Return the lowest pair on a cone."""
+    vectors, is_needed, is_answer = starts
+    restricted = hessian.restricted(cone.is_moving)
+    found = solver.solve(restricted, cone, vectors, is_needed)
+    pair = measured(restricted, cone, found, found.vector)
     # In any other case a lower minimum may have been missed.
     pair = pair.with_proof(is_answer | cone.is_trivial)
     return Lowest(pair, pair.sign, around.modes)
@@ -68,7 +73,7 @@ def on_cone(
 
 def cone_starts(
     solver: ConeSolver, cone: AdmissibleCone, around: Lowest, random: Block
-) -> tuple[Block, Bool[Array, " starts"], Flag]:
+) -> ConeStarts:
     """Return starts on a cone, which of them are needed, and whether the first is the answer.
 
     They are the two lowest modes of the linear space around it with both signs, and random vectors.

@@ -127,9 +127,8 @@ def _from_all_starts(
     random = hessian.solid.grid.device_put(noise(key, NUM_RANDOM, hessian.curvature))
     if before is not None:
         random = jnp.concatenate([before.pair.mode[None], random])
-    starts, is_needed, is_answer = cone_starts(solver, cone, hull, random)
-    found = solver.solve(hessian.restricted(cone.is_moving), cone, starts, is_needed)
-    lowest = on_cone(hessian, cone, hull, found, is_answer)
+    starts = cone_starts(solver, cone, hull, random)
+    lowest = on_cone(solver, hessian, cone, hull, starts)
     if before is None:
         return lowest
     return replace(lowest, pair=with_cost_of(before.pair, lowest.pair))
