@@ -176,13 +176,9 @@ def _assess_one(
     solver: ConeSolver,
     key: PRNGKeyArray,
 ) -> Stability:
-    problems, state = problems_of(contact, equilibrium, key)
-    found = smallest_eigenpairs(
-        problems,
-        solver,
-        Davidson(solver.tolerance_in(equilibrium.gap.dtype)),
-        verdict_only=verdict_only,
-    )
+    problems, state = problems_of(contact, equilibrium)
+    spaces = Davidson(solver.tolerance_in(equilibrium.gap.dtype))
+    found = smallest_eigenpairs(problems, solver, spaces, key, verdict_only=verdict_only)
     return _stability(equilibrium, state, found)
 
 

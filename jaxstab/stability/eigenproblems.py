@@ -5,7 +5,7 @@ from dataclasses import replace
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, PRNGKeyArray
+from jaxtyping import Array, Bool
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.hessian import Hessian
@@ -35,7 +35,6 @@ class Eigenproblems(eqx.Module):
         hessian: A.
         cone: V0+.
         critical_cone: the critical cone.
-        key: the random key of vectors to start from.
         nearly_touching: points that may be in contact, to within the error of the state.
         touches: whether the surfaces touch anywhere.
         is_weak: whether they do so anywhere without pressing beyond an error.
@@ -45,7 +44,6 @@ class Eigenproblems(eqx.Module):
     hessian: Hessian
     cone: AdmissibleCone
     critical_cone: AdmissibleCone
-    key: PRNGKeyArray
     nearly_touching: Mask
     touches: Flag
     is_weak: Flag
@@ -126,9 +124,7 @@ def _unless(is_left_out: Bool[Array | np.ndarray, ""], pair: Eigenpair) -> Eigen
 
 
 @program
-def problems_of(
-    contact: Contact, equilibrium: Equilibrium, key: PRNGKeyArray
-) -> tuple[Eigenproblems, AssessedState]:
+def problems_of(contact: Contact, equilibrium: Equilibrium) -> tuple[Eigenproblems, AssessedState]:
     """Return the eigenproblems of an equilibrium, and the data of that state."""
     unit = contact.characteristic_pressure
     contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
@@ -152,7 +148,6 @@ def problems_of(
         hessian=hessian,
         cone=AdmissibleCone(in_contact, nowhere, control.fixes_mean),
         critical_cone=AdmissibleCone(weak, nowhere | (in_contact & ~weak), control.fixes_mean),
-        key=key,
         nearly_touching=nearly_touching,
         touches=jnp.any(in_contact),
         is_weak=jnp.any(weak),

@@ -30,14 +30,16 @@ def smallest_eigenpairs(
     problems: Eigenproblems,
     solver: ConeSolver,
     spaces: SpaceSolver,
+    key: PRNGKeyArray,
     *,
     verdict_only: bool,
 ) -> Found:
     """Return the smallest eigenpairs, of V0+ by one solver and of linear spaces by another.
 
-    With `verdict_only` the searches stop at a number that proves the verdict.
+    The key is the random key of vectors to start from. With `verdict_only` the searches stop at a
+    number that proves the verdict.
     """
-    hessian, key = problems.hessian, problems.key
+    hessian = problems.hessian
     touches, is_doubtful = concrete(problems.touches), concrete(problems.is_doubtful)
     is_default = isinstance(solver, ProjectedLOBPCG)
     fast = solver if is_default else ProjectedLOBPCG(solver.tolerance_in(hessian.curvature.dtype))
