@@ -19,8 +19,9 @@ from jaxstab.core.compile import program
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, FieldMap, Mask, Scalar
 from jaxstab.stability.cones import AdmissibleCone
+from jaxstab.stability.eigenpair import measured
 from jaxstab.stability.lowest_pair import Lowest
-from jaxstab.stability.solvers.base import ModesProblem, SpaceSolver
+from jaxstab.stability.solvers.base import SpaceSolver
 
 # Soft waves are stiffened to these parts of the cone's eigenvalue, tried in turn.
 _SHARES = (0.5, 0.25)
@@ -66,10 +67,10 @@ def certified(
         operator = _stiffened(hessian, cone, shares[number] * eigenvalue)
         assert operator is not None
         minimum = solver.solve(operator, cone.hull, starts)
-        bound = ModesProblem(operator, cone.hull, starts).pair(minimum).bound
+        pair = measured(operator, cone.hull, minimum, minimum.vector[0]).with_proof(True)
         more = minimum.num_applications
         more += (more + len(starts)) // 2
-        return number + 1, jnp.maximum(best, bound), cost + more
+        return number + 1, jnp.maximum(best, pair.bound), cost + more
 
     # One share after another, until a bound is positive.
     start = jnp.array(0), jnp.full_like(eigenvalue, -jnp.inf), jnp.array(0)

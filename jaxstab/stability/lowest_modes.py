@@ -19,8 +19,8 @@ from jaxstab.equilibrium.equilibrium import Equilibrium, State, equilibrium_of
 from jaxstab.equilibrium.verify import recognised
 from jaxstab.equilibrium.window import padded_state
 from jaxstab.stability.cones import Subspace
-from jaxstab.stability.eigenpair import Eigenpair
-from jaxstab.stability.solvers.base import BLOCK_SIZE, ModesProblem, SpaceSolver, noise
+from jaxstab.stability.eigenpair import Eigenpair, measured
+from jaxstab.stability.solvers.base import BLOCK_SIZE, SpaceSolver, noise
 from jaxstab.stability.solvers.davidson import Davidson
 
 # Modes beyond those asked for, which make them converge sooner.
@@ -101,7 +101,6 @@ def _search(
     space = Subspace(is_moving, control.fixes_mean)
     hessian = contact.hessian(equilibrium.gap, control).restricted(space.is_moving)
     starts = noise(key, max(count + _GUARD, BLOCK_SIZE), equilibrium.gap)
-    problem = ModesProblem(hessian, space, starts, count)
     found = solver.solve(hessian, space, starts, count)
     found = replace(found, num_applications=found.num_applications + count - 1)
     dimension = jnp.sum(is_moving) - control.fixes_mean
@@ -109,7 +108,8 @@ def _search(
     def pair_at(place: Int[Array, ""]) -> Eigenpair:
         result = RESULTS.where(place < dimension, found.result, RESULTS.too_many_modes)
         result = RESULTS.where(is_equilibrium, result, state)
-        return problem.pair(replace(found, result=result), place)
+        minimum = replace(found, result=result)
+        return measured(hessian, space, minimum, found.vector[place]).with_proof(True)
 
     return jax.vmap(pair_at)(jnp.arange(count))
 

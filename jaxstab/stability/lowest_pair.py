@@ -14,7 +14,7 @@ from jaxstab.core.types import Flag
 from jaxstab.stability.cones import AdmissibleCone, Subspace
 from jaxstab.stability.eigenpair import Eigenpair, measured
 from jaxstab.stability.ritz import norms
-from jaxstab.stability.solvers.base import ConeSolver, ModesProblem, SpaceSolver
+from jaxstab.stability.solvers.base import ConeSolver, SpaceSolver
 
 # Starts on a cone, which of them are needed, and whether the first is the answer.
 ConeStarts = tuple[Block, Bool[Array, " starts"], Flag]
@@ -54,7 +54,7 @@ def on_space(solver: SpaceSolver, hessian: Hessian, space: Subspace, starts: Blo
     """Return the lowest pair on a linear space."""
     restricted = hessian.restricted(space.is_moving)
     found = solver.solve(restricted, space, starts)
-    pair = ModesProblem(restricted, space, starts).pair(found)
+    pair = measured(restricted, space, found, found.vector[0]).with_proof(True)
     return Lowest(pair, pair.sign, found.vector)
 
 

@@ -4,14 +4,14 @@ from typing import Any
 
 import equinox as eqx
 import jax
-from jaxtyping import Array, Bool, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, PRNGKeyArray
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core.display import inline
 from jaxstab.core.loop import Iteration, IterativeSolver
 from jaxstab.core.types import Field
 from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpair import Eigenpair, Minimum, measured
+from jaxstab.stability.eigenpair import Minimum
 
 # The modes that a search for the lowest carries on.
 BLOCK_SIZE = 4
@@ -40,12 +40,7 @@ class ModesProblem(Eigenproblem):
     """
 
     starts: Block
-    count: int = eqx.field(static=True, default=1)
-
-    def pair(self, found: Minimum, place: int | Int[Array, ""] = 0) -> Eigenpair:
-        """Return one of the modes that were found, counted from the lowest up."""
-        pair = measured(self.operator, self.domain, found, found.vector[place])
-        return pair.with_proof(True)
+    count: int = eqx.field(static=True)
 
 
 class Eigensolver(IterativeSolver):
