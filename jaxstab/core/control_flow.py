@@ -54,12 +54,12 @@ def entry_of(batch: Tree, i: Int[Array, ""]) -> Tree:
     return jax.tree.map(entry, batch)
 
 
-def with_entry(batch: Tree, i: Int[Array, ""], entry: Tree) -> Tree:
-    """Return a batch with one entry replaced; the index is not checked."""
+def with_entry(batch: Tree, i: Int[Array, ""], entry: Tree, axis: int = 0) -> Tree:
+    """Return a batch with one entry along an axis replaced; the index is not checked."""
 
     def replaced(leaf: Array, new: Array) -> Array:
         new = jnp.asarray(new, leaf.dtype)
-        return jax.lax.dynamic_update_index_in_dim(leaf, new, i, 0, allow_negative_indices=False)
+        return jax.lax.dynamic_update_index_in_dim(leaf, new, i, axis, allow_negative_indices=False)
 
     return jax.tree.map(replaced, batch, entry)
 

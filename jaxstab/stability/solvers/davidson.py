@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
-from jaxstab.core.control_flow import either, on_platform
+from jaxstab.core.control_flow import either, on_platform, with_entry
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
@@ -67,13 +67,14 @@ class _Span(eqx.Module):
         vector = either(is_noise, lambda: self._apart_from(vector), lambda: vector)
         vector = space.project(vector)
         product = space.project(operator(vector))
-        basis, products = _put(vector, self.basis, slot), _put(product, self.products, slot)
+        basis, products = with_entry((self.basis, self.products), slot, (vector, product))
         overlaps, energies = inner_products(basis, vector, product)
-        gram = _put_both(overlaps, self.gram, slot)
-        energies = _put_both(energies, self.energies, slot)
+        gram = _with_row(self.gram, slot, overlaps)
+        energies = _with_row(self.energies, slot, energies)
         part = (jnp.arange(len(gram)) == slot).astype(gram.dtype)
         axis = orthonormal(part, self.axes, gram, least_new(part.dtype))
-        return _Span(basis, products, gram, energies, _put(axis, self.axes, slot, axis=1))
+        axes = with_entry(self.axes, slot, axis, axis=1)
+        return _Span(basis, products, gram, energies, axes)
 
     def _apart_from(self, vector: Field) -> Field:
         (overlaps,), square = inner_products(self.basis, vector), total(vector**2)
@@ -226,15 +227,9 @@ def _restarted(
     return _RitzState(span, eigenvalues, residual, jnp.array(False))
 
 
-def _put(entry: Array, entries: Array, slot: Int[Array, ""], axis: int = 0) -> Array:
-    return jax.lax.dynamic_update_index_in_dim(
-        entries, entry, slot, axis, allow_negative_indices=False
-    )
-
-
-def _put_both(row: Array, matrix: Array, slot: Int[Array, ""]) -> Array:
+def _with_row(matrix: Array, slot: Int[Array, ""], row: Array) -> Array:
     """Return a symmetric matrix with another row, and column."""
-    return _put(row, _put(row, matrix, slot), slot, axis=1)
+    return with_entry(with_entry(matrix, slot, row), slot, row, axis=1)
 
 
 def _rounding(dtype: jnp.dtype) -> float:
