@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact.hessian import Block, SymmetricOperator
 from jaxstab.core import model
-from jaxstab.core.control_flow import by_entries, entry_of, on_platform
+from jaxstab.core.control_flow import by_entries, choose, entry_of, on_platform
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.loop import Iteration, integer_parameter, optional_parameter
@@ -235,7 +235,7 @@ def _lowered(problem: Eigenproblem, state: _ConeState) -> _ConeState:
         attempt,
         _ConeTrial(point, jnp.array(False), jnp.ones_like(point.eigenvalue), none, none),
     )
-    point = jax.tree.map(partial(jnp.where, trial.is_lower), trial.point, point)
+    point = choose(trial.is_lower, trial.point, point)
     num_failures = jnp.where(trial.is_lower, 0, _MAX_TRIES)
     return _arrived(
         problem, state, point, num_failures, state.is_stuck + 2 + trial.num_applications
@@ -254,7 +254,7 @@ def _tried_once(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     mode = model.onto_sphere(jnp.where(state.is_stuck, state.descended, vector))
     tried, is_lower = _compared(state.point, mode, operator(mode))
     is_taken = is_lower | state.is_stuck
-    point = jax.tree.map(partial(jnp.where, is_taken), tried, state.point)
+    point = choose(is_taken, tried, state.point)
     # Near rounding all lengths fail: after a step to the descended vector only one is tried.
     failures = jnp.where(state.num_failures < 0, _MAX_TRIES, state.num_failures + 1)
     num_failures = jnp.where(is_taken, jnp.where(state.is_stuck, -1, 0), failures)
