@@ -66,8 +66,7 @@ def release(
     require("The amplitude", t, jnp.isfinite(t), "it must be finite.")
     start = jnp.maximum(equilibrium.gap + t * x, 0)
     state = recognised(contact, equilibrium)
-    if throw:
-        start = throw_failure(state, start, lambda: "There is nothing to release")
+    start = throw_failure(state, start, lambda: "There is nothing to release", throw)
     released = equilibrate(contact, equilibrium.load, solver, initial=start, throw=throw)
     result = RESULTS.where(state == RESULTS.successful, released.result, state)
     return replace(released, result=result)
