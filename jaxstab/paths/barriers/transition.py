@@ -144,7 +144,7 @@ def transition(
         first,
         last,
         differentiable=_with_barriers,
-        describe=lambda found: _describe(found, load),
+        describe=lambda _: f"No pass was found between the two states at {load!r}",
         throw=throw,
     )
 
@@ -274,7 +274,3 @@ def _zoomed(landscape: Landscape, string: String) -> String:
     corners = [string.images[string.highest + k] for k in (-1, 0, 1)]
     start = landscape.through(corners, len(string.images))
     return StringMethod(max_steps=_FEW_STEPS).run(landscape, start).state
-
-
-def _describe(found: Transition, load: Load) -> str:
-    return f"No pass was found between the two states at {load!r}"
