@@ -16,10 +16,9 @@ from jaxstab.core.checks import (
     integer,
     is_transformed,
     parameter,
-    possible,
+    positive_parameter,
     require,
     require_finite,
-    require_positive,
     scalar_parameter,
 )
 from jaxstab.core.compile import own_conventions, program
@@ -119,8 +118,7 @@ def evolve(
     require_same_machine(load)
     given_rtol = RTOL[instants.dtype.name] if rtol is None else rtol
     tolerance = scalar_parameter(given_rtol, "rtol").astype(instants.dtype)
-    require_positive("rtol", tolerance)
-    tolerance = possible(tolerance, tolerance > 0)
+    tolerance = positive_parameter(tolerance, "rtol")
     size = integer("max_steps", max_steps)
     require("max_steps", size, size > 0, "it must be positive.")
     warn_if_coarse(contact, FOR_JUMPS)
@@ -174,7 +172,7 @@ def evolve(
         )
     if held and counts.size == numbers.size:
         warn("The evolution was interrupted after its last time; it is complete.", PathInterrupted)
-    return throw_failure(result[-1], evolution, lambda: _describe(evolution, tolerance), throw)
+    return throw_failure(result, evolution, lambda: _describe(evolution, tolerance), throw)
 
 
 def _start(contact: Any, relaxed: Contact, load: Load, initial: Any) -> Moment:
