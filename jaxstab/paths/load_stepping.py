@@ -67,7 +67,7 @@ def _begin(
 @program
 @by_entries
 def _advance(
-    load_path: LoadPath, progress: Progress[Records], num_steps: ArrayLike | None = None
+    load_path: LoadPath, progress: Progress[Records], num_steps: ArrayLike | None
 ) -> Progress[Records]:
     """Return the progress after a number of steps more, where its room is full, or at its end."""
 

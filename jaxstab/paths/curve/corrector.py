@@ -130,7 +130,7 @@ def correct(
     start: Point,
     ahead: Point,
     near: Point,
-    closely: Scalar | float | None = None,
+    close: Scalar | float,
     fine: float | None = None,
 ) -> Found:
     """Return the point of a curve that meets a condition, by Newton's method, and its direction.
@@ -140,11 +140,10 @@ def correct(
         start: where the point is sought from.
         ahead: the gradient of a linear function that grows along the direction.
         near: another direction, from which that is sought; where no point is found it is returned.
-        closely: the residual to reach, if it can be.
+        close: the residual to reach, if it can be.
         fine: the accuracy of the direction, by default as in `Curve.tangent`.
     """
     curve, dtype = problem.curve, start.gap.dtype
-    close = TOLERANCE[dtype.name] if closely is None else closely
     enough, fine = TOLERANCE[dtype.name], fine or TANGENT_ACCURACY[dtype.name]
 
     def goes_on(old: Found) -> Flag:

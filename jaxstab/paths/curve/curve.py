@@ -174,7 +174,7 @@ class Curve(eqx.Module):
         row: Point,
         right: Point,
         accuracy: Scalar | float,
-        size: Scalar | float = 0.0,
+        size: Scalar | float,
     ) -> Point:
         """Return the change with A dg + dp0 = r on the free points and a gradient's product s.
 
@@ -261,7 +261,7 @@ class ContinuationProblem(eqx.Module):
     last: Scalar
     max_step: Scalar
     min_step: Scalar
-    to_limit: bool = eqx.field(static=True, default=False)
+    to_limit: bool = eqx.field(static=True)
 
     def is_beyond(self, at: Point) -> Flag:
         """Return whether a point has reached the last load."""
