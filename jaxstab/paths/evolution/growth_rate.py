@@ -71,7 +71,7 @@ def _singular_stiffening(
     And the mode on the moving points that has no stiffness there.
     """
     space = Subspace(is_moving, contact.control(load).fixes_mean)
-    solver = Davidson(Davidson().tolerance_in(gap.dtype))
+    solver = Davidson()
 
     def goes_on(state: tuple) -> Flag:
         c, before, *_, number = state
