@@ -137,9 +137,7 @@ def load_path_of(
 
 def _characteristic_length(contact: Contact) -> Scalar:
     """Return the rms height, or of a flatter surface the resolution of law and grid."""
-    grid = contact.grid
-    spacing = jnp.min(grid.lengths / jnp.asarray(grid.shape))
     return jnp.maximum(
         jnp.std(contact.solid.surface(contact.heights)),
-        jnp.minimum(contact.profile.range, spacing),
+        jnp.minimum(contact.profile.range, jnp.min(contact.grid.spacing)),
     )
