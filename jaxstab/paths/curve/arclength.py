@@ -184,7 +184,7 @@ def _candidate_of(
     event = at_change(curve, changes.point, target.opens, problem.max_step)
     condition = choose(target.is_change, event, condition)
     predicted = old.at.plus(old.tangent, reach)
-    least = jnp.where(jnp.asarray(curve.contact.has_core), old.at.gap / 5, -jnp.inf)
+    least = jnp.where(curve.contact.has_core, old.at.gap / 5, -jnp.inf)
     least = jnp.where(target.follows, jnp.maximum(least, 0), least)
     start = Point(jnp.maximum(predicted.gap, least), predicted.pressure)
     correction = Correction(curve, condition, old.is_free, target.follows)

@@ -68,7 +68,7 @@ def stays_positive(
 
     def both(gap: Field, net: Field) -> Field:
         # A core lets no gap close.
-        gap = jnp.where(jnp.asarray(curve.contact.has_core), jnp.maximum(gap, 0), gap)
+        gap = jnp.where(curve.contact.has_core, jnp.maximum(gap, 0), gap)
         return jnp.where(old.is_free, soft * gap, net)
 
     value, rate = both(old.at.gap, changes.net), _both_rates(old, changes.net_rate, soft)
