@@ -64,15 +64,20 @@ def stays_positive(
     """Return whether gaps and reactions stay positive between two places, and up to where."""
     old, new = cubics.old, cubics.new
     slack = _SLACK[scale.dtype.name] * scale
-    soft = curve.stiffness
+    # A core lets no gap close.
+    least = jnp.where(curve.contact.has_core, 0, -jnp.inf)
 
     def both(gap: Field, net: Field) -> Field:
-        # A core lets no gap close.
-        gap = jnp.where(curve.contact.has_core, jnp.maximum(gap, 0), gap)
-        return jnp.where(old.is_free, soft * gap, net)
+        """Return gaps of free points, as pressures, and reactions of others, or the rates of these.
 
-    value, rate = both(old.at.gap, changes.net), _both_rates(old, changes.net_rate, soft)
-    end, end_rate = both(new.at.gap, after[0]), _both_rates(new, after[1], soft)
+        The free points are the same at both ends.
+        """
+        return jnp.where(old.is_free, curve.stiffness * gap, net)
+
+    net, net_rate = after
+    value = both(jnp.maximum(old.at.gap, least), changes.net)
+    end = both(jnp.maximum(new.at.gap, least), net)
+    rate, end_rate = both(old.tangent.gap, changes.net_rate), both(new.tangent.gap, net_rate)
     # The active-set change itself ends the step.
     ends = is_change & changes.tied
     between = jnp.where(ends | ~jnp.isfinite(value), 0, cubics.between(value, rate, end, end_rate))
@@ -83,11 +88,6 @@ def stays_positive(
     share = jnp.where(is_over & (value <= slack), 0.5, share)
     share = jnp.where(dips, 0.5, share)
     return ~jnp.any(is_over | dips), jnp.min(share)
-
-
-def _both_rates(place: Place, net_rate: Field, soft: Scalar) -> Field:
-    """Return how the gaps of free points, as pressures, and the reactions of others change."""
-    return jnp.where(place.is_free, soft * place.tangent.gap, net_rate)
 
 
 def turns_as_predicted(curve: Curve, cubics: Cubics) -> Flag:
