@@ -6,7 +6,7 @@ string again. They stay on g >= 0 and under the load, which are convex, so that 
 two images does too.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact
+from jaxstab.core.checks import parameter
 from jaxstab.core.grid import total
 from jaxstab.core.history import Indicators
 from jaxstab.core.loop import IterativeSolver, integer_parameter
@@ -85,17 +86,15 @@ class Landscape:
 class StringMethod(IterativeSolver):
     """The string method, until a step moves the images by a part of the length of the string."""
 
-    tolerance: Scalar | None = None
+    tolerance: Scalar = eqx.field(converter=parameter, default=1e-3)
     max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=40)
 
-    default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-3, "float32": 1e-3}
     patience: ClassVar[int] = 40
 
     def step(self, problem: Landscape, state: String) -> String:
         """Return the string after all images between its ends have gone down a step."""
         inner = jax.vmap(partial(_descended, problem))(state.images[1:-1])
-        images = state.images.at[1:-1].set(inner)
-        images = _evenly(images)
+        images = _evenly(state.images.at[1:-1].set(inner))
         length = jnp.sqrt(total((state.images[-1] - state.images[0]) ** 2))
         moved = jnp.sqrt(jnp.max(jax.vmap(lambda x: total(x**2))(images - state.images)))
         return problem.string(images, moved / length)
