@@ -74,7 +74,6 @@ def barrier_law(
         power = jnp.where(is_driven, jnp.full_like(coefficient, 1.5), jnp.nan)
         return power, power / 1.5 * coefficient
 
-    exponent, coefficient = jax.lax.cond(kind == KINDS.release, at_release, at_fold)
-    exponent = jnp.where(kind == KINDS.uncertain, jnp.nan, exponent)
-    coefficient = jnp.where(kind == KINDS.uncertain, jnp.nan, coefficient)
+    law = jax.lax.cond(kind == KINDS.release, at_release, at_fold)
+    exponent, coefficient = (jnp.where(kind == KINDS.uncertain, jnp.nan, x) for x in law)
     return BarrierLaw(exponent, coefficient * contact.grid.cell_area, load.unit)
