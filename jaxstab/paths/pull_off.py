@@ -21,6 +21,7 @@ from jaxstab.equilibrium.equilibrium import State, single_start
 from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, MeanPressure, Spring
 from jaxstab.paths.curve.critical_load import CriticalLoad, critical_load_at
+from jaxstab.paths.curve.curve import HARDLY_ANY
 from jaxstab.paths.curve.limit import Limit, limit_ahead
 from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.load_path import DISTURBANCE, LoadPath, load_path_of
@@ -32,8 +33,6 @@ _SMALLEST_JUMP = 1e-4
 _RESOLUTION = {"float64": 1e-9, "float32": 1e-5}
 # The largest attraction is known at some gaps only.
 _BEYOND = 1.01
-# This part of the largest attraction is taken for none.
-_HARDLY_ANY = 1e-3
 
 
 def pull_off(
@@ -149,7 +148,7 @@ def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array
     """Return the positions of a spring from a state's to one that leaves nothing together."""
     mean_displacement = jnp.mean(gap) + jnp.mean(contact.heights) + contact.datum
     deepest = _BEYOND * contact.profile.max_attraction
-    reach = contact.profile.outermost_gap(_HARDLY_ANY * deepest)
+    reach = contact.profile.outermost_gap(HARDLY_ANY * deepest)
     surface = contact.solid.surface(contact.heights)
     spread = jnp.max(surface) - jnp.min(surface)
     # The far side of the solid, where it has one, gives way too.

@@ -23,7 +23,7 @@ _MAX_RESTARTS = 10
 # Over the rms elastic pressure of full contact.
 _LEAST_SCALE = 1e-2
 # This part of the largest attraction is taken for none.
-_HARDLY_ANY = 1e-3
+HARDLY_ANY = 1e-3
 
 
 class Point(eqx.Module):
@@ -86,7 +86,7 @@ class Curve(eqx.Module):
         profile, conforming = contact.profile, contact.conforming_pressure
         # Over a flat surface nothing but the load balances the attraction.
         least = _LEAST_SCALE * jnp.where(conforming > 0, conforming, profile.max_attraction)
-        outermost = profile.outermost_gap(_HARDLY_ANY * profile.max_attraction)
+        outermost = profile.outermost_gap(HARDLY_ANY * profile.max_attraction)
         farthest = jnp.where(jnp.any(gradient.gap != 0), jnp.inf, outermost)
         return cls(contact, load, least, offset, gradient, farthest.astype(least.dtype))
 
