@@ -35,6 +35,7 @@ from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load, require_load, require_same_machine
 from jaxstab.paths.evolution.evolution import Evolution, Internal, Totals, relaxed_contact
+from jaxstab.paths.evolution.jump_time import time_of_jump
 from jaxstab.paths.evolution.step import (
     RTOL,
     Interval,
@@ -122,7 +123,8 @@ def evolve(
     size = integer("max_steps", max_steps)
     require("max_steps", size, size > 0, "it must be positive.")
     warn_if_coarse(contact, FOR_JUMPS)
-    room = jnp.zeros(size, instants.dtype)
+    # A jump takes two entries.
+    room = jnp.zeros(size + 1, instants.dtype)
     inputs: Any = contact.padded, load, instants, _start(contact, relaxed, load[0], initial)
     padded, held, given_times, moment = jax.lax.stop_gradient(inputs)
     state = moment, Table((room.astype(int), room, room, room), jnp.array(0))
@@ -151,9 +153,9 @@ def evolve(
         totals, kept, result, counts = found
         known = steps, counts, result == RESULTS.successful
         ways, _, parts, losses = steps.rows
-        values = totals, losses, moment.internal
-        totals, losses, last = attach(_changes, values, known, inputs)
-        ends = along(instants, ways, parts)
+        values = totals, losses, jnp.zeros_like(losses), moment.internal
+        totals, losses, late, last = attach(_changes, values, known, inputs)
+        ends = along(instants, ways, parts) + late
         has_jumped = np.asarray(losses) > 0 if is_alone else slice(None)
         evolution = Evolution(
             **vars(totals) | {"stored": totals.stored - totals.stored[0]},
@@ -213,15 +215,9 @@ def _changes(
 ) -> tuple[Any, Any]:
     """Return how the scalars, the losses and the last state change, a rule for `attach`."""
     steps, counts, is_found = known
-    totals, losses, last = pushed(partial(_replay, steps, counts), inputs, changes)
-    spoiled = jax.vmap(nan_if)
-    totals = jax.tree.map(partial(spoiled, ~is_found), totals)
-    # A jump moves in time, and its loss, and the work until then, with it.
-    is_behind = jnp.cumsum(steps.rows[3] > 0) > 0
-    has_jumped = jnp.concatenate([jnp.zeros(1, bool), is_behind])[counts]
-    balance = {name: getattr(totals, name) for name in ("work", "dissipated", "lost")}
-    totals = replace(totals, **jax.tree.map(partial(spoiled, has_jumped), balance))
-    return (totals, spoiled(is_behind, losses), last), jnp.array(False)
+    totals, losses, late, last = pushed(partial(_replay, steps, counts), inputs, changes)
+    totals = jax.tree.map(partial(jax.vmap(nan_if), ~is_found), totals)
+    return (totals, losses, late, last), jnp.array(False)
 
 
 def _replay(
@@ -231,27 +227,43 @@ def _replay(
     load: Load,
     times: Float[Array, " times"],
     moment: Moment,
-) -> tuple[Totals, Array, Internal]:
-    """Return scalars, the loss in each step, and the last state anew, by known steps.
+) -> tuple[Totals, Array, Array, Internal]:
+    """Return scalars, loss and delay of each step, and the last state anew, by known steps.
 
-    That is a scan, which has derivatives.
+    That is a scan, which has derivatives. The ends of a step with a jump move with it, so that its
+    states do not follow the time ever faster.
     """
+    Carry = tuple[Moment, Scalar]
 
-    def one(old: Moment, i: Int[Array, ""]) -> tuple[Moment, Totals]:
-        def step() -> Moment:
+    def one(carry: Carry, i: Int[Array, ""]) -> tuple[Carry, tuple[Totals, Scalar]]:
+        old, late = carry
+
+        def step() -> Carry:
             way, start, end, lost = entry_of(steps.rows, i)
-            held = load[0].at(along(load.value, way, end))
-            dt = (end - start) * (times[way + 1] - times[way])
-            _, with_loss = stepped(contact, held, old, dt)
-            return with_loss(lost > 0)
+            span, has_jumped = times[way + 1] - times[way], lost > 0
+            slope = (load.value[way + 1] - load.value[way]) / span
 
-        return jax.lax.cond(i < steps.count, step, lambda: old), old.totals
+            def jump() -> Scalar:
+                until = (entry_of(steps.rows, i + 1)[2] - end) * span
+                held = load[0].at(along(load.value, way, end) + slope * late)
+                return late + time_of_jump(contact, held, slope, old.internal, until)
+
+            # A value at the time of a jump has no derivative.
+            stays = jnp.where(has_jumped, nan_if(end == 1, late), 0)
+            delay = jax.lax.cond(start == end, jump, lambda: stays)
+            held = load[0].at(along(load.value, way, end) + slope * delay)
+            dt = (end - start) * span + delay - late
+            _, with_loss = stepped(contact, held, old, dt)
+            return with_loss(has_jumped), delay
+
+        return jax.lax.cond(i < steps.count, step, lambda: carry), (old.totals, late)
 
     # Reverse mode keeps one state for each step, and computes the rest of it again.
     numbers = jnp.arange(len(steps.rows[0]) + 1)
-    end, totals = jax.lax.scan(jax.checkpoint(one), moment, numbers)
+    start = moment, jnp.zeros_like(times[0])
+    (end, _), (totals, late) = jax.lax.scan(jax.checkpoint(one), start, numbers)
     at_times = jax.tree.map(lambda leaf: leaf[counts], totals)
-    return at_times, jnp.diff(totals.lost), end.internal
+    return at_times, jnp.diff(totals.lost), late[1:], end.internal
 
 
 def _describe(evolution: Evolution, rtol: Scalar) -> str:

@@ -204,11 +204,13 @@ def march(
     span = interval.times[1] - interval.times[0]
     shortest = jnp.minimum(_SHORTEST[0] * span, _SHORTEST[1] * solid.times[0])
     shortest = jnp.maximum(shortest, 8 * jnp.finfo(span.dtype).eps * span)
+    # A jump takes two entries.
+    room = len(state[1].rows[0])
 
     def goes_on(carry: Carry) -> Flag:
         moment, steps, part = carry
         # Under JAX transformations nothing has refused times that do not increase.
-        is_open = (part < 1) & (span > 0) & ~steps.is_full
+        is_open = (part < 1) & (span > 0) & (steps.count + 1 < room)
         return is_open & (moment.result == RESULTS.successful)
 
     def step(carry: Carry) -> Carry:
@@ -229,9 +231,12 @@ def march(
         longer = jnp.where(factor >= 1, jnp.maximum(old.dt, dt * factor), dt * factor)
         next_dt = jnp.where(is_smooth, longer, dt * jnp.minimum(factor, 0.5))
         new = with_loss(is_taken & ~is_smooth)
-        taken = way, part, end, new.totals.lost - old.totals.lost
+        loss = new.totals.lost - old.totals.lost
         result = RESULTS.where(is_shortest, new.result, RESULTS.successful)
-        steps = steps.with_entry(taken, is_taken)
+        # A step of no length before a jump moves with it in derivatives.
+        pause = way, part, part, jnp.zeros_like(loss)
+        steps = steps.with_entry(pause, loss > 0)
+        steps = steps.with_entry((way, part, end, loss), is_taken)
         moment, part = choose(is_taken, (new, end), (old, part))
         return replace(moment, dt=jnp.maximum(next_dt, shortest), result=result), steps, part
 
