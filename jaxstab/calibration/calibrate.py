@@ -122,9 +122,8 @@ def calibrate(
             than the parameters. For negative weights, an unknown order, and `starts` below 1.
         TypeError: for a load that prescribes the pressure, or a contact in single precision.
         SolverError: if `throw` and the fit did not converge, or does not describe the measurements:
-            a parameter ran to its bound or is not determined, or the misfit is hardly less than for
-            a zero or a constant curve. The message names the likely cause, such as a wrong sign or
-            an outlier.
+            a parameter ran to its bound or is not determined, or a zero or a constant curve fits
+            hardly worse. The message names the likely cause, such as a wrong sign or an outlier.
 
     Warns:
         FitWarning: for an outlier, and for an offset or a baseline that is not fitted although the

@@ -66,7 +66,7 @@ def test_pressures_change_their_unit_and_fields_are_cropped_also_within():
 
 
 @pytest.mark.parametrize(
-    "name", ["presure", "MPa", "length²", "length**2", "length^-1", "length^0.5", "force * length"]
+    "name", ["stress", "MPa", "length²", "length**2", "length^-1", "length^0.5", "force * length"]
 )
 def test_an_unknown_dimension_is_refused(name):
     with pytest.raises(ValueError, match="has the factor"):

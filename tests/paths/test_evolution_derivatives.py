@@ -4,17 +4,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from viscoelastic_lines import ANY, cycle, viscoelastic
+from viscoelastic_lines import ANY, cycle, line, viscoelastic
 
 import jaxstab as js
 
 INSTANTS, VALUES = cycle(9)
+_, WAVE = line()
 # The surface energy, a ratio, its time and the speed.
 POINT = jnp.array([0.002, 2.0, 0.1, 1.0])
 
 
 @jax.jit
-def differentiated(parameters, other_ratio, values, rtol, weights):
+def differentiated(parameters, heights, other_ratio, values, rtol, weights):
     """Return a run, derivatives in forward mode, and those of a weighted sum in reverse mode.
 
     All of them are in one program, as it takes longer to make than to run.
@@ -23,11 +24,10 @@ def differentiated(parameters, other_ratio, values, rtol, weights):
     def numbers(parameters):
         energy, ratio, time, speed = parameters
         ratios, times = jnp.stack([ratio, other_ratio]), jnp.stack([time, jnp.ones(())])
-        contact, load = viscoelastic(ratios, times, energy), js.MeanDisplacement(values)
-        options = {"rtol": rtol, "max_steps": 128, "fields": True, "throw": False}
-        run = js.evolve(contact, load, INSTANTS / speed, **options)
-        lost = jnp.sum(run.dissipation)
-        return (run.force + run.dissipated, run.reached, lost, run.fields.gap[1, 3]), run
+        contact = viscoelastic(ratios, times, energy, heights=heights)
+        options = {"rtol": rtol, "max_steps": 256, "fields": True, "throw": False}
+        run = js.evolve(contact, js.MeanDisplacement(values), INSTANTS / speed, **options)
+        return (run.force + run.dissipated, run.reached, run.fields.gap[1, 3], jumps(run)), run
 
     found, push, run = jax.linearize(numbers, parameters, has_aux=True)
     forward = jax.vmap(push, out_axes=-1)(jnp.eye(4))
@@ -36,9 +36,15 @@ def differentiated(parameters, other_ratio, values, rtol, weights):
     return run, forward, reverse
 
 
+def jumps(run):
+    """Return the loss and the time of the last jump, and force and work at a time behind it."""
+    last = jnp.max(jnp.where(run.dissipation > 0, run.jump_times, 0))
+    return jnp.stack([jnp.sum(run.dissipation), last, run.force[8], run.work[8]])
+
+
 def test_derivatives_by_law_ratio_time_and_speed_are_those_of_differences():
     def pull(point):
-        run, forward, reverse = differentiated(point, 1.0, VALUES, ANY, jnp.eye(9)[6])
+        run, forward, reverse = differentiated(point, WAVE, 1.0, VALUES, ANY, jnp.eye(9)[6])
         return (run.force + run.dissipated)[6], forward[0][6], reverse
 
     _, forward, reverse = pull(POINT)
@@ -52,21 +58,39 @@ def test_derivatives_by_law_ratio_time_and_speed_are_those_of_differences():
 def test_after_a_failure_there_are_no_derivatives():
     # The surfaces would overlap.
     values = VALUES.at[4:].set(-0.05)
-    run, (changes, *_), found = differentiated(POINT, 1.0, values, 0.1, jnp.eye(9)[1])
+    run, (changes, *_), found = differentiated(POINT, WAVE, 1.0, values, 0.1, jnp.eye(9)[1])
     assert run.result.name.tolist() == 4 * ["successful"] + 5 * ["infeasible_load"]
     assert np.all(np.isnan(changes) == (np.arange(9) >= 4)[:, None])
     # Where failed states do not count, they spoil nothing.
     assert found == pytest.approx(np.array(changes[1])) and np.all(found != 0)
-    _, _, failed = differentiated(POINT, 1.0, values, 0.1, jnp.eye(9)[5])
+    _, _, failed = differentiated(POINT, WAVE, 1.0, values, 0.1, jnp.eye(9)[5])
     assert np.all(np.isnan(failed))
 
 
-def test_losses_of_jumps_and_kept_fields_have_no_derivatives_and_times_have():
-    point = jnp.array([0.004, 0.0, 0.1, 1.0])
-    run, (_, reached, lost, kept), _ = differentiated(point, 0.0, VALUES, 1e-3, jnp.zeros(9))
-    assert run.result[-1] == "successful" and run.lost[-1] > 0 and run[:2].reached == 0.5
+def test_kept_fields_have_no_derivatives_and_times_have():
+    run, (_, reached, kept, _), _ = differentiated(POINT, WAVE, 1.0, VALUES, 0.1, jnp.zeros(9))
+    assert run.result[-1] == "successful" and run[:2].reached == 0.5
     assert reached == pytest.approx(np.array([0.0, 0.0, 0.0, -4.0]))
-    assert np.isnan(lost[0]) and np.all(np.isnan(kept))
+    assert np.all(np.isnan(kept))
+
+
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+def test_derivatives_behind_jumps_are_those_of_differences():
+    # Contact points release one by one.
+    point, heights = jnp.array([0.04, 0.5, 0.3, 1.0]), 5 * WAVE
+
+    def pull(point):
+        values = jnp.linspace(0.07, 0.17, 9)
+        return differentiated(point, heights, 0.0, values, 1e-3, jnp.eye(9)[8])
+
+    run, forward, reverse = pull(point)
+    assert jnp.sum(run.dissipation > 0) > 3
+    assert reverse == pytest.approx(np.array(forward[0][8]), rel=1e-8)
+    # Steps, chosen by a tolerance, change between the runs.
+    for i, tolerance in ((0, 5e-3), (1, 2e-2)):
+        step = 1e-4 * point[i] * jnp.eye(4)[i]
+        difference = jumps(pull(point + step)[0]) - jumps(pull(point - step)[0])
+        np.testing.assert_allclose(forward[3][:, i], difference / (2e-4 * point[i]), tolerance)
 
 
 def test_many_speeds_at_once_are_those_alone():

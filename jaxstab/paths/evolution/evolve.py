@@ -73,9 +73,10 @@ def evolve(
     loses its stability, the contact jumps: the jump is located in time, and its loss counted
     separately from the dissipation in the solid.
 
-    The scalars and the last state are differentiable functions of contact, load and times, in both
-    modes, at the steps that were taken: the time of a jump counts as constant. Derivatives of
-    the states in `fields` are NaN, and behind a jump also derivatives of work and losses.
+    The scalars, the last state and the jumps are differentiable functions of contact, load and
+    times, in both modes, at the steps that were taken, which move with the jumps. Derivatives of
+    the states in `fields` are NaN, and so are those behind a jump that is neither at a fold nor at
+    the release of one point, or at a given time.
 
     Arguments:
         contact: the contact, of a `Viscoelastic` solid.

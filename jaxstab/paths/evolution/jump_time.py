@@ -2,9 +2,11 @@
 
 A viscoelastic contact jumps where the contact that answers at once (`Evolution.instant`) comes to
 a fold or a release. Ahead of a fold its state moves ever faster, and along the critical mode; at a
-release a reaction vanishes. So the jump is late by dt where dt g' makes up for a change of the gap
-along g', or dt times its rate for a change of the reaction.
+release a reaction vanishes. So a change of the gap along its rate delays a jump by their ratio, and
+one of the reaction by its ratio to the rate of that.
 """
+
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -13,9 +15,8 @@ from jaxstab.contact import Contact
 from jaxstab.core.grid import total
 from jaxstab.core.implicit import nan_if
 from jaxstab.core.types import Field, Scalar
-from jaxstab.equilibrium.derivatives import third_derivative
-from jaxstab.equilibrium.equilibrate import with_derivatives
-from jaxstab.equilibrium.equilibrium import fields_of, state_at
+from jaxstab.equilibrium.derivatives import free_system, third_derivative
+from jaxstab.equilibrium.equilibrium import fields_of
 from jaxstab.loads import Load
 from jaxstab.paths.evolution.evolution import Internal, moved_contact, on_gap
 
@@ -39,41 +40,47 @@ def time_of_jump(
         memory: the state there.
         until: how much later the contact has jumped [time].
     """
+    zero, one = jnp.zeros_like(until), jnp.ones_like(until)
+    fixed = jax.lax.stop_gradient((contact, load, slope, memory))
+    glassy, held = _instant(*fixed, zero)
+    gap, control = fixed[3].gap, glassy.control(held)
+    balance = partial(_balance, *fixed)
+    # Under the load of the mean gap, the gap follows it by itself.
+    (_, net), (_, net_rate) = jax.jvp(partial(balance, gap), (zero,), (one,))
+    move, is_solved = free_system(glassy, control, gap).solution(-net_rate)
+    _, (gap_rate, net_rate) = jax.jvp(balance, (gap, zero), (move, one))
 
-    def instant(contact: Contact, load: Load, memory: Internal, dt: Scalar) -> tuple[Contact, Load]:
-        return moved_contact(contact, memory, dt), on_gap(contact, load)
-
-    fixed = jax.lax.stop_gradient((contact, load, memory))
-    zero, speed = jnp.zeros_like(until), jax.lax.stop_gradient(slope)
-    glassy, held = instant(*fixed, zero)
-    state = state_at(glassy, held, fixed[2].gap)
-
-    def later(dt: Scalar) -> tuple[Field, Field]:
-        contact, load, memory = fixed
-        inputs = instant(contact, load.at(load.value + speed * dt), memory, dt)
-        found = with_derivatives(*inputs, state)
-        return found.gap, found.reaction
-
-    (gap, reaction), rates = jax.jvp(later, (zero,), (jnp.ones_like(zero),))
-    gap_rate, reaction_rate = rates
-    falls = (gap == 0) & (reaction_rate < 0)
-    releases = jnp.where(falls, -reaction / jnp.where(falls, reaction_rate, 1), jnp.inf)
+    falls = (gap == 0) & (net_rate < 0)
+    releases = jnp.where(falls, -net / jnp.where(falls, net_rate, 1), jnp.inf)
     release = jnp.min(releases)
-    # To leading order, A x = c s x at a distance s from a fold, and s^2 falls linearly in time.
-    control = glassy.control(held)
-    moving = control.project(gap_rate, gap > 0)
-    size = jnp.sqrt(total(moving**2))
-    mode = moving / size
+    # At a distance s from a fold the eigenvalue is c s, and s^2 falls linearly in time.
+    size = jnp.sqrt(total(move**2))
+    mode = move / size
     eigenvalue = total(mode * glassy.hessian(gap, control)(mode))
-    bend = total(third_derivative(glassy, gap) * mode**3)
-    fold = eigenvalue / (2 * jnp.abs(bend) * size)
+    fold = eigenvalue / (2 * jnp.abs(total(third_derivative(glassy, gap) * mode**3)) * size)
     is_release = release < fold
     is_tied = is_release & (jnp.sum(releases <= (1 + _TIE) * release) > 1)
-    is_event = (jnp.minimum(release, fold) <= _FARTHEST * until) & ~is_tied
+    is_event = is_solved & (jnp.minimum(release, fold) <= _FARTHEST * until) & ~is_tied
 
-    fields, _ = fields_of(*instant(contact, load, memory, zero), memory.gap)
+    _, net = _balance(contact, load, slope, memory, memory.gap, zero)
     point = (jnp.arange(gap.size).reshape(gap.shape) == jnp.argmin(releases)).astype(gap.dtype)
-    weight, rate = jnp.where(is_release, point, gap_rate), jnp.where(is_release, *rates[::-1])
-    weight = jnp.where(is_event, weight / total(weight * rate), 0)
-    place = total(weight * jnp.where(is_release, fields["reaction"], memory.gap))
-    return nan_if(~is_event, jax.lax.stop_gradient(place) - place)
+    weight = jnp.where(is_release, point, gap_rate)
+    rate = total(weight * jnp.where(is_release, net_rate, gap_rate))
+    weight = jnp.where(is_event, weight / rate, 0)
+    change = total(weight * jnp.where(is_release, net, memory.gap))
+    return nan_if(~is_event, jax.lax.stop_gradient(change) - change)
+
+
+def _instant(
+    contact: Contact, load: Load, slope: Scalar, memory: Internal, dt: Scalar
+) -> tuple[Contact, Load]:
+    """Return the contact that answers at once, a little later, and its load."""
+    return moved_contact(contact, memory, dt), on_gap(contact, load.at(load.value + slope * dt))
+
+
+def _balance(
+    contact: Contact, load: Load, slope: Scalar, memory: Internal, gap: Field, dt: Scalar
+) -> tuple[Field, Field]:
+    """Return a gap under the load a little later, and its net pressure."""
+    fields, net = fields_of(*_instant(contact, load, slope, memory, dt), gap)
+    return fields["gap"], net

@@ -67,7 +67,7 @@ class Moment(eqx.Module):
 
 
 # The ways between given times count from zero. A step is on one of them, from one part of it to
-# another, with the loss of a jump.
+# another, with the loss of a jump. Before one with a jump stands one of no length.
 Step = tuple[Int[Array, "..."], Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]
 State = tuple[Moment, Table[Step]]
 
