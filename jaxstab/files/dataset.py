@@ -140,7 +140,8 @@ def _axes(
         raise TypeError(
             f"{type(result).__name__} is no result of equilibrate, assess_stability, sweep, "
             "follow, continuation, transition, evolve or observe. If it holds an equilibrium, give "
-            "that, as pull.equilibrium."
+            "that, as pull.equilibrium; a state of a path becomes one by equilibrate(contact, "
+            "path[i].load, initial=path[i])."
         )
     own = _OWN_AXES.get(type(result), {})
     axes: tuple[str, ...] = ()

@@ -142,7 +142,8 @@ def _gaps(contact: Contact, equilibrium: States | Equilibrium) -> np.ndarray:
     if gaps.ndim != len(shape) + 1 or gaps.shape[1:] != shape:
         raise ValueError(
             f"The states have gaps of shape {gaps.shape}, the contact's grid is {shape}: give "
-            "several states in one row, and the contact that they came from."
+            "several states in one row, and the contact that they came from. For a single state "
+            "call the observable itself, as jaxstab.patches(contact, state)."
         )
     return gaps
 
