@@ -10,6 +10,7 @@ B. N. J. Persson, E. A. Brener, Phys. Rev. E 71, 036123 (2005).
 
 import numpy as np
 
+from jaxstab.core.checks import require
 from jaxstab.references.arguments import Array, ArrayLike, not_negative, positive
 from jaxstab.references.roots import bisect
 
@@ -45,15 +46,22 @@ def work(speed: ArrayLike, ratios: ArrayLike, times: ArrayLike, tip_radius: Arra
     Arguments:
         speed: v of the edge [length/time], one or an array.
         ratios: r_k, as of `jaxstab.Viscoelastic`.
-        times: t_k [time].
+        times: t_k, one for each ratio [time].
         tip_radius: a0 [length].
 
     Raises:
-        ValueError: if a ratio is negative, or another argument not positive and finite.
+        ValueError: for ratios and times of different numbers, a negative or infinite ratio, and
+            another argument that is not positive and finite.
     """
     (speed,), (times,) = positive(speed=speed), positive(relaxation_time=times)
     (radius,) = positive(tip_radius=tip_radius)
-    ratios = not_negative("ratio", ratios)
+    ratios, times = np.atleast_1d(not_negative("ratio", ratios), times)
+    require("A ratio", ratios, np.isfinite(ratios), "give a finite number.")
+    if ratios.ndim != 1 or ratios.shape != times.shape:
+        raise ValueError(
+            f"The ratios have shape {ratios.shape}, the relaxation times {times.shape}: give a "
+            "time for each ratio."
+        )
     # The poles of 1 / E(s) are eigenvalues of the branches under a held stress.
     glassy = 1 + ratios.sum()
     root = np.sqrt(ratios / times)

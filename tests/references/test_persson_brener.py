@@ -41,3 +41,12 @@ def test_mistakes_are_named():
         persson_brener.work(1.0, (-1.0,), (1.0,), 1.0)
     with pytest.raises(ValueError, match="speed is 0"):
         persson_brener.work(0.0, (1.0,), (1.0,), 1.0)
+    with pytest.raises(ValueError, match="give a time for each ratio"):
+        persson_brener.work(1.0, (1.0,), (1.0, 2.0), 1.0)
+    with pytest.raises(ValueError, match="ratio is inf"):
+        persson_brener.work(1.0, (np.inf,), (1.0,), 1.0)
+
+
+def test_one_ratio_and_time_may_be_numbers():
+    expected = persson_brener.work(1.0, (2.0,), (3.0,), RADIUS)
+    assert_allclose(persson_brener.work(1.0, 2.0, 3.0, RADIUS), expected)
