@@ -110,7 +110,7 @@ def pull_off(
         work_of_adhesion: w [energy/area].
 
     Raises:
-        ValueError: if alpha is above 1.0653, where all partial contact is unstable; or if an
+        ValueError: if alpha is above 1.0652, where all partial contact is unstable; or if an
             argument is not positive and finite.
     """
     return _fold(0.0, amplitude, length, contact_modulus, work_of_adhesion)
@@ -130,7 +130,7 @@ def jump_to_full_contact(
         work_of_adhesion: w [energy/area].
 
     Raises:
-        ValueError: if alpha is above 1.0653, where all partial contact is unstable; or if an
+        ValueError: if alpha is above 1.0652, where all partial contact is unstable; or if an
             argument is not positive and finite.
     """
     return _fold(np.pi / 2, amplitude, length, contact_modulus, work_of_adhesion)
