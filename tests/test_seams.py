@@ -143,6 +143,11 @@ class PowerIteration(js.ConeSolver):
         return js.Minimum(vector, steps, 2 * steps, found.result, found.history)
 
 
+class NotANumber(PowerIteration):
+    def minimum(self, problem, found):
+        return js.Minimum(jnp.nan * found.state, 1, 1, found.result, found.history)
+
+
 @pytest.fixture(scope="module")
 def contact():
     return rough_contact(16, js.potentials.Exponential(0.01, 0.1))
@@ -185,6 +190,8 @@ def test_a_solver_of_ones_own_finds_the_cones_eigenvalue_in_every_call(contact):
     failed = js.assess_stability(contact, state, PowerIteration(max_steps=1), throw=False)
     assert failed.cone.result == js.RESULTS.max_steps_reached
     assert failed.verdict == "undecided"
+    with pytest.raises(js.SolverError, match="nonfinite"):
+        js.assess_stability(contact, state, NotANumber(tolerance=1e9))
 
 
 @pytest.mark.parametrize("change", [lambda pressure: pressure[0], lambda p: p.astype("float32")])

@@ -103,6 +103,8 @@ def measured(
     """Return the eigenpair of a vector that a solver found, brought onto the cone."""
     eigenvalue, mode, residual = admissible_pair(operator, cone, vector)
     rounding = _ROUNDING * jnp.finfo(residual.dtype).eps * operator.bound
+    # A solver of a user's own may return anything.
+    is_lost = jnp.isnan(eigenvalue) & (found.result == RESULTS.successful)
     return Eigenpair(
         eigenvalue=eigenvalue,
         mode=mode,
@@ -112,7 +114,7 @@ def measured(
         bound=jnp.full_like(eigenvalue, -jnp.inf),
         num_steps=found.num_steps,
         num_applications=found.num_applications + 1,
-        result=found.result,
+        result=RESULTS.where(is_lost, RESULTS.nonfinite, found.result),
         history=found.history,
     )
 
