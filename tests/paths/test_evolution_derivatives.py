@@ -93,6 +93,16 @@ def test_derivatives_behind_jumps_are_those_of_differences():
         np.testing.assert_allclose(forward[3][:, i], difference / (2e-4 * point[i]), tolerance)
 
 
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+def test_derivatives_behind_two_releases_at_once_are_nan_in_both_modes():
+    point, places = jnp.array([0.04, 0.5, 0.3, 1.0]), jnp.arange(32)
+    heights = 0.1 * jnp.cos(2 * jnp.pi * places / 32)
+    values = jnp.linspace(0.07, 0.17, 9)
+    run, forward, reverse = differentiated(point, heights, 0.0, values, 1e-3, jnp.eye(9)[8])
+    assert jnp.sum(run.dissipation > 0) > 0
+    assert np.all(np.isnan(forward[3][1:])) and np.all(np.isnan(reverse))
+
+
 def test_many_speeds_at_once_are_those_alone():
     times, values = cycle(9)
 

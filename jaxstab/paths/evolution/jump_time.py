@@ -63,10 +63,12 @@ def time_of_jump(
     is_event = is_solved & (jnp.minimum(release, fold) <= _FARTHEST * until) & ~is_tied
 
     _, net = _balance(contact, load, slope, memory, memory.gap, zero)
-    point = (jnp.arange(gap.size).reshape(gap.shape) == jnp.argmin(releases)).astype(gap.dtype)
+    places = jnp.arange(gap.size).reshape(gap.shape)
+    point = (places == jnp.argmin(releases)).astype(gap.dtype)
     weight = jnp.where(is_release, point, gap_rate)
     rate = total(weight * jnp.where(is_release, net_rate, gap_rate))
-    weight = jnp.where(is_event, weight / rate, 0)
+    # Without an event any change makes the derivative NaN, also in forward mode.
+    weight = jnp.where(is_event, weight / rate, 1 + jnp.cos(places).astype(gap.dtype))
     change = total(weight * jnp.where(is_release, net, memory.gap))
     return nan_if(~is_event, jax.lax.stop_gradient(change) - change)
 
