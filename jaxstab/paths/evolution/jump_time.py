@@ -20,8 +20,6 @@ from jaxstab.equilibrium.equilibrium import fields_of
 from jaxstab.loads import Load
 from jaxstab.paths.evolution.evolution import Internal, moved_contact, on_gap
 
-# Points are released together within this part of the time until the first is.
-_TIE = 1e-6
 # An event lies no farther ahead than the jump by this factor, to leading order.
 _FARTHEST = 10.0
 
@@ -59,7 +57,8 @@ def time_of_jump(
     eigenvalue = total(mode * glassy.hessian(gap, control)(mode))
     fold = eigenvalue / (2 * jnp.abs(total(third_derivative(glassy, gap) * mode**3)) * size)
     is_release = release < fold
-    is_tied = is_release & (jnp.sum(releases <= (1 + _TIE) * release) > 1)
+    # Which of two points is released first is not resolved within a step.
+    is_tied = is_release & (jnp.sum(releases <= release + until) > 1)
     is_event = is_solved & (jnp.minimum(release, fold) <= _FARTHEST * until) & ~is_tied
 
     _, net = _balance(contact, load, slope, memory, memory.gap, zero)
