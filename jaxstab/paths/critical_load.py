@@ -51,7 +51,7 @@ _NEAR = 10
 _OVER = 1e-3
 # In single precision a looser solver takes the last state of a branch for balanced behind its end:
 # it goes on as far as rounding allows, which is close enough.
-_TOLERANCE = {"float64": 1e-9, "float32": 1e-6}
+_TOLERANCE = {**PreconditionedConjugateGradient.default_tolerance, "float32": 1e-6}
 _ROUNDED = {"float64": 0.0, "float32": 1e-3}
 # A solver that has not left a release begins farther beyond it by this factor.
 _GROWTH = 10.0

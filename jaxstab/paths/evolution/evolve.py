@@ -244,17 +244,18 @@ def _replay(
             span, has_jumped = times[way + 1] - times[way], lost > 0
             slope = (load.value[way + 1] - load.value[way]) / span
 
+            def held(late: Scalar) -> Load:
+                return load[0].at(along(load.value, way, end) + slope * late)
+
             def jump() -> Scalar:
                 until = (entry_of(steps.rows, i + 1)[2] - end) * span
-                held = load[0].at(along(load.value, way, end) + slope * late)
-                return late + time_of_jump(contact, held, slope, old.internal, until)
+                return late + time_of_jump(contact, held(late), slope, old.internal, until)
 
             # A value at the time of a jump has no derivative.
             stays = jnp.where(has_jumped, nan_if(end == 1, late), 0)
             delay = jax.lax.cond(start == end, jump, lambda: stays)
-            held = load[0].at(along(load.value, way, end) + slope * delay)
             dt = (end - start) * span + delay - late
-            _, with_loss = stepped(contact, held, old, dt)
+            _, with_loss = stepped(contact, held(delay), old, dt)
             return with_loss(has_jumped), delay
 
         return jax.lax.cond(i < steps.count, step, lambda: carry), (old.totals, late)
