@@ -13,7 +13,7 @@ from typing import Any, ParamSpec, TypeVar
 import jax
 
 from jaxstab.core.checks import is_transformed
-from jaxstab.core.control_flow import has_accelerator
+from jaxstab.core.control_flow import by_entries, has_accelerator
 
 # Linux gives a process 65 530 memory mappings, of which a compiled program takes hundreds. LLVM
 # aborts the process when none is left, so the error must come before.
@@ -54,6 +54,22 @@ def program(function: Callable[Given, Out], **options: Any) -> Callable[Given, O
     @own_conventions()
     def call(*args: Given.args, **kwargs: Given.kwargs) -> Out:
         return (inside if is_transformed((args, kwargs)) else outside())(*args, **kwargs)
+
+    return call
+
+
+def in_pieces(function: Callable[Given, Out]) -> Callable[Given, Out]:
+    """Return `function`, which outside of a trace runs in Python, as the programs that it calls.
+
+    In a trace, or under a transformation, it is one program, by the entries of a batch.
+    """
+    # A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
+    whole = program(by_entries(function))
+
+    @wraps(function)
+    @own_conventions()
+    def call(*args: Given.args, **kwargs: Given.kwargs) -> Out:
+        return (whole if is_transformed((args, kwargs)) else function)(*args, **kwargs)
 
     return call
 

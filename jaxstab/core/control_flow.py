@@ -1,4 +1,8 @@
-"""Branches and batches, which a CPU and an accelerator run differently.
+"""Loops and branches of searches, and batches, which a CPU and an accelerator run differently.
+
+A search is written once, as loops and branches around compiled programs. Outside of a trace they
+run in Python, so that a program that several searches need is compiled once, and one that none
+needs is not compiled at all. In a trace the same text is one program.
 
 A CPU gains nothing from wide arrays: there the entries of a batch run one after another, none waits
 for the slowest, and each gives the same result as alone, bit for bit.
@@ -16,7 +20,7 @@ from jax.extend.backend import backends
 from jaxtyping import Array, Int, PyTree
 
 from jaxstab.core.checks import is_traced, is_transformed
-from jaxstab.core.types import ArrayLike
+from jaxstab.core.types import ArrayLike, Flag
 
 Out = TypeVar("Out")
 Tree = TypeVar("Tree")
@@ -64,14 +68,31 @@ def with_entry(batch: Tree, i: Int[Array, ""], entry: Tree, axis: int = 0) -> Tr
     return jax.tree.map(replaced, batch, entry)
 
 
+def while_loop(goes_on: Callable[[Tree], Flag], step: Callable[[Tree], Tree], state: Tree) -> Tree:
+    """Return the first state that does not go on; a loop of Python outside of a trace.
+
+    There the condition should only read a flag of the state, as each operation is compiled.
+    """
+    if is_transformed(state):
+        return jax.lax.while_loop(goes_on, step, state)
+    while goes_on(state):
+        state = step(state)
+    return state
+
+
+def cond(condition: ArrayLike, one: Callable[[], Out], other: Callable[[], Out]) -> Out:
+    """Return the result of one of two functions; a branch of Python if the condition is known."""
+    if is_traced(condition):
+        return jax.lax.cond(condition, one, other)
+    return one() if condition else other()
+
+
 def if_needed(is_needed: ArrayLike, compute: Callable[[], Out], otherwise: Out) -> Out:
     """Return `compute()` if it is needed, else `otherwise`.
 
     If `is_needed` is concrete, a computation that is not needed is neither traced nor compiled.
     """
-    if is_traced(is_needed):
-        return jax.lax.cond(is_needed, compute, lambda: otherwise)
-    return compute() if is_needed else otherwise
+    return cond(is_needed, compute, lambda: otherwise)
 
 
 def choose(condition: ArrayLike, one: Out, other: Out) -> Out:

@@ -154,6 +154,7 @@ def with_derivatives(contact: Contact, load: Load, found: Equilibrium) -> Equili
     return replace(moved, load=load, area=contact.area)
 
 
+@program
 def find(
     contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
 ) -> Equilibrium:

@@ -13,14 +13,14 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
-from jaxstab.core.checks import is_traced
-from jaxstab.core.compile import program
-from jaxstab.core.control_flow import by_entries, choose, first_good, if_needed, zeros_of
+from jaxstab.core.compile import in_pieces, program
+from jaxstab.core.control_flow import choose, cond, while_loop
 from jaxstab.core.grid import mean
 from jaxstab.core.progress import advance_if_known, advance_to
 from jaxstab.core.results import RESULTS
@@ -30,9 +30,9 @@ from jaxstab.equilibrium.equilibrate import find, first_gap
 from jaxstab.equilibrium.equilibrium import State, fields_of
 from jaxstab.equilibrium.window import padded_start
 from jaxstab.loads import Load
-from jaxstab.paths.curve.branch import begin, two_loads
+from jaxstab.paths.curve.branch import BranchState, begin, two_loads
 from jaxstab.paths.curve.critical_load import CriticalLoad, critical_load_at
-from jaxstab.paths.curve.limit import Limit, limit_of
+from jaxstab.paths.curve.limit import Limit, limit_of, no_limit
 from jaxstab.paths.energy import characteristic_energy, supply_of
 from jaxstab.paths.kinds import KINDS
 
@@ -117,35 +117,37 @@ def critical_load(
 
 
 def _search(contact: Contact, bracket: Load, starts: Starts) -> Limit:
-    # Outside of a trace nothing is compiled for a search that is not needed.
-    find = _find_batch if is_traced((contact, bracket, starts)) else _find
-    limit = find(contact, bracket, starts)
+    limit = _find(contact, bracket, starts)
     # Not all searches are needed.
     advance_to(lambda: _NUM_SEARCHES)
     return limit
 
 
+@in_pieces
 def _find(contact: Contact, bracket: Load, starts: Starts) -> Limit:
     """Return the end of the branch from the first load, or else of that from the second.
 
-    If there is neither, the message is about the first.
+    If there is neither, the message is about the first. A branch that could not be followed is no
+    reason to take the end of another one.
     """
+    first = _limit(contact, bracket, starts[0])
+    advance_if_known(first)
 
-    def end_of(number: ArrayLike) -> Limit:
-        there = bracket, starts[0]
-        end = _limit(contact, *if_needed(number == 1, lambda: (bracket[::-1], starts[1]), there))
-        advance_if_known(end)
-        return end
+    def from_second() -> Limit:
+        second = _limit(contact, _reversed(bracket), starts[1])
+        advance_if_known(second)
+        return cond(_is_answer(second), lambda: second, lambda: first)
 
-    def is_answer(limit: Limit) -> Flag:
-        # A branch that could not be followed is no reason to take the end of another one.
-        return limit.is_found | (limit.result == RESULTS.lost_branch)
-
-    return first_good(end_of, is_answer, _NUM_SEARCHES)
+    return cond(_is_answer(first), lambda: first, from_second)
 
 
-# A program, or `jax.vmap` outside of `jax.jit` would compile it anew with each call.
-_find_batch = program(by_entries(_find))
+@program
+def _reversed(loads: Load) -> Load:
+    return loads[::-1]
+
+
+def _is_answer(limit: Limit) -> Flag:
+    return limit.is_found | (limit.result == RESULTS.lost_branch)
 
 
 class _Search(eqx.Module):
@@ -153,109 +155,162 @@ class _Search(eqx.Module):
 
     Attributes:
         limit: the last limit.
+        first: the load at which the search began.
+        last: the load at which it ends.
         value: the load at which the next branch begins.
         step: how far this lies beyond the limit, or the last load that was tried.
         number: of branches that were followed.
         is_over: whether the limit is the answer.
         is_stuck: whether no stable state has been found behind it yet.
+        is_open: whether another branch is to be followed.
     """
 
     limit: Limit
+    first: Scalar
+    last: Scalar
     value: Scalar
     step: Scalar
     number: Int[Array, ""]
     is_over: Flag
     is_stuck: Flag
+    is_open: Flag
+
+    def looked_at(self) -> "_Search":
+        """Return the search with a flag that tells whether it goes on."""
+        is_ahead = (self.last - self.value) * (self.last - self.first) > 0
+        return replace(self, is_open=~self.is_over & is_ahead)
 
 
-@program
 def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
     """Return where the branch from the first load ends as the load goes to the second.
 
     At a contact edge that moves by one point of the grid a release may lose next to nothing. Then
     the next branch counts as the same one.
     """
+    search = _begun(contact, loads, start)
+
+    def next_limit(search: _Search) -> _Search:
+        rest = _rest(loads, search)
+        found = _found(contact, rest, search)
+        is_over = _is_left(contact, search, found)
+        limit, is_stable = cond(
+            is_over,
+            lambda: (search.limit, np.array(True)),
+            lambda: _limit_from(contact, rest, found),
+        )
+        return _followed(search, limit, is_stable, is_over)
+
+    return _concluded(while_loop(lambda search: search.is_open, next_limit, search))
+
+
+@program
+def _begun(contact: Contact, loads: Load, start: Field | None) -> _Search:
     first, last = loads.value.astype(contact.heights.dtype)
     if start is None:
         start = contact.control(loads[0]).starting_gap(contact.heights)
-    threshold = _SMALLEST_LOSS * characteristic_energy(contact)
-    rounding = 4 * jnp.finfo(start.dtype).eps * jnp.maximum(jnp.abs(first), jnp.abs(last))
-    beyond = jnp.sign(last - first) * jnp.maximum(_BEYOND * jnp.abs(last - first), rounding)
-    over = _OVER * (last - first)
+    no, none = jnp.array(False), jnp.array(0)
+    limit = no_limit(contact, loads[0], start)
+    search = _Search(limit, first, last, first, jnp.zeros_like(first), none, no, no, no)
+    return replace(search, step=_just_beyond(search)).looked_at()
+
+
+def _just_beyond(search: _Search) -> Scalar:
+    """Return how far behind a release the next branch is sought."""
+    first, last = search.first, search.last
+    rounding = 4 * jnp.finfo(first.dtype).eps * jnp.maximum(jnp.abs(first), jnp.abs(last))
+    return jnp.sign(last - first) * jnp.maximum(_BEYOND * jnp.abs(last - first), rounding)
+
+
+@program
+def _rest(loads: Load, search: _Search) -> Load:
+    """Return the loads between which the next branch is followed."""
+    return loads.at(jnp.stack([search.value, search.last]))
+
+
+@program
+def _found(contact: Contact, rest: Load, search: _Search) -> Equilibrium:
+    """Return the equilibrium with which the next branch begins."""
+    dtype = contact.heights.dtype
+    farthest = jnp.where(search.number == 0, jnp.inf, _MAX_MOVE).astype(dtype)
+    solver = PreconditionedConjugateGradient(max_move=farthest, tolerance=_TOLERANCE[dtype.name])
+    found = find(contact, rest[0], solver, search.limit.gap)
+    is_close = (found.result == RESULTS.stagnated) & (found.residual <= _ROUNDED[dtype.name])
+    return replace(found, result=RESULTS.where(is_close, RESULTS.successful, found.result))
+
+
+@program
+def _is_left(contact: Contact, search: _Search, found: Equilibrium) -> Flag:
+    """Return whether the branch has been left for good at the limit before."""
 
     def potential(load: Load, gap: Field) -> tuple[Scalar, Scalar]:
         fields, _ = fields_of(contact, load, gap)
         held, force = supply_of(contact, load, mean(gap), fields["mean_pressure"])
         return fields["energy"] + held, force
 
-    def next_limit(search: _Search) -> _Search:
-        is_first = search.number == 0
-        rest = loads.at(jnp.stack([search.value, last]))
-        farthest = jnp.where(is_first, jnp.inf, _MAX_MOVE).astype(start.dtype)
-        found = _found(contact, rest[0], farthest, search.limit.gap)
-        is_found = found.result == RESULTS.successful
-        before, force = potential(search.limit.load, search.limit.gap)
-        after, force_after = potential(found.load, found.gap)
-        # Behind a release the force is another one.
-        force = jnp.where(search.limit.is_found, force_after, force)
-        work = (search.value - search.limit.load.value) * (force + force_after) / 2
-        loses = ~is_found | (before + work - after > threshold)
-        is_over = ~is_first & loses
-        limit, is_stable = jax.lax.cond(
-            is_over,
-            lambda: (search.limit, jnp.array(True)),
-            lambda: _limit_from(contact, rest, found),
-        )
-        # Right behind a release the solver may stay where the point has not opened yet.
-        is_lost = limit.result == RESULTS.lost_branch
-        distance = jnp.abs(search.value - search.limit.load.value)
-        is_near = jnp.abs(limit.load.value - search.limit.load.value) <= _NEAR * distance
-        is_stuck = ~is_first & (~is_stable | (is_lost & is_near & search.limit.is_found))
-        limit = choose(is_stuck, search.limit, limit)
-        is_lost |= is_stuck
-        is_over |= ~is_lost & (~limit.is_found | (limit.kind == KINDS.fold))
-        # Never back, so that the search has an end.
-        is_ahead = (limit.load.value - search.value) * (last - first) > 0
-        reached = jnp.where(is_ahead, limit.load.value, search.value)
-        is_short = jnp.abs(_GROWTH * search.step) < jnp.abs(over)
-        farther = jnp.where(is_stuck & is_short, _GROWTH * search.step, over)
-        step = jnp.where(is_lost, farther, beyond)
-        return _Search(limit, reached + step, step, search.number + 1, is_over, is_stuck)
-
-    def goes_on(search: _Search) -> Flag:
-        return ~search.is_over & ((last - search.value) * (last - first) > 0)
-
-    none = zeros_of(lambda: _limit_from(contact, loads, _found(contact, loads[0], last, start))[0])
-    no = jnp.array(False)
-    search = _Search(replace(none, gap=start), first, beyond, jnp.array(0), no, no)
-    search = jax.lax.while_loop(goes_on, next_limit, search)
-    result = search.limit.result
-    is_lost = (search.number > 0) & (search.is_stuck | (result == RESULTS.lost_branch))
-    otherwise = RESULTS.where(is_lost, RESULTS.lost_branch, RESULTS.no_fold)
-    return replace(search.limit, result=RESULTS.where(search.is_over, result, otherwise))
+    is_found = found.result == RESULTS.successful
+    before, force = potential(search.limit.load, search.limit.gap)
+    after, force_after = potential(found.load, found.gap)
+    # Behind a release the force is another one.
+    force = jnp.where(search.limit.is_found, force_after, force)
+    work = (search.value - search.limit.load.value) * (force + force_after) / 2
+    threshold = _SMALLEST_LOSS * characteristic_energy(contact)
+    return (search.number > 0) & (~is_found | (before + work - after > threshold))
 
 
-# Apart, so that each is traced once.
-@jax.jit
-def _found(contact: Contact, load: Load, farthest: Scalar, start: Field) -> Equilibrium:
-    dtype = start.dtype.name
-    solver = PreconditionedConjugateGradient(max_move=farthest, tolerance=_TOLERANCE[dtype])
-    found = find(contact, load, solver, start)
-    is_close = (found.result == RESULTS.stagnated) & (found.residual <= _ROUNDED[dtype])
-    return replace(found, result=RESULTS.where(is_close, RESULTS.successful, found.result))
-
-
-@jax.jit
 def _limit_from(contact: Contact, loads: Load, found: Equilibrium) -> tuple[Limit, Flag]:
     """Return the limit of the branch of an equilibrium at the first load, and whether it is stable.
 
     An unstable one is on no stable branch.
     """
     problem, branch = begin(contact, loads, found, to_limit=True)
+    branch, is_stable = _if_stable(branch)
+    return limit_of(problem, branch), is_stable
+
+
+@program
+def _if_stable(branch: BranchState) -> tuple[BranchState, Flag]:
     is_stable = branch.step.index == 0
     result = RESULTS.where(is_stable, RESULTS.successful, RESULTS.no_fold)
     result = RESULTS.where(branch.result == RESULTS.successful, result, branch.result)
-    return limit_of(problem, replace(branch, result=result)), is_stable
+    return replace(branch, result=result), is_stable
+
+
+@program
+def _followed(search: _Search, limit: Limit, is_stable: Flag, is_over: Flag) -> _Search:
+    """Return the search after another branch, from its limit and whether it began stable."""
+    first, last, old = search.first, search.last, search.limit
+    over = _OVER * (last - first)
+    # Right behind a release the solver may stay where the point has not opened yet.
+    is_lost = limit.result == RESULTS.lost_branch
+    distance = jnp.abs(search.value - old.load.value)
+    is_near = jnp.abs(limit.load.value - old.load.value) <= _NEAR * distance
+    is_stuck = (search.number > 0) & (~is_stable | (is_lost & is_near & old.is_found))
+    limit = choose(is_stuck, old, limit)
+    is_lost |= is_stuck
+    is_over |= ~is_lost & (~limit.is_found | (limit.kind == KINDS.fold))
+    # Never back, so that the search has an end.
+    is_ahead = (limit.load.value - search.value) * (last - first) > 0
+    reached = jnp.where(is_ahead, limit.load.value, search.value)
+    is_short = jnp.abs(_GROWTH * search.step) < jnp.abs(over)
+    farther = jnp.where(is_stuck & is_short, _GROWTH * search.step, over)
+    step = jnp.where(is_lost, farther, _just_beyond(search))
+    return replace(
+        search,
+        limit=limit,
+        value=reached + step,
+        step=step,
+        number=search.number + 1,
+        is_over=is_over,
+        is_stuck=is_stuck,
+    ).looked_at()
+
+
+@program
+def _concluded(search: _Search) -> Limit:
+    result = search.limit.result
+    is_lost = (search.number > 0) & (search.is_stuck | (result == RESULTS.lost_branch))
+    otherwise = RESULTS.where(is_lost, RESULTS.lost_branch, RESULTS.no_fold)
+    return replace(search.limit, result=RESULTS.where(search.is_over, result, otherwise))
 
 
 def _describe(bracket: Load, found: CriticalLoad) -> str:

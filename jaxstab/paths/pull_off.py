@@ -11,8 +11,7 @@ from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
 from jaxstab.core.checks import scalar_parameter
-from jaxstab.core.compile import program
-from jaxstab.core.control_flow import by_entries
+from jaxstab.core.compile import in_pieces, program
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.equilibrium import Equilibrium, equilibrate
@@ -26,7 +25,7 @@ from jaxstab.paths.curve.limit import Limit, limit_ahead
 from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.load_path import DISTURBANCE, LoadPath, load_path_of
 from jaxstab.paths.load_stepping import step_to_end
-from jaxstab.paths.record import Strongest
+from jaxstab.paths.record import Event, Strongest
 
 # Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4
@@ -108,19 +107,30 @@ def _pull_off(contact: Contact, load: Load, end: tuple[Limit, Equilibrium]) -> C
     return replace(critical_load_at(contact, load, limit), after=after)
 
 
-@program
-@by_entries
+@in_pieces
 def _end(load_path: LoadPath, ended: Progress[Strongest]) -> tuple[Limit, Equilibrium]:
     """Return the pull-off of a contact that was unloaded, and the state that remains."""
-    contact, one = load_path.contact, load_path.load[0]
-    jump = ended.records.event
-    before = jump.before
-    limit = limit_ahead(contact, one.at(before.value), before.gap, jump.ahead)
+    contact, jump = load_path.contact, ended.records.event
+    load, ahead = _before(load_path, jump)
+    limit = limit_ahead(contact, load, jump.before.gap, ahead)
+    return _concluded(contact, load, ended, limit)
+
+
+@program
+def _before(load_path: LoadPath, jump: Event) -> tuple[Load, Scalar]:
+    """Return the load before a jump, and how far ahead of it the load of the jump lies."""
+    return load_path.at(jump.before.value), jump.ahead
+
+
+@program
+def _concluded(
+    contact: Contact, load: Load, ended: Progress[Strongest], limit: Limit
+) -> tuple[Limit, Equilibrium]:
     result = RESULTS.where(ended.records.is_found, limit.result, RESULTS.no_jump)
     result = RESULTS.where(ended.result == RESULTS.successful, result, ended.result)
     attracts = contact.profile.max_attraction > 0
     result = RESULTS.where(attracts, result, RESULTS.no_attraction)
-    return replace(limit, result=result), jump.state_after(contact, one)
+    return replace(limit, result=result), ended.records.event.state_after(contact, load)
 
 
 def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar, Field]:

@@ -10,14 +10,14 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from jaxstab.contact import Contact
-from jaxstab.core.compile import program
-from jaxstab.core.control_flow import by_entries
+from jaxstab.core.compile import in_pieces, program
+from jaxstab.core.control_flow import by_entries, cond
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries, stacked
-from jaxstab.core.types import Field, Scalar
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads import Load
 from jaxstab.paths.barrier_law import BarrierLaw, barrier_law
-from jaxstab.paths.curve.limit import limit_ahead
+from jaxstab.paths.curve.limit import Limit, limit_ahead
 from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.path import Jump, Path
@@ -101,25 +101,44 @@ def path_of(record: Recording) -> Path:
 
 
 def _jump(contact: Contact, one: Load, event: Event) -> Jump:
-    here = event.before
-    load = one.at(here.value)
+    load, is_end = _load_before(one, event)
 
     def explained() -> tuple[KINDS, Field, BarrierLaw]:
-        limit = limit_ahead(contact, load, here.gap, event.ahead)
-        where = limit.load, limit.gap, limit.kind, limit.mode, limit.point
-        return limit.kind, limit.mode, barrier_law(contact, *where)
+        return _explained(contact, limit_ahead(contact, load, event.before.gap, event.ahead))
 
-    def unexplained() -> tuple[KINDS, Field, BarrierLaw]:
-        nan = jnp.full((), jnp.nan, here.gap.dtype)
-        return KINDS.fold, jnp.full_like(here.gap, nan), BarrierLaw(nan, nan, load.unit)
+    kind, mode, law = cond(is_end, explained, lambda: _unexplained(load, event))
+    return _jump_of(contact, load, event, kind, mode, law)
 
-    is_end = jnp.isfinite(here.value) & ~event.is_touch
-    kind, mode, law = jax.lax.cond(is_end, explained, unexplained)
+
+@program
+def _load_before(one: Load, event: Event) -> tuple[Load, Flag]:
+    """Return the load before a jump, and whether the jump is the end of a branch."""
+    value = event.before.value
+    return one.at(value), jnp.isfinite(value) & ~event.is_touch
+
+
+@program
+def _explained(contact: Contact, limit: Limit) -> tuple[KINDS, Field, BarrierLaw]:
+    where = limit.load, limit.gap, limit.kind, limit.mode, limit.point
+    return limit.kind, limit.mode, barrier_law(contact, *where)
+
+
+@program
+def _unexplained(load: Load, event: Event) -> tuple[KINDS, Field, BarrierLaw]:
+    gap = event.before.gap
+    nan = jnp.full((), jnp.nan, gap.dtype)
+    return KINDS.fold, jnp.full_like(gap, nan), BarrierLaw(nan, nan, load.unit)
+
+
+@program
+def _jump_of(
+    contact: Contact, load: Load, event: Event, kind: KINDS, mode: Field, law: BarrierLaw
+) -> Jump:
     return Jump(
         load=load,
         kind=KINDS.where(event.is_touch, KINDS.touch, kind),
-        before=event.state_before(contact, one),
-        after=event.state_after(contact, one),
+        before=event.state_before(contact, load),
+        after=event.state_after(contact, load),
         mode=mode,
         dissipation=event.dissipation,
         state=event.state,
@@ -150,7 +169,7 @@ def _path(
     )
 
 
-_jump_alone = program(_jump)
+_jump_alone = in_pieces(_jump)
 _path_alone = program(_path)
 
 

@@ -14,17 +14,27 @@ On large grids a step may pass several active-set changes at once, where the cur
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Block
-from jaxstab.core.control_flow import choose
+from jaxstab.core.compile import program
+from jaxstab.core.control_flow import choose, cond
 from jaxstab.core.types import Flag, Scalar
-from jaxstab.paths.curve.corrector import AT_STATES, CLOSE, Correction, at_change, correct, on_plane
+from jaxstab.paths.curve.corrector import (
+    AT_STATES,
+    CLOSE,
+    Condition,
+    Correction,
+    Found,
+    at_change,
+    correct,
+    on_plane,
+)
 from jaxstab.paths.curve.curve import ContinuationProblem, Place, Point
 from jaxstab.paths.curve.events import ActiveSetChanges, beyond_change, changes_ahead, fold_between
 from jaxstab.paths.curve.interpolation import (
@@ -84,29 +94,46 @@ class ArclengthStep(eqx.Module):
     is_found: Flag
 
 
-class _Target(NamedTuple):
-    """The target of a step.
+class _Target(eqx.Module):
+    """The target of a step, and the problem of its corrector.
 
     Attributes:
+        changes: the active-set changes ahead.
         reach: how far ahead it leads [length].
         is_change: whether to the first active-set change ahead.
         opens: whether a contact point is released there.
         follows: whether the free points may change on the way.
+        predicted: the point on the tangent.
+        start: the point where the corrector starts.
+        row: the gradient of the distance along the tangent.
+        condition: the condition that the corrector meets.
+        close: the residual that it is to reach.
     """
 
+    changes: ActiveSetChanges
     reach: Scalar
     is_change: Flag
     opens: Flag
     follows: Flag
+    predicted: Point
+    start: Point
+    row: Point
+    condition: Condition
+    close: Scalar
 
 
-class _Candidate(NamedTuple):
-    """The point that the corrector has found.
+class _Candidate(eqx.Module):
+    """The point that the corrector has found, judged by the two ends of the step.
 
     Attributes:
         place: the point with the free points that it was found with.
         is_found: whether it is one of some curve.
         is_sound: whether it is one of this curve, as far as the ends of the step tell.
+        is_taken: whether it is the next state, if the events in the step explain it.
+        lands: whether the next step is one to the last load.
+        turns: whether the load turns in the step.
+        folds: whether it turns while the same points are free.
+        is_clear: whether the step has no turn beside a change of the free points.
         share: the part of the step to try next if this one is not taken.
         is_easy: whether the next step may be longer.
     """
@@ -114,87 +141,108 @@ class _Candidate(NamedTuple):
     place: Place
     is_found: Flag
     is_sound: Flag
+    is_taken: Flag
+    lands: Flag
+    turns: Flag
+    folds: Flag
+    is_clear: Flag
     share: Scalar
     is_easy: Flag
 
 
+class _Events(eqx.Module):
+    """The events in a step.
+
+    Attributes:
+        turn: the point where the load turns at a fold.
+        is_flat: whether the rate of the load vanishes there.
+        new: the place beyond the step.
+        goes_on: whether the branch goes on from there.
+        index: the number of negative eigenvalues there.
+        modes: the lowest modes there.
+    """
+
+    turn: Point
+    is_flat: Flag
+    new: Place
+    goes_on: Flag
+    index: Int[Array, ""]
+    modes: Block
+
+
 def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthStep:
-    """Return the state after the next step, or the same with a shorter one to try."""
+    """Return the state after the next step, or the same with a shorter one to try.
+
+    1. Aim at a distance ahead, at an active-set change before it, or at the last load.
+    2. Correct the point on the tangent, and judge it by the two ends of the step.
+    3. If it is sound, locate the events in the step and count the negative eigenvalues beyond.
+    4. Take it if the events explain this number, and choose the length of the next step.
+    """
     curve, old = problem.curve, step.here
-    changes = changes_ahead(curve, old, _NEAREST[step.length.dtype.name] * problem.max_step)
-    target = _target_of(changes, old, step.length, step.lands)
-    candidate = _candidate_of(problem, step, changes, target)
-    new = candidate.place
-    turns = curve.rate(old.tangent) * curve.rate(new.tangent) < 0
-    beyond = problem.is_beyond(new.at) & ~(step.lands & ~target.is_change)
-    is_sound = candidate.is_sound & ~(turns & (target.is_change | step.lands | beyond))
-    accepted = jax.lax.cond(
-        is_sound & ~beyond,
-        lambda: _accepted(problem, step, changes, target, new, turns),
-        lambda: replace(step, is_new=jnp.array(False)),
-    )
-    is_new = accepted.is_new
-    longer = jnp.where(candidate.is_easy & ~target.is_change, _GROWTH * target.reach, step.length)
-    longer = jnp.minimum(jnp.maximum(longer, step.length), problem.max_step)
-    # It ends at the load, or it is cut to where all gaps and reactions are positive, or cut.
-    before, after = curve.value(old.at), curve.value(new.at)
-    part = (problem.last - before) / jnp.where(after == before, 1, after - before)
-    lands = is_sound & beyond
-    # Where the load has turned in a step that may not, up to about where it turns.
-    before, after = curve.rate(old.tangent), curve.rate(new.tangent)
-    to_turn = before / jnp.where(turns, before - after, 1)
-    share = jnp.where(turns, jnp.clip(_TO_TURN * to_turn, _CUT, _TO_TURN), candidate.share)
-    shorter = target.reach * jnp.where(lands, part, share)
-    return replace(
-        accepted,
-        length=jnp.where(is_new, longer, shorter),
-        lands=lands,
-        is_there=is_new & step.lands & ~target.is_change,
-        is_found=candidate.is_found,
-    )
+    target = _target_of(problem, step)
+    correction = Correction(curve, target.condition, old.is_free, target.follows)
+    found = correct(correction, target.start, target.row, old.tangent, target.close)
+    candidate = _candidate_of(problem, step, target, found)
+
+    def accepted() -> ArclengthStep:
+        events = _events_in(problem, step, target, candidate)
+        agrees, is_open = _explanation(problem, step, target, candidate, events)
+        agrees = cond(
+            is_open, lambda: _is_driven(problem, step, target, candidate, events), lambda: agrees
+        )
+        return _taken(problem, step, target, candidate, events, agrees)
+
+    taken = cond(candidate.is_taken, accepted, lambda: step)
+    return _with_next_length(problem, step, target, candidate, taken)
 
 
-def _target_of(changes: ActiveSetChanges, old: Place, length: Scalar, lands: Flag) -> _Target:
+@program
+def _target_of(problem: ContinuationProblem, step: ArclengthStep) -> _Target:
     """Return the target of the next step: a distance, or the first active-set change before it.
 
     A step to the last load has no active-set change there as its target: it would be cut there
     without end.
     """
+    curve, old, length, dtype = problem.curve, step.here, step.length, step.length.dtype
+    changes = changes_ahead(curve, old, _NEAREST[dtype.name] * problem.max_step)
     most = most_changes(changes.net.size)
-    number = jnp.sum(changes.distances <= jnp.where(lands, 1 - _AT_END, 1) * length)
+    number = jnp.sum(changes.distances <= jnp.where(step.lands, 1 - _AT_END, 1) * length)
     follows = (number > jnp.sum(changes.tied)) & (most > 1)
     if most > 1:
         length = jnp.minimum(length, jnp.sort(changes.distances.ravel())[most])
     is_change = (number > 0) & ~follows
     opens = jnp.any(changes.point & ~old.is_free)
-    return _Target(jnp.where(is_change, changes.first, length), is_change, opens, follows)
+    reach = jnp.where(is_change, changes.first, length)
 
-
-def _candidate_of(
-    problem: ContinuationProblem, step: ArclengthStep, changes: ActiveSetChanges, target: _Target
-) -> _Candidate:
-    """Return the point that the corrector finds, and whether it lies on the same curve."""
-    curve, old, reach = problem.curve, step.here, target.reach
     row = curve.gradient_of(old.tangent)
     scale = jnp.maximum(reach, 1e-5 * problem.max_step)
     ahead = on_plane(row, row.times(old.at) + reach, scale)
     span = jnp.abs(problem.last - problem.first)
     end = on_plane(curve.load_gradient, problem.last - curve.load_offset, span)
-    condition = choose(step.lands, end, ahead)
-    event = at_change(curve, changes.point, target.opens, problem.max_step)
-    condition = choose(target.is_change, event, condition)
+    event = at_change(curve, changes.point, opens, problem.max_step)
+    condition = choose(is_change, event, choose(step.lands, end, ahead))
+
     predicted = old.at.plus(old.tangent, reach)
     least = jnp.where(curve.contact.has_core, old.at.gap / 5, -jnp.inf)
-    least = jnp.where(target.follows, jnp.maximum(least, 0), least)
+    least = jnp.where(follows, jnp.maximum(least, 0), least)
     start = Point(jnp.maximum(predicted.gap, least), predicted.pressure)
-    correction = Correction(curve, condition, old.is_free, target.follows)
-    dtype = reach.dtype.name
-    closely = jnp.where(target.is_change, CLOSE[dtype], AT_STATES[dtype])
-    found = correct(correction, start, row, old.tangent, closely)
+    close = jnp.where(is_change, *jnp.array([CLOSE[dtype.name], AT_STATES[dtype.name]], dtype))
+    return _Target(
+        changes, reach, is_change, opens, follows, predicted, start, row, condition, close
+    )
+
+
+@program
+def _candidate_of(
+    problem: ContinuationProblem, step: ArclengthStep, target: _Target, found: Found
+) -> _Candidate:
+    """Return the point that the corrector has found, and whether it lies on the same curve."""
+    curve, old, changes, reach = problem.curve, step.here, target.changes, target.reach
     place, tangent = found.place, found.place.tangent
-    length, cosine = row.times(place.at.minus(old.at)), curve.cosine(tangent, old.tangent)
+    length = target.row.times(place.at.minus(old.at))
+    cosine = curve.cosine(tangent, old.tangent)
     farthest = jnp.where(target.follows, _FARTHEST_LEAP, _FARTHEST)
-    is_near = curve.length(place.at.minus(predicted)) <= farthest * reach
+    is_near = curve.length(place.at.minus(target.predicted)) <= farthest * reach
     is_straight = (length > 0) & (cosine > _LEAST_COSINE) & (found.num_steps <= _HARD)
     cubics = Cubics(old, place, length, cosine)
     forces = found.forces
@@ -206,95 +254,182 @@ def _candidate_of(
     share = jnp.where(is_over, jnp.maximum(0.9 * share, 0.1), _CUT)
     is_smooth = jnp.where(target.follows, leaps, smooth & turns_as_predicted(curve, cubics))
     is_easy = (found.num_steps <= _EASY) & (cosine > _STRAIGHT)
+
+    turns = curve.rate(old.tangent) * curve.rate(tangent) < 0
+    beyond = problem.is_beyond(place.at) & ~(step.lands & ~target.is_change)
     is_sound = found.is_found & is_near & is_straight & is_smooth
-    return _Candidate(place, found.is_found, is_sound, share, is_easy)
-
-
-def _accepted(
-    problem: ContinuationProblem,
-    step: ArclengthStep,
-    changes: ActiveSetChanges,
-    target: _Target,
-    reached: Place,
-    turns: Flag,
-) -> ArclengthStep:
-    """Return the state that a step has led to, if the events in it explain the changes."""
-    curve, old = problem.curve, step.here
-    gap = jnp.where(reached.is_free, jnp.maximum(reached.at.gap, 0), 0)
+    is_sound &= ~(turns & (target.is_change | step.lands | beyond))
+    gap = jnp.where(place.is_free, jnp.maximum(place.at.gap, 0), 0)
     gap = jnp.where(target.is_change & changes.point, 0, gap)
-    reached = replace(reached, at=Point(gap, reached.at.pressure))
-    is_clear = ~(turns & jnp.any(reached.is_free != old.is_free))
+    is_taken = is_sound & ~beyond
+    gap = jnp.where(is_taken, gap, place.at.gap)
+    is_clear = ~(turns & jnp.any(place.is_free != old.is_free))
+    return _Candidate(
+        place=replace(place, at=Point(gap, place.at.pressure)),
+        is_found=found.is_found,
+        is_sound=is_sound,
+        is_taken=is_taken,
+        lands=is_sound & beyond,
+        turns=turns,
+        folds=turns & is_clear,
+        is_clear=is_clear,
+        share=share,
+        is_easy=is_easy,
+    )
 
-    def at_fold() -> tuple[Point, Flag]:
-        return fold_between(curve, old, reached)
 
-    def past_change() -> tuple[Place, Flag]:
-        return beyond_change(curve, reached, changes, target.opens)
-
-    turn, is_flat = jax.lax.cond(turns & is_clear, at_fold, lambda: (reached.at, jnp.array(True)))
-    new, goes_on = jax.lax.cond(target.is_change, past_change, lambda: (reached, is_clear))
+def _events_in(
+    problem: ContinuationProblem, step: ArclengthStep, target: _Target, candidate: _Candidate
+) -> _Events:
+    """Return the fold in a step, the place beyond it, and its number of negative eigenvalues."""
+    curve, old, reached = problem.curve, step.here, candidate.place
+    turn, is_flat = cond(
+        candidate.folds,
+        lambda: fold_between(curve, old, reached),
+        lambda: (reached.at, np.array(True)),
+    )
+    new, goes_on = cond(
+        target.is_change,
+        lambda: beyond_change(curve, reached, target.changes, target.opens),
+        lambda: (reached, candidate.is_clear),
+    )
     index, modes = index_of(
         curve.contact, curve.load, new.at.gap, step.modes, counts_all=not problem.to_limit
     )
-    turns_back = curve.rate(reached.tangent) * curve.rate(new.tangent) < 0
-    # At a release the released point has no part in the index yet.
-    touches = target.is_change & ~target.opens
-    change = jnp.where(turns, 1, jnp.where(touches & turns_back, -1, 0))
-    flips = jnp.sum(new.is_free != reached.is_free)
+    return _Events(turn, is_flat, new, goes_on, index, modes)
+
+
+class _Turning(eqx.Module):
+    """How the load turns back at an active-set change, and the change of the index there."""
+
+    back: Flag
+    touches: Flag
+    change: Int[Array, ""]
+    flips: Int[Array, ""]
+
+    @classmethod
+    def at(
+        cls, problem: ContinuationProblem, target: _Target, candidate: _Candidate, new: Place
+    ) -> "_Turning":
+        curve, reached = problem.curve, candidate.place
+        back = curve.rate(reached.tangent) * curve.rate(new.tangent) < 0
+        # At a release the released point has no part in the index yet.
+        touches = target.is_change & ~target.opens
+        change = jnp.where(candidate.turns, 1, jnp.where(touches & back, -1, 0))
+        return cls(back, touches, change, jnp.sum(new.is_free != reached.is_free))
+
+    def explains(self, turns: Flag, before: Int[Array, ""], after: Int[Array, ""]) -> Flag:
+        """Return whether it explains the number of negative eigenvalues after the step."""
+        is_known = (before >= 0) & (after >= 0) & (after < MOST)
+        found = jnp.where(turns, jnp.abs(after - before), after - before)
+        return ~is_known | (found == self.change)
+
+
+@program
+def _explanation(
+    problem: ContinuationProblem,
+    step: ArclengthStep,
+    target: _Target,
+    candidate: _Candidate,
+    events: _Events,
+) -> tuple[Flag, Flag]:
+    """Return whether the events in a step explain the Morse index behind it, or modes might.
+
+    Modes that have no part in the branch, since they break a symmetry, may change sign as they
+    like: there other branches cross it.
+    """
+    turning = _Turning.at(problem, target, candidate, events.new)
+    agrees = turning.explains(candidate.turns, step.expected, events.index)
     # Points that tie, by symmetry, take modes with them that break it.
-    agrees = (flips > 1) | _explains(problem, step, reached, index, change, turns, touches)
-    expected = index + (target.is_change & target.opens & turns_back)
-    expected = jnp.where((flips > 1) | (index >= MOST) | (index < 0), UNKNOWN, expected)
+    agrees |= turning.flips > 1
+    if problem.to_limit:
+        # A bifurcation is a limit, however long the step.
+        bifurcates = (step.index == 0) & (events.index > 0) & ~candidate.turns
+        return agrees | bifurcates, jnp.array(False)
+    # The farther from a bifurcation, the smaller the part of the mode that does belong to it.
+    return agrees, ~agrees & (step.length <= _ACROSS * problem.max_step)
+
+
+@program
+def _is_driven(
+    problem: ContinuationProblem,
+    step: ArclengthStep,
+    target: _Target,
+    candidate: _Candidate,
+    events: _Events,
+) -> Flag:
+    """Return whether the events explain the signs of the modes that have a part in the branch."""
+    curve, reached = problem.curve, candidate.place
+    turning = _Turning.at(problem, target, candidate, events.new)
+
+    def driven(place: Place) -> Int[Array, ""]:
+        gap, tangent = place.at.gap, place.tangent.gap
+        return driven_index_of(curve.contact, curve.load, gap, place.is_free, tangent)
+
+    is_free = reached.is_free & (~turning.touches | (reached.at.gap > 0))
+    ends = step.here, replace(reached, is_free=is_free)
+    before, after = jax.lax.map(driven, jax.tree.map(lambda *pair: jnp.stack(pair), *ends))
+    is_known = (before >= 0) & (after >= 0)
+    return is_known & turning.explains(candidate.turns, before, after)
+
+
+@program
+def _taken(
+    problem: ContinuationProblem,
+    step: ArclengthStep,
+    target: _Target,
+    candidate: _Candidate,
+    events: _Events,
+    agrees: Flag,
+) -> ArclengthStep:
+    """Return the state that a step has led to, if the events in it explain the changes."""
+    turning, index = _Turning.at(problem, target, candidate, events.new), events.index
+    expected = index + (target.is_change & target.opens & turning.back)
+    is_unknown = (turning.flips > 1) | (index >= MOST) | (index < 0)
     kind = KINDS.where(target.opens, KINDS.release, KINDS.touch)
-    is_good = goes_on & is_flat & agrees & ~(turns & problem.is_beyond(turn))
+    is_good = events.goes_on & events.is_flat & agrees
+    is_good &= ~(candidate.turns & problem.is_beyond(events.turn))
     taken = replace(
         step,
-        here=new,
+        here=events.new,
         index=index,
-        expected=expected,
-        modes=modes,
-        turn=turn,
+        expected=jnp.where(is_unknown, UNKNOWN, expected),
+        modes=events.modes,
+        turn=events.turn,
         kind=KINDS.where(target.is_change, kind, KINDS.fold),
-        turns=turns | turns_back,
+        turns=candidate.turns | turning.back,
         is_new=jnp.array(True),
     )
     return choose(is_good, taken, replace(step, is_new=jnp.array(False)))
 
 
-def _explains(
+@program
+def _with_next_length(
     problem: ContinuationProblem,
     step: ArclengthStep,
-    reached: Place,
-    index: Int[Array, ""],
-    change: Int[Array, ""],
-    turns: Flag,
-    touches: Flag,
-) -> Flag:
-    """Return whether the number of negative eigenvalues changes as the events in a step require.
-
-    Modes that have no part in the branch, since they break a symmetry, may change as they like:
-    there other branches cross it.
-    """
-    curve, old = problem.curve, step.here
-
-    def is_explained(before: Int[Array, ""], after: Int[Array, ""]) -> Flag:
-        is_known = (before >= 0) & (after >= 0) & (after < MOST)
-        found = jnp.where(turns, jnp.abs(after - before), after - before)
-        return ~is_known | (found == change)
-
-    def is_driven() -> Flag:
-        def driven(place: Place) -> Int[Array, ""]:
-            gap, tangent = place.at.gap, place.tangent.gap
-            return driven_index_of(curve.contact, curve.load, gap, place.is_free, tangent)
-
-        ends = old, replace(reached, is_free=reached.is_free & (~touches | (reached.at.gap > 0)))
-        before, after = jax.lax.map(driven, jax.tree.map(lambda *pair: jnp.stack(pair), *ends))
-        return (before >= 0) & (after >= 0) & is_explained(before, after)
-
-    agrees = is_explained(step.expected, index)
-    if problem.to_limit:
-        # A bifurcation is a limit, however long the step.
-        return agrees | ((step.index == 0) & (index > 0) & ~turns)
-    # The farther from a bifurcation, the smaller the part of the mode that does belong to it.
-    is_short = step.length <= _ACROSS * problem.max_step
-    return jax.lax.cond(~agrees & is_short, is_driven, lambda: agrees)
+    target: _Target,
+    candidate: _Candidate,
+    taken: ArclengthStep,
+) -> ArclengthStep:
+    """Return a step, taken or not, with the length of the next."""
+    curve, old, new = problem.curve, step.here, candidate.place
+    is_new = candidate.is_taken & taken.is_new
+    longer = jnp.where(candidate.is_easy & ~target.is_change, _GROWTH * target.reach, step.length)
+    longer = jnp.minimum(jnp.maximum(longer, step.length), problem.max_step)
+    # It ends at the load, or it is cut to where all gaps and reactions are positive, or cut.
+    before, after = curve.value(old.at), curve.value(new.at)
+    part = (problem.last - before) / jnp.where(after == before, 1, after - before)
+    # Where the load has turned in a step that may not, up to about where it turns.
+    before, after = curve.rate(old.tangent), curve.rate(new.tangent)
+    to_turn = before / jnp.where(candidate.turns, before - after, 1)
+    to_turn = jnp.clip(_TO_TURN * to_turn, _CUT, _TO_TURN)
+    share = jnp.where(candidate.turns, to_turn, candidate.share)
+    shorter = target.reach * jnp.where(candidate.lands, part, share)
+    return replace(
+        taken,
+        length=jnp.where(is_new, longer, shorter),
+        lands=candidate.lands,
+        is_there=is_new & step.lands & ~target.is_change,
+        is_new=is_new,
+        is_found=candidate.is_found,
+    )

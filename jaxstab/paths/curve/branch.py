@@ -1,22 +1,32 @@
 """Arclength steps along a branch of equilibria: its first state, its next one, and its end."""
 
 from dataclasses import replace
+from functools import partial
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
 from jaxstab.core.checks import cast, concrete, require, require_finite
-from jaxstab.core.control_flow import choose
+from jaxstab.core.compile import program
+from jaxstab.core.control_flow import cond
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load, require_loads, require_same_machine
 from jaxstab.paths.curve.arclength import ArclengthStep, take_step
-from jaxstab.paths.curve.corrector import CLOSE, Correction, correct, on_plane
+from jaxstab.paths.curve.corrector import (
+    CLOSE,
+    Condition,
+    Correction,
+    correct,
+    direction_at,
+    on_plane,
+)
 from jaxstab.paths.curve.curve import ContinuationProblem, Curve, Place, Point
 from jaxstab.paths.curve.morse_index import UNKNOWN, index_of, some_modes
 from jaxstab.paths.kinds import KINDS
@@ -81,31 +91,80 @@ def begin(
     to_limit: bool = False,
 ) -> tuple[ContinuationProblem, BranchState]:
     """Return the problem between two loads, and a branch at its first state, an equilibrium."""
-    gap, dtype = found.gap, found.gap.dtype
-    at = Point(gap, pressure_of(contact, loads[0], gap))
-    curve = Curve.of(contact, loads[0])
-    row = curve.load_gradient
-    first, last = loads.value.astype(dtype)
-    span = last - first
-    ahead = Point(jnp.sign(span) * row.gap, jnp.sign(span) * row.pressure)
-    here = Place(at, gap > 0, curve.tangent(at, gap > 0, ahead))
+    start = _start(contact, loads, found)
+    curve, at, dtype = start.curve, start.at, found.gap.dtype
+    near = start.nothing
+    tangent = direction_at(curve, start.condition, at, start.is_free, start.ahead, near)
+    here = Place(at, start.is_free, tangent)
     if dtype == jnp.float32:
         # A solver may stop as far from the curve as a short step may from its prediction.
-        condition = on_plane(row, first - curve.load_offset, jnp.abs(span))
-        correction = Correction(curve, condition, gap > 0, follows=True)
-        closer = correct(correction, at, ahead, here.tangent, CLOSE[dtype.name])
-        here = choose(closer.is_found, closer.place, here)
-        at, gap = here.at, here.at.gap
-    speed, size = jnp.abs(row.times(here.tangent)), curve.length(at)
-    longest = _LONGEST * jnp.abs(span) / jnp.where(speed > 0, speed, 1)
+        correction = Correction(curve, start.condition, start.is_free, follows=True)
+        closer = correct(correction, at, start.ahead, tangent, CLOSE[dtype.name])
+        here = cond(closer.is_found, lambda: closer.place, lambda: here)
+    modes, load = start.modes, curve.load
+    index, modes = index_of(contact, load, here.at.gap, modes, counts_all=not to_limit)
+    problem, length = _problem(to_limit, curve, loads, here, max_step, min_step)
+    return problem, branch_from(here, length, index, modes, found.result)
+
+
+class _Start(eqx.Module):
+    """The first point of a branch, but for its direction.
+
+    Attributes:
+        curve: the curve.
+        at: the point.
+        is_free: its free points.
+        ahead: the gradient of the load, with the sign of its change along the branch.
+        condition: that the load has its first value.
+        nothing: no direction.
+        modes: random modes.
+    """
+
+    curve: Curve
+    at: Point
+    is_free: Mask
+    ahead: Point
+    condition: Condition
+    nothing: Point
+    modes: Block
+
+
+@program
+def _start(contact: Contact, loads: Load, found: Equilibrium) -> _Start:
+    gap, load = found.gap, loads[0]
+    at = Point(gap, pressure_of(contact, load, gap))
+    curve = Curve.of(contact, load)
+    row = curve.load_gradient
+    first, last = loads.value.astype(gap.dtype)
+    span = last - first
+    ahead = Point(jnp.sign(span) * row.gap, jnp.sign(span) * row.pressure)
+    condition = on_plane(row, first - curve.load_offset, jnp.abs(span))
+    nothing = jax.tree.map(jnp.zeros_like, at)
+    return _Start(curve, at, gap > 0, ahead, condition, nothing, some_modes(gap))
+
+
+@partial(program, static_argnums=0)
+def _problem(
+    to_limit: bool,
+    curve: Curve,
+    loads: Load,
+    here: Place,
+    max_step: Scalar | None,
+    min_step: Scalar | None,
+) -> tuple[ContinuationProblem, Scalar]:
+    """Return the problem of a branch from its first place, and the length of its first step."""
+    dtype = here.at.gap.dtype
+    first, last = loads.value.astype(dtype)
+    speed, size = jnp.abs(curve.rate(here.tangent)), curve.length(here.at)
+    longest = _LONGEST * jnp.abs(last - first) / jnp.where(speed > 0, speed, 1)
     longest = jnp.where(size > 0, jnp.minimum(longest, size), longest)
     longest = longest if max_step is None else max_step.astype(dtype)
     shortest = SHORTEST[dtype.name] * longest if min_step is None else min_step.astype(dtype)
-    index, modes = index_of(contact, loads[0], gap, some_modes(gap), counts_all=not to_limit)
     problem = ContinuationProblem(curve, first, last, longest, shortest, to_limit)
-    return problem, branch_from(here, _FIRST * longest, index, modes, found.result)
+    return problem, _FIRST * longest
 
 
+@program
 def branch_from(
     here: Place, length: Scalar, index: Int[Array, ""], modes: Block, result: RESULTS
 ) -> BranchState:
@@ -126,7 +185,11 @@ def pressure_of(contact: Contact, load: Load, gap: Field) -> Scalar:
 
 def next_state(problem: ContinuationProblem, branch: BranchState) -> BranchState:
     """Return a branch after a step, which may have been cut."""
-    step = take_step(problem, branch.step)
+    return _after(problem, branch, take_step(problem, branch.step))
+
+
+@program
+def _after(problem: ContinuationProblem, branch: BranchState, step: ArclengthStep) -> BranchState:
     # No step is long enough if the loads are equal or not finite, which under JAX nothing refuses.
     no_more = ~(step.length > problem.min_step)
     unclear = KINDS.where(step.is_found, KINDS.uncertain, KINDS.lost)
@@ -161,6 +224,7 @@ def _closes(curve: Curve, branch: BranchState, at: Point) -> Flag:
     return (branch.count > 3) & (before < 0) & (after >= 0) & is_near
 
 
+@program
 def entry_of(problem: ContinuationProblem, branch: BranchState) -> tuple[Entry, Turn]:
     """Return the last state of a branch, and the turn before it."""
     contact, load, step = problem.curve.contact, problem.curve.load, branch.step
@@ -175,6 +239,7 @@ def entry_of(problem: ContinuationProblem, branch: BranchState) -> tuple[Entry, 
     return entry, Turn(equilibrium.load, step.kind, equilibrium, mode, branch.count - 1)
 
 
+@program
 def is_same(problem: ContinuationProblem, one: Turn, other: Turn) -> Flag:
     """Return whether a turn is one of others: then the branch comes back to where it has been."""
     gap, gaps = one.equilibrium.gap, other.equilibrium.gap

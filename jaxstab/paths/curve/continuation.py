@@ -7,13 +7,20 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS
-from jaxstab.core.checks import integer, is_traced, require, require_positive, scalar_parameter
-from jaxstab.core.compile import program
-from jaxstab.core.control_flow import by_entries
+from jaxstab.core.checks import (
+    concrete,
+    integer,
+    is_traced,
+    require,
+    require_positive,
+    scalar_parameter,
+)
+from jaxstab.core.control_flow import by_entries, while_loop
 from jaxstab.core.display import several
 from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.progress import advance_if_known
@@ -138,7 +145,6 @@ def _search(
     return _eager(number, fields, _begun(is_state, *inputs))
 
 
-@partial(program, static_argnums=0)
 def _begun(
     is_state: bool, contact: Contact, load: Load, start: Field | None, steps: list[Scalar | None]
 ) -> Begun:
@@ -147,12 +153,13 @@ def _begun(
     return problem, branch, *entry_of(problem, branch)
 
 
-@program
 def _gone_on(problem: ContinuationProblem, branch: BranchState) -> tuple[BranchState, Entry, Turn]:
     """Return a branch after the next new state, which it also returns, or at its end."""
-    fresh = replace(branch, step=replace(branch.step, is_new=jnp.array(False)))
-    ended = jax.lax.while_loop(
-        lambda branch: branch.is_on & ~branch.step.is_new, partial(next_state, problem), fresh
+    fresh = replace(branch, step=replace(branch.step, is_new=np.array(False)))
+    ended = while_loop(
+        lambda branch: branch.is_on & ~concrete(branch.step.is_new),
+        partial(next_state, problem),
+        fresh,
     )
     return ended, *entry_of(problem, ended)
 

@@ -11,10 +11,12 @@ primal and dual active sets (semismooth Newton).
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core import model
+from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, zeros_of
 from jaxstab.core.grid import total
 from jaxstab.core.types import Field, Flag, Mask, Scalar
@@ -141,10 +143,32 @@ def correct(
         ahead: the gradient of a linear function that grows along the direction.
         near: another direction, from which that is sought; where no point is found it is returned.
         close: the residual to reach, if it can be.
-        fine: the accuracy of the direction, by default as in `Curve.tangent`.
+        fine: the accuracy of the direction; by default that of tangents.
     """
+    dtype = start.gap.dtype
+    fine = TANGENT_ACCURACY[dtype.name] if fine is None else fine
+    # Numbers of one type, so that all searches share one program.
+    numbers = (x if isinstance(x, jax.Array) else np.asarray(x, dtype) for x in (close, fine))
+    return _newton(problem, start, ahead, near, *numbers)
+
+
+def direction_at(
+    curve: Curve, condition: Condition, at: Point, is_free: Mask, ahead: Point, near: Point
+) -> Point:
+    """Return the direction of a curve at one of its points, along which a linear function grows.
+
+    Sought from another one nearby, or from zero, by the last step of the corrector.
+    """
+    problem = Correction(curve, condition, is_free)
+    return correct(problem, at, ahead, near, np.inf).place.tangent
+
+
+@program
+def _newton(
+    problem: Correction, start: Point, ahead: Point, near: Point, close: Scalar, fine: Scalar
+) -> Found:
     curve, dtype = problem.curve, start.gap.dtype
-    enough, fine = TOLERANCE[dtype.name], fine or TANGENT_ACCURACY[dtype.name]
+    enough = TOLERANCE[dtype.name]
 
     def goes_on(old: Found) -> Flag:
         return ~old.is_found & jnp.isfinite(old.residual) & (old.num_steps <= _MAX_STEPS)

@@ -135,19 +135,6 @@ class Curve(eqx.Module):
         """Return how the net pressure follows a change where f'' is this, A dg + dp0."""
         return Hessian(self.contact.solid, curvature)(change.gap) + change.pressure
 
-    def tangent(self, at: Point, is_free: Mask, ahead: Point, near: Point | None = None) -> Point:
-        """Return the direction of the curve at a point, along which a linear function grows.
-
-        It is sought from another one, which is near it, or from none.
-        """
-        accuracy, curvature = TANGENT_ACCURACY[at.gap.dtype.name], self.contact.curvature(at.gap)
-        start = (
-            jax.tree.map(jnp.zeros_like, at) if near is None else self.scaled(near, is_free, ahead)
-        )
-        residual = self.residual_of(start, curvature, ahead)
-        change = self.solution(curvature, is_free, ahead, residual, accuracy, self.length(start))
-        return self.unit(start.plus(change))
-
     def scaled(self, change: Point, is_free: Mask, ahead: Point) -> Point:
         """Return a change of the free points along which a linear function grows by one.
 

@@ -5,14 +5,24 @@ a piece. At an active-set change a contact point loses its reaction (release) or
 gap (touch).
 """
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array
+from dataclasses import replace
 
-from jaxstab.core.control_flow import choose, first_good
-from jaxstab.core.types import Field, Flag, Mask, Scalar
-from jaxstab.paths.curve.corrector import CLOSE, Correction, at_change, correct, on_plane
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from jaxstab.core.compile import program
+from jaxstab.core.control_flow import choose, first_good, while_loop
+from jaxstab.core.types import ArrayLike, Field, Flag, Mask, Scalar
+from jaxstab.paths.curve.corrector import (
+    CLOSE,
+    Condition,
+    Correction,
+    at_change,
+    correct,
+    direction_at,
+    on_plane,
+)
 from jaxstab.paths.curve.curve import Curve, Place, Point
 
 # Points tie that change sides within this part of the distance to the first of them.
@@ -63,47 +73,97 @@ def changes_ahead(curve: Curve, place: Place, shortest: Scalar) -> ActiveSetChan
     return ActiveSetChanges(forces.net, rate, distances, first, point, tied)
 
 
+class _Beyond(eqx.Module):
+    """A place beyond an active-set change, but for its direction.
+
+    Attributes:
+        at: the point.
+        is_free: its free points.
+        flips: those that have changed sides.
+        ahead: the gradient of a function that grows along the direction.
+        condition: one that is met there.
+    """
+
+    at: Point
+    is_free: Mask
+    flips: Mask
+    ahead: Point
+    condition: Condition
+
+
 def beyond_change(
-    curve: Curve, at: Place, changes: ActiveSetChanges, opens: Flag
+    curve: Curve, place: Place, changes: ActiveSetChanges, opens: Flag
 ) -> tuple[Place, Flag]:
     """Return the place beyond an active-set change, and whether its points change sides there.
 
     All points that tie change sides, or the first alone.
     """
 
-    # The first has a gap that grows, or a reaction.
-    unit = at_change(curve, changes.point, ~opens, jnp.ones_like(at.at.pressure))
-    ahead = unit.gradient(curve, curve.forces(at.at, at.is_free))
-
-    def beyond(number: Array) -> tuple[Place, Flag]:
-        flips = jnp.where(number == 0, changes.tied, changes.point)
-        is_free = at.is_free ^ flips
-        point = Point(jnp.where(flips, 0, at.at.gap), at.at.pressure)
-        place = Place(point, is_free, curve.tangent(point, is_free, ahead, at.tangent))
-        rate = curve.net_rate(curve.contact.curvature(point.gap), place.tangent)
-        # Released points open further along the tangent, others are pressed more.
-        goes_on = jnp.where(is_free, place.tangent.gap, rate) > 0
-        return place, jnp.all(goes_on | ~flips)
+    def beyond(number: ArrayLike) -> tuple[Place, Flag]:
+        new = _flipped(curve, place, changes, opens, number)
+        tangent = direction_at(curve, new.condition, new.at, new.is_free, new.ahead, place.tangent)
+        return Place(new.at, new.is_free, tangent), _goes_on(curve, new, tangent)
 
     return first_good(beyond, lambda found: found[1], 2)
+
+
+@program
+def _flipped(
+    curve: Curve, place: Place, changes: ActiveSetChanges, opens: Flag, number: ArrayLike
+) -> _Beyond:
+    # The first has a gap that grows, or a reaction.
+    unit = at_change(curve, changes.point, ~opens, jnp.ones_like(place.at.pressure))
+    ahead = unit.gradient(curve, curve.forces(place.at, place.is_free))
+    flips = jnp.where(number == 0, changes.tied, changes.point)
+    point = Point(jnp.where(flips, 0, place.at.gap), place.at.pressure)
+    condition = at_change(curve, changes.point, opens, jnp.ones_like(place.at.pressure))
+    return _Beyond(point, place.is_free ^ flips, flips, ahead, condition)
+
+
+@program
+def _goes_on(curve: Curve, new: _Beyond, tangent: Point) -> Flag:
+    rate = curve.net_rate(curve.contact.curvature(new.at.gap), tangent)
+    # Released points open further along the tangent, others are pressed more.
+    goes_on = jnp.where(new.is_free, tangent.gap, rate) > 0
+    return jnp.all(goes_on | ~new.flips)
 
 
 class _Bracket(eqx.Module):
     """Two distances ahead of a place between which the load turns, and its rates there.
 
     Attributes:
+        ends: the distances [length].
+        rates: of the load there; an end that stays a second time counts for half.
+        row: the gradient of the distance.
+        whole: the length of the step [length].
+        steepest: the larger of the rates at its ends.
         place: the last that was looked at.
         rate: of the load there.
         is_low: whether it took the place of the nearer end.
         count: how many points were looked at.
+        is_open: whether to look at another one.
+        is_flat: whether the rate at the last vanishes.
     """
 
     ends: Array
     rates: Array
+    row: Point
+    whole: Scalar
+    steepest: Scalar
     place: Place
     rate: Scalar
     is_low: Flag
-    count: Array
+    count: Int[Array, ""]
+    is_open: Flag
+    is_flat: Flag
+
+    def looked_at(self) -> "_Bracket":
+        """Return the bracket with flags that tell whether it is narrow enough."""
+        narrow_enough = _NARROW[self.rate.dtype.name]
+        is_wide = self.ends[1] - self.ends[0] > narrow_enough * jnp.abs(self.whole)
+        is_steep = jnp.abs(self.rate) > narrow_enough * self.steepest
+        is_open = is_wide & is_steep & (self.count < _MAX_SECANTS)
+        return replace(self, is_open=is_open, is_flat=jnp.abs(self.rate) < _FLAT * self.steepest)
 
 
 def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
@@ -111,37 +171,55 @@ def fold_between(curve: Curve, old: Place, new: Place) -> tuple[Point, Flag]:
 
     And whether its rate vanishes there.
     """
-    row = curve.gradient_of(old.tangent)
-    whole = row.times(new.at.minus(old.at))
-    dtype = whole.dtype.name
-    narrow_enough, fine = _NARROW[dtype], _FINE[dtype]
-
-    def goes_on(bracket: _Bracket) -> Flag:
-        is_wide = bracket.ends[1] - bracket.ends[0] > narrow_enough * jnp.abs(whole)
-        is_steep = jnp.abs(bracket.rate) > narrow_enough * steepest
-        return is_wide & is_steep & (bracket.count < _MAX_SECANTS)
+    dtype = old.at.gap.dtype.name
 
     def narrow(bracket: _Bracket) -> _Bracket:
-        (low, high), (slow, fast) = bracket.ends, bracket.rates
-        length = low - slow * (high - low) / (fast - slow)
-        at, tangent = bracket.place.at, bracket.place.tangent
-        missing = length - row.times(at.minus(old.at))
-        start = at.plus(tangent, missing / row.times(tangent))
-        plane = on_plane(row, row.times(old.at) + length, jnp.abs(whole))
-        correction = Correction(curve, plane, old.is_free)
-        place = correct(correction, start, row, tangent, CLOSE[dtype], fine).place
-        rate = curve.rate(place.tangent)
-        is_low = rate * rates[0] > 0
-        # An end that stays a second time counts for half.
-        stays = jnp.where((bracket.count > 0) & (is_low == bracket.is_low), 0.5, 1)
-        ends = jnp.where(is_low, jnp.stack([length, high]), jnp.stack([low, length]))
-        halved = jnp.where(is_low, jnp.stack([rate, stays * fast]), jnp.stack([stays * slow, rate]))
-        return _Bracket(ends, halved, place, rate, is_low, bracket.count + 1)
+        condition, start = _secant(old, bracket)
+        correction = Correction(curve, condition, old.is_free)
+        tangent = bracket.place.tangent
+        found = correct(correction, start, bracket.row, tangent, CLOSE[dtype], _FINE[dtype])
+        return _narrowed(curve, old, bracket, found.place)
 
+    found = while_loop(lambda bracket: bracket.is_open, narrow, _bracket(curve, old, new))
+    return found.place.at, found.is_flat
+
+
+@program
+def _bracket(curve: Curve, old: Place, new: Place) -> _Bracket:
+    row = curve.gradient_of(old.tangent)
+    whole = row.times(new.at.minus(old.at))
     rates = jnp.stack([curve.rate(old.tangent), curve.rate(new.tangent)])
     steepest = jnp.max(jnp.abs(rates))
     ends = jnp.stack([jnp.zeros_like(whole), whole])
     near = choose(jnp.abs(rates[0]) < jnp.abs(rates[1]), old, new)
-    first = _Bracket(ends, rates, near, steepest, jnp.array(True), jnp.array(0))
-    found = jax.lax.while_loop(goes_on, narrow, first)
-    return found.place.at, jnp.abs(found.rate) < _FLAT * steepest
+    yes, none = jnp.array(True), jnp.array(0)
+    first = _Bracket(ends, rates, row, whole, steepest, near, steepest, yes, none, yes, yes)
+    return first.looked_at()
+
+
+def _secant_length(bracket: _Bracket) -> Scalar:
+    (low, high), (slow, fast) = bracket.ends, bracket.rates
+    return low - slow * (high - low) / (fast - slow)
+
+
+@program
+def _secant(old: Place, bracket: _Bracket) -> tuple[Condition, Point]:
+    """Return the plane on which to look next, and where to start there."""
+    length, row = _secant_length(bracket), bracket.row
+    at, tangent = bracket.place.at, bracket.place.tangent
+    missing = length - row.times(at.minus(old.at))
+    start = at.plus(tangent, missing / row.times(tangent))
+    return on_plane(row, row.times(old.at) + length, jnp.abs(bracket.whole)), start
+
+
+@program
+def _narrowed(curve: Curve, old: Place, bracket: _Bracket, place: Place) -> _Bracket:
+    """Return the bracket with a place that was found in it as one of its ends."""
+    (low, high), (slow, fast) = bracket.ends, bracket.rates
+    length, rate = _secant_length(bracket), curve.rate(place.tangent)
+    is_low = rate * curve.rate(old.tangent) > 0
+    stays = jnp.where((bracket.count > 0) & (is_low == bracket.is_low), 0.5, 1)
+    ends = jnp.where(is_low, jnp.stack([length, high]), jnp.stack([low, length]))
+    rates = jnp.where(is_low, jnp.stack([rate, stays * fast]), jnp.stack([stays * slow, rate]))
+    found = replace(bracket, ends=ends, rates=rates, place=place, rate=rate, is_low=is_low)
+    return replace(found, count=bracket.count + 1).looked_at()

@@ -12,15 +12,26 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
-from jaxstab.core.control_flow import choose, first_good
+from jaxstab.contact.hessian import Block
+from jaxstab.core.compile import program
+from jaxstab.core.control_flow import choose, first_good, while_loop, zeros_of
 from jaxstab.core.grid import mean
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.core.types import ArrayLike, Field, Flag, Mask, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.loads import Load
 from jaxstab.paths.curve.arclength import ArclengthStep
 from jaxstab.paths.curve.branch import SHORTEST, BranchState, branch_from, next_state, pressure_of
-from jaxstab.paths.curve.corrector import TOLERANCE, Correction, at_change, correct, on_plane
+from jaxstab.paths.curve.corrector import (
+    TOLERANCE,
+    Condition,
+    Correction,
+    Found,
+    at_change,
+    correct,
+    direction_at,
+    on_plane,
+)
 from jaxstab.paths.curve.curve import ContinuationProblem, Curve, Point
 from jaxstab.paths.curve.morse_index import UNKNOWN, refreshed, some_modes
 from jaxstab.paths.kinds import KINDS
@@ -84,18 +95,52 @@ class Limit(eqx.Module):
 
 
 class _LimitSearch(eqx.Module):
-    """A branch before and after its last step, and how closely a bifurcation is bracketed."""
+    """A branch before and after its last step, and how closely a bifurcation is bracketed.
+
+    Attributes:
+        is_open: whether the limit lies ahead, or is to be bracketed more closely.
+    """
 
     before: BranchState
     after: BranchState
     width: Scalar
     count: Int[Array, ""]
+    is_open: Flag
 
     @property
     def is_past(self) -> Flag:
         """Whether the last step has led past the limit."""
         old, new = self.before.step, self.after.step
         return new.is_new & (new.turns | ((old.index == 0) & (new.index > 0)))
+
+    def looked_at(self, problem: ContinuationProblem) -> "_LimitSearch":
+        """Return the search with a flag that tells whether it goes on."""
+        is_wide = self.width > _closest(problem)
+        is_wide &= ~(self.is_past & self.after.step.turns)
+        return replace(self, is_open=self.after.is_on & is_wide & (self.count < _MAX_STEPS))
+
+
+def _closest(problem: ContinuationProblem) -> Scalar:
+    """Return how closely a bifurcation is bracketed [length]."""
+    return _BRACKET[problem.max_step.dtype.name] * problem.max_step
+
+
+class _Ahead(eqx.Module):
+    """The problem of a limit ahead of a state.
+
+    Attributes:
+        problem: the curve towards the load ahead.
+        at: the state.
+        row: the gradient of the load, with the sign of its change.
+        nothing: no direction.
+        modes: random modes.
+    """
+
+    problem: ContinuationProblem
+    at: Point
+    row: Point
+    nothing: Point
+    modes: Block
 
 
 def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limit:
@@ -107,35 +152,72 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
     finds none, the limit is the state itself: a fold if an eigenvalue is negative already, since a
     bifurcation was passed whose symmetry held the state; otherwise uncertain.
     """
+    search = _ahead(contact, load, gap, ahead)
+    curve, close = search.problem.curve, TOLERANCE[gap.dtype.name]
+
+    def from_back(number: ArrayLike) -> tuple[Limit, Flag]:
+        start, is_free, condition = _start(search, number)
+        tangent = direction_at(curve, condition, start, is_free, search.row, search.nothing)
+        plane, ahead = _plane_behind(search, start, tangent, number)
+        found = correct(Correction(curve, plane, is_free), start, ahead, tangent, close)
+        branch, is_found = _branch_behind(search, found)
+        return limit_of(search.problem, branch), is_found
+
+    limit, is_found = first_good(from_back, lambda found: found[0].is_found, 2 * len(_BACKS))
+    return _limit_or_state(contact, load, gap, limit, is_found)
+
+
+@program
+def _ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> _Ahead:
     curve = Curve.of(contact, load)
     at, dtype = Point(gap, pressure_of(contact, load, gap)), gap.dtype
-    longest = _SHARE * curve.length(at)
-    sign = jnp.sign(ahead)
+    longest, sign = _SHARE * curve.length(at), jnp.sign(ahead)
     row = Point(sign * curve.load_gradient.gap, sign * curve.load_gradient.pressure)
     end = load.value + _LEEWAY[dtype.name] * _horizon(load, gap, ahead)
     problem = ContinuationProblem(
         curve, load.value, end, longest, SHORTEST[dtype.name] * longest, to_limit=True
     )
+    return _Ahead(problem, at, row, jax.tree.map(jnp.zeros_like, at), some_modes(gap))
 
-    def from_back(number: Array) -> tuple[Limit, Flag]:
-        closes = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
-        is_free = (gap > 0) & ~(closes & (number % 2 == 1))
-        length = _BACK[dtype.name] * longest * jnp.array(_BACKS, dtype)[number // 2]
 
-        start = Point(jnp.where(is_free, gap, 0), at.pressure)
-        tangent = curve.tangent(start, is_free, row)
-        ahead = curve.gradient_of(tangent)
-        plane = on_plane(ahead, ahead.times(start) - length, longest)
-        correction = Correction(curve, plane, is_free)
-        found = correct(correction, start, ahead, tangent, TOLERANCE[dtype.name])
-        signs = jnp.where(is_free, found.place.at.gap, found.forces.net) > 0
-        is_found = found.is_found & jnp.all(signs)
-        result = RESULTS.where(is_found, RESULTS.successful, RESULTS.lost_branch)
-        first = _FIRST * longest
-        branch = branch_from(found.place, first, jnp.array(UNKNOWN), some_modes(gap), result)
-        return limit_of(problem, branch), is_found
+@program
+def _start(search: _Ahead, number: ArrayLike) -> tuple[Point, Mask, Condition]:
+    """Return where one of the searches begins, its free points, and a condition."""
+    gap = search.at.gap
+    closes = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
+    is_free = (gap > 0) & ~(closes & (number % 2 == 1))
+    start = Point(jnp.where(is_free, gap, 0), search.at.pressure)
+    longest = search.problem.max_step
+    return start, is_free, on_plane(search.row, search.row.times(start), longest)
 
-    limit, is_found = first_good(from_back, lambda found: found[0].is_found, 2 * len(_BACKS))
+
+@program
+def _plane_behind(
+    search: _Ahead, start: Point, tangent: Point, number: ArrayLike
+) -> tuple[Condition, Point]:
+    """Return the plane behind the start of one of the searches, and the gradient across it."""
+    longest, dtype = search.problem.max_step, start.gap.dtype
+    length = _BACK[dtype.name] * longest * jnp.array(_BACKS, dtype)[number // 2]
+    ahead = search.problem.curve.gradient_of(tangent)
+    return on_plane(ahead, ahead.times(start) - length, longest), ahead
+
+
+@program
+def _branch_behind(search: _Ahead, found: Found) -> tuple[BranchState, Flag]:
+    """Return a branch from the point found behind a state, and whether it is one."""
+    place = found.place
+    signs = jnp.where(place.is_free, place.at.gap, found.forces.net) > 0
+    is_found = found.is_found & jnp.all(signs)
+    result = RESULTS.where(is_found, RESULTS.successful, RESULTS.lost_branch)
+    first = _FIRST * search.problem.max_step
+    return branch_from(place, first, jnp.array(UNKNOWN), search.modes, result), is_found
+
+
+@program
+def _limit_or_state(
+    contact: Contact, load: Load, gap: Field, limit: Limit, is_found: Flag
+) -> Limit:
+    """Return the limit that was found ahead of a state, or the state itself."""
     residual = contact.balance(contact.control(load))(gap).residual
     result = RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite)
     state = replace(limit, load=load, gap=gap, residual=residual, result=result)
@@ -157,40 +239,62 @@ def _horizon(load: Load, gap: Field, ahead: Scalar) -> Scalar:
 
 
 def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
-    """Return the limit of a branch that begins so."""
-    close = _BRACKET[problem.max_step.dtype.name] * problem.max_step
+    """Return the limit of a branch that begins so.
 
-    def goes_on(search: _LimitSearch) -> Flag:
-        is_open = (search.width > close) & ~(search.is_past & search.after.step.turns)
-        return search.after.is_on & is_open & (search.count < _MAX_STEPS)
+    A step that has led past a bifurcation is taken again, half as long, until the bifurcation is
+    bracketed closely. At a fold or a release the load turns back, and steps locate it.
+    """
 
     def further(search: _LimitSearch) -> _LimitSearch:
-        # Past a bifurcation the step before is taken again, half as long.
-        old = choose(search.is_past, search.before, search.after)
-        length = jnp.minimum(old.step.length, search.width / 2)
-        old = replace(old, step=replace(old.step, length=length, turns=jnp.array(False)))
-        new = next_state(problem, old)
-        taken = problem.curve.length(new.step.here.at.minus(old.step.here.at))
-        next_search = _LimitSearch(old, new, search.width, search.count + 1)
-        width = jnp.where(next_search.is_past, taken, search.width - taken)
-        return replace(next_search, width=jnp.where(new.step.is_new, width, search.width))
+        old = _last_state(search)
+        return _bracketed(problem, search, old, next_state(problem, old))
 
+    search = while_loop(lambda search: search.is_open, further, _begun(problem, branch))
+    return _located(problem, branch.result, search)
+
+
+@program
+def _begun(problem: ContinuationProblem, branch: BranchState) -> _LimitSearch:
     infinite = jnp.full_like(problem.max_step, jnp.inf)
-    start = _LimitSearch(branch, branch, infinite, jnp.array(0))
-    search = jax.lax.while_loop(goes_on, further, start)
+    search = _LimitSearch(branch, branch, infinite, jnp.array(0), jnp.array(True))
+    return search.looked_at(problem)
+
+
+@program
+def _last_state(search: _LimitSearch) -> BranchState:
+    """Return the last state before the limit, from which the next step begins."""
+    old = choose(search.is_past, search.before, search.after)
+    length = jnp.minimum(old.step.length, search.width / 2)
+    return replace(old, step=replace(old.step, length=length, turns=jnp.array(False)))
+
+
+@program
+def _bracketed(
+    problem: ContinuationProblem, search: _LimitSearch, old: BranchState, new: BranchState
+) -> _LimitSearch:
+    """Return the search after a step from an old to a new state."""
+    taken = problem.curve.length(new.step.here.at.minus(old.step.here.at))
+    after = _LimitSearch(old, new, search.width, search.count + 1, search.is_open)
+    width = jnp.where(after.is_past, taken, search.width - taken)
+    width = jnp.where(new.step.is_new, width, search.width)
+    return replace(after, width=width).looked_at(problem)
+
+
+@program
+def _located(problem: ContinuationProblem, begun: RESULTS, search: _LimitSearch) -> Limit:
+    """Return the limit that a search has come to, and how, given the result of its first state."""
     ended = search.after.end
     is_unclear = (ended == KINDS.uncertain) | (ended == KINDS.lost) | search.after.is_on
     result = RESULTS.where(is_unclear, RESULTS.lost_branch, RESULTS.no_fold)
-    result = RESULTS.where(branch.result == RESULTS.successful, result, branch.result)
-    limit = _located(problem, search.before.step, search.after.step, search.count)
+    result = RESULTS.where(begun == RESULTS.successful, result, begun)
+    limit = _between(problem, search.before.step, search.after.step, search.count)
     # Between two states as near as steps can tell, a bifurcation is known by its eigenvalue.
     is_between = jnp.isfinite(search.width) & (limit.kind != KINDS.uncertain)
-    is_found = search.is_past | (search.width <= close) | is_between
-    result = RESULTS.where(is_found, limit.result, result)
-    return replace(limit, result=result)
+    is_found = search.is_past | (search.width <= _closest(problem)) | is_between
+    return replace(limit, result=RESULTS.where(is_found, limit.result, result))
 
 
-def _located(
+def _between(
     problem: ContinuationProblem, old: ArclengthStep, new: ArclengthStep, count: Int[Array, ""]
 ) -> Limit:
     """Return the limit between two states of a branch.
@@ -214,10 +318,7 @@ def _located(
     imbalance, reaction = correction.residual(at, correction.forces(at))
     residual = jnp.maximum(imbalance, jnp.where(is_release, jnp.abs(reaction), 0))
     load = curve.load.at(curve.value(at))
-    control = contact.control(load)
-    space, modes = Subspace(is_free | opens, control.fixes_mean), refreshed(new.modes)
-    solver = Davidson(_MODE[dtype.name])
-    pair = on_space(solver, contact.hessian(gap, control), space, modes).pair
+    pair = _lowest_pair(contact, load, gap, is_free | opens, new.modes)
     is_met = residual <= TOLERANCE[dtype.name]
     is_flat = jnp.abs(pair.eigenvalue) <= ZERO[dtype.name] * contact.solid.min_stiffness
     is_event = is_met & jnp.where(is_release, pair.eigenvalue < pair.error, is_flat)
@@ -232,4 +333,28 @@ def _located(
         residual=residual,
         num_steps=count,
         result=RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite),
+    )
+
+
+def _lowest_pair(
+    contact: Contact, load: Load, gap: Field, is_moving: Mask, modes: Block
+) -> Eigenpair:
+    control = contact.control(load)
+    space = Subspace(is_moving, control.fixes_mean)
+    solver = Davidson(_MODE[gap.dtype.name])
+    return on_space(solver, contact.hessian(gap, control), space, refreshed(modes)).pair
+
+
+def no_limit(contact: Contact, load: Load, gap: Field) -> Limit:
+    """Return that no limit is known yet, at a load and a gap from which to go on."""
+    return Limit(
+        load=load,
+        gap=gap,
+        kind=KINDS.uncertain,
+        point=jnp.zeros_like(gap, bool),
+        is_tied=jnp.array(False),
+        critical=zeros_of(_lowest_pair, contact, load, gap, gap > 0, some_modes(gap)),
+        residual=jnp.zeros((), gap.dtype),
+        num_steps=jnp.array(0),
+        result=RESULTS.no_fold,
     )

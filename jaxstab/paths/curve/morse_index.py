@@ -1,13 +1,17 @@
 """The Morse index of an equilibrium: the number of negative eigenvalues on its free points."""
 
+from functools import partial
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
+from jaxstab.core.compile import program
+from jaxstab.core.control_flow import cond
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Flag, Mask
 from jaxstab.loads import Load
@@ -76,17 +80,38 @@ def index_of(
     """
     # The last of the modes converges slowly, and only its sign is of use.
     solver, spare = (Davidson(_TOLERANCE[gap.dtype.name]), 1) if precise else (_Signs(1.0), 0)
-    is_negative, is_known, modes = _lowest(contact, load, gap, gap > 0, modes, solver, spare)
-    index = jnp.sum(is_negative)
+    few = _count(spare, contact, load, gap, modes, solver)
     if not counts_all:
-        return jnp.where(is_known, index, UNKNOWN), modes
+        return few.index, few.modes
 
     def look_on() -> Int[Array, ""]:
-        many = noise(jax.random.key(1), _MANY, gap)
-        is_negative, is_known, _ = _lowest(contact, load, gap, gap > 0, many, solver, spare)
-        return jnp.where(is_known, jnp.sum(is_negative), UNKNOWN)
+        return _count(spare, contact, load, gap, _many(gap), solver).index
 
-    return jax.lax.cond(is_known & (index < _FEW - 1), lambda: index, look_on), modes
+    return cond(few.is_all, lambda: few.index, look_on), few.modes
+
+
+class _Count(eqx.Module):
+    """The number of negative eigenvalues among the lowest, or `UNKNOWN`; modes; whether it is all
+    that there are.
+    """
+
+    index: Int[Array, ""]
+    modes: Block
+    is_all: Flag
+
+
+@partial(program, static_argnums=0)
+def _count(
+    spare: int, contact: Contact, load: Load, gap: Field, modes: Block, solver: Davidson
+) -> _Count:
+    is_negative, is_known, modes = _lowest(contact, load, gap, gap > 0, modes, solver, spare)
+    index = jnp.sum(is_negative)
+    return _Count(jnp.where(is_known, index, UNKNOWN), modes, is_known & (index < _FEW - 1))
+
+
+@program
+def _many(gap: Field) -> Block:
+    return noise(jax.random.key(1), _MANY, gap)
 
 
 def driven_index_of(
