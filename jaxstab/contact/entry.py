@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from contextlib import nullcontext
+from functools import partial
 from typing import Any, Protocol, Self, TypeVar, TypeVarTuple
 
 import jax
 
 from jaxstab.contact.contact import Contact
-from jaxstab.core.compile import own_conventions
+from jaxstab.core.checks import is_traced
+from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.progress import progress_bar
@@ -57,8 +59,11 @@ def answer(
             default an error is raised where derivatives are taken.
         has_units: whether the search converts units itself, within its programs.
     """
-    own, unit = (contact, None) if has_units else contact.in_characteristic_units()
-    own_state = state if unit is None else state.in_units_of(unit)
+    own, own_state, unit = contact, state, None
+    if not has_units:
+        has_core = contact.has_core
+        known = None if is_traced(has_core) else bool(has_core)
+        own, own_state, unit = _in_characteristic_units(known, contact, state)
     given: Any = own, own_state, others
     given = given if differentiable else refuse_derivatives(given)
     constants: tuple[Contact, State, tuple[*Others]] = jax.lax.stop_gradient(given)
@@ -68,7 +73,21 @@ def answer(
     # An interrupt here would lose a long search. Short ones, whose loops it ends, have their units.
     with nullcontext() if has_units else interrupts_held():
         found: Any = differentiable(own, own_state, sought) if differentiable else sought
-        if unit is not None:
-            found = found.in_units_of(1 / unit)
-        found = found.on_surface(contact.solid)
+        found = _in_units_of_user(found, unit, contact.solid)
     return throw_failure(found.result, found, lambda: describe(found), throw)
+
+
+@partial(program, static_argnums=0)
+def _in_characteristic_units(
+    has_core: bool | None, contact: Contact, state: State
+) -> tuple[Contact, State, Scalar]:
+    """Return a contact and its load or state in the characteristic pressure, and that pressure."""
+    unit = contact.characteristic_pressure
+    return contact.in_units_of(unit, has_core), state.in_units_of(unit), unit
+
+
+@program
+def _in_units_of_user(found: Found, unit: Scalar | None, solid: Solid) -> Found:
+    """Return a result in the units and on the grid of the user."""
+    found = found if unit is None else found.in_units_of(1 / unit)
+    return found.on_surface(solid)

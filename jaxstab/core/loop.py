@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import ClassVar, Generic, TypeVar
+from typing import ClassVar, Generic, Self, TypeVar
 
 import equinox as eqx
 import jax
@@ -114,6 +114,13 @@ class IterativeSolver(eqx.Module):
         if self.tolerance is not None:
             return self.tolerance
         return self.default_tolerance.get(dtype.name, max(self.default_tolerance.values()))
+
+    def in_precision(self, dtype: jnp.dtype) -> Self:
+        """Return the solver with a number for its tolerance, so that all calls share programs."""
+        if self.tolerance is not None:
+            return self
+        tolerance = array(self.tolerance_in(dtype), dtype)
+        return eqx.tree_at(lambda s: s.tolerance, self, tolerance, is_leaf=lambda x: x is None)
 
     def run(self, problem: PyTree, start: PyTree) -> Iteration[PyTree]:
         """Iterate from a start until the tolerance is reached, or report why it is not.

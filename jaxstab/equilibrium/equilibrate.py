@@ -18,7 +18,7 @@ from jaxstab.core.grid import resample
 from jaxstab.core.implicit import attach
 from jaxstab.core.loop import Iteration, solver_or_default
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import ArrayLike, Field, Scalar
+from jaxstab.core.types import ArrayLike, Field
 from jaxstab.equilibrium.derivatives import changes_of_fields
 from jaxstab.equilibrium.equilibrium import (
     DIFFERENTIABLE,
@@ -33,7 +33,6 @@ from jaxstab.equilibrium.solvers.conjugate_gradients import PreconditionedConjug
 from jaxstab.equilibrium.window import padded_start, warn_at_edges
 from jaxstab.loads.held_gap import GapControl
 from jaxstab.loads.load import Control, Load, require_loads
-from jaxstab.solids.solid import Solid
 
 # A mean gap may be off by this part of itself, in units of the precision.
 _ROUNDING = 1e3
@@ -83,11 +82,8 @@ def equilibrate(
     require_loads(load, (), "equilibrate takes one load", cure)
     solver = solver_or_default(solver, EquilibriumSolver, PreconditionedConjugateGradient)
     padded, start = posed(contact, load, initial)
-    if start is None:
-        # One program for all starts.
-        start = _undeformed(load, padded.solid, padded.heights, padded.datum)
     equilibrium = answer(
-        find_equilibrium,
+        find,
         padded,
         load,
         solver,
@@ -95,8 +91,9 @@ def equilibrate(
         differentiable=with_derivatives,
         describe=partial(_describe, contact),
         throw=throw,
-        has_units=True,
     )
+    # As it was given, without the rounding of conversions.
+    equilibrium = replace(equilibrium, load=load)
     warn_at_edges(contact, equilibrium)
     return equilibrium
 
@@ -110,11 +107,6 @@ def posed(
     """Return a checked contact on the grid that it is solved on, and a gap there to start from."""
     warn_if_coarse(contact, needed)
     return padded_start(contact, load, initial_gap(contact, load, initial))
-
-
-@program
-def _undeformed(load: Load, solid: Solid, heights: Field, datum: Scalar) -> Field:
-    return load.relative_to(datum).control(solid, heights).starting_gap(heights)
 
 
 def find_equilibrium(
@@ -136,10 +128,7 @@ def _find_in_characteristic_units(
 ) -> Equilibrium:
     unit = contact.characteristic_pressure
     own = contact.in_units_of(unit, has_core), load.in_units_of(unit)
-    found = by_entries(find)(*own, solver, initial).in_units_of(1 / unit)
-    overflows = (found.result == RESULTS.successful) & ~jnp.isfinite(found.energy)
-    result = RESULTS.where(overflows, RESULTS.nonfinite, found.result)
-    return replace(found, load=load, result=result)
+    return replace(find(*own, solver, initial).in_units_of(1 / unit), load=load)
 
 
 def with_derivatives(contact: Contact, load: Load, found: Equilibrium) -> Equilibrium:
@@ -154,20 +143,33 @@ def with_derivatives(contact: Contact, load: Load, found: Equilibrium) -> Equili
     return replace(moved, load=load, area=contact.area)
 
 
-@program
 def find(
     contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
 ) -> Equilibrium:
-    """Return the result of `find_equilibrium` in the characteristic pressure."""
+    """Return the equilibrium that a solver finds from a gap, by default that of the solid at rest.
+
+    All in the characteristic pressure. Whatever seeks an equilibrium shares this program.
+    """
+    start = _at_rest(contact, load) if initial is None else initial
+    return _found(contact, load, solver.in_precision(contact.heights.dtype), start)
+
+
+@program
+def _at_rest(contact: Contact, load: Load) -> Field:
+    return contact.control(load).starting_gap(contact.heights)
+
+
+@program
+@by_entries
+def _found(contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field) -> Equilibrium:
     problem = Problem.of(contact, contact.control(load))
     return concluded(contact, load, solver.run(problem, started(contact, load, initial)))
 
 
-def started(contact: Contact, load: Load, initial: Field | None) -> Field:
+def started(contact: Contact, load: Load, initial: Field) -> Field:
     """Return a gap to start a solver from, NaN for a load or a contact without an answer."""
     control = contact.control(load)
-    start = control.starting_gap(contact.heights) if initial is None else initial
-    start = jnp.maximum(start.astype(contact.heights.dtype), 0)
+    start = jnp.maximum(initial.astype(contact.heights.dtype), 0)
     gap = control.restore(start / jnp.max(start) if control.fixes_mean else start)
     lift = partial(_lift_off_core, contact, control)
     gap = jax.lax.cond(contact.has_core, lift, lambda gap: gap, gap)

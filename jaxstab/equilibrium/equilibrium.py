@@ -1,5 +1,6 @@
 """An equilibrium, its fields, and the conversion of other results to equilibria."""
 
+from dataclasses import replace
 from typing import Annotated, Any, Protocol
 
 import equinox as eqx
@@ -82,6 +83,12 @@ class Equilibrium(Outcome):
         [force]; on a line it is a force per length across it [force/length].
         """
         return self.mean_pressure * self.area
+
+    def in_units_of(self, pressure: Scalar) -> "Equilibrium":
+        """Return the same with pressures in another unit; no result where its energy overflows."""
+        found = super().in_units_of(pressure)
+        overflows = (self.result == RESULTS.successful) & ~jnp.isfinite(found.energy)
+        return replace(found, result=RESULTS.where(overflows, RESULTS.nonfinite, self.result))
 
     @property
     def mean_gap(self) -> Scalar:

@@ -8,11 +8,12 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Int
 
 from jaxstab.contact.contact import Contact
 from jaxstab.contact.residual import Balance
-from jaxstab.core.checks import require
+from jaxstab.core.checks import concrete, parameter, require
 from jaxstab.core.control_flow import either, on_platform
 from jaxstab.core.grid import total, totals
 from jaxstab.core.history import Indicators
@@ -82,14 +83,13 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
 
     tolerance: Scalar | None = eqx.field(converter=optional_parameter, default=None)
     max_steps: Int[Array, ""] = eqx.field(converter=integer_parameter, default=20_000)
-    max_move: Scalar | None = eqx.field(converter=optional_parameter, default=None)
-    least_energy: Scalar | None = eqx.field(converter=optional_parameter, default=None)
+    max_move: Scalar = eqx.field(converter=parameter, default=np.inf)
+    least_energy: Scalar = eqx.field(converter=parameter, default=-np.inf)
 
     default_tolerance: ClassVar[Mapping[str, float]] = {"float64": 1e-9, "float32": 1e-4}
 
     def __check_init__(self) -> None:
-        if self.max_move is not None:
-            require("max_move", self.max_move, self.max_move > 0, "it must be positive.")
+        require("max_move", self.max_move, concrete(self.max_move) > 0, "it must be positive.")
 
     def prepared(self, problem: Problem, start: Field) -> "_Prepared":
         """Return the problem with its preconditioner, made for a start."""
@@ -123,9 +123,7 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
     def measure(self, problem: "_Prepared", state: _DescentState) -> Indicators:
         """Return residual and energy; the residual is infinite where nothing is to be found."""
         balance, energy = state.balance, problem.energy(state.balance)
-        has_left = balance.has_escaped
-        if self.least_energy is not None:
-            has_left |= energy < self.least_energy
+        has_left = balance.has_escaped | (energy < self.least_energy)
         residual = jnp.where(has_left, jnp.inf, balance.residual)
         return {"residual": residual, "energy": energy}
 
@@ -256,10 +254,8 @@ def preconditioner_of(
     return partial(either, contact.has_core, by_waves_and_points, by_waves)
 
 
-def _shortening(contact: Contact, max_move: Scalar | None) -> Callable[..., Array]:
+def _shortening(contact: Contact, max_move: Scalar) -> Callable[..., Array]:
     """Return the map from the length of a step, a gap and a direction to one that is allowed."""
-    if max_move is None:
-        return lambda length, gap, direction: length
     law_range = contact.profile.range
 
     def shortened(length: Scalar, gap: Field, direction: Field) -> Scalar:
