@@ -38,8 +38,6 @@ from jaxstab.paths.path import Jump, Path, PathInterrupted
 from jaxstab.paths.record import Room
 from jaxstab.paths.recorded_path import Recording, path_of, path_with_room
 
-# States and jumps of a batch.
-_ROOM = 32, 2
 # Jumps are located by default from this loss: over the problem's characteristic energy, and over
 # the earlier losses.
 _SMALLEST_JUMP = 2e-7
@@ -152,14 +150,9 @@ def _search(
     noise: Scalar,
 ) -> Path:
     load_path = load_path_of(contact, load, least, noise, share, finds_all=True)
-    is_alone = not is_traced((load_path, start))
-    room = Room(*(_ROOM if is_alone else sizes), fields)
-    if is_alone:
-        return _known_path(room, load_path, start)
-    ended = step_to_end(room, load_path, start)
-    is_short = ended.is_open(load_path.load)
-    ended = replace(ended, result=RESULTS.where(is_short, RESULTS.store_full, ended.result))
-    return path_with_room(ended, contact, load)
+    if is_traced((load_path, start)):
+        return path_with_room(Room(*sizes, fields), load_path, start)
+    return _known_path(fields, load_path, start)
 
 
 def _with_derivatives(
@@ -179,23 +172,22 @@ def _with_derivatives(
     return replace(path, jumps=replace(path.jumps, load=path.jumps.load.at(values)))
 
 
-def _known_path(room: Room, load_path: LoadPath, start: Field | None) -> Path:
+def _known_path(fields: bool, load_path: LoadPath, start: Field | None) -> Path:
     """Return the path to the end, or until interrupted."""
-    recording, was_interrupted = Recording(load_path.contact, load_path.load), False
+    load = load_path.load
+    recording, was_interrupted = Recording(load_path.contact, load, fields), False
     try:
-        step_to_end(room, load_path, start, recording.emptied)
+        step_to_end(load_path, start, lambda _: recording)
     except KeyboardInterrupt:
-        if recording.progress is None:
+        if recording.last is None:
             raise
         was_interrupted = True
-    is_cut = bool(recording.progress.is_open(load_path.load))
-    if is_cut:
-        recording.progress = replace(recording.progress, result=RESULTS.interrupted)
+    is_cut = not recording.is_complete
     # The last end of a branch may not be located yet, which takes seconds.
     with interrupts_held() as held:
-        path = path_of(recording)
+        path = path_of(recording, RESULTS.interrupted if is_cut else recording.last.result)
     if is_cut:
-        part = 100 * float(fraction_done(load_path.load, recording.progress))
+        part = 100 * fraction_done(load, recording.last)
         warn(f"The path was interrupted at {part:.0f} %.", PathInterrupted)
     elif was_interrupted or held:
         warn("The path was interrupted after its last step; it is complete.", PathInterrupted)

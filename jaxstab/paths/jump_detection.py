@@ -9,7 +9,6 @@ potentials of two states at one load.
 """
 
 from dataclasses import replace
-from typing import Generic, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,9 +18,10 @@ from jaxstab.core.checks import concrete
 from jaxstab.core.control_flow import choose
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
-from jaxstab.paths.load_path import LoadPath
-from jaxstab.paths.record import Event, PathPoint, Strongest, Tables
+from jaxstab.paths.load_path import LoadPath, Start
+from jaxstab.paths.record import Event, PathPoint, Record, point_of
 
 # A state is sought further on by this factor where the solver fails beyond the end of a branch.
 _FURTHER = 8
@@ -53,11 +53,8 @@ class Bisection(eqx.Module):
         return jnp.isfinite(self.distance)
 
 
-Records = TypeVar("Records", Tables, Strongest)
-
-
-class Progress(eqx.Module, Generic[Records]):
-    """How far load stepping has come, and all that it has recorded.
+class Progress(eqx.Module):
+    """How far load stepping has come.
 
     Attributes:
         here: the last state accepted.
@@ -68,7 +65,6 @@ class Progress(eqx.Module, Generic[Records]):
         is_apart: whether the load has pulled the surfaces apart.
         gap: of the last state recorded.
         num_states: of states recorded.
-        records: these states and the jumps, or the jumps alone.
         result: how it went so far.
     """
 
@@ -80,7 +76,6 @@ class Progress(eqx.Module, Generic[Records]):
     is_apart: Flag
     gap: Field
     num_states: Int[Array, ""]
-    records: Records
     result: RESULTS
 
     def is_open(self, load: Load) -> Flag:
@@ -96,16 +91,14 @@ class TrialStep(eqx.Module):
     Attributes:
         value: the load it leads to.
         length: its length.
-        gap: from which the equilibrium there is sought.
-        least_potential: below which the state sought is known to lie on another branch [energy].
+        start: where the equilibrium there is sought from.
         is_end: whether it leads to the end of this part of the load path.
         is_final: whether a jump is located there, if there is one.
     """
 
     value: Scalar
     length: Scalar
-    gap: Field
-    least_potential: Scalar
+    start: Start
     is_end: Flag
     is_final: Flag
 
@@ -168,7 +161,8 @@ def next_step(load_path: LoadPath, progress: Progress) -> TrialStep:
     moves = here.value != progress.last.value
     is_predicted = ~progress.is_apart & ~is_final & moves & load_path.finds_all
     least = jnp.where(is_predicted, _least_potential(load_path, progress, change), -jnp.inf)
-    return TrialStep(value, length, gap, least, is_end, is_final)
+    start = load_path.start_at(value, gap, least, is_final)
+    return TrialStep(value, length, start, is_end, is_final)
 
 
 def _least_potential(load_path: LoadPath, progress: Progress, change: Scalar) -> Scalar:
@@ -213,13 +207,10 @@ def _outcome_of(
 
 
 def apply_step(
-    load_path: LoadPath,
-    progress: Progress[Records],
-    trial: TrialStep,
-    found: PathPoint,
-    result: RESULTS,
-) -> Progress[Records]:
-    """Return the progress after a step, from the state found and how its solver ended."""
+    load_path: LoadPath, progress: Progress, trial: TrialStep, equilibrium: Equilibrium
+) -> tuple[Progress, Record]:
+    """Return the progress after a step, from the equilibrium found, and what it has recorded."""
+    found, result = point_of(load_path.contact, equilibrium, trial.value), equilibrium.result
     outcome = _outcome_of(load_path, progress, trial, found, result)
     is_event, accepts = outcome.is_event, outcome.is_accepted
     is_apart = (progress.is_apart & ~outcome.is_touch) | outcome.is_pulled
@@ -234,7 +225,7 @@ def apply_step(
     has_failed = outcome.is_lost & (trial.is_end | (trial.length > load_path.max_step / _FURTHER))
     bisection = _bisected(load_path, progress.bisection, trial, outcome)
     next_length = _next_length(load_path, progress, trial, outcome)
-    return Progress(
+    after = Progress(
         here=here,
         last=choose(is_event, here, last),
         next_length=jnp.where(accepts & ~bisection.is_on, next_length, progress.next_length),
@@ -243,9 +234,9 @@ def apply_step(
         is_apart=is_apart,
         gap=jnp.where(is_state, here.gap, progress.gap),
         num_states=progress.num_states + is_state,
-        records=progress.records.with_step(here, is_state, event, is_event),
         result=RESULTS.where(has_failed, result, progress.result),
     )
+    return after, Record(here, is_state, event, is_event, after.part, after.result)
 
 
 def _bisected(

@@ -9,14 +9,12 @@ import jax.numpy as jnp
 from jaxstab.contact import Contact
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import by_entries
-from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
-from jaxstab.equilibrium import PreconditionedConjugateGradient
-from jaxstab.equilibrium.equilibrate import concluded, started
-from jaxstab.equilibrium.solvers.base import Problem
+from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
+from jaxstab.equilibrium.equilibrate import find
 from jaxstab.loads import Load
 from jaxstab.paths.energy import characteristic_energy
-from jaxstab.paths.record import PathPoint, point_of
+from jaxstab.paths.record import PathPoint
 
 # The default is relative to the size of the problem's own heights and gaps.
 DISTURBANCE = 1e-6
@@ -26,6 +24,18 @@ DISTURBANCE = 1e-6
 _MAX_MOVE, _MAX_MOVE_IN_JUMP = 0.1, 0.03
 # A monotone part of the load path takes so many steps at least.
 _NUM_STEPS = 32
+
+
+class Start(eqx.Module):
+    """A load, the gap from which its equilibrium is sought [length], and the solver."""
+
+    load: Load
+    gap: Field
+    solver: PreconditionedConjugateGradient
+
+    def equilibrium(self, contact: Contact) -> Equilibrium:
+        """Return the equilibrium."""
+        return find(contact, self.load, self.solver, self.gap)
 
 
 class LoadPath(eqx.Module):
@@ -66,32 +76,30 @@ class LoadPath(eqx.Module):
         """Return the load at a value; all else of it is the same everywhere."""
         return self.load[0].at(value)
 
-    def state(
+    def start_at(
         self,
         value: Scalar,
         gap: Field,
         least_potential: ArrayLike = -jnp.inf,
         is_final: ArrayLike = False,
-    ) -> tuple[PathPoint, RESULTS]:
-        """Return the equilibrium at a load that the solver finds from a gap, once disturbed.
+    ) -> "Start":
+        """Return where the equilibrium at a load is sought from a gap, once disturbed.
 
         Once the potential falls below the least, the search ends without a result; one that is
         final may lead down to another branch.
         """
-        contact, load = self.contact, self.at(value)
-        control = contact.control(load)
+        contact, load, dtype = self.contact, self.at(value), gap.dtype
         # Contact points stay where they are.
         disturbed = jnp.where(gap > 0, jnp.maximum(gap + self.disturbance, 0), 0)
-        start = started(contact, load, disturbed)
         # Where the mean gap is held, no long step draws the surfaces apart.
-        longest = (
-            jnp.where(is_final, _MAX_MOVE_IN_JUMP, jnp.inf) if control.fixes_mean else _MAX_MOVE
-        )
+        longest = jnp.full((), _MAX_MOVE)
+        if contact.control(load).fixes_mean:
+            longest = jnp.where(is_final, _MAX_MOVE_IN_JUMP, jnp.inf)
+        least = jnp.asarray(least_potential, dtype) / contact.grid.cell_area
         solver = PreconditionedConjugateGradient(
-            max_move=longest, least_energy=least_potential / contact.grid.cell_area
+            max_move=longest.astype(dtype), least_energy=least.astype(dtype)
         )
-        found = concluded(contact, load, solver.run(Problem.of(contact, control), start))
-        return point_of(contact, found, value), found.result
+        return Start(load, disturbed, solver.in_precision(dtype))
 
     def apart(self) -> Field:
         """Return the gap of surfaces that are about to touch."""

@@ -22,10 +22,9 @@ from jaxstab.loads import Load, MeanPressure, Spring
 from jaxstab.paths.curve.critical_load import CriticalLoad, critical_load_at
 from jaxstab.paths.curve.curve import HARDLY_ANY
 from jaxstab.paths.curve.limit import Limit, limit_ahead
-from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.load_path import DISTURBANCE, LoadPath, load_path_of
 from jaxstab.paths.load_stepping import step_to_end
-from jaxstab.paths.record import Event, Strongest
+from jaxstab.paths.record import Event, Strongest, no_jump
 
 # Only the jump from the largest tension matters.
 _SMALLEST_JUMP = 1e-4
@@ -95,25 +94,21 @@ def pull_off(
     )
 
 
+@in_pieces
 def _search(contact: Contact, load: Load, start: Field) -> tuple[Limit, Equilibrium]:
+    """Return the limit of the branch before the jump from the largest tension, and what remains."""
     resolution = _RESOLUTION[contact.heights.dtype.name]
     load_path = load_path_of(contact, load, _SMALLEST_JUMP, DISTURBANCE, resolution=resolution)
-    ended = step_to_end(Strongest.none, load_path, start)
-    return jax.block_until_ready(_end(load_path, ended))
+    ended, strongest = step_to_end(load_path, start, no_jump)
+    jump = strongest.event
+    before, ahead = _before(load_path, jump)
+    limit = limit_ahead(contact, before, jump.before.gap, ahead)
+    return jax.block_until_ready(_concluded(contact, before, ended.result, strongest, limit))
 
 
 def _pull_off(contact: Contact, load: Load, end: tuple[Limit, Equilibrium]) -> CriticalLoad:
     limit, after = end
     return replace(critical_load_at(contact, load, limit), after=after)
-
-
-@in_pieces
-def _end(load_path: LoadPath, ended: Progress[Strongest]) -> tuple[Limit, Equilibrium]:
-    """Return the pull-off of a contact that was unloaded, and the state that remains."""
-    contact, jump = load_path.contact, ended.records.event
-    load, ahead = _before(load_path, jump)
-    limit = limit_ahead(contact, load, jump.before.gap, ahead)
-    return _concluded(contact, load, ended, limit)
 
 
 @program
@@ -124,13 +119,13 @@ def _before(load_path: LoadPath, jump: Event) -> tuple[Load, Scalar]:
 
 @program
 def _concluded(
-    contact: Contact, load: Load, ended: Progress[Strongest], limit: Limit
+    contact: Contact, load: Load, ended: RESULTS, strongest: Strongest, limit: Limit
 ) -> tuple[Limit, Equilibrium]:
-    result = RESULTS.where(ended.records.is_found, limit.result, RESULTS.no_jump)
-    result = RESULTS.where(ended.result == RESULTS.successful, result, ended.result)
+    result = RESULTS.where(strongest.is_found, limit.result, RESULTS.no_jump)
+    result = RESULTS.where(ended == RESULTS.successful, result, ended)
     attracts = contact.profile.max_attraction > 0
     result = RESULTS.where(attracts, result, RESULTS.no_attraction)
-    return replace(limit, result=result), ended.records.event.state_after(contact, load)
+    return replace(limit, result=result), strongest.event.state_after(contact, load)
 
 
 def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar, Field]:

@@ -1,7 +1,7 @@
 """The states and jumps that load stepping records, in stores of a bounded size."""
 
 from dataclasses import replace
-from typing import Generic, NamedTuple, TypeVar
+from typing import Generic, TypeVar
 
 import equinox as eqx
 import jax
@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact
-from jaxstab.core.checks import concrete
-from jaxstab.core.control_flow import choose
+from jaxstab.core.compile import program
+from jaxstab.core.control_flow import choose, cond
 from jaxstab.core.grid import mean
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import nothing_like
@@ -154,14 +154,6 @@ class Table(eqx.Module, Generic[Row]):
         """Return whether there is no room left."""
         return self.count >= len(jax.tree.leaves(self.rows)[0])
 
-    def entries(self) -> Row:
-        """Return the entries, without the room left, as arrays of NumPy."""
-        return jax.tree.map(lambda leaf: concrete(leaf)[: int(self.count)], self.rows)
-
-    def emptied(self) -> "Table[Row]":
-        """Return a table of the same size without entries."""
-        return Table(self.rows, self.count * 0)
-
     def with_entry(self, entry: Row, is_kept: Flag) -> "Table[Row]":
         """Return the store with an entry, if it is kept."""
 
@@ -173,39 +165,54 @@ class Table(eqx.Module, Generic[Row]):
         return Table(jax.tree.map(put, self.rows, entry), self.count + is_kept)
 
 
+class Record(eqx.Module):
+    """The state and the jump of a step, as far as there are any, and where it has led to.
+
+    Attributes:
+        point: the state.
+        is_state: whether it is a new one, of surfaces that are not apart.
+        event: the jump.
+        is_event: whether there is one.
+        part: the number of the monotone part of the load path.
+        result: how load stepping went so far.
+    """
+
+    point: PathPoint
+    is_state: Flag
+    event: Event
+    is_event: Flag
+    part: Int[Array, ""]
+    result: RESULTS
+
+
+class Room(eqx.Module):
+    """Room for the states and the jumps of a path, with or without the gaps of the states."""
+
+    num_states: int = eqx.field(static=True)
+    num_jumps: int = eqx.field(static=True)
+    fields: bool = eqx.field(static=True)
+
+    def __call__(self, like: Record) -> "Tables":
+        """Return empty tables for records like one."""
+        states = Table.like(like.point, self.num_states, self.fields)
+        return Tables(states, Table.like(like.event, self.num_jumps))
+
+
 class Tables(eqx.Module):
-    """The states and the jumps of a path."""
+    """The states and the jumps of a path within a program, in room for a number of them."""
 
     states: Table[PathPoint]
     jumps: Table[Event]
 
     @property
     def is_full(self) -> Flag:
-        """Return whether there is no room for another state or jump."""
+        """Whether there is no room for another state or jump."""
         return self.states.is_full | self.jumps.is_full
 
-    def with_step(self, point: PathPoint, is_state: Flag, event: Event, is_jump: Flag) -> "Tables":
-        """Return the tables with the state and the jump of a step, as far as there are any."""
-        return Tables(
-            self.states.with_entry(point, is_state), self.jumps.with_entry(event, is_jump)
-        )
-
-    def emptied(self) -> "Tables":
-        """Return tables of the same size without entries."""
-        return Tables(self.states.emptied(), self.jumps.emptied())
-
-
-class Room(NamedTuple):
-    """Room for the states and the jumps of a path, with or without the gaps of the states."""
-
-    num_states: int
-    num_jumps: int
-    fields: bool
-
-    def __call__(self, like: Event) -> Tables:
-        """Return empty tables for jumps like one."""
-        states = Table.like(like.before, self.num_states, self.fields)
-        return Tables(states, Table.like(like, self.num_jumps))
+    def append(self, record: Record) -> "Tables":
+        """Return the tables with what a step has recorded."""
+        states = self.states.with_entry(record.point, record.is_state)
+        return Tables(states, self.jumps.with_entry(record.event, record.is_event))
 
 
 class Strongest(eqx.Module):
@@ -214,25 +221,30 @@ class Strongest(eqx.Module):
     event: Event
     tension: Scalar
 
-    @classmethod
-    def none(cls, like: Event) -> "Strongest":
-        """Return that there is none as yet."""
-        return cls(jax.tree.map(nothing_like, like), jnp.full_like(like.dissipation, -jnp.inf))
-
     @property
     def is_found(self) -> Flag:
-        """Return whether there is one."""
+        """Whether there is one."""
         return self.tension > -jnp.inf
 
     @property
-    def is_full(self) -> Flag:
-        """Return that there is always room for another."""
-        return jnp.array(False)
+    def is_full(self) -> bool:
+        """Whether there is no room: there always is."""
+        return False
 
-    def with_step(
-        self, point: PathPoint, is_state: Flag, event: Event, is_jump: Flag
-    ) -> "Strongest":
+    def append(self, record: Record) -> "Strongest":
         """Return the stronger one of this and the jump of a step, if that is no touch."""
-        tension = -event.before.mean_pressure
-        is_stronger = is_jump & ~event.is_touch & (tension > self.tension)
-        return choose(is_stronger, Strongest(event, tension), self)
+        return cond(record.is_event, lambda: _stronger(self, record.event), lambda: self)
+
+
+@program
+def no_jump(like: Record) -> Strongest:
+    """Return that there is no jump as yet, of records like one."""
+    event = jax.tree.map(nothing_like, like.event)
+    return Strongest(event, jnp.full_like(like.event.dissipation, -jnp.inf))
+
+
+@program
+def _stronger(strongest: Strongest, event: Event) -> Strongest:
+    tension = -event.before.mean_pressure
+    is_stronger = ~event.is_touch & (tension > strongest.tension)
+    return choose(is_stronger, Strongest(event, tension), strongest)

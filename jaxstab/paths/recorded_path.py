@@ -10,111 +10,135 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from jaxstab.contact import Contact
+from jaxstab.core.checks import concrete
 from jaxstab.core.compile import in_pieces, program
 from jaxstab.core.control_flow import by_entries, cond
+from jaxstab.core.interrupts import interrupts_held
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries, stacked
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.loads import Load
 from jaxstab.paths.barrier_law import BarrierLaw, barrier_law
 from jaxstab.paths.curve.limit import Limit, limit_ahead
-from jaxstab.paths.jump_detection import Progress
 from jaxstab.paths.kinds import KINDS
+from jaxstab.paths.load_path import LoadPath
+from jaxstab.paths.load_stepping import step_to_end
 from jaxstab.paths.path import Jump, Path
-from jaxstab.paths.record import Event, PathPoint, Tables, states_along
+from jaxstab.paths.record import Event, PathPoint, Record, Room, states_along
 
 # Tables of states have multiples of this size, so that one program serves many lengths.
 _ROOM = 1024
 
 
 class Recording:
-    """All states and jumps of load stepping, taken out of its tables from time to time.
-
-    Jumps are looked at one by one: any number of them needs one program, and no more memory than
-    they take.
+    """All states and jumps of load stepping outside of a trace, appended step by step.
 
     Attributes:
         contact: the contact, in its characteristic units.
         load: the turning points.
-        progress: how far it has come, with empty tables; None before its first state.
-        points: the parts of the table of states.
+        fields: whether to keep the gaps of all states.
+        points: the states.
+        gap: of the last of them.
         events: the jumps, as they were detected.
         jumps: the jumps with the ends of their branches, as far as these are located.
+        last: the last record; None before the first state.
     """
 
-    def __init__(self, contact: Contact, load: Load) -> None:
-        self.contact, self.load = contact, load
-        self.progress: Any = None
+    is_full = False
+
+    def __init__(self, contact: Contact, load: Load, fields: bool) -> None:
+        self.contact, self.load, self.fields = contact, load, fields
         self.points: list[PathPoint] = []
+        self.gap: Any = None
         self.events: list[Event] = []
         self.jumps: list[Jump] = []
+        self.last: Any = None
 
-    def emptied(self, progress: Progress[Tables]) -> Progress[Tables]:
-        """Return the progress with empty tables, whose states and jumps are taken out."""
-        events = progress.records.jumps.entries()
-        for i in range(len(events.state)):
-            self.events.append(jax.tree.map(lambda leaf, i=i: leaf[i], events))
-        self.points.append(progress.records.states.entries())
-        self.progress = replace(progress, records=progress.records.emptied())
+    @property
+    def is_complete(self) -> bool:
+        """Whether load stepping has come to its end."""
+        is_over = int(self.last.part) == self.load.value.size - 1
+        return is_over or bool(self.last.result != RESULTS.successful)
+
+    def append(self, record: Record) -> "Recording":
+        """Append what a step has recorded, all of it or, where it is interrupted, nothing."""
+        point, is_state, is_event = record.point, bool(record.is_state), bool(record.is_event)
+        # Gaps of all states have their place in the memory of the host.
+        gap = np.asarray(point.gap) if self.fields else np.zeros(0, point.gap.dtype)
+        kept = replace(point, gap=gap)
+        with interrupts_held() as held:
+            if is_state:
+                self.points.append(kept)
+                self.gap = point.gap
+            if is_event:
+                self.events.append(record.event)
+            self.last = record
+        if held:
+            raise KeyboardInterrupt
         self.locate_ends()
-        return self.progress
+        return self
 
     def locate_ends(self) -> None:
         """Locate the ends of the branches at the jumps since the last time."""
         for event in self.events[len(self.jumps) :]:
-            jump = _jump_alone(self.contact, self.load[0], event)
+            jump = _jump(self.contact, self.load, event)
             self.jumps.append(jax.block_until_ready(jump))
 
 
 @program
 @by_entries
-def path_with_room(progress: Progress[Tables], contact: Contact, load: Load) -> Path:
-    """Return the path of a contact along a load path.
+def path_with_room(room: Room, load_path: LoadPath, start: Field | None) -> Path:
+    """Return the path of a contact along a load path, within a program.
 
     Only the first entries are of states, and of jumps, as many as it has recorded.
     """
-    jumps = jax.lax.map(partial(_jump, contact, load[0]), progress.records.jumps.rows)
-    return _path(progress, progress.records.states.rows, contact, load[0], jumps)
+    contact, load = load_path.contact, load_path.load
+    ended, tables = step_to_end(load_path, start, room)
+    is_short = ended.is_open(load)
+    result = RESULTS.where(is_short, RESULTS.store_full, ended.result)
+    path = _path(ended.here, ended.gap, result, tables.states.rows, contact, load)
+    return replace(path, jumps=jax.lax.map(partial(_jump, contact, load), tables.jumps.rows))
 
 
-def path_of(record: Recording) -> Path:
-    """Return the path as `path_with_room` does, from the states and jumps taken out on the way."""
-    contact, one, progress = record.contact, record.load[0], record.progress
-    number = int(progress.num_states)
-    none = jax.tree.map(lambda leaf: leaf[0], progress.records.jumps.rows)
+def path_of(record: Recording, result: RESULTS) -> Path:
+    """Return the path of a recording, and how it ended."""
+    contact, load, number = record.contact, record.load, len(record.points)
     record.locate_ends()
-    jumps = record.jumps
-    like = jumps[0] if jumps else jax.eval_shape(_jump_alone, contact, one, none)
+    jumps, last = record.jumps, record.last
+    like = jumps[0] if jumps else jax.eval_shape(_jump, contact, load, last.event)
+    points = stacked(record.points, record.points[0])
     room = _ROOM * max(-(-number // _ROOM), 1)
 
-    def padded(*parts: np.ndarray) -> np.ndarray:
+    def padded(rows: Array) -> np.ndarray:
         # Fields, if there are any, are not needed.
-        rows = np.concatenate(parts) if parts[0].ndim == 1 else np.zeros((room, 0))
-        rest = np.full((room - len(rows), *rows.shape[1:]), np.nan, rows.dtype)
+        rows = concrete(rows) if rows.ndim == 1 else np.zeros((number, 0))
+        rest = np.full((room - number, *rows.shape[1:]), np.nan, rows.dtype)
         return np.concatenate([rows, rest])
 
-    path = _path_alone(progress, jax.tree.map(padded, *record.points), contact, one)
+    along = jax.tree.map(padded, points)
+    path = _path(last.point, record.gap, result, along, contact, load)
     load, states = (first_entries(part, number) for part in (path.load, path.equilibrium))
-    gaps = np.concatenate([part.gap for part in record.points])
-    states = replace(states, gap=jax.device_put(gaps) if gaps.size else None)
+    states = replace(states, gap=points.gap if record.fields else None)
     return replace(path, load=load, equilibrium=states, jumps=stacked(jumps, like))
 
 
-def _jump(contact: Contact, one: Load, event: Event) -> Jump:
-    load, is_end = _load_before(one, event)
+@in_pieces
+def _jump(contact: Contact, loads: Load, event: Event) -> Jump:
+    """Return a jump with the end of the branch that it leaves."""
+    load, ahead, is_end = _before(loads, event)
 
     def explained() -> tuple[KINDS, Field, BarrierLaw]:
-        return _explained(contact, limit_ahead(contact, load, event.before.gap, event.ahead))
+        return _explained(contact, limit_ahead(contact, load, event.before.gap, ahead))
 
     kind, mode, law = cond(is_end, explained, lambda: _unexplained(load, event))
     return _jump_of(contact, load, event, kind, mode, law)
 
 
 @program
-def _load_before(one: Load, event: Event) -> tuple[Load, Flag]:
-    """Return the load before a jump, and whether the jump is the end of a branch."""
+def _before(loads: Load, event: Event) -> tuple[Load, Scalar, Flag]:
+    """Return the load before a jump, how far ahead it jumps, and whether it leaves a branch."""
     value = event.before.value
-    return one.at(value), jnp.isfinite(value) & ~event.is_touch
+    return loads[0].at(value), event.ahead, jnp.isfinite(value) & ~event.is_touch
 
 
 @program
@@ -146,31 +170,28 @@ def _jump_of(
     )
 
 
+@program
 def _path(
-    progress: Progress[Tables], points: PathPoint, contact: Contact, one: Load, jumps: Any = None
+    here: PathPoint, gap: Field, result: RESULTS, points: PathPoint, contact: Contact, load: Load
 ) -> Path:
-    """Return the path through points, with jumps if they are given."""
+    """Return the path through points to its last state, without its jumps."""
     is_branch = (jnp.diff(points.dissipation) == 0) & jnp.isfinite(points.value[1:])
     unlocated, error = _unlocated_loss(points, is_branch)
     # The sum of many terms, each as large as the energies, is rounded.
     rounding = jnp.sum(jnp.where(is_branch, points.rounding(contact.area)[1:], 0))
-    gains = (progress.result == RESULTS.successful) & (unlocated < -error - rounding)
-    load, states = states_along(contact, one, points)
+    gains = (result == RESULTS.successful) & (unlocated < -error - rounding)
+    loads, states = states_along(contact, load[0], points)
     return Path(
-        load=load,
+        load=loads,
         equilibrium=states,
-        jumps=jumps,
-        work=progress.here.stored - points.stored[0] + progress.here.dissipation,
-        dissipation=progress.here.dissipation,
-        result=RESULTS.where(gains, RESULTS.unbalanced_work, progress.result),
+        jumps=None,
+        work=here.stored - points.stored[0] + here.dissipation,
+        dissipation=here.dissipation,
+        result=RESULTS.where(gains, RESULTS.unbalanced_work, result),
         unlocated=unlocated,
         unlocated_error=error,
-        last_gap=progress.gap,
+        last_gap=gap,
     )
-
-
-_jump_alone = in_pieces(_jump)
-_path_alone = program(_path)
 
 
 def _unlocated_loss(points: PathPoint, is_branch: Bool[Array, " steps"]) -> tuple[Scalar, Scalar]:
