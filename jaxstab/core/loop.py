@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int, PyTree
 
-from jaxstab.core.checks import array, concrete, parameter, require, require_positive
+from jaxstab.core.checks import array, cast, concrete, parameter, require, require_positive
 from jaxstab.core.history import History, Indicators
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Flag, Scalar
@@ -116,11 +116,12 @@ class IterativeSolver(eqx.Module):
         return self.default_tolerance.get(dtype.name, max(self.default_tolerance.values()))
 
     def in_precision(self, dtype: jnp.dtype) -> Self:
-        """Return the solver with a number for its tolerance, so that all calls share programs."""
+        """Return the solver with all its numbers in a precision, so that calls share programs."""
         if self.tolerance is not None:
-            return self
+            return cast(self, dtype)
         tolerance = array(self.tolerance_in(dtype), dtype)
-        return eqx.tree_at(lambda s: s.tolerance, self, tolerance, is_leaf=lambda x: x is None)
+        solver = eqx.tree_at(lambda s: s.tolerance, self, tolerance, is_leaf=lambda x: x is None)
+        return cast(solver, dtype)
 
     def run(self, problem: PyTree, start: PyTree) -> Iteration[PyTree]:
         """Iterate from a start until the tolerance is reached, or report why it is not.

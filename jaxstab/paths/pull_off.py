@@ -139,6 +139,7 @@ def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar,
     return pressure, gap
 
 
+@program
 def _dead_load(contact: Contact, pressure: Scalar) -> MeanPressure:
     """Return the mean pressures from a state's to one that leaves nothing together.
 
@@ -149,6 +150,7 @@ def _dead_load(contact: Contact, pressure: Scalar) -> MeanPressure:
     return MeanPressure(jnp.stack([pressure, last]))
 
 
+@program
 def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array) -> Spring:
     """Return the positions of a spring from a state's to one that leaves nothing together."""
     mean_displacement = jnp.mean(gap) + jnp.mean(contact.heights) + contact.datum

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxstab.contact import Contact
+from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose
 from jaxstab.core.display import Outcome
 from jaxstab.core.grid import total
@@ -62,6 +63,7 @@ class CriticalLoad(Outcome):
         return self.equilibrium.load
 
 
+@program
 def critical_load_at(contact: Contact, loads: Load, limit: Limit) -> CriticalLoad:
     """Return the limit of a branch as a differentiable function of the contact and its loads.
 
