@@ -58,14 +58,14 @@ def programs(n, count):
     heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=32, rms_height=0.1)
     law = js.potentials.Exponential(surface_energy=0.02, length=0.1)
     contact = js.Contact(js.HalfSpace(grid, youngs_modulus=1.0), heights, law)
-    find = import_module("jaxstab.equilibrium.equilibrate")._find_in_characteristic_units
+    find = import_module("jaxstab.equilibrium.equilibrate").find
     on_space = import_module("jaxstab.stability.lowest_pair").on_space
     search = jax.jit(on_space)
     solver, load = js.PreconditionedConjugateGradient(), js.MeanGap(0.2)
     hessian, space = Hessian(contact.solid, heights), Subspace(heights > 0)
     starts = jnp.stack(BLOCK_SIZE * [heights])
     lowered = {
-        "equilibrium": jax.jit(find, static_argnums=4).lower(contact, load, solver, heights, False),
+        "equilibrium": jax.jit(find).lower(contact, load, solver, heights),
         "lowest modes": search.lower(js.Davidson(1e-7), hessian, space, starts),
     }
     return {name: program.compile() for name, program in lowered.items()}

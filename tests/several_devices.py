@@ -82,12 +82,12 @@ def programs(grid):
     """Return the texts of the programs of an equilibrium and of an eigenvalue."""
     contact = contact_on(grid)
     heights = contact.heights
-    find = import_module("jaxstab.equilibrium.equilibrate")._find_in_characteristic_units
+    find = import_module("jaxstab.equilibrium.equilibrate").find
     on_space = import_module("jaxstab.stability.lowest_pair").on_space
     search = jax.jit(on_space)
     hessian, space = Hessian(contact.solid, heights), Subspace(heights > 0)
     lowered = [
-        jax.jit(find, static_argnums=4).lower(contact, *load_and_solver(), heights, False),
+        jax.jit(find).lower(contact, *load_and_solver(), heights),
         search.lower(js.Davidson(1e-7), hessian, space, jnp.stack(4 * [heights])),
     ]
     return {"programs": [program.compile().as_text() for program in lowered]}

@@ -13,12 +13,12 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Int
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
 from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
+from jaxstab.core.checks import array
 from jaxstab.core.compile import in_pieces, program
 from jaxstab.core.control_flow import choose, cond, while_loop
 from jaxstab.core.grid import mean
@@ -195,7 +195,7 @@ def _limit(contact: Contact, loads: Load, start: Field | None) -> Limit:
         is_over = _is_left(contact, search, found)
         limit, is_stable = cond(
             is_over,
-            lambda: (search.limit, np.array(True)),
+            lambda: (search.limit, array(True)),
             lambda: _limit_from(contact, rest, found),
         )
         return _followed(search, limit, is_stable, is_over)

@@ -44,8 +44,6 @@ class Recording:
         last: the last record; None before the first state.
     """
 
-    is_full = False
-
     def __init__(self, contact: Contact, load: Load, fields: bool) -> None:
         self.contact, self.load, self.fields = contact, load, fields
         self.points: list[PathPoint] = []
@@ -53,6 +51,11 @@ class Recording:
         self.events: list[Event] = []
         self.jumps: list[Jump] = []
         self.last: Any = None
+
+    @property
+    def is_full(self) -> bool:
+        """Whether there is no room: there always is."""
+        return False
 
     @property
     def is_complete(self) -> bool:
@@ -111,9 +114,9 @@ def path_of(record: Recording, result: RESULTS) -> Path:
 
     def padded(rows: Array) -> np.ndarray:
         # Fields, if there are any, are not needed.
-        rows = concrete(rows) if rows.ndim == 1 else np.zeros((number, 0))
-        rest = np.full((room - number, *rows.shape[1:]), np.nan, rows.dtype)
-        return np.concatenate([rows, rest])
+        known = concrete(rows) if rows.ndim == 1 else np.zeros((number, 0))
+        rest = np.full((room - number, *known.shape[1:]), np.nan, known.dtype)
+        return np.concatenate([known, rest])
 
     along = jax.tree.map(padded, points)
     path = _path(last.point, record.gap, result, along, contact, load)
@@ -181,10 +184,11 @@ def _path(
     rounding = jnp.sum(jnp.where(is_branch, points.rounding(contact.area)[1:], 0))
     gains = (result == RESULTS.successful) & (unlocated < -error - rounding)
     loads, states = states_along(contact, load[0], points)
+    none: Any = None
     return Path(
         load=loads,
         equilibrium=states,
-        jumps=None,
+        jumps=none,
         work=here.stored - points.stored[0] + here.dissipation,
         dissipation=here.dissipation,
         result=RESULTS.where(gains, RESULTS.unbalanced_work, result),

@@ -14,6 +14,7 @@ import jaxstab as js
 from jaxstab.core.interrupts import interrupts_held
 from jaxstab.paths import recorded_path
 from jaxstab.paths.record import PathPoint
+from jaxstab.paths.recorded_path import Recording
 
 
 @pytest.mark.nightly
@@ -35,21 +36,21 @@ def test_entries_of_a_batch_are_those_alone(hertz):
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
     module = sys.modules["jaxstab.paths.load_stepping"]
-    advance, calls = module._advance, []
+    judged, calls = module._judged, []
 
     def interrupted(*arguments):
         calls.append(None)
-        if len(calls) == 4:
+        if len(calls) == 7:
             signal.raise_signal(signal.SIGINT)
-        return advance(*arguments)
+        return judged(*arguments)
 
-    monkeypatch.setattr(module, "_advance", interrupted)
+    monkeypatch.setattr(module, "_judged", interrupted)
     with pytest.warns(js.PathInterrupted, match=r"interrupted at \d+ %"):
         turns = js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6]))
         path = js.follow(hertz, turns, smallest_jump=1e-5, fields=True)
     assert path.result == "interrupted"
-    # Batches of one, two and four steps, of which some only try.
-    assert 2 <= len(path.load.value) <= 8
+    # Six steps, of which some only try.
+    assert 2 <= len(path.load.value) <= 7
     np.testing.assert_array_equal(path.load.value, loop.load.value[: len(path.load.value)])
     # Its last state is a start of the rest of the way.
     last = path[-1]
@@ -57,6 +58,54 @@ def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
     turns = js.MeanDisplacement(jnp.array([last.load.value, 1.2, 1.6]))
     rest = js.follow(hertz, turns, smallest_jump=1e-5, initial=last, fields=True)
     np.testing.assert_allclose(rest.jumps.load.value[0], loop.jumps.load.value[0], atol=4e-6)
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupt_at_any_line_leaves_whole_records(tmp_path):
+    """At each line that records a jump, states, gaps, jumps and losses agree with each other."""
+    grid = js.Grid((16,), (1.0,))
+    x = grid.coordinates[0]
+    heights = 0.1 * jnp.cos(2 * jnp.pi * x) + 0.02 * jnp.cos(6 * jnp.pi * x + 1)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.1, 0.1))
+    turns = js.MeanGap(jnp.array([0.4, 0.01, 0.4]))
+    whole = js.follow(contact, turns, fields=True)
+    first = int(whole.jumps.state[0])
+    code, lines = Recording.append.__code__, []
+
+    def interrupted_at(number):
+        """Return a tracer that interrupts at a line, counted from the one at a jump."""
+        left = [number]
+
+        def trace(frame, event, _):
+            if frame.f_code is code and event == "line":
+                is_jump = bool(frame.f_locals["record"].is_event)
+                if is_jump and left[0] >= 0:
+                    lines.append(frame.f_lineno)
+                    if left[0] == 0:
+                        signal.raise_signal(signal.SIGINT)
+                    left[0] -= 1
+            return trace
+
+        return trace
+
+    for number in range(100):
+        seen = set(lines)
+        sys.settrace(interrupted_at(number))
+        try:
+            with pytest.warns(js.PathInterrupted):
+                path = js.follow(contact, turns, fields=True)
+        finally:
+            sys.settrace(None)
+        states, jumps = len(path.load.value), len(path.jumps.state)
+        assert path.result == "interrupted"
+        assert path.equilibrium.gap.shape[0] == states
+        assert jumps in (0, 1) and states == first + 1 + jumps
+        np.testing.assert_allclose(path.dissipation, np.sum(path.jumps.dissipation))
+        js.save(tmp_path / f"{number}.nc", contact, path)
+        if set(lines) == seen:
+            break
+    assert number > 5
+    assert jumps == 1
 
 
 @pytest.mark.usefixtures("interruptible")

@@ -18,10 +18,10 @@ from dataclasses import replace
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Block
+from jaxstab.core.checks import array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, cond
 from jaxstab.core.types import Flag, Scalar
@@ -286,7 +286,7 @@ def _events_in(
     turn, is_flat = cond(
         candidate.folds,
         lambda: fold_between(curve, old, reached),
-        lambda: (reached.at, np.array(True)),
+        lambda: (reached.at, array(True)),
     )
     new, goes_on = cond(
         target.is_change,

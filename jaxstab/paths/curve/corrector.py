@@ -16,6 +16,7 @@ from jaxtyping import Array, Int
 
 from jaxstab.contact.hessian import Hessian
 from jaxstab.core import model
+from jaxstab.core.checks import array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, zeros_of
 from jaxstab.core.grid import total
@@ -133,7 +134,7 @@ def correct(
     ahead: Point,
     near: Point,
     close: Scalar | float,
-    fine: float | None = None,
+    fine: Scalar | float | None = None,
 ) -> Found:
     """Return the point of a curve that meets a condition, by Newton's method, and its direction.
 
@@ -148,8 +149,8 @@ def correct(
     dtype = start.gap.dtype
     fine = TANGENT_ACCURACY[dtype.name] if fine is None else fine
     # Numbers of one type, so that all searches share one program.
-    numbers = (x if isinstance(x, jax.Array) else np.asarray(x, dtype) for x in (close, fine))
-    return _newton(problem, start, ahead, near, *numbers)
+    close, fine = (x if isinstance(x, jax.Array) else array(x, dtype) for x in (close, fine))
+    return _newton(problem, start, ahead, near, close, fine)
 
 
 def direction_at(

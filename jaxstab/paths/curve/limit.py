@@ -17,7 +17,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, first_good, while_loop, zeros_of
 from jaxstab.core.grid import mean
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import ArrayLike, Field, Flag, Mask, Scalar
+from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.loads import Load
 from jaxstab.paths.curve.arclength import ArclengthStep
@@ -55,6 +55,10 @@ _LEEWAY = {"float64": 1000, "float32": 100}
 # state may lie farther past the event.
 _SHARE, _FIRST, _BACK = 0.1, 1e-3, {"float64": 1e-5, "float32": 1e-3}
 _BACKS = 1.0, 1e-2, 10.0, 100.0
+
+
+# Of one of several searches.
+Number = Int[Array, ""] | int
 
 
 class Limit(eqx.Module):
@@ -155,7 +159,7 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
     search = _ahead(contact, load, gap, ahead)
     curve, close = search.problem.curve, TOLERANCE[gap.dtype.name]
 
-    def from_back(number: ArrayLike) -> tuple[Limit, Flag]:
+    def from_back(number: Number) -> tuple[Limit, Flag]:
         start, is_free, condition = _start(search, number)
         tangent = direction_at(curve, condition, start, is_free, search.row, search.nothing)
         plane, ahead = _plane_behind(search, start, tangent, number)
@@ -181,7 +185,7 @@ def _ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> _Ahead:
 
 
 @program
-def _start(search: _Ahead, number: ArrayLike) -> tuple[Point, Mask, Condition]:
+def _start(search: _Ahead, number: Number) -> tuple[Point, Mask, Condition]:
     """Return where one of the searches begins, its free points, and a condition."""
     gap = search.at.gap
     closes = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
@@ -193,7 +197,7 @@ def _start(search: _Ahead, number: ArrayLike) -> tuple[Point, Mask, Condition]:
 
 @program
 def _plane_behind(
-    search: _Ahead, start: Point, tangent: Point, number: ArrayLike
+    search: _Ahead, start: Point, tangent: Point, number: Number
 ) -> tuple[Condition, Point]:
     """Return the plane behind the start of one of the searches, and the gradient across it."""
     longest, dtype = search.problem.max_step, start.gap.dtype
