@@ -30,6 +30,8 @@ _MAX_CURVATURE = 4
 # The errors on a branch that may add up in a predicted potential, and for steps once one has
 # failed: to reject these too early costs less.
 _LEEWAY, _LEEWAY_IN_SEARCH = 20, 5
+# A step that ends before a turning point by less than this part of itself leads there.
+_STRETCH = 1e-6
 # The part of the errors allowed that a step aims at.
 _AIM = 0.7
 
@@ -147,7 +149,9 @@ def next_step(load_path: LoadPath, progress: Progress) -> TrialStep:
     tries_whole = (bisection.distance <= bisection.nearness) | (bisection.error <= 1)
     within = jnp.where(tries_whole, bisection.distance, bisection.distance / 2)
     length = jnp.minimum(jnp.where(bisection.is_on, within, progress.next_length), left)
-    is_end = length >= left
+    # No step is left over that is as short as rounding.
+    is_end = left <= (1 + _STRETCH) * length
+    length = jnp.where(is_end, left, length)
     # The last step to a load that failed is a jump, if it fails again.
     is_near = (length if load_path.finds_all else bisection.distance) <= bisection.nearness
     is_final = bisection.is_on & is_near

@@ -1,6 +1,7 @@
 """Load stepping along a load path, through jumps."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Protocol, Self, TypeVar
 
 import jax.numpy as jnp
@@ -89,6 +90,9 @@ def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, Tri
     """Return the progress at the first turning point, the first step to try, and a record."""
     turns, none = load_path.load.value, jnp.array(0)
     here = point_of(load_path.contact, found, turns[0])
+    # Of a path without a state no loss is known.
+    lost = jnp.where(found.result == RESULTS.successful, here.dissipation, jnp.nan)
+    here = replace(here, dissipation=lost)
     span = jnp.max(turns) - jnp.min(turns)
     zero = jnp.zeros_like(span)
     is_passable = jnp.isfinite(span) & (load_path.resolution > 0)

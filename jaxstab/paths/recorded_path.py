@@ -26,6 +26,8 @@ from jaxstab.paths.load_stepping import step_to_end
 from jaxstab.paths.path import Jump, Path
 from jaxstab.paths.record import Event, PathPoint, Record, Room, states_along
 
+# Loads closer than this are one, in units of the precision.
+_ROUNDING = 4
 # Tables of states have multiples of this size, so that one program serves many lengths.
 _ROOM = 1024
 
@@ -206,10 +208,13 @@ def _unlocated_loss(points: PathPoint, is_branch: Bool[Array, " steps"]) -> tupl
     them, all that it takes from the trapezoid.
     """
     step, force = jnp.diff(points.value), points.force
-    slope = jnp.diff(force) / jnp.where(step == 0, 1, step)
     pair = step[1:] + step[:-1]
-    # Through three states, where these lie on one branch and in the order of their loads.
+    # Through three states, where these lie on one branch, in the order of their loads, and apart.
+    rounding = _ROUNDING * jnp.finfo(step.dtype).eps * jnp.nanmax(jnp.abs(points.value))
+    is_long = jnp.abs(step) > rounding
     is_known = is_branch[1:] & is_branch[:-1] & (step[1:] * step[:-1] > 0)
+    is_known &= is_long[1:] & is_long[:-1]
+    slope = jnp.where(is_long, jnp.diff(force) / jnp.where(step == 0, 1, step), 0)
     turn = jnp.where(is_known, jnp.diff(slope) / jnp.where(pair == 0, 1, pair), 0)
     before, after = jnp.pad(turn, (1, 0)), jnp.pad(turn, (0, 1))
     number = jnp.pad(is_known, (1, 0)).astype(int) + jnp.pad(is_known, (0, 1))
@@ -218,4 +223,6 @@ def _unlocated_loss(points: PathPoint, is_branch: Bool[Array, " steps"]) -> tupl
     error = jnp.where(number == 2, (before - after) / 2, before + after)
     error = jnp.where(number == 0, slope * step**2 / 2, cubes * error)
     lost = jnp.sum(jnp.where(is_branch, work - jnp.diff(points.potential), 0))
-    return lost, jnp.sum(jnp.where(is_branch, jnp.abs(error), 0))
+    # NaN of a path without a state.
+    begun = points.dissipation[0]
+    return begun + lost, begun + jnp.sum(jnp.where(is_branch, jnp.abs(error), 0))

@@ -170,8 +170,43 @@ def test_what_energies_lose_between_jumps_is_the_work_that_is_missing(loop):
     # Where there is a jump it does not count.
     lost = recorded_path._unlocated_loss(points, jnp.arange(5) != 2)
     np.testing.assert_allclose(lost, [0, (0.1**3 + 0.2**3 + 2 * 0.3**3) / 2], atol=1e-14)
+    # Two states a rounding apart, whose forces differ by theirs, count as one.
+    near = [0, 1, 2, 3, 3, 4, 5]
+    twice = jax.tree.map(lambda leaf: leaf[jnp.array(near)], points)
+    twice = replace(
+        twice,
+        value=twice.value.at[4].set(jnp.nextafter(twice.value[3], 1.0)),
+        force=twice.force.at[4].add(1e-12),
+    )
+    lost = recorded_path._unlocated_loss(twice, jnp.array([True, True, False, True, True, True]))
+    np.testing.assert_allclose(lost[0], 0, atol=1e-11)
+    assert lost[1] <= (0.1**3 + 0.2**3 + 4 * 0.3**3) / 2
     failed = eqx.tree_at(lambda path: path.unlocated, loop, jnp.array(-1.0))
     assert "lost between jumps, which cannot be" in repr(failed)
+
+
+def test_no_step_is_as_short_as_rounding():
+    """Also where steps that add up to a part of the load path end a rounding before it."""
+    grid = js.Grid((16,), (1.0,))
+    heights = 0.1 * jnp.cos(2 * jnp.pi * grid.coordinates[0])
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.05, 0.1))
+    for lowest in (0.4, 0.42):
+        path = js.follow(contact, js.MeanGap(jnp.array([0.6, lowest, 0.6])))
+        steps = np.abs(np.diff(path.load.value))
+        assert steps.min() > 1e-9
+
+
+def test_a_batch_entry_without_a_state_has_no_loss(hertz):
+    def losses(height, modulus):
+        heights = hertz.heights.at[0, 0].add(height)
+        contact = js.Contact(js.HalfSpace(hertz.grid, modulus), heights, hertz.potential)
+        load = js.MeanDisplacement(jnp.array([2.0, 1.9]))
+        path = js.follow(contact, load, max_states=40, max_jumps=1, throw=False)
+        return path.dissipation, path.unlocated
+
+    heights, moduli = jnp.array([0.0, jnp.nan, 0.0]), jnp.array([1.0, 1.0, -1.0])
+    for loss in jax.vmap(losses)(heights, moduli):
+        np.testing.assert_array_equal(np.isnan(loss), [False, True, True])
 
 
 class Reaching(eqx.Module):
