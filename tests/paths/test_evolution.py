@@ -176,3 +176,24 @@ def test_full_contact_opens_under_a_mean_gap():
     found = js.evolve(contact, held, jnp.array([0.0, 1.0]), initial=rest)
     assert np.array(found.mean_gap) == pytest.approx(0.01, rel=1e-9)
     assert np.all(np.isfinite(found.mean_pressure))
+
+
+def test_the_work_is_that_of_the_forces_at_many_times():
+    """A fast attraction and detachment, in few steps; the trapezoidal rule was 4 % off in them."""
+    grid = js.Grid((32,), (1.0,))
+    x = grid.coordinates[0]
+    heights = 0.028 * jnp.cos(2 * jnp.pi * x) + 0.008 * jnp.cos(4 * jnp.pi * x + 1)
+    solid = js.Viscoelastic(js.HalfSpace(grid, 1.0, 0.3), [0.1, 57.0], [2.3, 3.8])
+    energy = 1.1 * np.pi * 0.02**2 / (2 / 32) / 2
+    contact = js.Contact(solid, heights, js.potentials.Exponential(energy, 0.02))
+    turns, values = 0.1 * np.array([0, 0.5, 1, 2, 2.5]), 0.02 * np.array([-1.0, 3, 6, 6, -1])
+    run = js.evolve(contact, js.Spring(values, 50.0), turns)
+
+    times = np.union1d(np.linspace(0, turns[-1], 600), turns)
+    positions = np.interp(times, turns, values)
+    fine = js.evolve(contact, js.Spring(positions, 50.0), times, rtol=1e-4)
+    pressures = np.asarray(fine.mean_pressure)
+    parts = -(pressures[1:] + pressures[:-1]) / 2 * np.diff(positions)
+    work = np.concatenate([[0], np.cumsum(parts)])[np.searchsorted(times, turns)]
+    assert np.sum(run.num_steps) < 200
+    np.testing.assert_allclose(run.work, work, atol=5e-3 * np.max(work))
