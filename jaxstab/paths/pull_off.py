@@ -5,7 +5,6 @@ from dataclasses import replace
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
@@ -70,17 +69,17 @@ def pull_off(
             a jump.
     """
     require_contact(contact)
-    stiffness = None
+    machine = None
     if spring is not None:
-        stiffness = scalar_parameter(spring, "The stiffness of the spring")
+        machine = Spring(0.0, scalar_parameter(spring, "The stiffness of the spring"))
     warn_if_coarse(contact, FOR_JUMPS)
     pressure, start = _start(jax.lax.stop_gradient(contact), initial)
     padded, start = padded_start(contact, MeanPressure(pressure), start)
     constant = jax.lax.stop_gradient(padded)
-    if stiffness is None:
+    if machine is None:
         load: Load = _dead_load(constant, pressure)
     else:
-        load = _retraction(constant, pressure, start, stiffness)
+        load = _retraction(constant, pressure, start, machine)
         load.warn_if_soft(contact.solid)
     return answer(
         _search,
@@ -151,7 +150,7 @@ def _dead_load(contact: Contact, pressure: Scalar) -> MeanPressure:
 
 
 @program
-def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array) -> Spring:
+def _retraction(contact: Contact, pressure: Scalar, gap: Field, machine: Spring) -> Spring:
     """Return the positions of a spring from a state's to one that leaves nothing together."""
     mean_displacement = jnp.mean(gap) + jnp.mean(contact.heights) + contact.datum
     deepest = _BEYOND * contact.profile.max_attraction
@@ -159,11 +158,11 @@ def _retraction(contact: Contact, pressure: Scalar, gap: Field, stiffness: Array
     surface = contact.solid.surface(contact.heights)
     spread = jnp.max(surface) - jnp.min(surface)
     # The far side of the solid, where it has one, gives way too.
-    control = Spring(0.0, stiffness).control(contact.solid, contact.heights)
+    control = machine.control(contact.solid, contact.heights)
     give = contact.solid.area_fraction / control.constant
     first = mean_displacement - give * pressure
     last = jnp.where(deepest > 0, mean_displacement + give * deepest + reach + spread, first)
-    return Spring(jax.lax.stop_gradient(jnp.stack([first, last])), stiffness)
+    return machine.at(jax.lax.stop_gradient(jnp.stack([first, last])))
 
 
 def _describe(load: Load) -> str:
