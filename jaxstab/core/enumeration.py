@@ -1,5 +1,6 @@
 """Enumerations whose members compiled code can choose: each is an integer array in a pytree."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -18,8 +19,29 @@ def member(meaning: str) -> Any:
     return meaning
 
 
+class _Members(type):
+    """The class of an enumeration, which is the collection of its members."""
+
+    names: np.ndarray
+    texts: np.ndarray
+    promote: Any
+
+    def __len__(cls) -> int:
+        return len(cls.names)
+
+    def __iter__(cls) -> Iterator[Any]:
+        return (getattr(cls, name) for name in cls.names)
+
+    def __contains__(cls, item: object) -> bool:
+        return item in cls.names if isinstance(item, str) else type(item) is cls
+
+    def __getitem__(cls, item: Any) -> str | np.ndarray:
+        """Return the name and the meaning of a member, or an array of them."""
+        return _pick(cls.texts, cls.promote(item).code)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Enumeration(Stackable):
+class Enumeration(Stackable, metaclass=_Members):
     """A member of an enumeration, or an array of members; under JAX transformations too.
 
     Attributes:
@@ -29,8 +51,8 @@ class Enumeration(Stackable):
     """
 
     code: Int[Array | np.ndarray, "..."]
-    names: ClassVar[np.ndarray]
-    texts: ClassVar[np.ndarray]
+    names: ClassVar[np.ndarray] = np.array([], str)
+    texts: ClassVar[np.ndarray] = np.array([], str)
 
     def __init_subclass__(cls) -> None:
         words = {name: text for name, text in vars(cls).items() if not name.startswith("_")}
@@ -40,10 +62,6 @@ class Enumeration(Stackable):
             setattr(cls, name, cls(np.array(code, np.int32)))
         cls.__doc__ = "\n\n".join([cls.__doc__ or "", *cls.texts])
         jax.tree_util.register_dataclass(cls, data_fields=["code"], meta_fields=[])
-
-    def __class_getitem__(cls, item: str | Self) -> str | np.ndarray:
-        """Return the name and the meaning of a member, or an array of them."""
-        return _pick(cls.texts, cls.promote(item).code)
 
     @classmethod
     def promote(cls, item: object) -> Self:

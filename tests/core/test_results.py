@@ -91,9 +91,16 @@ def test_verdicts_give_their_names_and_texts(verdicts):
     assert str(js.VERDICTS.stable) == repr(js.VERDICTS.stable) == "stable"
 
 
-def test_an_enumeration_has_the_names_and_texts_of_its_members():
+def test_an_enumeration_is_the_collection_of_its_members(verdicts):
     names = ["stable", "held_by_contact", "unstable", "undecided"]
     assert js.VERDICTS.names.tolist() == names
+    assert [member.name for member in js.VERDICTS] == names and len(js.VERDICTS) == 4
+    assert js.VERDICTS.unstable in js.VERDICTS and "unstable" in js.VERDICTS
+    for other in (js.RESULTS.successful, "successful", "stabel", 0, None):
+        assert other not in js.VERDICTS
+    for members in (js.RESULTS, js.KINDS):
+        assert [member.name for member in members] == list(members.names)
+        assert all(members[member].startswith(f"{member}: ") for member in members)
     text = pydoc.plain(pydoc.render_doc(js.VERDICTS))
     assert "held_by_contact: a strict local minimum" in text
 
