@@ -2,9 +2,10 @@
 
 Each run is a process of its own: it imports JAX, then jaxstab, then does the README's example with
 a law of its own, without and with a warm compilation cache. One more run counts the programs that
-it compiles and lists the costliest. With `--before`, a clone of an earlier version runs in turn:
+it compiles and lists the costliest. With `--before`, a clone of an earlier version, 0.3.0 or later,
+runs in turn:
 
-    git worktree add ../earlier 4465587
+    git worktree add ../earlier v0.3.0
     python benchmarks/first_verdict.py --before ../earlier
 """
 
@@ -90,8 +91,6 @@ def run(
     # Python's byte code is kept, as everywhere.
     left_out = "_CACHE_", "PYTHONDONTWRITEBYTECODE"
     kept = {key: x for key, x in os.environ.items() if not any(name in key for name in left_out)}
-    # Version 0.2.0 kept programs by itself, which would make every run warm.
-    environment["JAXSTAB_CACHE"] = "0" if cache is None else "1"
     if cache is not None:
         environment["JAX_COMPILATION_CACHE_DIR"] = cache
         environment["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
