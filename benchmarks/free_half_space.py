@@ -17,6 +17,7 @@ if hasattr(os, "sched_setaffinity"):
 import argparse
 import time
 import warnings
+from importlib.metadata import version
 from pathlib import Path
 from statistics import median
 
@@ -266,7 +267,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--output", type=Path, help="write the tables there too")
     arguments = parser.parse_args()
-    lines = []
+    packages = "jaxstab", "jax", "Adhesion", "ContactMechanics", "muGrid"
+    lines = [", ".join(f"{package} {version(package)}" for package in packages), ""]
     for title, (header, row, cases) in TABLES.items():
         lines += [title, "", f"| {' | '.join(header)} |", "|" + "---|" * len(header)]
         for case in cases:

@@ -1,16 +1,18 @@
-"""Time to equilibrium of jaxstab and of two peers, on the same problems, with one thread each.
+"""Time to equilibrium of jaxstab and of its peers, on the same problems, with one thread each.
 
-The peers are Tamaas' `PolonskyKeerRey` and, with adhesion only, NuMPI's `tr_newton_bounded` on the
-energy of ContactMechanics and Adhesion. Where there is a choice, it is made in their favour:
+The peers are Tamaas' `PolonskyKeerRey`; without adhesion the conjugate gradients of
+ContactMechanics; with adhesion the solver of Adhesion, L-BFGS-B, and NuMPI's `tr_newton_bounded` on
+the same energy. Where there is a choice, it is made in their favour:
 - Accuracy is jaxstab's optimality residual of each answer. A peer's tolerance is tuned until its
   answer is about as accurate as jaxstab's or less so, as long as the gaps agree.
 - What a peer sets up before it solves is not timed; jaxstab's compilation has a column of its own.
-- NuMPI's solver needs a rigid offset. It is given that of jaxstab's answer, without a search.
+- The solvers of Adhesion and NuMPI need a rigid offset. They are given that of jaxstab's answer,
+  without a search.
 - Above 1024 points a side, where Tamaas takes many minutes, tolerances are those that the last
   smaller grid was tuned to, and each peer runs once.
 
 Runs of jaxstab and of the peer alternate, on the last core that is allowed (choose with `taskset`),
-and medians are printed. Steps of NuMPI are its Hessian products.
+and medians are printed. Steps of NuMPI are its Hessian products, those of Adhesion its gradients.
 """
 
 import os
@@ -34,7 +36,7 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
-from typing import NamedTuple, TextIO
+from typing import Any, NamedTuple, TextIO
 
 import jax
 import jax.numpy as jnp
@@ -52,8 +54,8 @@ AGREEMENT = 1e-6
 NEAR_ENOUGH = 3.0
 TRIALS = 6
 COLUMNS = (
-    "   n | k_high | problem     | peer   | compile + first [s] | jaxstab [s] | peer [s] | "
-    "peer / jaxstab | steps      | residual: jaxstab, peer | gaps differ by"
+    "   n | k_high | problem     | peer             | compile + first [s] | jaxstab [s] | "
+    "peer [s] | peer / jaxstab | steps      | residual: jaxstab, peer | gaps differ by"
 )
 
 
@@ -86,7 +88,9 @@ class NotConvergedError(Exception):
 def main() -> None:
     options = parse_options()
     jax.config.update("jax_enable_x64", True)
-    packages = ["jaxstab", "jax", *(p for name in options.peers for p in PEERS[name].packages)]
+    peers = dict.fromkeys(p for name in options.peers for p in PEERS[name].packages)
+    behind = [p for p in BEHIND if "ContactMechanics" in peers]
+    packages = ["jaxstab", "jax", *peers, *behind]
     versions = ", ".join(f"{package} {version(package)}" for package in packages)
     agree = True
     with options.out.open("w") as file:
@@ -144,7 +148,7 @@ def compare(problem: Problem, names: list[str], repeats: int, file: TextIO) -> b
     for name in names:
         if problem.is_adhesive not in PEERS[name].tolerance:
             continue
-        row = f"| {case} | {name:6s} | {first:19.2f} |"
+        row = f"| {case} | {name:16s} | {first:19.2f} |"
         try:
             ours, theirs, answer = alternate(problem, PEERS[name], equilibrium, repeats)
         except NotConvergedError as error:
@@ -258,28 +262,56 @@ def solve_tamaas(problem: Problem, _: js.Equilibrium, tolerance: float) -> Answe
     return Answer(np.maximum(gap, 0), counter.count, seconds)
 
 
-def solve_numpi(problem: Problem, equilibrium: js.Equilibrium, tolerance: float) -> Answer:
-    """Solve for the gap at the rigid offset of jaxstab's equilibrium.
-
-    The half space also carries a mean displacement, with the stiffness K0 of its longest waves,
-    and u - h less the offset is the gap. At equilibrium the mean pressure is p0 = K0 mean(u).
-    """
-    from Adhesion.Interactions import Exponential
-    from Adhesion.System import BoundedSmoothContactSystem
+def solve_contact_mechanics(problem: Problem, _: js.Equilibrium, tolerance: float) -> Answer:
+    """Solve for the pressure at its mean, without adhesion."""
     from ContactMechanics import PeriodicFFTElasticHalfSpace
-    from NuMPI.Optimization import tr_newton_bounded
+    from ContactMechanics.Optimization import constrained_conjugate_gradients
     from SurfaceTopography import Topography
 
-    heights, potential = np.array(problem.contact.heights), problem.contact.potential
+    heights, pressure = np.array(problem.contact.heights), float(problem.load.value)
     solid = PeriodicFFTElasticHalfSpace(heights.shape, 1.0, (1.0, 1.0))
-    adhesion = Exponential(float(potential.surface_energy), float(potential.length))
-    surface = Topography(heights, (1.0, 1.0), periodic=True)
-    system = BoundedSmoothContactSystem(solid, adhesion, surface)
-    mean_displacement = float(equilibrium.mean_pressure) / solid.surface_stiffness[0, 0].real
-    offset = mean_displacement - float(problem.load.value) - heights.mean()
+    start = time.perf_counter()
+    result = constrained_conjugate_gradients(
+        solid,
+        Topography(heights, (1.0, 1.0), periodic=True),
+        external_force=pressure,
+        pentol=tolerance * heights.std(),
+        forcetol=tolerance * pressure * solid.area_per_pt,
+        thermotol=tolerance,
+        maxiter=20_000,
+    )
+    seconds = time.perf_counter() - start
+    if not result.success:
+        raise NotConvergedError(f"ContactMechanics: {result.message}")
+    # Points that carry pressure touch, as for Tamaas.
+    gap = np.where(result.jac > 0, 0, result.x - heights - result.offset)
+    return Answer(np.maximum(gap, 0), result.nit, seconds)
+
+
+def solve_adhesion(problem: Problem, equilibrium: js.Equilibrium, tolerance: float) -> Answer:
+    """Solve for the displacement by the solver of Adhesion, L-BFGS-B."""
+    system, offset = adhesive_system(problem, equilibrium)
+    limits = {"maxiter": 20_000, "maxfun": 20_000}
+    start = time.perf_counter()
+    result = system.minimize_proxy(
+        offset=offset, options={"gtol": tolerance * system.area_per_pt, "ftol": 0.0, **limits}
+    )
+    seconds = time.perf_counter() - start
+    if not result.success:
+        raise NotConvergedError(f"Adhesion: {result.message}")
+    gap = result.x.reshape(problem.contact.grid.shape) - problem.contact.heights - offset
+    return Answer(np.maximum(gap, 0), result.nfev, seconds)
+
+
+def solve_numpi(problem: Problem, equilibrium: js.Equilibrium, tolerance: float) -> Answer:
+    """Solve for the gap by the Newton method of NuMPI."""
+    from NuMPI.Optimization import tr_newton_bounded
+
+    system, offset = adhesive_system(problem, equilibrium)
     objective = system.primal_objective(offset, gradient=True)
-    gap = np.maximum(-offset - heights, 0)  # no displacement
-    forces = tolerance * solid.area_per_pt
+    # No displacement.
+    gap = np.maximum(-offset - np.array(problem.contact.heights), 0)
+    forces = tolerance * system.area_per_pt
     start = time.perf_counter()
     result = tr_newton_bounded(
         objective,
@@ -295,10 +327,34 @@ def solve_numpi(problem: Problem, equilibrium: js.Equilibrium, tolerance: float)
     return Answer(result.x, result.nb_hessp, seconds)
 
 
+def adhesive_system(problem: Problem, equilibrium: js.Equilibrium) -> tuple[Any, float]:
+    """Return the system of Adhesion, and the rigid offset of an equilibrium.
+
+    The half space also carries a mean displacement, with the stiffness K0 of its longest waves,
+    and u - h less the offset is the gap. At equilibrium the mean pressure is p0 = K0 mean(u).
+    """
+    from Adhesion.Interactions import Exponential
+    from Adhesion.System import BoundedSmoothContactSystem
+    from ContactMechanics import PeriodicFFTElasticHalfSpace
+    from SurfaceTopography import Topography
+
+    heights, potential = np.array(problem.contact.heights), problem.contact.potential
+    solid = PeriodicFFTElasticHalfSpace(heights.shape, 1.0, (1.0, 1.0))
+    adhesion = Exponential(float(potential.surface_energy), float(potential.length))
+    surface = Topography(heights, (1.0, 1.0), periodic=True)
+    system = BoundedSmoothContactSystem(solid, adhesion, surface)
+    mean_displacement = float(equilibrium.mean_pressure) / solid.surface_stiffness[0, 0].real
+    return system, mean_displacement - float(problem.load.value) - heights.mean()
+
+
 PEERS = {
     "tamaas": Peer(("tamaas",), solve_tamaas, {False: 2e-8, True: 3e-7}),
-    "numpi": Peer(("Adhesion", "ContactMechanics", "NuMPI"), solve_numpi, {True: 1e-8}),
+    "contactmechanics": Peer(("ContactMechanics",), solve_contact_mechanics, {False: 1e-8}),
+    "adhesion": Peer(("Adhesion", "ContactMechanics"), solve_adhesion, {True: 1e-8}),
+    "numpi": Peer(("NuMPI", "Adhesion", "ContactMechanics"), solve_numpi, {True: 1e-8}),
 }
+# These are behind the packages of the peers.
+BEHIND = ("SurfaceTopography", "muGrid")
 
 
 if __name__ == "__main__":

@@ -5,11 +5,11 @@ problem is plain NumPy: heights, modulus, a law by name, a load. `--write FOLDER
 `.npz`, for solvers in other languages.
 
 A solver is a file in `benchmarks/solvers/` with a function `solve(problem, tolerance)`, which
-returns the gap and the processor seconds of the solution, without setting up or compiling. It
-raises `NotImplementedError` for a problem that it does not offer, and any other exception if it
-fails. It is called with a relative tolerance of 1e-6 and, until its answer is good, 1e-8 and 1e-10.
-The run that gives a good answer is timed. A longer one than 20 s has failed, and a failure counts
-as 20 s.
+returns the gap and the processor seconds of the solution, without setting up or compiling, and the
+names of its `PACKAGES`. It raises `NotImplementedError` for a problem that it does not offer, and
+any other exception if it fails. It is called with a relative tolerance of 1e-6 and, until its
+answer is good, 1e-8 and 1e-10. The run that gives a good answer is timed. A longer one than 20 s
+has failed, and a failure counts as 20 s.
 
 An answer is good if no gap is negative, the load is met to 1e-8, and the residual is at most 1e-6.
 The residual is evaluated here in NumPy: the rms value of min(k g, K u + p0 + f'(g)), which is zero
@@ -30,8 +30,10 @@ os.environ |= {
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib.metadata import version
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -211,35 +213,42 @@ def table(outcomes: dict[str, list[Outcome]], names: list[str]) -> Iterator[str]
     """Yield the lines of the table: a row for each part of the set and each solver."""
     yield (
         "| problems | solver | offered | solved | residual: median, largest | "
-        "seconds, all offered | seconds, solved by all |"
+        "seconds, all offered | seconds, and of the first, solved by both |"
     )
     yield "|---|---|---|---|---|---|---|"
     for part in ("random", "rough"):
         chosen = [i for i, name in enumerate(names) if name.startswith(part)]
-        common = [i for i in chosen if all(x[i].end == "solved" for x in outcomes.values())]
+        first = next(iter(outcomes.values()))
         for solver, every in outcomes.items():
             offered = [every[i] for i in chosen if every[i].end != "not offered"]
+            if not offered:
+                continue
             solved = np.array([x.residual for x in offered if x.end == "solved"])
             residuals = f"{np.median(solved):.0e}, {solved.max():.0e}" if solved.size else ""
             of_all = shifted_geometric_mean(np.array([x.seconds for x in offered]))
-            of_common = shifted_geometric_mean(np.array([every[i].seconds for i in common]))
+            both = [i for i in chosen if first[i].end == every[i].end == "solved"]
+            of_both, of_first = (
+                shifted_geometric_mean(np.array([x[i].seconds for i in both]))
+                for x in (every, first)
+            )
             yield (
                 f"| {len(chosen)} {part} | {solver} | {len(offered)} | {solved.size} | {residuals} "
-                f"| {of_all:.3g} | {of_common:.3g} ({len(common)} problems) |"
+                f"| {of_all:.3g} | {of_both:.3g}, {of_first:.3g} ({len(both)} problems) |"
             )
 
 
-def load_solver(name: str) -> Callable:
-    """Return the function `solve` of a file in the folder of solvers."""
+def load_solver(name: str) -> ModuleType:
+    """Return the module of a file in the folder of solvers."""
     spec = spec_from_file_location(f"solver_{name}", SOLVERS / f"{name}.py")
     assert spec and spec.loader
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module.solve
+    return module
 
 
 def main() -> None:
-    known = sorted(path.stem for path in SOLVERS.glob("*.py"))
+    # The others are compared with the first.
+    known = sorted((path.stem for path in SOLVERS.glob("*.py")), key=lambda x: (x != "jaxstab", x))
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--solvers", nargs="+", choices=known, default=known)
     parser.add_argument("--write", type=Path, help="write the problems into a folder, and stop")
@@ -253,13 +262,16 @@ def main() -> None:
             np.savez(options.write / f"{number:03}.npz", **vars(problem))
         return
     outcomes: dict[str, list[Outcome]] = {}
-    for name in options.solvers:
-        solve = load_solver(name)
+    solvers = {name: load_solver(name) for name in options.solvers}
+    for name, module in solvers.items():
         outcomes[name] = []
         for problem in chosen:
-            outcomes[name].append(run(solve, problem))
+            outcomes[name].append(run(module.solve, problem))
             print(name, problem.name, outcomes[name][-1], file=sys.stderr, flush=True)
-    lines = list(table(outcomes, [problem.name for problem in chosen]))
+    packages = dict.fromkeys(p for module in solvers.values() for p in module.PACKAGES)
+    versions = ", ".join(f"{package} {version(package)}" for package in packages)
+    rows = table(outcomes, [problem.name for problem in chosen])
+    lines = [f"{versions}; float64; one thread", "", *rows]
     print("\n".join(lines))
     if options.out:
         options.out.write_text("\n".join(lines) + "\n")

@@ -20,7 +20,7 @@ from matplotlib.animation import PillowWriter
 from matplotlib.figure import Figure
 
 import jaxstab as js
-from jaxstab.plots.style import BLACK, BLUE, GREEN, VERMILION
+from jaxstab.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION
 
 STATIC = Path(__file__).parent / "_static"
 RESULTS = Path(__file__).parents[1] / "benchmarks" / "results"
@@ -89,7 +89,12 @@ def curves() -> None:
 
 def _speed() -> Figure:
     figure, panels = plt.subplots(1, 2, figsize=(8, 3.6), layout="constrained", sharey=True)
-    peers = {"tamaas": ("Tamaas 2.9", VERMILION, "s"), "numpi": ("NuMPI 0.18", GREEN, "^")}
+    peers = {
+        "tamaas": ("Tamaas", VERMILION, "s"),
+        "contactmechanics": ("ContactMechanics", ORANGE, "D"),
+        "adhesion": ("Adhesion", PURPLE, "v"),
+        "numpi": ("NuMPI", GREEN, "^"),
+    }
     for axes, problem in zip(panels, ("adhesive", "no adhesion"), strict=True):
         rows = [row for row in table("peers.md") if row[1] == "32" and row[2] == problem]
         ours = {int(row[0]): float(row[5]) for row in rows}

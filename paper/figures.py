@@ -11,12 +11,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxstab as js
-from jaxstab.plots.style import BLUE, GREEN, VERMILION
+from jaxstab.plots.style import BLUE, GREEN, PURPLE, VERMILION
 
 HERE = Path(__file__).parent
 RESULTS = HERE.parent / "benchmarks" / "results"
 POINTS = 256
-PEERS = {"tamaas": ("Tamaas 2.9", VERMILION, "s"), "numpi": ("NuMPI 0.18", GREEN, "^")}
+PEERS = {
+    "tamaas": ("Tamaas", VERMILION, "s"),
+    "adhesion": ("Adhesion", PURPLE, "v"),
+    "numpi": ("NuMPI", GREEN, "^"),
+}
 
 
 def draw_verdicts_and_jumps():
@@ -46,8 +50,9 @@ def draw_speed_and_error():
     left.loglog(list(ours), list(ours.values()), "o-", color=BLUE, label="jaxstab")
     for peer, (label, colour, marker) in PEERS.items():
         theirs = {int(row[0]): float(row[6]) for row in times if row[3] == peer}
-        points, seconds = list(theirs), list(theirs.values())
-        left.loglog(points, seconds, marker=marker, color=colour, label=label)
+        if theirs:
+            points, seconds = list(theirs), list(theirs.values())
+            left.loglog(points, seconds, marker=marker, color=colour, label=label)
     left.set_xticks(list(ours), [str(points) for points in ours])
     left.minorticks_off()
     left.set(xlabel="points along a side", ylabel="seconds to an equilibrium")

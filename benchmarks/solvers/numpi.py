@@ -18,6 +18,7 @@ from NuMPI.Optimization import (
     tr_newton_bounded,
 )
 
+PACKAGES = ("NuMPI",)
 MAX_STEPS = 2_000
 
 
