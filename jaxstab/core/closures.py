@@ -51,19 +51,22 @@ def as_pytree(
 
 @dataclass(frozen=True)
 class Formula:
-    """A traced function, equal to another trace of the same function object with the same jaxpr.
+    """A traced function, equal to another one of the same code with the same jaxpr.
 
-    `jax.jit` compares function objects alone, and misses a changed number that the function reads.
+    `jax.jit` compares function objects: it compiles anew for a function written anew, and misses a
+    changed number that the function reads.
     """
 
     function: Callable[..., Array] = field(compare=False)
     argument: jax.ShapeDtypeStruct = field(compare=False)
     jaxpr: Jaxpr = field(compare=False)
-    key: tuple[int, str | Jaxpr] = field(init=False)
+    key: tuple[object, str | Jaxpr] = field(init=False)
 
     def __post_init__(self) -> None:
         text = str(self.jaxpr)
-        key = id(self.function), self.jaxpr if _HIDDEN.search(text, 1) else text
+        # All that the code reads is in the jaxpr or among the captured arrays.
+        code = getattr(self.function, "__code__", id(self.function))
+        key = code, self.jaxpr if _HIDDEN.search(text, 1) else text
         object.__setattr__(self, "key", key)
 
     def __reduce__(self) -> tuple[object, ...]:

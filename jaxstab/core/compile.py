@@ -87,12 +87,17 @@ def _compiler_options() -> dict[str, Any]:
     return {name: value for name, value in options.items() if name not in flags}
 
 
-def _require_memory_mappings() -> None:
-    """Raise `MemoryError` if a program to be compiled may exhaust the memory mappings."""
+def memory_mappings() -> tuple[int, int] | None:
+    """Return how many memory mappings the process has, and may have; None where no limit is known."""
     maps, limit = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
     if not (maps.exists() and limit.exists()):
-        return
-    number, most = maps.read_bytes().count(b"\n"), int(limit.read_text())
+        return None
+    return maps.read_bytes().count(b"\n"), int(limit.read_text())
+
+
+def _require_memory_mappings() -> None:
+    """Raise `MemoryError` if a program to be compiled may exhaust the memory mappings."""
+    number, most = memory_mappings() or (0, 1)
     if number > _MOST_MAPPINGS * most:
         raise MemoryError(
             f"The process has {number} of at most {most} memory mappings, nearly all of them by "

@@ -27,6 +27,10 @@ class Stackable:
     def __len__(self) -> int:
         return self._leading_axes()[0]
 
+    def __bool__(self) -> bool:
+        # A single one is something; several are, like a list, unless they are none.
+        return self.stack_shape == () or len(self) > 0
+
     def __getitem__(self, index: PyTree) -> Self:
         shape = self._leading_axes()
         if isinstance(index, list):

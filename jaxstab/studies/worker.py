@@ -1,6 +1,5 @@
 """Runs cases, one by one or in batches."""
 
-import errno
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,9 +9,12 @@ from time import perf_counter
 import jax
 import numpy as np
 
+from jaxstab.core.compile import memory_mappings
 from jaxstab.studies.cases import RECORD, Case, Cases
 
 _MOST_DEATHS = 3
+# Compiled programs are dropped where they hold this part of the memory mappings.
+_MOST_MAPPINGS = 0.7
 
 
 @dataclass
@@ -38,6 +40,7 @@ class CaseWorker:
                     raise ValueError(f"{said} ({reason}).") from error
                 warning = f"A batch raised an error, and its cases are run one by one: {reason}"
         for case in left:
+            _drop_programs()
             start, returned = perf_counter(), {}
             message = f"The process of this case died {_MOST_DEATHS} times."
             if self._num_begun(case) < _MOST_DEATHS:
@@ -45,8 +48,6 @@ class CaseWorker:
                 try:
                     returned, message = jax.block_until_ready(self.case(**case)), ""
                 except (Exception, SystemExit) as error:
-                    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
-                        raise
                     message = f"{type(error).__name__}: {error}"
             self._keep(case, returned, perf_counter() - start, message)
         return warning
@@ -93,3 +94,10 @@ class CaseWorker:
                 raise
             outputs, error = {}, str(unfit)
         self.cases.write(case, outputs, seconds, error)
+
+
+def _drop_programs() -> None:
+    """Drop compiled programs before they exhaust the memory mappings, which cases share."""
+    number, most = memory_mappings() or (0, 1)
+    if number > _MOST_MAPPINGS * most:
+        jax.clear_caches()

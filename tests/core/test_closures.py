@@ -4,6 +4,7 @@ import copy
 import math
 import pickle
 import sys
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -81,13 +82,36 @@ def test_a_function_that_reads_another_table_than_before_is_told_apart(hide):
         np.testing.assert_allclose(run(pytree(law), X), table @ np.exp(-X * RATES))
 
 
-def test_a_function_written_anew_compiles_anew_once():
+def test_a_function_written_anew_compiles_nothing_unless_it_reads_another_number():
+    def law(factor):
+        return lambda x: factor * x + TABLES[0] @ jnp.exp(-x * RATES)
+
     run = jax.jit(lambda function, x: function(x))
-    for number in (1, 2):
-        law = plain(jnp.asarray(TABLES[0]))
+    for number, factor in ((1, 0.5), (2, 0.7), (2, 0.5)):
         for _ in range(3):
-            run(pytree(law), X)
+            found = run(pytree(law(factor)), X)
+            np.testing.assert_allclose(found, factor * X + TABLES[0] @ np.exp(-X * RATES))
             assert run._cache_size() == number
+
+
+def test_functions_of_other_code_are_told_apart():
+    run = jax.jit(lambda function, x: function(x))
+    forms = [lambda x: 2 * x, lambda x: x / 2, partial(pow, 2.0), Doubled(3.0).law]
+    found = [run(pytree(form), X) for form in forms]
+    np.testing.assert_allclose(found, [2 * X, X / 2, 2.0**X, 3 * X])
+    # A method of another object has the same code, and reads another number.
+    np.testing.assert_allclose(run(pytree(Doubled(5.0).law), X), 5 * X)
+    # So has a function with another default value.
+    for factor in (2.0, 3.0):
+        np.testing.assert_allclose(run(pytree(lambda x, factor=factor: factor * x), X), factor * X)
+
+
+class Doubled:
+    def __init__(self, factor):
+        self.factor = factor
+
+    def law(self, x):
+        return self.factor * x
 
 
 def test_the_place_of_an_array_counts():

@@ -275,3 +275,21 @@ def test_the_last_of_several_results_raises_and_an_interrupted_one_does_not():
     with pytest.raises(js.SolverError, match="It ended: stagnated") as error:
         thrown(good, good, bad)
     assert error.value.found == 3
+
+
+def test_enumerations_are_sequences_of_their_members():
+    for kind in (js.VERDICTS, js.KINDS, js.RESULTS):
+        members = list(kind)
+        assert len(members) == len(kind) == len(set(map(str, members)))
+        assert all(member in kind and str(member) in kind for member in members)
+        assert "no such name" not in kind and 0 not in kind
+    assert js.VERDICTS.stable in js.VERDICTS and js.VERDICTS.stable not in js.KINDS
+
+
+def test_a_single_result_is_true_and_none_of_several_is_not(hertz):
+    load = js.MeanDisplacement(1.6)
+    assert load and js.VERDICTS.stable and (load or None) is load
+    state = js.equilibrate(hertz, load)
+    assert state
+    several = js.sweep(hertz, js.MeanDisplacement(np.array([1.6, 1.7])), stability=False)
+    assert several and several[0] and not several[:0]

@@ -99,6 +99,9 @@ class Evolution(Totals):
             raise TypeError("This is a single state of an evolution, without entries to choose.")
         return len(self.times)
 
+    def __bool__(self) -> bool:
+        return self.times.ndim == 0 or len(self) > 0
+
     def __getitem__(self, index: Any) -> "Evolution":
         places = np.arange(len(self))[index]
         if self.is_batch:
