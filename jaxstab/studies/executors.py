@@ -34,10 +34,12 @@ def run_tasks(
 
     Raises:
         RuntimeError: if the executor takes no more tasks, or loses one before it begins.
+        ValueError: for an executor whose processes are forks.
     """
     if executor is None:
         yield from ((task, worker.run(task)) for task in tasks if not is_stopped())
         return
+    _require_no_fork(executor)
     import cloudpickle
 
     is_own, left, num_lost = isinstance(executor, int), deque(enumerate(tasks)), Counter[int]()
@@ -88,6 +90,18 @@ def run_tasks(
             future.cancel()
         for pool in pools if is_own else ():
             pool.shutdown(cancel_futures=True)
+
+
+def _require_no_fork(executor: object) -> None:
+    """Refuse an executor whose processes are forks: in a copy of a process, JAX waits for ever."""
+    context = getattr(executor, "_mp_context", None)
+    if isinstance(executor, futures.ProcessPoolExecutor) and context is not None:
+        if context.get_start_method() == "fork":
+            raise ValueError(
+                "The processes of this executor are forks of this one, in which JAX hangs: give "
+                'ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")), or a number '
+                "of processes."
+            )
 
 
 def _begin_process() -> None:

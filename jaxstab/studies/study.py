@@ -81,7 +81,8 @@ def study(
 
     Raises:
         ValueError: for a study that was begun with another case, version, packages or axes; for
-            axes that are empty or not finite; for a batch that does not fit into memory.
+            axes that are empty or not finite; for a batch that does not fit into memory; for an
+            executor whose processes are forks.
         TypeError: for a function that takes other arguments, or does not return a dict of arrays.
         OSError, RuntimeError: if the disk is full or read-only, or the executor loses cases.
     """
@@ -115,6 +116,7 @@ def study(
                         warn(warned := warning)
             found = before | _read([x for x in files if x not in before], files)
             blank = _agreed(cases, files, found, before)
+            _remove_marks(cases.path)
     except (OSError, RuntimeError) as error:
         done = f"{sum(file.exists() for file in files)} of {len(files)} cases are in {cases.path}"
         said = f"{getattr(error, 'strerror', None) or error}: {done}. Mend this, then call again."
@@ -155,6 +157,13 @@ def _begin(cases: Cases, case: Callable[..., object], version: object, accept: b
         now["changes"] += [{"when": time.ctime(), "changed": changes}] if names else []
         write_whole(file, json.dumps(now, indent=1, default=str).encode())
     return cases._replace(names=tuple(axes), dims=tuple(dims))
+
+
+def _remove_marks(path: Path) -> None:
+    """Remove the marks of cases that have been begun, and have ended since."""
+    for mark in path.glob("*.begun"):
+        if (path / f"{mark.name.split('.')[0]}.nc").exists():
+            mark.unlink(missing_ok=True)
 
 
 def _source(case: Callable[..., object], version: object) -> list[str]:

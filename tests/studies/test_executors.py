@@ -144,3 +144,27 @@ def test_outputs_and_functions_that_cannot_travel_are_refused(pool, tmp_path):
         js.study(lambda seed: seed, {"seed": range(9)}, tmp_path / "int", executor=pool)
     with pytest.raises(TypeError, match=r"cannot pickle.*lock"):
         js.study(lambda seed: {"a": acquire(seed)}, {"seed": [1]}, tmp_path / "lock", executor=1)
+
+
+def test_an_executor_that_forks_is_refused(tmp_path):
+    with ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as forking:
+        with pytest.raises(ValueError, match=r"forks.*mp_context=.*spawn"):
+            js.study(lambda x: {"y": x}, {"x": [1.0]}, tmp_path, executor=forking)
+
+
+def test_a_case_whose_own_disk_is_full_has_failed_alone(tmp_path):
+    def case(x):
+        if x == 1:
+            raise OSError(28, "No space left on device")
+        return {"y": 2 * x}
+
+    # A mark that another process has left, of a case that has ended since.
+    found = js.study(case, {"x": [0.0, 1.0, 2.0]}, tmp_path, version=1)
+    done = next(file for file in tmp_path.glob("*.nc"))
+    done.with_suffix(".abcdef.begun").write_bytes(b".")
+    again = js.study(case, {"x": [0.0, 1.0, 2.0]}, tmp_path, version=1)
+    for study in (found, again):
+        assert study["result"].values.tolist() == ["successful", "failed", "successful"]
+        assert "No space left" in study["error"].values[1]
+        np.testing.assert_array_equal(study["y"], [0, np.nan, 4])
+    assert {file.suffix for file in tmp_path.iterdir()} == {".nc", ".json"}
