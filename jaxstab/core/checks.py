@@ -4,8 +4,9 @@ Known values are checked with NumPy, to avoid compiling. Values sharded over sev
 checked there.
 """
 
+import datetime
 import operator
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from functools import cache
 from types import UnionType
 from typing import Any, SupportsIndex, TypeGuard, TypeVar
@@ -60,6 +61,34 @@ def parameter(value: object, name: str = "A parameter") -> Float[Array, "..."]:
     return number if isinstance(number, jax.Array) else array(number)
 
 
+def require_no_unit(value: Any, name: str) -> None:
+    """Refuse a number that carries a unit, whose conversion only its owner can decide.
+
+    Raises:
+        TypeError: for quantities (of pint, astropy and others), arrays of xarray whose attributes
+            name a unit, and differences of times; the message says what to write.
+    """
+    kind = getattr(getattr(value, "dtype", None), "kind", "")
+    if kind in ("m", "M") or isinstance(value, datetime.timedelta | datetime.datetime):
+        raise TypeError(
+            f"{name} is a {type(value).__name__}, a time with a unit of its own: give numbers in "
+            "the unit of your times, as in difference / numpy.timedelta64(1, 's')."
+        )
+    attributes = getattr(value, "attrs", None)
+    own = attributes if isinstance(attributes, Mapping) else {}
+    unit = own.get("units", own.get("unit"))
+    cure = "its `.values`, once it is in the units of the contact"
+    if unit is None and hasattr(value, "magnitude"):
+        unit, cure = getattr(value, "units", None), '`quantity.to("...").magnitude`'
+    elif unit is None and hasattr(value, "value"):
+        unit, cure = getattr(value, "unit", None), '`quantity.to_value("...")`'
+    if unit is not None and str(unit) not in ("", "1", "dimensionless"):
+        raise TypeError(
+            f"{name} is a {type(value).__name__} in {unit}, and numbers have the units of the "
+            f"contact, which are not known here: give {cure}."
+        )
+
+
 def numbers(value: object, name: str) -> Float[Array | np.ndarray, "..."]:
     """Return `value` as a floating-point array, of NumPy unless it is one of JAX."""
     if np.ma.is_masked(value):
@@ -71,10 +100,19 @@ def numbers(value: object, name: str) -> Float[Array | np.ndarray, "..."]:
         # A number of Python stays weakly typed.
         return jax.device_put(float(value))
     given = repr(value) if isinstance(value, str) else f"a {type(value).__name__}"
+    if not isinstance(value, jax.Array):
+        require_no_unit(value, name)
     if is_traced(value):
         value = jnp.asarray(value)
     elif not isinstance(value, jax.Array):
         value = np.asarray(value)
+        if value.dtype.kind == "O":
+            kinds = sorted({type(entry).__name__ for entry in value.flat})
+            given = f"an array of objects ({', '.join(kinds[:3])})"
+        elif value.dtype.kind in "US" and value.ndim:
+            given = "an array of text"
+        elif value.dtype == np.longdouble:
+            raise TypeError(f"{name} is {value.dtype}: give `.astype(float)` of it.")
         # Arrays from files may have a byte order that JAX refuses.
         value = value.astype(value.dtype.newbyteorder("="), copy=False)
     if jnp.issubdtype(value.dtype, jnp.floating):

@@ -88,7 +88,7 @@ def _compiler_options() -> dict[str, Any]:
 
 
 def memory_mappings() -> tuple[int, int] | None:
-    """Return how many memory mappings the process has, and may have; None where no limit is known."""
+    """Return how many memory mappings the process has, and may have; None where unknown."""
     maps, limit = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
     if not (maps.exists() and limit.exists()):
         return None

@@ -26,6 +26,16 @@ from jaxstab.core.types import Scalar
 
 LENGTHS = {"km": 3, "m": 0, "mm": -3, "µm": -6, "nm": -9, "Å": -10, "pm": -12}
 PRESSURES = {"Pa": 0, "kPa": 3, "MPa": 6, "GPa": 9, "TPa": 12}
+# Words and spellings of other programs.
+_WORDS = {"kilo": "km", "": "m", "milli": "mm", "micro": "µm", "nano": "nm", "pico": "pm"}
+_NAMES = {
+    f"{prefix}{word}{plural}": unit
+    for prefix, unit in _WORDS.items()
+    for word in ("meter", "metre")
+    for plural in ("", "s")
+}
+_NAMES |= dict.fromkeys(("micron", "microns"), "µm")
+_NAMES |= dict.fromkeys(("angstrom", "angstroms", "ångström", "ångströms", "ang"), "Å")
 # Micro is written as a Greek letter, as a sign, or as u; the angstrom as a letter or a sign.
 _SPELLINGS = {"um": "µm", "\u03bcm": "µm", "A": "Å", "\u212b": "Å"}
 _PREFIXES = dict(
@@ -200,7 +210,12 @@ def unit_of(name: object) -> str:
         ValueError: for any other text.
     """
     unit = _SPELLINGS.get(str(name), str(name))
-    require_one_of("the unit", unit, LENGTHS)
+    unit = _NAMES.get(unit.strip().lower(), unit)
+    if unit not in LENGTHS:
+        raise ValueError(
+            f"the unit is {name!r}: choose one of {', '.join(LENGTHS)}, and convert the lengths to "
+            "it, as from inches or centimetres to mm."
+        )
     return unit
 
 

@@ -94,14 +94,14 @@ def run_tasks(
 
 def _require_no_fork(executor: object) -> None:
     """Refuse an executor whose processes are forks: in a copy of a process, JAX waits for ever."""
-    context = getattr(executor, "_mp_context", None)
-    if isinstance(executor, futures.ProcessPoolExecutor) and context is not None:
-        if context.get_start_method() == "fork":
-            raise ValueError(
-                "The processes of this executor are forks of this one, in which JAX hangs: give "
-                'ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")), or a number '
-                "of processes."
-            )
+    context: Any = getattr(executor, "_mp_context", None)
+    is_pool = isinstance(executor, futures.ProcessPoolExecutor) and context is not None
+    if is_pool and context.get_start_method() == "fork":
+        raise ValueError(
+            "The processes of this executor are forks of this one, in which JAX hangs: give "
+            'ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")), or a number '
+            "of processes."
+        )
 
 
 def _begin_process() -> None:

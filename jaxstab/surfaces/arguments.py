@@ -55,7 +55,7 @@ def checked_band(k_low: Any, k_high: Any) -> tuple[float, float]:
 
 def require_agreement(scan: Scan, lengths: Any, unit: str | None) -> None:
     """Raise `ValueError` if lengths or unit contradict the statements of a scan."""
-    if scan.lengths is not None and not is_traced(lengths):
+    if not (scan.lengths is None or scan.is_counted or is_traced(lengths)):
         own = np.broadcast_to(scan.lengths, lengths.shape)
         if not np.allclose(own, lengths, ROUNDING, 0):
             raise ValueError(

@@ -129,6 +129,11 @@ def _topography(
 ) -> Topography:
     """Return the surface of a scan, with the user's lengths and unit, which must agree with it."""
     points, sides = times(scan.heights.shape), scan.lengths if lengths is None else lengths
+    if lengths is None and scan.is_counted and (unit or scan.unit):
+        raise ValueError(
+            f"its coordinates 0, 1, 2, ... are numbers of points, and no lengths in "
+            f"{unit or scan.unit}: give these, as in `js.surfaces.read(path, lengths=(3.0, 1.4))`."
+        )
     if sides is None:
         raise ValueError(
             f"its {points} heights come without side lengths: give them in the unit of the "

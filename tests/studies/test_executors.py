@@ -147,9 +147,9 @@ def test_outputs_and_functions_that_cannot_travel_are_refused(pool, tmp_path):
 
 
 def test_an_executor_that_forks_is_refused(tmp_path):
-    with ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as forking:
-        with pytest.raises(ValueError, match=r"forks.*mp_context=.*spawn"):
-            js.study(lambda x: {"y": x}, {"x": [1.0]}, tmp_path, executor=forking)
+    forking = ProcessPoolExecutor(1, multiprocessing.get_context("fork"))
+    with forking, pytest.raises(ValueError, match=r"forks.*mp_context=.*spawn"):
+        js.study(lambda x: {"y": x}, {"x": [1.0]}, tmp_path, executor=forking)
 
 
 def test_a_case_whose_own_disk_is_full_has_failed_alone(tmp_path):

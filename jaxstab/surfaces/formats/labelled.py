@@ -1,7 +1,7 @@
 """Heights with named axes, as xarray and NetCDF have them."""
 
 from io import BytesIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from jaxstab.core.units import converted, unit_of
 from jaxstab.surfaces.formats.scan import (
     Scan,
     UnknownContent,
+    are_pixels,
     chosen_array,
     on_a_side_or_two,
     on_lattice,
@@ -70,6 +71,8 @@ def scan_of_array(array: "xarray.DataArray", remarks: tuple[str, ...] = ()) -> S
         heights = heights.take(np.argsort(side[0]), axis)
         lengths.append(places.size * side[2])
         units.add(_unit(places))
+    is_counted = bool(lengths) and units <= {None}
+    is_counted &= all(are_pixels(places.values) for places in coordinates)
     units -= {None}
     if len(units) > 1:
         raise ValueError(f"x and y are in different units, {' and '.join(sorted(units))}.")
@@ -79,7 +82,28 @@ def scan_of_array(array: "xarray.DataArray", remarks: tuple[str, ...] = ()) -> S
     if own and unit and own != unit:
         heights = converted(heights, own, unit)
         remarks = (*remarks, f"heights converted from {own} to {unit}")
-    return Scan(heights, tuple(lengths) or None, unit, remarks, is_periodic)
+    return Scan(heights, tuple(lengths) or None, unit, remarks, is_periodic, is_counted)
+
+
+def scan_of_table(table: Any) -> Scan | None:
+    """Return the surface of a table or a series of pandas, whose labels name x and y.
+
+    A series that only counts its points is a plain array: None.
+    """
+    axes = [table.index] if table.ndim == 1 else [table.index, table.columns]
+    names = [axis.name for axis in axes]
+    if names == [None] and are_pixels(np.asarray(table.index)):
+        return None
+    if set(names) not in ({"x", "y"}, {"x"}):
+        cure = 'table.rename_axis(index="y", columns="x")' if len(axes) > 1 else 'rename_axis("x")'
+        raise ValueError(
+            f"its labels are {', '.join(map(repr, names))}: say which are x and y, as in {cure}, "
+            "or give `.to_numpy()`, whose first axis is x."
+        )
+    require_packages("Tables", "data", "xarray")
+    import xarray
+
+    return scan_of_array(xarray.DataArray(table))
 
 
 def _sides(array: "xarray.DataArray") -> list[str]:

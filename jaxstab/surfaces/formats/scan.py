@@ -22,6 +22,8 @@ class Scan:
         unit: the unit of lengths and heights.
         remarks: the choices of the reader.
         is_periodic: whether the file says so.
+        is_counted: whether the lengths are numbers of points, since the coordinates are 0, 1, 2,
+            ... without a unit: others are as good.
     """
 
     heights: np.ndarray
@@ -29,6 +31,7 @@ class Scan:
     unit: str | None = None
     remarks: tuple[str, ...] = ()
     is_periodic: bool = False
+    is_counted: bool = False
 
 
 class UnknownContent(ValueError):
@@ -70,6 +73,11 @@ def on_a_side_or_two(values: np.ndarray) -> np.ndarray:
             "points or more."
         )
     return heights
+
+
+def are_pixels(values: np.ndarray) -> bool:
+    """Whether coordinates are the numbers of points, 0, 1, 2, ..., which are no lengths."""
+    return np.array_equal(np.unique(values), np.arange(len(np.unique(values))))
 
 
 def on_lattice(values: np.ndarray) -> tuple[np.ndarray, int, float] | None:

@@ -5,7 +5,14 @@ from io import StringIO
 
 import numpy as np
 
-from jaxstab.surfaces.formats.scan import Scan, UnknownContent, chosen, on_a_side_or_two, on_lattice
+from jaxstab.surfaces.formats.scan import (
+    Scan,
+    UnknownContent,
+    are_pixels,
+    chosen,
+    on_a_side_or_two,
+    on_lattice,
+)
 
 # Heights of smaller tables may rise evenly by chance.
 _FEWEST_WITH_COORDINATES = 5
@@ -53,6 +60,12 @@ def read_text(text: str, channel: str | None) -> Scan:
             "with decimal points and nan for a missing point, or read them yourself for "
             "js.surfaces.Topography."
         ) from None
+    numbered = _numbered(table)
+    if numbered:
+        raise ValueError(
+            f"its first {numbered} counts 0, 1, 2, ...: these look like the labels of a table, and "
+            "no heights. Save the heights alone, as pandas' `to_csv(index=False, header=False)`."
+        )
     if len(table) > 1 and table.shape[1] in (2, 3):
         return _of_points(table)
     if _has_coordinates(table):
@@ -70,6 +83,17 @@ def _has_coordinates(table: np.ndarray) -> bool:
         return False
     # A plane rises evenly everywhere.
     return _rises(table[0, 1:]) and _rises(table[1:, 0]) and not _rises(table[1, 1:])
+
+
+def _numbered(table: np.ndarray) -> str:
+    """Return "row" or "column" if the first one numbers the others, unless all rise so."""
+    for name, lines in (("row", table), ("column", table.T)):
+        if len(lines) < 2 or lines.shape[1] < _FEWEST_WITH_COORDINATES:
+            continue
+        is_profile = name == "column" and len(lines) in (2, 3)
+        if are_pixels(lines[0]) and not _rises(lines[1]) and not is_profile:
+            return name
+    return ""
 
 
 def _rises(values: np.ndarray) -> bool:
@@ -96,6 +120,8 @@ def _of_points(table: np.ndarray) -> Scan:
         raise ValueError(f"it has several heights at {where}.")
     heights = np.full(shape, np.nan)
     heights[indices] = z
+    lengths = tuple(np.multiply(shape, steps))
+    is_counted = all(are_pixels(values) for values in coordinates)
     missing = heights.size - z.size
     remarks = (f"{missing} points of the lattice not in the file",) if missing else ()
-    return Scan(heights, tuple(np.multiply(shape, steps)), remarks=remarks)
+    return Scan(heights, lengths, remarks=remarks, is_counted=is_counted)
