@@ -162,7 +162,7 @@ def _retraction(contact: Contact, pressure: Scalar, gap: Field, machine: Spring)
     give = contact.solid.area_fraction / control.constant
     first = mean_displacement - give * pressure
     last = jnp.where(deepest > 0, mean_displacement + give * deepest + reach + spread, first)
-    return machine.at(jax.lax.stop_gradient(jnp.stack([first, last])))
+    return Spring(jax.lax.stop_gradient(jnp.stack([first, last])), machine.stiffness)
 
 
 def _describe(load: Load) -> str:

@@ -9,6 +9,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent import futures
 from functools import lru_cache, partial
+from multiprocessing.context import BaseContext
 from typing import Any
 
 import jax
@@ -95,8 +96,8 @@ def run_tasks(
 def _require_no_fork(executor: object) -> None:
     """Refuse an executor whose processes are forks: in a copy of a process, JAX waits for ever."""
     context: Any = getattr(executor, "_mp_context", None)
-    is_pool = isinstance(executor, futures.ProcessPoolExecutor) and context is not None
-    if is_pool and context.get_start_method() == "fork":
+    method = context.get_start_method() if isinstance(context, BaseContext) else None
+    if method == "fork":
         raise ValueError(
             "The processes of this executor are forks of this one, in which JAX hangs: give "
             'ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")), or a number '

@@ -16,8 +16,8 @@ README, PAPER, PERFORMANCE = "README.md", "paper/paper.md", "docs/performance.md
 H200 = "accelerator-nvidia-h200.md"
 # Sizes of grids, names and addresses are not measured.
 NOT_MEASURED = re.compile(
-    r"\d+²(?: to \d+²)?|\d+ x \d+ points|H200|Algorithm 1|float\d\d|\[@[^\]]*\]|@\w+|\]\([^)]*\)|`[^`]*`"
-    r"|!\[[^\]]*\]\([^)]*\)"
+    r"\d+²(?: to \d+²)?|\d+ x \d+ points|H200|Algorithm 1|float\d\d|\[@[^\]]*\]|@\w+"
+    r"|\]\([^)]*\)|`[^`]*`|!\[[^\]]*\]\([^)]*\)"
 )
 NUMBER = re.compile(r"\d[\d.]*(?:e[-+]?\d+)?")
 # Stretches, from one text to another, whose numbers are all quoted.
