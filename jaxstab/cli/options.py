@@ -52,6 +52,7 @@ _ADVICE = (
     (r"A grid of (\d+) x \1 would do", r"\g<0> (--size \1 of a generated surface)"),
     (r"or give the option (--import)", r"or give \1"),
     (r" by jaxstab\.follow", " by --study loop"),
+    (r", or give overwrite=True", ""),
 )
 
 

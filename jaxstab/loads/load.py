@@ -129,6 +129,13 @@ class Load(Stackable, Dimensioned):
     def control(self, solid: Solid, heights: Field) -> Control:
         """Return the condition of the load on the gap between this solid and this surface."""
 
+    def far_displacement(self, mean_pressure: Array) -> Array | None:
+        """Return the displacement of the far side at a mean pressure, None where it is not known.
+
+        It counts from the zero of the heights [length].
+        """
+        return None
+
     def warn_if_soft(self, solid: Solid) -> None:
         """Warn of a machine that is far too soft for a solid; only a spring can be."""
 

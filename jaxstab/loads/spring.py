@@ -171,6 +171,10 @@ class Spring(Load):
         """The position of the far end [length]: the value of this load."""
         return self.value
 
+    def far_displacement(self, mean_pressure: Array) -> Array:
+        """Return position + p0 / k [length]."""
+        return self.value + mean_pressure / self.stiffness
+
     def warn_if_soft(self, solid: Solid) -> None:
         """Warn once of a spring that is softer than any real cantilever against a solid.
 
@@ -211,6 +215,10 @@ class FarDisplacement(Load):
     is_position: ClassVar[bool] = True
 
     value: Annotated[Float[Array, "..."], LENGTH] = eqx.field(converter=prescribed)
+
+    def far_displacement(self, mean_pressure: Array) -> Array:
+        """Return the prescribed value [length]."""
+        return self.value
 
     def control(self, solid: Solid, heights: Field) -> SpringControl:
         """Press with the stiffness of the solid itself."""

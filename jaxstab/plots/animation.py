@@ -21,7 +21,7 @@ from jaxstab.plots.fields import add_colour_bar, draw_map, require_own
 from jaxstab.plots.paths import of_states, quantities_or_default, require_path
 from jaxstab.plots.paths import path as draw_path
 from jaxstab.plots.saving import new_file
-from jaxstab.plots.style import BLACK, axes_or_new, label_axes
+from jaxstab.plots.style import BLACK, axes_or_new, grey, label_axes
 
 _WRITERS = {"gif": PillowWriter, "mp4": FFMpegWriter}
 _MOST_PER_SECOND = 15
@@ -34,6 +34,7 @@ def animation(
     file: str | Path,
     *,
     seconds: float = 10,
+    overwrite: bool = False,
 ) -> Path:
     """Write an animation of a path: left its gap, with the contact in black, right its pressure.
 
@@ -43,8 +44,9 @@ def animation(
     Arguments:
         contact: the contact problem.
         path: its path, followed with `fields=True`.
-        file: the path of a new .gif or .mp4 file.
+        file: the path of a .gif or .mp4 file.
         seconds: the duration, rounded in a GIF, whose frames last whole hundredths of a second.
+        overwrite: whether a file of that name is replaced.
 
     Returns:
         The path of the file.
@@ -53,11 +55,11 @@ def animation(
         TypeError: for something that is not a path.
         ValueError: for a path without fields or of another contact, several paths, another
             ending, or a time that is not positive.
-        FileExistsError: if the file exists.
+        FileExistsError: if the file exists and is not to be replaced.
         ImportError: for an .mp4 without ffmpeg.
     """
     gaps = _gaps(contact, path)
-    target = new_file(file, _WRITERS)
+    target = new_file(file, _WRITERS, overwrite)
     require("seconds", seconds, 0 < seconds < np.inf, "it must be positive and finite.")
     frames = np.linspace(0, len(gaps) - 1, min(len(gaps), max(int(_MOST_PER_SECOND * seconds), 2)))
     figure = Figure(_SIZE, _DPI, layout="constrained")
@@ -109,7 +111,7 @@ def _profile(axes: Axes, contact: Contact, gaps: np.ndarray) -> Callable[[np.nda
     """Draw a profile of the first gap, and return the function that shows another."""
     x = np.asarray(contact.grid.coordinates[0])
     (line,) = axes.plot(x, gaps[0])
-    (touching,) = axes.plot(x, np.zeros_like(x), color=BLACK, linewidth=4)
+    (touching,) = axes.plot(x, np.zeros_like(x), color=grey(axes, 1), linewidth=4)
     most = gaps.max() or 1
     axes.set_ylim(-0.02 * most, 1.05 * most)
     label_axes(axes, "x [length]", "gap g [length]", contact.units)
@@ -126,7 +128,8 @@ def _curve(axes: Axes, path: paths.Path) -> Callable[[int], None]:
     draw_path(path, axes=axes)
     quantities = quantities_or_default(path, None, None)
     states = np.stack([of_states(path, quantity) for quantity in quantities], axis=1)
-    (marker,) = axes.plot([], [], "o", color=BLACK, markersize=9, markeredgecolor="white")
+    (marker,) = axes.plot([], [], "o", color=grey(axes, 1), markersize=9)
+    marker.set_markeredgecolor(grey(axes, 0))
     return lambda state: marker.set_data(*states[state, :, None])
 
 

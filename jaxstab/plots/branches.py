@@ -13,7 +13,6 @@ from jaxstab.paths import Branch, Transition
 from jaxstab.plots.fields import draw_mode, gap, outline_contact
 from jaxstab.plots.paths import Quantity, of_states, quantities_or_default, scale
 from jaxstab.plots.style import (
-    BLACK,
     BLUE,
     GREEN,
     ORANGE,
@@ -22,14 +21,15 @@ from jaxstab.plots.style import (
     Style,
     add_legend,
     axes_or_new,
+    grey,
     label_axes,
 )
 
 _STABLE: Style = {"color": BLUE, "label": "stable"}
 _UNSTABLE: Style = {"color": VERMILION, "linestyle": (0, (3, 1.5)), "label": "unstable"}
-# The turns differ by shape.
+# The turns differ by shape; a fold has the colour of the background.
 _TURNS: dict[str, Style] = {
-    "fold": {"marker": "o", "facecolors": "white"},
+    "fold": {"marker": "o"},
     "release": {"marker": "^", "facecolors": ORANGE},
     "touch": {"marker": "v", "facecolors": GREEN},
 }
@@ -51,7 +51,7 @@ def branch(
         branch: the branch.
         x: the quantity of the horizontal axis: the load, or a scalar field of `States`.
         y: the quantity of the vertical axis: by default the mean pressure, or on a window the
-            force; under a dead load choose the mean gap.
+            force; over a dead load the mean gap.
         axes: the axes to draw on; new ones by default.
 
     Raises:
@@ -82,7 +82,8 @@ def branch(
     for kind, marker in _TURNS.items():
         chosen = kinds == kind
         if chosen.any():
-            style = {"s": 30, "edgecolors": BLACK, "zorder": 3, **marker}
+            edges, empty = grey(axes, 1), grey(axes, 0)
+            style = {"s": 30, "facecolors": empty, "edgecolors": edges, "zorder": 3, **marker}
             axes.scatter(*(values[chosen] for values in turns), label=kind, **style)
     scale(axes.xaxis, branch, x)
     scale(axes.yaxis, branch, y)
@@ -127,8 +128,8 @@ def _draw_string(transition: Transition, axes: Axes) -> None:
     there, back = (float(energy) for energy in transition.barrier)
     units = transition.saddle.units
     axes.plot(places, energies, ".-", color=BLUE, label="string")
-    axes.scatter([0, 1], [0, there - back], color=BLACK, zorder=3, label="start, end")
-    style = {"marker": "*", "s": 90, "color": VERMILION, "edgecolors": BLACK, "zorder": 4}
+    axes.scatter([0, 1], [0, there - back], color=grey(axes, 1), zorder=3, label="start, end")
+    style = {"marker": "*", "s": 90, "color": VERMILION, "edgecolors": grey(axes, 1), "zorder": 4}
     axes.scatter([places[np.argmax(energies)]], [there], label="saddle", **style)
     label_axes(axes, "part of the string", "energy above the start [energy]", units)
     divisor, energy = readable_unit(units, "energy", max(there, back))

@@ -14,14 +14,16 @@ from jaxstab.plots.fields import require_pair
 from jaxstab.plots.paths import Quantity, of_states
 from jaxstab.plots.style import (
     QUANTITIES,
-    VERDICT_MARKERS,
     add_legend,
     axes_or_new,
+    default_ordinate,
     draw_zero,
     label_axes,
     labels_or_none,
     plain_decades,
     quantity_label,
+    scale_decades,
+    verdict_markers,
 )
 from jaxstab.potentials import Potential, energy_density, slope
 from jaxstab.stability import Eigenpair
@@ -95,7 +97,7 @@ def stability_curve(
     Arguments:
         sweep: the states.
         quantity: a field of `Equilibrium` that is one number for each load; by default the mean
-            pressure, or on a window the force.
+            pressure, or on a window the force; over a dead load the mean gap.
         axes: the axes to draw on; new ones by default.
 
     Raises:
@@ -111,14 +113,16 @@ def stability_curve(
     if sweep.stability is None:
         raise ValueError("This sweep left stability out: run it with stability=True.")
     axes, is_window = axes_or_new(axes), sweep.equilibrium.is_window
-    quantity = quantity or ("force" if is_window else "mean_pressure")
+    quantity = quantity or default_ordinate(sweep.load, is_window, "load")
     load, values = of_states(sweep, "load"), of_states(sweep, quantity)
     verdicts = np.where(sweep.stability.is_local, "stable, locally", sweep.stability.verdict.name)
     is_found = np.asarray(sweep.equilibrium.result == "successful")
-    for name, marker in VERDICT_MARKERS.items():
+    for name, marker in verdict_markers(axes).items():
         chosen = (verdicts == name) & is_found
         if chosen.any():
             axes.scatter(load[chosen], values[chosen], label=name.replace("_", " "), **marker)
+    scale_decades(axes.xaxis, load)
+    scale_decades(axes.yaxis, values[is_found])
     x, y = (quantity_label(name, sweep.load) for name in ("load", quantity))
     label_axes(axes, x, y, sweep.equilibrium.units)
     add_legend(axes)

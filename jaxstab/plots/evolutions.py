@@ -11,6 +11,7 @@ from jaxstab.paths import Evolution
 from jaxstab.plots.style import (
     add_legend,
     axes_or_new,
+    default_ordinate,
     label_axes,
     labels_or_none,
     plain_decades,
@@ -32,7 +33,8 @@ def evolution(
     Arguments:
         evolutions: one or more of the same contact, for instance at several speeds.
         x: "load", or "time" on a logarithmic axis without the first state.
-        y: a quantity of the states; by default the mean pressure, or on a window the force.
+        y: a quantity of the states; by default the mean pressure, or on a window the force; under a
+            dead load the mean gap.
         labels: one for each evolution, for a legend.
         axes: the axes to draw on; new ones by default.
 
@@ -49,7 +51,7 @@ def evolution(
             "evolutions, as batch[0]."
         )
     contact = evolutions[0].contact
-    y = y or ("force" if contact.solid.is_window else "mean_pressure")
+    y = y or default_ordinate(evolutions[0].load, contact.solid.is_window, x)
     require_one_of("x", x, ["load", "time"])
     require_one_of("y", y, Quantity.__args__)
     names = labels_or_none(labels, len(evolutions))

@@ -14,7 +14,15 @@ from jaxstab.core.stack import require_single
 from jaxstab.core.types import Field, Mask
 from jaxstab.core.units import Units, measured
 from jaxstab.equilibrium.equilibrium import State, found_equilibrium
-from jaxstab.plots.style import add_legend, axes_or_new, draw_zero, label_axes, label_axis
+from jaxstab.plots.style import (
+    BLACK,
+    add_legend,
+    axes_or_new,
+    draw_zero,
+    grey,
+    label_axes,
+    label_axis,
+)
 from jaxstab.stability import Eigenpair
 
 # The symbol x of a mode is left out, since x is a side of the surface too.
@@ -45,7 +53,7 @@ def pressure(contact: Contact, equilibrium: State, *, axes: Axes | None = None) 
 def contact_map(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
     """Draw where the surfaces touch, in black (Rey & Bleyer, fig. 8)."""
     equilibrium = found_equilibrium(contact, equilibrium)
-    axes = draw_areas(axes, contact, np.asarray(equilibrium.in_contact, int), ["black"])
+    axes = draw_areas(axes, contact, np.asarray(equilibrium.in_contact, int), [BLACK])
     axes.set_title(f"contact area {100 * float(equilibrium.contact_area):.1f} %")
     return axes
 
@@ -61,7 +69,7 @@ def draw_areas(
         return axes
     x = np.asarray(contact.grid.coordinates[0])
     for number, colour in enumerate(colours, 1):
-        _fill(axes, x, numbers == number, color=colour)
+        _fill(axes, x, numbers == number, color=grey(axes, 1) if colour == BLACK else colour)
     axes.margins(0)
     label_axis(axes.xaxis, "x [length]", contact.units)
     axes.set(yticks=[0, 1], yticklabels=["apart", "in contact"])
@@ -207,7 +215,8 @@ def _field(
 
 
 def _shade(axes: Axes, x: np.ndarray, touches: np.ndarray) -> None:
-    _fill(axes, x, touches, transform=axes.get_xaxis_transform(), color="0.88", label="in contact")
+    shade = grey(axes, 0.12)
+    _fill(axes, x, touches, transform=axes.get_xaxis_transform(), color=shade, label="in contact")
 
 
 def _fill(axes: Axes, x: np.ndarray, chosen: np.ndarray, **style: Any) -> None:

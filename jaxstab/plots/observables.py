@@ -22,9 +22,11 @@ from jaxstab.plots.style import (
     QUANTITIES,
     add_legend,
     axes_or_new,
+    grey,
     label_axes,
     plain_decades,
     quantity_label,
+    scale_decades,
 )
 
 # The lower end of the colours, over the largest flux.
@@ -48,7 +50,7 @@ def patches(
         axes: the axes to draw on; new ones by default.
     """
     found = observables.patches(contact, equilibrium, neighbours=neighbours)
-    labels, colours = np.asarray(found.labels), PALETTE[:-1]
+    labels, colours = np.asarray(found.labels), PALETTE
     # Colours repeat when there are more patches.
     numbers = np.where(labels > 0, (labels - 1) % len(colours) + 1, 0)
     axes = draw_areas(axes, contact, numbers, colours)
@@ -139,6 +141,8 @@ def observed(
 ) -> Axes:
     """Draw a column of the observables beside the states of a path or a sweep.
 
+    What spans decades is on a logarithmic axis.
+
     Arguments:
         observed: the result of `jaxstab.observe`.
         column: "observable.field", as "patches.true_area"; by default the first. One for each side
@@ -159,8 +163,12 @@ def observed(
     require_one_of("x", x, [*QUANTITIES, "load"])
     result, name = results[columns[column]], column.rpartition(".")[2]
     axes, units = axes_or_new(axes), observed.equilibrium.units
-    for side, values in by_side(getattr(result, name)):
-        axes.plot(of_states(observed, x), np.asarray(values), ".-", label=side.strip())
+    across = of_states(observed, x)
+    sides = {side.strip(): np.asarray(values) for side, values in by_side(getattr(result, name))}
+    for side, values in sides.items():
+        axes.plot(across, values, ".-", label=side)
+    scale_decades(axes.xaxis, across)
+    scale_decades(axes.yaxis, np.concatenate([*sides.values()]))
     dimension = dimensions(type(result)).get(name, NUMBER)
     words = dict.fromkeys((columns[column], name))
     label = " ".join(words).replace("_", " ") + (f" [{dimension}]" if dimension != NUMBER else "")
@@ -218,7 +226,8 @@ def distribution(
     if is_known:
         rms, mean = float(contact.conforming_pressure), float(equilibrium.mean_pressure)
         pressures = np.linspace(0, max(shown.max(), rms), 200)
-        axes.plot(pressures, _persson(pressures, mean, rms), "k--", label="Persson, random surface")
+        (theory,) = axes.plot(pressures, _persson(pressures, mean, rms), "--", color=grey(axes, 1))
+        theory.set_label("Persson, random surface")
     names = {"pressure": "elastic pressure p", "gap": "gap g"}
     dimension = {"pressure": "pressure", "gap": "length"}[quantity]
     label_axes(axes, f"{names[quantity]} [{dimension}]", f"density [1/{dimension}]", contact.units)

@@ -18,12 +18,17 @@ from jaxstab.plots.style import (
     Style,
     add_legend,
     axes_or_new,
+    default_ordinate,
+    grey,
     label_axis,
     quantity_label,
+    scale_decades,
     scaled_label,
 )
 
-Quantity = Literal["mean_gap", "mean_pressure", "force", "contact_area", "energy", "load"]
+Quantity = Literal[
+    "mean_gap", "mean_pressure", "force", "contact_area", "energy", "indentation", "load"
+]
 _Curve = Path | Branch
 
 # The least tension that is shown, over the largest compression.
@@ -32,9 +37,9 @@ _LEAST_TENSION = 1e-3
 _SHORTEST_ARROW = 8
 # Letters.
 _LEGEND_WIDTH = 14
-# The approach lies on top of the retreat and is thinner, so that both are seen where they agree.
+# The approach lies on top of the retraction and is thinner, so that both are seen where they agree.
 _APPROACH: Style = {"linewidth": 0.8, "markersize": 2, "zorder": 2.2}
-_RETREAT: Style = {"linewidth": 2, "markersize": 3, "zorder": 2}
+_RETRACTION: Style = {"linewidth": 2, "markersize": 3, "zorder": 2}
 
 
 def path(
@@ -46,16 +51,17 @@ def path(
 ) -> Axes:
     """Draw the states along a path, its jumps as arrows, and the energy lost around a loop.
 
-    The approach is a thinner line on top of the retreat. A compression above the largest tension is
-    cut off, so that adhesion is seen. If `axes` is None and the surfaces touch, the contact area is
-    drawn beside it.
+    The approach is a thinner line on top of the retraction. A compression above the largest tension
+    is cut off, so that adhesion is seen. A quantity that spans decades is on a logarithmic axis. If
+    `axes` is None and the surfaces touch, the contact area is drawn beside it.
 
     Arguments:
         path: the path.
-        x: the quantity of the horizontal axis: a scalar field of `States`, "force" or "load"; by
-            default the mean gap, or on a window the displacement of the load.
+        x: the quantity of the horizontal axis: a scalar field of `States`, "force", "load", or the
+            "indentation": how far the far side has approached, under a `Spring` or a
+            `FarDisplacement`. By default the mean gap, or on a window the displacement of the load.
         y: the quantity of the vertical axis: by default the mean pressure, or on a window the
-            force.
+            force; over a dead load the mean gap.
         axes: the axes to draw on; new ones by default.
 
     Raises:
@@ -95,7 +101,7 @@ def quantities_or_default(
     is_window = path.equilibrium.is_window
     # The mean gap of a window grows with the window.
     x = x or ("load" if is_window and path.load.unit == LENGTH else "mean_gap")
-    y = y or ("force" if is_window else "mean_pressure")
+    y = y or default_ordinate(path.load, is_window, x)
     for name, quantity in (("x", x), ("y", y)):
         require_one_of(name, quantity, [*QUANTITIES, "load"])
     return x, y
@@ -116,9 +122,13 @@ def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
         before = chosen[0] - 1
         if before >= 0 and branch[before] == j:
             chosen = np.concatenate([[before], chosen])
-        label = f"to {loads[part == i][-1] / divisor:.3g}" if j == branch[part == i][0] else None
         gaps = gap[part == i]
-        style = _APPROACH if gaps[-1] < gaps[0] else _RETREAT
+        is_approach = gaps[-1] < gaps[0]
+        style = _APPROACH if is_approach else _RETRACTION
+        label = None
+        if j == branch[part == i][0]:
+            label = "approach" if is_approach else "retraction"
+            label = f"{label} to {loads[part == i][-1] / divisor:.3g}"
         colour = PALETTE[i % len(PALETTE)]
         axes.plot(there[chosen], across[chosen], ".-", color=colour, label=label, **style)
     scale(axes.xaxis, path, x)
@@ -126,7 +136,7 @@ def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
     _draw_jumps(path, there, across, axes)
     is_loop = loads[0] == loads[-1] and np.isfinite(path.dissipation)
     if is_loop and (x, y) == quantities_or_default(path, None, None):
-        axes.fill(there, across, color="0.9", zorder=0)
+        axes.fill(there, across, color=grey(axes, 0.1), zorder=0)
         number = len(path.jumps)
         lost = measured(units, float(path.jumps.dissipation.sum()), "energy", digits=4)
         axes.set_title(f"lost in {number} jump{'' if number == 1 else 's'}: {lost}")
@@ -144,9 +154,10 @@ def _load_label(path: Path) -> tuple[float, str]:
 
 
 def scale(axis: XAxis | YAxis, path: _Curve, quantity: Quantity) -> None:
-    """Label an axis, and cut off a compression that leaves no room to see the tension."""
+    """Scale and label an axis, and cut off a compression that leaves no room to see the tension."""
+    values = of_states(path, quantity)
+    scale_decades(axis, values)
     if quantity in ("mean_pressure", "force"):
-        values = of_states(path, quantity)
         tension, compression = -np.nanmin(values), np.nanmax(values)
         if _LEAST_TENSION * compression < tension < compression:
             axis.axes.set(**{f"{axis.axis_name}lim": (-1.2 * tension, tension)})
@@ -158,8 +169,8 @@ def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -
     dissipation, last = np.asarray(path.jumps.dissipation), np.asarray(path.jumps.state)
     gone, kept = last[np.isnan(dissipation)], last[np.isfinite(dissipation)]
     if gone.size:
-        axes.plot(there[gone], across[gone], "x", color="0.2", label="pulled off")
-    colour: Style = {"color": "0.4", "linestyle": "--"}
+        axes.plot(there[gone], across[gone], "x", color=grey(axes, 0.8), label="pulled off")
+    colour: Style = {"color": grey(axes, 0.6), "linestyle": "--"}
     arrow = {**colour, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
     if kept.size:
         # Annotations have no entry in a legend.
@@ -176,6 +187,18 @@ def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -
 
 
 def of_states(path: _Curve | Turn | Observed | Sweep, quantity: Quantity) -> np.ndarray:
-    """Return a quantity of each state."""
+    """Return a quantity of each state.
+
+    Raises:
+        ValueError: for an indentation under a load that does not move the far side.
+    """
+    if quantity == "indentation":
+        far = path.load.far_displacement(path.equilibrium.mean_pressure)
+        if far is None:
+            raise ValueError(
+                f"The indentation under a {type(path.load).__name__} is not known, since it holds "
+                "no far side: draw the mean gap, or press by a Spring or a FarDisplacement."
+            )
+        return -np.asarray(far)
     values = path.load.value if quantity == "load" else getattr(path.equilibrium, quantity)
     return np.asarray(values)

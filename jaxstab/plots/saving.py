@@ -37,17 +37,26 @@ _MOST_CROWDED = 0.45
 _AS_TEXT: dict[Any, Any] = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}
 
 
-def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None) -> Path:
-    """Save a figure at the width at which it will be printed, and leave it as it was.
+def save(
+    figure: Figure | Axes,
+    file: str | Path,
+    *,
+    width: Width | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Save a figure at the width at which it will be printed, and close it.
+
+    The figure stays as it was and can be saved again, but pyplot neither shows nor keeps it.
 
     At that size its letters have 8 points, those at ticks 7; lines and markers shrink with it, but
     not below half. The height follows. Bitmaps have 300 dots per inch, PDF and SVG their text.
 
     Arguments:
         figure: the figure, or axes of it.
-        file: the path of a new file. Its ending is the format: .pdf, .svg, .png, ...
+        file: the path of a file. Its ending is the format: .pdf, .svg, .png, ...
         width: "single" for a column of 90 mm, "double" for a page of 190 mm, or a number [mm]. By
             default a column, or a page for a figure that is wider than a column.
+        overwrite: whether a file of that name is replaced.
 
     Returns:
         The path of the file.
@@ -55,11 +64,11 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
     Raises:
         TypeError: for anything but a figure or axes.
         ValueError: for an invalid width, and an ending that Matplotlib does not know.
-        FileExistsError: if the file exists.
+        FileExistsError: if the file exists and is not to be replaced.
     """
     require_kind(figure, Figure | Axes, "no figure: give a figure, or axes of one.")
     whole: Any = figure.figure.figure
-    target = new_file(file, whole.canvas.get_supported_filetypes())
+    target = new_file(file, whole.canvas.get_supported_filetypes(), overwrite)
     printed, drawn = _millimetres(width, whole), whole.get_size_inches()[0] / _MM
     if printed < _MOST_CROWDED * drawn:
         warn(
@@ -72,17 +81,20 @@ def save(figure: Figure | Axes, file: str | Path, *, width: Width | None = None)
     with plt.rc_context(_AS_TEXT):
         copy.savefig(picture, format=target.suffix[1:].lower(), dpi=_DPI)
     write_whole(target, picture.getvalue())
+    plt.close(whole)
     return target
 
 
-def new_file(file: str | Path, endings: Collection[str]) -> Path:
-    """Return the path of a new file, whose ending must be one of some."""
+def new_file(file: str | Path, endings: Collection[str], overwrite: bool) -> Path:
+    """Return the path of a file that may be written, whose ending must be one of some."""
     path = Path(file)
     if path.suffix[1:].lower() not in endings:
         known = ", ".join(f".{ending}" for ending in sorted(endings))
         raise ValueError(f"{path} has no ending that can be written: choose one of {known}.")
-    if path.exists():
-        raise FileExistsError(f"{path} exists, and is not overwritten: choose another name.")
+    if path.exists() and not overwrite:
+        raise FileExistsError(
+            f"{path} exists, and is not overwritten: choose another name, or give overwrite=True."
+        )
     if not path.parent.is_dir():
         raise FileNotFoundError(f"The folder {path.parent} does not exist: make it first.")
     return path

@@ -1,35 +1,41 @@
 """The style of all figures: colours, markers, the names of quantities, and units."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
+from matplotlib.axis import Axis, XAxis, YAxis
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.ticker import Formatter, LogFormatterSciNotation, ScalarFormatter
 
 from jaxstab.core.checks import require_kind
-from jaxstab.core.units import FORCE, NUMBER, Units, dimensions, in_brackets, readable_unit
+from jaxstab.core.units import (
+    FORCE,
+    LENGTH,
+    NUMBER,
+    PRESSURE,
+    Units,
+    dimensions,
+    in_brackets,
+    readable_unit,
+)
 from jaxstab.loads import Load
 from jaxstab.paths import States
 
 # Okabe & Ito's palette is distinct for all kinds of colour vision; their yellow is too pale.
 BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 SKY, PURPLE, BLACK = "#56B4E9", "#CC79A7", "#000000"
-PALETTE = (BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE, BLACK)
+PALETTE = (BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE)
 
 # Properties of lines and markers, by their names in Matplotlib.
 Style = dict[str, Any]
 # The panels of a figure by name, row by row.
 Panels = list[Any]
-# Verdicts differ by shape and fill; a filled marker means a positive eigenvalue of the cone.
-VERDICT_MARKERS: dict[str, Style] = {
-    "stable": {"marker": "o", "facecolors": BLUE, "edgecolors": BLUE},
-    "stable, locally": {"marker": "D", "facecolors": SKY, "edgecolors": BLUE},
-    "held_by_contact": {"marker": "o", "facecolors": "white", "edgecolors": BLUE},
-    "unstable": {"marker": "v", "facecolors": "white", "edgecolors": VERMILION},
-    "undecided": {"marker": "s", "facecolors": "0.8", "edgecolors": "0.4"},
-}
+# A quantity spans decades if all of its values are positive, its median is less than this part
+# of the largest one, and the least value this part of it.
+_MEDIAN, _LEAST = 0.03, 1e-3
 
 # The quantities that are one number for each state.
 QUANTITIES = {
@@ -38,6 +44,7 @@ QUANTITIES = {
     "force": "force",
     "contact_area": "contact area",
     "energy": "energy",
+    "indentation": r"indentation $\delta$",
 }
 
 
@@ -45,8 +52,39 @@ def quantity_label(quantity: str, load: Load) -> str:
     """Return the label of one of the `QUANTITIES`, or of the "load", with its dimension."""
     if quantity == "load":
         return f"{load.quantity} [{load.unit}]" if load.quantity else type(load).__name__
-    dimension = {**dimensions(States), "force": FORCE}[quantity]
+    dimension = {**dimensions(States), "force": FORCE, "indentation": LENGTH}[quantity]
     return QUANTITIES[quantity] + (f" [{dimension}]" if dimension != NUMBER else "")
+
+
+def default_ordinate(
+    load: Load, is_window: bool, abscissa: str
+) -> Literal["mean_gap", "mean_pressure", "force"]:
+    """Return the quantity that answers to a load: under a dead load the gap, else the pressure."""
+    if load.unit == PRESSURE and abscissa in ("load", "time"):
+        return "mean_gap"
+    return "force" if is_window else "mean_pressure"
+
+
+def grey(axes: Axes, darkness: float) -> str:
+    """Return a grey from the background of axes, at 0, to the colour of their text, at 1."""
+    paper, ink = (np.array(to_rgb(x)) for x in (axes.get_facecolor(), axes.xaxis.label.get_color()))
+    mixed: Any = paper + darkness * (ink - paper)
+    return to_hex(mixed)
+
+
+def verdict_markers(axes: Axes) -> dict[str, Style]:
+    """Return the marker of each verdict.
+
+    They differ by shape and fill; a filled marker means a positive eigenvalue of the cone.
+    """
+    empty = grey(axes, 0)
+    return {
+        "stable": {"marker": "o", "facecolors": BLUE, "edgecolors": BLUE},
+        "stable, locally": {"marker": "D", "facecolors": SKY, "edgecolors": BLUE},
+        "held_by_contact": {"marker": "o", "facecolors": empty, "edgecolors": BLUE},
+        "unstable": {"marker": "v", "facecolors": empty, "edgecolors": VERMILION},
+        "undecided": {"marker": "s", "facecolors": grey(axes, 0.2), "edgecolors": grey(axes, 0.6)},
+    }
 
 
 def axes_or_new(axes: Axes | None) -> Axes:
@@ -54,7 +92,7 @@ def axes_or_new(axes: Axes | None) -> Axes:
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes
     require_kind(axes, Axes, "not axes: give the axes of a figure, as plt.subplots()[1].")
     if not axes.has_data():
-        axes.set_prop_cycle(color=PALETTE)
+        axes.set_prop_cycle(color=[*PALETTE, grey(axes, 1)])
     return axes
 
 
@@ -99,6 +137,17 @@ def label_axis(axis: Axis, label: str, units: Units) -> None:
         axis.set_major_formatter(ScalarFormatter())
 
 
+def scale_decades(axis: XAxis | YAxis, values: np.ndarray) -> None:
+    """Make an axis logarithmic if its values span decades."""
+    known = values[np.isfinite(values)]
+    if not known.size or known.min() <= 0:
+        return
+    parts = np.array([np.median(known), known.min()]) / known.max()
+    if np.all(parts < (_MEDIAN, _LEAST)):
+        axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+        plain_decades(axis)
+
+
 def label_axes(axes: Axes, x: str, y: str, units: Units) -> None:
     """Label both axes."""
     label_axis(axes.xaxis, x, units)
@@ -116,7 +165,7 @@ def labels_or_none(labels: Sequence[str] | None, number: int) -> Sequence[str | 
 
 def draw_zero(axes: Axes) -> None:
     """Draw a thin line at zero."""
-    axes.axhline(0, color="0.6", linewidth=0.8)
+    axes.axhline(0, color=grey(axes, 0.4), linewidth=0.8)
 
 
 def add_legend(axes: Axes, **options: Any) -> None:

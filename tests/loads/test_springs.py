@@ -188,3 +188,17 @@ def test_a_path_under_a_soft_spring_far_away_begins_apart():
     # A spring that pulls harder than the law at no gap begins in contact.
     near = js.follow(contact, js.Spring([0.2, 0.3], 1.0))
     assert near.equilibrium.contact_area[0] == 1
+
+
+@pytest.mark.parametrize("solid", ["free", "layer"])
+def test_the_far_side_stands_where_a_held_one_presses_as_much(solid):
+    grid = js.Grid(N)
+    solid = js.FreeHalfSpace(grid, 1.0) if solid == "free" else js.Layer(grid, 1.0, 0.3, 0.2)
+    contact = js.Contact(solid, js.surfaces.paraboloid(grid, radius=2.0), LAW)
+    held = js.FarDisplacement(-0.05)
+    pressure = js.equilibrate(contact, held, TIGHT).mean_pressure
+    spring = js.Spring(held.value - pressure / 3.0, 3.0)
+    state = js.equilibrate(contact, spring, TIGHT)
+    np.testing.assert_allclose(state.mean_pressure, pressure, rtol=1e-8)
+    np.testing.assert_allclose(spring.far_displacement(state.mean_pressure), -0.05, rtol=1e-8)
+    assert js.MeanPressure(1.0).far_displacement(pressure) is None

@@ -26,6 +26,12 @@ def test_quantities_are_drawn_over_load_or_time_with_their_units(run):
     assert np.array(axes.lines[0].get_xdata()) == pytest.approx([0.1, 1.0, 10.0])
 
 
+def test_under_a_dead_load_the_gap_is_drawn(run):
+    pressed = eqx.tree_at(lambda x: x.load, run, js.MeanPressure(run.mean_pressure))
+    for across in ("load", "time"):
+        assert js.plots.evolution(pressed, x=across).get_ylabel().startswith("mean gap")
+
+
 def test_mistakes_are_named(run):
     with pytest.raises(TypeError, match=r"result of jaxstab\.evolve"):
         js.plots.evolution(run.contact)

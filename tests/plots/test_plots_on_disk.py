@@ -8,6 +8,7 @@ import imageio_ffmpeg
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.text import Text
@@ -57,6 +58,8 @@ def test_saving_leaves_the_figure_as_it_was(hertz, tmp_path, layout):
     plots.surface(hertz, axes=right)
 
     def look():
+        # Saving closes the figure, which leaves it without a canvas that draws.
+        FigureCanvasAgg(figure)
         figure.canvas.draw()
         # A layout depends a little on the one before.
         figure.canvas.draw()
@@ -81,6 +84,8 @@ def test_nothing_is_overwritten_and_no_nonsense_saved(drawn, tmp_path):
     with pytest.raises(FileExistsError, match="is not overwritten: choose another name"):
         plots.save(drawn, file)
     assert file.read_bytes() == content
+    file.write_bytes(b"an earlier figure")
+    assert plots.save(drawn, file, overwrite=True) == file and file.read_bytes() == content
     with pytest.raises(ValueError, match=r"choose one of .*\.pdf, .*\.png"):
         plots.save(drawn, tmp_path / "figure.doc")
     with pytest.raises(FileNotFoundError, match="make it first"):
@@ -91,6 +96,15 @@ def test_nothing_is_overwritten_and_no_nonsense_saved(drawn, tmp_path):
     with pytest.raises(TypeError, match="list is no figure"):
         plots.save([drawn], tmp_path / "other.png")
     assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_saved_figure_is_closed_and_can_be_saved_again(tmp_path):
+    figures = [plt.subplots()[0] for _ in range(3)]
+    for number, figure in enumerate(figures[1:]):
+        plots.save(figure, tmp_path / f"{number}.png")
+    assert plt.get_fignums() == [figures[0].number]
+    again = plots.save(figures[1].axes[0], tmp_path / "again.png")
+    assert again.read_bytes() == (tmp_path / "0.png").read_bytes()
 
 
 def frames_of(file):
@@ -138,7 +152,7 @@ def test_what_cannot_be_filmed_is_told(hertz, loop, tmp_path):
     with pytest.raises(TypeError, match="States is not a path"):
         plots.animation(hertz, loop.equilibrium, file)
     file.touch()
-    with pytest.raises(FileExistsError, match="is not overwritten"):
+    with pytest.raises(FileExistsError, match="or give overwrite=True"):
         plots.animation(hertz, loop, file)
 
 
