@@ -1,4 +1,4 @@
-"""Starts on a large grid: the modes of the same problem on every other point.
+"""Starts on a large grid: the modes of the same problem on one coarser grid.
 
 On a fine grid, modes of rough contacts are smooth except at the edges of contact. A search among
 many local minimisers costs least where there are few points. There a point touches where at least
@@ -8,140 +8,119 @@ half of the points around it do, and adheres as the mean of those that are like 
 from dataclasses import replace
 from typing import TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.core import model
+from jaxstab.core.checks import array, concrete, is_transformed
 from jaxstab.core.compile import program
 from jaxstab.core.types import Field, Flag, Mask, Scalar
-from jaxstab.stability.cones import AdmissibleCone, Subspace
-from jaxstab.stability.eigenpair import admissible_pair
-from jaxstab.stability.lowest_pair import Lowest, cone_starts, on_cone, on_space
-from jaxstab.stability.solvers.base import BLOCK_SIZE, NUM_RANDOM, Eigensolver, SpaceSolver, noise
+from jaxstab.stability.cones import AdmissibleCone
+from jaxstab.stability.lowest_pair import Lowest, cone_starts, on_cone
+from jaxstab.stability.solvers.base import Eigensolver, noise
 from jaxstab.stability.solvers.cone_lobpcg import ProjectedLOBPCG
 
 Solver = TypeVar("Solver", bound=Eigensolver)
 
-# The points from which a grid is large: on fewer, compiling the coarser problems does not pay.
+# The points from which a grid is large: on fewer, the coarser problem does not pay.
 _LARGE = 2**18
-# The points below which there is no coarser problem: contacts would be missed.
-_FEWEST = 2**14
-# The residual to which a coarser problem is solved at most.
+# A coarser problem has at most so many points, but for grids that cannot be halved so often.
+_COARSE = 2**16
+# The residual to which it is solved at most.
 _TOLERANCE = 1e-4
 # How far the eigenvalue may lie from the coarser problem's, as a part of it: no other
 # minimiser is taken to be lower by more.
 _TRUST = 1e-2
 
 
-def is_large(hessian: Hessian) -> bool:
-    """Return whether the searches of a problem start from a coarser one."""
-    return hessian.solid.grid.size >= _LARGE and _has_coarser(hessian)
+def has_coarser(hessian: Hessian) -> bool:
+    """Return whether the searches of a problem start from a coarser one; never within a trace."""
+    if hessian.solid.grid.size < _LARGE or is_transformed(hessian):
+        return False
+    return jax.eval_shape(lambda: hessian.solid.coarser()) is not None
 
 
-def modes_by_coarser(
-    solver: SpaceSolver, hessian: Hessian, space: Subspace, key: PRNGKeyArray
-) -> tuple[Block, Int[Array, ""]]:
+@program
+def coarser(hessian: Hessian, cone: AdmissibleCone) -> tuple[Hessian, AdmissibleCone]:
+    """Return the problem on every other point, of those again, until few points are left."""
+    while hessian.solid.grid.size > _COARSE and (solid := hessian.solid.coarser()) is not None:
+        is_moving = ~_majority(~cone.is_moving)
+        curvature = _mean_of_like(hessian.curvature, cone.one_sided | ~cone.is_moving)
+        cone = AdmissibleCone(_majority(cone.one_sided) & is_moving, ~is_moving, cone.fixes_mean)
+        hessian = Hessian(solid, curvature, hessian.stiffness)
+    return hessian, cone
+
+
+def roughly(solver: Solver, like: Field) -> Solver:
+    """Return a solver with the tolerance for a coarser problem."""
+    tolerance = max(float(concrete(solver.tolerance_in(like.dtype))), _TOLERANCE)
+    return replace(solver, tolerance=array(tolerance, like.dtype))
+
+
+@program
+def starts_on_space(coarse: Lowest, key: PRNGKeyArray, fine: Field) -> tuple[Block, Int[Array, ""]]:
     """Return a block to start from on a linear space, and its cost in applications of A.
 
     The last of its vectors is a random one, in which no mode is missing.
     """
-    fine, nowhere = hessian.curvature, jnp.zeros_like(space.is_moving)
-    cone = AdmissibleCone(nowhere, ~space.is_moving, space.fixes_mean)
-    hessian, cone = _coarser(hessian, cone)
-    rough = _roughly(solver, fine)
-    if _has_coarser(hessian):
-        starts, cost = modes_by_coarser(rough, hessian, cone.hull, key)
-    else:
-        starts, cost = noise(key, BLOCK_SIZE, hessian.curvature), jnp.array(0)
-    found = on_space(rough, hessian, cone.hull, starts)
-    modes = jnp.stack([*map(_refined, found.modes[:-1]), *noise(key, 1, fine)])
-    return modes, _share_of(cost + found.pair.num_applications, space)
+    modes = [_refined(mode, fine) for mode in coarse.modes[:-1]]
+    return jnp.stack([*modes, *noise(key, 1, fine)]), _share_of(coarse, fine)
+
+
+class ConeStart(eqx.Module):
+    """The one vector from which a cone is searched.
+
+    Attributes:
+        vector: the vector.
+        is_needed: whether it is one.
+        is_known: whether it is the answer, or there is none; then no coarser problem is solved.
+        expected: the eigenvalue of the coarser problem, with which the one found has to agree.
+        cost: of the vector, in applications of A.
+    """
+
+    vector: Field
+    is_needed: Flag
+    is_known: Flag
+    expected: Scalar
+    cost: Int[Array, ""]
 
 
 @program
-def lowest_by_coarser(
-    spaces: SpaceSolver,
-    solver: ProjectedLOBPCG,
-    hessian: Hessian,
-    cone: AdmissibleCone,
-    hull: Lowest,
-    key: PRNGKeyArray,
-) -> tuple[Lowest, Flag]:
-    """Return the pair on a cone that the coarser problem's mode leads to, and whether to trust it.
-
-    It agrees with the coarser problem, or the lowest mode around the cone is the answer. This is a
-    program of its own, as the search from all starts takes the memory of them all.
-    """
+def start_from_hull(solver: ProjectedLOBPCG, cone: AdmissibleCone, hull: Lowest) -> ConeStart:
+    """Return the lowest mode around a cone as the start on it, and whether it is the answer."""
     starts, _, is_answer = cone_starts(solver, cone, hull, hull.modes[:0])
     is_known = is_answer | cone.is_trivial
-    guess, coarser, cost = jax.lax.cond(
-        is_known,
-        lambda: (starts[0], jnp.zeros_like(hull.pair.eigenvalue), jnp.array(0)),
-        lambda: mode_by_coarser(spaces, solver, hessian, cone, key),
-    )
-    is_start = jnp.any(guess != 0)
-    starts = guess[None], is_start[None], is_answer
-    lowest = on_cone(solver, hessian, cone, hull, starts).costing(cost)
+    unknown = jnp.full_like(hull.pair.eigenvalue, jnp.nan)
+    return ConeStart(starts[0], jnp.array(True), is_known, unknown, jnp.array(0))
+
+
+@program
+def start_from_coarse(around: Lowest, coarse: Lowest, fine: Field) -> ConeStart:
+    """Return the mode of a coarser problem as the start on a cone, at the cost of two searches."""
+    vector, no = _refined(coarse.pair.mode, fine), jnp.array(False)
+    is_needed = jnp.any(vector != 0)
+    cost = _share_of(around, fine) + _share_of(coarse, fine)
+    return ConeStart(vector, is_needed, no, coarse.pair.eigenvalue, cost)
+
+
+@program
+def lowest_from(
+    solver: ProjectedLOBPCG, hessian: Hessian, cone: AdmissibleCone, hull: Lowest, start: ConeStart
+) -> tuple[Lowest, Flag]:
+    """Return the pair on a cone that one start leads to, and whether to trust it."""
+    starts = start.vector[None], start.is_needed[None], start.is_known & ~cone.is_trivial
+    lowest = on_cone(solver, hessian, cone, hull, starts).costing(start.cost)
     eigenvalue = lowest.pair.eigenvalue
-    agrees = is_start & (jnp.abs(eigenvalue - coarser) <= _TRUST * jnp.abs(eigenvalue))
-    return lowest, is_known | agrees
+    agrees = jnp.abs(eigenvalue - start.expected) <= _TRUST * jnp.abs(eigenvalue)
+    return lowest, start.is_known | (start.is_needed & agrees)
 
 
-def mode_by_coarser(
-    spaces: SpaceSolver,
-    solver: ProjectedLOBPCG,
-    hessian: Hessian,
-    cone: AdmissibleCone,
-    key: PRNGKeyArray,
-) -> tuple[Field, Scalar, Int[Array, ""]]:
-    """Return a vector to start from on a cone, its eigenvalue on the coarser grid, and its cost.
-
-    It is zero where the coarser problem has no mode. The cost is in applications of A.
-    """
-    hull = cone.hull
-    hessian, cone = _coarser(hessian, cone)
-    like = hessian.curvature
-    spaces, rough = _roughly(spaces, like), _roughly(solver, like)
-    if _has_coarser(hessian):
-        start, _, cost = mode_by_coarser(spaces, rough, hessian, cone, key)
-        starts, is_needed = start[None], jnp.array([True])
-    else:
-        random = noise(key, NUM_RANDOM, like)
-        around = on_space(spaces, hessian, cone.hull, random[:BLOCK_SIZE])
-        starts, is_needed, _ = cone_starts(rough, cone, around, random)
-        cost = around.pair.num_applications
-    restricted = hessian.restricted(cone.is_moving)
-    found = rough.solve(restricted, cone, starts, is_needed)
-    eigenvalue, mode, _ = admissible_pair(restricted, cone, found.vector)
-    return _refined(mode), eigenvalue, _share_of(cost + found.num_applications + 1, hull)
-
-
-def _has_coarser(hessian: Hessian) -> bool:
-    solid = hessian.solid
-    if solid.grid.size < 4 * _FEWEST:
-        return False
-    return jax.eval_shape(lambda: solid.coarser()) is not None
-
-
-def _roughly(solver: Solver, like: Field) -> Solver:
-    """Return a solver with the tolerance for a coarser problem."""
-    return replace(solver, tolerance=jnp.maximum(solver.tolerance_in(like.dtype), _TOLERANCE))
-
-
-def _share_of(cost: Int[Array, ""], fine: Subspace) -> Int[Array, ""]:
-    """Return the number of applications on all points that cost as much as some on the coarser."""
-    return -(-cost // 2**fine.is_moving.ndim)
-
-
-def _coarser(hessian: Hessian, cone: AdmissibleCone) -> tuple[Hessian, AdmissibleCone]:
-    solid = hessian.solid.coarser()
-    assert solid is not None
-    is_moving = ~_majority(~cone.is_moving)
-    curvature = _mean_of_like(hessian.curvature, cone.one_sided | ~cone.is_moving)
-    coarser = AdmissibleCone(_majority(cone.one_sided) & is_moving, ~is_moving, cone.fixes_mean)
-    return Hessian(solid, curvature, hessian.stiffness), coarser
+def _share_of(coarse: Lowest, fine: Field) -> Int[Array, ""]:
+    """Return the number of applications on all points that cost as much as those of a search."""
+    return -(-coarse.pair.num_applications // (fine.size // coarse.pair.mode.size))
 
 
 def _majority(mask: Mask) -> Bool[Array, " *coarse"]:
@@ -156,10 +135,10 @@ def _mean_of_like(field: Field, mask: Mask) -> Float[Array, " *coarse"]:
     return jnp.sum(jnp.where(like, _cells(field), 0), axis=0) / jnp.sum(like, axis=0)
 
 
-def _refined(field: Float[Array, " *coarse"]) -> Field:
+def _refined(field: Float[Array, " *coarse"], fine: Field) -> Field:
     """Return a mode of the coarser grid at all points, a unit vector again."""
-    for axis in range(field.ndim):
-        field = jnp.repeat(field, 2, axis=axis)
+    for axis, number in enumerate(fine.shape):
+        field = jnp.repeat(field, number // field.shape[axis], axis=axis)
     return model.onto_sphere(field)
 
 

@@ -8,17 +8,24 @@ space.
 from dataclasses import replace
 
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import PRNGKeyArray
+from jaxtyping import Array, Int, PRNGKeyArray
 
-from jaxstab.contact.hessian import Hessian
+from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.core.checks import concrete
 from jaxstab.core.compile import program
-from jaxstab.core.control_flow import if_needed
+from jaxstab.core.control_flow import cond, if_needed
 from jaxstab.core.progress import advance_if_known
 from jaxstab.core.types import ArrayLike
 from jaxstab.stability.certificate import certified
-from jaxstab.stability.coarse_start import is_large, lowest_by_coarser, modes_by_coarser
+from jaxstab.stability.coarse_start import (
+    coarser,
+    has_coarser,
+    lowest_from,
+    roughly,
+    start_from_coarse,
+    start_from_hull,
+    starts_on_space,
+)
 from jaxstab.stability.cones import AdmissibleCone
 from jaxstab.stability.eigenproblems import Eigenproblems, Found, covering_doubt
 from jaxstab.stability.lowest_pair import Lowest, cone_starts, on_cone, on_space, with_cost_of
@@ -76,7 +83,6 @@ def smallest_eigenpairs(
     return if_needed(is_doubtful, lambda: covering_doubt(problems, found), found)
 
 
-@program
 def _lowest_on_hull(
     spaces: SpaceSolver, hessian: Hessian, cone: AdmissibleCone, key: PRNGKeyArray
 ) -> Lowest:
@@ -84,10 +90,27 @@ def _lowest_on_hull(
 
     On a large grid the search begins with the modes of the coarser problem.
     """
-    if is_large(hessian):
-        starts, cost = modes_by_coarser(spaces, hessian, cone.hull, key)
-    else:
-        starts, cost = noise(key, BLOCK_SIZE, hessian.curvature), jnp.array(0)
+    if not has_coarser(hessian):
+        return _on_hull_from_noise(spaces, hessian, cone, key)
+    coarse = _on_hull_from_noise(roughly(spaces, hessian.curvature), *coarser(hessian, cone), key)
+    return _on_hull(spaces, hessian, cone, *starts_on_space(coarse, key, hessian.curvature))
+
+
+@program
+def _on_hull_from_noise(
+    spaces: SpaceSolver, hessian: Hessian, cone: AdmissibleCone, key: PRNGKeyArray
+) -> Lowest:
+    return _on_hull(spaces, hessian, cone, noise(key, BLOCK_SIZE, hessian.curvature), jnp.array(0))
+
+
+@program
+def _on_hull(
+    spaces: SpaceSolver,
+    hessian: Hessian,
+    cone: AdmissibleCone,
+    starts: Block,
+    cost: Int[Array, ""],
+) -> Lowest:
     starts = hessian.solid.grid.device_put(starts)
     return on_space(spaces, hessian, cone.hull, starts).costing(cost)
 
@@ -101,19 +124,38 @@ def _lowest_on_cone(
     key: PRNGKeyArray,
     is_needed: ArrayLike,
 ) -> Lowest:
-    """Return the lowest pair on a cone, or where it is not needed the pair on its hull.
+    """Return the lowest pair on a cone, or where it is not needed the pair on its hull."""
 
-    On a large grid the search begins with the mode of the coarser problem.
+    def search() -> Lowest:
+        if not (has_coarser(hessian) and isinstance(solver, ProjectedLOBPCG)):
+            return _from_all_starts(solver, hessian, cone, hull, key)
+        return _from_one_start(solver, spaces, hessian, cone, hull, key)
+
+    return cond(is_needed, search, lambda: hull.known_before())
+
+
+def _from_one_start(
+    solver: ProjectedLOBPCG,
+    spaces: SpaceSolver,
+    hessian: Hessian,
+    cone: AdmissibleCone,
+    hull: Lowest,
+    key: PRNGKeyArray,
+) -> Lowest:
+    """Return the lowest pair on a cone of a large grid, outside of a trace.
+
+    It is sought from the lowest mode around the cone, if that is the answer, or from the mode of
+    the coarser problem; and from all starts only where the pair does not agree with that problem.
     """
-    problem, otherwise = (solver, hessian, cone, hull, key), hull.known_before()
-    if not (is_large(hessian) and isinstance(solver, ProjectedLOBPCG)):
-        return if_needed(is_needed, lambda: _from_all_starts(*problem), otherwise)
-    first, is_trusted = if_needed(
-        is_needed,
-        lambda: lowest_by_coarser(spaces, solver, *problem[1:]),
-        (otherwise, np.True_),
-    )
-    return if_needed(~concrete(is_trusted), lambda: _from_all_starts(*problem, first), first)
+    start = start_from_hull(solver, cone, hull)
+    if not start.is_known:
+        problem = coarser(hessian, cone)
+        around = _on_hull_from_noise(roughly(spaces, hessian.curvature), *problem, key)
+        rough = roughly(solver, hessian.curvature)
+        coarse = _from_all_starts(rough, *problem, around, key)
+        start = start_from_coarse(around, coarse, hessian.curvature)
+    first, is_trusted = lowest_from(solver, hessian, cone, hull, start)
+    return first if is_trusted else _from_all_starts(solver, hessian, cone, hull, key, first)
 
 
 @program

@@ -33,6 +33,10 @@ def multi_start(
     the lowest by more than its residual, or not among the first few. States of the solver have a
     `point` with a `mode` and an `eigenvalue`; `starts` are iterations before their first step.
     """
+    if len(is_needed) == 1:
+        # There is nothing to compete with.
+        found = _advanced(solver, problem, starts, jnp.where(is_needed, NO_LIMIT, 0))
+        return found, _ranks(problem, found, is_needed) == 0
     rounds = partial(_rounds, solver, problem)
 
     def narrowed(*starts: PyTree) -> tuple[Iteration, Array]:
