@@ -11,6 +11,9 @@ from jaxstab.contact import Contact
 from jaxstab.core.types import Scalar
 from jaxstab.loads import Load
 
+# The part of a loss that may be rounding, in units of the precision.
+_ROUNDING = 16
+
 
 def supply_of(
     contact: Contact, load: Load, mean_gap: Scalar, mean_pressure: Scalar
@@ -37,3 +40,12 @@ def characteristic_energy(contact: Contact) -> Scalar:
         solid.conforming(contact.heights)
     )
     return elastic + contact.area * deepest
+
+
+def rounding_of(energy: Scalar, pressing: Scalar) -> Scalar:
+    """Return the part of a loss near a state of this energy that may be rounding [energy].
+
+    `pressing` is area times mean pressure times mean gap: the rounding of the gap counts too, under
+    a high pressure it does work.
+    """
+    return _ROUNDING * jnp.finfo(energy.dtype).eps * (jnp.abs(energy) + jnp.abs(pressing))

@@ -18,12 +18,10 @@ from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.equilibrium import state_at
 from jaxstab.loads import Load
-from jaxstab.paths.energy import supply_of
+from jaxstab.paths.energy import rounding_of, supply_of
 from jaxstab.paths.path import States
 
 Row = TypeVar("Row")
-# The part of a loss that may be rounding, in units of the precision.
-_ROUNDING = 16
 
 
 class PathPoint(eqx.Module):
@@ -54,12 +52,8 @@ class PathPoint(eqx.Module):
     dissipation: Scalar
 
     def rounding(self, area: Scalar) -> Scalar:
-        """Return the part of a loss near this state that may be rounding [energy].
-
-        The rounding of the gap counts too: under a high pressure it does work.
-        """
-        work = area * self.mean_pressure * self.mean_gap
-        return _ROUNDING * jnp.finfo(work.dtype).eps * (jnp.abs(self.potential) + jnp.abs(work))
+        """Return the part of a loss near this state that may be rounding [energy]."""
+        return rounding_of(self.potential, area * self.mean_pressure * self.mean_gap)
 
 
 class Event(eqx.Module):

@@ -119,6 +119,19 @@ def test_work_is_stored_dissipated_or_lost_in_jumps(make):
     assert np.max(np.abs(missing)) < 1e-3 * np.max(np.abs(found.work))
 
 
+def test_the_work_of_a_dead_load_is_its_force_times_the_way():
+    contact = viscoelastic(energy=0.005)
+    contact = js.Contact(contact.solid, 4 * contact.heights, contact.potential)
+    # Loaded at once, then held: the way turns, and nothing jumps.
+    pull, times = -0.0176, jnp.array([0.0, 1e-8, 10.0])
+    run = js.evolve(contact, js.MeanPressure(jnp.array([0.0, pull, pull])), times)
+    changes = [values[2] - values[1] for values in (run.work, run.stored, run.dissipated)]
+    exchanged = np.sum(np.abs(changes)) / 2
+    expected = -pull * contact.area * (run.mean_gap[2] - run.mean_gap[1])
+    assert abs(changes[0] - expected) < 1e-3 * exchanged
+    assert len(run.jump_times) == 0 and run.num_steps.sum() < 100
+
+
 def test_a_jump_of_the_glassy_solid_is_located_and_its_loss_is_that_of_the_path(hertz, loop):
     # Without a memory that matters, as the relaxed solid of `follow`.
     contact = js.Contact(js.Viscoelastic(hertz.solid, 1e-9, 1.0), hertz.heights, hertz.potential)
@@ -178,7 +191,8 @@ def test_full_contact_opens_under_a_mean_gap():
     assert np.all(np.isfinite(found.mean_pressure))
 
 
-def test_the_work_is_that_of_the_forces_at_many_times():
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_the_work_is_that_of_the_forces_at_many_times(dtype):
     """A fast attraction and detachment, in few steps; the trapezoidal rule was 4 % off in them."""
     grid = js.Grid((32,), (1.0,))
     x = grid.coordinates[0]
@@ -187,7 +201,9 @@ def test_the_work_is_that_of_the_forces_at_many_times():
     energy = 1.1 * np.pi * 0.02**2 / (2 / 32) / 2
     contact = js.Contact(solid, heights, js.potentials.Exponential(energy, 0.02))
     turns, values = 0.1 * np.array([0, 0.5, 1, 2, 2.5]), 0.02 * np.array([-1.0, 3, 6, 6, -1])
-    run = js.evolve(contact, js.Spring(values, 50.0), turns)
+    given = js.Contact(solid, heights.astype(dtype), contact.potential)
+    run = js.evolve(given, js.Spring(values, 50.0), turns)
+    assert run.work.dtype == dtype
 
     times = np.union1d(np.linspace(0, turns[-1], 600), turns)
     positions = np.interp(times, turns, values)

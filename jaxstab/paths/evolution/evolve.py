@@ -86,9 +86,9 @@ def evolve(
             its states. A state of the relaxed contact under another load, such as an `Equilibrium`,
             responds to the first load at once. Otherwise the contact is relaxed at the first load;
             a gap is then the start of its equilibrium, as in `equilibrate`.
-        rtol: the error of a step, in deformation and in the balance of energies, over the largest
-            ones so far; by default 1e-3, in float32 1e-2. Below 1e-5, and 1e-3 in float32, the
-            rounding of equilibria may be seen.
+        rtol: the error of a step in deformation, over the largest so far, and in the balance of
+            energies, over the energy exchanged in the step; by default 1e-3, in float32 1e-2. Below
+            1e-5, and 1e-3 in float32, the rounding of equilibria may be seen.
         fields: whether to keep gap and memory at each time, for verdicts and growth rates.
         progress: show a progress bar; by default after two seconds, in a terminal or notebook.
         max_steps: how many steps there is room for in all.

@@ -31,7 +31,7 @@ from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
 from jaxstab.loads import Load, Spring
-from jaxstab.paths.energy import characteristic_energy
+from jaxstab.paths.energy import characteristic_energy, rounding_of
 from jaxstab.paths.evolution.evolution import Internal, Totals, moved_contact, on_gap, or_nan
 from jaxstab.paths.record import Table
 from jaxstab.potentials import energy_density
@@ -42,6 +42,8 @@ from jaxstab.solids.viscoelastic import ramp
 RTOL = {"float64": 1e-3, "float32": 1e-2}
 # Errors are relative to these parts of the height and energy of the surface before it moves.
 _LEAST = 1e-2
+# A step exchanges at least this part of the largest energy exchanged so far, as its error counts.
+_LEAST_EXCHANGE = 1 / 300
 # The shortest step, over the interval and over the shortest relaxation time.
 _SHORTEST = 1e-6, 1e-2
 # How much longer or shorter than the last a step may be.
@@ -155,8 +157,9 @@ def stepped(
     # The far side, or the far end of a spring, moves against the pressure.
     far = mean(gap - memory.gap - change)
     if isinstance(load, Spring):
-        far -= (pressure - before.mean_pressure) / load.stiffness
-        stored += area * pressure**2 / (2 * load.stiffness.astype(gap.dtype))
+        compliance = 1 / load.stiffness.astype(gap.dtype)
+        far -= compliance * (pressure - before.mean_pressure)
+        stored += area * compliance * pressure**2 / 2
     # The work of a smooth step is all that it stores and dissipates, which is known in closed form.
     # From the pressures at both ends alone, by the trapezoidal rule, it would be of second order.
     gained = stored - before.stored + dissipated - before.dissipated
@@ -230,7 +233,8 @@ def march(
         end = jnp.where(dt < left, part + dt / span, 1)
         new, with_loss = stepped(contact, load.at(along(interval.loads, 0, end)), old, dt)
         is_solved = new.result == RESULTS.successful
-        error = _error(contact, old, new, dt) / rtol
+        errors = _errors(contact, old, new, dt, rtol)
+        error = jnp.max(errors)
         error = jnp.where(is_solved & ~jnp.isnan(error), error, jnp.inf)
         is_smooth, is_shortest = error <= 1, ~(dt > shortest)
         is_taken = (is_smooth | is_shortest) & is_solved
@@ -238,7 +242,8 @@ def march(
         # A given time cuts a step short, which says nothing of the next one.
         longer = jnp.where(factor >= 1, jnp.maximum(old.dt, dt * factor), dt * factor)
         next_dt = jnp.where(is_smooth, longer, dt * jnp.minimum(factor, 0.5))
-        new = with_loss(is_taken & ~is_smooth)
+        # The shortest step may bend much, behind a turn of the load, and lose nothing.
+        new = with_loss(is_taken & (errors[1] > 1))
         loss = new.totals.lost - old.totals.lost
         result = RESULTS.where(is_shortest, new.result, RESULTS.successful)
         # A step of no length before a jump moves with it in derivatives.
@@ -257,18 +262,31 @@ def march(
     return (replace(moment, result=result), steps), (*kept, result, steps.count)
 
 
-def _error(contact: Contact, old: Moment, new: Moment, dt: Scalar) -> Scalar:
-    """Return the estimated error of a step.
+def _errors(
+    contact: Contact, old: Moment, new: Moment, dt: Scalar, rtol: Scalar
+) -> Float[Array, "2"]:
+    """Return the estimated errors of a step, over the tolerance.
 
     Of the memory: half of how far the deformation is from its extrapolation, as much of it as the
     springs forget, over the largest deformation. Of the energies: the imbalance of the work of the
-    pressures, storage and dissipation, over the largest energy exchanged.
+    pressures, storage and dissipation, over the energy exchanged in the step. So the imbalances of
+    many steps add up to a part of all that is exchanged, however short the steps are.
     """
     solid: Any = contact.solid
     share = 1 - 1 / solid.stiffening(dt)
     bend = new.internal.strains[0] - old.internal.strains[0] - dt * old.rate
-    errors = jnp.abs(jnp.stack([share * jnp.max(jnp.abs(bend)) / 2, new.imbalance]))
-    return jnp.max(errors / jnp.where(new.scales > 0, new.scales, 1))
+    extent, largest = new.scales
+    bent = share * jnp.max(jnp.abs(bend)) / 2
+
+    totals = new.totals
+    change = jax.tree.map(jnp.subtract, totals, old.totals)
+    exchanged = (jnp.abs(change.work) + jnp.abs(change.stored) + change.dissipated) / 2
+    pressing = contact.area * totals.mean_pressure * totals.mean_gap
+    allowed = rtol * jnp.maximum(exchanged, _LEAST_EXCHANGE * largest)
+    allowed += rounding_of(totals.stored, pressing)
+    tolerances = jnp.stack([rtol * extent, allowed])
+    errors = jnp.stack([bent, jnp.abs(new.imbalance)])
+    return errors / jnp.where(tolerances == 0, 1, tolerances)
 
 
 def _forms(contact: Contact, fields: Sequence[Field], field: Field) -> Float[Array, " fields"]:
