@@ -6,7 +6,7 @@ import warnings
 from importlib import import_module
 
 from jaxstab.cli.options import in_options, read
-from jaxstab.cli.parsing import BAD_INPUT, FAILED, INTERRUPTED, Ended
+from jaxstab.cli.parsing import BAD_INPUT, CLOSED_PIPE, FAILED, INTERRUPTED, Ended
 
 # JAX before 0.12 reports every program from its cache as made for another machine. It reads this
 # when it is imported.
@@ -14,8 +14,16 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 
 def start() -> None:
-    """Run the command line with a compilation cache."""
-    main(with_cache=True)
+    """Run the command line with a compilation cache; a reader that has gone ends it."""
+    try:
+        try:
+            main(with_cache=True)
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # Python flushes once more when it ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(CLOSED_PIPE) from None
 
 
 def main(arguments: list[str] | None = None, *, with_cache: bool = False) -> None:
@@ -35,6 +43,8 @@ def main(arguments: list[str] | None = None, *, with_cache: bool = False) -> Non
         _end(str(ended), ended.code)
     except results.SolverError as error:
         _end(str(error), FAILED)
+    except BrokenPipeError:
+        raise
     except (ValueError, TypeError, OSError, ImportError) as error:
         _end(str(error), BAD_INPUT)
     except KeyboardInterrupt:

@@ -31,9 +31,9 @@ def run(options: argparse.Namespace) -> None:
     if not are_installed(*NETCDF):
         warn("No data will be written, for lack of packages: pip install 'jaxstab[data]'.")
     folder = _new_folder(options.output)
-    print(f"{contact}\n")
     study = _loop if options.study == "loop" else _unloading
     try:
+        print(f"{contact}\n")
         complaint = study(options, contact, folder)
     finally:
         # A run that fails at once leaves no folder.

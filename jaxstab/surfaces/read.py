@@ -4,7 +4,8 @@ import gzip
 import re
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -67,15 +68,28 @@ def read(
         ImportError: if the format needs a package that is not installed.
     """
     path = Path(path)
+    with _naming(path):
+        topography = _topography(_scan(path, channel), lengths, unit)
+    faults.warn(topography.wrong_scale)
+    return topography
+
+
+def scan_of(path: Path, channel: str | None) -> Scan:
+    """Return the content of a surface file, as it is; errors as of `read`."""
+    with _naming(path):
+        return _scan(path, channel)
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Name the file in the errors of its readers."""
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist.")
     try:
-        topography = _topography(_scan(path, channel), lengths, unit)
+        yield
     except (ImportError, ValueError) as error:
         kind = ImportError if isinstance(error, ImportError) else ValueError
         raise kind(f"{path}: {error}") from None
-    faults.warn(topography.wrong_scale)
-    return topography
 
 
 def _scan(path: Path, channel: str | None) -> Scan:

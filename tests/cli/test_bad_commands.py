@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 
@@ -113,6 +114,30 @@ def test_a_mistake_is_answered_before_anything_heavy_is_imported(arguments):
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout.splitlines() == ["2", "[]"]
     assert len(ran.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("unbuffered", "arguments"),
+    [
+        ("", ["cite", "equilibrate"]),
+        ("", ["run", "--help"]),
+        ("1", ["--size", "8", "--k-high", "2"]),
+    ],
+)
+def test_nothing_is_said_when_the_reader_of_a_pipe_has_gone(unbuffered, arguments, tmp_path):
+    environment = {"PYTHONUNBUFFERED": unbuffered, "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    with subprocess.Popen(
+        [sys.executable, "-m", "jaxstab", *arguments],
+        cwd=tmp_path,
+        env=os.environ | environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 141
+    # A run that wrote nothing leaves no folder.
+    assert not list((tmp_path / "results").glob("*"))
 
 
 def test_advice_has_the_form_of_the_command_line(tmp_path, capsys):

@@ -1,6 +1,7 @@
 import os
 
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import jaxstab as js
@@ -34,6 +35,30 @@ def test_a_surface_and_a_result_say_what_they_are_and_a_result_is_drawn(
     scalars = js.save(tmp_path / "scalars.nc", hertz, sweep, fields=False)
     main(["info", str(scalars)])
     assert "HalfSpace" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("unit", [[], ["--unit", "um"]])
+def test_a_surface_without_lengths_is_described_without_them(scan, unit, capsys):
+    main(["info", str(scan), *unit])
+    without = capsys.readouterr().out.splitlines()
+    main(["info", str(scan), *unit, "--lengths", "2", "1.5"])
+    known = capsys.readouterr().out.splitlines()
+    (lengths,) = (line for line in without if "lengths" in line)
+    assert lengths.endswith("not in the file: a run, and the slope, need --lengths")
+    # What else is said is as true with lengths.
+    rest = [line for line in without if line != lengths]
+    assert set(rest) <= set(known) and any("rms height" in line for line in rest)
+    assert not any("slope" in line for line in rest)
+
+
+def test_points_counted_by_coordinates_are_no_lengths_in_a_unit(tmp_path, capsys):
+    x, y = np.meshgrid(np.arange(6), np.arange(4), indexing="ij")
+    np.savetxt(tmp_path / "xyz.txt", np.stack([x, y, np.sin(x + y)], axis=-1).reshape(-1, 3))
+    main(["info", str(tmp_path / "xyz.txt"), "--unit", "um"])
+    said = capsys.readouterr().out
+    assert "6 x 4" in said and "lengths      not in the file" in said and "slope   " not in said
+    main(["info", str(tmp_path / "xyz.txt")])
+    assert "rms slope" in capsys.readouterr().out
 
 
 def test_what_to_cite_is_said(capsys):
