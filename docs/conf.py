@@ -24,7 +24,7 @@ author = "The jaxstab developers"
 copyright = author
 version = release = jaxstab.__version__
 
-extensions = ["myst_nb", "sphinx_design", "api", "mathml"]
+extensions = ["myst_nb", "sphinx_copybutton", "sphinx_design", "api", "mathml"]
 if "READTHEDOCS" in os.environ:
     extensions.append("sphinx.ext.intersphinx")
 intersphinx_mapping = {

@@ -9,6 +9,8 @@ import matplotlib.pyplot as plt
 import pytest
 import SurfaceTopography
 
+import jaxstab as js
+
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 SLOW = (
@@ -113,6 +115,16 @@ def test_the_reference_has_all_that_is_public_once():
     for name in names:
         assert public_names.resolve(name).__doc__
     assert set(pages["index"].split()) >= set(pages) - {"index"}
+
+
+def test_each_result_has_a_cause_a_cure_and_a_page():
+    page = (DOCS / "endings.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \|(.+)\|(.+)\|(.+)\|$", page, re.MULTILINE)
+    assert sorted(name for name, *_ in rows) == sorted(js.RESULTS.names)
+    for name, cause, cure, more in rows:
+        assert cause.strip() and cure.strip(), name
+        (target,) = re.findall(r"\]\(([\w.]+)[#)]", more)
+        assert (DOCS / target).is_file(), name
 
 
 def load(path):

@@ -25,6 +25,15 @@ def test_the_method_fits_into_eighty_lines_without_the_library():
     assert "jaxstab" not in METHOD
 
 
+def test_the_table_names_every_equation():
+    table = re.search(r"^## Equations\n.*?^## ", PAGE, re.DOTALL | re.MULTILINE)[0]
+    named = []
+    for cell in re.findall(r"^\| (\(.*?) \|", table, re.MULTILINE):
+        assert re.fullmatch(r"\(\d+\)(, \(\d+\))*", cell), cell
+        named += map(int, re.findall(r"\d+", cell))
+    assert set(named) == set(range(1, 48)) and len(set(named)) == len(named)
+
+
 # The first state has contact and is stable, the second has an admissible unstable direction.
 @pytest.mark.parametrize(("energy", "sign"), [(0.03, 1), (0.1, -1)])
 def test_equilibrium_and_cone_eigenvalue_of_a_rough_surface_are_the_librarys(plain, energy, sign):
