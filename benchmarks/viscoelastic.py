@@ -11,6 +11,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -118,6 +119,7 @@ def tamaas(is_quick: bool) -> Iterator[Row]:
         return
     tm.set_log_level(tm.LogLevel.error)
     size, end = 32 if is_quick else 128, 2.0
+    peer = f"Tamaas {version('tamaas')}"
 
     def solver(heights, dt: float):
         model = tm.Model(tm.model_type.basic_2d, [1.0, 1.0], [size, size])
@@ -151,9 +153,9 @@ def tamaas(is_quick: bool) -> Iterator[Row]:
         where = f"rough, {size}², {steps} steps"
         allowed = 1e-3 if steps == 200 else None
         area = float(ours.contact_area[-1])
-        yield Row(f"{where}: area", "Tamaas 2.9", area, float(np.mean(traction > 0)), allowed)
-        yield Row(f"{where}: rms difference of pressures", "Tamaas 2.9", float(rms), 0.0, allowed)
-        yield Row(f"{where}: seconds, and theirs", "Tamaas 2.9", seconds, others)
+        yield Row(f"{where}: area", peer, area, float(np.mean(traction > 0)), allowed)
+        yield Row(f"{where}: rms difference of pressures", peer, float(rms), 0.0, allowed)
+        yield Row(f"{where}: seconds, and theirs", peer, seconds, others)
 
 
 def areas(is_quick: bool) -> Iterator[Row]:

@@ -59,6 +59,7 @@ def _loop(options: argparse.Namespace, contact: Contact, folder: Path) -> Ended 
         if len(path.load.value) > 1:
             plot_path(path)
             plt.savefig(folder / "loop.png", dpi=150)
+            plt.close()
     if path.result == RESULTS.interrupted:
         return Ended(f"interrupted, {len(path.load.value)} states are done.", INTERRUPTED)
     if path.result != RESULTS.successful:
@@ -80,6 +81,7 @@ def _unloading(options: argparse.Namespace, contact: Contact, folder: Path) -> E
         stability_curve(result, "mean_pressure", axes=left).legend().remove()
         stability_curve(result, "contact_area", axes=right)
         figure.savefig(folder / "unloading.png", dpi=150)
+        plt.close(figure)
     done = result.load.value.size
     if done < options.number:
         return Ended(f"interrupted, {done} of {options.number} loads are done.", INTERRUPTED)

@@ -141,7 +141,7 @@ def observed(
 ) -> Axes:
     """Draw a column of the observables beside the states of a path or a sweep.
 
-    What spans decades is on a logarithmic axis.
+    What spans decades is on a logarithmic axis, which leaves out zeros of the column.
 
     Arguments:
         observed: the result of `jaxstab.observe`.
@@ -168,7 +168,9 @@ def observed(
     for side, values in sides.items():
         axes.plot(across, values, ".-", label=side)
     scale_decades(axes.xaxis, across)
-    scale_decades(axes.yaxis, np.concatenate([*sides.values()]))
+    every = np.concatenate([*sides.values()])
+    # A seal lets nothing through from some load on.
+    scale_decades(axes.yaxis, every[every != 0])
     dimension = dimensions(type(result)).get(name, NUMBER)
     words = dict.fromkeys((columns[column], name))
     label = " ".join(words).replace("_", " ") + (f" [{dimension}]" if dimension != NUMBER else "")

@@ -159,7 +159,7 @@ def test_where_every_load_fails_the_command_fails_and_still_writes(tmp_path, run
 )
 def test_a_run_whose_figure_fails_has_saved_its_result(study, number, tmp_path, monkeypatch):
     def fail(*_, **__):
-        raise BrokenPipeError
+        raise OSError
 
     monkeypatch.setattr("jaxstab.cli.run.plot_path", fail)
     monkeypatch.setattr("jaxstab.cli.run.stability_curve", fail)

@@ -53,12 +53,17 @@ def test_loads_that_span_decades_are_on_a_logarithmic_axis(sweep):
 
 
 def test_an_observable_that_spans_decades_is_on_a_logarithmic_axis(hertz, sweep):
-    observed = js.observe(hertz, sweep, js.patches)
+    observed = js.observe(hertz, sweep[[0, 1, 2, 0]], js.patches)
     first = "patches.true_area"
     assert plots.observed(observed, first).get_yscale() == "linear"
-    areas = jnp.array([1e-5, 1e-3, 1.0])
-    leak = eqx.tree_at(lambda x: x.observables["patches"].true_area, observed, areas)
-    assert plots.observed(leak, first).get_yscale() == "log"
+    for areas, scale in (
+        ([1.0, 1e-3, 1e-5, 0.0], "log"),
+        ([1.0, 1e-3, 1e-5, 1e-9], "log"),
+        ([1.0, 1e-3, -1e-5, 0.0], "linear"),
+    ):
+        values = jnp.array(areas)
+        leak = eqx.tree_at(lambda x: x.observables["patches"].true_area, observed, values)
+        assert plots.observed(leak, first).get_yscale() == scale
 
 
 def test_an_indentation_is_how_far_the_far_side_has_approached(loop):
