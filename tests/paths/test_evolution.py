@@ -141,6 +141,18 @@ def test_a_jump_of_the_glassy_solid_is_located_and_its_loss_is_that_of_the_path(
     assert np.array(found.dissipation) == pytest.approx(np.array(loop.jumps.dissipation), rel=1e-3)
 
 
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+def test_a_jump_in_a_hold_is_the_same_however_long_the_hold_is():
+    contact = viscoelastic(ratios=0.5, times=1.0, energy=0.003)
+    contact = js.Contact(contact.solid, 2 * contact.heights, contact.potential)
+    load = js.Spring([0.1, 0.083, 0.083], 1.0)
+    short, long = (js.evolve(contact, load, jnp.array([0, 0.1, end])) for end in (10.0, 1e4))
+    assert long.jump_times == pytest.approx(np.array(short.jump_times), rel=1e-4)
+    assert long.dissipation == pytest.approx(np.array(short.dissipation), rel=1e-4)
+    missing = long.work - long.stored - long.dissipated - long.lost
+    assert np.max(np.abs(missing)) < 1e-4 * long.lost[-1]
+
+
 def test_a_held_contact_rests_where_the_relaxed_solid_does():
     contact = viscoelastic()
     times = jnp.concatenate([jnp.zeros(1), jnp.logspace(-3, 3, 13)])

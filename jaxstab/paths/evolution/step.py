@@ -45,7 +45,7 @@ _LEAST = 1e-2
 # A step exchanges at least this part of the largest energy exchanged so far, as its error counts.
 _LEAST_EXCHANGE = 1 / 300
 # The shortest step, over the interval and over the shortest relaxation time.
-_SHORTEST = 1e-6, 1e-2
+_SHORTEST = 1e-6, 1e-4
 # How much longer or shorter than the last a step may be.
 _GROWTH, _SHRINKAGE, _CAUTION = 4.0, 0.1, 0.9
 _NODES, _WEIGHTS = (values / 2 for values in np.polynomial.legendre.leggauss(8))
