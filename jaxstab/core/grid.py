@@ -258,7 +258,10 @@ def mean_over(mask: Mask, field: Field) -> Scalar:
 
 def padded(field: Field, value: ArrayLike) -> Field:
     """Pad a field on the window to twice the points a side by a value."""
-    return jnp.pad(field, [(0, n) for n in field.shape], constant_values=value)
+    # Not `jnp.pad`: its value has a derivative too, which reverse mode cannot take without one of
+    # the field.
+    whole = jnp.full([2 * n for n in field.shape], value, field.dtype)
+    return whole.at[tuple(slice(n) for n in field.shape)].set(field)
 
 
 def where_window(field: Field) -> Mask:

@@ -205,3 +205,20 @@ def test_full_contact_stores_the_least_of_any_rigid_move(grid):
     least = (h @ pressure - (one @ pressure) ** 2 / (one @ rigid)) / 2 / size
     found = js.surfaces.full_contact_energy(solid, heights)
     np.testing.assert_allclose(found, least, rtol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_reverse_mode_by_the_lengths_of_a_window_agrees_with_differences():
+    heights = js.surfaces.paraboloid(js.Grid(8, (4.0, 4.0)), radius=2.0)
+
+    def numbers(length):
+        solid = js.FreeHalfSpace(js.Grid(8, (length, length)), 1.0)
+        contact = js.Contact(solid, heights, js.potentials.Exponential(0.1, 0.5))
+        state = js.equilibrate(contact, js.FarDisplacement(0.1))
+        judged = js.assess_stability(contact, state)
+        return jnp.stack([state.mean_pressure, state.energy, judged.critical.eigenvalue])
+
+    found = jax.jit(jax.jacrev(numbers))(4.0)
+    both = jax.jit(numbers)
+    expected = (both(4.0 + 1e-4) - both(4.0 - 1e-4)) / 2e-4
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
