@@ -1,5 +1,9 @@
 """The warning that a grid is too coarse for the adhesion on it."""
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import equinox as eqx
 import jax
 import numpy as np
@@ -25,6 +29,15 @@ FOR_STATES, FOR_JUMPS = 1.0, 4.0
 _PINNING = 0.2
 
 
+@contextmanager
+def warned_once(contact: Contact, needed: float) -> Iterator[None]:
+    """Warn of a coarse grid before several solves, which then say nothing more of it."""
+    warn_if_coarse(contact, needed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResolutionWarning)
+        yield
+
+
 def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
     """Warn if contact edges are pinned to the grid.
 
@@ -44,7 +57,7 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
     message = (
         f"the grid of {times(contact.grid.shape)} points is too coarse for the adhesion: the "
         f"stiffness of its shortest wave is {resolution:.3g} of the largest |f''|, so that "
-        f"{effect}. {_cure(contact, resolution / needed)}"
+        f"{effect}. {_cure(contact, resolution / needed)}{_longer(resolution / needed)}"
     )
     warn(message, ResolutionWarning)
 
@@ -52,6 +65,12 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
 @program
 def _max_stiffness(solid: Solid) -> Scalar:
     return solid.max_stiffness
+
+
+def _longer(share: np.floating) -> str:
+    """Return how much longer a range this grid resolves; |f''| is the energy over its square."""
+    factor = f"{share**-0.5:.2g}"
+    return f" This grid resolves a range {factor} times as long, with the same work of adhesion."
 
 
 def _cure(contact: Contact, share: np.floating) -> str:

@@ -27,7 +27,7 @@ from jaxstab.core.units import (
     shown_unit,
 )
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.loads import Load
+from jaxstab.loads import Load, Spring
 from jaxstab.paths.barrier_law import BarrierLaw
 from jaxstab.paths.kinds import KINDS
 from jaxstab.paths.tables import load_column, measured_columns, percent_column, state_columns
@@ -261,12 +261,15 @@ def _energies(path: Path) -> list[str]:
     # One unit for all, as they are compared.
     divisor, unit = readable_unit(path.equilibrium.units, ENERGY, max(abs(done), lost))
     energies = [f"{value / divisor:.6g} {shown_unit(unit)}".rstrip() for value in (done, lost)]
+    jumps = several(number, "jump")
+    if isinstance(path.load, Spring):
+        jumps += ", by contact and spring together,"
     if is_known:
-        lines = [f"  work  {energies[0]}", f"  lost in {several(number, 'jump')}  {energies[1]}"]
+        lines = [f"  work  {energies[0]}", f"  lost in {jumps}  {energies[1]}"]
     else:
         lines = [
             f"  work until the surfaces fall apart  {energies[0]}",
-            f"  lost in {several(number, 'jump')} before  {energies[1]}",
+            f"  lost in {jumps} before  {energies[1]}",
             "  after that neither is known: a dead load pulls surfaces apart without end",
         ]
     if abs(path.unlocated) > path.unlocated_error:

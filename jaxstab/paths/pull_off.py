@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.entry import answer
-from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
+from jaxstab.contact.resolution import FOR_JUMPS, warned_once
 from jaxstab.core.checks import scalar_parameter
 from jaxstab.core.compile import in_pieces, program
 from jaxstab.core.results import RESULTS
@@ -72,8 +72,8 @@ def pull_off(
     machine = None
     if spring is not None:
         machine = Spring(0.0, scalar_parameter(spring, "The stiffness of the spring"))
-    warn_if_coarse(contact, FOR_JUMPS)
-    pressure, start = _start(jax.lax.stop_gradient(contact), initial)
+    with warned_once(contact, FOR_JUMPS):
+        pressure, start = _start(jax.lax.stop_gradient(contact), initial)
     padded, start = padded_start(contact, MeanPressure(pressure), start)
     constant = jax.lax.stop_gradient(padded)
     if machine is None:

@@ -1,3 +1,4 @@
+import re
 import warnings
 
 import jax
@@ -69,3 +70,23 @@ def test_jumps_need_more_and_are_told_how_far_they_may_be_off():
     load = js.MeanGap(jnp.array([0.3, 0.2]))
     with pytest.warns(js.ResolutionWarning, match=r"be off by 10 %. A grid of 128 x 128 would"):
         js.follow(contact, load)
+
+
+@pytest.mark.parametrize("stiffness", [None, 1.0])
+def test_a_pull_off_warns_once_with_the_range_that_the_grid_resolves(stiffness):
+    grid = js.Grid((32,), (1.0,))
+    heights = 0.05 * jnp.cos(2 * jnp.pi * grid.coordinates[0])
+
+    def contact(length):
+        law = js.potentials.Exponential(0.02, length)
+        return js.Contact(js.HalfSpace(grid, 1.0), heights, law)
+
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        js.pull_off(contact(0.01), spring=stiffness, throw=False)
+    (told,) = [warning for warning in told if warning.category is js.ResolutionWarning]
+    factor = float(re.search(r"a range (\S+) times as long", str(told.message))[1])
+    with warnings.catch_warnings(record=True) as longer:
+        warnings.simplefilter("always")
+        js.pull_off(contact(1.05 * factor * 0.01), spring=stiffness, throw=False)
+    assert not [warning for warning in longer if warning.category is js.ResolutionWarning]

@@ -1,13 +1,11 @@
 """The lowest pass out of a state, found by pushes along its modes."""
 
-import warnings
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact import Contact
-from jaxstab.contact.resolution import FOR_JUMPS, ResolutionWarning, warn_if_coarse
+from jaxstab.contact.resolution import FOR_JUMPS, warned_once
 from jaxstab.core.checks import integer, require, require_known
 from jaxstab.core.results import RESULTS, SolverError
 from jaxstab.core.types import Field
@@ -57,10 +55,7 @@ def easiest_exit(
     most = contact.grid.size - contact.control(equilibrium.load).fixes_mean
     cure = f"the load allows {most} independent moves of the points: give at most that."
     require("num_modes", number, number <= most, cure)
-    warn_if_coarse(contact, FOR_JUMPS)
-    with warnings.catch_warnings():
-        # Said once for all of the solves below.
-        warnings.simplefilter("ignore", ResolutionWarning)
+    with warned_once(contact, FOR_JUMPS):
         modes = lowest_modes(contact, equilibrium, number, key=key)
         stability = assess_stability(contact, equilibrium, key=key, throw=False)
         if stability.verdict == "unstable":

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxstab.contact import Contact
+from jaxstab.contact.resolution import FOR_JUMPS, warned_once
 from jaxstab.core.checks import require_kind, require_known, require_positive, scalar_parameter
 from jaxstab.core.results import RESULTS, SolverError
 from jaxstab.core.types import ArrayLike
@@ -57,6 +58,13 @@ def lifetime(
     rtol = RTOL[contact.heights.dtype.name] if rtol is None else rtol
     require_known((contact, load, initial, until), "lifetime")
     require_loads(load, (), "lifetime takes one load", "use a loop.")
+    with warned_once(contact, FOR_JUMPS):
+        return _lifetime(contact, relaxed, load, initial, until, rtol)
+
+
+def _lifetime(
+    contact: Contact, relaxed: Contact, load: Load, initial: Any, until: Any, rtol: Any
+) -> float:
     solid: Any = contact.solid
     start = equilibrate(relaxed, MeanPressure(0.0)) if initial is None else initial
     require_kind(start, Equilibrium | Evolution, "no state: give one of equilibrate or evolve.")
