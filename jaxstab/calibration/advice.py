@@ -14,6 +14,10 @@ from jaxstab.core.warn import warn
 _CHANCE = 1e-4
 # A misfit below this fraction of the measurements is rounding.
 _SMALLEST = 1e-5
+# A measurement is an outlier if leaving it out takes this part of the sum of squares away.
+_MOST = 0.9
+# Pressures of the guess below this part of those measured say that loads are in other units.
+_FAINT = 1e-3
 # Above this misfit a warning is given if the guess's curve runs the other way.
 _POOR = 0.1
 
@@ -30,17 +34,22 @@ class Hints(eqx.Module):
         zeros: offset and baseline that a Gauss-Newton step from the fit would give, zero for the
             fitted ones [length, unit of the measurements].
         drop: the fraction of the loss that this step would remove.
+        relief: the fraction of the sum of squares that leaving out each measurement would remove,
+            to first order r^2 / (1 - h), with h its leverage J (J^T J)^-1 J^T.
     """
 
     guess: Curve
     zeros: Float[Array, "2"]
     drop: Scalar
+    relief: Curve
 
 
 def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) -> None:
     """Warn of an outlier, a wrong sign, and an offset or a baseline that the measurements show."""
-    if outlier := outlier_of(measured, fitted, count):
+    if outlier := outlier_of(measured, fitted, count, hints.relief):
+        # What else the misfit hints at may be due to it.
         warn(f"{outlier}.", FitWarning)
+        return
     misfit = np.linalg.norm(_misfit(measured, fitted)) / np.linalg.norm(measured.deviation)
     if misfit > _POOR and (sign := wrong_sign(measured, hints.guess)):
         warn(f"{sign}. The misfit is {misfit:.0%} of the curve.", FitWarning)
@@ -68,6 +77,13 @@ def wrong_sign(measured: Measured, guess: Curve) -> str:
     weights, pressure = measured.weights, measured.mean_pressure
     weights = jnp.where(jnp.isfinite(guess), weights, 0)
     guess = jnp.where(weights > 0, guess, 0)
+    largest = jnp.max(jnp.abs(jnp.where(weights > 0, pressure, 0)))
+    if jnp.max(jnp.abs(guess)) < _FAINT * largest:
+        return (
+            "loads or forces in other units than those of the contact: at these loads the "
+            f"pressures of the guess are at most {float(jnp.max(jnp.abs(guess)) / largest):.1g} of "
+            "those measured"
+        )
     if jnp.sum(weights * guess * pressure) < 0 and not measured.has_baseline:
         return (
             "the measurements have the opposite sign of the guess's curve: forces are positive in "
@@ -92,16 +108,20 @@ def _is_exact(measured: Measured, fitted: Curve) -> bool:
     return bool(misfit < _SMALLEST * np.linalg.norm(measured.deviation))
 
 
-def outlier_of(measured: Measured, fitted: Curve, count: int) -> str:
-    """Return a sentence on the measurement of the largest misfit, if noise is not the cause."""
+def outlier_of(measured: Measured, fitted: Curve, count: int, relief: Curve | None = None) -> str:
+    """Return a sentence on the measurement whose lack helps most, if noise is not the cause.
+
+    Without the relief of a fit that others follow from, that is the one of the largest misfit.
+    """
     squares = _misfit(measured, fitted) ** 2
-    number, weighed = int(np.argmax(squares)), int(np.sum(squares > 0))
+    without = squares / squares.sum() if relief is None else np.asarray(relief)
+    number, weighed = int(np.argmax(without)), int(np.sum(squares > 0))
     freedom = weighed - count - 1
     if freedom < 1 or _is_exact(measured, fitted) or not np.isfinite(squares).all():
         return ""
-    share = squares[number] / squares.sum()
+    share = min(float(without[number]), 1.0)
     # The chance of such a fraction of a sum of squares, times the number of terms (Bonferroni).
-    if weighed * betainc(freedom / 2, 0.5, 1 - share) > _CHANCE:
+    if share < _MOST and weighed * betainc(freedom / 2, 0.5, 1 - share) > _CHANCE:
         return ""
     return (
         f"measurement number {number}, at a load of {measured.load.value[number]:.6g}, makes "

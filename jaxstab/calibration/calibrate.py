@@ -10,7 +10,13 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jaxstab.calibration.advice import FitWarning, Hints, warn_of_misfit
-from jaxstab.calibration.least_squares import FitProblem, Measured, directions
+from jaxstab.calibration.least_squares import (
+    Curve,
+    Evaluation,
+    FitProblem,
+    Measured,
+    directions,
+)
 from jaxstab.calibration.model import Model, Order, Pick, Where, values_of
 from jaxstab.calibration.result import ZEROS, Calibration, describe, profile_of
 from jaxstab.calibration.search import Plan, Search, num_fits
@@ -294,7 +300,20 @@ def _result(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
             *(x for x, fits in zip(ZEROS, inputs.zeros, strict=True) if fits),
         ),
     )
-    return fit, Hints(found.guess, zero_steps, 1 - jnp.sum(left**2) / (2 * best.loss))
+    drop = 1 - jnp.sum(left**2) / (2 * best.loss)
+    return fit, Hints(found.guess, zero_steps, drop, _relief(best, is_fitted))
+
+
+def _relief(best: Evaluation, is_fitted: np.ndarray) -> Curve:
+    """Return the fraction of the sum of squares that each measurement takes with it, left out."""
+    rows = best.jacobian[:, is_fitted]
+    norms = jnp.linalg.norm(rows, axis=0)
+    directions, sizes, _ = jnp.linalg.svd(rows / jnp.where(norms > 0, norms, 1), False)
+    is_there = sizes > jnp.finfo(sizes.dtype).eps * len(rows) * jnp.max(sizes)
+    leverage = jnp.sum((directions * is_there) ** 2, axis=1)
+    squares = best.misfit**2
+    alone = jnp.maximum(1 - leverage, jnp.finfo(leverage.dtype).eps ** 0.5)
+    return squares / alone / jnp.maximum(jnp.sum(squares), jnp.finfo(squares.dtype).tiny)
 
 
 _finish = program(_result)

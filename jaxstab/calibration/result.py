@@ -125,8 +125,11 @@ def describe(fit: Calibration, measured: Measured, hints: Hints) -> str:
             f"{int(jnp.argmax(missing))} (look at the unit, the sign and the zero of the loads, "
             "give these no weight, or start elsewhere)"
         )
-    cause = outlier_of(measured, fit.mean_pressure, len(fit.names))
-    cause = cause or wrong_sign(measured, hints.guess)
+    known = measured, fit.mean_pressure, len(fit.names)
+    cause = outlier_of(*known) or wrong_sign(measured, hints.guess)
+    # On the way to a fit little follows from derivatives.
+    if not cause and fit.result != RESULTS.max_steps_reached:
+        cause = outlier_of(*known, hints.relief)
     if cause or fit.result == RESULTS.no_fit:
         cause = cause or (
             "the guess is far from the measurements: compare its curve with them by `sweep`. Look "

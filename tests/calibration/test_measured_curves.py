@@ -152,6 +152,32 @@ def test_an_outlier_is_named():
         fit_flat(forces)
 
 
+@pytest.mark.parametrize("number", [0, 8, 16, 23])
+def test_an_outlier_is_named_wherever_it_lies(number):
+    """Also at the ends, where it draws the curve to itself, and no other cause is named."""
+    forces = noisy(0)
+    forces[number] += 60 * 2e-3
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        fit = fit_flat(forces, throw=False)
+    said = [str(warning.message) for warning in told]
+    if fit.result == "successful":
+        (message,) = said
+    else:
+        with pytest.raises(js.SolverError) as failed:
+            fit_flat(forces)
+        message = str(failed.value)
+    assert f"measurement number {number}," in message and "outlier" in message
+    assert not any(word in message for word in ("sign", "offset=True", "Jumps of the contact"))
+
+
+def test_loads_in_other_units_are_told_from_a_wrong_sign():
+    forces = noisy(0)
+    with pytest.raises(js.SolverError, match="other units") as told:
+        js.calibrate(flat(0.03, 0.07), js.MeanGap(1000 * np.linspace(0.05, 0.4, 24)), forces=forces)
+    assert "opposite sign" not in str(told.value) and "change the sign" not in str(told.value)
+
+
 def test_parameters_that_the_curve_does_not_tell_apart_are_refused():
     # Under a held gap, a shift of flat surfaces is the same as another work of adhesion.
     gaps = np.linspace(0.05, 0.4, 12)
