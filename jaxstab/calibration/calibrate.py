@@ -304,7 +304,7 @@ def _result(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
     return fit, Hints(found.guess, zero_steps, drop, _relief(best, is_fitted))
 
 
-def _relief(best: Evaluation, is_fitted: np.ndarray) -> Curve:
+def _relief(best: Evaluation, is_fitted: Any) -> Curve:
     """Return the fraction of the sum of squares that each measurement takes with it, left out."""
     rows = best.jacobian[:, is_fitted]
     norms = jnp.linalg.norm(rows, axis=0)
