@@ -17,6 +17,8 @@ _NEEDS_A_VALUE = (
 )
 # A jaxpr's text omits some arrays: literals, and constants of a nested function.
 _HIDDEN = re.compile(r"\[\.\.\.\]|\{ lambda \w")
+# It has no more than the name of a derivative rule, or of a callback, which may read numbers.
+_NAMED_ONLY = re.compile(r"custom_\w+\[|callback")
 
 
 def as_pytree(
@@ -65,7 +67,9 @@ class Formula:
     def __post_init__(self) -> None:
         text = str(self.jaxpr)
         # All that the code reads is in the jaxpr or among the captured arrays.
-        code = getattr(self.function, "__code__", id(self.function))
+        code = getattr(self.function, "__code__", None)
+        if code is None or _NAMED_ONLY.search(text):
+            code = id(self.function)
         key = code, self.jaxpr if _HIDDEN.search(text, 1) else text
         object.__setattr__(self, "key", key)
 

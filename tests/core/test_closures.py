@@ -106,12 +106,47 @@ def test_functions_of_other_code_are_told_apart():
         np.testing.assert_allclose(run(pytree(lambda x, factor=factor: factor * x), X), factor * X)
 
 
+def by_a_jvp(factor):
+    function = jax.custom_jvp(jnp.sin)
+    function.defjvp(lambda x, dx: (jnp.sin(*x), factor * dx[0]))
+    return lambda x: function(x)
+
+
+def by_a_vjp_in_a_jit(factor):
+    function = jax.custom_vjp(jnp.sin)
+    function.defvjp(lambda x: (jnp.sin(x), None), lambda _, dy: (factor * dy,))
+    return lambda x: jax.jit(function)(x)
+
+
+@pytest.mark.parametrize("rule", [by_a_jvp, by_a_vjp_in_a_jit])
+def test_a_number_that_only_a_derivative_rule_reads_counts(rule):
+    value_and_slope = jax.jit(lambda function, x: jax.value_and_grad(function)(x))
+    for factor in (2.0, 3.0):
+        found = value_and_slope(pytree(rule(factor)), X)
+        np.testing.assert_allclose(found, [math.sin(X), factor])
+
+
+def test_a_number_that_only_a_callback_reads_counts():
+    run = jax.jit(lambda function, x: function(x))
+
+    def law(table):
+        return lambda x: jax.pure_callback(table.law, jax.ShapeDtypeStruct((), x.dtype), x)
+
+    for factor in (2.0, 3.0):
+        np.testing.assert_allclose(run(pytree(law(Anonymous(factor))), X), factor * X)
+
+
 class Doubled:
     def __init__(self, factor):
         self.factor = factor
 
     def law(self, x):
         return self.factor * x
+
+
+class Anonymous(Doubled):
+    def __repr__(self):
+        return "anonymous"
 
 
 def test_the_place_of_an_array_counts():
