@@ -53,24 +53,23 @@ def as_pytree(
 
 @dataclass(frozen=True)
 class Formula:
-    """A traced function, equal to another one of the same code with the same jaxpr.
+    """A traced function, equal to another one with the same jaxpr.
 
     `jax.jit` compares function objects: it compiles anew for a function written anew, and misses a
-    changed number that the function reads.
+    changed number that the function reads. A function with a derivative rule or a callback equals
+    itself alone.
     """
 
     function: Callable[..., Array] = field(compare=False)
     argument: jax.ShapeDtypeStruct = field(compare=False)
     jaxpr: Jaxpr = field(compare=False)
-    key: tuple[object, str | Jaxpr] = field(init=False)
+    key: tuple[int | None, str | Jaxpr] = field(init=False)
 
     def __post_init__(self) -> None:
         text = str(self.jaxpr)
-        # All that the code reads is in the jaxpr or among the captured arrays.
-        code = getattr(self.function, "__code__", None)
-        if code is None or _NAMED_ONLY.search(text):
-            code = id(self.function)
-        key = code, self.jaxpr if _HIDDEN.search(text, 1) else text
+        # Otherwise all that the function reads is in the jaxpr or among the captured arrays.
+        identity = id(self.function) if _NAMED_ONLY.search(text) else None
+        key = identity, self.jaxpr if _HIDDEN.search(text, 1) else text
         object.__setattr__(self, "key", key)
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -93,6 +93,9 @@ class CaseWorker:
                 (self.cases.path / RECORD).unlink(missing_ok=True)
                 raise
             outputs, error = {}, str(unfit)
+        except Exception as failure:
+            # Arrays of a data set may be computed, or read from a file, only here.
+            outputs, error = {}, f"{type(failure).__name__}: {failure}"
         self.cases.write(case, outputs, seconds, error)
 
 

@@ -144,6 +144,14 @@ class Doubled:
         return self.factor * x
 
 
+@pytest.mark.parametrize("law", [partial(partial, jnp.multiply), lambda a: Doubled(a).law])
+def test_a_partial_function_or_a_method_of_another_array_compiles_nothing(law):
+    run = jax.jit(lambda function, x: function(x))
+    for factor in (2.0, 3.0):
+        np.testing.assert_allclose(run(pytree(law(jnp.asarray(factor))), X), factor * X)
+    assert run._cache_size() == 1
+
+
 class Anonymous(Doubled):
     def __repr__(self):
         return "anonymous"

@@ -4,6 +4,7 @@ import itertools
 from collections import Counter
 from importlib import import_module
 
+import dask.array
 import jax
 import numpy as np
 import pytest
@@ -109,6 +110,22 @@ def test_a_case_may_return_a_labelled_data_set(tmp_path):
         assert dataset["time"][0] == 3.0
         assert dataset["result"].values.tolist() == ["successful", "failed", "successful", "failed"]
     assert "x is numbers (x 3) [0.1, 0.2, 1.3], in other cases" in str(study["error"][3].values)
+
+
+def test_a_case_whose_arrays_cannot_be_read_has_failed_alone(tmp_path):
+    def heights(seed):
+        if seed == 0:
+            raise OSError(5, "The file is gone")
+        return np.array([seed, 2.0 * seed])
+
+    def case(seed):
+        lazy = dask.array.from_delayed(dask.delayed(heights)(seed), (2,), float)
+        return xarray.Dataset({"height": ("x", lazy)})
+
+    study = js.study(case, {"seed": [0, 1, 2]}, tmp_path / "study")
+    assert study["result"].values.tolist() == ["failed", "successful", "successful"]
+    assert study["error"].values[0] == "OSError: [Errno 5] The file is gone"
+    np.testing.assert_array_equal(study["height"][1:], [[1, 2], [2, 4]])
 
 
 def test_fields_are_read_on_access_where_the_study_is_large(tmp_path, monkeypatch):
