@@ -1,5 +1,6 @@
 """The warning that a grid is too coarse for the adhesion on it."""
 
+import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -69,8 +70,9 @@ def _max_stiffness(solid: Solid) -> Scalar:
 
 def _longer(share: np.floating) -> str:
     """Return how much longer a range this grid resolves; |f''| is the energy over its square."""
-    factor = f"{share**-0.5:.2g}"
-    return f" This grid resolves a range {factor} times as long, with the same work of adhesion."
+    # Rounded up, so that the warning is not given again.
+    factor = math.ceil(10 * share**-0.5) / 10
+    return f" This grid resolves a range {factor:g} times as long, with the same work of adhesion."
 
 
 def _cure(contact: Contact, share: np.floating) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import PRNGKeyArray
 
 from jaxstab.contact import Contact, require_contact
-from jaxstab.contact.resolution import warn_if_coarse
+from jaxstab.contact.resolution import FOR_STATES, warned_once
 from jaxstab.core import display
 from jaxstab.core.checks import is_transformed, require_one_of
 from jaxstab.core.compile import program
@@ -128,16 +128,16 @@ def sweep(
     )
     problem = _Problem(contact, equilibrium_solver, stability_solver, key, stability)
     if is_transformed((problem, load, start)):
-        warn_if_coarse(contact)
         solve = _solve_together if order == "independent" else _solve_in_turn
-        return solve(problem, load, start, throw)
+        with warned_once(contact, FOR_STATES):
+            return solve(problem, load, start, throw)
     # A result that was not found is NaN. Other settings of JAX would compile programs anew.
     with (
         jax.debug_nans(False),
         jax.debug_infs(False),
+        warned_once(contact, FOR_STATES),
         progress_bar(load.value.size, "load", shown=progress) as bar,
     ):
-        warn_if_coarse(contact)
         if order == "independent" and jax.default_backend() != "cpu":
             found = _solve_padded(problem, load, start)
             bar.update(len(found))

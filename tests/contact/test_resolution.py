@@ -88,5 +88,12 @@ def test_a_pull_off_warns_once_with_the_range_that_the_grid_resolves(stiffness):
     factor = float(re.search(r"a range (\S+) times as long", str(told.message))[1])
     with warnings.catch_warnings(record=True) as longer:
         warnings.simplefilter("always")
-        js.pull_off(contact(1.05 * factor * 0.01), spring=stiffness, throw=False)
+        js.pull_off(contact(factor * 0.01), spring=stiffness, throw=False)
     assert not [warning for warning in longer if warning.category is js.ResolutionWarning]
+
+
+def test_a_sweep_warns_once():
+    coarse = rough_contact(16, COARSE, youngs_modulus=1e-3)
+    with pytest.warns(js.ResolutionWarning) as told:
+        js.sweep(coarse, js.MeanGap(jnp.array([0.3, 0.2])), throw=False)
+    assert len([warning for warning in told if warning.category is js.ResolutionWarning]) == 1
