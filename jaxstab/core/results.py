@@ -76,9 +76,9 @@ class RESULTS(Enumeration):
         "jumps are artefacts of a coarse grid: refine it"
     )
     lost_branch = member(
-        "the branch could not be followed on by steps of the least length. Compute in double "
-        "precision, lower the `min_step` of a continuation, or resolve the law better, by more "
-        "points or a longer range"
+        "the branch could not be followed on by steps of the least length. If it is in float32, "
+        "compute in float64. Otherwise lower the `min_step` of a continuation, or resolve the law "
+        "better, by more points or a longer range"
     )
     store_full = member(
         "the store is full before the end. Raise `max_steps`, `max_states` or `max_jumps`, follow "

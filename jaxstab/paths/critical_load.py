@@ -287,7 +287,7 @@ def _followed(search: _Search, limit: Limit, is_stable: Flag, is_over: Flag) -> 
     is_stuck = (search.number > 0) & (~is_stable | (is_lost & is_near & old.is_found))
     limit = choose(is_stuck, old, limit)
     is_lost |= is_stuck
-    is_over |= ~is_lost & (~limit.is_found | (limit.kind == KINDS.fold))
+    is_over |= ~is_lost & (~limit.is_found | (limit.kind != KINDS.release))
     # Never back, so that the search has an end.
     is_ahead = (limit.load.value - search.value) * (last - first) > 0
     reached = jnp.where(is_ahead, limit.load.value, search.value)

@@ -4,11 +4,14 @@ from jaxstab.core.enumeration import Enumeration, member
 
 
 class KINDS(Enumeration):
-    """Why a stable branch ends, how the load turns back, and where a branch stops."""
+    """Why a stable branch ends, which events lie on it, and where a branch stops."""
 
     fold = member("the smallest eigenvalue on the free points vanishes")
     release = member("the reaction of a contact point vanishes, and opening lowers the energy")
     touch = member("a free point comes into contact, or separated surfaces do")
+    bifurcation = member(
+        "another branch crosses: an eigenvalue vanishes whose mode the load does not drive"
+    )
     load = member("at the second load")
     loop = member("at a state that it has passed before: it is a closed loop")
     states = member("at the requested number of states")

@@ -104,13 +104,14 @@ class Jump(Outcome):
 
 
 class Turn(Outcome):
-    """Where the load turns back along a branch.
+    """Where the load turns back along a branch, or another branch crosses it.
 
     Attributes:
         load: the load there.
-        kind: a member of `KINDS`: a fold, a release or a touch.
+        kind: a member of `KINDS`: a fold, a release, a touch, or a bifurcation, where the load
+            does not turn back.
         equilibrium: the state.
-        mode: the unit vector along which the branch goes on there.
+        mode: the unit vector along which the branch goes on there, at a bifurcation the other one.
         state: the number of the state after it, among the states of the branch.
     """
 
@@ -218,7 +219,7 @@ class Path(StateSequence):
 
 
 class Branch(StateSequence):
-    """Equilibria along a branch, stable or not, and where its load turns.
+    """Equilibria along a branch, stable or not, where its load turns, and where others cross.
 
     `branch[3]` is a state, `len(branch)` their number.
 
@@ -229,7 +230,8 @@ class Branch(StateSequence):
         index: the Morse index of each: the number of negative eigenvalues of A among perturbations
             of its free points that the load allows. Zero means a minimum, 19 that number or more,
             -1 that it was not found.
-        turns: where the load turns back, in order.
+        turns: where the load turns back, and where another branch crosses at a bifurcation, in
+            order.
         end: a member of `KINDS`: why the branch ends there.
         result: how the search ended.
     """

@@ -32,6 +32,7 @@ _TURNS: dict[str, Style] = {
     "fold": {"marker": "o"},
     "release": {"marker": "^", "facecolors": ORANGE},
     "touch": {"marker": "v", "facecolors": GREEN},
+    "bifurcation": {"marker": "D", "facecolors": BLUE},
 }
 _PANELS: Panels = [["string", "gap", "mode"]]
 

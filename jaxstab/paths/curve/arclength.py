@@ -8,7 +8,8 @@ between is smooth. A step is accepted only if
 - the cubics through both ends, gap by gap and reaction by reaction, stay positive between them, and
   the cubic of the load turns no more often than the rates at the ends say;
 - the number of negative eigenvalues changes as the events in the step say: by one at a fold, by one
-  at an active-set change where the load turns, by none elsewhere.
+  at an active-set change where the load turns, by none elsewhere, except where another branch
+  crosses: there modes change sign that have no part in this one.
 
 On large grids a step may pass several active-set changes at once, where the curve hardly bends.
 """
@@ -24,7 +25,7 @@ from jaxstab.contact.hessian import Block
 from jaxstab.core.checks import array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, cond
-from jaxstab.core.types import Flag, Scalar
+from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.paths.curve.corrector import (
     AT_STATES,
     CLOSE,
@@ -44,7 +45,7 @@ from jaxstab.paths.curve.interpolation import (
     stays_positive,
     turns_as_predicted,
 )
-from jaxstab.paths.curve.morse_index import MOST, UNKNOWN, driven_index_of, index_of
+from jaxstab.paths.curve.morse_index import MOST, UNKNOWN, DrivenIndex, driven_index_of, index_of
 from jaxstab.paths.kinds import KINDS
 
 # The least cosine between the tangents at both ends of a step, and that from which steps grow.
@@ -71,8 +72,9 @@ class ArclengthStep(eqx.Module):
         index: the number of negative eigenvalues there.
         expected: the number with which the branch goes on, `UNKNOWN` where it may be any.
         modes: the lowest modes there.
-        turn: the turning point passed on the way to it, if there is one.
+        turn: the turning point or bifurcation passed on the way to it, if there is one.
         kind: its kind.
+        turn_mode: the direction of the branch there, or of another one that crosses it.
         turns: whether there is one.
         lands: whether the next step is one to the last load.
         is_there: whether this one was.
@@ -87,6 +89,7 @@ class ArclengthStep(eqx.Module):
     modes: Block
     turn: Point
     kind: KINDS
+    turn_mode: Field
     turns: Flag
     lands: Flag
     is_there: Flag
@@ -187,10 +190,12 @@ def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthSte
     def accepted() -> ArclengthStep:
         events = _events_in(problem, step, target, candidate)
         agrees, is_open = _explanation(problem, step, target, candidate, events)
-        agrees = cond(
-            is_open, lambda: _is_driven(problem, step, target, candidate, events), lambda: agrees
+        crossing = cond(
+            is_open,
+            lambda: _crossing(problem, step, target, candidate, events),
+            lambda: _Crossing(agrees, array(False), events.turn, events.new.tangent.gap),
         )
-        return _taken(problem, step, target, candidate, events, agrees)
+        return _taken(problem, step, target, candidate, events, crossing)
 
     taken = cond(candidate.is_taken, accepted, lambda: step)
     return _with_next_length(problem, step, target, candidate, taken)
@@ -350,27 +355,76 @@ def _explanation(
     return agrees, ~agrees & (step.length <= _ACROSS * problem.max_step)
 
 
-@program
-def _is_driven(
+class _Crossing(eqx.Module):
+    """Whether events explain the Morse index behind a step, and another branch that crosses in it.
+
+    Attributes:
+        agrees: whether they do, but for modes that have no part in the branch.
+        is_one: whether such a mode changes its sign: then another branch crosses.
+        at: where its eigenvalue vanishes.
+        mode: the mode.
+    """
+
+    agrees: Flag
+    is_one: Flag
+    at: Point
+    mode: Field
+
+
+def _crossing(
     problem: ContinuationProblem,
     step: ArclengthStep,
     target: _Target,
     candidate: _Candidate,
     events: _Events,
-) -> Flag:
-    """Return whether the events explain the signs of the modes that have a part in the branch."""
-    curve, reached = problem.curve, candidate.place
+) -> _Crossing:
+    """Return whether events explain the signs of the modes that have a part in the branch.
+
+    And where another one changes its sign, to second order in the length of the step.
+    """
+    crossing, start, condition, row = _crossed(problem, step, target, candidate, events)
+    old, dtype = step.here, step.length.dtype.name
+    correction = Correction(problem.curve, condition, old.is_free)
+    found = correct(correction, start, row, old.tangent, CLOSE[dtype])
+    return _corrected(crossing, found)
+
+
+@program
+def _crossed(
+    problem: ContinuationProblem,
+    step: ArclengthStep,
+    target: _Target,
+    candidate: _Candidate,
+    events: _Events,
+) -> tuple[_Crossing, Point, Condition, Point]:
+    """Return the crossing in a step, and what corrects the point on the chord."""
+    curve, old, reached = problem.curve, step.here, candidate.place
     turning = _Turning.at(problem, target, candidate, events.new)
 
-    def driven(place: Place) -> Int[Array, ""]:
+    def driven(place: Place) -> DrivenIndex:
         gap, tangent = place.at.gap, place.tangent.gap
         return driven_index_of(curve.contact, curve.load, gap, place.is_free, tangent)
 
     is_free = reached.is_free & (~turning.touches | (reached.at.gap > 0))
-    ends = step.here, replace(reached, is_free=is_free)
-    before, after = jax.lax.map(driven, jax.tree.map(lambda *pair: jnp.stack(pair), *ends))
-    is_known = (before >= 0) & (after >= 0)
-    return is_known & turning.explains(candidate.turns, before, after)
+    ends = old, replace(reached, is_free=is_free)
+    both = jax.lax.map(driven, jax.tree.map(lambda *pair: jnp.stack(pair), *ends))
+    before, after = both.index
+    agrees = (before >= 0) & (after >= 0) & turning.explains(candidate.turns, before, after)
+    # Of the eigenvalues in order, the lowest one that has changed its sign.
+    numbers = jnp.sum(both.eigenvalues < 0, axis=1)
+    first = jnp.minimum(jnp.min(numbers), both.eigenvalues.shape[1] - 1)
+    low, high = both.eigenvalues[:, first]
+    share = jnp.where(low * high < 0, low / jnp.where(low == high, 1, low - high), 1)
+    change = reached.at.minus(old.at)
+    start = old.at.plus(change, share)
+    condition = on_plane(target.row, target.row.times(start), target.reach)
+    is_one = agrees & ~candidate.turns & ~turning.back
+    return _Crossing(agrees, is_one, start, both.modes[1, first]), start, condition, target.row
+
+
+@program
+def _corrected(crossing: _Crossing, found: Found) -> _Crossing:
+    return replace(crossing, at=choose(found.is_found, found.place.at, crossing.at))
 
 
 @program
@@ -380,14 +434,15 @@ def _taken(
     target: _Target,
     candidate: _Candidate,
     events: _Events,
-    agrees: Flag,
+    crossing: _Crossing,
 ) -> ArclengthStep:
     """Return the state that a step has led to, if the events in it explain the changes."""
     turning, index = _Turning.at(problem, target, candidate, events.new), events.index
     expected = index + (target.is_change & target.opens & turning.back)
     is_unknown = (turning.flips > 1) | (index >= MOST) | (index < 0)
     kind = KINDS.where(target.opens, KINDS.release, KINDS.touch)
-    is_good = events.goes_on & events.is_flat & agrees
+    kind = KINDS.where(target.is_change, kind, KINDS.fold)
+    is_good = events.goes_on & events.is_flat & crossing.agrees
     is_good &= ~(candidate.turns & problem.is_beyond(events.turn))
     taken = replace(
         step,
@@ -395,9 +450,10 @@ def _taken(
         index=index,
         expected=jnp.where(is_unknown, UNKNOWN, expected),
         modes=events.modes,
-        turn=events.turn,
-        kind=KINDS.where(target.is_change, kind, KINDS.fold),
-        turns=candidate.turns | turning.back,
+        turn=choose(crossing.is_one, crossing.at, events.turn),
+        kind=KINDS.where(crossing.is_one, KINDS.bifurcation, kind),
+        turn_mode=jnp.where(crossing.is_one, crossing.mode, events.new.tangent.gap),
+        turns=candidate.turns | turning.back | crossing.is_one,
         is_new=jnp.array(True),
     )
     return choose(is_good, taken, replace(step, is_new=jnp.array(False)))

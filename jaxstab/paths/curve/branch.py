@@ -172,7 +172,19 @@ def branch_from(
     yes, no = jnp.array(True), jnp.array(False)
     expected = jnp.where(index >= 0, index, UNKNOWN)
     step = ArclengthStep(
-        here, length, index, expected, modes, here.at, KINDS.fold, no, no, no, yes, yes
+        here,
+        length,
+        index,
+        expected,
+        modes,
+        here.at,
+        KINDS.fold,
+        here.tangent.gap,
+        no,
+        no,
+        no,
+        yes,
+        yes,
     )
     return BranchState(step, here, jnp.array(1), KINDS.states, result)
 
@@ -234,8 +246,8 @@ def entry_of(problem: ContinuationProblem, branch: BranchState) -> tuple[Entry, 
 
     here, equilibrium = step.here, state(step.turn)
     entry = Entry(point_of(contact, state(here.at), problem.curve.value(here.at)), step.index)
-    size = jnp.sqrt(jnp.sum(here.tangent.gap**2))
-    mode = here.tangent.gap / jnp.where(size > 0, size, 1)
+    size = jnp.sqrt(jnp.sum(step.turn_mode**2))
+    mode = step.turn_mode / jnp.where(size > 0, size, 1)
     return entry, Turn(equilibrium.load, step.kind, equilibrium, mode, branch.count - 1)
 
 

@@ -38,14 +38,14 @@ _LEAST_COSINE = {"float64": 1e-6, "float32": 1e-3}
 
 
 class CriticalLoad(Outcome):
-    """Where a branch of equilibria ends; a symmetric branch can bifurcate there instead.
+    """Where a branch of stable equilibria ends, or at a bifurcation goes on unstable.
 
     Attributes:
         equilibrium: the last equilibrium of the branch, with its load.
-        kind: a member of `KINDS`: a fold or a release; uncertain where the branch ends, but the
-            condition of neither is met.
+        kind: a member of `KINDS`: a fold, a release or a bifurcation; uncertain where the branch
+            ends, but the condition of none is met.
         critical: the smallest eigenvalue on the points that are free or released, and its mode. It
-            is zero at a fold and negative at a release. `Stability.critical` leaves out the points
+            is negative at a release, and zero elsewhere. `Stability.critical` leaves out the points
             that are released, and is still positive just before a release.
         after: the state that remains beyond a pull-off; otherwise None.
         result: a member of `RESULTS`: how the search ended.

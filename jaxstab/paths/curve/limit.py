@@ -1,7 +1,7 @@
 """The limit of a stable branch: the first event beyond which its states are no minima.
 
 The curve is followed towards a load until the load turns back on it, at a fold or a release. At a
-bifurcation, which a symmetry makes, it does not turn, but an eigenvalue vanishes: a fold too.
+bifurcation, which a symmetry makes, it does not turn, but an eigenvalue vanishes.
 """
 
 from dataclasses import replace
@@ -15,7 +15,7 @@ from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, first_good, while_loop, zeros_of
-from jaxstab.core.grid import mean
+from jaxstab.core.grid import mean, total
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
@@ -47,6 +47,8 @@ ZERO = {"float64": 1e-6, "float32": 1e-3}
 # How closely a bifurcation is bracketed, over the longest step.
 _BRACKET = {"float64": 1e-10, "float32": 1e-5}
 _MAX_STEPS = 2000
+# The least part of a branch's direction that is along the mode of a fold.
+_ALONG = 0.5
 # How far from where it was seen to lie a limit may be found, over how near that is known: what is
 # missing on the whole may be missing at one point, and disturbed starts leave a branch early.
 _LEEWAY = {"float64": 1000, "float32": 100}
@@ -67,8 +69,8 @@ class Limit(eqx.Module):
     Attributes:
         load: the load there.
         gap: the last gap of the branch [length].
-        kind: a fold or a release; uncertain if neither could be told.
-        point: the contact point that is released; none at a fold.
+        kind: a fold, a release or a bifurcation; uncertain if none could be told.
+        point: the contact point that is released; none elsewhere.
         is_tied: whether others are released with it.
         critical: the lowest eigenpair on the points that are free or released.
         residual: of the balance of pressures and the condition of the kind.
@@ -153,8 +155,8 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
     A load that is so far ahead, with its sign, has no state of this branch. The state itself may
     lie past the limit, by no more than its residual; then the released point is the one that is
     least open. So the search begins a little further back, anew until it finds an event. If it
-    finds none, the limit is the state itself: a fold if an eigenvalue is negative already, since a
-    bifurcation was passed whose symmetry held the state; otherwise uncertain.
+    finds none, the limit is the state itself: a bifurcation if an eigenvalue is negative already,
+    since it was passed where a symmetry held the state; otherwise uncertain.
     """
     search = _ahead(contact, load, gap, ahead)
     curve, close = search.problem.curve, TOLERANCE[gap.dtype.name]
@@ -226,7 +228,7 @@ def _limit_or_state(
     result = RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite)
     state = replace(limit, load=load, gap=gap, residual=residual, result=result)
     is_unstable = is_found & (limit.critical.eigenvalue < -limit.critical.error)
-    kind = KINDS.where(is_unstable, KINDS.fold, KINDS.uncertain)
+    kind = KINDS.where(is_unstable, KINDS.bifurcation, KINDS.uncertain)
     state = replace(state, kind=kind, point=jnp.zeros_like(limit.point))
     return choose(limit.is_found, limit, state)
 
@@ -303,8 +305,9 @@ def _between(
 ) -> Limit:
     """Return the limit between two states of a branch.
 
-    It is uncertain if the test function of its kind is not zero: at a fold the eigenvalue, at a
-    release the reaction, and the energy must fall as the point opens.
+    It is a bifurcation where an eigenvalue changes its sign, but the load does not turn. It is
+    uncertain if the test function of its kind is not zero: at a release the reaction, and the
+    energy must fall as the point opens; elsewhere the eigenvalue.
     """
     curve = problem.curve
     contact, dtype = curve.contact, new.length.dtype
@@ -326,7 +329,12 @@ def _between(
     is_met = residual <= TOLERANCE[dtype.name]
     is_flat = jnp.abs(pair.eigenvalue) <= ZERO[dtype.name] * contact.solid.min_stiffness
     is_event = is_met & jnp.where(is_release, pair.eigenvalue < pair.error, is_flat)
+    # The branch runs along the mode of a fold, but across that of a bifurcation.
+    tangent, mode = new.here.tangent.gap, pair.mode
+    part = jnp.abs(total(tangent * mode))
+    crosses = ~new.turns & (part < _ALONG * jnp.sqrt(total(tangent**2) * total(mode**2)))
     kind = KINDS.where(is_release, KINDS.release, KINDS.fold)
+    kind = KINDS.where(crosses, KINDS.bifurcation, kind)
     return Limit(
         load=load,
         gap=gap,

@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
@@ -104,8 +104,8 @@ class _Count(eqx.Module):
 def _count(
     spare: int, contact: Contact, load: Load, gap: Field, modes: Block, solver: Davidson
 ) -> _Count:
-    is_negative, is_known, modes = _lowest(contact, load, gap, gap > 0, modes, solver, spare)
-    index = jnp.sum(is_negative)
+    values, is_known, modes = _lowest(contact, load, gap, gap > 0, modes, solver, spare)
+    index = jnp.sum(values < 0)
     return _Count(jnp.where(is_known, index, UNKNOWN), modes, is_known & (index < _FEW - 1))
 
 
@@ -114,19 +114,35 @@ def _many(gap: Field) -> Block:
     return noise(jax.random.key(1), _MANY, gap)
 
 
+class DrivenIndex(eqx.Module):
+    """How many modes of negative eigenvalues have a part in a change of the gap, and all lowest.
+
+    Attributes:
+        index: their number, or `UNKNOWN`.
+        eigenvalues: the lowest eigenvalues, in order [pressure/length].
+        modes: their modes.
+    """
+
+    index: Int[Array, ""]
+    eigenvalues: Float[Array, " modes"]
+    modes: Block
+
+
 def driven_index_of(
     contact: Contact, load: Load, gap: Field, is_free: Mask, change: Field
-) -> Int[Array, ""]:
+) -> DrivenIndex:
     """Return how many modes of negative eigenvalues have a part in a change of the gap.
 
     Modes that break a symmetry of the contact have none. Ten are counted; more are `UNKNOWN`.
     """
     solver, some = Davidson(_EXACT[gap.dtype.name]), noise(jax.random.key(3), _SOME, gap)
-    is_negative, is_known, modes = _lowest(contact, load, gap, is_free, some, solver, 1)
+    values, is_known, modes = _lowest(contact, load, gap, is_free, some, solver, 1)
+    is_negative = values < 0
     part = jnp.stack([jnp.abs(jnp.sum(mode * change)) for mode in modes[:-1]])
     has_part = part > _LEAST_PART[gap.dtype.name] * jnp.sqrt(jnp.sum(change**2))
     is_all = is_known & ~jnp.all(is_negative)
-    return jnp.where(is_all, jnp.sum(is_negative & has_part), UNKNOWN)
+    index = jnp.where(is_all, jnp.sum(is_negative & has_part), UNKNOWN)
+    return DrivenIndex(index, values, modes[:-1])
 
 
 def _lowest(
@@ -137,15 +153,18 @@ def _lowest(
     modes: Block,
     solver: Davidson,
     spare: int,
-) -> tuple[Bool[Array, " modes"], Flag, Block]:
-    """Return which of the lowest eigenvalues are negative, whether that is known, and modes."""
+) -> tuple[Float[Array, " modes"], Flag, Block]:
+    """Return the lowest eigenvalues, whether their signs are known, and modes.
+
+    Those beyond the dimension of the space are infinite.
+    """
     control = contact.control(load)
     space = Subspace(is_free, control.fixes_mean)
     modes = refreshed(modes, jnp.arange(len(modes)) == len(modes) - 1)
     hessian = contact.hessian(gap, control).restricted(space.is_moving)
     minimum = solver.solve(hessian, space, modes, len(modes) - spare)
     found = minimum.vector
-    # The Ritz values, of vectors of unit norm; zero of those beyond the dimension of the space.
+    # The Ritz values, of vectors of unit norm or none.
     values = jax.lax.map(lambda mode: jnp.sum(mode * hessian(mode)), found[:-1])
-    is_negative = (values < 0) & (norms(found[:-1]) > 0)
-    return is_negative, minimum.result == RESULTS.successful, found
+    values = jnp.where(norms(found[:-1]) > 0, values, jnp.inf)
+    return values, minimum.result == RESULTS.successful, found
