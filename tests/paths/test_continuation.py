@@ -165,3 +165,57 @@ def test_bad_loads_are_refused(hertz):
 def test_a_branch_without_a_first_state_has_no_end(hertz):
     with pytest.raises(js.SolverError, match=r"ended at .*\(-2\) after 1 state: infeasible_load"):
         js.continuation(hertz, js.MeanDisplacement(jnp.array([-2.0, -1.0])), max_states=24)
+
+
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.parametrize("higher", [0.0, 1e-12])
+def test_it_records_a_bifurcation_where_a_symmetric_mode_loses_its_stiffness(higher):
+    heights = 0.1 * np.cos(4 * np.pi * np.arange(12) / 12)
+    heights[0] += higher
+    law = js.potentials.LennardJones(0.12, 0.1)
+    contact = js.Contact(js.HalfSpace(js.Grid((12,)), 1.0), heights, law)
+    loads = js.MeanDisplacement(jnp.array([0.5, 0.325]))
+    branch = js.continuation(contact, loads)
+    assert branch.end == "load"
+    assert branch.turns.kind.name.tolist() == ["bifurcation"]
+    turn = jax.tree.map(lambda leaf: leaf[0], branch.turns)
+    assert (np.asarray(branch.index) == (np.arange(len(branch)) >= turn.state)).all()
+    gap, mode = turn.equilibrium.gap, turn.mode
+    curvature = jax.vmap(jax.grad(jax.grad(law)))(gap)
+    hessian = periodic_stiffness((12,), (1.0,), 1.0) + np.diag(curvature)
+    assert abs(on_zero_mean(hessian)[0]) < 1e-6
+    # Its mode moves one summit against the other: it is odd under a shift by their distance.
+    np.testing.assert_allclose(hessian @ mode - np.mean(hessian @ mode), 0, atol=1e-5)
+    np.testing.assert_allclose(np.roll(mode, 6), -mode, atol=1e-5)
+    if higher == 0:
+        limit = js.critical_load(contact, loads)
+        assert limit.kind == "bifurcation"
+        np.testing.assert_allclose(limit.load.value, turn.load.value, atol=1e-8)
+    assert "bifurcation" in repr(branch)
+
+
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.parametrize("higher", [0.0, 1e-9])
+def test_of_two_nearly_equal_points_it_releases_the_first_alone(higher):
+    heights = 0.1 * np.cos(4 * np.pi * np.arange(16) / 16)
+    heights[0] += higher
+    law = js.potentials.Exponential(0.05, 0.1)
+    contact = js.Contact(js.HalfSpace(js.Grid((16,)), 1.0), heights, law)
+    load = js.MeanGap(jnp.array([0.13, 0.145]))
+    branch = js.continuation(contact, load, fields=True, max_states=16, throw=False)
+    touching = np.asarray(branch.equilibrium.gap == 0).sum(axis=1)
+    if higher == 0:
+        # Equal points are released together, and the branch keeps its symmetry.
+        assert set(touching) == {2, 0} and not len(branch.turns)
+        return
+    assert branch.turns.kind.name[0] == "release"
+    # At the event the first has no reaction, but the other still has one.
+    event = int(np.argmax(touching == 1)) - 1
+    assert touching[event] == 2
+    gap = np.asarray(branch.equilibrium.gap[event])
+    elastic = periodic_stiffness((16,), (1.0,), 1.0) @ (gap + heights)
+    net = elastic + np.asarray(jax.vmap(jax.grad(law))(gap))
+    reaction = net - net[4]
+    stays = np.asarray(branch.equilibrium.gap[event + 1, [0, 8]] == 0)
+    np.testing.assert_allclose(reaction[[0, 8]][~stays], 0, atol=1e-10)
+    assert 1e-10 < reaction[[0, 8]][stays][0] < 1e-6

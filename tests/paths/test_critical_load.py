@@ -211,7 +211,7 @@ def test_a_bifurcation_lies_where_a_dense_eigenvalue_changes_its_sign(hertz):
         state = js.equilibrate(hertz, load, initial=limit.equilibrium)
         return smallest_on_critical_cone(hertz, state)
 
-    assert limit.kind == "fold"
+    assert limit.kind == "bifurcation"
     assert lowest(limit.load.value + 1e-4) > 0 > lowest(limit.load.value - 1e-4)
 
 

@@ -25,6 +25,7 @@ from jaxstab.contact.hessian import Block
 from jaxstab.core.checks import array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, cond
+from jaxstab.core.grid import total
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.paths.curve.corrector import (
     AT_STATES,
@@ -419,7 +420,10 @@ def _crossed(
     start = old.at.plus(change, share)
     condition = on_plane(target.row, target.row.times(start), target.reach)
     is_one = agrees & ~candidate.turns & ~turning.back
-    return _Crossing(agrees, is_one, start, both.modes[1, first]), start, condition, target.row
+    here, there = both.modes[:, first]
+    there *= jnp.where(total(here * there) < 0, -1, 1)
+    mode = here + share * (there - here)
+    return _Crossing(agrees, is_one, start, mode), start, condition, target.row
 
 
 @program

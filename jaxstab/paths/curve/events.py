@@ -27,6 +27,9 @@ from jaxstab.paths.curve.curve import Curve, Place, Point
 
 # Points tie that change sides within this part of the distance to the first of them.
 _TIE = 1e-6
+# A reaction below this counts as none at the event, over the size of the pressures: states there
+# are found more closely.
+_VANISHING = {"float64": 1e-11, "float32": 1e-5}
 _MAX_SECANTS = 40
 # How closely a fold is found, over the step that it lies in, and by what tangents.
 _NARROW = {"float64": 1e-9, "float32": 1e-4}
@@ -96,7 +99,7 @@ def beyond_change(
 ) -> tuple[Place, Flag]:
     """Return the place beyond an active-set change, and whether its points change sides there.
 
-    All points that tie change sides, or the first alone.
+    All points whose gap or reaction vanishes there change sides, or the first alone.
     """
 
     def beyond(number: ArrayLike) -> tuple[Place, Flag]:
@@ -113,8 +116,12 @@ def _flipped(
 ) -> _Beyond:
     # The first has a gap that grows, or a reaction.
     unit = at_change(curve, changes.point, ~opens, jnp.ones_like(place.at.pressure))
-    ahead = unit.gradient(curve, curve.forces(place.at, place.is_free))
-    flips = jnp.where(number == 0, changes.tied, changes.point)
+    forces = curve.forces(place.at, place.is_free)
+    ahead = unit.gradient(curve, forces)
+    # Others are near to it. Opened with a reaction left, a point would leave the curve.
+    left = jnp.where(place.is_free, curve.contact.solid.max_stiffness * place.at.gap, forces.net)
+    vanishes = left <= _VANISHING[left.dtype.name] * forces.scale
+    flips = changes.point | (changes.tied & vanishes & (number == 0))
     point = Point(jnp.where(flips, 0, place.at.gap), place.at.pressure)
     condition = at_change(curve, changes.point, opens, jnp.ones_like(place.at.pressure))
     return _Beyond(point, place.is_free ^ flips, flips, ahead, condition)
