@@ -9,7 +9,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent import futures
 from functools import lru_cache, partial
-from multiprocessing.context import BaseContext
 from typing import Any
 
 import jax
@@ -96,8 +95,8 @@ def run_tasks(
 def _require_no_fork(executor: object) -> None:
     """Refuse an executor whose processes are forks: in a copy of a process, JAX waits for ever."""
     context: Any = getattr(executor, "_mp_context", None)
-    method = context.get_start_method() if isinstance(context, BaseContext) else None
-    if method == "fork":
+    # A context, or multiprocessing itself.
+    if hasattr(context, "get_start_method") and context.get_start_method() == "fork":
         raise ValueError(
             "The processes of this executor are forks of this one, in which JAX hangs: give "
             'ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")), or a number '

@@ -146,8 +146,11 @@ def test_outputs_and_functions_that_cannot_travel_are_refused(pool, tmp_path):
         js.study(lambda seed: {"a": acquire(seed)}, {"seed": [1]}, tmp_path / "lock", executor=1)
 
 
-def test_an_executor_that_forks_is_refused(tmp_path):
-    forking = ProcessPoolExecutor(1, multiprocessing.get_context("fork"))
+@pytest.mark.parametrize("context", [multiprocessing.get_context("fork"), multiprocessing])
+def test_an_executor_that_forks_is_refused(context, tmp_path, monkeypatch):
+    # As by default before Python 3.14.
+    monkeypatch.setattr(multiprocessing, "get_start_method", lambda **_: "fork")
+    forking = ProcessPoolExecutor(1, context)
     with forking, pytest.raises(ValueError, match=r"forks.*mp_context=.*spawn"):
         js.study(lambda x: {"y": x}, {"x": [1.0]}, tmp_path, executor=forking)
 
