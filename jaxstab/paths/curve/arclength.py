@@ -452,7 +452,7 @@ def _taken(
         step,
         here=events.new,
         index=index,
-        expected=jnp.where(is_unknown, UNKNOWN, expected),
+        expected=jnp.where(is_unknown, UNKNOWN, expected).astype(int),
         modes=events.modes,
         turn=choose(crossing.is_one, crossing.at, events.turn),
         kind=KINDS.where(crossing.is_one, KINDS.bifurcation, kind),

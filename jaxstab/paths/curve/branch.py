@@ -170,7 +170,7 @@ def branch_from(
 ) -> BranchState:
     """Return a branch that begins at a place with a step of a length."""
     yes, no = jnp.array(True), jnp.array(False)
-    expected = jnp.where(index >= 0, index, UNKNOWN)
+    expected = jnp.where(index >= 0, index, UNKNOWN).astype(int)
     step = ArclengthStep(
         here,
         length,

@@ -216,7 +216,7 @@ def _branch_behind(search: _Ahead, found: Found) -> tuple[BranchState, Flag]:
     is_found = found.is_found & jnp.all(signs)
     result = RESULTS.where(is_found, RESULTS.successful, RESULTS.lost_branch)
     first = _FIRST * search.problem.max_step
-    return branch_from(place, first, jnp.array(UNKNOWN), search.modes, result), is_found
+    return branch_from(place, first, jnp.array(UNKNOWN, int), search.modes, result), is_found
 
 
 @program

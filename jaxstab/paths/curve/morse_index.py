@@ -106,7 +106,9 @@ def _count(
 ) -> _Count:
     values, is_known, modes = _lowest(contact, load, gap, gap > 0, modes, solver, spare)
     index = jnp.sum(values < 0)
-    return _Count(jnp.where(is_known, index, UNKNOWN), modes, is_known & (index < _FEW - 1))
+    # Of one type, as everywhere: programs would be compiled twice.
+    known = jnp.where(is_known, index, UNKNOWN).astype(int)
+    return _Count(known, modes, is_known & (index < _FEW - 1))
 
 
 @program
