@@ -106,7 +106,7 @@ def numbers(value: object, name: str) -> Float[Array | np.ndarray, "..."]:
         value = jnp.asarray(value)
     elif not isinstance(value, jax.Array):
         value = np.asarray(value)
-        if value.dtype.kind == "O":
+        if value.dtype.kind == "O" and value.ndim:
             kinds = sorted({type(entry).__name__ for entry in value.flat})
             given = f"an array of objects ({', '.join(kinds[:3])})"
         elif value.dtype.kind in "US" and value.ndim:

@@ -68,8 +68,9 @@ def assess_stability(
     contact points are under pressure. On the cone the eigenvalue is the smallest found from several
     starts, and proved to be the smallest if the mode of the lower bound is admissible. From 512 x
     512 points on, outside of transformations, the search starts from the mode on a coarser grid of
-    about 256 x 256 points, and stops if its eigenvalue is within 1 % of the coarser one. If all but a few points touch, the starts can miss the
-    smallest; then a state that is only held by contact may be called "stable".
+    about 256 x 256 points, and stops if its eigenvalue is within 1 % of the coarser one. If all but
+    a few points touch, the starts can miss the smallest; then a state that is only held by contact
+    may be called "stable".
 
     Eigenvalues, modes, barrier and complementarity are differentiable functions of the contact and
     the equilibrium: d lambda = x.(dA) x, A depending on the gap too. A derivative is NaN where it

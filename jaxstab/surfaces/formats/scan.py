@@ -77,7 +77,8 @@ def on_a_side_or_two(values: np.ndarray) -> np.ndarray:
 
 def are_pixels(values: np.ndarray) -> bool:
     """Whether coordinates are the numbers of points, 0, 1, 2, ..., which are no lengths."""
-    return np.array_equal(np.unique(values), np.arange(len(np.unique(values))))
+    places = np.unique(values)
+    return len(places) > 1 and np.array_equal(places, np.arange(len(places)))
 
 
 def on_lattice(values: np.ndarray) -> tuple[np.ndarray, int, float] | None:

@@ -91,7 +91,8 @@ def _numbered(table: np.ndarray) -> str:
         if len(lines) < 2 or lines.shape[1] < _FEWEST_WITH_COORDINATES:
             continue
         is_profile = name == "column" and len(lines) in (2, 3)
-        if are_pixels(lines[0]) and not _rises(lines[1]) and not is_profile:
+        is_counted = np.array_equal(lines[0], np.arange(lines.shape[1]))
+        if is_counted and not _rises(lines[1]) and not is_profile:
             return name
     return ""
 
