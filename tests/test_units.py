@@ -161,6 +161,43 @@ def test_tables_show_the_units_of_the_contact():
         assert all(line in text for line in lines), text
 
 
+def test_forces_and_energies_are_shown_in_the_units_that_were_chosen():
+    contact = small_contact()
+    parts = contact.solid, contact.heights, contact.potential
+    names = {"unit": "um", "pressure_unit": "MPa", "force_unit": "uN", "energy_unit": "aJ"}
+    chosen = js.Contact(*parts, **names)
+    assert (chosen.force_unit, chosen.energy_unit) == ("µN", "aJ")
+    state = js.equilibrate(chosen, js.MeanGap(0.3))
+    # Results keep their numbers, in pJ: 1 pJ is 1e6 aJ.
+    assert float(state.energy) == float(js.equilibrate(contact, js.MeanGap(0.3)).energy)
+    (line,) = (line for line in str(state).splitlines() if line.startswith("  energy"))
+    number, unit = line.split()[1:]
+    np.testing.assert_allclose(float(number), 1e6 * state.energy, rtol=1e-5)
+    assert unit == "aJ" and js.to_dataset(chosen, state).energy.units == "pJ"
+    # By hand: 1 MPa µm^2 is 1 µN, and a strip of a line has 1 MPa µm = 1 N/m.
+    pinned = Units("µm", "MPa", force="kN", energy="fJ")
+    assert measured(pinned, 5e12, "force") == "5e+03 kN"
+    assert measured(pinned, 2.0, "energy") == "2e+03 fJ"
+    assert measured(pinned, 2.0, "energy/area") == "2 J/m²"
+    assert measured(pinned._replace(sides=1), 2e3, "force") == "2 kN/m"
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ({"unit": "m", "force_unit": "lbf"}, "unit of force is 'lbf': choose one of aN, fN"),
+        ({"unit": "m", "energy_unit": "nN"}, "unit of energy is 'nN': choose one of aJ, fJ"),
+        ({"force_unit": "nN"}, "force is 'nN', but that of length is unknown: give both"),
+        ({"unit": "um", "energy_unit": "pJ"}, "energy is 'pJ', but that of pressure is unknown"),
+    ],
+)
+def test_a_unit_of_force_or_energy_needs_those_of_length_and_pressure(names, message):
+    with pytest.raises(ValueError, match=message):
+        Units.checked(
+            names.get("unit"), None, force=names.get("force_unit"), energy=names.get("energy_unit")
+        )
+
+
 @pytest.mark.nightly
 def test_branches_and_their_ends_show_the_units_of_the_contact():
     contact, ends = small_contact(), js.MeanGap(jnp.array([0.3, 0.05]))

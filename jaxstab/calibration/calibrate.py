@@ -36,6 +36,7 @@ from jaxstab.core.loop import optional_parameter
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.types import ArrayLike, Scalar
+from jaxstab.core.units import FORCE, NUMBER, PRESSURE
 from jaxstab.core.warn import warn
 from jaxstab.loads import Load, MeanPressure, require_load
 
@@ -177,7 +178,10 @@ def calibrate(
         tolerance,
         max_steps,
         where=pick,
-        zeros=(bool(offset), bool(baseline)),
+        zeros=(
+            (load.unit or NUMBER) if offset else None,
+            (PRESSURE if is_pressure else FORCE) if baseline else None,
+        ),
         order=order,
         starts=starts,
     )
@@ -191,7 +195,11 @@ def calibrate(
 
 
 class _Inputs(eqx.Module):
-    """All that a fit depends on."""
+    """All that a fit depends on.
+
+    Attributes:
+        zeros: the dimensions of the offset and of the baseline, None where it is not fitted.
+    """
 
     contact: Contact
     measured: Measured
@@ -199,7 +207,7 @@ class _Inputs(eqx.Module):
     tolerance: Scalar | None
     max_steps: ArrayLike
     where: Pick = eqx.field(static=True)
-    zeros: tuple[bool, bool] = eqx.field(static=True)
+    zeros: tuple[str | None, str | None] = eqx.field(static=True)
     order: Order = eqx.field(static=True)
     starts: int | None = eqx.field(static=True)
 
@@ -209,7 +217,7 @@ class _Inputs(eqx.Module):
         values, unravel = values_of(self.where(inputs.contact))
         model = Model(inputs.contact, self.where, unravel, inputs.measured.load, self.order)
         start = jnp.concatenate([values, jnp.zeros(2)])
-        is_fitted = np.array([True] * values.size + list(self.zeros))
+        is_fitted = np.array([True] * values.size + [zero is not None for zero in self.zeros])
         problem = FitProblem(model.curve, start, inputs.measured, inputs.tolerance)
         is_profiled = (start > 0) & is_fitted
         return model, Plan(problem, ~is_fitted, is_profiled, self.starts, inputs.max_steps)
@@ -276,6 +284,7 @@ def _result(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
     free_of_zeros = directions(problem, best, held & ~is_zero)
     left = best.misfit - best.jacobian @ free_of_zeros.newton
     zero_steps = -free_of_zeros.newton[-2:] * units[-2:] * held[-2:]
+    zeros = {name: kind for name, kind in zip(ZEROS, inputs.zeros, strict=True) if kind is not None}
     fit = Calibration(
         contact=model.contact_at(parameters),
         parameters=unravel(parameters[:-2]),
@@ -295,10 +304,8 @@ def _result(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
         result=result,
         losses=found.losses[: found.num_starts],
         results=found.results[: found.num_starts],
-        names=(
-            *inputs.where.names,
-            *(x for x, fits in zip(ZEROS, inputs.zeros, strict=True) if fits),
-        ),
+        names=(*inputs.where.names, *zeros),
+        dimensions=(*inputs.where.dimensions, *zeros.values()),
     )
     drop = 1 - jnp.sum(left**2) / (2 * best.loss)
     return fit, Hints(found.guess, zero_steps, drop, _relief(best, is_fitted))

@@ -1,7 +1,7 @@
 """A contact as a function of its parameters, and the curve of its mean pressures over loads."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from typing import Literal
 
 import equinox as eqx
@@ -13,6 +13,7 @@ from jaxtyping import Array, PyTree
 from jaxstab.calibration.least_squares import Curve, Rows, Values
 from jaxstab.contact import Contact
 from jaxstab.core.results import RESULTS
+from jaxstab.core.units import NUMBER, declared
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.equilibrium.equilibrate import find_equilibrium, with_derivatives
 from jaxstab.equilibrium.window import padded_start
@@ -33,6 +34,7 @@ class Pick:
     places: tuple[int, ...]
     structure: jax.tree_util.PyTreeDef
     names: tuple[str, ...]
+    dimensions: tuple[str, ...]
 
     @classmethod
     def of(cls, where: Where, contact: Contact) -> "Pick":
@@ -49,8 +51,12 @@ class Pick:
             ) from None
         if len({*places}) < len(places):
             raise ValueError("`where` picks a parameter twice: pick each once.")
-        names = (name for place in places for name in _names(*paths[place]))
-        return cls(where, places, tree, tuple(names))
+        names, dimensions = [], []
+        for path, leaf in [paths[place] for place in places]:
+            found = _names(path, leaf)
+            names += found
+            dimensions += [_dimension(contact, path)] * len(found)
+        return cls(where, places, tree, tuple(names), tuple(dimensions))
 
     def __call__(self, contact: Contact) -> PyTree:
         """Return these parameters of a contact."""
@@ -63,6 +69,22 @@ def _names(path: jax.tree_util.KeyPath, leaf: Array) -> list[str]:
         return []
     name = jax.tree_util.keystr(path, simple=True, separator=".")
     return [name] if leaf.ndim == 0 else [f"{name}[{i}]" for i in range(leaf.size)]
+
+
+def _dimension(tree: PyTree, path: jax.tree_util.KeyPath) -> str:
+    """Return the dimension that the field of a leaf declares, or that of a number."""
+    parts = ()
+    for key in path:
+        match key:
+            case jax.tree_util.GetAttrKey(name=name):
+                parts = declared(type(tree)).get(name, ()) if is_dataclass(tree) else ()
+                tree = getattr(tree, name)
+            case jax.tree_util.SequenceKey(idx=i):
+                parts = parts[i:]
+                tree = tree[i]
+            case _:
+                return NUMBER
+    return (*parts, NUMBER)[0]
 
 
 def values_of(tree: PyTree) -> tuple[Values, Callable[[Values], PyTree]]:

@@ -17,7 +17,7 @@ from jaxstab.core.checks import is_traced
 from jaxstab.core.display import number, table
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Scalar
-from jaxstab.core.units import AREA, PRESSURE
+from jaxstab.core.units import AREA, PRESSURE, chosen_unit, shown_unit
 
 ZEROS = ("offset", "baseline")
 
@@ -62,6 +62,7 @@ class Calibration(eqx.Module):
         losses: the final loss of each start, infinite if there is none.
         results: how each start ended; `not_computed` if it was not needed.
         names: the names of the parameters, in the order of `covariance`.
+        dimensions: their dimensions, as "energy/area"; "1" for those whose field declares none.
     """
 
     contact: Contact
@@ -83,6 +84,7 @@ class Calibration(eqx.Module):
     losses: Float[Array, " starts"]
     results: RESULTS
     names: tuple[str, ...] = eqx.field(static=True)
+    dimensions: tuple[str, ...] = eqx.field(static=True)
 
     @property
     def force(self) -> Curve:
@@ -92,12 +94,16 @@ class Calibration(eqx.Module):
     def __repr__(self) -> str:
         if is_traced(self) or self.loss.ndim:
             return eqx.tree_pformat(self)
-        errors = np.sqrt(np.diag(self.covariance))
+        found = _found(self)
+        divisors = np.array([divisor for _, _, divisor, _ in found])
+        errors = np.sqrt(np.diag(self.covariance)) / divisors
         rows = {
             "parameter": self.names,
-            "value": [number(value) for _, value in _found(self)],
+            "value": [number(value) for _, value, _, _ in found],
             "standard error": [f"{error:.2g}" for error in errors],
         }
+        units = [unit for *_, unit in found]
+        rows |= {"unit": units} if any(units) else {}
         minima = int(self.num_minima)
         seen = f"{minima} {'minimum' if minima == 1 else 'minima'} seen"
         head = f"Calibration: {self.result.name}, loss {float(self.loss):.3g}, {seen}"
@@ -116,7 +122,9 @@ def profile_of(found: Search, problem: FitProblem) -> LossProfile:
 
 def describe(fit: Calibration, measured: Measured, hints: Hints) -> str:
     """Describe the failure of a fit, with its cause and the cure."""
-    values = ", ".join(f"{name} {value:.6g}" for name, value in _found(fit))
+    values = ", ".join(
+        f"{name} {value:.6g} {unit}".rstrip() for name, value, _, unit in _found(fit)
+    )
     missing = jnp.isnan(fit.mean_pressure)
     if missing.any():
         return (
@@ -146,8 +154,12 @@ def describe(fit: Calibration, measured: Measured, hints: Hints) -> str:
     )
 
 
-def _found(fit: Calibration) -> list[tuple[str, float]]:
-    """Return the fitted numbers and their names."""
+def _found(fit: Calibration) -> list[tuple[str, float, float, str]]:
+    """Return for each fitted number its name, its value, the divisor of the value, and its unit."""
     zeros = [getattr(fit, name) for name in ZEROS if name in fit.names]
-    found = [*values_of(fit.parameters)[0], *zeros]
-    return [(name, float(value)) for name, value in zip(fit.names, found, strict=True)]
+    values = [float(value) for value in [*values_of(fit.parameters)[0], *zeros]]
+    found = []
+    for name, value, dimension in zip(fit.names, values, fit.dimensions, strict=True):
+        divisor, unit = chosen_unit(fit.contact.units, dimension)
+        found.append((name, value / divisor, divisor, shown_unit(unit)))
+    return found

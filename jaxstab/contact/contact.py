@@ -66,6 +66,9 @@ class Contact(eqx.Module):
         pressure_unit: unit of pressures: "Pa", "kPa", "MPa", "GPa"; by default pascals where
             lengths are in metres. Tables, figures and data sets show both units, and the units of
             forces and energies, which follow from them.
+        force_unit, energy_unit: units in which tables and figures show forces and energies, as
+            "nN" and "fJ"; by default the prefix suits the numbers. Results and data sets keep the
+            units that follow from those of length and pressure.
 
     Warns:
         SurfaceWarning: for heights that look wrong: tilted, with opposite edges that do not meet,
@@ -75,7 +78,8 @@ class Contact(eqx.Module):
     Raises:
         ValueError: for heights that are not finite or have another shape than the grid. For a
             topography with missing points, on another grid or in another unit. For dimensions of
-            other names than x and y. For a unit that is not one of length, or not one of pressure.
+            other names than x and y. For a unit that is not one of length, pressure, force or
+            energy; for a unit of force or energy where that of length or pressure is unknown.
             For a potential that is not a scalar of a scalar. For one whose value or slope jumps,
             by a thousandth of its depth or largest attraction; inside of `jax.jit` all results are
             then `invalid_contact`. For a potential that, or whose first two derivatives, are not
@@ -90,6 +94,8 @@ class Contact(eqx.Module):
     potential: Potential
     unit: str | None = eqx.field(static=True)
     pressure_unit: str | None = eqx.field(static=True, default=None)
+    force_unit: str | None = eqx.field(static=True, default=None)
+    energy_unit: str | None = eqx.field(static=True, default=None)
 
     __repr__ = block
 
@@ -101,6 +107,8 @@ class Contact(eqx.Module):
         *,
         unit: str | None = None,
         pressure_unit: str | None = None,
+        force_unit: str | None = None,
+        energy_unit: str | None = None,
     ):
         if not isinstance(solid, Solid):
             raise TypeError(
@@ -116,9 +124,13 @@ class Contact(eqx.Module):
             raise TypeError(f"heights are {dtype}: give them in float32 or float64.")
         require_sound(solid, given, topography)
         self.solid = cast(solid, dtype)
-        self.unit, self.pressure_unit, _ = Units.checked(
-            unit_of_lengths(topography, unit), pressure_unit
+        units = Units.checked(
+            unit_of_lengths(topography, unit), pressure_unit, force_unit, energy_unit
         )
+        self.unit = units.length
+        self.pressure_unit = units.pressure
+        self.force_unit = units.force
+        self.energy_unit = units.energy
         self.potential = law_on(solid.grid, potential, dtype)
         require_smooth(self.profile)
         jump = law_jump(everywhere(self.potential), self.grid.lengths)
@@ -152,7 +164,8 @@ class Contact(eqx.Module):
     @property
     def units(self) -> Units:
         """The units of length and of pressure, for a surface of so many sides."""
-        return Units(self.unit, self.pressure_unit, len(self.grid.shape))
+        sides = len(self.grid.shape)
+        return Units(self.unit, self.pressure_unit, sides, self.force_unit, self.energy_unit)
 
     @property
     def grid(self) -> Grid:

@@ -20,11 +20,11 @@ from jaxstab.core.units import (
     NUMBER,
     Dimensioned,
     Units,
+    chosen_unit,
     dimensions,
     measured,
     on_grid,
     shown_unit,
-    unit_symbol,
 )
 
 # Reading a field raises these where JAX traces, or where a transformation replaced the leaves.
@@ -127,7 +127,9 @@ def _texts(module: eqx.Module, units: Units) -> Iterator[tuple[str, str]]:
     kinds = dimensions(type(module))
     for name in [f.name for f in fields(module) if f.repr and hasattr(module, f.name)]:
         value = getattr(module, name)
-        unit = shown_unit(unit_symbol(units, kinds.get(name, NUMBER)))
+        divisor, symbol = chosen_unit(units, kinds.get(name, NUMBER))
+        unit = shown_unit(symbol)
+        value = value if divisor == 1 or value is None else value / divisor
         yield name, text(value, units) + (f" {unit}" if unit and value is not None else "")
 
 

@@ -11,7 +11,7 @@ area in J/m^2.
 """
 
 import re
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Collection, Container, Iterator
 from dataclasses import fields
 from functools import cache
 from typing import NamedTuple, Protocol, Self, get_args
@@ -41,6 +41,8 @@ _SPELLINGS = {"um": "µm", "\u03bcm": "µm", "A": "Å", "\u212b": "Å"}
 _PREFIXES = dict(
     zip(range(-18, 13, 3), ["a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"], strict=True)
 )
+_FORCES = {f"{prefix}N": power for power, prefix in _PREFIXES.items()}
+_ENERGIES = {f"{prefix}J": power for power, prefix in _PREFIXES.items()}
 # SI units, with the powers of pressure and length that they are products of.
 _SI = {
     "energy": ("J", 1, 3),
@@ -64,24 +66,41 @@ class Units(NamedTuple):
     """The units of length and of pressure, None where unknown, and the sides of the grid.
 
     On a line, which has one side, energies, forces and areas are per length of the other side.
+    Forces and energies are shown in the units `force` and `energy`, None for a prefix that suits
+    their size.
     """
 
     length: str | None = None
     pressure: str | None = None
     sides: int = 2
+    force: str | None = None
+    energy: str | None = None
 
     @classmethod
-    def checked(cls, length: str | None, pressure: str | None) -> "Units":
+    def checked(
+        cls,
+        length: str | None,
+        pressure: str | None,
+        force: str | None = None,
+        energy: str | None = None,
+    ) -> "Units":
         """Return units by their names; pressures are in Pa by default if lengths are in metres.
 
         Raises:
-            ValueError: for a name of no unit of length, or of no unit of pressure.
+            ValueError: for a name of no unit of length, pressure, force or energy, and for a unit
+                of force or energy without those of length and pressure.
         """
         unit = None if length is None else unit_of(length)
-        if pressure is None:
-            return cls(unit, "Pa" if unit == "m" else None)
-        require_one_of("the unit of pressure", pressure, PRESSURES)
-        return cls(unit, pressure)
+        if pressure is None and unit == "m":
+            pressure = "Pa"
+        if pressure is not None:
+            require_one_of("the unit of pressure", pressure, PRESSURES)
+        return cls(
+            unit,
+            pressure,
+            force=_derived("force", force, _FORCES, unit, pressure),
+            energy=_derived("energy", energy, _ENERGIES, unit, pressure),
+        )
 
 
 NO_UNITS = Units()
@@ -219,6 +238,24 @@ def unit_of(name: object) -> str:
     return unit
 
 
+def _derived(
+    name: str, given: str | None, known: Collection[str], length: str | None, pressure: str | None
+) -> str | None:
+    """Return the usual symbol of a unit of force or energy that a user has chosen."""
+    if given is None:
+        return None
+    # Micro is written as u, or as a Greek letter.
+    symbol = re.sub("^(u|\u03bc)", "µ", str(given))
+    require_one_of(f"the unit of {name}", symbol, known)
+    if length is None or pressure is None:
+        unknown = "length" if length is None else "pressure"
+        raise ValueError(
+            f"The unit of {name} is {given!r}, but that of {unknown} is unknown: give both, as in "
+            'unit="nm", pressure_unit="GPa".'
+        )
+    return symbol
+
+
 def converted(value: np.ndarray, unit: str, other: str) -> np.ndarray:
     """Return lengths in another unit, rounded once: units are whole powers of ten apart."""
     exponent = LENGTHS[unit] - LENGTHS[other]
@@ -239,8 +276,10 @@ def readable_unit(units: Units, dimension: str, largest: float) -> tuple[float, 
     """Return a divisor of values up to the largest, and the unit with the prefix that suits them.
 
     Only derived units, as of forces, and metres and pascals take a prefix: another unit of length
-    or pressure is the user's choice.
+    or pressure is the user's choice, and so is a unit of force or energy that was given.
     """
+    if _chosen(units, dimension) is not None:
+        return chosen_unit(units, dimension)
     exponent, text = _in_si(units, dimension)
     if exponent is None and re.match(r"(m|Pa)(/|$)", text):
         exponent = 0
@@ -251,6 +290,27 @@ def readable_unit(units: Units, dimension: str, largest: float) -> tuple[float, 
     power = int(3 * np.floor((np.log10(largest) + exponent + 1e-9) / 3))
     power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
     return 10.0 ** (power - exponent), _PREFIXES[power] + text
+
+
+def chosen_unit(units: Units, dimension: str) -> tuple[float, str]:
+    """Return a divisor of the numbers of a dimension, and the unit that the user chose for them.
+
+    Without a choice this is the unit of the numbers, with the divisor 1.
+    """
+    power = _chosen(units, dimension)
+    exponent, text = _in_si(units, dimension)
+    if power is None or exponent is None:
+        return 1.0, unit_symbol(units, dimension)
+    return 10.0 ** (power - exponent), _PREFIXES[power] + text
+
+
+def _chosen(units: Units, dimension: str) -> int | None:
+    """Return the power of ten of a unit of force or energy that the user chose, if any."""
+    if dimension == FORCE and units.force is not None:
+        return _FORCES[units.force]
+    if dimension == ENERGY and units.energy is not None:
+        return _ENERGIES[units.energy]
+    return None
 
 
 def measured(units: Units, value: float, dimension: str, digits: int = 3) -> str:
@@ -282,7 +342,7 @@ def _takes_prefix(unit: str) -> bool:
 
 def _in_si(units: Units, dimension: str) -> tuple[int | None, str]:
     """Return a derived SI unit and the power of ten before it, or no power and the users' units."""
-    length, pressure, sides = units
+    length, pressure, sides = units.length, units.pressure, units.sides
     dimension = _ON_A_LINE.get(dimension, dimension) if sides == 1 else dimension
     if length is None or pressure is None or not re.search("energy|force|voltage", dimension):
         known = {"length": length, "pressure": pressure}

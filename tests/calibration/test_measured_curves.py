@@ -36,7 +36,8 @@ def forces_of(positions, energy, length, offset, baseline):
 def flat(energy, length):
     grid = js.Grid((4,), (SIDE,))
     law = js.potentials.Exponential(energy, length)
-    return js.Contact(js.HalfSpace(grid, 100.0), jnp.zeros(4), law)
+    solid = js.HalfSpace(grid, 100.0)
+    return js.Contact(solid, jnp.zeros(4), law, unit="µm", pressure_unit="MPa")
 
 
 def fit_flat(forces, **options):
@@ -66,7 +67,13 @@ def test_offset_and_baseline_are_those_of_another_fit_of_the_closed_form():
     np.testing.assert_allclose([fit.offset_error, fit.baseline_error], errors[2:], rtol=0.1)
     np.testing.assert_allclose(fit.force, forces_of(POSITIONS, *values), atol=1e-6)
     assert fit.names == ("potential.surface_energy", "potential.length", "offset", "baseline")
-    assert all(name in str(fit) for name in fit.names)
+    rows = [line.split() for line in str(fit).splitlines()[3:]]
+    assert tuple(row[0] for row in rows) == fit.names
+    shown = np.array([[float(number) for number in row[1:3]] for row in rows])
+    np.testing.assert_allclose(shown, np.column_stack([found(fit), errors]), rtol=0.1, atol=1e-5)
+    np.testing.assert_allclose(shown[:, 0], found(fit), rtol=1e-5)
+    # The curve is a force on a line, per length: 1 MPa µm = 1 N/m.
+    assert [row[3] for row in rows] == ["J/m²", "µm", "µm", "N/m"]
 
 
 def test_the_profile_is_that_of_fits_with_the_work_held():
