@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxstab.core.checks import require_no_unit
 from jaxstab.core.enumeration import Enumeration
 from jaxstab.studies.checked_netcdf import Variable, Variables, write
 
@@ -63,11 +64,12 @@ class Cases(NamedTuple):
         """Return a dict of arrays, or a data set, with the axes before other dimensions."""
         if not isinstance(returned, Mapping) or not returned:
             raise TypeError(f"The case returned {type(returned).__name__}: return a dict of arrays")
-        given, outputs, dataset = {}, {}, getattr(returned, "variables", None)
-        for name, x in (returned if dataset is None else dataset).items():
-            values = _array(name, x if dataset is None else x.values)
+        given, outputs = {}, {}
+        for name, x in _variables(returned).items():
+            is_labelled = hasattr(x, "dims")
+            values = _array(name, x.values if is_labelled else x)
             named = tuple(f"{name}_{i}" for i in range(values.ndim))
-            dims, attrs = (named, {}) if dataset is None else (x.dims, x.attrs)
+            dims, attrs = (x.dims, x.attrs) if is_labelled else (named, {})
             given[name] = Variable(dims, values, attrs)
         for name, (dims, values, attrs) in given.items():
             for each in (name, *dims):
@@ -100,8 +102,29 @@ def read_axes(axes: Any) -> tuple[dict[str, list[Any]], tuple[str, ...]]:
     return {name: x.tolist() for name, x in values.items()}, dims
 
 
+def _variables(returned: Any) -> Mapping[Any, Any]:
+    """Return the arrays of a data set, or of a dict; its labelled ones bring their coordinates."""
+    if hasattr(returned, "variables"):
+        return returned.variables
+    labelled = {name: x for name, x in returned.items() if hasattr(x, "coords")}
+    if not labelled:
+        return returned
+    import xarray
+
+    # Places that differ would be filled with NaN.
+    merged = xarray.merge([x.rename(name) for name, x in labelled.items()], join="exact")
+    twice = [name for name in merged.variables if name in returned and name not in labelled]
+    if twice:
+        raise ValueError(
+            f"The case returned {twice[0]!r} as an output and as a coordinate: rename one of them."
+        )
+    return {**returned, **merged.variables}
+
+
 def _array(name: Any, value: Any) -> np.ndarray:
     value = value.name if isinstance(value, Enumeration) else value
+    for each in value if type(value) in (list, tuple) else [value]:
+        require_no_unit(each, name)
     try:
         # A missing number is NaN, which integers do not have.
         array = np.asarray(value.filled(math.nan) if np.ma.is_masked(value) else value)

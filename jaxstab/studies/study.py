@@ -60,9 +60,10 @@ def study(
     Arguments:
         case: the function, called by keywords with Python numbers and strings. It returns a dict of
             numbers, strings, members of enumerations such as `jaxstab.VERDICTS`, and arrays, or a
-            Dataset, with the same shapes in all cases. A case that raises has failed.
+            Dataset, with the same shapes in all cases. Arrays of xarray, such as those of
+            `jaxstab.to_dataset`, keep their dimensions and units. A case that raises has failed.
         axes: one-dimensional arrays by name, whose product is run; or a list of dicts, the
-            combinations to be run, which lie on the dimension `case`.
+            combinations to be run, which lie on the dimension `case`. They carry no units.
         path: the folder of the study, which all processes must see; created if it does not exist.
         executor: where cases run: in this process (None), in a number of processes on this machine,
             on an executor of `concurrent.futures`, or on a Dask `Client`.
@@ -83,7 +84,8 @@ def study(
         ValueError: for a study that was begun with another case, version, packages or axes; for
             axes that are empty or not finite; for a batch that does not fit into memory; for an
             executor whose processes are forks.
-        TypeError: for a function that takes other arguments, or does not return a dict of arrays.
+        TypeError: for a function that takes other arguments, or does not return a dict of arrays;
+            for axes that carry units, and outputs that do, except arrays of xarray.
         OSError, RuntimeError: if the disk is full or read-only, or the executor loses cases.
     """
     require_packages("Studies", "studies", "xarray", "h5netcdf", "h5py", "cloudpickle", "dask")

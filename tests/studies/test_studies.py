@@ -128,6 +128,58 @@ def test_a_case_whose_arrays_cannot_be_read_has_failed_alone(tmp_path):
     np.testing.assert_array_equal(study["height"][1:], [[1, 2], [2, 4]])
 
 
+def labelled(values, places, unit):
+    coordinates = {"x": ("x", places, {"units": "m"})}
+    return xarray.DataArray(values, coordinates, dims="x", attrs={"units": unit})
+
+
+def test_labelled_arrays_of_a_case_keep_their_units_and_places(tmp_path):
+    def case(seed):
+        force = xarray.DataArray(2.0 * seed, attrs={"units": "nN"})
+        height = labelled(seed + np.arange(3.0), [0.1, 0.2, 0.4], "µm")
+        return {"height": height, "force": force, "plain": np.arange(2), "number": seed}
+
+    study = js.study(case, {"seed": [0, 3]}, tmp_path / "study")
+    for dataset in (study, read(tmp_path / "study")):
+        assert dataset["height"].dims == ("seed", "x") and dataset["plain"].shape[-1] == 2
+        assert dataset["height"].attrs == {"units": "µm"} and dataset["x"].attrs == {"units": "m"}
+        assert dataset["force"].attrs == {"units": "nN"} and dataset["number"].attrs == {}
+        assert float(dataset["height"].sel(seed=3, x=0.4)) == 5.0
+        assert dataset["force"].values.tolist() == [0.0, 6.0]
+
+    def at_other_places(seed):
+        return {"a": labelled([1.0, 2.0], [0, 1], "m"), "b": labelled([1.0, 2.0], [0, 2], "m")}
+
+    def with_a_plain_place(seed):
+        return {"a": labelled([1.0, 2.0], [0, 1], "m"), "x": np.array([5.0, 6.0])}
+
+    with pytest.raises(ValueError, match="cannot align"):
+        js.study(at_other_places, {"seed": [0]}, tmp_path / "other")
+    with pytest.raises(ValueError, match="'x' as an output and as a coordinate"):
+        js.study(with_a_plain_place, {"seed": [0]}, tmp_path / "plain")
+
+
+class Quantity:
+    """A number with a unit, as of other packages."""
+
+    magnitude, units = 3.0, "nm"
+
+    def __array__(self, dtype=None, copy=None):
+        return np.array(self.magnitude, dtype)
+
+
+def test_units_of_axes_and_outputs_are_not_dropped(tmp_path):
+    def case(gap):
+        return {"force": gap}
+
+    for i, axis in enumerate(([Quantity()], labelled([1.0, 2.0], [0, 1], "nm"))):
+        for axes in ({"gap": axis}, [{"gap": x} for x in axis]):
+            with pytest.raises(TypeError, match=r"gap is a .* in nm, and numbers have the units"):
+                js.study(case, axes, tmp_path / f"axes {i}")
+    with pytest.raises(TypeError, match="force is a Quantity in nm"):
+        js.study(lambda gap: {"force": Quantity()}, {"gap": [1.0]}, tmp_path / "output", version=1)
+
+
 def test_fields_are_read_on_access_where_the_study_is_large(tmp_path, monkeypatch):
     def case(seed, energy):
         if seed == 1:
