@@ -111,3 +111,13 @@ def test_there_is_no_easiest_way_out_of_a_saddle_or_of_another_contact(hertz, tr
     other = with_parameters(hertz, 9.0, 1.0, 1.0)
     with pytest.raises(js.SolverError, match="other_contact"):
         js.easiest_exit(other, transition.start, num_modes=1)
+
+
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+def test_without_a_state_beyond_a_dead_load_the_branch_is_the_cure():
+    heights = 0.1 * np.cos(2 * np.pi * np.arange(16) / 16)
+    law = js.potentials.Exponential(0.02, 0.05)
+    contact = js.Contact(js.HalfSpace(js.Grid((16,)), 1.0), heights, law)
+    state = js.equilibrate(contact, js.MeanPressure(-0.05))
+    with pytest.raises(js.SolverError, match=r"0 other states.*dead load.*`continuation`"):
+        js.easiest_exit(contact, state, num_modes=1)

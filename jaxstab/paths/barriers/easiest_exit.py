@@ -11,6 +11,7 @@ from jaxstab.core.results import RESULTS, SolverError
 from jaxstab.core.types import Field
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
+from jaxstab.loads import MeanPressure
 from jaxstab.paths.barriers.transition import Transition, transition
 from jaxstab.stability import assess_stability, lowest_modes
 from jaxstab.stability.perturb import amplitude_of
@@ -33,8 +34,10 @@ def easiest_exit(
 
     The state is pushed along its lowest modes, in both directions, and along the cone's, farther
     and farther until it relaxes to another state. The transition to these states with
-    the lowest barrier is returned; there may be a lower one. The function runs
-    neither under `jax.jit` nor under `jax.vmap`.
+    the lowest barrier is returned; there may be a lower one. Under a dead load that pulls,
+    detached surfaces have no equilibrium: there the pass to them is not found, but
+    `jaxstab.continuation` around the pull-off leads to it. The function runs neither under
+    `jax.jit` nor under `jax.vmap`.
 
     Arguments:
         contact: the contact problem.
@@ -77,9 +80,17 @@ def easiest_exit(
         return min(found, key=lambda one: float(one.there))
     if not throw:
         return exits[0]
+    cure = "Try more modes (`num_modes`), or give another state to `transition`."
+    if isinstance(equilibrium.load, MeanPressure) and not ends:
+        # A push that detaches the surfaces has no end.
+        cure = (
+            "Surfaces that a dead load pulls apart have no equilibrium to go to: their pass is the "
+            "unstable state at this load on the branch from here around its pull-off, which "
+            "`continuation` towards lower pressures follows."
+        )
     raise SolverError(
         f"None of {len(directions)} pushes led over a pass to another state; {len(ends)} other "
-        "states were found. Try more modes (`num_modes`), or give another state to `transition`.",
+        f"states were found. {cure}",
         exits[0],
     )
 
