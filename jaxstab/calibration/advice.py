@@ -1,4 +1,4 @@
-"""Advice on a fit: outliers, a wrong sign, a contact point or a baseline that was not fitted."""
+"""Advice on a fit: outliers, a wrong sign, a drift, an offset or a baseline that was not fitted."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,6 +18,8 @@ _SMALLEST = 1e-5
 _MOST = 0.9
 # Pressures of the guess below this part of those measured say that loads are in other units.
 _FAINT = 1e-3
+# A misfit is a drift if this would remove such a part of the sum of squares.
+_DRIFT = 0.5
 # Above this misfit a warning is given if the guess's curve runs the other way.
 _POOR = 0.1
 
@@ -36,16 +38,19 @@ class Hints(eqx.Module):
         drop: the fraction of the loss that this step would remove.
         relief: the fraction of the sum of squares that leaving out each measurement would remove,
             to first order r^2 / (1 - h), with h its leverage J (J^T J)^-1 J^T.
+        drift: the fraction of the sum of squares that a drift of the measurements, proportional to
+            their number, would remove beside a Gauss-Newton step.
     """
 
     guess: Curve
     zeros: Float[Array, "2"]
     drop: Scalar
     relief: Curve
+    drift: Scalar
 
 
 def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) -> None:
-    """Warn of an outlier, a wrong sign, and an offset or a baseline that the measurements show."""
+    """Warn of an outlier, a wrong sign, a drift, an offset or a baseline."""
     if outlier := outlier_of(measured, fitted, count, hints.relief):
         # What else the misfit hints at may be due to it.
         warn(f"{outlier}.", FitWarning)
@@ -53,9 +58,15 @@ def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) 
     misfit = np.linalg.norm(_misfit(measured, fitted)) / np.linalg.norm(measured.deviation)
     if misfit > _POOR and (sign := wrong_sign(measured, hints.guess)):
         warn(f"{sign}. The misfit is {misfit:.0%} of the curve.", FitWarning)
+    weighed = int(jnp.sum(measured.weights > 0))
+    if _is_exact(measured, fitted):
+        return
+    if hints.drift > hints.drop and (drift := drift_of(hints, weighed - count - 1)):
+        warn(f"{drift}.", FitWarning)
+        return
     missing = [name for name, zero in zip(("offset", "baseline"), hints.zeros, strict=True) if zero]
-    freedom = int(jnp.sum(measured.weights > 0)) - count - len(missing)
-    if not missing or freedom < 1 or _is_exact(measured, fitted):
+    freedom = weighed - count - len(missing)
+    if not missing or freedom < 1:
         return
     chance = betainc(freedom / 2, len(missing) / 2, 1 - hints.drop)
     if chance < _CHANCE and hints.drop > 0.5:
@@ -74,28 +85,41 @@ def warn_of_misfit(measured: Measured, fitted: Curve, count: int, hints: Hints) 
 
 def wrong_sign(measured: Measured, guess: Curve) -> str:
     """Return a sentence on a sign that is likely to be wrong, empty if none is."""
-    weights, pressure = measured.weights, measured.mean_pressure
-    weights = jnp.where(jnp.isfinite(guess), weights, 0)
-    guess = jnp.where(weights > 0, guess, 0)
-    largest = jnp.max(jnp.abs(jnp.where(weights > 0, pressure, 0)))
-    if jnp.max(jnp.abs(guess)) < _FAINT * largest:
+    weights = np.asarray(measured.weights)
+    pressure = np.asarray(measured.mean_pressure)
+    weights = np.where(np.isfinite(guess), weights, 0)
+    known = np.where(weights > 0, guess, 0)
+    largest = np.max(np.abs(np.where(weights > 0, pressure, 0)))
+    if np.max(np.abs(known)) < _FAINT * largest:
         return (
             "loads or forces in other units than those of the contact: at these loads the "
-            f"pressures of the guess are at most {float(jnp.max(jnp.abs(guess)) / largest):.1g} of "
+            f"pressures of the guess are at most {float(np.max(np.abs(known)) / largest):.1g} of "
             "those measured"
         )
-    if jnp.sum(weights * guess * pressure) < 0 and not measured.has_baseline:
+    if np.sum(weights * known * pressure) < 0 and not measured.has_baseline:
         return (
             "the measurements have the opposite sign of the guess's curve: forces are positive in "
             "compression, negative where the surfaces attract"
         )
-    away = guess - jnp.sum(weights * guess) / jnp.sum(weights)
-    if jnp.sum(weights * away * pressure) < 0:
+    away = known - np.sum(weights * known) / np.sum(weights)
+    if np.sum(weights * away * pressure) < 0:
         return (
             "the measurements fall where the guess's curve rises: change the sign of the loads or "
             "of the forces. Displacements are positive away from the surface, forces in compression"
         )
     return ""
+
+
+def drift_of(hints: Hints, freedom: int) -> str:
+    """Return a sentence on a drift of the measurements, empty if chance explains what they show."""
+    drift = float(hints.drift)
+    if freedom < 1 or not drift > _DRIFT or betainc(freedom / 2, 0.5, 1 - drift) > _CHANCE:
+        return ""
+    return (
+        f"the sum of squares would fall by {drift:.0%} if the measurements drifted steadily from "
+        "the first to the last. A drift is not fitted: subtract the line through those far from "
+        "contact, before and after it"
+    )
 
 
 def _misfit(measured: Measured, fitted: Curve) -> np.ndarray:

@@ -9,12 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-from jaxstab.calibration.advice import FitWarning, Hints, warn_of_misfit
+from jaxstab.calibration.advice import FitWarning, Hints, warn_of_misfit, wrong_sign
 from jaxstab.calibration.least_squares import (
     Curve,
     Evaluation,
     FitProblem,
     Measured,
+    Rows,
     directions,
 )
 from jaxstab.calibration.model import Model, Order, Pick, Where, values_of
@@ -109,7 +110,8 @@ def calibrate(
             measurement does; "independent" starts all alike, without hysteresis.
         starts: how many starts: the contact's own parameters, others within a factor of two of
             them, and as many near the best fit so far. The best fit wins. By default as many as
-            it takes until one converges, up to 8.
+            it takes until one converges, up to 8. If the first ends far from the measurements, and
+            the guess has another sign or unit, no others are made.
         tolerance: the relative change of every parameter, that a step of Gauss and Newton's method
             would make, to reach; by default a hundredth of its standard error, and at least 1e-6.
             For a parameter that does not start positive, the change is relative to one that would
@@ -133,8 +135,8 @@ def calibrate(
             hardly worse. The message names the likely cause, such as a wrong sign or an outlier.
 
     Warns:
-        FitWarning: for an outlier, and for an offset or a baseline that is not fitted although the
-            measurements have one; for an interrupt.
+        FitWarning: for an outlier or a drift, and for an offset or a baseline that is not fitted
+            although the measurements have one; for an interrupt.
     """
     require_contact(contact)
     require_load(load)
@@ -247,7 +249,15 @@ def _watched(inputs: _Inputs, progress: bool | None) -> tuple[Calibration, Hints
                 result = RESULTS.where(has_ended, RESULTS.interrupted, fit.result)
                 return replace(fit, result=result), hints
             bar.update()
+            if i == 0 and _is_hopeless(inputs, found):
+                break
     return _finish(inputs, found)
+
+
+def _is_hopeless(inputs: _Inputs, found: Search) -> bool:
+    """Return whether a wrong sign or unit explains the first fit, so that starts near it fail."""
+    is_far = not found.best.point.loss <= _LARGEST_LOSS
+    return inputs.starts is None and is_far and bool(wrong_sign(inputs.measured, found.guess))
 
 
 @program
@@ -308,19 +318,41 @@ def _result(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
         dimensions=(*inputs.where.dimensions, *zeros.values()),
     )
     drop = 1 - jnp.sum(left**2) / (2 * best.loss)
-    return fit, Hints(found.guess, zero_steps, drop, _relief(best, is_fitted))
+    basis = _basis(best, is_fitted)
+    hints = Hints(
+        guess=found.guess,
+        zeros=zero_steps,
+        drop=drop,
+        relief=_relief(best, basis),
+        drift=_drift(best, basis, measured.roots),
+    )
+    return fit, hints
 
 
-def _relief(best: Evaluation, is_fitted: Any) -> Curve:
-    """Return the fraction of the sum of squares that each measurement takes with it, left out."""
+def _basis(best: Evaluation, is_fitted: Any) -> Rows:
+    """Return an orthonormal basis of the changes of the curve, zero where there are fewer."""
     rows = best.jacobian[:, is_fitted]
     norms = jnp.linalg.norm(rows, axis=0)
-    directions, sizes, _ = jnp.linalg.svd(rows / jnp.where(norms > 0, norms, 1), False)
+    axes, sizes, _ = jnp.linalg.svd(rows / jnp.where(norms > 0, norms, 1), False)
     is_there = sizes > jnp.finfo(sizes.dtype).eps * len(rows) * jnp.max(sizes)
-    leverage = jnp.sum((directions * is_there) ** 2, axis=1)
+    return axes * is_there
+
+
+def _relief(best: Evaluation, basis: Rows) -> Curve:
+    """Return the fraction of the sum of squares that each measurement takes with it, left out."""
+    leverage = jnp.sum(basis**2, axis=1)
     squares = best.misfit**2
     alone = jnp.maximum(1 - leverage, jnp.finfo(leverage.dtype).eps ** 0.5)
     return squares / alone / jnp.maximum(jnp.sum(squares), jnp.finfo(squares.dtype).tiny)
+
+
+def _drift(best: Evaluation, basis: Rows, roots: Curve) -> Scalar:
+    """Return the fraction of the sum of squares that a drift would remove."""
+    line = roots * jnp.linspace(-1, 1, roots.size)
+    line -= basis @ (basis.T @ line)
+    left = best.misfit - basis @ (basis.T @ best.misfit)
+    both = jnp.sum(line**2) * jnp.sum(left**2)
+    return jnp.sum(line * left) ** 2 / jnp.maximum(both, jnp.finfo(both.dtype).tiny)
 
 
 _finish = program(_result)

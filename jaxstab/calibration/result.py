@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
 
-from jaxstab.calibration.advice import Hints, outlier_of, wrong_sign
+from jaxstab.calibration.advice import Hints, drift_of, outlier_of, wrong_sign
 from jaxstab.calibration.least_squares import Curve, FitProblem, Measured
 from jaxstab.calibration.model import values_of
 from jaxstab.calibration.search import Search
@@ -137,7 +137,9 @@ def describe(fit: Calibration, measured: Measured, hints: Hints) -> str:
     cause = outlier_of(*known) or wrong_sign(measured, hints.guess)
     # On the way to a fit little follows from derivatives.
     if not cause and fit.result != RESULTS.max_steps_reached:
-        cause = outlier_of(*known, hints.relief)
+        cause = outlier_of(*known, hints.relief) or drift_of(
+            hints, int((measured.weights > 0).sum()) - len(fit.names) - 1
+        )
     if cause or fit.result == RESULTS.no_fit:
         cause = cause or (
             "the guess is far from the measurements: compare its curve with them by `sweep`. Look "

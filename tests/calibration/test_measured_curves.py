@@ -143,6 +143,30 @@ def test_forces_of_the_wrong_sign_are_refused():
     with pytest.raises(js.SolverError, match=cure) as told:
         fit_flat(-noisy(0))
     assert told.value.found.result != js.RESULTS.successful
+    # No other start, nor a profile, is tried from a guess of another sign.
+    assert (told.value.found.results[1:] == js.RESULTS.not_computed).all()
+    assert np.isnan(told.value.found.profile.values[:-1]).all()
+
+
+@pytest.mark.parametrize("drift", [0.1, -0.2])
+def test_a_drift_is_named_and_without_it_there_is_no_warning(drift):
+    forces = noisy(0) + drift * np.linspace(0, 1, POSITIONS.size)
+    with pytest.warns(js.FitWarning, match=r"drifted steadily.*subtract the line") as told:
+        fit = fit_flat(forces)
+    # The part is that which a fit of the closed form with a slope removes.
+    line = np.linspace(-1, 1, POSITIONS.size)
+
+    def misfit(values):
+        return forces_of(POSITIONS, *values[:4]) + values[4] * line - forces
+
+    start = [*found(fit)]
+    least = [2 * least_squares(misfit, [*TRUTH, drift / 2], xtol=1e-12).cost]
+    least.append(np.sum((forces_of(POSITIONS, *start) - forces) ** 2))
+    said = float(str(told[0].message).split("fall by ")[1].split("%")[0]) / 100
+    np.testing.assert_allclose(said, 1 - least[0] / least[1], atol=0.1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", js.FitWarning)
+        fit_flat(forces - drift * np.linspace(0, 1, POSITIONS.size))
 
 
 def test_an_outlier_is_named():
