@@ -127,12 +127,21 @@ def require_smooth(profile: Profile) -> None:
     profile = jax.tree.map(np.asarray, profile)
     innermost = innermost_gap(profile)
     fields = {"": profile.values, " slope": profile.slopes, " curvature": profile.curvatures}
-    cure = (
-        "with its first two derivatives it must be finite there, or else rise without bound as the "
-        "gap closes. An Electrostatic law needs a `dielectric`."
+    # A derivative is NaN where the energy is not: the usual cause is a branch that is not selected.
+    needed = "with its first two derivatives it must be finite there"
+    branch = (
+        f"{needed}. The energy itself is finite: JAX differentiates both branches of jnp.where, "
+        "and a NaN of the one that is not selected spoils the derivative. Give that branch a "
+        "harmless gap, as in jnp.where(is_near, f(jnp.where(is_near, gap, 1.0)), 0.0)."
+    )
+    at_zero = (
+        f"{needed}, or else rise without bound as the gap closes. An Electrostatic law needs a "
+        "`dielectric`."
     )
     for name, field in fields.items():
         is_sound = np.isfinite(field[-1]) | profile.has_core
+        is_branch = np.isnan(field[-1]) and np.isfinite(profile.values[-1])
+        cure = branch if is_branch else at_zero
         require(f"The potential's{name} value at zero gap", field[-1], is_sound, cure)
 
     matters = (profile.gaps >= innermost) & (profile.gaps <= profile.gaps[0] / 2.0 ** _OCTAVES[0])
@@ -140,10 +149,15 @@ def require_smooth(profile: Profile) -> None:
         undefined = matters & ~np.isfinite(field)
         if undefined.any():
             gap, value = profile.gaps[undefined][-1], field[undefined][-1]
+            is_branch = np.isnan(value) and np.isfinite(profile.values[undefined][-1])
+            cure = branch if is_branch else f"{needed}."
+            if profile.gaps.dtype == np.float32:
+                cure += (
+                    " In single precision a formula can leave the range where its value does not: "
+                    "use float64, or write it by ratios of lengths."
+                )
             raise ValueError(
-                f"The potential's{name} value at a gap of {gap:.6g} is {value}: with its first two "
-                "derivatives it must be finite there. In single precision a formula can leave the "
-                "range where its value does not: use float64, or write it by ratios of lengths."
+                f"The potential's{name} value at a gap of {gap:.6g} is {value}: {cure}"
             )
 
     # A change of the slope below these may be a curvature that underflows.

@@ -48,6 +48,14 @@ def test_a_core_is_seen_in_any_units_compiled_or_not(law, has_core, dtype):
         (lambda gap: -1.0 if gap < 1 else 0.0, "jnp.where in place of `if`"),
         (lambda gap: jnp.sqrt(0.5 - gap), r"value at a gap of 0.50\d* is nan"),
         (
+            lambda gap: jnp.where(gap < 0.5, -(jnp.sqrt(0.5 - gap) ** 5), 0.0),
+            r"slope value at a gap of 0.5\d* is nan.*branches of jnp.where(?!.*precision)",
+        ),
+        (
+            lambda gap: jnp.where(gap > 0.5, -(jnp.sqrt(gap - 0.5) ** 5) * jnp.exp(-gap), 0.0),
+            r"slope value at zero gap is nan.*branches of jnp.where(?!.*Electrostatic)",
+        ),
+        (
             lambda gap: -jnp.maximum(1 - gap, 0),
             r"piecewise linear.*from 0 to 1\. Give a smooth fit",
         ),
@@ -160,6 +168,16 @@ def test_weak_and_long_ranged_laws_are_not_taken_for_piecewise_linear():
     profile = js.Contact(solid, jnp.zeros((4, 4), jnp.float32), law).profile
     assert profile.slopes.max() > 2 * profile.slopes.min()
     assert not profile.curvatures.any()
+
+
+def test_a_branch_with_a_harmless_gap_has_the_slope_of_the_other():
+    def law(gap):
+        is_near = gap < 0.5
+        return jnp.where(is_near, -(jnp.sqrt(jnp.where(is_near, 0.5 - gap, 1.0)) ** 5), 0.0)
+
+    contact = js.Contact(js.HalfSpace(js.Grid(8), 1.0), jnp.zeros((8, 8)), law)
+    slopes, gaps = contact.profile.slopes, contact.profile.gaps
+    np.testing.assert_allclose(slopes, 2.5 * np.clip(0.5 - gaps, 0, None) ** 1.5, atol=1e-12)
 
 
 def test_a_formula_that_leaves_the_range_of_single_precision_is_refused():
