@@ -90,7 +90,7 @@ CALLS = {
 }
 # Others take minutes on larger grids.
 ON_LARGE = ("a plain equilibrium", "a contact", "`equilibrate`", "a verdict")
-LARGE = 1024
+LARGE = 512
 COLUMNS = (
     *("points", "call", "programs", "operations", "largest"),
     *("first call [s]", "with a cache [s]", "second call [s]"),
@@ -101,7 +101,7 @@ _OPERATION = re.compile(r"^\s+(?:ROOT )?%?[\w.-]+ = ", re.MULTILINE)
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sizes", type=int, nargs="+", default=[64, 512, 2048])
+    parser.add_argument("--sizes", type=int, nargs="+", default=[64, 512])
     parser.add_argument("--calls", nargs="+", help="words in the names of the calls to count")
     folder = Path(__file__).parent / "results"
     parser.add_argument("--out", type=Path, default=folder / "programs.md")
