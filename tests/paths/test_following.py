@@ -1,5 +1,6 @@
 """Following a load: batches, interrupts, the entries of a path, failures, refusals and print."""
 
+import re
 import signal
 import sys
 from dataclasses import replace
@@ -194,6 +195,10 @@ def test_no_step_is_as_short_as_rounding():
         path = js.follow(contact, js.MeanGap(jnp.array([0.6, lowest, 0.6])))
         steps = np.abs(np.diff(path.load.value))
         assert steps.min() > 1e-9
+    # The loss under a spring is that of both, and says so.
+    assert re.search(r"lost in \d+ jumps?  ", repr(path))
+    pulled = js.follow(contact, js.Spring(jnp.array([0.2, 0.5]), 1.0))
+    assert re.search(r"lost in \d+ jumps?, by contact and spring together,  ", repr(pulled))
 
 
 def test_a_batch_entry_without_a_state_has_no_loss(hertz):

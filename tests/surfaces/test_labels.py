@@ -2,6 +2,7 @@
 
 import datetime
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -131,3 +132,9 @@ def test_units_have_their_usual_names(name, unit):
     assert js.Contact(js.HalfSpace(GRID, 1.0), HEIGHTS, LAW, unit=name).unit == unit
     with pytest.raises(ValueError, match=r"'cm': choose one of km, m, mm.*convert"):
         js.Contact(js.HalfSpace(GRID, 1.0), HEIGHTS, LAW, unit="cm")
+
+
+def test_a_data_set_of_hdf5_is_a_plain_array(tmp_path):
+    with h5py.File(tmp_path / "heights.h5", "w") as file:
+        contact = js.Contact(js.HalfSpace(GRID, 1.0), file.create_dataset("z", data=HEIGHTS), LAW)
+    np.testing.assert_allclose(contact.heights + contact.datum, HEIGHTS, atol=1e-15)

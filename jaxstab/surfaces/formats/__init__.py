@@ -15,7 +15,7 @@ def scan_of(surface: object) -> Scan | None:
     # They are recognised by their attributes, since neither package need be there.
     makers = {
         "data_vars": scan_of_dataset,
-        "dims": scan_of_array,
+        "coords": scan_of_array,
         "iloc": scan_of_table,
         "physical_sizes": scan_of_topography,
     }
