@@ -1,9 +1,9 @@
 """The warning that a grid is too coarse for the adhesion on it."""
 
 import math
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 
 import equinox as eqx
 import jax
@@ -18,6 +18,8 @@ from jaxstab.core.warn import warn
 from jaxstab.solids.solid import Solid
 
 _MAX_REFINEMENT = 1024
+# Whether a caller has warned already. A filter of warnings would have others repeated.
+_is_said = ContextVar("is_said", default=False)
 
 
 class ResolutionWarning(UserWarning):
@@ -34,9 +36,11 @@ _PINNING = 0.2
 def warned_once(contact: Contact, needed: float) -> Iterator[None]:
     """Warn of a coarse grid before several solves, which then say nothing more of it."""
     warn_if_coarse(contact, needed)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ResolutionWarning)
+    token = _is_said.set(True)
+    try:
         yield
+    finally:
+        _is_said.reset(token)
 
 
 def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
@@ -45,6 +49,8 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
     It warns where `contact.resolution` is below the number needed. It does not warn inside of
     `jax.jit` and `jax.vmap`, where values are not known yet.
     """
+    if _is_said.get():
+        return
     both = _max_stiffness(contact.solid), contact.profile.max_curvature
     stiffest, sharpest = map(concrete, both)
     if is_traced(both) or stiffest >= needed * sharpest:
