@@ -59,6 +59,26 @@ def test_an_interrupted_branch_keeps_the_turn_of_its_last_state(hertz, branch, m
     np.testing.assert_array_equal(found.turns.load.value, branch.turns.load.value[:1])
 
 
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupt_before_the_last_state_is_kept_leaves_no_end_of_it(hertz, monkeypatch):
+    module = importlib.import_module("jaxstab.paths.curve.continuation")
+    load = js.MeanDisplacement(jnp.array([1.6, 1.55]))
+    whole = js.continuation(hertz, load, max_states=24)
+    assert whole.end == "load"
+    steps, held = itertools.count(1), module.interrupts_held
+
+    def interrupted():
+        if next(steps) == len(whole) - 1:
+            signal.raise_signal(signal.SIGINT)
+        return held()
+
+    monkeypatch.setattr(module, "interrupts_held", interrupted)
+    with pytest.warns(js.PathInterrupted, match=f"after {len(whole) - 1} states"):
+        found = js.continuation(hertz, load, max_states=24)
+    assert found.result == "interrupted" and found.end == "states"
+    np.testing.assert_array_equal(found.load.value, whole.load.value[:-1])
+
+
 def test_an_index_that_is_not_found_is_not_a_number_of_ways(hertz, branch, monkeypatch):
     assert "unknown" not in repr(branch)
     load, gap = branch[0].load, branch.equilibrium.gap[0]

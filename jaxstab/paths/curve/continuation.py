@@ -172,9 +172,10 @@ def _eager(number: int, fields: bool, begun: Begun) -> Branch:
     entries, turns = [_kept(entry, fields)], []
     try:
         while branch.is_on and len(entries) < number:
-            branch, entry, turn = jax.block_until_ready(_gone_on(problem, branch))
-            # A state is kept with its turn, or not at all.
+            gone_on = jax.block_until_ready(_gone_on(problem, branch))
+            # A step is kept with its state, its turn and how it ended, or not at all.
             with interrupts_held() as held:
+                branch, entry, turn = gone_on
                 if branch.step.is_new:
                     entries.append(_kept(entry, fields))
                     advance_if_known(entry)
