@@ -265,7 +265,7 @@ def _energies(path: Path) -> list[str]:
     energies = [f"{value / divisor:.6g} {shown_unit(unit)}".rstrip() for value in (done, lost)]
     jumps = several(number, "jump")
     if isinstance(path.load, Spring):
-        jumps += ", by contact and spring together,"
+        jumps += ", by contact and spring together"
     if is_known:
         lines = [f"  work  {energies[0]}", f"  lost in {jumps}  {energies[1]}"]
     else:
