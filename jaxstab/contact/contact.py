@@ -148,6 +148,11 @@ class Contact(eqx.Module):
         return self.profile.has_core if known is None else known
 
     @property
+    def known_core(self) -> bool | None:
+        """The same as a number of Python, on which programs can depend; None if not known yet."""
+        return None if is_traced(self.has_core) else bool(self.has_core)
+
+    @property
     def padded(self) -> "Contact":
         """The same contact on the grid that it is solved on: on a window a larger one."""
         solid = self.solid.padded
@@ -216,8 +221,8 @@ class Contact(eqx.Module):
 
     def in_characteristic_units(self) -> tuple["Contact", Scalar]:
         """Return the same contact in units of its characteristic pressure, and that pressure."""
-        unit, has_core = self.characteristic_pressure, self.has_core
-        return self.in_units_of(unit, None if is_traced(has_core) else bool(has_core)), unit
+        unit = self.characteristic_pressure
+        return self.in_units_of(unit, self.known_core), unit
 
     def gap(self, displacement: Field) -> Field:
         """Return g = u - h (Rey & Bleyer, eq. 2) [length]."""

@@ -8,7 +8,6 @@ from typing import Any, Protocol, Self, TypeVar, TypeVarTuple
 import jax
 
 from jaxstab.contact.contact import Contact
-from jaxstab.core.checks import is_traced
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.implicit import refuse_derivatives
 from jaxstab.core.interrupts import interrupts_held
@@ -61,9 +60,7 @@ def answer(
     """
     own, own_state, unit = contact, state, None
     if not has_units:
-        has_core = contact.has_core
-        known = None if is_traced(has_core) else bool(has_core)
-        own, own_state, unit = _in_characteristic_units(known, contact, state)
+        own, own_state, unit = _in_characteristic_units(contact.known_core, contact, state)
     given: Any = own, own_state, others
     given = given if differentiable else refuse_derivatives(given)
     constants: tuple[Contact, State, tuple[*Others]] = jax.lax.stop_gradient(given)

@@ -113,9 +113,7 @@ def find_equilibrium(
     contact: Contact, load: Load, solver: EquilibriumSolver, initial: Field | None
 ) -> Equilibrium:
     """Return the result of `equilibrate` on checked arguments, without derivatives."""
-    has_core = contact.has_core
-    has_core = None if is_traced(has_core) else bool(has_core)
-    return _find_in_characteristic_units(contact, load, solver, initial, has_core)
+    return _find_in_characteristic_units(contact, load, solver, initial, contact.known_core)
 
 
 @partial(program, static_argnames="has_core")

@@ -187,13 +187,18 @@ def test_a_branch_without_a_first_state_has_no_end(hertz):
         js.continuation(hertz, js.MeanDisplacement(jnp.array([-2.0, -1.0])), max_states=24)
 
 
+def two_summits(number, higher, law):
+    """Return a contact of two equal waves on a line, the first summit a little higher."""
+    heights = 0.1 * np.cos(4 * np.pi * np.arange(number) / number)
+    heights[0] += higher
+    return js.Contact(js.HalfSpace(js.Grid((number,)), 1.0), heights, law)
+
+
 @pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
 @pytest.mark.parametrize("higher", [0.0, 1e-12])
 def test_it_records_a_bifurcation_where_a_symmetric_mode_loses_its_stiffness(higher):
-    heights = 0.1 * np.cos(4 * np.pi * np.arange(12) / 12)
-    heights[0] += higher
     law = js.potentials.LennardJones(0.12, 0.1)
-    contact = js.Contact(js.HalfSpace(js.Grid((12,)), 1.0), heights, law)
+    contact = two_summits(12, higher, law)
     loads = js.MeanDisplacement(jnp.array([0.5, 0.325]))
     branch = js.continuation(contact, loads)
     assert branch.end == "load"
@@ -217,10 +222,8 @@ def test_it_records_a_bifurcation_where_a_symmetric_mode_loses_its_stiffness(hig
 @pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
 @pytest.mark.parametrize("higher", [0.0, 1e-9])
 def test_of_two_nearly_equal_points_it_releases_the_first_alone(higher):
-    heights = 0.1 * np.cos(4 * np.pi * np.arange(16) / 16)
-    heights[0] += higher
     law = js.potentials.Exponential(0.05, 0.1)
-    contact = js.Contact(js.HalfSpace(js.Grid((16,)), 1.0), heights, law)
+    contact = two_summits(16, higher, law)
     load = js.MeanGap(jnp.array([0.13, 0.145]))
     branch = js.continuation(contact, load, fields=True, max_states=16, throw=False)
     touching = np.asarray(branch.equilibrium.gap == 0).sum(axis=1)
@@ -233,7 +236,7 @@ def test_of_two_nearly_equal_points_it_releases_the_first_alone(higher):
     event = int(np.argmax(touching == 1)) - 1
     assert touching[event] == 2
     gap = np.asarray(branch.equilibrium.gap[event])
-    elastic = periodic_stiffness((16,), (1.0,), 1.0) @ (gap + heights)
+    elastic = periodic_stiffness((16,), (1.0,), 1.0) @ (gap + np.asarray(contact.heights))
     net = elastic + np.asarray(jax.vmap(jax.grad(law))(gap))
     reaction = net - net[4]
     stays = np.asarray(branch.equilibrium.gap[event + 1, [0, 8]] == 0)
