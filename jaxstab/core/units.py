@@ -16,12 +16,12 @@ from dataclasses import fields
 from functools import cache
 from typing import NamedTuple, Protocol, Self, get_args
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
 from jaxstab.core.checks import require_one_of
 from jaxstab.core.compile import own_conventions
+from jaxstab.core.equality import Comparable
 from jaxstab.core.types import Scalar
 
 LENGTHS = {"km": 3, "m": 0, "mm": -3, "µm": -6, "nm": -9, "Å": -10, "pm": -12}
@@ -142,7 +142,7 @@ class _HasSurface(Protocol):
     def surface(self, field: Array) -> Array: ...
 
 
-class Dimensioned(eqx.Module):
+class Dimensioned(Comparable):
     """A module whose fields declare their dimensions."""
 
     @own_conventions()

@@ -201,11 +201,19 @@ def concluded(contact: Contact, load: Load, iteration: Iteration[SolverState]) -
 
 
 def _lift_off_core(contact: Contact, control: Control, gap: Field) -> Field:
-    """Return the gap, or a wider one if its energy is lower or the gap's energy not finite."""
+    """Return the gap, or where it lies deep in the core a wider one of lower energy.
+
+    A gap that nowhere does may be a state of equilibrium, which is to be kept whatever others are
+    lower.
+    """
     profile = contact.profile
     # Under tension, energy falls without end further out: look for the minimum near the core.
     energies = profile.values + jnp.maximum(control.energy(profile.gaps), 0)
     lifted = control.restore(gap + profile.gaps[jnp.nanargmin(energies)])
+    # Deep is where the law has taken back more than all that it gives.
+    innermost = profile.gaps[jnp.nanargmin(profile.values)]
+    is_deep = (profile.gaps < innermost) & ~(profile.values <= -jnp.nanmin(profile.values))
+    deep = jnp.max(jnp.where(is_deep, profile.gaps, 0))
 
     def energies_of(gap: Field) -> Float[Array, " energies"]:
         surface = contact.energy(gap) / contact.grid.cell_area
@@ -213,7 +221,8 @@ def _lift_off_core(contact: Contact, control: Control, gap: Field) -> Field:
 
     # That a tension gains by drawing the surfaces apart says nothing of the core.
     is_better = jnp.any(energies_of(gap) <= energies_of(lifted))
-    return jnp.where(is_better & jnp.all(gap > 0), gap, lifted)
+    stays = (is_better & jnp.all(gap > 0)) | jnp.all(gap > deep)
+    return jnp.where(stays, gap, lifted)
 
 
 def initial_gap(contact: Contact, load: Load, initial: ArrayLike | State | None) -> Field | None:

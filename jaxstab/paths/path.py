@@ -278,6 +278,10 @@ def _energies(path: Path) -> list[str]:
         amount, error = float(path.unlocated) / divisor, float(path.unlocated_error) / divisor
         name = "lost in jumps not located" if amount > 0 else "lost between jumps, which cannot be:"
         lines.append(f"  {name}  {amount:.2g} ± {error:.1g} {shown_unit(unit)}".rstrip())
+    broken = int(np.sum(np.asarray(path.jumps.kind == KINDS.bifurcation)))
+    if broken:
+        place = "a bifurcation" if broken == 1 else f"{broken} bifurcations"
+        lines.append(f"  a symmetry was broken at {place}: another disturbance may lead elsewhere")
     return lines
 
 

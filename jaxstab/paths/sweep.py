@@ -16,6 +16,7 @@ from jaxstab.core import display
 from jaxstab.core.checks import is_transformed, require_one_of
 from jaxstab.core.compile import program
 from jaxstab.core.display import column
+from jaxstab.core.equality import Comparable
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
@@ -42,7 +43,7 @@ class SweepInterrupted(UserWarning):
     """A sweep was interrupted; it holds the loads done so far."""
 
 
-class Sweep(Stackable, eqx.Module):
+class Sweep(Stackable, Comparable):
     """Equilibria at many loads and their stability; every field has a leading axis of loads.
 
     `sweep[3]` is one state, without that axis; `len(sweep)`, slices and loops work as in a list.

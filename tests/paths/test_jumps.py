@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from brute_force import periodic_stiffness
+from brute_force import on_zero_mean, periodic_stiffness
 from problems import bisected, rough_contact
 from scipy.integrate import simpson
 
@@ -196,6 +196,36 @@ def test_of_a_path_nothing_else_has_a_derivative_nor_where_two_points_let_go_at_
 
     assert jnp.isnan(jax.grad(last_jump)(10.0))
     assert jnp.isnan(jax.grad(work)(1.4))
+
+
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+def test_with_a_core_it_stays_on_each_branch_until_that_loses_its_stability():
+    law = js.potentials.LennardJones(0.12, 0.1)
+    heights = 0.1 * np.cos(4 * np.pi * np.arange(12) / 12)
+    contact = js.Contact(js.HalfSpace(js.Grid((12,)), 1.0), heights, law)
+    path = js.follow(contact, js.MeanDisplacement(jnp.array([0.5, 0.19, 0.5])), fields=True)
+    stiffness = periodic_stiffness((12,), (1.0,), 1.0)
+
+    def lowest(gap):
+        curvature = jax.vmap(jax.grad(jax.grad(law)))(gap)
+        return on_zero_mean(stiffness + np.diag(curvature))[0]
+
+    assert len(path.jumps) == 12
+    assert set(path.jumps.kind.name.tolist()) == {"fold", "bifurcation"}
+    # Both waves are alike at 0.331722741, and at 0.341208 each of the two that hold one summit.
+    assert jnp.abs(path.jumps.load.value - 0.331722741).min() < 1e-5
+    assert jnp.abs(path.jumps.load.value - 0.34120832).min() < 1e-5
+    for gap in path.jumps.before.gap:
+        assert abs(lowest(gap)) < 0.3
+    # Each state comes back from itself, however much lower another one lies.
+    for state, gap in zip(path[20::20], path.equilibrium.gap[20::20], strict=True):
+        again = js.equilibrate(contact, state.load, initial=gap)
+        np.testing.assert_allclose(again.gap, gap, atol=1e-6)
+    # Back at the first load nothing is left but the loss.
+    np.testing.assert_allclose(path.equilibrium.energy[-1], path.equilibrium.energy[0], rtol=1e-6)
+    quadrature = -np.trapezoid(path.equilibrium.mean_pressure, path.load.value)
+    np.testing.assert_allclose(path.dissipation, quadrature, rtol=0.02)
+    assert "a symmetry was broken at 5 bifurcations" in repr(path)
 
 
 @pytest.mark.nightly

@@ -223,14 +223,17 @@ def _branch_behind(search: _Ahead, found: Found) -> tuple[BranchState, Flag]:
 def _limit_or_state(
     contact: Contact, load: Load, gap: Field, limit: Limit, is_found: Flag
 ) -> Limit:
-    """Return the limit that was found ahead of a state, or the state itself."""
+    """Return the limit that was found ahead of a state, or the state itself.
+
+    Ahead of a state past a bifurcation, a turn of the load is none of a stable branch.
+    """
     residual = contact.balance(contact.control(load))(gap).residual
     result = RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite)
     state = replace(limit, load=load, gap=gap, residual=residual, result=result)
     is_unstable = is_found & (limit.critical.eigenvalue < -limit.critical.error)
     kind = KINDS.where(is_unstable, KINDS.bifurcation, KINDS.uncertain)
     state = replace(state, kind=kind, point=jnp.zeros_like(limit.point))
-    return choose(limit.is_found, limit, state)
+    return choose(limit.is_found & (limit.kind != KINDS.uncertain), limit, state)
 
 
 def _horizon(load: Load, gap: Field, ahead: Scalar) -> Scalar:
