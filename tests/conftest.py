@@ -110,3 +110,14 @@ def transition(hertz):
     load = js.MeanDisplacement(1.35)
     closed = js.equilibrate(hertz, js.MeanDisplacement(0.8))
     return js.transition(hertz, load, js.equilibrate(hertz, load), closed.gap, num_images=6)
+
+
+@pytest.fixture(scope="session")
+def detaching():
+    """The pass of a rough line of 12 points to nothing, at nine tenths of its pull-off."""
+    grid = js.Grid((12,), (1.0,))
+    heights = js.surfaces.self_affine(grid, jax.random.key(2), k_high=4, rms_height=0.05)
+    contact = js.Contact(js.HalfSpace(grid, 1.0), heights, js.potentials.Exponential(0.03, 0.2))
+    load = js.MeanPressure(-0.09068)
+    start = js.equilibrate(contact, load, initial=jax.numpy.full((12,), 1e-3))
+    return contact, js.transition(contact, load, start, None)

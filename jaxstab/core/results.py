@@ -95,6 +95,12 @@ class RESULTS(Enumeration):
         "string. Give more images (`num_images`), or states that are closer to each other: there "
         "may be minima between them"
     )
+    no_detachment = member(
+        "on the branch around the pull-off no state at this load has one negative eigenvalue and "
+        "joins the start with detached surfaces. Follow the branch by jaxstab.continuation towards "
+        "lower pressures to see where it leads: at a symmetric surface the pass may break the "
+        "symmetry, which the branch does not"
+    )
     not_computed = member(
         "another number already proves the verdict. Assess without `verdict_only`"
     )

@@ -15,7 +15,7 @@ from jaxstab.core.display import Outcome
 from jaxstab.core.history import History
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import require_single
-from jaxstab.core.types import Field, Mask, Scalar
+from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.core.units import (
     AREA,
     ENERGY,
@@ -159,6 +159,18 @@ def state_at(contact: Contact, load: Load, gap: Field) -> Equilibrium:
         num_steps=jnp.array(0),
         result=RESULTS.where(is_finite, RESULTS.successful, RESULTS.nonfinite),
         history=History.empty(["residual"], gap.dtype),
+    )
+
+
+def detached_where(is_apart: Flag, state: Equilibrium) -> Equilibrium:
+    """Return a state; where the surfaces are apart for good it has no fields, and no contact."""
+    fields = {name: getattr(state, name) for name in ("residual", *DIFFERENTIABLE)}
+    return replace(
+        state,
+        in_contact=state.in_contact & ~is_apart,
+        contact_area=jnp.where(is_apart, 0, state.contact_area),
+        result=RESULTS.where(is_apart, RESULTS.pulled_off, state.result),
+        **{name: jnp.where(is_apart, jnp.nan, field) for name, field in fields.items()},
     )
 
 

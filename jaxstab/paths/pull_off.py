@@ -77,7 +77,7 @@ def pull_off(
     padded, start = padded_start(contact, MeanPressure(pressure), start)
     constant = jax.lax.stop_gradient(padded)
     if machine is None:
-        load: Load = _dead_load(constant, pressure)
+        load: Load = dead_load(constant, pressure)
     else:
         load = _retraction(constant, pressure, start, machine)
         load.warn_if_soft(contact.solid)
@@ -139,7 +139,7 @@ def _start(contact: Contact, initial: ArrayLike | State | None) -> tuple[Scalar,
 
 
 @program
-def _dead_load(contact: Contact, pressure: Scalar) -> MeanPressure:
+def dead_load(contact: Contact, pressure: Scalar) -> MeanPressure:
     """Return the mean pressures from a state's to one that leaves nothing together.
 
     Without attraction both are the same.

@@ -1,6 +1,5 @@
 """The states and jumps that load stepping records, in stores of a bounded size."""
 
-from dataclasses import replace
 from typing import Generic, TypeVar
 
 import equinox as eqx
@@ -16,7 +15,7 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import nothing_like
 from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.equilibrium.equilibrium import state_at
+from jaxstab.equilibrium.equilibrium import detached_where, state_at
 from jaxstab.loads import Load
 from jaxstab.paths.energy import rounding_of, supply_of
 from jaxstab.paths.path import States
@@ -82,13 +81,7 @@ class Event(eqx.Module):
 
 def _state_unless(is_apart: Flag, contact: Contact, one: Load, point: PathPoint) -> Equilibrium:
     """Return the equilibrium of a point; where surfaces are apart there is none."""
-    gap = jnp.where(is_apart, jnp.nan, point.gap)
-    state = state_at(contact, one.at(point.value), gap)
-    return replace(
-        state,
-        contact_area=jnp.where(is_apart, 0, state.contact_area),
-        result=RESULTS.where(is_apart, RESULTS.pulled_off, state.result),
-    )
+    return detached_where(is_apart, state_at(contact, one.at(point.value), point.gap))
 
 
 def point_of(contact: Contact, found: Equilibrium, value: Scalar) -> PathPoint:

@@ -95,7 +95,8 @@ def branch(
 def transition(contact: Contact, transition: Transition) -> Figure:
     """Draw a pass in one figure: the energy along the string, the saddle's gap, and its mode.
 
-    The contact at the saddle is outlined on gap and mode, or on a line shaded.
+    The energy of a pass to detached surfaces is drawn along the branch, up to the saddle. The
+    contact at the saddle is outlined on gap and mode, or on a line shaded.
 
     Arguments:
         contact: the contact problem.
@@ -123,17 +124,24 @@ def transition(contact: Contact, transition: Transition) -> Figure:
 
 
 def _draw_string(transition: Transition, axes: Axes) -> None:
-    """Draw the energy along the string, with both ends and the saddle."""
+    """Draw the energy along the string, or the branch, with the saddle and the ends."""
     energies = np.asarray(transition.energies)
     places = np.linspace(0, 1, energies.size)
     there, back = (float(energy) for energy in transition.barrier)
     units = transition.saddle.units
-    axes.plot(places, energies, ".-", color=BLUE, label="string")
-    axes.scatter([0, 1], [0, there - back], color=grey(axes, 1), zorder=3, label="start, end")
+    # From detached surfaces there is no way back, and the branch ends at the saddle.
+    is_detached = back == np.inf
+    line = "branch" if is_detached else "string"
+    summit = energies.size - 1 if is_detached else np.argmax(energies)
+    ends = ([0], [0]) if is_detached else ([0, 1], [0, there - back])
+    axes.plot(places, energies, ".-", color=BLUE, label=line)
+    label = "start" if is_detached else "start, end"
+    axes.scatter(*ends, color=grey(axes, 1), zorder=3, label=label)
     style = {"marker": "*", "s": 90, "color": VERMILION, "edgecolors": grey(axes, 1), "zorder": 4}
-    axes.scatter([places[np.argmax(energies)]], [there], label="saddle", **style)
-    label_axes(axes, "part of the string", "energy above the start [energy]", units)
-    divisor, energy = readable_unit(units, "energy", max(there, back))
-    up, down = there / divisor, back / divisor
-    axes.set_title(f"barrier {up:.3g}, back {down:.3g} {in_brackets(energy)}")
+    axes.scatter([places[summit]], [there], label="saddle", **style)
+    label_axes(axes, f"part of the {line}", "energy above the start [energy]", units)
+    divisor, energy = readable_unit(units, "energy", there if is_detached else max(there, back))
+    title = f"barrier {there / divisor:.3g}"
+    title += ", no way back" if is_detached else f", back {back / divisor:.3g}"
+    axes.set_title(f"{title} {in_brackets(energy)}")
     axes.legend()

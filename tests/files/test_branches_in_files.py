@@ -41,6 +41,19 @@ def test_a_transition_comes_back_to_the_last_bit(contact, transition, tmp_path):
         assert plain.attrs["load_kind"] == "MeanDisplacement"
 
 
+def test_a_pass_to_detached_surfaces_comes_back_and_is_drawn(detaching, tmp_path, capsys):
+    path = js.save(tmp_path / "pass.nc", *detaching)
+    assert_same_bits(detaching, js.load(path))
+    with xarray.open_dataset(path) as plain:
+        assert float(plain.back) == np.inf and np.isnan(plain.end_gap).all()
+        assert plain.images.shape == detaching[1].images.shape
+    main(["info", str(path)])
+    assert str(detaching[1]) in capsys.readouterr().out
+    main(["plot", str(path)])
+    assert os.path.getsize(capsys.readouterr().out.strip()) > 10_000
+    plt.close("all")
+
+
 def test_data_sets_of_both_say_what_everything_is(contact, branch, transition):
     sets = js.to_dataset(contact, branch), js.to_dataset(contact, transition)
     for dataset in sets:

@@ -114,10 +114,17 @@ def test_there_is_no_easiest_way_out_of_a_saddle_or_of_another_contact(hertz, tr
 
 
 @pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
-def test_without_a_state_beyond_a_dead_load_the_branch_is_the_cure():
+def test_without_a_state_beyond_the_easiest_way_out_under_a_dead_load_is_to_nothing():
     heights = 0.1 * np.cos(2 * np.pi * np.arange(16) / 16)
     law = js.potentials.Exponential(0.02, 0.05)
     contact = js.Contact(js.HalfSpace(js.Grid((16,)), 1.0), heights, law)
     state = js.equilibrate(contact, js.MeanPressure(-0.05))
-    with pytest.raises(js.SolverError, match=r"0 other states.*dead load.*`continuation`"):
-        js.easiest_exit(contact, state, num_modes=1)
+    found = js.easiest_exit(contact, state, num_modes=1)
+    assert found.end.result == "pulled_off" and found.back == np.inf
+    both = js.transition(contact, state.load, state, None)
+    np.testing.assert_allclose(found.there, both.there, rtol=1e-9)
+    # On this symmetric branch the state at the load has two negative eigenvalues.
+    flat = js.Contact(contact.solid, heights / 4, js.potentials.Exponential(0.06, 0.06))
+    state = js.equilibrate(flat, js.MeanPressure(-0.3))
+    with pytest.raises(js.SolverError, match=r"0 other states.*detached surfaces.*: no_detachment"):
+        js.easiest_exit(flat, state, num_modes=1)

@@ -71,6 +71,17 @@ def test_a_pass_is_drawn_with_its_saddle(hertz, transition):
     assert figure.axes[0].get_ylabel().endswith("J/m]")
 
 
+def test_a_pass_to_detached_surfaces_is_drawn_up_to_its_saddle(detaching):
+    contact, found = detaching
+    panel = plots.transition(contact, found).axes[0]
+    assert panel.get_xlabel() == "part of the branch"
+    assert set(names(panel)) == {"branch", "start", "saddle"}
+    start, saddle = (np.asarray(marks.get_offsets()) for marks in panel.collections)
+    np.testing.assert_allclose(start, [[0, 0]])
+    np.testing.assert_allclose(saddle, [[1, found.there]])
+    assert panel.get_title().startswith(f"barrier {float(found.there):.3g}, no way back")
+
+
 def test_what_is_no_single_pass_is_refused(hertz, branch, transition):
     with pytest.raises(TypeError, match="Branch is not a transition"):
         plots.transition(hertz, branch)

@@ -11,15 +11,13 @@ from jaxstab.core.results import RESULTS, SolverError
 from jaxstab.core.types import Field
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.equilibrium.equilibrium import State, equilibrium_of
-from jaxstab.loads import MeanPressure
-from jaxstab.paths.barriers.transition import Transition, transition
+from jaxstab.paths.barriers.saddle import are_apart
+from jaxstab.paths.barriers.transition import Transition, pulls, transition
 from jaxstab.stability import assess_stability, lowest_modes
 from jaxstab.stability.perturb import amplitude_of
 
 # How far a state is pushed, one after another: parts of its mean gap.
 _SHARES = 0.1, 0.3, 1.0, 3.0
-# Two states differ from this largest difference of their gaps on, over the mean gap.
-_APART = 1e-3
 
 
 def easiest_exit(
@@ -34,10 +32,10 @@ def easiest_exit(
 
     The state is pushed along its lowest modes, in both directions, and along the cone's, farther
     and farther until it relaxes to another state. The transition to these states with
-    the lowest barrier is returned; there may be a lower one. Under a dead load that pulls,
-    detached surfaces have no equilibrium: there the pass to them is not found, but
-    `jaxstab.continuation` around the pull-off leads to it. The function runs neither under
-    `jax.jit` nor under `jax.vmap`.
+    the lowest barrier is returned; there may be a lower one. Under a dead load that pulls, the
+    transition to detached surfaces is among them: it follows the branch around the pull-off, which
+    on rough surfaces takes most of the time. The function runs neither under `jax.jit` nor under
+    `jax.vmap`.
 
     Arguments:
         contact: the contact problem.
@@ -65,15 +63,15 @@ def easiest_exit(
             raise ValueError("The state is unstable: give a stable one, as by jaxstab.release.")
         cone = stability.cone
         directions = [cone.mode, *(sign * mode for mode in modes.mode for sign in (1, -1))]
-        ends: list[Equilibrium] = []
+        states: list[Equilibrium] = []
         for direction in directions:
             end = _state_beyond(contact, equilibrium, direction)
-            if end is not None and all(_are_apart(end, other) for other in ends):
-                ends.append(end)
+            if end is not None and all(are_apart(end, other) for other in states):
+                states.append(end)
         # Without another state, from the state to itself: its result says so.
+        ends = [*states, None] if pulls(equilibrium.load) else states or [equilibrium]
         exits = [
-            transition(contact, equilibrium.load, equilibrium, end, throw=False)
-            for end in ends or [equilibrium]
+            transition(contact, equilibrium.load, equilibrium, end, throw=False) for end in ends
         ]
     found = [one for one in exits if one.result == RESULTS.successful]
     if found:
@@ -81,15 +79,10 @@ def easiest_exit(
     if not throw:
         return exits[0]
     cure = "Try more modes (`num_modes`), or give another state to `transition`."
-    if isinstance(equilibrium.load, MeanPressure) and not ends:
-        # A push that detaches the surfaces has no end.
-        cure = (
-            "Surfaces that a dead load pulls apart have no equilibrium to go to: their pass is the "
-            "unstable state at this load on the branch from here around its pull-off, which "
-            "`continuation` towards lower pressures follows."
-        )
+    if ends[-1] is None:
+        cure = f"To detached surfaces there is none either: {RESULTS[exits[-1].result]}. {cure}"
     raise SolverError(
-        f"None of {len(directions)} pushes led over a pass to another state; {len(ends)} other "
+        f"None of {len(directions)} pushes led over a pass to another state; {len(states)} other "
         f"states were found. {cure}",
         exits[0],
     )
@@ -104,11 +97,6 @@ def _state_beyond(contact: Contact, state: Equilibrium, direction: Field) -> Equ
         if not jnp.any(start > 0):
             return None
         end = equilibrate(contact, state.load, initial=start, throw=False)
-        if end.result == RESULTS.successful and _are_apart(end, state):
+        if end.result == RESULTS.successful and are_apart(end, state):
             return jax.block_until_ready(end)
     return None
-
-
-def _are_apart(one: Equilibrium, other: Equilibrium) -> bool:
-    difference = jnp.max(jnp.abs(one.gap - other.gap))
-    return bool(difference > _APART * jnp.mean(other.gap))
