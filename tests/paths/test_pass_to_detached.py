@@ -32,7 +32,7 @@ def stable_at(contact, value):
     """Return the state at a load on the branch from no load."""
     loads = js.MeanPressure(jnp.array([0.0, value]))
     branch = js.continuation(contact, loads, fields=True)
-    assert branch.end == "load" and not branch.index.any()
+    assert branch.end == "load" and branch.index[-1] == 0
     return branch[-1]
 
 
@@ -134,17 +134,40 @@ def test_by_matrices_it_is_a_saddle_between_the_start_and_nothing(pulled, part):
     assert far.min() > 2
 
 
-def test_near_the_pull_off_it_follows_the_law_of_the_jump(pulled):
-    contact, _, strongest = pulled
-    path = js.follow(contact, js.MeanPressure(jnp.array([0.0, 1.1 * strongest])))
-    law = path.jumps[-1].barrier_law
-    assert path.jumps[-1].kind == "release" and law.exponent == 2
-    for distance in (1e-2, 1e-3, 1e-4):
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
+@pytest.mark.parametrize(
+    ("law", "kind", "exponent"),
+    [
+        (js.potentials.Exponential(WORK, RANGE), "release", 2),
+        (js.potentials.LennardJones(WORK, 0.15), "fold", 1.5),
+    ],
+    ids=["release", "fold"],
+)
+def test_near_the_pull_off_it_follows_the_law_of_the_jump(detaching, law, kind, exponent):
+    line, _ = detaching
+    contact = js.Contact(line.solid, line.heights, law)
+    _, strongest = branch_around(contact)
+    (*_, jump) = js.follow(contact, js.MeanPressure(jnp.array([0.0, 1.1 * strongest]))).jumps
+    assert jump.kind == kind and jump.barrier_law.exponent == exponent
+    for distance in (1e-2, 1e-3, 1e-4, 1e-5):
         load = js.MeanPressure((1 - distance) * strongest)
         there = js.transition(contact, load, stable_at(contact, load.value), None).there
         # The next power of the distance is left.
-        expected = law.barrier(distance * strongest)
-        np.testing.assert_allclose(there, expected, rtol=10 * distance)
+        expected = jump.barrier_law.barrier(distance * strongest)
+        np.testing.assert_allclose(there, expected, rtol=max(10 * distance, 1e-3))
+
+
+def test_flat_surfaces_come_apart_over_the_barrier_of_the_law_alone(detaching):
+    line, _ = detaching
+    contact = js.Contact(line.solid, jnp.zeros(12), line.potential)
+    pull = 0.05
+    load = js.MeanPressure(-pull)
+    found = js.transition(contact, load, js.equilibrate(contact, load), None)
+    # Where the attraction has fallen to the pull.
+    gap = RANGE * np.log(WORK / RANGE / pull)
+    np.testing.assert_allclose(found.saddle.gap, gap, rtol=1e-8)
+    np.testing.assert_allclose(found.there, WORK - RANGE * pull - pull * gap, rtol=1e-9)
+    np.testing.assert_allclose(np.abs(found.mode), 12**-0.5, rtol=1e-6)
 
 
 def test_its_barrier_has_the_derivatives_of_differences(detaching):

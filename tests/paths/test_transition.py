@@ -163,12 +163,12 @@ def test_the_easiest_exit_is_the_one_that_a_nearby_jump_takes_or_lower(detachmen
     assert 0 < js.easiest_exit(contact, at.end).barrier.there < 1.001 * at.barrier.back
 
 
-def sphere_on_a_half_space(parameter, window, smoothing):
+def sphere_on_a_half_space(parameter, window, smoothing, number=128):
     """Return a contact in units of JKR, of displacement 0.01, and the arguments of its theory."""
     radius = 100.0
     work = 4 / (3 * np.pi * radius**2)
     strength = parameter / 2 * (np.pi * work * (4 / 3) ** 2 / radius) ** (1 / 3)
-    grid = js.Grid(128, window)
+    grid = js.Grid(number, window)
     solid = js.FreeHalfSpace(grid, youngs_modulus=1.0, poisson_ratio=0.0)
     law = js.potentials.Dugdale(work, work / strength, smoothing)
     contact = js.Contact(solid, js.surfaces.paraboloid(grid, radius), law)
@@ -213,6 +213,30 @@ def test_a_spheres_barriers_are_integrals_of_maugis_curve(
     np.testing.assert_allclose(found.barrier.there, saddle, rtol=3e-2)
     np.testing.assert_allclose(found.barrier.back, saddle - held, rtol=3e-2)
     np.testing.assert_allclose(found.saddle.force, force, rtol=2e-2)
+
+
+@pytest.mark.nightly
+def test_a_spheres_barrier_to_nothing_is_the_area_under_maugis_curve():
+    contact, sphere = sphere_on_a_half_space(1.0, 6.0, 0.1, number=48)
+    displacements, forces, energies = maugis_curve(sphere)
+    strongest = np.argmin(forces)
+    force = 0.9 * forces[strongest]
+
+    def potential(part):
+        order = np.argsort(forces[part])
+        displacement, energy = (
+            np.interp(force, forces[part][order], values[part][order])
+            for values in (displacements, energies)
+        )
+        return energy - force * displacement
+
+    # Unstable first, then stable.
+    expected = potential(slice(strongest)) - potential(slice(strongest, None))
+    load = js.MeanPressure(force / 36)
+    loads = js.MeanPressure(jnp.array([0.0, force / 36]))
+    path = js.follow(contact, loads, initial=js.equilibrate(contact, js.FarDisplacement(0.0)))
+    found = js.transition(contact, load, path[-1], None)
+    np.testing.assert_allclose(found.barrier.there, expected, rtol=3e-2)
 
 
 def passed(values, others):
