@@ -299,7 +299,7 @@ def test_near_releases_barriers_fall_with_the_power_of_two():
 def test_where_the_load_does_not_drive_the_mode_there_is_no_law(hertz):
     # Ahead the contact loses its symmetry, which all loads have.
     path = js.follow(hertz, js.MeanDisplacement(jnp.array([1.1, 1.0])))
-    assert path.jumps[0].kind == "fold"
+    assert path.jumps[0].kind == "bifurcation"
     assert np.isnan(path.jumps[0].barrier_law.exponent)
     assert np.isnan(path.jumps[0].barrier_law.coefficient)
 
