@@ -141,7 +141,10 @@ def _draw_string(transition: Transition, axes: Axes) -> None:
     axes.scatter([places[summit]], [there], label="saddle", **style)
     label_axes(axes, f"part of the {line}", "energy above the start [energy]", units)
     divisor, energy = readable_unit(units, "energy", there if is_detached else max(there, back))
-    title = f"barrier {there / divisor:.3g}"
-    title += ", no way back" if is_detached else f", back {back / divisor:.3g}"
-    axes.set_title(f"{title} {in_brackets(energy)}")
+    heights = f"barrier {there / divisor:.3g}"
+    if is_detached:
+        title = f"{heights} {in_brackets(energy)}, no way back"
+    else:
+        title = f"{heights}, back {back / divisor:.3g} {in_brackets(energy)}"
+    axes.set_title(title)
     axes.legend()
