@@ -79,7 +79,7 @@ def test_a_pass_to_detached_surfaces_is_drawn_up_to_its_saddle(detaching):
     start, saddle = (np.asarray(marks.get_offsets()) for marks in panel.collections)
     np.testing.assert_allclose(start, [[0, 0]])
     np.testing.assert_allclose(saddle, [[1, found.there]])
-    assert panel.get_title() == f"barrier {float(found.there):.3g} [energy], no way back"
+    assert panel.get_title() == f"barrier {float(found.there):.3g} [energy/length], no way back"
 
 
 def test_what_is_no_single_pass_is_refused(hertz, branch, transition):
