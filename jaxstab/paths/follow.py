@@ -175,7 +175,7 @@ def _with_derivatives(
 def _known_path(fields: bool, load_path: LoadPath, start: Field | None) -> Path:
     """Return the path to the end, or until interrupted."""
     load = load_path.load
-    recording, was_interrupted = Recording(load_path.contact, load, fields), False
+    recording, was_interrupted = Recording(load_path, fields), False
     try:
         step_to_end(load_path, start, lambda _: recording)
     except KeyboardInterrupt:

@@ -188,7 +188,8 @@ class Path(StateSequence):
             gained energy, so that `unlocated` is below zero by more than its error.
         unlocated: the loss that steps between jumps may hide: the work by quadrature minus the
             change of energy [energy].
-        unlocated_error: the error of that quadrature; a smaller loss is not significant [energy].
+        unlocated_error: the error of that quadrature, and no less than the smallest jump that is
+            located; a smaller loss is not significant [energy].
         last_gap: g of the last recorded state [length].
     """
 

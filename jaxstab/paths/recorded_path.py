@@ -36,8 +36,7 @@ class Recording:
     """All states and jumps of load stepping outside of a trace, appended step by step.
 
     Attributes:
-        contact: the contact, in its characteristic units.
-        load: the turning points.
+        load_path: the load path.
         fields: whether to keep the gaps of all states.
         points: the states.
         gap: of the last of them.
@@ -46,8 +45,9 @@ class Recording:
         last: the last record; None before the first state.
     """
 
-    def __init__(self, contact: Contact, load: Load, fields: bool) -> None:
-        self.contact, self.load, self.fields = contact, load, fields
+    def __init__(self, load_path: LoadPath, fields: bool) -> None:
+        self.load_path = load_path
+        self.fields = fields
         self.points: list[PathPoint] = []
         self.gap: Any = None
         self.events: list[Event] = []
@@ -62,7 +62,7 @@ class Recording:
     @property
     def is_complete(self) -> bool:
         """Whether load stepping has come to its end."""
-        is_over = int(self.last.part) == self.load.value.size - 1
+        is_over = int(self.last.part) == self.load_path.load.value.size - 1
         return is_over or bool(self.last.result != RESULTS.successful)
 
     def append(self, record: Record) -> "Recording":
@@ -86,7 +86,7 @@ class Recording:
     def locate_ends(self) -> None:
         """Locate the ends of the branches at the jumps since the last time."""
         for event in self.events[len(self.jumps) :]:
-            jump = _jump(self.contact, self.load, event)
+            jump = _jump(self.load_path.contact, self.load_path.load, event)
             self.jumps.append(jax.block_until_ready(jump))
 
 
@@ -101,13 +101,14 @@ def path_with_room(room: Room, load_path: LoadPath, start: Field | None) -> Path
     ended, tables = step_to_end(load_path, start, room)
     is_short = ended.is_open(load)
     result = RESULTS.where(is_short, RESULTS.store_full, ended.result)
-    path = _path(ended.here, ended.gap, result, tables.states.rows, contact, load)
+    path = _path(load_path, ended.here, ended.gap, result, tables.states.rows)
     return replace(path, jumps=jax.lax.map(partial(_jump, contact, load), tables.jumps.rows))
 
 
 def path_of(record: Recording, result: RESULTS) -> Path:
     """Return the path of a recording, and how it ended."""
-    contact, load, number = record.contact, record.load, len(record.points)
+    contact, load = record.load_path.contact, record.load_path.load
+    number = len(record.points)
     record.locate_ends()
     jumps, last = record.jumps, record.last
     like = jumps[0] if jumps else jax.eval_shape(_jump, contact, load, last.event)
@@ -121,7 +122,7 @@ def path_of(record: Recording, result: RESULTS) -> Path:
         return np.concatenate([known, rest])
 
     along = jax.tree.map(padded, points)
-    path = _path(last.point, record.gap, result, along, contact, load)
+    path = _path(record.load_path, last.point, record.gap, result, along)
     load, states = (first_entries(part, number) for part in (path.load, path.equilibrium))
     states = replace(states, gap=points.gap if record.fields else None)
     return replace(path, load=load, equilibrium=states, jumps=stacked(jumps, like))
@@ -177,15 +178,20 @@ def _jump_of(
 
 @program
 def _path(
-    here: PathPoint, gap: Field, result: RESULTS, points: PathPoint, contact: Contact, load: Load
+    load_path: LoadPath, here: PathPoint, gap: Field, result: RESULTS, points: PathPoint
 ) -> Path:
     """Return the path through points to its last state, without its jumps."""
+    contact = load_path.contact
     is_branch = (jnp.diff(points.dissipation) == 0) & jnp.isfinite(points.value[1:])
     unlocated, error = _unlocated_loss(points, is_branch)
+    # Steps are taken whose work is no better known. Where F has a kink, as where a soft machine
+    # comes into contact, parabolas do not tell.
+    tolerance = load_path.smallest_loss(here)
+    error = jnp.where(jnp.isnan(tolerance), error, jnp.maximum(error, tolerance))
     # The sum of many terms, each as large as the energies, is rounded.
     rounding = jnp.sum(jnp.where(is_branch, points.rounding(contact.area)[1:], 0))
     gains = (result == RESULTS.successful) & (unlocated < -error - rounding)
-    loads, states = states_along(contact, load[0], points)
+    loads, states = states_along(contact, load_path.load[0], points)
     none: Any = None
     return Path(
         load=loads,

@@ -198,6 +198,26 @@ def test_of_a_path_nothing_else_has_a_derivative_nor_where_two_points_let_go_at_
     assert jnp.isnan(jax.grad(work)(1.4))
 
 
+@pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning", "ignore::UserWarning")
+@pytest.mark.parametrize("first", [-4700.0, -1000.0, -10.0])
+def test_a_very_soft_machine_pulls_a_line_off_and_loses_what_a_dead_load_does(first):
+    heights = 0.1 * np.cos(2 * np.pi * np.arange(12) / 12)
+    law = js.potentials.Exponential(0.05, 0.1)
+    contact = js.Contact(js.HalfSpace(js.Grid((12,)), 1.0), heights, law)
+    turns = jnp.array([first, first + 1e4, first])
+    path = js.follow(contact, js.Spring(turns, 1e-4))
+    pull = js.pull_off(contact)
+    jump = path.jumps[-1]
+    # Over its own length the spring is a dead load: at the pull-off it holds p0^2 / 2k, and loses
+    # that but for what is left of the attraction.
+    assert jump.kind == pull.kind
+    np.testing.assert_allclose(jump.before.mean_pressure, pull.load.value, rtol=1e-3)
+    held = float(pull.load.value) ** 2 / 2e-4
+    np.testing.assert_allclose(path.dissipation, held, rtol=2e-3)
+    # No more than 1 % of it is in doubt, where the line comes into contact within a step.
+    assert abs(path.unlocated) <= path.unlocated_error < 0.01 * held
+
+
 @pytest.mark.filterwarnings("ignore::jaxstab.ResolutionWarning")
 def test_with_a_core_it_stays_on_each_branch_until_that_loses_its_stability():
     law = js.potentials.LennardJones(0.12, 0.1)
