@@ -224,10 +224,18 @@ def require_one_of(name: str, value: object, choices: Collection[object]) -> Non
 
 
 def require_key(key: object) -> None:
-    """Raise `TypeError` for anything but a random key of JAX."""
+    """Raise `TypeError` for anything but a random key of JAX, `ValueError` for several."""
     dtype = getattr(key, "dtype", np.dtype(object))
-    if not (jnp.issubdtype(dtype, jax.dtypes.prng_key) or dtype == np.uint32):
+    is_typed = jnp.issubdtype(dtype, jax.dtypes.prng_key)
+    if not (is_typed or dtype == np.uint32):
         raise TypeError(f"The key is {key!r}: give a random key, as jax.random.key(0).")
+    # A raw key has an axis of its own.
+    shape = np.shape(key) if is_typed else np.shape(key)[:-1]
+    if shape:
+        raise ValueError(
+            f"The key is an array of keys of shape {shape}, as of jax.random.split: give one of "
+            "them, or use jax.vmap."
+        )
 
 
 def require_positive(name: str, value: Float[Array, "..."]) -> None:

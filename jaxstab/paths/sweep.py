@@ -13,7 +13,7 @@ from jaxtyping import PRNGKeyArray
 from jaxstab.contact import Contact, require_contact
 from jaxstab.contact.resolution import FOR_STATES, warned_once
 from jaxstab.core import display
-from jaxstab.core.checks import is_transformed, require_one_of
+from jaxstab.core.checks import is_transformed, require_key, require_one_of
 from jaxstab.core.compile import program
 from jaxstab.core.display import column
 from jaxstab.core.equality import Comparable
@@ -127,6 +127,8 @@ def sweep(
         if order == "independent"
         else first_gap(contact, load[0], initial)
     )
+    if key is not None:
+        require_key(key)
     problem = _Problem(contact, equilibrium_solver, stability_solver, key, stability)
     if is_transformed((problem, load, start)):
         solve = _solve_together if order == "independent" else _solve_in_turn

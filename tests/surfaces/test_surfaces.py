@@ -140,6 +140,18 @@ def test_what_is_not_a_random_key_is_refused(key):
         surfaces.self_affine(js.Grid(32), key, k_high=8, rms_height=0.1)
 
 
+@pytest.mark.parametrize("make", [jax.random.key, jax.random.PRNGKey])
+def test_several_keys_are_refused_where_one_is_asked_for(make):
+    keys = jax.random.split(make(0), 3)
+    with pytest.raises(ValueError, match=r"keys of shape \(3,\).* give one of them"):
+        surfaces.self_affine(js.Grid(8), keys, k_high=2, rms_height=0.1)
+
+    def draw(key):
+        return surfaces.self_affine(js.Grid(8), key, k_high=2, rms_height=0.1)
+
+    np.testing.assert_array_equal(jax.vmap(draw)(keys)[1], draw(keys[1]))
+
+
 def test_waves_that_do_not_fit_into_the_cell_are_refused():
     with pytest.raises(TypeError, match=r"number of waves is 1\.5: give an integer"):
         surfaces.sinusoid(js.Grid(8), 0.1, (1.5, 0))
