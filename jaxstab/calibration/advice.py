@@ -139,7 +139,8 @@ def outlier_of(measured: Measured, fitted: Curve, count: int, relief: Curve | No
     """
     squares = _misfit(measured, fitted) ** 2
     without = squares / squares.sum() if relief is None else np.asarray(relief)
-    number, weighed = int(np.argmax(without)), int(np.sum(squares > 0))
+    number = int(np.argmax(without))
+    weighed = int(np.sum(squares > 0))
     freedom = weighed - count - 1
     if freedom < 1 or _is_exact(measured, fitted) or not np.isfinite(squares).all():
         return ""

@@ -44,7 +44,8 @@ from jaxstab.loads import Load, MeanPressure, require_load
 # A fit with a larger loss does not describe the measurements; a zero curve has a loss of 1/2.
 _LARGEST_LOSS = 0.25
 # A parameter is at its bound if its logarithm is so far from its start, or its error so large.
-_BOUND, _LARGEST_ERROR = np.log(1e3), 10.0
+_BOUND = np.log(1e3)
+_LARGEST_ERROR = 10.0
 # Rounding of a mean, over the norm and the number of measurements.
 _ROUNDING = np.finfo(float).eps
 
@@ -160,7 +161,8 @@ def calibrate(
     given, area = (mean_pressure, jnp.ones(())) if is_pressure else (forces, contact.area)
     measured = Measured.of(load, given, weights, area, bool(baseline))
     pick = Pick.of(where, contact)
-    w, count = measured.weights, len(pick.names) + offset + baseline
+    w = measured.weights
+    count = len(pick.names) + offset + baseline
     weighed = w.size if is_traced(w) else int(jnp.sum(w > 0))
     if not 0 < count < weighed:
         raise ValueError(
@@ -234,7 +236,8 @@ def _answer(inputs: _Inputs) -> tuple[Calibration, Hints]:
 
 def _watched(inputs: _Inputs, progress: bool | None) -> tuple[Calibration, Hints]:
     """Return the result fit by fit, so that these can be watched, and interrupted."""
-    number, found = num_fits(inputs.starts), _begin(inputs)
+    number = num_fits(inputs.starts)
+    found = _begin(inputs)
     with progress_bar(number, "fit", shown=progress) as bar:
         for i in range(number):
             try:
@@ -273,8 +276,12 @@ def _attempt(inputs: _Inputs, number: int, so_far: Search) -> Search:
 def _result(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
     """Return the fit of a search, and hints at what it lacks."""
     model, plan = inputs.fits()
-    problem, held, is_fitted = plan.problem, plan.held, ~plan.held
-    measured, unravel, best = problem.measured, model.unravel, found.best.point
+    problem = plan.problem
+    held = plan.held
+    is_fitted = ~plan.held
+    measured = problem.measured
+    unravel = model.unravel
+    best = found.best.point
 
     units = jnp.ones(held.size).at[-1].set(inputs.area)
     shown = directions(problem, best, held).covariance

@@ -21,9 +21,12 @@ Rows = Float[Array, "loads parameters"]
 
 # Marquardt's damping: its start, and its factors after a successful and a failed step.
 _DAMPING = 1e-2
-_FALL, _GROWTH = 0.1, 5.0
+_FALL = 0.1
+_GROWTH = 5.0
 # The default tolerance is this fraction of a standard error, within these limits.
-_PART_OF_ERROR, _FINEST, _COARSEST = 1e-2, 1e-6, 1e-2
+_PART_OF_ERROR = 1e-2
+_FINEST = 1e-6
+_COARSEST = 1e-2
 # The longest step in a logarithm, since slopes hold nearby only.
 _LONGEST = 1.0
 # A parameter is determined if this part of it lies in the row space of the Jacobian.
@@ -50,7 +53,8 @@ class Measured(eqx.Module):
         """Return checked measurements, forces over an area or pressures, without masked ones."""
         mask = None
         if isinstance(given, np.ma.MaskedArray):
-            mask, given = np.ma.getmaskarray(given), given.filled(0)
+            mask = np.ma.getmaskarray(given)
+            given = given.filled(0)
         measured = parameter(given, "The measurements")
         if load.value.ndim != 1 or measured.shape != load.value.shape:
             raise ValueError(
@@ -253,7 +257,8 @@ def minimise(problem: FitProblem, start: Values, held: Chosen, max_steps: ArrayL
         jnp.full(like.misfit.shape, jnp.inf),
         jnp.zeros(like.jacobian.shape),
     )
-    infinite, no = jnp.array(jnp.inf), jnp.array(False)
+    infinite = jnp.array(jnp.inf)
+    no = jnp.array(False)
     damping = jnp.array(_DAMPING / _FALL)
     begin = Fit(nothing.mean_pressure, nothing, start, damping, infinite, jnp.array(-1), no, no)
     return jax.lax.while_loop(goes_on, step, begin)

@@ -51,7 +51,8 @@ class Pick:
             ) from None
         if len({*places}) < len(places):
             raise ValueError("`where` picks a parameter twice: pick each once.")
-        names, dimensions = [], []
+        names = []
+        dimensions = []
         for path, leaf in [paths[place] for place in places]:
             found = _names(path, leaf)
             names += found

@@ -24,7 +24,9 @@ from jaxstab.core.types import ArrayLike, Scalar
 
 MOST = 8
 # Logarithms: a factor of two around the first start, and nearer to the best fit so far.
-_FAR, _NEAR, _NEAREST = 0.7, 0.2, 0.02
+_FAR = 0.7
+_NEAR = 0.2
+_NEAREST = 0.02
 # Fits agree on the least misfit within this fraction of it.
 _AGREEMENT = 0.25
 # Logarithms of the profile on each side, up to a factor of four. The nearest are at most so many
@@ -37,7 +39,8 @@ _PROFILE_STEPS = 4
 # All parameters are fitted from a minimum of the profile below so many times the least loss.
 _WORTH = 4.0
 # Minima are distinct if a standard error apart, within these limits.
-_SAME, _APART = 1e-3, 0.05
+_SAME = 1e-3
+_APART = 0.05
 # Values of the profile up to so many standard errors away may raise the errors.
 _MOST_ERRORS = 5.0
 
@@ -140,7 +143,8 @@ class Plan:
 
     def begin(self) -> Search:
         """Return a search without a fit."""
-        zero, number = jnp.zeros_like(self.problem.start), num_fits(self.starts)
+        zero = jnp.zeros_like(self.problem.start)
+        number = num_fits(self.starts)
         nothing = zeros_of(partial(minimise, self.problem, zero, self.held, 0))
         return Search(
             guess=nothing.first,
@@ -156,9 +160,11 @@ class Plan:
 
     def attempt(self, number: Array | int, so_far: Search) -> Search:
         """Return the search after the fit of a number, which may not be needed."""
-        problem, limit = self.problem, so_far.num_starts
+        problem = self.problem
+        limit = so_far.num_starts
         number = jnp.asarray(number)
-        is_start, is_refit = number < limit, number >= so_far.along.stop
+        is_start = number < limit
+        is_refit = number >= so_far.along.stop
         is_along = ~is_start & ~is_refit
         place = jnp.clip(number - limit, 0) % len(_SIGNS)
         is_first = place % len(_DISTANCES) == 0

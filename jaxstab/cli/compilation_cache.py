@@ -38,7 +38,8 @@ def use_compilation_cache() -> None:
 
 def _processor() -> str:
     """Return a name of the kind of processor, whose programs another kind cannot run."""
-    name, info = platform.machine() + platform.processor(), Path("/proc/cpuinfo")
+    name = platform.machine() + platform.processor()
+    info = Path("/proc/cpuinfo")
     if info.exists():
         with info.open() as lines:
             name += next((line for line in lines if line.startswith(("flags", "Feat"))), "")

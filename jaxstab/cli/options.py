@@ -63,7 +63,8 @@ def in_options(message: str) -> str:
     known = " ".join(parser.format_usage() for parser in _parsers()[1].values())
 
     def option(quoted: re.Match[str]) -> str:
-        name, value = option_of(quoted[1]), quoted[2].removeprefix("True")
+        name = option_of(quoted[1])
+        value = quoted[2].removeprefix("True")
         return f"{name} {value}".strip() if f"[{name}" in known else quoted[0]
 
     return re.sub(r'`(\w+)=?"?(\w*)"?`', option, message)
@@ -234,8 +235,10 @@ def _public_name(text: str) -> str:
 
 def _require_consistent(parser: Parser, options: argparse.Namespace, found: set[str]) -> None:
     """Exit if options do not belong together, or one is missing."""
-    is_measured, has_law = options.surface is not None, options.potential != "none"
-    is_spring, law = options.load == "spring", ("surface_energy", "range")
+    is_measured = options.surface is not None
+    has_law = options.potential != "none"
+    is_spring = options.load == "spring"
+    law = ("surface_energy", "range")
     of_another = "describes a generated surface: leave it out with --surface"
     of_surface = "is needed with --surface, in the units of the surface"
     for names, can_be_given, reason in (

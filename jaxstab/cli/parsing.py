@@ -9,7 +9,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 # How a command ends.
-FAILED, BAD_INPUT, INTERRUPTED, CLOSED_PIPE = 1, 2, 130, 141
+FAILED = 1
+BAD_INPUT = 2
+INTERRUPTED = 130
+CLOSED_PIPE = 141
 
 _NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$", re.IGNORECASE)
 
@@ -95,7 +98,9 @@ def number(text: str) -> float:
 
 def from_config(parser: Parser, path: Path) -> list[str]:
     """Return the options that a TOML file holds, at its top or in tables, as arguments."""
-    source, arguments, seen = f"argument --config: {path}: ", [], set[str]()
+    source = f"argument --config: {path}: "
+    arguments = []
+    seen = set[str]()
     try:
         items = [*tomllib.loads(path.read_text("utf-8")).items()]
     except (OSError, ValueError) as error:
@@ -113,6 +118,7 @@ def from_config(parser: Parser, path: Path) -> list[str]:
         if name == "config" or not all(type(part) in (int, float, str) for part in values):
             parser.error(f"{source}{name} is {value!r}: give options as numbers or texts.")
         # In one word a negative number is no option.
-        option, texts = option_of(name), [*map(str, values)]
+        option = option_of(name)
+        texts = [*map(str, values)]
         arguments += [f"{option}={texts[0]}"] if len(texts) == 1 else [option, *texts]
     return arguments

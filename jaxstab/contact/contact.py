@@ -234,13 +234,15 @@ class Contact(eqx.Module):
 
     def energy(self, gap: Field) -> Scalar:
         """Return the potential energy of the surface (Rey & Bleyer, eq. 5) [energy]."""
-        K, f = self.solid.with_uniform_stiffness(0).apply, partial(energy_density, self.potential)
+        K = self.solid.with_uniform_stiffness(0).apply
+        f = partial(energy_density, self.potential)
         return model.energy(K, f, self.heights, gap) * self.grid.cell_area
 
     @property
     def gradient(self) -> FieldMap:
         """The map from a gap to K u + f'(g) [pressure], K prepared once, here."""
-        K, f_prime = self.solid.with_uniform_stiffness(0).apply, partial(slope, self.potential)
+        K = self.solid.with_uniform_stiffness(0).apply
+        f_prime = partial(slope, self.potential)
         return partial(model.gradient, K, f_prime, self.heights)
 
     def curvature(self, gap: Field) -> Field:
@@ -274,7 +276,8 @@ def require_contact(contact: Contact) -> None:
     """Raise `TypeError` for anything but a contact, `ValueError` for a batch of contacts."""
     cure = "give that first, as made by jaxstab.Contact(solid, heights, potential)."
     require_kind(contact, Contact, f"no contact: {cure}")
-    heights, grid = contact.heights.shape, contact.grid.shape
+    heights = contact.heights.shape
+    grid = contact.grid.shape
     if heights != grid:
         batch = heights[: len(heights) - len(grid)]
         raise ValueError(

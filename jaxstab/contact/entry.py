@@ -58,7 +58,9 @@ def answer(
             default an error is raised where derivatives are taken.
         has_units: whether the search converts units itself, within its programs.
     """
-    own, own_state, unit = contact, state, None
+    own = contact
+    own_state = state
+    unit = None
     if not has_units:
         own, own_state, unit = _in_characteristic_units(contact.known_core, contact, state)
     given: Any = own, own_state, others

@@ -67,7 +67,8 @@ class Hessian(SymmetricOperator):
         self.stiffness = stiffness
         self.mask = mask
         # Computed once, since eigensolvers ask for them at every step.
-        stiffest, softening = solid.max_stiffness, -jnp.min(self.curvature)
+        stiffest = solid.max_stiffness
+        softening = -jnp.min(self.curvature)
         self.max_curvature = jnp.max(self.curvature)
         highest = stiffest if stiffness is None else jnp.maximum(stiffest, stiffness)
         # K is not negative, so |A| <= max(K + D, -D).
@@ -104,7 +105,8 @@ class Hessian(SymmetricOperator):
 
     def inverse(self, shift: Scalar) -> FieldMap:
         """Return roughly the inverse of K + shift on fields that vanish outside the mask."""
-        inverse, stiffness = self.solid.precondition(shift), self.stiffness
+        inverse = self.solid.precondition(shift)
+        stiffness = self.stiffness
         if stiffness is None:
             return inverse
         mask = jnp.ones_like(self.curvature, bool) if self.mask is None else self.mask

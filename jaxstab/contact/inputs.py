@@ -81,7 +81,8 @@ def require_sound(
 
     require_finite("A height", jnp.asarray(heights), FILL)
     if topography:
-        is_window, wrong = solid.is_window, topography.suspicions
+        is_window = solid.is_window
+        wrong = topography.suspicions
         faults.warn([*topography.wrong_scale, *topography.edge_faults] if is_window else wrong)
     elif not (is_traced((heights, solid.grid.lengths)) or is_sharded(heights)):
         values = np.asarray(heights)

@@ -67,7 +67,8 @@ def balance_of(
     escape: Scalar,
 ) -> Callable[[Field], Balance]:
     """Return the map from a gap, nowhere negative, to how far it is from equilibrium."""
-    held, stiffest = solid.with_uniform_stiffness(0), solid.max_stiffness
+    held = solid.with_uniform_stiffness(0)
+    stiffest = solid.max_stiffness
     conforming = conforming_pressure(solid, heights)
     # An imbalance of a hundredth of the elastic pressures moves no point by a part of the heights.
     smallest_scale = conforming * max(1e-2, 1e6 * float(jnp.finfo(heights.dtype).eps))
@@ -95,7 +96,9 @@ def balance_of(
         scale, residual = jnp.sqrt(totals(squares) / gap.size)
         scale = jnp.maximum(scale, smallest_scale)
         sums = totals([displacement * elastic, density, gap, gap**2])
-        twice_elastic, adhesion, level = sums[0], sums[1], sums[2] / gap.size
+        twice_elastic = sums[0]
+        adhesion = sums[1]
+        level = sums[2] / gap.size
         scale = jnp.maximum(scale, least_rounding * jnp.sqrt(sums[3] / gap.size))
         is_nearly_flat = (spread > 0) & (spread < _FLAT * level)
         scale = jnp.where(is_nearly_flat, jnp.maximum(scale, rounding * stiffest * level), scale)

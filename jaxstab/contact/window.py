@@ -15,7 +15,8 @@ _DEPTH = 2
 @program
 def continued_surface(solid: Solid, heights: Field, law: Potential) -> tuple[Field, Potential]:
     """Return heights and law on the grid of a solid, on which there is no surface elsewhere."""
-    lowest, spread = jnp.min(heights), jnp.max(heights) - jnp.min(heights)
+    lowest = jnp.min(heights)
+    spread = jnp.max(heights) - jnp.min(heights)
     # Not deeper than need be, as digits are lost to it.
     depth = _DEPTH * spread + jnp.max(solid.grid.spacing).astype(heights.dtype)
     fields = [mirrored(field) for field in varying_fields(law)]

@@ -79,9 +79,11 @@ def require_no_unit(value: Any, name: str) -> None:
     unit = own.get("units", own.get("unit"))
     cure = "its `.values`, once it is in the units of the contact"
     if unit is None and hasattr(value, "magnitude"):
-        unit, cure = getattr(value, "units", None), '`quantity.to("...").magnitude`'
+        unit = getattr(value, "units", None)
+        cure = '`quantity.to("...").magnitude`'
     elif unit is None and hasattr(value, "value"):
-        unit, cure = getattr(value, "unit", None), '`quantity.to_value("...")`'
+        unit = getattr(value, "unit", None)
+        cure = '`quantity.to_value("...")`'
     if unit is not None and str(unit) not in ("", "1", "dimensionless"):
         raise TypeError(
             f"{name} is a {type(value).__name__} in {unit}, and numbers have the units of the "
@@ -223,7 +225,7 @@ def require_one_of(name: str, value: object, choices: Collection[object]) -> Non
         raise ValueError(f"{name} is {value!r}: choose one of {', '.join(map(str, choices))}.")
 
 
-def require_key(key: object) -> None:
+def require_key(key: Any) -> None:
     """Raise `TypeError` for anything but a random key of JAX, `ValueError` for several."""
     dtype = getattr(key, "dtype", np.dtype(object))
     is_typed = jnp.issubdtype(dtype, jax.dtypes.prng_key)

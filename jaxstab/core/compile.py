@@ -89,7 +89,8 @@ def _compiler_options() -> dict[str, Any]:
 
 def memory_mappings() -> tuple[int, int] | None:
     """Return how many memory mappings the process has, and may have; None where unknown."""
-    maps, limit = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
+    maps = Path("/proc/self/maps")
+    limit = Path("/proc/sys/vm/max_map_count")
     if not (maps.exists() and limit.exists()):
         return None
     return maps.read_bytes().count(b"\n"), int(limit.read_text())

@@ -131,7 +131,8 @@ class IterativeSolver(eqx.Module):
             start: the argument of `init`.
         """
         problem = self.prepared(problem, start)
-        state, zero = self.init(problem, start), jnp.zeros((), int)
+        state = self.init(problem, start)
+        zero = jnp.zeros((), int)
         first = self.measure(problem, state)
         history = History.empty(first, first["residual"].dtype).record(zero, zero, first)
         begin = Iteration(state, first["residual"], zero, RESULTS.max_steps_reached, history)
@@ -149,7 +150,8 @@ class IterativeSolver(eqx.Module):
     def _iterate(
         self, problem: PyTree, before: Iteration[State], first: Indicators, max_steps: ArrayLike
     ) -> Iteration[State]:
-        begin, tolerance = before.num_steps, self.tolerance_in(before.residual.dtype)
+        begin = before.num_steps
+        tolerance = self.tolerance_in(before.residual.dtype)
         limit = jnp.minimum(begin + jnp.minimum(max_steps, NO_LIMIT - begin), self.max_steps)
 
         def concluded(iteration: Iteration[State], best_step: Int[Array, ""]) -> Iteration[State]:

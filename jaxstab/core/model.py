@@ -124,7 +124,8 @@ def onto_cone(field: Field, one_sided: Mask, is_moving: Mask) -> Field:
             state = choose(state[2], climb(state), state)
         return state
 
-    yes, zero = jnp.array(True), jnp.zeros((), field.dtype)
+    yes = jnp.array(True)
+    zero = jnp.zeros((), field.dtype)
     start = on_platform(lambda state: state, climb_blindly, (zero, left_over(zero), yes, yes))
     shift, *_ = jax.lax.while_loop(lambda state: state[2], climb, start)
     return onto_one_sided(field - shift, one_sided, is_moving)

@@ -129,10 +129,14 @@ class Dimension(str):
         return super().__new__(cls, name)
 
 
-NUMBER, LENGTH, AREA = Dimension("1"), Dimension("length"), Dimension("length^2")
-VOLUME, TIME = Dimension("length^3"), Dimension("time")
+NUMBER = Dimension("1")
+LENGTH = Dimension("length")
+AREA = Dimension("length^2")
+VOLUME = Dimension("length^3")
+TIME = Dimension("time")
 PRESSURE, ENERGY, STIFFNESS = map(Dimension, ("pressure", "energy", "pressure/length"))
-FORCE, VISCOSITY = Dimension("force"), Dimension("pressure time")
+FORCE = Dimension("force")
+VISCOSITY = Dimension("pressure time")
 # The stiffness of a machine: force over displacement.
 SPRING_CONSTANT = Dimension("force/length")
 SURFACE_ENERGY = Dimension("energy/area")
@@ -342,7 +346,9 @@ def _takes_prefix(unit: str) -> bool:
 
 def _in_si(units: Units, dimension: str) -> tuple[int | None, str]:
     """Return a derived SI unit and the power of ten before it, or no power and the users' units."""
-    length, pressure, sides = units.length, units.pressure, units.sides
+    length = units.length
+    pressure = units.pressure
+    sides = units.sides
     dimension = _ON_A_LINE.get(dimension, dimension) if sides == 1 else dimension
     if length is None or pressure is None or not re.search("energy|force|voltage", dimension):
         known = {"length": length, "pressure": pressure}

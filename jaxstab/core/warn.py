@@ -20,7 +20,9 @@ _INSIDE = (contextlib.__file__, *(f"{folder}{os.sep}" for folder in _FOLDERS))
 def warn(message: str, category: type[Warning] = UserWarning) -> None:
     """Warn at the innermost line outside of this package, JAX and Equinox."""
     # `skip_file_prefixes` needs Python 3.12.
-    frame, level = sys._getframe(1), 2
+    frame = sys._getframe(1)
+    level = 2
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_INSIDE):
-        frame, level = frame.f_back, level + 1
+        frame = frame.f_back
+        level = level + 1
     warnings.warn(message, category, stacklevel=level)

@@ -53,7 +53,8 @@ def changes_of_fields(
     if control.fixes_mean:
         # No move of the free points that keeps the mean gap does work to first order, nor does it
         # matter which of them are free.
-        sums["energy"], undefined["energy"] = change["energy"], ~is_found
+        sums["energy"] = change["energy"]
+        undefined["energy"] = ~is_found
     return sums, undefined
 
 

@@ -134,7 +134,8 @@ def with_derivatives(contact: Contact, load: Load, found: Equilibrium) -> Equili
     if not is_traced((contact, load)):
         return found
     unit = contact.characteristic_pressure
-    inputs, own = (contact.in_units_of(unit), load.in_units_of(unit)), found.in_units_of(unit)
+    inputs = (contact.in_units_of(unit), load.in_units_of(unit))
+    own = found.in_units_of(unit)
     fields = {name: getattr(own, name) for name in DIFFERENTIABLE}
     fields = attach(changes_of_fields, fields, found.result == RESULTS.successful, inputs)
     moved = replace(own, **fields).in_units_of(1 / unit)
@@ -177,7 +178,8 @@ def started(contact: Contact, load: Load, initial: Field) -> Field:
 def concluded(contact: Contact, load: Load, iteration: Iteration[SolverState]) -> Equilibrium:
     """Return the equilibrium that a solver has come to, and how."""
     control = contact.control(load)
-    gap, balance = iteration.state.gap, iteration.state.balance
+    gap = iteration.state.gap
+    balance = iteration.state.balance
     energy = balance.elastic_energy + balance.adhesion
     is_met = control.error(gap) <= _ROUNDING * jnp.finfo(gap.dtype).eps
     is_finite = jnp.isfinite(energy) & is_met

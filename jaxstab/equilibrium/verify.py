@@ -19,7 +19,8 @@ def recognised(contact: Contact, equilibrium: Equilibrium) -> RESULTS:
     """Return whether a state is in equilibrium in this contact, under its load."""
     contact, equilibrium = padded_state(contact, equilibrium)
     unit = contact.characteristic_pressure
-    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
+    contact = contact.in_units_of(unit)
+    equilibrium = equilibrium.in_units_of(unit)
     control = contact.control(equilibrium.load)
     balance = contact.balance(control)(equilibrium.gap)
     return recognised_by(balance, contact, equilibrium)
@@ -27,7 +28,9 @@ def recognised(contact: Contact, equilibrium: Equilibrium) -> RESULTS:
 
 def recognised_by(balance: Balance, contact: Contact, equilibrium: Equilibrium) -> RESULTS:
     """Return the same, from the balance of pressures evaluated anew."""
-    gap, reaction, pressure = equilibrium.gap, equilibrium.reaction, equilibrium.pressure
+    gap = equilibrium.gap
+    reaction = equilibrium.reaction
+    pressure = equilibrium.pressure
     rounding = _ROUNDING * jnp.finfo(gap.dtype).eps
     load_error = contact.control(equilibrium.load).error(gap)
     is_own = (balance.residual <= 2 * equilibrium.residual + rounding) & (load_error <= rounding)

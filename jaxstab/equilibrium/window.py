@@ -80,7 +80,8 @@ def warn_at_edges(contact: Contact, equilibrium: Equilibrium) -> None:
         return
     pressures = abs(concrete(equilibrium.pressure))
     ends = [pressures.take(np.array([0, n - 1]), axis) for axis, n in enumerate(pressures.shape)]
-    largest, at_edges = pressures.max(), max(end.max() for end in ends)
+    largest = pressures.max()
+    at_edges = max(end.max() for end in ends)
     if at_edges > _MOST_AT_EDGES * largest:
         warn(
             f"at the edges of the window the pressure exceeds {_MOST_AT_EDGES:.0%} of its largest "
@@ -99,7 +100,8 @@ def _continued(extended: Contact, gap: Field) -> Field:
 
 @program
 def _relaxed_outside(extended: Contact, load: Load, gap: Field) -> Field:
-    solid, control = extended.solid, extended.control(load)
+    solid = extended.solid
+    control = extended.control(load)
     is_outside = ~where_window(gap)
     start = _continued(extended, gap)
     hessian = Hessian(solid, jnp.zeros_like(start), control.stiffness, is_outside)

@@ -109,7 +109,8 @@ def to_dataset(contact: Contact, result: Result, *, fields: bool = True) -> "xar
     require_contact(contact)
     # A transition is known by the state that it starts from.
     holder: Any = result.start if isinstance(result, Transition) else result
-    states, load = getattr(holder, "equilibrium", holder), getattr(holder, "load", None)
+    states = getattr(holder, "equilibrium", holder)
+    load = getattr(holder, "load", None)
     axes = _axes(contact, result, states)
     _require_own(contact, states)
     recorder = Recorder(contact.grid.shape)
@@ -154,7 +155,8 @@ def _axes(
         if result.result.code.ndim:
             kind = "paths" if isinstance(result, Path) else "branches"
             raise ValueError(f"These are several {kind}: choose one of them by jax.tree.map.")
-        stacked, field = 1, (result.jumps if isinstance(result, Path) else result.turns).mode
+        stacked = 1
+        field = (result.jumps if isinstance(result, Path) else result.turns).mode
     else:
         stacked = len(result.stack_shape)
         last = "load" if isinstance(result, Sweep) else "state"
@@ -185,7 +187,8 @@ def _variable(record: NamedArray, contact: Contact, load: Load | None) -> Variab
     *holders, field = (word for word in record.path if word not in ("table", "contact"))
     dimension = record.dimension
     if field == "value" and holders[-1:] == ["load"] and load is not None:
-        name, dimension = f"load: {type(load).__name__}", load.unit
+        name = f"load: {type(load).__name__}"
+        dimension = load.unit
     else:
         if holders[-1:] in (["layer"], ["base"]):
             field = _MODULI[int(field)]
@@ -200,7 +203,8 @@ def _variable(record: NamedArray, contact: Contact, load: Load | None) -> Variab
 def _coordinates(
     contact: Contact, indicators: dict[str, list[str]], dataset: "xarray.Dataset"
 ) -> dict[str, object]:
-    grid, unit = contact.grid, unit_symbol(contact.units, LENGTH)
+    grid = contact.grid
+    unit = unit_symbol(contact.units, LENGTH)
     coordinates: dict[str, object] = {}
     for axis, (name, n) in enumerate(zip(("x", "y"), grid.shape, strict=False)):
         if name in dataset.dims:

@@ -114,7 +114,8 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
     """
     path = Path(path)
     with _opened(path) as dataset:
-        arrays, attributes = _arrays(dataset), dict(dataset.attrs)
+        arrays = _arrays(dataset)
+        attributes = dict(dataset.attrs)
     _require_format(path, attributes)
     damaged = _damaged(arrays, attributes)
     if damaged:
@@ -127,7 +128,8 @@ def load(path: str | Path, *, potential: Potential | None = None) -> tuple[Conta
             'call jax.config.update("jax_enable_x64", True).'
         )
     fields = structure["contact"]["fields"]
-    law, fields["potential"] = fields["potential"], None
+    law = fields["potential"]
+    fields["potential"] = None
     contact = restored(structure["contact"], arrays)
     law = _law(law, arrays, potential, contact.heights.dtype)
     object.__setattr__(contact, "potential", law)

@@ -107,7 +107,8 @@ class Recorder:
         if isinstance(value, dict):
             parts = {key: self.structure(x, (*path, key), axes) for key, x in value.items()}
             return {"dict": parts}
-        is_bare, is_local = isinstance(value, BareFunction), "<locals>" in type(value).__qualname__
+        is_bare = isinstance(value, BareFunction)
+        is_local = "<locals>" in type(value).__qualname__
         if is_bare or is_local or not isinstance(value, eqx.Module):
             return {"function": repr(value) if is_bare else type(value).__qualname__}
         contents = {

@@ -32,7 +32,8 @@ def law_variables(contact: Contact) -> dict[str, tuple[str, np.ndarray, dict[str
 
 def require_same_law(contact: Contact, arrays: Mapping[str, np.ndarray], path: Path) -> None:
     """Raise `ValueError` if the law of a contact disagrees with the table of a file."""
-    gaps, expected = arrays["law_gap"], arrays["law_energy"]
+    gaps = arrays["law_gap"]
+    expected = arrays["law_energy"]
     energies = law_variables(contact)["law_energy"][1]
     is_finite = np.isfinite(expected)
     depth = -expected[is_finite].min(initial=0)

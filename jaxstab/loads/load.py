@@ -164,7 +164,8 @@ def require_load(load: Load) -> None:
             f"The load is {given}: give the prescribed quantity, by MeanDisplacement, MeanGap, "
             "MeanPressure, FarDisplacement or Spring."
         )
-    kind, shape = type(load), jnp.shape(load.value)
+    kind = type(load)
+    shape = jnp.shape(load.value)
     numbers = {name for name, value in vars(load).items() if eqx.is_inexact_array(value)}
     unknown = sorted(numbers - {*dimensions(kind)})
     if unknown and kind.in_units_of is Dimensioned.in_units_of:

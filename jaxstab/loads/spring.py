@@ -91,7 +91,8 @@ class SpringControl(PressingControl):
     def admissible(self, gap: Field) -> Field:
         """Return the gap cut at zero; for a stiff spring, scaled to the mean it had before."""
         cut = jnp.maximum(gap, 0)
-        before, after = total(gap), total(cut)
+        before = total(gap)
+        after = total(cut)
         is_scaled = self.is_stiff & (before > 0)
         return cut * jnp.where(is_scaled, before / jnp.where(is_scaled, after, 1), 1)
 
@@ -182,7 +183,8 @@ class Spring(Load):
         """
         if is_traced((self.stiffness, solid)):
             return
-        stiffness, softest = concrete(self.stiffness).min(), concrete(solid.min_stiffness)
+        stiffness = concrete(self.stiffness).min()
+        softest = concrete(solid.min_stiffness)
         if stiffness >= _SOFT * softest:
             return
         warn(

@@ -44,7 +44,8 @@ _NUM_SEARCHES = 2
 # little is known in float32. The next one is sought so far beyond, over the distance between the
 # loads, by steps of the solver that are no longer.
 _SMALLEST_LOSS = 1e-5
-_BEYOND, _MAX_MOVE = 1e-6, 0.03
+_BEYOND = 1e-6
+_MAX_MOVE = 0.03
 # A branch that is lost within so many of these distances behind a release has not left it.
 _NEAR = 10
 # So far beyond where the curve could not be followed: the same branch, if nothing is lost.
@@ -100,7 +101,8 @@ def critical_load(
     cure = "give one on the stable branch and one beyond its end."
     bracket = two_loads(bracket, contact, "critical_load takes two loads", cure)
     warn_if_coarse(contact, FOR_JUMPS)
-    padded, starts = contact, []
+    padded = contact
+    starts = []
     for load in bracket:
         padded, start = padded_start(contact, load, first_gap(contact, load, initial))
         starts.append(start)
@@ -208,7 +210,8 @@ def _begun(contact: Contact, loads: Load, start: Field | None) -> _Search:
     first, last = loads.value.astype(contact.heights.dtype)
     if start is None:
         start = contact.control(loads[0]).starting_gap(contact.heights)
-    no, none = jnp.array(False), jnp.array(0)
+    no = jnp.array(False)
+    none = jnp.array(0)
     limit = no_limit(contact, loads[0], start)
     search = _Search(limit, first, last, first, jnp.zeros_like(first), none, no, no, no)
     return replace(search, step=_just_beyond(search)).looked_at()
@@ -216,7 +219,8 @@ def _begun(contact: Contact, loads: Load, start: Field | None) -> _Search:
 
 def _just_beyond(search: _Search) -> Scalar:
     """Return how far behind a release the next branch is sought."""
-    first, last = search.first, search.last
+    first = search.first
+    last = search.last
     rounding = 4 * jnp.finfo(first.dtype).eps * jnp.maximum(jnp.abs(first), jnp.abs(last))
     return jnp.sign(last - first) * jnp.maximum(_BEYOND * jnp.abs(last - first), rounding)
 
@@ -278,7 +282,9 @@ def _if_stable(branch: BranchState) -> tuple[BranchState, Flag]:
 @program
 def _followed(search: _Search, limit: Limit, is_stable: Flag, is_over: Flag) -> _Search:
     """Return the search after another branch, from its limit and whether it began stable."""
-    first, last, old = search.first, search.last, search.limit
+    first = search.first
+    last = search.last
+    old = search.limit
     over = _OVER * (last - first)
     # Right behind a release the solver may stay where the point has not opened yet.
     is_lost = limit.result == RESULTS.lost_branch

@@ -19,7 +19,8 @@ def supply_of(
     contact: Contact, load: Load, mean_gap: Scalar, mean_pressure: Scalar
 ) -> tuple[Scalar, Scalar]:
     """Return W [energy] at an equilibrium, and F = d(E + W) / dl [energy over unit of l]."""
-    area, control = contact.grid.area, contact.control(load)
+    area = contact.grid.area
+    control = contact.control(load)
 
     def potential(value: Scalar) -> Scalar:
         return area * contact.control(load.at(value)).energy(mean_gap)

@@ -163,7 +163,8 @@ def _with_derivatives(
         return path
 
     def value(jump: Jump) -> Scalar:
-        shared, ahead = load[0].at(jump.load.value), jump.after.load.value - jump.load.value
+        shared = load[0].at(jump.load.value)
+        ahead = jump.after.load.value - jump.load.value
         return differentiable_value(shared, jump.before.gap, ahead, contact)
 
     values = jax.lax.map(value, path.jumps)
@@ -175,7 +176,8 @@ def _with_derivatives(
 def _known_path(fields: bool, load_path: LoadPath, start: Field | None) -> Path:
     """Return the path to the end, or until interrupted."""
     load = load_path.load
-    recording, was_interrupted = Recording(load_path, fields), False
+    recording = Recording(load_path, fields)
+    was_interrupted = False
     try:
         step_to_end(load_path, start, lambda _: recording)
     except KeyboardInterrupt:

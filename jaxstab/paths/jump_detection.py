@@ -29,7 +29,8 @@ _FURTHER = 8
 _MAX_CURVATURE = 4
 # The errors on a branch that may add up in a predicted potential, and for steps once one has
 # failed: to reject these too early costs less.
-_LEEWAY, _LEEWAY_IN_SEARCH = 20, 5
+_LEEWAY = 20
+_LEEWAY_IN_SEARCH = 5
 # A step that ends before a turning point by less than this part of itself leads there.
 _STRETCH = 1e-6
 # The part of the errors allowed that a step aims at.
@@ -142,7 +143,8 @@ class StepOutcome(eqx.Module):
 
 def next_step(load_path: LoadPath, progress: Progress) -> TrialStep:
     """Return the next step to try."""
-    here, bisection = progress.here, progress.bisection
+    here = progress.here
+    bisection = progress.bisection
     target = load_path.load.value[progress.part + 1]
     left = jnp.abs(target - here.value)
     # Where it failed by its length alone, the rest of the step is right.
@@ -171,7 +173,8 @@ def next_step(load_path: LoadPath, progress: Progress) -> TrialStep:
 
 def _least_potential(load_path: LoadPath, progress: Progress, change: Scalar) -> Scalar:
     """Return the potential below which a state ahead of the last lies on another branch."""
-    here, last = progress.here, progress.last
+    here = progress.here
+    last = progress.last
     slope = (here.force - last.force) / _nonzero(here.value - last.value)
     predicted = here.potential + change * (here.force + change * slope / 2)
     leeway = jnp.where(progress.bisection.is_on, _LEEWAY_IN_SEARCH, _LEEWAY)
@@ -181,9 +184,12 @@ def _least_potential(load_path: LoadPath, progress: Progress, change: Scalar) ->
 def _outcome_of(
     load_path: LoadPath, progress: Progress, trial: TrialStep, new: PathPoint, result: RESULTS
 ) -> StepOutcome:
-    here, last, value = progress.here, progress.last, trial.value
+    here = progress.here
+    last = progress.last
+    value = trial.value
     is_found = result == RESULTS.successful
-    change, before = value - here.value, here.value - last.value
+    change = value - here.value
+    before = here.value - last.value
     slope = (new.force - here.force) / _nonzero(change)
     turn = (slope - (here.force - last.force) / _nonzero(before)) / _nonzero(change + before)
     # The error of the trapezoid, where F is a parabola through three states.
@@ -214,9 +220,11 @@ def apply_step(
     load_path: LoadPath, progress: Progress, trial: TrialStep, equilibrium: Equilibrium
 ) -> tuple[Progress, Record]:
     """Return the progress after a step, from the equilibrium found, and what it has recorded."""
-    found, result = point_of(load_path.contact, equilibrium, trial.value), equilibrium.result
+    found = point_of(load_path.contact, equilibrium, trial.value)
+    result = equilibrium.result
     outcome = _outcome_of(load_path, progress, trial, found, result)
-    is_event, accepts = outcome.is_event, outcome.is_accepted
+    is_event = outcome.is_event
+    accepts = outcome.is_accepted
     is_apart = (progress.is_apart & ~outcome.is_touch) | outcome.is_pulled
     # The loss is unknown where surfaces fall apart, and states of separated ones are not recorded.
     lost = jnp.where(outcome.is_pulled | outcome.is_touch, jnp.nan, outcome.dissipation)

@@ -21,7 +21,8 @@ DISTURBANCE = 1e-6
 # How far a step of a solver may move a point, over its gap and the range of the law: farther ones
 # were seen to leap over minima. On its way to another branch longer ones came to other minima than
 # an overdamped relaxation.
-_MAX_MOVE, _MAX_MOVE_IN_JUMP = 0.1, 0.03
+_MAX_MOVE = 0.1
+_MAX_MOVE_IN_JUMP = 0.03
 # A monotone part of the load path takes so many steps at least.
 _NUM_STEPS = 32
 
@@ -88,7 +89,9 @@ class LoadPath(eqx.Module):
         Once the potential falls below the least, the search ends without a result; one that is
         final may lead down to another branch.
         """
-        contact, load, dtype = self.contact, self.at(value), gap.dtype
+        contact = self.contact
+        load = self.at(value)
+        dtype = gap.dtype
         # Contact points stay where they are.
         disturbed = jnp.where(gap > 0, jnp.maximum(gap + self.disturbance, 0), 0)
         # Where the mean gap is held, no long step draws the surfaces apart.
@@ -124,7 +127,8 @@ def load_path_of(
 
     @by_entries
     def scales(contact: Contact, load: Load) -> tuple[Scalar, Scalar, Scalar, Field]:
-        turns, heights = load.value, contact.heights
+        turns = load.value
+        heights = contact.heights
         noise = jax.random.normal(jax.random.key(0), heights.shape, heights.dtype)
         # Loads that are nearer to each other are the same.
         finest = 4 * jnp.finfo(turns.dtype).eps * jnp.max(jnp.abs(turns))

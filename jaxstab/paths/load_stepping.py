@@ -79,7 +79,8 @@ def _judged(
 
 @program
 def _first_start(load_path: LoadPath, start: Field | None) -> Start:
-    contact, value = load_path.contact, load_path.load.value[0]
+    contact = load_path.contact
+    value = load_path.load.value[0]
     if start is None:
         start = contact.control(load_path.load[0]).starting_gap(contact.heights)
     return load_path.start_at(value, start)
@@ -88,7 +89,8 @@ def _first_start(load_path: LoadPath, start: Field | None) -> Start:
 @program
 def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, TrialStep, Record]:
     """Return the progress at the first turning point, the first step to try, and a record."""
-    turns, none = load_path.load.value, jnp.array(0)
+    turns = load_path.load.value
+    none = jnp.array(0)
     here = point_of(load_path.contact, found, turns[0])
     # Of a path without a state no loss is known.
     lost = jnp.where(found.result == RESULTS.successful, here.dissipation, jnp.nan)
@@ -99,7 +101,8 @@ def _first_state(load_path: LoadPath, found: Equilibrium) -> tuple[Progress, Tri
     # Towards a load that is no number, or from zero to zero, no step would ever end.
     is_endless = (found.result == RESULTS.successful) & ~is_passable
     result = RESULTS.where(is_endless, RESULTS.infeasible_load, found.result)
-    yes, no = jnp.array(True), jnp.array(False)
+    yes = jnp.array(True)
+    no = jnp.array(False)
     progress = Progress(
         here=here,
         last=here,

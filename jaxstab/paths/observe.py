@@ -164,13 +164,16 @@ def _row(observable: Callable[..., Any], contact: Contact, state: Equilibrium) -
             "jaxstab.Observable, which declares the columns."
         )
     # Numbers of Python have no precision of their own.
-    row, kind = jax.tree.map(jnp.asarray, result.row()), type(result)
-    axes, sides = axes_of(kind), len(contact.grid.shape)
+    row = jax.tree.map(jnp.asarray, result.row())
+    kind = type(result)
+    axes = axes_of(kind)
+    sides = len(contact.grid.shape)
     declared = "declare a column as Float[Array, ''], or for each side as Float[Array, 'sides']."
     for name in [field.name for field in fields(kind) if not field.metadata.get("static")]:
         if name not in axes:
             raise TypeError(f"{name} of {kind.__name__} is declared as no array: {declared}")
-        found, expected = getattr(row, name), (sides,) * len(axes[name])
+        found = getattr(row, name)
+        expected = (sides,) * len(axes[name])
         if name in kind.columns() and getattr(found, "shape", None) != expected:
             raise ValueError(
                 f"{name} of {kind.__name__} is {display.text(found)}, not of shape {expected}: "
@@ -182,7 +185,8 @@ def _row(observable: Callable[..., Any], contact: Contact, state: Equilibrium) -
 @own_conventions()
 def _filled(rows: list[Observable], are_found: list[bool]) -> Observable:
     """Return the rows of the states that were found, and of the others nothing."""
-    found, nothing = iter(rows), jax.tree.map(nothing_like, rows[0])
+    found = iter(rows)
+    nothing = jax.tree.map(nothing_like, rows[0])
     return stacked([next(found) if is_found else nothing for is_found in are_found], rows[0])
 
 

@@ -86,7 +86,8 @@ def _state_unless(is_apart: Flag, contact: Contact, one: Load, point: PathPoint)
 
 def point_of(contact: Contact, found: Equilibrium, value: Scalar) -> PathPoint:
     """Return an equilibrium as a point of a path without jumps, at the value of the load."""
-    load, mean_gap = found.load.at(value), mean(found.gap)
+    load = found.load.at(value)
+    mean_gap = mean(found.gap)
     held, force = supply_of(contact, load, mean_gap, found.mean_pressure)
     return PathPoint(
         value,

@@ -174,7 +174,8 @@ class _Problem(eqx.Module):
 def _solve_one_by_one(
     problem: _Problem, load: Load, start: _Start, order: Order, report: Callable[[], object]
 ) -> Sweep:
-    states, is_apart = [], False
+    states = []
+    is_apart = False
     try:
         for i in range(load.value.size):
             apart = _apart(problem.contact, load[i]) if is_apart else start
@@ -218,14 +219,16 @@ def _solve_together(problem: _Problem, load: Load, start: _Start, throw: bool = 
 @partial(program, static_argnames="throw")
 def _solve_in_turn(problem: _Problem, load: Load, start: _Start, throw: bool) -> Sweep:
     Carry = tuple[Field, Flag, Flag]
-    contact, no = problem.contact, jnp.array(False)
+    contact = problem.contact
+    no = jnp.array(False)
 
     def solve(carry: Carry, load: Load) -> tuple[Carry, Sweep]:
         last, has_last, is_apart = carry
         start = jnp.where(has_last, last, contact.control(load).starting_gap(contact.heights))
         start = jnp.where(is_apart, _apart(contact, load), start)
         state = problem.solve(load, start, throw)
-        result, gap = state.equilibrium.result, state.equilibrium.gap
+        result = state.equilibrium.result
+        gap = state.equilibrium.gap
         is_found = result == RESULTS.successful
         last = jnp.where(is_found, gap, last)
         return (last, has_last | is_found, result == RESULTS.pulled_off), state
@@ -259,7 +262,8 @@ def _without_failures(found: Sweep) -> Sweep:
 
 
 def _result(state: Sweep) -> RESULTS:
-    equilibrium, stability = state.equilibrium, state.stability
+    equilibrium = state.equilibrium
+    stability = state.stability
     if stability is None:
         return equilibrium.result
     is_found = equilibrium.result == RESULTS.successful
@@ -267,7 +271,8 @@ def _result(state: Sweep) -> RESULTS:
 
 
 def _columns(sweep: Sweep) -> dict[str, list[str]]:
-    equilibrium, stability = sweep.equilibrium, sweep.stability
+    equilibrium = sweep.equilibrium
+    stability = sweep.stability
     pairs = {} if stability is None else stability.pairs
     columns = {
         **load_column(sweep.load, equilibrium.units, ".6g"),

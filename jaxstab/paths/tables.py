@@ -35,7 +35,8 @@ def load_column(load: Load, units: Units, form: str) -> dict[str, list[str]]:
 
 def state_columns(states: Any) -> dict[str, list[str]]:
     """Return the columns of mean pressure and contact area, on a window beside the force."""
-    columns, units = {}, states.units
+    columns = {}
+    units = states.units
     if states.is_window:
         columns = measured_columns({"force": states.force}, units, "force", "+.4g")
     columns |= measured_columns({"mean pressure": states.mean_pressure}, units, "pressure")

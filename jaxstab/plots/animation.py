@@ -25,7 +25,8 @@ from jaxstab.plots.style import BLACK, axes_or_new, grey, label_axes
 
 _WRITERS = {"gif": PillowWriter, "mp4": FFMpegWriter}
 _MOST_PER_SECOND = 15
-_SIZE, _DPI = (10, 4.4), 100
+_SIZE = (10, 4.4)
+_DPI = 100
 
 
 def animation(

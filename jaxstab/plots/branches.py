@@ -83,7 +83,8 @@ def branch(
     for kind, marker in _TURNS.items():
         chosen = kinds == kind
         if chosen.any():
-            edges, empty = grey(axes, 1), grey(axes, 0)
+            edges = grey(axes, 1)
+            empty = grey(axes, 0)
             style = {"s": 30, "facecolors": empty, "edgecolors": edges, "zorder": 3, **marker}
             axes.scatter(*(values[chosen] for values in turns), label=kind, **style)
     scale(axes.xaxis, branch, x)

@@ -112,9 +112,11 @@ def stability_curve(
         )
     if sweep.stability is None:
         raise ValueError("This sweep left stability out: run it with stability=True.")
-    axes, is_window = axes_or_new(axes), sweep.equilibrium.is_window
+    axes = axes_or_new(axes)
+    is_window = sweep.equilibrium.is_window
     quantity = quantity or default_ordinate(sweep.load, is_window, "load")
-    load, values = of_states(sweep, "load"), of_states(sweep, quantity)
+    load = of_states(sweep, "load")
+    values = of_states(sweep, quantity)
     verdicts = np.where(sweep.stability.is_local, "stable, locally", sweep.stability.verdict.name)
     is_found = np.asarray(sweep.equilibrium.result == "successful")
     for name, marker in verdict_markers(axes).items():
@@ -200,7 +202,8 @@ def _laws(
                 f"The law is a {type(law).__name__}: give a function of the gap, as "
                 "`contact.potential`."
             )
-    gaps, names = parameter(gaps, "The gaps"), labels_or_none(labels, len(laws))
+    gaps = parameter(gaps, "The gaps")
+    names = labels_or_none(labels, len(laws))
     for law, name in zip(laws, names, strict=True):
         label = name or getattr(law, "__name__", type(law).__name__)
         axes.plot(np.asarray(gaps), np.asarray(derivative(law, gaps)), label=label)

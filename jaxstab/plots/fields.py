@@ -46,7 +46,8 @@ def gap(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Ax
 
 def pressure(contact: Contact, equilibrium: State, *, axes: Axes | None = None) -> Axes:
     """Draw the elastic pressure p, positive in compression: a map, or a profile on a line."""
-    field, label = found_equilibrium(contact, equilibrium).pressure, "elastic pressure p [pressure]"
+    field = found_equilibrium(contact, equilibrium).pressure
+    label = "elastic pressure p [pressure]"
     return _field(contact, field, label, "RdBu_r", axes, centred=True)
 
 

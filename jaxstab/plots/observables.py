@@ -50,11 +50,13 @@ def patches(
         axes: the axes to draw on; new ones by default.
     """
     found = observables.patches(contact, equilibrium, neighbours=neighbours)
-    labels, colours = np.asarray(found.labels), PALETTE
+    labels = np.asarray(found.labels)
+    colours = PALETTE
     # Colours repeat when there are more patches.
     numbers = np.where(labels > 0, (labels - 1) % len(colours) + 1, 0)
     axes = draw_areas(axes, contact, numbers, colours)
-    number, percolates = int(found.number), np.asarray(found.percolates)
+    number = int(found.number)
+    percolates = np.asarray(found.percolates)
     along = [name for name, is_so in zip(_SIDES, percolates, strict=False) if is_so]
     spanning = f", percolating along {' and '.join(along)}" if along else ""
     axes.set_title(f"{number} patch{'es' * (number != 1)}{spanning}")
@@ -161,8 +163,10 @@ def observed(
     column = column or f"{first}.{(result.shown or result.columns())[0]}"
     require_one_of("column", column, columns)
     require_one_of("x", x, [*QUANTITIES, "load"])
-    result, name = results[columns[column]], column.rpartition(".")[2]
-    axes, units = axes_or_new(axes), observed.equilibrium.units
+    result = results[columns[column]]
+    name = column.rpartition(".")[2]
+    axes = axes_or_new(axes)
+    units = observed.equilibrium.units
     across = of_states(observed, x)
     sides = {side.strip(): np.asarray(values) for side, values in by_side(getattr(result, name))}
     for side, values in sides.items():
@@ -226,7 +230,8 @@ def distribution(
         counts = np.histogram(part, edges)[0]
         axes.stairs(counts / (values.size * np.diff(edges)), edges, label=name, linewidth=1.2)
     if is_known:
-        rms, mean = float(contact.conforming_pressure), float(equilibrium.mean_pressure)
+        rms = float(contact.conforming_pressure)
+        mean = float(equilibrium.mean_pressure)
         pressures = np.linspace(0, max(shown.max(), rms), 200)
         (theory,) = axes.plot(pressures, _persson(pressures, mean, rms), "--", color=grey(axes, 1))
         theory.set_label("Persson, random surface")

@@ -108,7 +108,8 @@ def quantities_or_default(
 
 
 def _draw(path: Path, x: Quantity, y: Quantity, axes: Axes) -> Axes:
-    loads, units = np.asarray(path.load.value), path.equilibrium.units
+    loads = np.asarray(path.load.value)
+    units = path.equilibrium.units
     there, across, gap = (of_states(path, quantity) for quantity in (x, y, "mean_gap"))
     # A state belongs to the part of the load path that leads to it.
     forth = np.sign(np.diff(loads, prepend=2 * loads[0] - loads[1]))
@@ -149,7 +150,8 @@ def _with_legend(path: Path, axes: Axes) -> Axes:
 
 
 def _load_label(path: Path) -> tuple[float, str]:
-    units, largest = path.equilibrium.units, np.abs(path.load.value).max()
+    units = path.equilibrium.units
+    largest = np.abs(path.load.value).max()
     return scaled_label(units, quantity_label("load", path.load), largest)
 
 
@@ -158,7 +160,8 @@ def scale(axis: XAxis | YAxis, path: _Curve, quantity: Quantity) -> None:
     values = of_states(path, quantity)
     scale_decades(axis, values)
     if quantity in ("mean_pressure", "force"):
-        tension, compression = -np.nanmin(values), np.nanmax(values)
+        tension = -np.nanmin(values)
+        compression = np.nanmax(values)
         if _LEAST_TENSION * compression < tension < compression:
             axis.axes.set(**{f"{axis.axis_name}lim": (-1.2 * tension, tension)})
     label_axis(axis, quantity_label(quantity, path.load), path.equilibrium.units)
@@ -166,8 +169,10 @@ def scale(axis: XAxis | YAxis, path: _Curve, quantity: Quantity) -> None:
 
 def _draw_jumps(path: Path, there: np.ndarray, across: np.ndarray, axes: Axes) -> None:
     # A jump to separation has no state after it, and its dissipation is NaN.
-    dissipation, last = np.asarray(path.jumps.dissipation), np.asarray(path.jumps.state)
-    gone, kept = last[np.isnan(dissipation)], last[np.isfinite(dissipation)]
+    dissipation = np.asarray(path.jumps.dissipation)
+    last = np.asarray(path.jumps.state)
+    gone = last[np.isnan(dissipation)]
+    kept = last[np.isfinite(dissipation)]
     if gone.size:
         axes.plot(there[gone], across[gone], "x", color=grey(axes, 0.8), label="pulled off")
     colour: Style = {"color": grey(axes, 0.6), "linestyle": "--"}

@@ -27,7 +27,8 @@ Width = Literal["single", "double"] | float
 _WIDTHS = {"single": 90.0, "double": 190.0}
 _MM = 1 / 25.4
 # Points.
-_FONT, _TICK_FONT = 8, 7
+_FONT = 8
+_TICK_FONT = 7
 # Thinner lines do not print.
 _MOST_SHRUNK = 0.5
 _DPI = 300
@@ -69,7 +70,8 @@ def save(
     require_kind(figure, Figure | Axes, "no figure: give a figure, or axes of one.")
     whole: Any = figure.figure.figure
     target = new_file(file, whole.canvas.get_supported_filetypes(), overwrite)
-    printed, drawn = _millimetres(width, whole), whole.get_size_inches()[0] / _MM
+    printed = _millimetres(width, whole)
+    drawn = whole.get_size_inches()[0] / _MM
     if printed < _MOST_CROWDED * drawn:
         warn(
             f"A figure of {drawn:.0f} mm is hard to read at {printed:.0f} mm, since letters keep "
@@ -112,7 +114,8 @@ def _millimetres(width: Width | None, figure: Figure) -> float:
 def _copied(figure: Figure) -> Figure:
     canvas: Any = figure.canvas
     # A copy of a figure with a manager would open a window.
-    manager, canvas.manager = canvas.manager, None
+    manager = canvas.manager
+    canvas.manager = None
     try:
         return deepcopy(figure)
     finally:

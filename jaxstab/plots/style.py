@@ -25,8 +25,13 @@ from jaxstab.loads import Load
 from jaxstab.paths import States
 
 # Okabe & Ito's palette is distinct for all kinds of colour vision; their yellow is too pale.
-BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
-SKY, PURPLE, BLACK = "#56B4E9", "#CC79A7", "#000000"
+BLUE = "#0072B2"
+VERMILION = "#D55E00"
+GREEN = "#009E73"
+ORANGE = "#E69F00"
+SKY = "#56B4E9"
+PURPLE = "#CC79A7"
+BLACK = "#000000"
 PALETTE = (BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE)
 
 # Properties of lines and markers, by their names in Matplotlib.
@@ -35,7 +40,8 @@ Style = dict[str, Any]
 Panels = list[Any]
 # A quantity spans decades if all of its values are positive, its median is less than this part
 # of the largest one, and the least value this part of it.
-_MEDIAN, _LEAST = 0.03, 1e-3
+_MEDIAN = 0.03
+_LEAST = 1e-3
 
 # The quantities that are one number for each state.
 QUANTITIES = {

@@ -60,7 +60,9 @@ def summary(contact: Contact, equilibrium: State, stability: Stability | None = 
 
 
 def _numbers(state: Equilibrium, stability: Stability) -> list[tuple[str, str]]:
-    load, pairs, units = state.load, stability.pairs, state.units
+    load = state.load
+    pairs = stability.pairs
+    units = state.units
     eigenvalues = np.array([float(pair.eigenvalue) for pair in pairs.values()])
     largest = np.abs(eigenvalues[np.isfinite(eigenvalues)]).max(initial=0)
     divisor, stiffness = readable_unit(units, "pressure/length", largest)
@@ -98,7 +100,8 @@ def _value(pair: Eigenpair, divisor: float) -> str:
     """Return the text of an eigenvalue with its error over a divisor, or of its failure."""
     if pair.result != "successful":
         return pair.result.name.replace("_", " ")
-    value, error = float(pair.eigenvalue) / divisor, float(pair.error) / divisor
+    value = float(pair.eigenvalue) / divisor
+    error = float(pair.error) / divisor
     return f"{value:.3g} ± {error:.1g}" if np.isfinite(value) else "none admissible"
 
 

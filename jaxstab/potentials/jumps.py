@@ -56,7 +56,8 @@ def law_jump(potential: Potential, lengths: Float[Array, "..."]) -> LawJump:
     scale = jnp.stack([jnp.max(-finite[0]), jnp.max(finite[1])])
     fields = [jnp.ravel(field) for field in varying_fields(law)]
 
-    high, low = table[..., :-1], table[..., 1:]
+    high = table[..., :-1]
+    low = table[..., 1:]
     largest = jnp.maximum(jnp.abs(high[:2]), jnp.abs(low[:2]))
     sizes = jnp.maximum(scale[:, None, None], largest)
     missed = _missed((gaps[1:], low[:2], low[1:]), (gaps[:-1], high[:2], high[1:])) / sizes

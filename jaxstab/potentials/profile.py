@@ -47,10 +47,13 @@ class Profile(eqx.Module):
         values, slopes, curvatures = derivatives(at_some_points(potential), self.gaps)
         attracting = jnp.abs(jnp.where(slopes >= 0, curvatures, 0))
         if values.ndim == 2:
-            values, slopes = jnp.min(values, 0), jnp.max(slopes, 0)
+            values = jnp.min(values, 0)
+            slopes = jnp.max(slopes, 0)
             strongest = jnp.argmax(jnp.abs(curvatures), 0)
             curvatures = jnp.take_along_axis(curvatures, strongest[None], 0)[0]
-        self.values, self.slopes, self.curvatures = values, slopes, curvatures
+        self.values = values
+        self.slopes = slopes
+        self.curvatures = curvatures
         finite = jnp.isfinite(self.values) & jnp.isfinite(self.slopes)
         last = jnp.max(jnp.where(finite, jnp.arange(finite.size), 0))
         rises = (self.values[last] > 0) & (self.slopes[last] < 0)
@@ -148,7 +151,8 @@ def require_smooth(profile: Profile) -> None:
     for name, field in fields.items():
         undefined = matters & ~np.isfinite(field)
         if undefined.any():
-            gap, value = profile.gaps[undefined][-1], field[undefined][-1]
+            gap = profile.gaps[undefined][-1]
+            value = field[undefined][-1]
             is_branch = np.isnan(value) and np.isfinite(profile.values[undefined][-1])
             cure = branch if is_branch else f"{needed}."
             if profile.gaps.dtype == np.float32:

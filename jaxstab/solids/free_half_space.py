@@ -176,8 +176,10 @@ def _coefficients(grid: Grid, doubled: tuple[int, ...]) -> Field:
 
 def _strip(s: Field, t: Field, half: Scalar) -> Field:
     """Return s (asinh((t + half) / |s|) - asinh((t - half) / |s|)), to all digits."""
-    upper, lower = t + half, t - half
-    far, near = jnp.hypot(s, upper), jnp.hypot(s, lower)
+    upper = t + half
+    lower = t - half
+    far = jnp.hypot(s, upper)
+    near = jnp.hypot(s, lower)
     rise = 2 * half + 4 * t * half / (far + near)
     return s * jnp.log1p(rise / (lower + near))
 

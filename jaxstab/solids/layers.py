@@ -161,11 +161,16 @@ def _coated(
 
     Burmister's solution (1945) for a bonded layer; a rigid base is m = 0.
     """
-    m, nu, g = shear_ratio, possible_ratio(layer[1]), shear_modulus(*layer)
+    m = shear_ratio
+    nu = possible_ratio(layer[1])
+    g = shear_modulus(*layer)
     x = wavenumbers * _possible_thickness(thickness)
-    t, rest = jnp.exp(-2 * x), -jnp.expm1(-2 * x)
-    a, b = 1 + m * (3 - 4 * base_ratio), m + 3 - 4 * nu
-    c, c_base = 4 * (1 - nu), 4 * (1 - base_ratio)
+    t = jnp.exp(-2 * x)
+    rest = -jnp.expm1(-2 * x)
+    a = 1 + m * (3 - 4 * base_ratio)
+    b = m + 3 - 4 * nu
+    c = 4 * (1 - nu)
+    c_base = 4 * (1 - base_ratio)
     sinh_tail, cosh_tail = _damped_tails(x)
     stiff = a * (2 * b * cosh_tail + 4 * c * x * (x * t)) + c * t * (c_base * m * rest + c)
     soft = a * (2 * b * sinh_tail + 8 * (m + (1 - 2 * nu)) * x * t) + c * c_base * m * t**2
@@ -176,7 +181,8 @@ def _damped_tails(x: Waves) -> tuple[Waves, Waves]:
     """Return exp(-y) times sinh y - y and cosh y - 1 - y^2/2, y = 2x, to all digits."""
     y = 2 * x
     is_small = y < _SMALL
-    small, large = jnp.where(is_small, y, 0), jnp.where(is_small, _SMALL, y)
+    small = jnp.where(is_small, y, 0)
+    large = jnp.where(is_small, _SMALL, y)
     powers = [small**k / float(math.factorial(k)) for k in range(3, 2 * _NUM_TERMS + 3)]
     decay = jnp.exp(-large)
     sinh = (1 - decay**2) / 2 - large * decay

@@ -8,7 +8,8 @@ def elastic_constants(
     youngs_modulus: ArrayLike, poisson_ratio: ArrayLike, where: str = ""
 ) -> tuple[Scalar, Scalar]:
     """Return E and nu as arrays, checked; `where` ends their names in errors."""
-    modulus_name, ratio_name = f"Young's modulus{where}", f"Poisson's ratio{where}"
+    modulus_name = f"Young's modulus{where}"
+    ratio_name = f"Poisson's ratio{where}"
     modulus = scalar_parameter(youngs_modulus, modulus_name)
     ratio = scalar_parameter(poisson_ratio, ratio_name)
     require_positive(modulus_name, modulus)

@@ -81,7 +81,8 @@ class Solid(eqx.Module):
     @property
     def is_valid(self) -> Flag:
         """Whether stiffnesses are positive, and numbers of full precision."""
-        least, most = self.min_stiffness, self.max_stiffness
+        least = self.min_stiffness
+        most = self.max_stiffness
         return (least >= jnp.finfo(least.dtype).tiny) & jnp.isfinite(most)
 
     def with_uniform_stiffness(self, stiffness: ArrayLike) -> "Solid":
@@ -133,7 +134,8 @@ def apart_from_mean(
     field, which otherwise would stretch the spring.
     """
     is_stiff = stiffness > softest
-    level, share = mean_over(mask, field), mean(mask.astype(field.dtype))
+    level = mean_over(mask, field)
+    share = mean(mask.astype(field.dtype))
     moved = inverse(jnp.where(mask & is_stiff, field - level, field))
     apart = model.onto_space(moved, mask) + jnp.where(
         mask, level / (stiffness * share + softest), 0

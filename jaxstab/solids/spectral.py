@@ -36,7 +36,8 @@ class Waves(Solid):
     def of(cls, grid: Grid, multiplier: Float[Array, " *modes"]) -> Self:
         """Return the solid of a multiplier."""
         waves = multiplier.ravel()[1:]
-        most, least = jnp.max(waves), jnp.min(waves)
+        most = jnp.max(waves)
+        least = jnp.min(waves)
         has_range = (least >= jnp.finfo(waves.dtype).tiny) & jnp.all(jnp.isfinite(waves))
         return cls(grid, multiplier, most, least, has_range)
 

@@ -146,7 +146,8 @@ def with_derivatives(contact: Contact, equilibrium: Equilibrium, stability: Stab
         return stability
     # Squares of pressures over lengths stay in range in this unit.
     unit = contact.characteristic_pressure
-    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
+    contact = contact.in_units_of(unit)
+    equilibrium = equilibrium.in_units_of(unit)
     stability = stability.in_units_of(unit)
     fixes_mean = contact.control(equilibrium.load).fixes_mean
 
@@ -186,7 +187,8 @@ def _assess_one(
 @program
 def _stability(equilibrium: Equilibrium, state: AssessedState, found: Found) -> Stability:
     """Return the verdict on the eigenpairs of a search."""
-    equilibrium, found = equilibrium.in_units_of(state.unit), found.ordered()
+    equilibrium = equilibrium.in_units_of(state.unit)
+    found = found.ordered()
     softest = jnp.abs(found.hull.eigenvalue)
     lower_bound, cone, critical, hull = (
         state.covered(pair, softest)

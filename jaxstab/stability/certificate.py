@@ -57,7 +57,8 @@ def certified(
     The bound rests on the solver, which must not miss the lowest mode of a linear space; it is -inf
     if none is known. Each application of A - N costs two pairs of transforms.
     """
-    eigenvalue, starts = found.pair.eigenvalue, hull.modes
+    eigenvalue = found.pair.eigenvalue
+    starts = hull.modes
     if _stiffened(hessian, cone, eigenvalue) is None:
         return found
     shares = jnp.array(_SHARES, eigenvalue.dtype)

@@ -100,7 +100,8 @@ def start_from_hull(solver: ProjectedLOBPCG, cone: AdmissibleCone, hull: Lowest)
 @program
 def start_from_coarse(around: Lowest, coarse: Lowest, fine: Field) -> ConeStart:
     """Return the mode of a coarser problem as the start on a cone, at the cost of two searches."""
-    vector, no = _refined(coarse.pair.mode, fine), jnp.array(False)
+    vector = _refined(coarse.pair.mode, fine)
+    no = jnp.array(False)
     is_needed = jnp.any(vector != 0)
     cost = _share_of(around, fine) + _share_of(coarse, fine)
     return ConeStart(vector, is_needed, no, coarse.pair.eigenvalue, cost)

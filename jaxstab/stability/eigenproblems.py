@@ -127,8 +127,10 @@ def _unless(is_left_out: Bool[Array | np.ndarray, ""], pair: Eigenpair) -> Eigen
 def problems_of(contact: Contact, equilibrium: Equilibrium) -> tuple[Eigenproblems, AssessedState]:
     """Return the eigenproblems of an equilibrium, and the data of that state."""
     unit = contact.characteristic_pressure
-    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
-    gap, in_contact = equilibrium.gap, equilibrium.in_contact
+    contact = contact.in_units_of(unit)
+    equilibrium = equilibrium.in_units_of(unit)
+    gap = equilibrium.gap
+    in_contact = equilibrium.in_contact
     control = contact.control(equilibrium.load)
     balance = contact.balance(control)(gap)
     result = recognised_by(balance, contact, equilibrium)
@@ -167,8 +169,12 @@ def covering_doubt(problems: Eigenproblems, found: Found) -> Found:
     too, which raises the quotient of the mode; and those that hardly press may be free, where the
     mode leaves a residual.
     """
-    hessian, v0, near = problems.hessian, problems.cone, problems.nearly_touching
-    critical, hull, cone = found.critical, found.hull, found.cone
+    hessian = problems.hessian
+    v0 = problems.cone
+    near = problems.nearly_touching
+    critical = found.critical
+    hull = found.hull
+    cone = found.cone
     held = Subspace(~(v0.one_sided | near), v0.fixes_mean)
     above, _, _ = admissible_pair(hessian.restricted(held.is_moving), held, critical.mode)
     rise = _rise(above, critical.eigenvalue)

@@ -89,7 +89,8 @@ def cone_starts(
     lowest = jnp.where(is_answer, signs[jnp.argmin(entering)], starts[0])
     is_needed = ~is_answer | (jnp.arange(len(starts)) == 0)
     starts = starts.at[0].set(lowest)
-    size, one_sided = cone.one_sided.size, cone.one_sided
+    size = cone.one_sided.size
+    one_sided = cone.one_sided
     if size <= _FEW:
         lifted = jnp.eye(size, dtype=starts.dtype).reshape(size, *one_sided.shape)
         starts = jnp.concatenate([starts, lifted])

@@ -47,7 +47,8 @@ def smallest_eigenpairs(
     number that proves the verdict.
     """
     hessian = problems.hessian
-    touches, is_doubtful = concrete(problems.touches), concrete(problems.is_doubtful)
+    touches = concrete(problems.touches)
+    is_doubtful = concrete(problems.is_doubtful)
     is_default = isinstance(solver, ProjectedLOBPCG)
     fast = solver if is_default else ProjectedLOBPCG(solver.tolerance_in(hessian.curvature.dtype))
 
@@ -57,7 +58,8 @@ def smallest_eigenpairs(
     is_proved = verdict_only & (concrete(around.sign) > 0)
 
     # The critical cone: a linear space, unless some point touches without pressing.
-    is_open, cone = touches & ~is_proved, problems.critical_cone
+    is_open = touches & ~is_proved
+    cone = problems.critical_cone
     hull = if_needed(
         is_open, lambda: _lowest_on_hull(spaces, hessian, cone, key), around.known_before()
     )
@@ -67,7 +69,8 @@ def smallest_eigenpairs(
     is_decided = is_proved | (verdict_only & (concrete(critical.sign) < 0))
 
     # The cone V0+; a solver that the caller has chosen always runs.
-    is_open, cone = touches & ~is_decided, problems.cone
+    is_open = touches & ~is_decided
+    cone = problems.cone
     is_needed = is_open if is_default else True
     lowest = _lowest_on_cone(solver, spaces, hessian, cone, around, key, is_needed)
 

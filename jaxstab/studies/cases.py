@@ -15,7 +15,9 @@ from jaxstab.core.enumeration import Enumeration
 from jaxstab.studies.checked_netcdf import Variable, Variables, write
 
 # The dimension of listed combinations; the columns of each case beside its outputs; the record.
-LISTED, MARKS, RECORD = "case", ("result", "seconds", "error"), "study.json"
+LISTED = "case"
+MARKS = ("result", "seconds", "error")
+RECORD = "study.json"
 # The coordinates of a case by name: numbers and words of Python.
 Case = dict[str, Any]
 
@@ -34,7 +36,8 @@ class Cases(NamedTuple):
 
     def files(self, axes: Mapping[str, Sequence[object]]) -> dict[Path, Case]:
         """Return all cases by their files, in the order of the product or the list."""
-        files, combine = {}, zip if self.dims == (LISTED,) else itertools.product
+        files = {}
+        combine = zip if self.dims == (LISTED,) else itertools.product
         for row in combine(*(axes[name] for name in self.names)):
             case = dict(zip(self.names, row, strict=True))
             if files.setdefault(self.file(case), case) is not case:
@@ -49,7 +52,8 @@ class Cases(NamedTuple):
 
     def write(self, case: Case, outputs: Variables, seconds: float, error: str) -> None:
         """Write the file of a case, of a failed one with its error."""
-        own, is_listed = {}, self.dims == (LISTED,)
+        own = {}
+        is_listed = self.dims == (LISTED,)
         # By the coordinate of the list xarray combines the files.
         places = {LISTED: self.file(case).stem, **case} if is_listed else case
         attrs = {"coordinates": " ".join(places)} if is_listed else {}
@@ -64,7 +68,8 @@ class Cases(NamedTuple):
         """Return a dict of arrays, or a data set, with the axes before other dimensions."""
         if not isinstance(returned, Mapping) or not returned:
             raise TypeError(f"The case returned {type(returned).__name__}: return a dict of arrays")
-        given, outputs = {}, {}
+        given = {}
+        outputs = {}
         for name, x in _variables(returned).items():
             is_labelled = hasattr(x, "dims")
             values = _array(name, x.values if is_labelled else x)
@@ -79,7 +84,8 @@ class Cases(NamedTuple):
                     raise ValueError(f"The case returned {which}, {each!r}: choose another name.")
             attrs = {key: np.array(x).item() for key, x in attrs.items() if np.isscalar(x)}
             if dims != (name,):
-                dims, values = (*self.dims, *dims), values[(None,) * len(self.dims)]
+                dims = (*self.dims, *dims)
+                values = values[(None,) * len(self.dims)]
             outputs[name] = Variable(dims, values, attrs)
         return outputs
 

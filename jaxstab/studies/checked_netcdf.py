@@ -37,10 +37,13 @@ Variables = dict[str, Variable]
 
 def write(path: Path, variables: Variables) -> None:
     """Write variables to a file; one that is named as its dimension is its coordinate."""
-    h5py, stored, layout = _h5py(), {}, {}
+    h5py = _h5py()
+    stored = {}
+    layout = {}
     for name, (dims, values, attrs) in variables.items():
         if values.dtype.kind == "b":
-            values, attrs = values.astype("i1"), {**attrs, "dtype": "bool"}
+            values = values.astype("i1")
+            attrs = {**attrs, "dtype": "bool"}
         if values.dtype.kind == "U":
             # HDF5 holds no zero byte and no half of a character, as in names of files.
             words = [x.replace("\0", r"\0").encode(errors="backslashreplace") for x in values.flat]
@@ -64,9 +67,11 @@ def read(path: Path, largest: float = math.inf) -> Variables:
         Damaged: if it is not as `write` wrote it.
         OSError: if it is not there, or cannot be read for another reason.
     """
-    h5py, variables = _h5py(), {}
+    h5py = _h5py()
+    variables = {}
     content = b"" if path.is_dir() else path.read_bytes()
-    image, digest = content[:-_DIGEST], content[-_DIGEST:]
+    image = content[:-_DIGEST]
+    digest = content[-_DIGEST:]
     if _digest(path, image) != digest:
         raise Damaged(f"{path} is damaged, renamed or of another kind: its digest differs.")
     with h5py.File(h5py.h5f.open_file_image(image)) as file:
@@ -92,7 +97,9 @@ def _empty(layout: str) -> bytes:
     """Return a file with its structure, most of the work, and without its numbers."""
     import h5netcdf
 
-    variables, image, text = json.loads(layout), io.BytesIO(), layout.encode()
+    variables = json.loads(layout)
+    image = io.BytesIO()
+    text = layout.encode()
     pairs = [zip(dims, shape, strict=True) for dims, shape, *_ in variables.values()]
     # The first format with checksums of its structure; Fletcher-32 adds checksums of numbers.
     with h5netcdf.File(image, "w", libver=("v110", "v110")) as file:

@@ -19,7 +19,8 @@ from jaxstab.studies.worker import CaseWorker
 
 Task = Sequence[Case]
 # How often a task may be lost before it begins, and how many a foreign executor gets at a time.
-_MOST_LOSSES, _WINDOW = 3, 1000
+_MOST_LOSSES = 3
+_WINDOW = 1000
 
 
 def run_tasks(
@@ -42,7 +43,9 @@ def run_tasks(
     _require_no_fork(executor)
     import cloudpickle
 
-    is_own, left, num_lost = isinstance(executor, int), deque(enumerate(tasks)), Counter[int]()
+    is_own = isinstance(executor, int)
+    left = deque(enumerate(tasks))
+    num_lost = Counter[int]()
     # Our own processes share the caller's compilation cache.
     names = [n for n in jax.config.values if "enable_x64" in n or (is_own and "_cache_" in n)]
     settings = {name: jax.config.values[name] for name in names}
@@ -51,7 +54,8 @@ def run_tasks(
         executor = executor.get_executor(pure=False)
     # Each process of our own is a pool with one task in hand, the only one that its death costs.
     pools = [_process() for _ in range(executor)] if is_own else [executor]
-    free, in_hand = deque([*range(len(pools))] * (1 if is_own else _WINDOW)), {}
+    free = deque([*range(len(pools))] * (1 if is_own else _WINDOW))
+    in_hand = {}
     try:
         while left or in_hand:
             if is_stopped():

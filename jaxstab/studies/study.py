@@ -109,7 +109,8 @@ def study(
             del before[file]
         left = [x for file, x in files.items() if file not in before]
         worker = CaseWorker(case, cases, batch, uuid4().hex[:8])
-        warned, tasks = "", [left[i : i + batch] for i in range(0, len(left), batch)]
+        warned = ""
+        tasks = [left[i : i + batch] for i in range(0, len(left), batch)]
         with interrupts_held() as held:
             with progress_bar(len(files), "case", shown=progress, done=len(before)) as bar:
                 for task, warning in run_tasks(executor, worker, tasks, lambda: bool(held)):
@@ -132,15 +133,18 @@ def study(
 
 def _begin(cases: Cases, case: Callable[..., object], version: object, accept: bool) -> Cases:
     """Write `study.json`, or compare it with a call; return the cases with axes in its order."""
-    path, file = cases.path, cases.path / RECORD
+    path = cases.path
+    file = cases.path / RECORD
     path.mkdir(parents=True, exist_ok=True)
     names = [x.name for x in path.iterdir() if x.suffix not in (".part", ".begun")]
     if names and not any(name == RECORD or name.endswith(".nc") for name in names):
         raise ValueError(f"{path} is no study, it holds {min(names)}: give a new folder.")
-    text, known = file.read_text() if file.exists() else "", {}
+    text = file.read_text() if file.exists() else ""
+    known = {}
     with suppress(ValueError, TypeError):
         known = dict(json.loads(text))
-    axes, dims = known.get("axes", cases.names), known.get("dims", cases.dims)
+    axes = known.get("axes", cases.names)
+    dims = known.get("dims", cases.dims)
     if ({*axes}, {*dims}) != ({*cases.names}, {*cases.dims}):
         asked = f"{', '.join(cases.names)} on {', '.join(cases.dims)}: give another folder."
         raise ValueError(f"{path} has axes {', '.join(axes)} on {', '.join(dims)}, not {asked}")
@@ -185,7 +189,8 @@ def _source(case: Callable[..., object], version: object) -> list[str]:
 
 def _read(paths: Iterable[Path], files: Mapping[Path, Case]) -> dict[Path, Variables]:
     """Return the cases of some files; rename damaged files, remove those left by dead processes."""
-    found, damaged = {}, []
+    found = {}
+    damaged = []
     for path in paths:
         # Another call may rename or remove it.
         with suppress(FileNotFoundError):
@@ -220,7 +225,8 @@ def _agreed(
     usual = json.loads(max(counts, key=lambda text: counts[text], default="{}"))
     for path, form in forms.items():
         for name in sorted(x for x in form.keys() | usual if form.get(x) != usual.get(x)):
-            here, there = form.get(name, "missing"), usual.get(name, "missing")
+            here = form.get(name, "missing")
+            there = usual.get(name, "missing")
             errors[path] = f"{name} is {here}, in other cases {there}: return the same in all."
     fit = [case for path, case in done.items() if path not in errors]
     blank = {name: _blank(name, [case[name] for case in fit]) for name in usual}
@@ -264,7 +270,8 @@ def _dataset(
     import xarray
     from dask.delayed import delayed
 
-    dims, is_listed = cases.dims, cases.dims == (LISTED,)
+    dims = cases.dims
+    is_listed = cases.dims == (LISTED,)
     coordinates = {name: (dims if is_listed else name, axes[name]) for name in cases.names}
     coordinates |= {LISTED: (dims, [path.stem for path in found])} if is_listed else {}
     dataset = xarray.Dataset(coords=coordinates)

@@ -28,7 +28,8 @@ class CaseWorker:
 
     def run(self, task: Sequence[Case]) -> str:
         """Run the cases that have no file yet; return a warning, empty if there is none."""
-        left, warning = [case for case in task if not self.cases.file(case).exists()], ""
+        left = [case for case in task if not self.cases.file(case).exists()]
+        warning = ""
         # After a death one by one, to find the case that ends its process.
         if self.batch > 1 and left and not self.is_begun(left):
             try:
@@ -41,12 +42,14 @@ class CaseWorker:
                 warning = f"A batch raised an error, and its cases are run one by one: {reason}"
         for case in left:
             _drop_programs()
-            start, returned = perf_counter(), {}
+            start = perf_counter()
+            returned = {}
             message = f"The process of this case died {_MOST_DEATHS} times."
             if self._num_begun(case) < _MOST_DEATHS:
                 self._begin([case])
                 try:
-                    returned, message = jax.block_until_ready(self.case(**case)), ""
+                    returned = jax.block_until_ready(self.case(**case))
+                    message = ""
                 except (Exception, SystemExit) as error:
                     message = f"{type(error).__name__}: {error}"
             self._keep(case, returned, perf_counter() - start, message)
@@ -92,10 +95,12 @@ class CaseWorker:
                 # The function, once mended, may begin the study anew.
                 (self.cases.path / RECORD).unlink(missing_ok=True)
                 raise
-            outputs, error = {}, str(unfit)
+            outputs = {}
+            error = str(unfit)
         except Exception as failure:
             # Arrays of a data set may be computed, or read from a file, only here.
-            outputs, error = {}, f"{type(failure).__name__}: {failure}"
+            outputs = {}
+            error = f"{type(failure).__name__}: {failure}"
         self.cases.write(case, outputs, seconds, error)
 
 

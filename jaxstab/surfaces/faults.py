@@ -36,7 +36,8 @@ def looks_wrong(heights: np.ndarray) -> list[str]:
     """
     if min(heights.shape) < _FEWEST:
         return []
-    sentences, tilt = [], _tilt(heights)
+    sentences = []
+    tilt = _tilt(heights)
     if tilt is not None:
         heights = heights - tilt
         sentences.append(

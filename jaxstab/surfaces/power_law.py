@@ -23,7 +23,8 @@ _LEAST_SPAN = 2.5
 _LARGEST_ERROR = 0.25
 _LARGEST_EXCESS = 2.5
 _LARGEST_MISFIT = 0.2
-_OUTSIDE, _OUTSIDE_SOUGHT = 0.1, 0.2
+_OUTSIDE = 0.1
+_OUTSIDE_SOUGHT = 0.2
 _MAX_STEPS = 50
 
 
@@ -79,19 +80,23 @@ def power_law(spectrum: PowerSpectrum) -> PowerLaw:
     num_held = np.sum((count > 0) & (density > _NOTHING * density.max()))
     if num_held < _FEWEST_RINGS + 2:
         raise ValueError(f"The spectrum has {num_held} rings with waves: give 5 or more.")
-    dimension, largest = (1 if count.max() <= 2 else 2), density.max()
+    dimension = 1 if count.max() <= 2 else 2
+    largest = density.max()
     first = int(np.argmax((count > 0) & (density > _LEAKAGE * largest)))
     used = np.flatnonzero(count[first:] > 0) + first
     # A real field's waves q and -q are complex conjugates.
-    q, pairs = q[used], count[used] / 2
-    x, y = np.log(q), np.log(np.maximum(density[used] / largest, _NOTHING))
+    q = q[used]
+    pairs = count[used] / 2
+    x = np.log(q)
+    y = np.log(np.maximum(density[used] / largest, _NOTHING))
     (start, end), likely = _bands(x, y, pairs, dimension)
     line = _Line.fitted(x, y, pairs, start, end)
     if not line.is_straight and likely:
         # Beyond a cut-off leakage alone may look like a law, of many rings.
         start, end = likely
         line = _Line.fitted(x, y, pairs, start, end)
-    hurst, hurst_error = (line.power - dimension) / 2, line.power_error / 2
+    hurst = (line.power - dimension) / 2
+    hurst_error = line.power_error / 2
     spread = np.hypot(line.height_error, line.power_error * (x[start] - line.middle))
     cutoff = end
     if end + 1 < x.size and np.log(_LEAKAGE) < y[end + 1] - line.at(x[end + 1]) < 0:
@@ -125,7 +130,8 @@ def _bands(
     # The variance of the logarithm of a mean of exponentials, to 3 %.
     weight = 1 / (1 / pairs + 0.64 / pairs**2 + _OFF_THE_LAW**2)
     outside = _COST_OUTSIDE * np.arange(x.size)[::-1]
-    costs, ends = np.full(2, np.inf), [(0, _FEWEST_RINGS), None]
+    costs = np.full(2, np.inf)
+    ends = [(0, _FEWEST_RINGS), None]
     for start in range(x.size - _FEWEST_RINGS):
         squares, power = _broken_lines(x, y, weight, start)
         is_likely = np.abs((power - dimension) / 2 - 0.5) <= 0.5 + _OUTSIDE_SOUGHT
@@ -133,7 +139,8 @@ def _bands(
         for which, total in enumerate((squares, np.where(is_likely, squares, np.inf))):
             end = int(np.argmin(total + outside))
             if total[end] + outside[end] < costs[which]:
-                costs[which], ends[which] = total[end] + outside[end], (start, end)
+                costs[which] = total[end] + outside[end]
+                ends[which] = (start, end)
     return ends[0], ends[1]
 
 
@@ -173,12 +180,14 @@ class _Line:
         middle = np.average(x, weights=pairs)
         z = x - middle
         information = np.array([pairs.sum(), pairs @ z**2])
-        height, power = np.average(y, weights=pairs), -(pairs * z) @ y / information[1]
+        height = np.average(y, weights=pairs)
+        power = -(pairs * z) @ y / information[1]
         for _ in range(_MAX_STEPS):
             # A step that starts far off is cut, and the next goes on.
             residual = np.expm1(np.minimum(y - height + power * z, 1))
             step = np.array([pairs @ residual, -(pairs * z) @ residual]) / information
-            height, power = height + step[0], power + step[1]
+            height = height + step[0]
+            power = power + step[1]
             if np.abs(step).max() < 1e-12:
                 break
         residual = np.expm1(np.minimum(y - height + power * z, 50))

@@ -67,7 +67,8 @@ def _derivatives(shape: tuple[int, ...], spacing: Sequence[float], order: int) -
     """Yield a sparse matrix for each derivative of an order, in units of the first spacing."""
     from scipy.sparse import csr_array, eye_array, kron
 
-    shape, spacing = (*shape, 1)[:2], (*spacing, spacing[0])[:2]
+    shape = (*shape, 1)[:2]
+    spacing = (*spacing, spacing[0])[:2]
     for numbers in [(order, 0), (0, order), (1, 1)][: order + 1]:
         if any(n <= k for n, k in zip(shape, numbers, strict=True)):
             continue
@@ -97,7 +98,8 @@ def area_average(heights: Heights, shape: tuple[int, ...]) -> Heights:
     A point stands for the tile of which it is the corner with the least coordinates.
     """
     is_present = np.isfinite(heights)
-    totals, areas = np.where(is_present, heights, 0), is_present.astype(float)
+    totals = np.where(is_present, heights, 0)
+    areas = is_present.astype(float)
     for axis, n in enumerate(shape):
         overlap = _overlap(heights.shape[axis], n)
         totals, areas = (
@@ -109,7 +111,8 @@ def area_average(heights: Heights, shape: tuple[int, ...]) -> Heights:
 
 def _overlap(n: int, other: int) -> np.ndarray:
     """Return the overlaps of n equal parts of a side with `other` equal parts."""
-    edges, others = np.arange(n + 1) * other, np.arange(other + 1) * n
+    edges = np.arange(n + 1) * other
+    others = np.arange(other + 1) * n
     low = np.maximum(edges[None, :-1], others[:-1, None])
     high = np.minimum(edges[None, 1:], others[1:, None])
     return np.maximum(high - low, 0) / n

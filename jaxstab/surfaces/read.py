@@ -24,7 +24,8 @@ from jaxstab.surfaces.formats.scan import Scan, UnknownContent
 from jaxstab.surfaces.formats.text import read_text
 from jaxstab.surfaces.topography import Topography
 
-_NUMPY, _GZIP = b"\x93NUMPY", b"\x1f\x8b"
+_NUMPY = b"\x93NUMPY"
+_GZIP = b"\x1f\x8b"
 _NETCDF = b"CDF", b"\x89HDF\r\n\x1a\n"
 _CONTROL = re.compile(rb"[^\t\n\v\f\r -\xff]")
 
@@ -96,7 +97,8 @@ def _scan(path: Path, channel: str | None) -> Scan:
     """Return the content of a file by the first reader that understands it."""
     if not path.is_file():
         raise ValueError("this is no file.")
-    source, content = str(path), path.read_bytes()
+    source = str(path)
+    content = path.read_bytes()
     if content.startswith(_GZIP):
         try:
             content = gzip.decompress(content)
@@ -113,7 +115,8 @@ def _scan(path: Path, channel: str | None) -> Scan:
         return read_instrument(source, channel)
     else:
         text = _decoded(content)
-        read_own, source = partial(read_text, text, channel), BytesIO(text.encode())
+        read_own = partial(read_text, text, channel)
+        source = BytesIO(text.encode())
     try:
         return read_own()
     except UnknownContent as unknown:
@@ -142,7 +145,8 @@ def _topography(
     scan: Scan, lengths: Sequence[float] | ArrayLike | None, unit: str | None
 ) -> Topography:
     """Return the surface of a scan, with the user's lengths and unit, which must agree with it."""
-    points, sides = times(scan.heights.shape), scan.lengths if lengths is None else lengths
+    points = times(scan.heights.shape)
+    sides = scan.lengths if lengths is None else lengths
     if lengths is None and scan.is_counted and (unit or scan.unit):
         raise ValueError(
             f"its coordinates 0, 1, 2, ... are numbers of points, and no lengths in "

@@ -191,11 +191,14 @@ def tip(grid: Grid, profile_radii: ArrayLike, profile_heights: ArrayLike) -> Fie
 
 @program
 def _tip(grid: Grid, radii: Float[Array, " n"], heights: Float[Array, " n"]) -> Field:
-    widths, secants = jnp.diff(radii), jnp.diff(heights) / jnp.diff(radii)
-    before, after = secants[:-1], secants[1:]
+    widths = jnp.diff(radii)
+    secants = jnp.diff(heights) / jnp.diff(radii)
+    before = secants[:-1]
+    after = secants[1:]
     # The harmonic mean, weighted by widths; zero at a summit or in a trough.
     rises = before * after > 0
-    first, last = 2 * widths[1:] + widths[:-1], widths[1:] + 2 * widths[:-1]
+    first = 2 * widths[1:] + widths[:-1]
+    last = widths[1:] + 2 * widths[:-1]
     inverse = first / jnp.where(rises, before, 1) + last / jnp.where(rises, after, 1)
     inner = jnp.where(rises, (first + last) / inverse, 0)
     slopes = jnp.concatenate([jnp.zeros(1, inner.dtype), inner, secants[-1:]])

@@ -168,7 +168,8 @@ def full_contact_energy(solid: Elastic, heights: Field | Topography) -> Scalar:
     heights = _heights_on(_grid_of(solid), heights)
     if solid.is_window:
         # A rigid displacement stores the least energy if it takes no force.
-        pressure, level = solid.apply(heights), solid.apply(jnp.ones_like(heights))
+        pressure = solid.apply(heights)
+        level = solid.apply(jnp.ones_like(heights))
         rigid = jnp.sum(pressure) / jnp.sum(level)
         return jnp.mean((heights - rigid) * (pressure - rigid * level)) / 2
     return solid.with_uniform_stiffness(0).energy(heights - jnp.mean(heights)) / solid.grid.area

@@ -95,7 +95,8 @@ class Topography:
         return faults.has_wrong_scale(self.heights, self.lengths)
 
     def __repr__(self) -> str:
-        missing, unit = self.num_missing, f" {self.unit}" if self.unit else " (unit unknown)"
+        missing = self.num_missing
+        unit = f" {self.unit}" if self.unit else " (unit unknown)"
         rows = [
             ("points", times(self.grid.shape)),
             ("lengths", times(self.lengths, ".6g") + unit),
@@ -268,7 +269,8 @@ class Topography:
         require_one_of("how", how, ("window", "mirror", "as_is"))
         if how == "as_is":
             return self._changed("said to be periodic", is_periodic=True)
-        grid, heights = self.grid, self.heights
+        grid = self.grid
+        heights = self.heights
         if how == "window":
             self.require_complete('`.periodic("window")`')
             mean = heights.mean()

@@ -92,13 +92,15 @@ def _joined(
         if whole[start]:
             continue
         whole[start] = len(spans) + 1
-        around, waiting = np.zeros(num_sides, bool), deque([start])
+        around = np.zeros(num_sides, bool)
+        waiting = deque([start])
         while waiting:
             part = waiting.popleft()
             for other, step in ways[part]:
                 reached = place[part] + step
                 if not whole[other]:
-                    whole[other], place[other] = whole[part], reached
+                    whole[other] = whole[part]
+                    place[other] = reached
                     waiting.append(other)
                 else:
                     around |= reached != place[other]

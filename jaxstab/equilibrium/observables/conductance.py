@@ -81,7 +81,8 @@ def conductance(
     """
     state = found_equilibrium(contact, equilibrium)
     touches = state.in_contact
-    solid, dtype = contact.solid, contact.heights.dtype
+    solid = contact.solid
+    dtype = contact.heights.dtype
     solid = solid.relaxed if isinstance(solid, Viscoelastic) else solid
     require_kind(
         solid,
@@ -98,7 +99,8 @@ def conductance(
             "Use float64."
         )
     pressure = jnp.where(jnp.isfinite(state.gap).all(), pressure, jnp.nan)
-    force, is_whole = total(pressure), jnp.all(touches) & (not solid.is_window)
+    force = total(pressure)
+    is_whole = jnp.all(touches) & (not solid.is_window)
     # E* is one.
     stiffness = jnp.where(is_whole, jnp.inf, force * contact.grid.cell_area.astype(dtype))
     current = jnp.where(is_whole, 1 / pressure.size, pressure / jnp.where(force > 0, force, 1))

@@ -25,7 +25,8 @@ _Solve = Callable[[Float[np.ndarray, " cells"]], Float[np.ndarray, " cells"]]
 # With more cells the factors of a direct solver take several gigabytes.
 _LARGE = 1 << 21
 # The imbalance of a cell over the largest flux: the one aimed at, and the largest allowed.
-_BALANCED, _LIMIT = 1e-12, 1e-9
+_BALANCED = 1e-12
+_LIMIT = 1e-9
 _MAX_ROUNDS = 30
 # Two bounds of a conductance may differ by this part.
 _BOUNDS = 1e-7
@@ -114,20 +115,23 @@ def _balanced(
 ) -> tuple[_Field, _Faces]:
     """Return the pressure drops beside a uniform one, and the fluxes, balanced."""
     moved = np.zeros(is_cell.shape)
-    best, best_found = np.inf, (moved, flux)
+    best = np.inf
+    best_found = (moved, flux)
     for _ in range(_MAX_ROUNDS):
         left = _outflow(flux)
         size = np.abs(flux).max()
         residual = np.abs(left).max() / size
         if residual < best:
-            best, best_found = residual, (moved, flux)
+            best = residual
+            best_found = (moved, flux)
         elif residual > 0.5 * best and best <= _LIMIT:
             break
         if residual <= _BALANCED:
             break
         change = np.zeros(is_cell.shape)
         change[is_cell] = solve(left[is_cell])
-        moved, flux = moved + change, flux + links * _differences(change)
+        moved = moved + change
+        flux = flux + links * _differences(change)
     if not best <= _LIMIT:
         raise SolverError(
             f"The flow was not found: fluxes balance to {best:.1e} of the largest only, where "
@@ -171,7 +175,9 @@ def _solver(links: _Faces, solver: Solver | None) -> tuple[_Solve, Bool[np.ndarr
     ends = [(cells.ravel(), np.roll(cells, -1, side).ravel()) for side in range(len(links))]
     one, other = (np.concatenate(x) for x in zip(*ends, strict=True))
     link = links.reshape(-1)
-    one, other, link = one[link > 0], other[link > 0], link[link > 0]
+    one = one[link > 0]
+    other = other[link > 0]
+    link = link[link > 0]
     ways = (np.append(one, other), np.append(other, one))
     total = np.bincount(ways[0], np.append(link, link), cells.size)
     kept = np.flatnonzero(total)

@@ -91,7 +91,8 @@ def leakage(
     if solver is not None:
         require_one_of("solver", solver, ("direct", "multigrid"))
     resistance = positive_scalar(viscosity, "The viscosity")
-    values, dtype = np.asarray(gap, float), contact.heights.dtype
+    values = np.asarray(gap, float)
+    dtype = contact.heights.dtype
     largest = values.max()
     # The unit is the largest gap, whose cube can be beyond the range of numbers.
     conductivity = (values / largest) ** 3 / 12 if largest > 0 else values

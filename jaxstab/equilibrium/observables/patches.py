@@ -79,7 +79,8 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
     require_one_of("neighbours", neighbours, (4, 8))
     require_known((contact, equilibrium), "patches")
     state = found_equilibrium(contact, equilibrium)
-    mask, is_window = np.asarray(state.in_contact), contact.solid.is_window
+    mask = np.asarray(state.in_contact)
+    is_window = contact.solid.is_window
     found = clusters_of(mask, neighbours, not is_window)
     ends = _ends(mask, is_window)
     is_plane = mask.ndim == 2
@@ -92,7 +93,8 @@ def patches(contact: Contact, equilibrium: State, *, neighbours: Neighbours = 4)
     order = np.argsort(-counts, kind="stable")
     ranks = np.zeros(found.number + 1, int)
     ranks[order + 1] = np.arange(1, found.number + 1)
-    dtype, cell = contact.heights.dtype, float(contact.grid.cell_area)
+    dtype = contact.heights.dtype
+    cell = float(contact.grid.cell_area)
     counted = cell * counts.sum()
     excess = _STAIRCASE * cell * ends.sum() if is_plane else 0.0
     return Patches(

@@ -93,7 +93,8 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
 
     def prepared(self, problem: Problem, start: Field) -> "_Prepared":
         """Return the problem with its preconditioner, made for a start."""
-        contact, control = problem.contact, problem.control
+        contact = problem.contact
+        control = problem.control
         solid = contact.solid.with_uniform_stiffness(
             0 if control.stiffness is None else control.stiffness
         )
@@ -108,7 +109,9 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
 
     def init(self, problem: "_Prepared", start: Field) -> _DescentState:
         """Return the state of a gap that meets the load."""
-        one, nothing, no = jnp.ones((), start.dtype), jnp.zeros_like(start), jnp.array(False)
+        one = jnp.ones((), start.dtype)
+        nothing = jnp.zeros_like(start)
+        no = jnp.array(False)
         search = _LineSearch(nothing, nothing, one, no, one, jnp.array(0))
         return _DescentState(start, problem.balance(start), search, one)
 
@@ -122,7 +125,8 @@ class PreconditionedConjugateGradient(EquilibriumSolver):
 
     def measure(self, problem: "_Prepared", state: _DescentState) -> Indicators:
         """Return residual and energy; the residual is infinite where nothing is to be found."""
-        balance, energy = state.balance, problem.energy(state.balance)
+        balance = state.balance
+        energy = problem.energy(state.balance)
         has_left = balance.has_escaped | (energy < self.least_energy)
         residual = jnp.where(has_left, jnp.inf, balance.residual)
         return {"residual": residual, "energy": energy}
@@ -144,7 +148,9 @@ class _Prepared(Problem):
 
 def _begun(problem: _Prepared, state: _DescentState) -> _LineSearch:
     """Return the search along a new direction."""
-    control, net, before = problem.control, state.balance.net, state.search
+    control = problem.control
+    net = state.balance.net
+    before = state.search
     is_moving = control.moving(state.gap, net)
     force = control.project(net, is_moving)
     inverse = partial(problem.precondition, state.balance.curvature)
@@ -169,7 +175,8 @@ def _begun(problem: _Prepared, state: _DescentState) -> _LineSearch:
 
 def _attempt(problem: _Prepared, state: _DescentState, search: _LineSearch) -> _DescentTrial:
     """Return the gap at the length of a search, and whether that is where it ends."""
-    control, energy = problem.control, problem.energy(state.balance)
+    control = problem.control
+    energy = problem.energy(state.balance)
     # The work of a load that is nearly nothing, as at a spring that has relaxed, is no more certain
     # than the mean gap.
     mean_gap = state.balance.mean_gap
@@ -178,7 +185,8 @@ def _attempt(problem: _Prepared, state: _DescentState, search: _LineSearch) -> _
     noise = 100 * jnp.finfo(state.gap.dtype).eps * sum(map(jnp.abs, terms))
 
     gap = control.admissible(state.gap - search.length * search.direction)
-    balance, change = problem.balance(gap), gap - state.gap
+    balance = problem.balance(gap)
+    change = gap - state.gap
     before, after = totals([state.balance.net * change, balance.net * change])
     gain = problem.energy(balance) - energy
     promised = _ARMIJO * jnp.minimum(before, 0)

@@ -51,8 +51,10 @@ def minres(system: LinearSystem, right_side: Field, accuracy: float, max_steps: 
         return (jnp.abs(state.residual) > accuracy * size) & (state.num_steps < max_steps)
 
     def step(state: _Lanczos) -> _Lanczos:
-        (before, last), (norm_before, norm) = state.vectors, state.norms
-        (cosine_before, cosine), (sine_before, sine) = state.cosines, state.sines
+        before, last = state.vectors
+        norm_before, norm = state.norms
+        cosine_before, cosine = state.cosines
+        sine_before, sine = state.sines
         unit = state.preconditioned / norm
         product = system.project(system.operator(unit))
         diagonal = total(product * unit)
@@ -63,7 +65,8 @@ def minres(system: LinearSystem, right_side: Field, accuracy: float, max_steps: 
         above = sine * diagonal + cosine_before * cosine * norm
         length = jnp.hypot(pivot, new_norm)
         length = jnp.where(length > 0, length, 1)
-        cosines, sines = (cosine, pivot / length), (sine, new_norm / length)
+        cosines = (cosine, pivot / length)
+        sines = (sine, new_norm / length)
         older, old = state.directions
         direction = (unit - sine_before * norm * older - above * old) / length
         return _Lanczos(
@@ -78,7 +81,9 @@ def minres(system: LinearSystem, right_side: Field, accuracy: float, max_steps: 
             state.num_steps + 1,
         )
 
-    nothing, zero, one = jnp.zeros_like(b), jnp.zeros_like(size), jnp.ones_like(size)
+    nothing = jnp.zeros_like(b)
+    zero = jnp.zeros_like(size)
+    one = jnp.ones_like(size)
     start = _Lanczos(
         nothing,
         (nothing, b),

@@ -67,7 +67,8 @@ class PolonskyKeerRey(EquilibriumSolver):
     def step(self, problem: Problem, state: _ActiveSetState) -> _ActiveSetState:
         """Return the state after a step along the direction of conjugate gradients."""
         solid = problem.contact.solid.with_uniform_stiffness(0)
-        is_free, net = state.gap > 0, state.balance.net
+        is_free = state.gap > 0
+        net = state.balance.net
         curvature = state.balance.curvature
         free_norm = total(jnp.where(is_free, net, 0) ** 2)
         momentum = _ratio(free_norm, state.free_norm)

@@ -54,8 +54,10 @@ class SaddleNewton(EquilibriumSolver):
 
     def step(self, problem: Problem, state: State) -> State:
         """Return the state after a step of Newton's method, or of the part that is no worse."""
-        control, solid = problem.control, problem.contact.solid
-        net, curvature = state.balance.net, state.balance.curvature
+        control = problem.control
+        solid = problem.contact.solid
+        net = state.balance.net
+        curvature = state.balance.curvature
         is_moving = control.moving(state.gap, net)
         hessian = Hessian(solid, curvature, control.stiffness, is_moving)
         adhesion = total(jnp.abs(curvature)) / curvature.size

@@ -40,7 +40,9 @@ from jaxstab.paths.pull_off import dead_load
 # After so many steps a branch is followed no more.
 MAX_STEPS = 20_000
 # Sides of saddles: detached surfaces, the start, and one that is not known; minima follow them.
-_DETACHED, _START, _UNKNOWN = 0, 1, -1
+_DETACHED = 0
+_START = 1
+_UNKNOWN = -1
 
 
 class Image(eqx.Module):
@@ -72,8 +74,10 @@ def pass_on_branch(
     The branch is followed until the saddles on it join both. Of its states less than twice the
     number are kept. The function does not run under JAX transformations.
     """
-    images, stride = [_image(contact, load, start.gap)], 1
-    result, ways = start.result, _Ways(start)
+    images = [_image(contact, load, start.gap)]
+    stride = 1
+    result = start.result
+    ways = _Ways(start)
     branches = _branch(contact, load, start) if result == RESULTS.successful else ()
     for count, (branch, is_at_load) in enumerate(branches, 1):
         gap = branch.step.here.at.gap
@@ -87,7 +91,8 @@ def pass_on_branch(
         if count % stride == 0:
             images.append(_image(contact, load, gap))
         if len(images) >= 2 * number:
-            images, stride = images[::2], 2 * stride
+            images = images[::2]
+            stride = 2 * stride
         is_unclear = branch.end == KINDS.lost or branch.end == KINDS.uncertain
         result = RESULTS.lost_branch if is_unclear else RESULTS.no_detachment
     saddle = no_saddle(start.gap)
@@ -178,7 +183,8 @@ class _Ways:
         # States that are joined have the same label.
         labels = {number: number for number in (_DETACHED, *self._minima)}
         for _, lowest, (here, there) in sorted(self._passes, key=itemgetter(0)):
-            old, new = labels[here], labels[there]
+            old = labels[here]
+            new = labels[there]
             labels = {number: new if x == old else x for number, x in labels.items()}
             if labels[_START] == labels[_DETACHED]:
                 return lowest

@@ -58,7 +58,8 @@ def saddle_near(contact: Contact, load: Load, summit: Field, lowest: Scalar) -> 
     problem = Problem.of(contact, control)
     iteration = SaddleNewton(max_steps=60).run(problem, control.admissible(summit))
     gap = iteration.state.gap
-    energy, seen = landscape.energy(gap), landscape.energy(summit)
+    energy = landscape.energy(gap)
+    seen = landscape.energy(summit)
     # Newton's method may have gone on to a higher one.
     is_close = (energy > lowest) & (energy - lowest <= _HIGHEST * (seen - lowest))
     index, modes = jax.lax.cond(
@@ -75,7 +76,8 @@ def minima_beside(contact: Contact, load: Load, saddle: Saddle, start: Field) ->
 
     Where the surfaces detach for good there is none: its fields are NaN.
     """
-    solver, control = PreconditionedConjugateGradient(), contact.control(load)
+    solver = PreconditionedConjugateGradient()
+    control = contact.control(load)
     push = amplitude_of(saddle.gap, saddle.mode) * saddle.mode
 
     def side(sign: Array) -> Equilibrium:

@@ -50,7 +50,8 @@ class String(eqx.Module):
         low, top, high = (self.energies[i + k] for k in (-1, 0, 1))
         bend = low + high - 2 * top
         share = jnp.clip(jnp.where(bend < 0, (low - high) / (2 * bend), 0), -1, 1)
-        back, on = self.images[i - 1], self.images[i + 1]
+        back = self.images[i - 1]
+        on = self.images[i + 1]
         other = jnp.where(share > 0, on, back)
         return self.images[i] + jnp.abs(share) * (other - self.images[i])
 
@@ -106,7 +107,8 @@ class StringMethod(IterativeSolver):
 
 def _descended(problem: Landscape, gap: Field) -> Field:
     """Return a gap after a step of steepest descent, preconditioned, of the best length."""
-    contact, control = problem.contact, problem.control
+    contact = problem.contact
+    control = problem.control
     net = control.net_pressure(contact.gradient(gap), gap)
     is_moving = control.moving(gap, net)
     force = control.project(net, is_moving)

@@ -106,7 +106,8 @@ class Transition(Outcome):
         Raises:
             ValueError: for numbers that are not positive.
         """
-        energy, attempts = parameter(thermal_energy), parameter(attempt_rate)
+        energy = parameter(thermal_energy)
+        attempts = parameter(attempt_rate)
         require_positive("The thermal energy", energy)
         require_positive("The attempt rate", attempts)
         return attempts * jnp.exp(-self.there / energy)

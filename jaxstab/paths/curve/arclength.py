@@ -50,12 +50,17 @@ from jaxstab.paths.curve.morse_index import MOST, UNKNOWN, DrivenIndex, driven_i
 from jaxstab.paths.kinds import KINDS
 
 # The least cosine between the tangents at both ends of a step, and that from which steps grow.
-_LEAST_COSINE, _STRAIGHT = 0.95, 0.99
-_GROWTH, _CUT, _TO_TURN = 1.5, 0.4, 0.9
+_LEAST_COSINE = 0.95
+_STRAIGHT = 0.99
+_GROWTH = 1.5
+_CUT = 0.4
+_TO_TURN = 0.9
 # How far from its prediction a state may be, over the step: on a smooth piece, and over several.
-_FARTHEST, _FARTHEST_LEAP = 0.1, 0.3
+_FARTHEST = 0.1
+_FARTHEST_LEAP = 0.3
 # Steps of Newton's method from which steps grow no more, and that a step may take at most.
-_EASY, _HARD = 4, 8
+_EASY = 4
+_HARD = 8
 # Steps shorter than this part of the longest may pass a bifurcation.
 _ACROSS = 1e-3
 # Active-set changes within this part of a step to the last load before its end are passed with it.
@@ -182,7 +187,8 @@ def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthSte
     3. If it is sound, locate the events in the step and count the negative eigenvalues beyond.
     4. Take it if the events explain this number, and choose the length of the next step.
     """
-    curve, old = problem.curve, step.here
+    curve = problem.curve
+    old = step.here
     target = _target_of(problem, step)
     correction = Correction(curve, target.condition, old.is_free, target.follows)
     found = correct(correction, target.start, target.row, old.tangent, target.close)
@@ -209,7 +215,10 @@ def _target_of(problem: ContinuationProblem, step: ArclengthStep) -> _Target:
     A step to the last load has no active-set change there as its target: it would be cut there
     without end.
     """
-    curve, old, length, dtype = problem.curve, step.here, step.length, step.length.dtype
+    curve = problem.curve
+    old = step.here
+    length = step.length
+    dtype = step.length.dtype
     changes = changes_ahead(curve, old, _NEAREST[dtype.name] * problem.max_step)
     most = most_changes(changes.net.size)
     number = jnp.sum(changes.distances <= jnp.where(step.lands, 1 - _AT_END, 1) * length)
@@ -243,8 +252,12 @@ def _candidate_of(
     problem: ContinuationProblem, step: ArclengthStep, target: _Target, found: Found
 ) -> _Candidate:
     """Return the point that the corrector has found, and whether it lies on the same curve."""
-    curve, old, changes, reach = problem.curve, step.here, target.changes, target.reach
-    place, tangent = found.place, found.place.tangent
+    curve = problem.curve
+    old = step.here
+    changes = target.changes
+    reach = target.reach
+    place = found.place
+    tangent = found.place.tangent
     length = target.row.times(place.at.minus(old.at))
     cosine = curve.cosine(tangent, old.tangent)
     farthest = jnp.where(target.follows, _FARTHEST_LEAP, _FARTHEST)
@@ -288,7 +301,9 @@ def _events_in(
     problem: ContinuationProblem, step: ArclengthStep, target: _Target, candidate: _Candidate
 ) -> _Events:
     """Return the fold in a step, the place beyond it, and its number of negative eigenvalues."""
-    curve, old, reached = problem.curve, step.here, candidate.place
+    curve = problem.curve
+    old = step.here
+    reached = candidate.place
     turn, is_flat = cond(
         candidate.folds,
         lambda: fold_between(curve, old, reached),
@@ -317,7 +332,8 @@ class _Turning(eqx.Module):
     def at(
         cls, problem: ContinuationProblem, target: _Target, candidate: _Candidate, new: Place
     ) -> "_Turning":
-        curve, reached = problem.curve, candidate.place
+        curve = problem.curve
+        reached = candidate.place
         back = curve.rate(reached.tangent) * curve.rate(new.tangent) < 0
         # At a release the released point has no part in the index yet.
         touches = target.is_change & ~target.opens
@@ -384,7 +400,8 @@ def _crossing(
     And where another one changes its sign, to second order in the length of the step.
     """
     crossing, start, condition, row = _crossed(problem, step, target, candidate, events)
-    old, dtype = step.here, step.length.dtype.name
+    old = step.here
+    dtype = step.length.dtype.name
     correction = Correction(problem.curve, condition, old.is_free)
     found = correct(correction, start, row, old.tangent, CLOSE[dtype])
     return _corrected(crossing, found)
@@ -399,11 +416,14 @@ def _crossed(
     events: _Events,
 ) -> tuple[_Crossing, Point, Condition, Point]:
     """Return the crossing in a step, and what corrects the point on the chord."""
-    curve, old, reached = problem.curve, step.here, candidate.place
+    curve = problem.curve
+    old = step.here
+    reached = candidate.place
     turning = _Turning.at(problem, target, candidate, events.new)
 
     def driven(place: Place) -> DrivenIndex:
-        gap, tangent = place.at.gap, place.tangent.gap
+        gap = place.at.gap
+        tangent = place.tangent.gap
         return driven_index_of(curve.contact, curve.load, gap, place.is_free, tangent)
 
     is_free = reached.is_free & (~turning.touches | (reached.at.gap > 0))
@@ -441,7 +461,8 @@ def _taken(
     crossing: _Crossing,
 ) -> ArclengthStep:
     """Return the state that a step has led to, if the events in it explain the changes."""
-    turning, index = _Turning.at(problem, target, candidate, events.new), events.index
+    turning = _Turning.at(problem, target, candidate, events.new)
+    index = events.index
     expected = index + (target.is_change & target.opens & turning.back)
     is_unknown = (turning.flips > 1) | (index >= MOST) | (index < 0)
     kind = KINDS.where(target.opens, KINDS.release, KINDS.touch)
@@ -472,15 +493,19 @@ def _with_next_length(
     taken: ArclengthStep,
 ) -> ArclengthStep:
     """Return a step, taken or not, with the length of the next."""
-    curve, old, new = problem.curve, step.here, candidate.place
+    curve = problem.curve
+    old = step.here
+    new = candidate.place
     is_new = candidate.is_taken & taken.is_new
     longer = jnp.where(candidate.is_easy & ~target.is_change, _GROWTH * target.reach, step.length)
     longer = jnp.minimum(jnp.maximum(longer, step.length), problem.max_step)
     # It ends at the load, or it is cut to where all gaps and reactions are positive, or cut.
-    before, after = curve.value(old.at), curve.value(new.at)
+    before = curve.value(old.at)
+    after = curve.value(new.at)
     part = (problem.last - before) / jnp.where(after == before, 1, after - before)
     # Where the load has turned in a step that may not, up to about where it turns.
-    before, after = curve.rate(old.tangent), curve.rate(new.tangent)
+    before = curve.rate(old.tangent)
+    after = curve.rate(new.tangent)
     to_turn = before / jnp.where(candidate.turns, before - after, 1)
     to_turn = jnp.clip(_TO_TURN * to_turn, _CUT, _TO_TURN)
     share = jnp.where(candidate.turns, to_turn, candidate.share)

@@ -34,7 +34,8 @@ from jaxstab.paths.path import Turn
 from jaxstab.paths.record import PathPoint, point_of
 
 # The longest step over the distance between the loads; the first and the shortest over the longest.
-_LONGEST, _FIRST = 0.1, 0.2
+_LONGEST = 0.1
+_FIRST = 0.2
 SHORTEST = {"float64": 1e-7, "float32": 1e-4}
 # How nearly a turn is one that was passed before, over the size of its state.
 _SAME = {"float64": 1e-7, "float32": 1e-3}
@@ -92,7 +93,9 @@ def begin(
 ) -> tuple[ContinuationProblem, BranchState]:
     """Return the problem between two loads, and a branch at its first state, an equilibrium."""
     start = _start(contact, loads, found)
-    curve, at, dtype = start.curve, start.at, found.gap.dtype
+    curve = start.curve
+    at = start.at
+    dtype = found.gap.dtype
     near = start.nothing
     tangent = direction_at(curve, start.condition, at, start.is_free, start.ahead, near)
     here = Place(at, start.is_free, tangent)
@@ -101,7 +104,8 @@ def begin(
         correction = Correction(curve, start.condition, start.is_free, follows=True)
         closer = correct(correction, at, start.ahead, tangent, CLOSE[dtype.name])
         here = cond(closer.is_found, lambda: closer.place, lambda: here)
-    modes, load = start.modes, curve.load
+    modes = start.modes
+    load = curve.load
     index, modes = index_of(contact, load, here.at.gap, modes, counts_all=not to_limit)
     problem, length = _problem(to_limit, curve, loads, here, max_step, min_step)
     return problem, branch_from(here, length, index, modes, found.result)
@@ -131,7 +135,8 @@ class _Start(eqx.Module):
 
 @program
 def _start(contact: Contact, loads: Load, found: Equilibrium) -> _Start:
-    gap, load = found.gap, loads[0]
+    gap = found.gap
+    load = loads[0]
     at = Point(gap, pressure_of(contact, load, gap))
     curve = Curve.of(contact, load)
     row = curve.load_gradient
@@ -155,7 +160,8 @@ def _problem(
     """Return the problem of a branch from its first place, and the length of its first step."""
     dtype = here.at.gap.dtype
     first, last = loads.value.astype(dtype)
-    speed, size = jnp.abs(curve.rate(here.tangent)), curve.length(here.at)
+    speed = jnp.abs(curve.rate(here.tangent))
+    size = curve.length(here.at)
     longest = _LONGEST * jnp.abs(last - first) / jnp.where(speed > 0, speed, 1)
     longest = jnp.where(size > 0, jnp.minimum(longest, size), longest)
     longest = longest if max_step is None else max_step.astype(dtype)
@@ -169,7 +175,8 @@ def branch_from(
     here: Place, length: Scalar, index: Int[Array, ""], modes: Block, result: RESULTS
 ) -> BranchState:
     """Return a branch that begins at a place with a step of a length."""
-    yes, no = jnp.array(True), jnp.array(False)
+    yes = jnp.array(True)
+    no = jnp.array(False)
     expected = jnp.where(index >= 0, index, UNKNOWN).astype(int)
     step = ArclengthStep(
         here,
@@ -221,7 +228,8 @@ def _goes_apart(problem: ContinuationProblem, step: ArclengthStep) -> Flag:
 
     That is so unless the last load comes before.
     """
-    here, value = step.here, problem.curve.value(step.here.at)
+    here = step.here
+    value = problem.curve.value(step.here.at)
     is_far = jnp.all(here.at.gap > problem.curve.farthest) & (jnp.mean(here.tangent.gap) > 0)
     return step.is_new & is_far & ((problem.last - value) * problem.last >= 0)
 
@@ -239,12 +247,15 @@ def _closes(curve: Curve, branch: BranchState, at: Point) -> Flag:
 @program
 def entry_of(problem: ContinuationProblem, branch: BranchState) -> tuple[Entry, Turn]:
     """Return the last state of a branch, and the turn before it."""
-    contact, load, step = problem.curve.contact, problem.curve.load, branch.step
+    contact = problem.curve.contact
+    load = problem.curve.load
+    step = branch.step
 
     def state(at: Point) -> Equilibrium:
         return state_at(contact, load.at(problem.curve.value(at)), at.gap)
 
-    here, equilibrium = step.here, state(step.turn)
+    here = step.here
+    equilibrium = state(step.turn)
     entry = Entry(point_of(contact, state(here.at), problem.curve.value(here.at)), step.index)
     size = jnp.sqrt(jnp.sum(step.turn_mode**2))
     mode = step.turn_mode / jnp.where(size > 0, size, 1)
@@ -254,9 +265,11 @@ def entry_of(problem: ContinuationProblem, branch: BranchState) -> tuple[Entry, 
 @program
 def is_same(problem: ContinuationProblem, one: Turn, other: Turn) -> Flag:
     """Return whether a turn is one of others: then the branch comes back to where it has been."""
-    gap, gaps = one.equilibrium.gap, other.equilibrium.gap
+    gap = one.equilibrium.gap
+    gaps = other.equilibrium.gap
     grid = tuple(range(-gap.ndim, 0))
-    close, span = _SAME[gap.dtype.name], jnp.abs(problem.last - problem.first)
+    close = _SAME[gap.dtype.name]
+    span = jnp.abs(problem.last - problem.first)
     is_near = jnp.max(jnp.abs(gap - gaps), axis=grid) <= close * jnp.max(gap)
     is_near &= jnp.abs(one.load.value - other.load.value) <= close * span
     return jnp.any(is_near & (one.kind.code == other.kind.code))

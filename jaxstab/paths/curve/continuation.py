@@ -169,7 +169,8 @@ def _gone_on(problem: ContinuationProblem, branch: BranchState) -> tuple[BranchS
 def _eager(number: int, fields: bool, begun: Begun) -> Branch:
     """Return a branch to its end, or until interrupted, state by state."""
     problem, branch, entry, like = begun
-    entries, turns = [_kept(entry, fields)], []
+    entries = [_kept(entry, fields)]
+    turns = []
     try:
         while branch.is_on and len(entries) < number:
             gone_on = jax.block_until_ready(_gone_on(problem, branch))
@@ -230,7 +231,8 @@ def _branch(
 
 
 def _describe(load: Load, branch: Branch) -> str:
-    number, last = several(len(branch), "state"), float(branch.load.value[-1])
+    number = several(len(branch), "state")
+    last = float(branch.load.value[-1])
     # Without a first state there is no load, nor an end.
     last = float(load.value[0]) if math.isnan(last) else last
     where = f"{type(load).__name__}({last:.6g}) after {number}"

@@ -60,7 +60,8 @@ class Condition(eqx.Module):
     def gradient(self, curve: Curve, forces: Forces) -> Point:
         """Return the gradient of that."""
         pulled = Hessian(curve.contact.solid, forces.curvature)(self.weights)
-        gap, pressure = self.row.gap + pulled, self.row.pressure + total(self.weights)
+        gap = self.row.gap + pulled
+        pressure = self.row.pressure + total(self.weights)
         return Point(gap / self.scale, pressure / self.scale)
 
 
@@ -168,14 +169,16 @@ def direction_at(
 def _newton(
     problem: Correction, start: Point, ahead: Point, near: Point, close: Scalar, fine: Scalar
 ) -> Found:
-    curve, dtype = problem.curve, start.gap.dtype
+    curve = problem.curve
+    dtype = start.gap.dtype
     enough = TOLERANCE[dtype.name]
 
     def goes_on(old: Found) -> Flag:
         return ~old.is_found & jnp.isfinite(old.residual) & (old.num_steps <= _MAX_STEPS)
 
     def step(old: Found) -> Found:
-        at, follows = old.place.at, problem.follows
+        at = old.place.at
+        follows = problem.follows
         forces = problem.forces(at)
         imbalance, error = problem.residual(at, forces)
         residual = jnp.maximum(imbalance, jnp.abs(error))

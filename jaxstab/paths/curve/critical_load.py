@@ -135,7 +135,8 @@ def _changes_of_limit(
     net, gap_rate, net_rate = response(contact, load, gap)
     slope = third_derivative(contact, gap) * pair.mode**2
     # By symmetry the load does not act on the mode, or the eigenvalue does not change along it.
-    driven, bent = _cosine(pair.mode, space.project(net_rate)), _cosine(pair.mode, slope)
+    driven = _cosine(pair.mode, space.project(net_rate))
+    bent = _cosine(pair.mode, slope)
     least = _LEAST_COSINE[gap.dtype.name]
     branches_off = ~(jnp.minimum(jnp.abs(driven), jnp.abs(bent)) > least)
     branches_off |= jnp.abs(pair.eigenvalue) > ZERO[gap.dtype.name] * contact.solid.min_stiffness
@@ -182,7 +183,8 @@ def _stiffened(contact: Contact, load: Load, gap: Field, pair: Eigenpair) -> Lin
     """Return the system of A + s x x^T on the free points: at a simple fold it is not singular."""
     space = free_space(contact, load, gap)
     hessian = contact.hessian(gap, contact.control(load)).restricted(space.is_moving)
-    mode, stiffness = pair.mode, contact.solid.min_stiffness
+    mode = pair.mode
+    stiffness = contact.solid.min_stiffness
 
     def operator(field: Field) -> Field:
         return hessian(field) + stiffness * total(mode * field) * mode

@@ -83,7 +83,8 @@ class Curve(eqx.Module):
     def of(cls, contact: Contact, load: Load) -> "Curve":
         """Return the curve of a contact under a load."""
         offset, gradient = _value_of(contact, load)
-        profile, conforming = contact.profile, contact.conforming_pressure
+        profile = contact.profile
+        conforming = contact.conforming_pressure
         # Over a flat surface nothing but the load balances the attraction.
         least = _LEAST_SCALE * jnp.where(conforming > 0, conforming, profile.max_attraction)
         outermost = profile.outermost_gap(HARDLY_ANY * profile.max_attraction)
@@ -123,7 +124,8 @@ class Curve(eqx.Module):
 
     def forces(self, at: Point, is_free: Mask) -> Forces:
         """Return the pressures at a point with these free points."""
-        contact, gap = self.contact, at.gap
+        contact = self.contact
+        gap = at.gap
         elastic = contact.solid.with_uniform_stiffness(0).apply(gap + contact.heights)
         _, attraction, curvature = derivatives(contact.potential, gap)
         net = elastic + attraction + at.pressure
@@ -178,7 +180,8 @@ class Curve(eqx.Module):
             accuracy: of the solution, as a part of the right-hand side, or of the size.
             size: of the vector that the solution is added to [length].
         """
-        soft, number = self.stiffness, row.gap.size
+        soft = self.stiffness
+        number = row.gap.size
         hessian = Hessian(self.contact.solid, curvature, None, is_free)
         inverse = hessian.inverse(soft + total(jnp.abs(hessian.curvature)) / number)
 
@@ -196,7 +199,8 @@ class Curve(eqx.Module):
         is_open = share > 0
         share = jnp.where(is_open, share, 1)
         stiffness = total(uniform * hessian(uniform)) / (soft * share)
-        along, other = total(row.gap * uniform), row.pressure * stiffness
+        along = total(row.gap * uniform)
+        other = row.pressure * stiffness
         # A small difference would blow up the rest of the right-hand side.
         least = (jnp.abs(along) + jnp.abs(other)) / 2
         along = along - other

@@ -60,13 +60,16 @@ class ActiveSetChanges(eqx.Module):
 
 def changes_ahead(curve: Curve, place: Place, shortest: Scalar) -> ActiveSetChanges:
     """Return the active-set changes ahead of a place; changes within the shortest distance tie."""
-    at, tangent, is_free = place.at, place.tangent, place.is_free
+    at = place.at
+    tangent = place.tangent
+    is_free = place.is_free
     forces = curve.forces(at, is_free)
     rate = curve.net_rate(forces.curvature, tangent)
     # No gap over a core ever closes.
     closes = is_free & (tangent.gap < 0) & ~jnp.asarray(curve.contact.has_core)
     opens = ~is_free & (rate < 0)
-    gap, net = jnp.maximum(at.gap, 0), jnp.maximum(forces.net, 0)
+    gap = jnp.maximum(at.gap, 0)
+    net = jnp.maximum(forces.net, 0)
     distances = jnp.where(closes, gap / jnp.where(closes, -tangent.gap, 1), jnp.inf)
     distances = jnp.where(opens, net / jnp.where(opens, -rate, 1), distances)
     first = jnp.min(distances)
@@ -199,21 +202,25 @@ def _bracket(curve: Curve, old: Place, new: Place) -> _Bracket:
     steepest = jnp.max(jnp.abs(rates))
     ends = jnp.stack([jnp.zeros_like(whole), whole])
     near = choose(jnp.abs(rates[0]) < jnp.abs(rates[1]), old, new)
-    yes, none = jnp.array(True), jnp.array(0)
+    yes = jnp.array(True)
+    none = jnp.array(0)
     first = _Bracket(ends, rates, row, whole, steepest, near, steepest, yes, none, yes, yes)
     return first.looked_at()
 
 
 def _secant_length(bracket: _Bracket) -> Scalar:
-    (low, high), (slow, fast) = bracket.ends, bracket.rates
+    low, high = bracket.ends
+    slow, fast = bracket.rates
     return low - slow * (high - low) / (fast - slow)
 
 
 @program
 def _secant(old: Place, bracket: _Bracket) -> tuple[Condition, Point]:
     """Return the plane on which to look next, and where to start there."""
-    length, row = _secant_length(bracket), bracket.row
-    at, tangent = bracket.place.at, bracket.place.tangent
+    length = _secant_length(bracket)
+    row = bracket.row
+    at = bracket.place.at
+    tangent = bracket.place.tangent
     missing = length - row.times(at.minus(old.at))
     start = at.plus(tangent, missing / row.times(tangent))
     return on_plane(row, row.times(old.at) + length, jnp.abs(bracket.whole)), start
@@ -222,8 +229,10 @@ def _secant(old: Place, bracket: _Bracket) -> tuple[Condition, Point]:
 @program
 def _narrowed(curve: Curve, old: Place, bracket: _Bracket, place: Place) -> _Bracket:
     """Return the bracket with a place that was found in it as one of its ends."""
-    (low, high), (slow, fast) = bracket.ends, bracket.rates
-    length, rate = _secant_length(bracket), curve.rate(place.tangent)
+    low, high = bracket.ends
+    slow, fast = bracket.rates
+    length = _secant_length(bracket)
+    rate = curve.rate(place.tangent)
     is_low = rate * curve.rate(old.tangent) > 0
     stays = jnp.where((bracket.count > 0) & (is_low == bracket.is_low), 0.5, 1)
     ends = jnp.where(is_low, jnp.stack([length, high]), jnp.stack([low, length]))

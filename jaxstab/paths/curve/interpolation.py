@@ -48,7 +48,9 @@ class Cubics(NamedTuple):
         """Return the values of a cubic at several places between, given values and rates."""
         part = jnp.arange(1, _BETWEEN) / _BETWEEN
         part = part.astype(self.length.dtype).reshape(-1, *[1] * value.ndim)
-        rest, rate, end_rate = 1 - part, self.length * rate, self.length * end_rate / self.cosine
+        rest = 1 - part
+        rate = self.length * rate
+        end_rate = self.length * end_rate / self.cosine
         first = rest**2 * ((1 + 2 * part) * value + part * rate)
         return first + part**2 * ((1 + 2 * rest) * end - rest * end_rate)
 
@@ -62,7 +64,8 @@ def stays_positive(
     scale: Scalar,
 ) -> tuple[Flag, Scalar]:
     """Return whether gaps and reactions stay positive between two places, and up to where."""
-    old, new = cubics.old, cubics.new
+    old = cubics.old
+    new = cubics.new
     slack = _SLACK[scale.dtype.name] * scale
     # A core lets no gap close.
     least = jnp.where(curve.contact.has_core, 0, -jnp.inf)
@@ -77,7 +80,8 @@ def stays_positive(
     net, net_rate = after
     value = both(jnp.maximum(old.at.gap, least), changes.net)
     end = both(jnp.maximum(new.at.gap, least), net)
-    rate, end_rate = both(old.tangent.gap, changes.net_rate), both(new.tangent.gap, net_rate)
+    rate = both(old.tangent.gap, changes.net_rate)
+    end_rate = both(new.tangent.gap, net_rate)
     # The active-set change itself ends the step.
     ends = is_change & changes.tied
     between = jnp.where(ends | ~jnp.isfinite(value), 0, cubics.between(value, rate, end, end_rate))
@@ -92,9 +96,12 @@ def stays_positive(
 
 def turns_as_predicted(curve: Curve, cubics: Cubics) -> Flag:
     """Return whether the load turns between two places no more often than its rates say."""
-    old, new = cubics.old, cubics.new
-    value, end = curve.value(old.at), curve.value(new.at)
-    rate, end_rate = curve.rate(old.tangent), curve.rate(new.tangent)
+    old = cubics.old
+    new = cubics.new
+    value = curve.value(old.at)
+    end = curve.value(new.at)
+    rate = curve.rate(old.tangent)
+    end_rate = curve.rate(new.tangent)
     between = cubics.between(jnp.zeros_like(value), rate, end - value, end_rate)
     steps = jnp.diff(jnp.concatenate([jnp.zeros((1,)), between, (end - value)[None]]))
     # Rounding of the load hides smaller steps.
@@ -102,7 +109,8 @@ def turns_as_predicted(curve: Curve, cubics: Cubics) -> Flag:
     signs = jnp.concatenate(
         [rate[None], jnp.where(jnp.abs(steps) > noise, steps, 0), end_rate[None]]
     )
-    forth, back = signs * rate > 0, signs * rate < 0
+    forth = signs * rate > 0
+    back = signs * rate < 0
     # Once it goes back it does not go forth again.
     went_back = jnp.cumsum(back) > 0
     return ~jnp.any(went_back & forth) & (jnp.any(back) == (rate * end_rate < 0))
@@ -112,7 +120,8 @@ def changes_as_predicted(
     cubics: Cubics, changes: ActiveSetChanges, after: tuple[Field, Field]
 ) -> Flag:
     """Return whether each point that changed sides did so as the lines from both ends predict."""
-    new, flipped = cubics.new, cubics.old.is_free != cubics.new.is_free
+    new = cubics.new
+    flipped = cubics.old.is_free != cubics.new.is_free
     net, net_rate = after
     value = jnp.where(new.is_free, new.at.gap, net)
     rate = jnp.where(new.is_free, new.tangent.gap, net_rate)

@@ -55,7 +55,9 @@ _LEEWAY = {"float64": 1000, "float32": 100}
 # From a state nearby: its longest step over its size, the first one over that, and how far back it
 # begins, that too, to which side of the event whatever the state lies on. In single precision a
 # state may lie farther past the event.
-_SHARE, _FIRST, _BACK = 0.1, 1e-3, {"float64": 1e-5, "float32": 1e-3}
+_SHARE = 0.1
+_FIRST = 1e-3
+_BACK = {"float64": 1e-5, "float32": 1e-3}
 _BACKS = 1.0, 1e-2, 10.0, 100.0
 
 
@@ -116,7 +118,8 @@ class _LimitSearch(eqx.Module):
     @property
     def is_past(self) -> Flag:
         """Whether the last step has led past the limit."""
-        old, new = self.before.step, self.after.step
+        old = self.before.step
+        new = self.after.step
         return new.is_new & (new.turns | ((old.index == 0) & (new.index > 0)))
 
     def looked_at(self, problem: ContinuationProblem) -> "_LimitSearch":
@@ -159,7 +162,8 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
     since it was passed where a symmetry held the state; otherwise uncertain.
     """
     search = _ahead(contact, load, gap, ahead)
-    curve, close = search.problem.curve, TOLERANCE[gap.dtype.name]
+    curve = search.problem.curve
+    close = TOLERANCE[gap.dtype.name]
 
     def from_back(number: Number) -> tuple[Limit, Flag]:
         start, is_free, condition = _start(search, number)
@@ -176,8 +180,10 @@ def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limi
 @program
 def _ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> _Ahead:
     curve = Curve.of(contact, load)
-    at, dtype = Point(gap, pressure_of(contact, load, gap)), gap.dtype
-    longest, sign = _SHARE * curve.length(at), jnp.sign(ahead)
+    at = Point(gap, pressure_of(contact, load, gap))
+    dtype = gap.dtype
+    longest = _SHARE * curve.length(at)
+    sign = jnp.sign(ahead)
     row = Point(sign * curve.load_gradient.gap, sign * curve.load_gradient.pressure)
     end = load.value + _LEEWAY[dtype.name] * _horizon(load, gap, ahead)
     problem = ContinuationProblem(
@@ -202,7 +208,8 @@ def _plane_behind(
     search: _Ahead, start: Point, tangent: Point, number: Number
 ) -> tuple[Condition, Point]:
     """Return the plane behind the start of one of the searches, and the gradient across it."""
-    longest, dtype = search.problem.max_step, start.gap.dtype
+    longest = search.problem.max_step
+    dtype = start.gap.dtype
     length = _BACK[dtype.name] * longest * jnp.array(_BACKS, dtype)[number // 2]
     ahead = search.problem.curve.gradient_of(tangent)
     return on_plane(ahead, ahead.times(start) - length, longest), ahead
@@ -313,8 +320,10 @@ def _between(
     energy must fall as the point opens; elsewhere the eigenvalue.
     """
     curve = problem.curve
-    contact, dtype = curve.contact, new.length.dtype
-    is_free, changes = old.here.is_free & new.here.is_free, old.here.is_free ^ new.here.is_free
+    contact = curve.contact
+    dtype = new.length.dtype
+    is_free = old.here.is_free & new.here.is_free
+    changes = old.here.is_free ^ new.here.is_free
     # From the far side a release is a touch.
     is_release = new.turns & (new.kind != KINDS.fold)
     opens = changes & is_release
@@ -333,7 +342,8 @@ def _between(
     is_flat = jnp.abs(pair.eigenvalue) <= ZERO[dtype.name] * contact.solid.min_stiffness
     is_event = is_met & jnp.where(is_release, pair.eigenvalue < pair.error, is_flat)
     # The branch runs along the mode of a fold, but across that of a bifurcation.
-    tangent, mode = new.here.tangent.gap, pair.mode
+    tangent = new.here.tangent.gap
+    mode = pair.mode
     part = jnp.abs(total(tangent * mode))
     crosses = ~new.turns & (part < _ALONG * jnp.sqrt(total(tangent**2) * total(mode**2)))
     kind = KINDS.where(is_release, KINDS.release, KINDS.fold)

@@ -26,13 +26,15 @@ _TOLERANCE = {"float64": 1e-5, "float32": 1e-4}
 # value, or where this is larger, over the scale of A.
 _CERTAIN = 0.1
 # The modes that are looked at first, and at most; one of them converges last, and does not count.
-_FEW, _MANY = 4, 20
+_FEW = 4
+_MANY = 20
 # The modes of which it is known whether they have a part in a change, and one more.
 _SOME = 12
 # Of modes that a change of the gap is compared with, and the least part of it that is one.
 _EXACT = {"float64": 1e-9, "float32": 1e-4}
 _LEAST_PART = {"float64": 1e-6, "float32": 1e-3}
-MOST, UNKNOWN = _MANY - 1, -1
+MOST = _MANY - 1
+UNKNOWN = -1
 
 
 class _Signs(Davidson):
@@ -137,7 +139,8 @@ def driven_index_of(
 
     Modes that break a symmetry of the contact have none. Ten are counted; more are `UNKNOWN`.
     """
-    solver, some = Davidson(_EXACT[gap.dtype.name]), noise(jax.random.key(3), _SOME, gap)
+    solver = Davidson(_EXACT[gap.dtype.name])
+    some = noise(jax.random.key(3), _SOME, gap)
     values, is_known, modes = _lowest(contact, load, gap, is_free, some, solver, 1)
     is_negative = values < 0
     part = jnp.stack([jnp.abs(jnp.sum(mode * change)) for mode in modes[:-1]])

@@ -139,7 +139,8 @@ class Evolution(Totals):
     @property
     def equilibrium(self) -> States:
         """The states as a path has them: energies above the start, losses in jumps."""
-        contact, kept = self.contact, self.fields
+        contact = self.contact
+        kept = self.fields
         return States(
             self.mean_gap,
             self.mean_pressure,
@@ -165,10 +166,13 @@ class Evolution(Totals):
         The solid is the glassy one, on a surface moved by the memory; on a window both are on the
         larger grid that it is solved on. After a failure the gap is NaN.
         """
-        padded, memory = self.contact.padded, self.internal
-        load, result = self.load, self.result
+        padded = self.contact.padded
+        memory = self.internal
+        load = self.load
+        result = self.result
         if load.value.ndim > 0:
-            load, result = load[-1], result[-1]
+            load = load[-1]
+            result = result[-1]
         contact = moved_contact(padded, memory, jnp.zeros((), memory.gap.dtype))
         return contact, state_at(contact, on_gap(padded, load), or_nan(memory.gap, result))
 

@@ -130,7 +130,9 @@ def evolve(
     padded, held, given_times, moment = jax.lax.stop_gradient(inputs)
     state = moment, Table((room.astype(int), room, room, room), jnp.array(0))
     given = padded, held[0], jax.lax.stop_gradient(tolerance)
-    rows, numbers, is_alone = [], np.arange(known.size), not is_transformed((inputs, given))
+    rows = []
+    numbers = np.arange(known.size)
+    is_alone = not is_transformed((inputs, given))
     keeps = jnp.array(True) if fields or is_alone else None
     pairs = np.stack([np.maximum(numbers - 1, 0), numbers], axis=-1)
     intervals = Interval(numbers, concrete(held.value)[pairs], concrete(given_times)[pairs])
@@ -150,7 +152,8 @@ def evolve(
                 break
     # An interrupt here would lose it.
     with interrupts_held() as held:
-        (moment, steps), found = state, stacked(rows, rows[0]) if is_alone else rows[0]
+        moment, steps = state
+        found = stacked(rows, rows[0]) if is_alone else rows[0]
         totals, kept, result, counts = found
         known = steps, counts, result == RESULTS.successful
         ways, _, parts, losses = steps.rows
@@ -180,14 +183,17 @@ def evolve(
 
 def _start(contact: Any, relaxed: Contact, load: Load, initial: Any) -> Moment:
     """Return the state at the first time."""
-    padded, dtype = contact.padded, contact.heights.dtype
+    padded = contact.padded
+    dtype = contact.heights.dtype
     if isinstance(initial, Evolution):
         require_same_contact(contact, initial.contact, "The initial evolution")
-        memory, result = initial.internal, RESULTS.promote("successful")
+        memory = initial.internal
+        result = RESULTS.promote("successful")
         cure = "start from a state that was found."
         require_finite("The gap of the initial evolution", memory.gap, cure)
     else:
-        held, solid = getattr(initial, "load", load), contact.solid
+        held = getattr(initial, "load", load)
+        solid = contact.solid
         gap: Any = padded_start(relaxed, held, initial_gap(relaxed, held, initial))[1]
         if gap is None:
             gap = padded.control(held).starting_gap(padded.heights)
@@ -195,7 +201,8 @@ def _start(contact: Any, relaxed: Contact, load: Load, initial: Any) -> Moment:
         # A step that takes for ever leaves the relaxed solid.
         long = solid.times[-1] / jnp.finfo(dtype).eps ** 2
         rest = first_moment(padded, held, Internal(gap, strains), long)
-        memory, result = rest.internal, rest.result
+        memory = rest.internal
+        result = rest.result
     # It answers to the load at once.
     start = first_moment(padded, load, memory, jnp.zeros((), dtype))
     is_found = result == RESULTS.successful
@@ -241,7 +248,8 @@ def _replay(
 
         def step() -> Carry:
             way, start, end, lost = entry_of(steps.rows, i)
-            span, has_jumped = times[way + 1] - times[way], lost > 0
+            span = times[way + 1] - times[way]
+            has_jumped = lost > 0
             slope = (load.value[way + 1] - load.value[way]) / span
 
             def held(late: Scalar) -> Load:
@@ -270,7 +278,8 @@ def _replay(
 
 def _describe(evolution: Evolution, rtol: Scalar) -> str:
     evolution, rtol = jax.lax.stop_gradient((evolution, rtol))
-    load, place = evolution.load, int(jnp.argmax(evolution.result != RESULTS.successful))
+    load = evolution.load
+    place = int(jnp.argmax(evolution.result != RESULTS.successful))
     times = [f"t = {float(t):.6g}" for t in evolution.times[: place + 1]]
     where = f"ended between {times[-2]} and {times[-1]}" if place else f"has no start at {times[0]}"
     under = f"{type(load).__name__}({float(load.value[place]):.6g})"

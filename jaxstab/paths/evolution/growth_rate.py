@@ -50,7 +50,8 @@ def growth_rate(evolution: Evolution) -> Scalar:
     contact, equilibrium = evolution.instant
     solid: Any = evolution.contact.solid
     unit = contact.characteristic_pressure
-    contact, equilibrium = contact.in_units_of(unit), equilibrium.in_units_of(unit)
+    contact = contact.in_units_of(unit)
+    equilibrium = equilibrium.in_units_of(unit)
     glassy = solid.stiffening(0.0)
     inputs = glassy, contact, equilibrium.load, equilibrium.gap
     is_moving = ~(equilibrium.in_contact & (equilibrium.reaction > 0))
@@ -112,10 +113,12 @@ def _changes_of_stiffening(
     c: Scalar, mode: Field, inputs: tuple, changes: tuple
 ) -> tuple[Scalar, Flag]:
     """Return dc = -x.dA x / (x.dA/dc x), since the eigenvalue stays zero: a rule."""
-    inputs, is_found = finite(jnp.isfinite(c), inputs), jnp.isfinite(c)
+    inputs = finite(jnp.isfinite(c), inputs)
+    is_found = jnp.isfinite(c)
     # In second derivatives the mode moves.
     mode = attach(undefined, mode, None, inputs)
-    work, slope = pushed(partial(_quotient, mode, c), inputs, changes), _slope(mode, c, *inputs)
+    work = pushed(partial(_quotient, mode, c), inputs, changes)
+    slope = _slope(mode, c, *inputs)
     return -work / jnp.where(slope > 0, slope, 1), ~is_found
 
 

@@ -38,10 +38,12 @@ def time_of_jump(
         memory: the state there.
         until: how much later the contact has jumped [time].
     """
-    zero, one = jnp.zeros_like(until), jnp.ones_like(until)
+    zero = jnp.zeros_like(until)
+    one = jnp.ones_like(until)
     fixed = jax.lax.stop_gradient((contact, load, slope, memory))
     glassy, held = _instant(*fixed, zero)
-    gap, control = fixed[3].gap, glassy.control(held)
+    gap = fixed[3].gap
+    control = glassy.control(held)
     balance = partial(_balance, *fixed)
     # Under the load of the mean gap, the gap follows it by itself.
     (_, net), (_, net_rate) = jax.jvp(partial(balance, gap), (zero,), (one,))

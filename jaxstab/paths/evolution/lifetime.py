@@ -18,8 +18,10 @@ from jaxstab.paths.evolution.evolve import evolve
 from jaxstab.paths.evolution.step import RTOL
 
 # When to look first, over the shortest relaxation time; until when, over the longest.
-_FIRST, _LAST = 1e-4, 1e3
-_PER_DECADE, _PER_LEG = 4, 8
+_FIRST = 1e-4
+_LAST = 1e3
+_PER_DECADE = 4
+_PER_LEG = 8
 
 
 def lifetime(
@@ -86,7 +88,8 @@ def _lifetime(
         found = evolve(contact, held, times, initial=start, rtol=rtol, fields=True, throw=False)
         if len(found) < times.size:
             raise KeyboardInterrupt
-        result, area = found.result[-1], np.asarray(found.contact_area)
+        result = found.result[-1]
+        area = np.asarray(found.contact_area)
         is_apart = bool(result == RESULTS.pulled_off)
         if not (is_apart or result == RESULTS.successful):
             raise SolverError(f"The contact could not be followed: {RESULTS[result]}.", found)
@@ -100,7 +103,8 @@ def _lifetime(
         before, after = (float(found.times[i]) for i in (max(place - 1, 0), place))
         if after - before <= rtol * after:
             break
-        times, start = jnp.linspace(before, after, _PER_LEG + 1), found[place - 1]
+        times = jnp.linspace(before, after, _PER_LEG + 1)
+        start = found[place - 1]
     if after < np.inf:
         # Where shorter steps hold the contact for longer, it is lost at their end.
         return after

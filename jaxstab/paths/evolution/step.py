@@ -47,7 +47,9 @@ _LEAST_EXCHANGE = 1 / 300
 # The shortest step, over the interval and over the shortest relaxation time.
 _SHORTEST = 1e-6, 1e-4
 # How much longer or shorter than the last a step may be.
-_GROWTH, _SHRINKAGE, _CAUTION = 4.0, 0.1, 0.9
+_GROWTH = 4.0
+_SHRINKAGE = 0.1
+_CAUTION = 0.9
 _NODES, _WEIGHTS = (values / 2 for values in np.polynomial.legendre.leggauss(8))
 
 
@@ -94,7 +96,8 @@ def along(column: Float[Array, " times"], way: Int[Array, "..."] | int, part: Ar
 @program
 def first_moment(contact: Contact, load: Load, memory: Internal, dt: Scalar) -> Moment:
     """Return the state after a step from a memory, where nothing has been done yet."""
-    zero, heights = jnp.zeros_like(dt), contact.solid.surface(contact.heights)
+    zero = jnp.zeros_like(dt)
+    heights = contact.solid.surface(contact.heights)
     extent = jnp.max(jnp.abs(heights - jnp.mean(heights)))
     # A flat surface is not deformed at all, but for rounding.
     extent = jnp.where(extent > 0, extent, contact.profile.range)
@@ -123,15 +126,20 @@ def stepped(
     energy stored there: the integral of r_k v_k.K v_k / t_k, in closed form.
     """
     solid: Any = contact.solid
-    memory, before = old.internal, old.totals
-    moved, load = moved_contact(contact, memory, dt), on_gap(contact, load)
-    control, start = moved.control(load), memory.gap
+    memory = old.internal
+    before = old.totals
+    moved = moved_contact(contact, memory, dt)
+    load = on_gap(contact, load)
+    control = moved.control(load)
+    start = memory.gap
     if control.fixes_mean:
         # Full contact opens everywhere at once.
         start = jnp.where(jnp.max(start) > 0, start, 1)
     given = jax.lax.stop_gradient((moved, load, PreconditionedConjugateGradient(), start))
     found = with_derivatives(moved, load, find_equilibrium(*given))
-    gap, pressure, area = found.gap, found.mean_pressure, contact.area
+    gap = found.gap
+    pressure = found.mean_pressure
+    area = contact.area
 
     # Relative to the far side the mean is mean(p) / K_step(q = 0) - mean(m), or has no memory.
     stiffness = finite_or_zero(moved.solid.uniform_stiffness)
@@ -143,7 +151,8 @@ def stepped(
     change = deformation - memory.strains[0]
     ratios, times = solid.springs
     x = dt / times
-    e, b = jnp.exp(-x), ramp(x)
+    e = jnp.exp(-x)
+    b = ramp(x)
     strains = jax.vmap(lambda e, b, v: e * v + b * change)(e, b, memory.strains)
 
     *cross, square = _forms(contact, [*memory.strains, change], change)
@@ -166,7 +175,8 @@ def stepped(
     by_pressure = -area * (before.mean_pressure + pressure) / 2 * far
     work = before.work + gained
 
-    mean_gap, touching = jnp.mean(solid.surface(gap)), found.contact_area
+    mean_gap = jnp.mean(solid.surface(gap))
+    touching = found.contact_area
     largest = jnp.max(jnp.abs(deformation)), jnp.maximum(jnp.abs(work), dissipated)
     new = Moment(
         internal=Internal(gap, strains.at[0].set(deformation)),
@@ -236,7 +246,8 @@ def march(
         errors = _errors(contact, old, new, dt, rtol)
         error = jnp.max(errors)
         error = jnp.where(is_solved & ~jnp.isnan(error), error, jnp.inf)
-        is_smooth, is_shortest = error <= 1, ~(dt > shortest)
+        is_smooth = error <= 1
+        is_shortest = ~(dt > shortest)
         is_taken = (is_smooth | is_shortest) & is_solved
         factor = jnp.clip(_CAUTION / jnp.sqrt(jnp.maximum(error, 1e-8)), _SHRINKAGE, _GROWTH)
         # A given time cuts a step short, which says nothing of the next one.
@@ -299,7 +310,8 @@ def _forms(contact: Contact, fields: Sequence[Field], field: Field) -> Float[Arr
 
 def _gain(x: Float[Array, " springs"]) -> Float[Array, " springs"]:
     """Return the integral of (1 - exp(-x theta))^2 / x over theta in (0, 1)."""
-    near, y = jnp.minimum(x, 1), jnp.maximum(x, 1)
+    near = jnp.minimum(x, 1)
+    y = jnp.maximum(x, 1)
     # By quadrature for small x, where the closed form loses its digits.
     theta, weights = (jnp.asarray(values, x.dtype) for values in (_NODES + 0.5, _WEIGHTS))
     risen = theta * ramp(near[:, None] * theta)

@@ -142,9 +142,11 @@ def _compared(old: _Point, mode: Array, product: Array) -> tuple[_Point, Flag]:
 
 def _begin(cone: AdmissibleCone, start: Field) -> Iteration[_ConeState]:
     """Return a start before its first step."""
-    nothing, zero = jnp.zeros_like(start), jnp.zeros((), start.dtype)
+    nothing = jnp.zeros_like(start)
+    zero = jnp.zeros((), start.dtype)
     # The first step begins at the projected start, as if that were where the last step led.
-    point, none = _Point(nothing, nothing, zero), jnp.array(0)
+    point = _Point(nothing, nothing, zero)
+    none = jnp.array(0)
     state = _ConeState(point, cone.project(start), nothing, nothing, none + _MAX_TRIES, none)
     unknown = jnp.finfo(start.dtype).max.astype(start.dtype)
     history = History.empty(["residual"], start.dtype)
@@ -165,7 +167,8 @@ class _Plane(eqx.Module):
     @classmethod
     def around(cls, problem: Eigenproblem, point: _Point, state: _ConeState) -> "_Plane":
         """Return it from the point, its preconditioned residual, and the last move."""
-        operator, cone = problem.operator, problem.domain
+        operator = problem.operator
+        cone = problem.domain
         face = cone.face(jnp.maximum(point.mode, state.descended))
         residual = face.project(point.product - point.eigenvalue * point.mode)
         precondition = operator.preconditioner(point.mode, point.eigenvalue)
@@ -200,7 +203,8 @@ def _lowered(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     """Return a start after a step to the lowest Ritz vector that can be brought onto the cone below
     the point, or part of the way to it.
     """
-    operator, cone = problem.operator, problem.domain
+    operator = problem.operator
+    cone = problem.domain
     point = jax.lax.cond(
         state.is_stuck,
         lambda: _Point.at(operator, model.onto_sphere(state.descended)),
@@ -244,7 +248,8 @@ def _lowered(problem: Eigenproblem, state: _ConeState) -> _ConeState:
 
 def _tried_once(problem: Eigenproblem, state: _ConeState) -> _ConeState:
     """Return a start after one length of a step, or after all at the descended vector."""
-    operator, cone = problem.operator, problem.domain
+    operator = problem.operator
+    cone = problem.domain
     plane = _Plane.around(problem, state.point, state)
     length = 3.0 ** -jnp.maximum(state.num_failures, 0).astype(state.move.dtype)
     vector = combination(plane.at(length), plane.basis)

@@ -77,7 +77,8 @@ class _Span(eqx.Module):
         return _Span(basis, products, gram, energies, axes)
 
     def _apart_from(self, vector: Field) -> Field:
-        (overlaps,), square = inner_products(self.basis, vector), total(vector**2)
+        (overlaps,) = inner_products(self.basis, vector)
+        square = total(vector**2)
         rest = vector - combination(overlaps, self.basis)
         # None, where the rest is little more than rounding.
         is_new = total(rest**2) > _rounding(square.dtype) ** 2 * square
@@ -163,9 +164,12 @@ class Davidson(SpaceSolver):
         number: int | Int[Array, ""],
         is_empty: bool | Flag,
     ) -> _RitzState:
-        operator, starts, size = problem.operator, problem.starts, len(problem.starts)
+        operator = problem.operator
+        starts = problem.starts
+        size = len(problem.starts)
         target = jnp.argmax(self.doubts(problem, state) > self.tolerance_in(starts.dtype))
-        mode, eigenvalue = state.span.basis[target], state.eigenvalues[target]
+        mode = state.span.basis[target]
+        eigenvalue = state.eigenvalues[target]
         rounding = jnp.finfo(mode.dtype).eps * operator.bound / operator.scale
         is_noise = state.residuals[target] < _NOISE * rounding
         precondition = operator.preconditioner(mode, eigenvalue)
@@ -205,7 +209,8 @@ class Davidson(SpaceSolver):
 
     def minimum(self, problem: ModesProblem, found: Iteration[_RitzState]) -> Minimum:
         """Return the block of modes and its cost."""
-        size, history = len(problem.starts), found.history
+        size = len(problem.starts)
+        history = found.history
         num_widened = on_platform(lambda n: jnp.maximum(n - 1, 0), lambda n: n, found.num_steps)
         return Minimum(
             vector=found.state.span.basis[:size],

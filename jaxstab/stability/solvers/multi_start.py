@@ -57,7 +57,8 @@ def _rounds(
     is_on: Bool[Array, " starts"],
 ) -> tuple[Iteration, Bool[Array, " starts"]]:
     """Return the iterations after some of the rounds, and which of them go on."""
-    lengths, num_kept = jnp.array(_LENGTHS[part]), jnp.array(_NUM_KEPT[part])
+    lengths = jnp.array(_LENGTHS[part])
+    num_kept = jnp.array(_NUM_KEPT[part])
 
     def round_after(state: tuple[Array, Iteration, Array, Array]) -> tuple:
         number, found, is_on, _ = state
@@ -95,7 +96,8 @@ def _ranks(
     problem: Eigenproblem, found: Iteration, is_on: Bool[Array, " starts"]
 ) -> Int[Array, " starts"]:
     """Return the rank of each start, from 0 for the lowest."""
-    modes, eigenvalues = found.state.point.mode, found.state.point.eigenvalue
+    modes = found.state.point.mode
+    eigenvalues = found.state.point.eigenvalue
     axes = tuple(range(1, modes.ndim))
     # Zero may be the nearest vector of the cone.
     is_out = ~is_on | jnp.isnan(found.residual) | (norms(modes) == 0)
@@ -110,6 +112,7 @@ def _ranks(
 
 def _order(values: Float[Array, " starts"]) -> Int[Array, " starts"]:
     """Return the number of values before each one, ties in the order they have."""
-    places, others = jnp.arange(len(values)), values[:, None]
+    places = jnp.arange(len(values))
+    others = values[:, None]
     is_before = (others < values) | ((others == values) & (places[:, None] < places))
     return jnp.sum(is_before, axis=0)

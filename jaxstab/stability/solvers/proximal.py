@@ -76,14 +76,18 @@ class ProximalIteration(ConeSolver):
         # In the text x = e, which has no component in the space. One of the two signs survives the
         # projection.
         towards, away = (unit_vector(problem.domain, sign * start[-1]) for sign in (1, -1))
-        x, one = jnp.where(jnp.any(towards != 0), towards, away), jnp.ones((), start.dtype)
+        x = jnp.where(jnp.any(towards != 0), towards, away)
+        one = jnp.ones((), start.dtype)
         return _PrimalDual(x, jnp.zeros_like(x), one * problem.domain.fixes_mean, one)
 
     def step(self, problem: Eigenproblem, state: _PrimalDual) -> _PrimalDual:
         """Return the state after equations (34) to (37)."""
-        operator, cone = problem.operator, problem.domain
+        operator = problem.operator
+        cone = problem.domain
         tau, sigma = self._steps(operator.bound)
-        x, y, z = state.x, state.y, state.z
+        x = state.x
+        y = state.y
+        z = state.z
         new = x - tau * operator(x) - tau * sigma * (y + z)  # (34)
         # On a cone of fewer points (a critical cone, a window) the others stay zero.
         new = jnp.where(cone.is_moving, new, 0)
@@ -105,7 +109,8 @@ class ProximalIteration(ConeSolver):
 
     def minimum(self, problem: Eigenproblem, found: Iteration[_PrimalDual]) -> Minimum:
         """Return a minimiser of the Rayleigh quotient."""
-        operator, num_steps = problem.operator, found.num_steps
+        operator = problem.operator
+        num_steps = found.num_steps
         # One projected gradient step sets to exactly zero the points that the contact holds.
         # The eigenvalue is the Rayleigh quotient; z is the multiplier of the mean over sigma.
         eigenvalue, mode, _ = admissible_pair(operator, problem.domain, found.state.x)

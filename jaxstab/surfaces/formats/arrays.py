@@ -17,7 +17,8 @@ def read_arrays(content: bytes, channel: str | None) -> Scan:
         raise ValueError(
             f"this file of NumPy is damaged, or holds more than plain arrays of numbers ({error})."
         ) from None
-    lengths, unit = arrays.pop("lengths", None), arrays.pop("unit", None)
+    lengths = arrays.pop("lengths", None)
+    unit = arrays.pop("unit", None)
     if not arrays:
         raise ValueError("it has no array of heights: save it as `heights`.")
     name, remarks = chosen_array(arrays, channel)

@@ -24,7 +24,8 @@ def read_instrument(source: str | BytesIO, channel: str | None) -> Scan:
     from SurfaceTopography.IO import open_topography
 
     with _asked(open_topography, source) as reader:
-        channels, kind = reader.channels, reader.format()
+        channels = reader.channels
+        kind = reader.format()
         if kind in _UNMARKED or (kind in _TEXT and any(one.unit is None for one in channels)):
             raise UnknownContent(_UNKNOWN)
         if kind == "asc" and isinstance(source, BytesIO):

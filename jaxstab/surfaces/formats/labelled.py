@@ -63,7 +63,9 @@ def scan_of_array(array: "xarray.DataArray", remarks: tuple[str, ...] = ()) -> S
             "array.rename(row='y', column='x')."
         )
     heights = on_a_side_or_two(array.transpose(*sides).values)
-    lengths, units, coordinates = [], set(), [array[side] for side in sides if side in array.coords]
+    lengths = []
+    units = set()
+    coordinates = [array[side] for side in sides if side in array.coords]
     for axis, places in enumerate(coordinates if len(coordinates) == len(sides) else ()):
         side = on_lattice(np.asarray(places.values, float))
         if side is None or np.unique(side[0]).size != places.size:
