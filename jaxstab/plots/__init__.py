@@ -4,6 +4,7 @@
 film of a path.
 """
 
+from jaxstab.plots.adhesion_map import adhesion_map
 from jaxstab.plots.animation import animation
 from jaxstab.plots.branches import branch, transition
 from jaxstab.plots.curves import convergence, force, potential, spectrum, stability_curve
@@ -15,6 +16,7 @@ from jaxstab.plots.saving import save
 from jaxstab.plots.summary import summary
 
 __all__ = [
+    "adhesion_map",
     "animation",
     "branch",
     "contact_map",

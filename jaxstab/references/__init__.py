@@ -1,8 +1,19 @@
 """Closed-form solutions for comparison with numerical ones, in NumPy."""
 
 from jaxstab.references import guduru, hertz, jkr, johnson, maugis, persson_brener, westergaard
+from jaxstab.references.adhesion_regime import AdhesionRegime, regime
 
-__all__ = ["guduru", "hertz", "jkr", "johnson", "maugis", "persson_brener", "westergaard"]
+__all__ = [
+    "AdhesionRegime",
+    "guduru",
+    "hertz",
+    "jkr",
+    "johnson",
+    "maugis",
+    "persson_brener",
+    "regime",
+    "westergaard",
+]
 
 
 def __dir__() -> list[str]:
