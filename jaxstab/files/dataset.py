@@ -193,6 +193,8 @@ def _variable(record: NamedArray, contact: Contact, load: Load | None) -> Variab
         if holders[-1:] in (["layer"], ["base"]):
             field = _MODULI[int(field)]
         name = _NAMES.get(field, field.replace("_", " "))
+    if dimension == "load" and load is not None:
+        dimension = load.unit
     silent = ("equilibrium", "stability", "observables", "load", "solid", "grid", "potential")
     words = [word.replace("_", " ") for word in holders if word not in silent]
     attributes = {"long_name": ", ".join([*words, name])}

@@ -89,8 +89,8 @@ class Jump(Outcome):
             where surfaces are pulled off or come together.
         state: the number of the state before, among those recorded.
         barrier_law: how the barrier that holds the state before grows with the distance from the
-            load of the jump. The energy is of second order in the mode's amplitude at a release, of
-            third at a fold.
+            load of the jump, and up to which distance. The energy is of second order in the mode's
+            amplitude at a release, of third at a fold.
     """
 
     load: Load

@@ -157,7 +157,7 @@ def _explained(contact: Contact, limit: Limit) -> tuple[KINDS, Field, BarrierLaw
 def _unexplained(load: Load, event: Event) -> tuple[KINDS, Field, BarrierLaw]:
     gap = event.before.gap
     nan = jnp.full((), jnp.nan, gap.dtype)
-    return KINDS.fold, jnp.full_like(gap, nan), BarrierLaw(nan, nan, load.unit)
+    return KINDS.fold, jnp.full_like(gap, nan), BarrierLaw(nan, nan, nan, load.unit)
 
 
 @program

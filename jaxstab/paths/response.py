@@ -43,6 +43,12 @@ def free_space(contact: Contact, load: Load, gap: Field) -> Subspace:
 def opening(contact: Contact, load: Load, gap: Field, point: Mask) -> Field:
     """Return the move that opens a contact point, with the free points following at no cost."""
     control = contact.control(load)
-    lifted = Subspace((gap > 0) | point, control.fixes_mean).project(point.astype(gap.dtype))
-    pulled = contact.hessian(gap, control)(lifted)
-    return lifted - free_system(contact, control, gap).differentiable_solution(pulled)
+    lift = lifted(contact, load, gap, point)
+    pulled = contact.hessian(gap, control)(lift)
+    return lift - free_system(contact, control, gap).differentiable_solution(pulled)
+
+
+def lifted(contact: Contact, load: Load, gap: Field, point: Mask) -> Field:
+    """Return a move that opens a contact point, and meets the load."""
+    space = Subspace((gap > 0) | point, contact.control(load).fixes_mean)
+    return space.project(point.astype(gap.dtype))

@@ -129,6 +129,7 @@ def test_a_tension_pulls_apart_where_bisection_says_and_a_pressure_brings_back()
     assert touch.load.value <= 0
     assert touch.after.load.value > 0 and touch.after.in_contact.any()
     assert jnp.isnan(apart.dissipation) and jnp.isnan(touch.dissipation)
+    assert jnp.isfinite(apart.barrier_law.range) and jnp.isnan(touch.barrier_law.range)
     # Of a path without fields the last state alone has a gap.
     assert path.equilibrium.gap is None and path[0].equilibrium.gap is None
     last = path[-1].equilibrium
