@@ -12,6 +12,8 @@ from jaxstab.core.checks import (
     parameter,
     possible,
     require,
+    require_finite,
+    require_known,
     require_positive,
     scalar_parameter,
 )
@@ -21,6 +23,10 @@ from jaxstab.core.units import NUMBER, TIME
 from jaxstab.solids.half_space import HalfSpace
 from jaxstab.solids.layers import Layer
 from jaxstab.solids.solid import Solid
+
+# Neighbouring relaxation times of a fit differ by a factor of 1.26: a time between two is
+# represented by both to better than 1 %.
+_TIMES_PER_DECADE = 10
 
 
 def _of_relaxed(name: str) -> Any:
@@ -40,6 +46,9 @@ class Viscoelastic(Solid):
         ratios: r_k >= 0, one for each relaxation time.
         times: t_k > 0, in increasing order [time].
 
+    Attributes:
+        fit_error: the error of `from_storage_and_loss`, if it made the solid; else None.
+
     Raises:
         TypeError: for a solid that is not elastic.
         ValueError: for ratios and times of different numbers or none, a negative ratio, and times
@@ -49,10 +58,12 @@ class Viscoelastic(Solid):
     solid: Solid
     ratios: Annotated[Float[Array, " terms"], NUMBER]
     times: Annotated[Float[Array, " terms"], TIME]
+    fit_error: Annotated[Scalar | None, NUMBER] = None
 
     def __init__(self, solid: Solid, ratios: ArrayLike, times: ArrayLike):
         _require_elastic("The relaxed solid", solid)
         self.solid = solid
+        self.fit_error = None
         self.ratios = jnp.atleast_1d(parameter(ratios, "The ratios"))
         self.times = jnp.atleast_1d(parameter(times, "The relaxation times"))
         if self.ratios.ndim != 1 or self.ratios.shape != self.times.shape or not self.ratios.size:
@@ -97,6 +108,103 @@ class Viscoelastic(Solid):
         else:
             relaxed = glassy.scaled(left)
         return cls(relaxed, given / left, times)
+
+    @classmethod
+    def from_storage_and_loss(
+        cls, solid: Solid, frequencies: ArrayLike, storage: ArrayLike, loss: ArrayLike
+    ) -> "Viscoelastic":
+        """Fit a Prony series with non-negative moduli to a measured storage and loss modulus.
+
+        Least squares of (E - E_measured) / |E_measured|, E = E' + i E'', over all frequencies, with
+        E(w) = E_relaxed + sum E_k i w t_k / (1 + i w t_k) and E_relaxed, E_k >= 0 (SciPy's `nnls`;
+        M. Baumgaertel and H. H. Winter, Rheol. Acta 28, 511 (1989), for the fit of moduli relative
+        to the measured ones). Candidates are ten times t_k for each factor of ten, from 1 / w of
+        the highest frequency to 1 / w of the lowest; those without a modulus are left out. Outside
+        of the band the series is an extrapolation: its relaxed modulus is that of the lowest
+        frequencies.
+
+        `fit_error` of the result is the largest |E - E_measured| / |E_measured| in the band.
+
+        Arguments:
+            solid: gives the kind of solid and Poisson's ratio; its Young's modulus becomes the
+                relaxed one.
+            frequencies: w, angular, each once, in any order [1/time].
+            storage: E' at each frequency, of Young's modulus [pressure]. Shear moduli are to be
+                multiplied by 2 (1 + nu).
+            loss: E'' at each frequency [pressure].
+
+        Raises:
+            TypeError: for a solid without a single Young's modulus, and under a JAX transformation:
+                the number of terms depends on the data.
+            ValueError: for arrays of other or different shapes, numbers that are not finite,
+                frequencies that repeat, storage moduli or frequencies that are not positive,
+                negative losses, and data without a relaxed modulus or without any loss.
+        """
+        from scipy.optimize import nnls
+
+        _require_elastic("The solid", solid)
+        if not hasattr(solid, "youngs_modulus"):
+            raise TypeError(
+                f"The solid is a {type(solid).__name__}, without one Young's modulus to replace: "
+                "give a HalfSpace, a FreeHalfSpace or a Layer."
+            )
+        require_known((frequencies, storage, loss), "The fit of a Prony series")
+        names = "The frequency", "The storage modulus", "The loss modulus"
+        given = [
+            np.asarray(parameter(values, name), np.float64)
+            for name, values in zip(names, (frequencies, storage, loss), strict=True)
+        ]
+        w, real, imaginary = given
+        if w.ndim != 1 or not w.size or any(values.shape != w.shape for values in given):
+            raise ValueError(
+                f"The frequencies have shape {w.shape}, the storage moduli {real.shape}, the loss "
+                f"moduli {imaginary.shape}: give one of each for each of one or more frequencies."
+            )
+        for name, values in zip(names[:2], given[:2], strict=True):
+            cure = "it must be positive and finite."
+            require(name, values, (values > 0) & (values < np.inf), cure)
+        require_finite(names[2], imaginary)
+        cure = "it must not be negative: leave this frequency out, or give the loss as positive."
+        require(names[2], imaginary, imaginary >= 0, cure)
+        distinct, counts = np.unique(w, return_counts=True)
+        repeated = counts > 1
+        cure = "average its moduli, or leave all but one out."
+        for frequency, count in zip(distinct[repeated], counts[repeated], strict=True):
+            raise ValueError(f"The frequency {frequency} is given {count} times: {cure}")
+
+        slowest, fastest = distinct[0], distinct[-1]
+        number = 1 + round(_TIMES_PER_DECADE * np.log10(fastest / slowest))
+        times = np.geomspace(1 / fastest, 1 / slowest, number)
+        turns = 1j * w[:, None] * times
+        terms = np.column_stack([np.ones(w.size), turns / (1 + turns)])
+        measured = real + 1j * imaginary
+        rows = terms / abs(measured)[:, None]
+        target = measured / abs(measured)
+        moduli, _ = nnls(
+            np.concatenate([rows.real, rows.imag]), np.concatenate([target.real, target.imag])
+        )
+        # Rounding leaves traces of other terms.
+        moduli[moduli < 1e-12 * moduli.sum()] = 0
+        relaxed = moduli[0]
+        kept = moduli[1:] > 0
+        cure = "the data are of a liquid. Give lower frequencies, at which the storage levels off."
+        require("The relaxed modulus of the fit", relaxed, relaxed > 0, cure)
+        if not kept.any():
+            raise ValueError(
+                "The data are fitted best without any relaxation, by an elastic solid of modulus "
+                f"{relaxed:.6g}: use that solid, or give frequencies with losses."
+            )
+        relaxed_solid = eqx.tree_at(
+            lambda solid: solid.youngs_modulus, solid, parameter(float(relaxed))
+        )
+        found = cls(relaxed_solid, moduli[1:][kept] / relaxed, times[kept])
+        error = np.max(abs(terms @ moduli - measured) / abs(measured))
+        return eqx.tree_at(
+            lambda solid: solid.fit_error,
+            found,
+            parameter(float(error)),
+            is_leaf=lambda x: x is None,
+        )
 
     @classmethod
     def power_law(

@@ -30,6 +30,7 @@ KNOWN = [
     (js.references.guduru, ["Kesari", "Lew"], "2011"),
     (js.evolve, ["Lee", "Radok"], "1960"),
     (js.Viscoelastic, ["Williams"], "1964"),
+    (js.Viscoelastic, ["Baumgaertel", "Winter"], "1989"),
     (js.SurfaceTension, ["Style", "Hyland", "Boltyanskiy", "Wettlaufer", "Dufresne"], "2013"),
     (js.references.persson_brener, ["Persson", "Brener"], "2005"),
     (js.references.hertz, ["Hertz"], "1882"),

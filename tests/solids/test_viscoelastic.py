@@ -66,6 +66,96 @@ def test_a_power_law_is_met_to_the_error_that_is_told(exponent):
     assert np.max(np.abs(relaxing - expected)) / 100 <= 1.05 * error < 0.01
 
 
+BAND = np.logspace(-2, 4, 61)
+# Times on the grid of the fit, between its points, and of moduli over three decades.
+SERIES = [
+    ((2.0, 1.0), (0.1, 1.0)),
+    ((2.0, 1.0), (0.113, 1.27)),
+    ((1000.0, 50.0, 5.0, 1.0), (1e-3, 0.0237, 0.5, 10.3)),
+]
+
+
+@pytest.mark.parametrize(("ratios", "times"), SERIES)
+def test_a_series_is_found_from_its_storage_and_loss(ratios, times):
+    true = js.Viscoelastic(SOLID, ratios, times)
+    storage, loss = (3 * np.asarray(x) for x in true.storage_and_loss(BAND))
+    backwards = BAND[::-1], storage[::-1], loss[::-1]
+    found = js.Viscoelastic.from_storage_and_loss(SOLID, *backwards)
+    assert found.fit_error < 0.005
+    assert found.relaxed.poisson_ratio == SOLID.poisson_ratio
+    modulus = float(found.relaxed.youngs_modulus)
+    # It is known as well as the modulus at the lowest frequency.
+    slowest = np.hypot(storage, loss)[0]
+    assert modulus == pytest.approx(3, abs=4 * float(found.fit_error) * slowest + 1e-12)
+    # The moduli of the fit are as far from the data as it says.
+    fitted = [modulus * np.asarray(x) for x in found.storage_and_loss(BAND)]
+    missed = np.hypot(fitted[0] - storage, fitted[1] - loss) / np.hypot(storage, loss)
+    assert np.max(missed) == pytest.approx(float(found.fit_error), rel=1e-6, abs=1e-14)
+    # Each term is shared by the two nearest times: their moduli add up to its own.
+    for ratio, time in zip(ratios, times, strict=True):
+        near = abs(np.log10(np.asarray(found.times) / time)) < 0.21
+        assert np.asarray(found.ratios)[near].sum() == pytest.approx(ratio, rel=0.03)
+
+
+def test_a_fit_to_noisy_moduli_has_an_error_of_the_noise():
+    true = js.Viscoelastic(SOLID, *SERIES[1])
+    noise = 1 + 0.02 * np.random.default_rng(1).normal(size=(2, BAND.size))
+    measured = np.asarray(true.storage_and_loss(BAND)) * noise
+    found = js.Viscoelastic.from_storage_and_loss(js.Layer(GRID, 1.0, 0.4, 0.1), BAND, *measured)
+    assert 0.01 < found.fit_error < 0.08
+    assert found.relaxed.youngs_modulus == pytest.approx(1, rel=0.02)
+    assert found.stiffening(0.0) * found.relaxed.youngs_modulus == pytest.approx(4, rel=0.02)
+
+
+def test_single_precision_and_one_frequency_are_fitted():
+    # E' = E + E_1 / 2 and E'' = E_1 / 2 at w t = 1.
+    found = js.Viscoelastic.from_storage_and_loss(SOLID, [5.0], np.float32([3.0]), [1.0])
+    np.testing.assert_allclose((found.relaxed.youngs_modulus, found.ratios[0]), (2, 1), rtol=1e-6)
+    assert found.times[0] == pytest.approx(0.2) and found.fit_error < 1e-7
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "storage", "loss", "named"),
+    [
+        ((1.0, 2.0, 1.0), (3.0, 4.0, 3.0), (1.0, 1.0, 1.0), r"1\.0 is given 2 times: average"),
+        ((1.0, 2.0), (3.0, 4.0), (1.0, -0.5), r"loss modulus is -0\.5 at \(1,\): .* leave this"),
+        ((1.0, 2.0), (3.0, 4.0, 5.0), (1.0, 1.0), r"storage moduli \(3,\).*give one of each"),
+        ((), (), (), r"shape \(0,\)"),
+        ((1.0, np.nan), (3.0, 4.0), (1.0, 1.0), "frequency is nan"),
+        ((0.0, 2.0), (3.0, 4.0), (1.0, 1.0), "frequency is 0.0"),
+        ((1.0, 2.0), (3.0, np.inf), (1.0, 1.0), "storage modulus is inf"),
+        ((1.0, 2.0), (-3.0, 4.0), (1.0, 1.0), "storage modulus is -3.0"),
+        ((1.0, 2.0), (3.0, 4.0), (np.nan, 1.0), "loss modulus is nan"),
+        ((1.0, 2.0), (3.0, 3.0), (0.0, 0.0), "elastic solid of modulus 3: use that"),
+        # A Maxwell liquid: E' = x^2 / (1 + x^2), E'' = x / (1 + x^2).
+        ((1.0, 2.0), (0.5, 0.8), (0.5, 0.4), "liquid. Give lower frequencies"),
+    ],
+)
+def test_moduli_that_make_no_solid_are_named(frequencies, storage, loss, named):
+    with pytest.raises(ValueError, match=named):
+        js.Viscoelastic.from_storage_and_loss(SOLID, frequencies, storage, loss)
+
+
+def test_a_fit_needs_one_modulus_and_known_numbers():
+    coated = js.CoatedHalfSpace(GRID, (2.0, 0.3), 0.1, (1.0, 0.3))
+    with pytest.raises(TypeError, match="CoatedHalfSpace, without one Young's modulus"):
+        js.Viscoelastic.from_storage_and_loss(coated, [1.0], [3.0], [1.0])
+    with pytest.raises(TypeError, match="JAX is tracing these"):
+        jax.jit(lambda x: js.Viscoelastic.from_storage_and_loss(SOLID, [1.0], x, [1.0]).ratios)(
+            jnp.array([3.0])
+        )
+
+
+def test_a_fitted_solid_is_kept_in_a_file(tmp_path):
+    solid = js.Viscoelastic.from_storage_and_loss(SOLID, [5.0], [3.0], [1.0])
+    heights = js.surfaces.paraboloid(GRID, 2.0)
+    contact = js.Contact(solid, heights, js.potentials.Exponential(0.1, 0.2))
+    state = js.equilibrate(contact, js.MeanGap(0.3))
+    js.save(tmp_path / "state.nc", contact, state)
+    kept, _ = js.load(tmp_path / "state.nc")
+    assert kept.solid.fit_error == solid.fit_error and kept.solid.ratios == solid.ratios
+
+
 @pytest.mark.parametrize(
     ("ratios", "times", "named"),
     [
