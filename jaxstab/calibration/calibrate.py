@@ -33,6 +33,7 @@ from jaxstab.core.checks import (
 )
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.implicit import refuse_derivatives
+from jaxstab.core.interrupts import early_ends
 from jaxstab.core.loop import optional_parameter
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
@@ -242,7 +243,7 @@ def _watched(inputs: _Inputs, progress: bool | None) -> tuple[Calibration, Hints
         for i in range(number):
             try:
                 found = jax.block_until_ready(_attempt(inputs, i, found))
-            except KeyboardInterrupt:
+            except early_ends():
                 if i == 0:
                     raise
                 done = f"{i} of {number} fits are done, the best of which is returned"

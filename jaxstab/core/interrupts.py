@@ -5,6 +5,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import current_thread, main_thread
 
+import jax
+
+
+def early_ends() -> tuple[type[BaseException], ...]:
+    """Return the exceptions at which a search ends early, with what it has so far: Ctrl-C.
+
+    Among several processes there is none: each would end at another step, and the next exchange
+    between them would mix two.
+    """
+    return (KeyboardInterrupt,) if jax.process_count() == 1 else ()
+
 
 @contextmanager
 def interrupts_held() -> Iterator[list[int]]:

@@ -23,7 +23,7 @@ from jaxstab.core.checks import (
 )
 from jaxstab.core.display import several
 from jaxstab.core.implicit import attach, undefined
-from jaxstab.core.interrupts import interrupts_held
+from jaxstab.core.interrupts import early_ends, interrupts_held
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import ArrayLike, Field, Scalar
 from jaxstab.core.warn import warn
@@ -180,7 +180,7 @@ def _known_path(fields: bool, load_path: LoadPath, start: Field | None) -> Path:
     was_interrupted = False
     try:
         step_to_end(load_path, start, lambda _: recording)
-    except KeyboardInterrupt:
+    except early_ends():
         if recording.last is None:
             raise
         was_interrupted = True

@@ -68,8 +68,8 @@ class Recording:
     def append(self, record: Record) -> "Recording":
         """Append what a step has recorded, all of it or, where it is interrupted, nothing."""
         point, is_state, is_event = record.point, bool(record.is_state), bool(record.is_event)
-        # Gaps of all states have their place in the memory of the host.
-        gap = np.asarray(point.gap) if self.fields else np.zeros(0, point.gap.dtype)
+        # Gaps of all states have their place in the memory of the host, unless they are sharded.
+        gap = concrete(point.gap) if self.fields else np.zeros(0, point.gap.dtype)
         kept = replace(point, gap=gap)
         with interrupts_held() as held:
             if is_state:

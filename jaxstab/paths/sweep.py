@@ -17,6 +17,7 @@ from jaxstab.core.checks import is_transformed, require_key, require_one_of
 from jaxstab.core.compile import program
 from jaxstab.core.display import column
 from jaxstab.core.equality import Comparable
+from jaxstab.core.interrupts import early_ends
 from jaxstab.core.loop import solver_or_default
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
@@ -188,7 +189,7 @@ def _solve_one_by_one(
                 is_apart = bool(found.result == RESULTS.pulled_off)
                 start = found.gap if found.result == RESULTS.successful else start
             report()
-    except KeyboardInterrupt:
+    except early_ends():
         if not states:
             raise
         message = f"The sweep was interrupted: {len(states)} of {load.value.size} loads are done."

@@ -34,8 +34,9 @@ def test_entries_of_a_batch_are_those_alone(hertz):
         assert together.jumps.load.value[i][0] == alone.jumps.load.value[0]
 
 
-@pytest.mark.usefixtures("interruptible")
-def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
+@pytest.fixture
+def interrupted(interruptible, monkeypatch):
+    """Interrupt a path at its seventh step."""
     module = sys.modules["jaxstab.paths.load_stepping"]
     judged, calls = module._judged, []
 
@@ -46,6 +47,17 @@ def test_an_interrupted_path_returns_what_is_done(hertz, loop, monkeypatch):
         return judged(*arguments)
 
     monkeypatch.setattr(module, "_judged", interrupted)
+
+
+@pytest.mark.usefixtures("interrupted")
+def test_a_path_shared_with_other_processes_returns_no_part(hertz, loop, monkeypatch):
+    monkeypatch.setattr(jax, "process_count", lambda: 2)
+    with pytest.raises(KeyboardInterrupt):
+        js.follow(hertz, js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6])), smallest_jump=1e-5)
+
+
+@pytest.mark.usefixtures("interrupted")
+def test_an_interrupted_path_returns_what_is_done(hertz, loop):
     with pytest.warns(js.PathInterrupted, match=r"interrupted at \d+ %"):
         turns = js.MeanDisplacement(jnp.array([1.6, 1.2, 1.6]))
         path = js.follow(hertz, turns, smallest_jump=1e-5, fields=True)

@@ -104,6 +104,15 @@ def test_an_interrupted_sweep_returns_what_is_done(unloading, independent, monke
 
 @on_the_cpu
 @pytest.mark.usefixtures("interruptible")
+def test_a_sweep_shared_with_other_processes_returns_no_part(unloading, monkeypatch):
+    monkeypatch.setattr(jax, "process_count", lambda: 2)
+    interrupt_at(4, monkeypatch)
+    with pytest.raises(KeyboardInterrupt):
+        js.sweep(unloading, js.MeanGap(LOADS))
+
+
+@on_the_cpu
+@pytest.mark.usefixtures("interruptible")
 def test_a_sweep_interrupted_at_its_first_load_has_nothing_to_return(unloading, monkeypatch):
     interrupt_at(1, monkeypatch)
     with pytest.raises(KeyboardInterrupt):

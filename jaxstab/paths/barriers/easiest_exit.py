@@ -62,7 +62,8 @@ def easiest_exit(
         if stability.verdict == "unstable":
             raise ValueError("The state is unstable: give a stable one, as by jaxstab.release.")
         cone = stability.cone
-        directions = [cone.mode, *(sign * mode for mode in modes.mode for sign in (1, -1))]
+        both = (sign * modes.mode[i] for i in range(number) for sign in (1, -1))
+        directions = [cone.mode, *both]
         states: list[Equilibrium] = []
         for direction in directions:
             end = _state_beyond(contact, equilibrium, direction)

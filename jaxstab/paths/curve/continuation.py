@@ -22,7 +22,7 @@ from jaxstab.core.checks import (
 )
 from jaxstab.core.control_flow import by_entries, while_loop
 from jaxstab.core.display import several
-from jaxstab.core.interrupts import interrupts_held
+from jaxstab.core.interrupts import early_ends, interrupts_held
 from jaxstab.core.progress import advance_if_known
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import stacked
@@ -186,7 +186,7 @@ def _eager(number: int, fields: bool, begun: Begun) -> Branch:
                         turns.append(turn)
             if held:
                 raise KeyboardInterrupt
-    except KeyboardInterrupt:
+    except early_ends():
         warn(f"The branch was interrupted after {several(len(entries), 'state')}.", PathInterrupted)
         branch = replace(branch, result=RESULTS.interrupted)
     with interrupts_held():

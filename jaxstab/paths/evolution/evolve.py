@@ -24,7 +24,7 @@ from jaxstab.core.checks import (
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.control_flow import by_entries, entry_of
 from jaxstab.core.implicit import attach, nan_if, pushed, undefined
-from jaxstab.core.interrupts import interrupts_held
+from jaxstab.core.interrupts import early_ends, interrupts_held
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import stacked
@@ -144,7 +144,7 @@ def evolve(
                 state, row = jax.block_until_ready(_march(*given, keeps, state, interval))
                 rows.append(row if fields else (row[0], None, *row[2:]))
                 bar.update()
-            except KeyboardInterrupt:
+            except early_ends():
                 if not rows:
                     raise
                 done = f"{len(rows) - 1} of {numbers.size - 1} times after the first"
