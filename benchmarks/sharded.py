@@ -3,32 +3,28 @@
 From the compiled programs of an equilibrium and of the lowest modes, in double precision. Memory is
 that of arguments, results and all that is between, without scratch space of the Fourier transforms;
 `together` is that times the number of devices, over what one device needs alone. A step is the body
-of the program's main loop with one pass of each loop in it: of the operations between devices there
-are the numbers by kind, and the bytes that a device sends by `all-to-all`.
+of the program's main loop with one pass of each loop in it, and with all branches, of which a step
+takes some: of the operations between devices there are the numbers by kind, and the bytes that a
+device sends by `all-to-all`.
 """
 
 import argparse
-import os
 import re
 from collections import Counter
 from importlib import import_module
 from math import prod
 from pathlib import Path
 
-MOST = 8
-os.environ["XLA_FLAGS"] = (
-    f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={MOST}"
-)
+import jax
+import jax.numpy as jnp
+from jax.sharding import NamedSharding, PartitionSpec
 
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-from jax.sharding import NamedSharding, PartitionSpec  # noqa: E402
+import jaxstab as js
+from jaxstab.contact.hessian import Hessian
+from jaxstab.stability.cones import Subspace
+from jaxstab.stability.lowest_modes import BLOCK_SIZE
 
-import jaxstab as js  # noqa: E402
-from jaxstab.contact.hessian import Hessian  # noqa: E402
-from jaxstab.stability.cones import Subspace  # noqa: E402
-from jaxstab.stability.lowest_modes import BLOCK_SIZE  # noqa: E402
-
+COUNTS = (1, 2, 4, 8)
 KINDS = ("all-to-all", "all-reduce", "all-gather", "collective-permute")
 BYTES = {"f64": 8, "c128": 16, "f32": 4, "c64": 8, "s32": 4, "s64": 8, "pred": 1}
 HEAD = f"""| program | devices | MB on each | together | {" | ".join(KINDS)} | MB sent |
@@ -41,7 +37,11 @@ def main():
     parser.add_argument("--output", type=Path)
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    tables = {count: programs(options.points, count) for count in (1, 2, 4, 8)}
+    jax.config.update("jax_num_cpu_devices", max(COUNTS))
+    tables = {
+        count: {name: program.compile() for name, program in lowered(options.points, count).items()}
+        for count in COUNTS
+    }
     lines = [f"{options.points}² points", "", HEAD]
     for name, alone in tables[1].items():
         for count, compiled in tables.items():
@@ -51,11 +51,11 @@ def main():
         options.output.write_text("\n".join(lines) + "\n")
 
 
-def programs(n, count):
-    """Return the compiled programs by name."""
+def lowered(n, count):
+    """Return the programs by name, to be compiled."""
     mesh = jax.make_mesh((count,), ("x",), devices=jax.devices()[:count])
     grid = js.Grid(n, sharding=NamedSharding(mesh, PartitionSpec("x")) if count > 1 else None)
-    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=32, rms_height=0.1)
+    heights = js.surfaces.self_affine(grid, jax.random.key(0), k_high=4, rms_height=0.1)
     law = js.potentials.Exponential(surface_energy=0.02, length=0.1)
     contact = js.Contact(js.HalfSpace(grid, youngs_modulus=1.0), heights, law)
     find = import_module("jaxstab.equilibrium.equilibrate").find
@@ -64,11 +64,10 @@ def programs(n, count):
     solver, load = js.PreconditionedConjugateGradient(), js.MeanGap(0.2)
     hessian, space = Hessian(contact.solid, heights), Subspace(heights > 0)
     starts = jnp.stack(BLOCK_SIZE * [heights])
-    lowered = {
+    return {
         "equilibrium": jax.jit(find).lower(contact, load, solver, heights),
         "lowest modes": search.lower(js.Davidson(1e-7), hessian, space, starts),
     }
-    return {name: program.compile() for name, program in lowered.items()}
 
 
 def memory(program):
