@@ -14,11 +14,16 @@ from jaxstab.core.checks import (
     positive_parameter,
     possible,
     require,
+    require_one_of,
 )
+from jaxstab.core.compile import own_conventions
 from jaxstab.core.display import inline
 from jaxstab.core.types import ArrayLike, Scalar
-from jaxstab.core.units import LENGTH, NUMBER, SURFACE_ENERGY, Dimension
+from jaxstab.core.units import LENGTH, NUMBER, PRESSURES, SURFACE_ENERGY, Dimension
 from jaxstab.potentials.sums import Law
+
+# Of SI, exact [J/(mol K)].
+_GAS_CONSTANT = 8.31446261815324
 
 
 class _RangedLaw(Law):
@@ -135,6 +140,29 @@ class LennardJones(_RangedLaw):
         energy = positive_parameter(surface_energy, "The surface energy of a law with a core")
         super().__init__(energy, length)
 
+    @classmethod
+    @own_conventions()
+    def from_hamaker(cls, constant: ArrayLike, equilibrium_distance: ArrayLike) -> "LennardJones":
+        """Return the law with the work of adhesion of a Hamaker constant, w = A / (12 pi z0^2).
+
+        It is the van der Waals energy of two half spaces at the distance z0, which is 0.165 nm for
+        many solids and liquids (J. N. Israelachvili, Intermolecular and Surface Forces, 2011,
+        chapter 13). At long range this law falls as z0^3 / g^3, of a solid and a layer of atoms,
+        and not as that energy, A / (12 pi g^2).
+
+        Arguments:
+            constant: A, of the two solids across the medium between them [energy].
+            equilibrium_distance: z0, the gap at the minimum [length].
+
+        Raises:
+            ValueError: if A is not positive, as across a medium in which solids repel each other,
+                or z0 is not positive.
+        """
+        energy = positive_parameter(constant, "The Hamaker constant")
+        distance = positive_parameter(equilibrium_distance, "The equilibrium distance")
+        # One factor after the other: the square of a distance in metres is small.
+        return cls(energy / distance / distance / (12 * np.pi), distance)
+
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""
         attraction = 1 / self._reduced(gap) ** 3
@@ -228,6 +256,54 @@ class Capillary(Law):
         cure = "give radians, from 0 to below pi / 2. A liquid of a larger angle does not attract."
         require("The contact angle", slope, wets, cure)
         self.angle = possible(given, wets)
+
+    @classmethod
+    @own_conventions()
+    def at_humidity(
+        cls,
+        relative_humidity: ArrayLike,
+        surface_tension: ArrayLike,
+        angle: ArrayLike = 0.0,
+        *,
+        temperature: ArrayLike = 293.15,
+        molar_volume: ArrayLike = 18.05e-6,
+        pressure_unit: str = "Pa",
+        smoothing: ArrayLike = 0.1,
+    ) -> "Capillary":
+        """Return the law of menisci in equilibrium with a vapour, r = gamma V / (R T |ln H|).
+
+        This is Kelvin's radius of a meniscus that is curved in one plane, as between surfaces that
+        are far wider than their gap: a pressure gamma / r = (R T / V) |ln H| below that of the
+        vapour. For water gamma V / (R T) is 0.54 nm at 20 degrees Celsius, so that r is 0.78 nm at
+        a humidity of 50 % (J. N. Israelachvili, Intermolecular and Surface Forces, 2011, chapter
+        17). Kelvin's equation describes radii down to a few nanometres.
+
+        Arguments:
+            relative_humidity: H, the pressure of the vapour over that at saturation, from 0 to 1.
+            surface_tension: gamma [energy/area], of water 0.0728 J/m^2 at 20 degrees Celsius.
+            angle: theta, the contact angle, in radians.
+            temperature: T [K].
+            molar_volume: V of the liquid, by default of water [m^3/mol].
+            pressure_unit: the unit of pressure, as in `Contact`; gamma is in it times the unit of
+                length. So in MPa and µm the number is that in Pa and m.
+            smoothing: as in the law itself.
+
+        Raises:
+            ValueError: if H is not between 0 and 1, T or V not positive, the unit unknown, or for
+                an argument that the law refuses.
+        """
+        given = parameter(relative_humidity, "The relative humidity")
+        humidity = concrete(given)
+        is_vapour = (humidity > 0) & (humidity < 1)
+        cure = "give a number between 0 and 1, as 0.5 for 50 %. Saturated vapour floods the gap."
+        require("The relative humidity", humidity, is_vapour, cure)
+        require_one_of("the unit of pressure", pressure_unit, PRESSURES)
+        thermal = _GAS_CONSTANT * positive_parameter(temperature, "The temperature")
+        volume = positive_parameter(molar_volume, "The molar volume")
+        tension = positive_parameter(surface_tension, "The surface tension")
+        suction = thermal / volume / 10.0 ** PRESSURES[pressure_unit]
+        logarithm = -jnp.log(possible(given, is_vapour))
+        return cls(tension, angle, tension / (suction * logarithm), smoothing)
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""

@@ -21,6 +21,7 @@ KNOWN = [
     (js.continuation, ["Keller"], "1977"),
     (js.transition, ["E", "Ren", "Vanden-Eijnden"], "2007"),
     (js.potentials.Dugdale, ["Dugdale"], "1960"),
+    (js.potentials.LennardJones, ["Israelachvili"], "2011"),
     (js.references.maugis, ["Maugis"], "1992"),
     (js.references.regime, ["Tabor"], "1977"),
     (js.references.jkr, ["Johnson", "Kendall", "Roberts"], "1971"),

@@ -54,6 +54,23 @@ def test_lennard_jones_matches_its_formula_and_is_least_where_it_says():
     assert law(0.0) == np.inf
 
 
+# Hamaker constants [J] and surface energies [J/m^2] of the table of Israelachvili (2011), chapter
+# 13: octane, polystyrene, PTFE. The work of adhesion of a solid is twice its surface energy.
+@pytest.mark.parametrize(
+    ("constant", "energy"), [(4.5e-20, 0.0219), (6.6e-20, 0.0321), (3.8e-20, 0.0185)]
+)
+def test_hamaker_constants_give_the_published_surface_energies(constant, energy):
+    law = js.potentials.LennardJones.from_hamaker(constant, 0.165e-9)
+    assert law.surface_energy / 2 == pytest.approx(energy, rel=3e-3)
+    assert law.length == 0.165e-9
+    # In other units, and in single precision, it is the same: here nm and GPa, of 1e-18 J.
+    other = js.potentials.LennardJones.from_hamaker(np.float32(constant / 1e-18), np.float32(0.165))
+    assert other.surface_energy == pytest.approx(float(law.surface_energy), rel=1e-6)
+    single = js.potentials.LennardJones.from_hamaker(*np.float32([constant, 0.165e-9]))
+    assert single.surface_energy == pytest.approx(float(law.surface_energy), rel=1e-6)
+    assert single.surface_energy.dtype == np.float32
+
+
 def test_dugdales_attraction_is_even_up_to_its_range_and_then_gone():
     law = js.potentials.Dugdale(2.0, 0.7, smoothing=0.01)
     assert law(0.0) == pytest.approx(-2.0)

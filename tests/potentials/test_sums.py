@@ -48,6 +48,42 @@ def test_menisci_draw_by_laplaces_pressure_over_their_range():
     assert_same_law(smooth, js.potentials.Dugdale(work, reach), 1e-10)
 
 
+def test_menisci_of_water_have_the_published_radii_of_kelvin():
+    # Israelachvili (2011), chapter 17: 0.54 nm over |ln H| at 20 degrees Celsius. In a spherical
+    # meniscus, of two equal radii, it is 10, 1.6 and 0.5 nm at 90, 50 and 10 %.
+    humidity = np.array([np.exp(-1), 0.9, 0.5, 0.1])
+    radius = js.potentials.Capillary.at_humidity(humidity, 0.0728).radius
+    assert radius[0] == pytest.approx(0.54e-9, abs=0.005e-9)
+    np.testing.assert_allclose(2 * radius[1:], [10e-9, 1.6e-9, 0.5e-9], rtol=0.07)
+    assert radius[2] == pytest.approx(0.777e-9, rel=2e-3)
+    # Butt and Kappl, Adv. Colloid Interface Sci. 146, 48 (2009): 0.52 nm at 25 degrees.
+    warm = js.potentials.Capillary.at_humidity(np.exp(-1), 0.072, temperature=298.15)
+    assert warm.radius == pytest.approx(0.52e-9, abs=0.006e-9)
+    # Cyclohexane at 20 degrees: 0.0253 J/m^2 and 84.16 g/mol over 0.7785 g/cm^3.
+    cyclohexane = js.potentials.Capillary.at_humidity(0.7, 0.0253, molar_volume=108.1e-6)
+    expected = 0.0253 * 108.1e-6 / (8.314 * 293.15 * np.log(1 / 0.7))
+    assert cyclohexane.radius == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize(("unit", "length"), [("MPa", 1e-6), ("GPa", 1e-9), ("kPa", 1e-3)])
+def test_menisci_at_a_humidity_are_the_same_in_other_units(unit, length):
+    si = js.potentials.Capillary.at_humidity(0.3, 0.0728, 0.2)
+    # The tension in the pressure's unit times this length has the same number as in SI.
+    law = js.potentials.Capillary.at_humidity(np.float32(0.3), 0.0728, 0.2, pressure_unit=unit)
+    assert law.radius * length == pytest.approx(float(si.radius), rel=1e-6)
+    assert (law.tension, law.angle) == (si.tension, si.angle)
+    with pytest.raises(ValueError, match="unit of pressure is 'bar': choose one of Pa"):
+        js.potentials.Capillary.at_humidity(0.3, 0.0728, pressure_unit="bar")
+
+
+def test_the_attraction_of_menisci_is_the_pressure_of_kelvin():
+    # R T / V |ln H| whatever the tension, over a range that grows with it.
+    suction = 8.314 * 293.15 / 18.05e-6 * np.log(2) / 1e6
+    for tension in (0.03, 0.07):
+        law = js.potentials.Capillary.at_humidity(0.5, tension, pressure_unit="MPa", smoothing=0.01)
+        np.testing.assert_allclose(slope(law, jnp.array([1e-5])), suction, rtol=1e-4)
+
+
 def test_a_sum_is_the_sum_however_it_is_written():
     def mine(gap):
         return -0.01 / (1 + gap) ** 2

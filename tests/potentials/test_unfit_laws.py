@@ -1,5 +1,7 @@
 """Laws that have a core, are refused or are NaN, and those that only look as if they were unfit."""
 
+from operator import attrgetter
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -213,6 +215,24 @@ def test_parameters_that_make_no_sense_are_refused(law, values, sentence):
 
 
 @pytest.mark.parametrize(
+    ("law", "values", "sentence"),
+    [
+        ("LennardJones.from_hamaker", (-1e-20, 0.2), "Hamaker constant is -1e-20: it must be"),
+        ("LennardJones.from_hamaker", (1.0, 0.0), r"equilibrium distance is 0\.0"),
+        ("Capillary.at_humidity", (50.0, 0.07), r"humidity is 50\.0: give .* 0\.5 for 50 %"),
+        ("Capillary.at_humidity", (1.0, 0.07), r"relative humidity is 1\.0: give"),
+        ("Capillary.at_humidity", (0.0, 0.07), r"relative humidity is 0\.0: give"),
+        ("Capillary.at_humidity", (np.nan, 0.07), "relative humidity is nan"),
+        ("Capillary.at_humidity", (0.5, 0.0), r"surface tension is 0\.0: it must be positive"),
+        ("Capillary.at_humidity", (0.5, 0.07, 2.0), r"contact angle is 2\.0: give radians"),
+    ],
+)
+def test_physical_constants_that_make_no_law_are_refused(law, values, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        attrgetter(law)(js.potentials)(*values)
+
+
+@pytest.mark.parametrize(
     "law",
     [
         lambda x: js.potentials.Exponential(0.01 * x, 0.2),
@@ -221,6 +241,10 @@ def test_parameters_that_make_no_sense_are_refused(law, values, sentence):
         lambda x: js.potentials.LennardJones(0.01 * x, 0.2),
         lambda x: js.potentials.Electrostatic(1.0, 0.01, 0.2 * x),
         lambda x: js.potentials.Capillary(0.01, 0.5 * x, 0.2),
+        lambda x: js.potentials.LennardJones.from_hamaker(0.01 * x, 0.2),
+        lambda x: js.potentials.LennardJones.from_hamaker(0.01, 0.2 * x),
+        lambda x: js.potentials.Capillary.at_humidity(0.5 * x, 0.07, pressure_unit="GPa"),
+        lambda x: js.potentials.Capillary.at_humidity(0.5, 0.07 * x, pressure_unit="GPa"),
         lambda x: js.potentials.CutOff(lambda gap: -0.01 * jnp.exp(-gap), x),
     ],
 )
