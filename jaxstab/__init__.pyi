@@ -1,4 +1,16 @@
 from . import files, plots, potentials, references, surfaces
+from .branches import (
+    KINDS,
+    BarrierLaw,
+    Branch,
+    PathInterrupted,
+    PathState,
+    States,
+    Turn,
+    continuation,
+    critical_load,
+)
+from .branches.differentiable_limit import CriticalLoad
 from .calibration import Calibration, FitWarning, calibrate
 from .citations import cite
 from .contact import Contact
@@ -25,7 +37,23 @@ from .equilibrium.observables import (
     patches,
 )
 from .equilibrium.window import WindowWarning
+from .evolution import (
+    Evolution,
+    Internal,
+    evolve,
+    growth_rate,
+    lifetime,
+)
 from .files import load, save, to_dataset
+from .loading import (
+    Jump,
+    Observed,
+    Path,
+    follow,
+    observe,
+    pull_off,
+)
+from .loading.sweep import Sweep, SweepInterrupted, sweep
 from .loads import (
     FarDisplacement,
     MachineWarning,
@@ -34,33 +62,6 @@ from .loads import (
     MeanPressure,
     Spring,
 )
-from .paths import (
-    KINDS,
-    BarrierLaw,
-    Branch,
-    Evolution,
-    Internal,
-    Jump,
-    Observed,
-    Path,
-    PathInterrupted,
-    PathState,
-    States,
-    Transition,
-    Turn,
-    continuation,
-    critical_load,
-    easiest_exit,
-    evolve,
-    follow,
-    growth_rate,
-    lifetime,
-    observe,
-    pull_off,
-    transition,
-)
-from .paths.curve.critical_load import CriticalLoad
-from .paths.sweep import Sweep, SweepInterrupted, sweep
 from .references.taylor_test import TaylorTest, check_derivative
 from .solids import (
     CoatedHalfSpace,
@@ -90,6 +91,11 @@ from .stability import (
 from .stability.verdict import VERDICTS
 from .studies import StudyInterrupted, study
 from .surfaces import SurfaceWarning
+from .transitions import (
+    Transition,
+    easiest_exit,
+    transition,
+)
 
 __version__: str
 

@@ -9,14 +9,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxstab import plots
+from jaxstab.branches import (
+    Branch,
+)
 from jaxstab.cli.problem import loaded
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.paths import Branch, Evolution, Transition
-from jaxstab.paths import Path as Followed
-from jaxstab.paths.observe import Observed
-from jaxstab.paths.sweep import Sweep
+from jaxstab.evolution import (
+    Evolution,
+)
+from jaxstab.loading import (
+    Path as Followed,
+)
+from jaxstab.loading.observe import Observed
+from jaxstab.loading.sweep import Sweep
 from jaxstab.stability import Stability
+from jaxstab.transitions import (
+    Transition,
+)
 
 # The figures of results along a path, by the class of the result.
 _OF_STATES = {

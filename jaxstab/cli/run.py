@@ -9,6 +9,7 @@ import jax
 import matplotlib.pyplot as plt
 import numpy as np
 
+from jaxstab.branches import PathInterrupted
 from jaxstab.cli import problem
 from jaxstab.cli.parsing import FAILED, INTERRUPTED, Ended
 from jaxstab.contact import Contact
@@ -18,8 +19,8 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.warn import warn
 from jaxstab.files import save
 from jaxstab.files.dataset import Result
-from jaxstab.paths import PathInterrupted, follow
-from jaxstab.paths.sweep import SweepInterrupted, sweep
+from jaxstab.loading import follow
+from jaxstab.loading.sweep import SweepInterrupted, sweep
 from jaxstab.plots import path as plot_path
 from jaxstab.plots import stability_curve
 

@@ -11,6 +11,9 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
+from jaxstab.branches import (
+    Branch,
+)
 from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.core.checks import is_traced, require_shape
 from jaxstab.core.display import text
@@ -19,13 +22,21 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.units import LENGTH, unit_symbol
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.verify import recognised
+from jaxstab.evolution import (
+    Evolution,
+)
 from jaxstab.files.records import NamedArray, Recorder, Structure
 from jaxstab.files.tabulated_law import law_variables
+from jaxstab.loading import (
+    Path,
+)
+from jaxstab.loading.observe import Observed
+from jaxstab.loading.sweep import Sweep
 from jaxstab.loads import Load
-from jaxstab.paths import Branch, Evolution, Path, Transition
-from jaxstab.paths.observe import Observed
-from jaxstab.paths.sweep import Sweep
 from jaxstab.stability import Stability
+from jaxstab.transitions import (
+    Transition,
+)
 
 # Xarray is imported where it is used, since its import is slow.
 if TYPE_CHECKING:

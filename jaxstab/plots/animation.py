@@ -13,7 +13,7 @@ from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxstab import paths
+from jaxstab import loading
 from jaxstab.contact import Contact
 from jaxstab.core.atomic_write import write_whole
 from jaxstab.core.checks import require
@@ -31,7 +31,7 @@ _DPI = 100
 
 def animation(
     contact: Contact,
-    path: paths.Path,
+    path: loading.Path,
     file: str | Path,
     *,
     seconds: float = 10,
@@ -89,7 +89,7 @@ def animation(
     return target
 
 
-def _gaps(contact: Contact, path: paths.Path) -> np.ndarray:
+def _gaps(contact: Contact, path: loading.Path) -> np.ndarray:
     require_path(path)
     if path.equilibrium.gap is None:
         raise ValueError("This path left its fields out: follow it with fields=True.")
@@ -124,7 +124,7 @@ def _profile(axes: Axes, contact: Contact, gaps: np.ndarray) -> Callable[[np.nda
     return show
 
 
-def _curve(axes: Axes, path: paths.Path) -> Callable[[int], None]:
+def _curve(axes: Axes, path: loading.Path) -> Callable[[int], None]:
     """Draw pressure or force over gap, and return the function that moves a marker to a state."""
     draw_path(path, axes=axes)
     quantities = quantities_or_default(path, None, None)

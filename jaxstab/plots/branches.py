@@ -5,11 +5,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from jaxstab.branches import (
+    Branch,
+)
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core.checks import require_kind
 from jaxstab.core.stack import require_single
 from jaxstab.core.units import in_brackets, readable_unit
-from jaxstab.paths import Branch, Transition
 from jaxstab.plots.fields import draw_mode, gap, outline_contact
 from jaxstab.plots.paths import Quantity, of_states, quantities_or_default, scale
 from jaxstab.plots.style import (
@@ -23,6 +25,9 @@ from jaxstab.plots.style import (
     axes_or_new,
     grey,
     label_axes,
+)
+from jaxstab.transitions import (
+    Transition,
 )
 
 _STABLE: Style = {"color": BLUE, "label": "stable"}

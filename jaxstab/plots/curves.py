@@ -9,7 +9,7 @@ from matplotlib.ticker import LogLocator
 
 from jaxstab.core.checks import parameter, require_kind, require_one_of
 from jaxstab.core.units import Units
-from jaxstab.paths.sweep import Sweep
+from jaxstab.loading.sweep import Sweep
 from jaxstab.plots.fields import require_pair
 from jaxstab.plots.paths import Quantity, of_states
 from jaxstab.plots.style import (

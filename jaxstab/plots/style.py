@@ -10,6 +10,9 @@ from matplotlib.axis import Axis, XAxis, YAxis
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.ticker import Formatter, LogFormatterSciNotation, ScalarFormatter
 
+from jaxstab.branches import (
+    States,
+)
 from jaxstab.core.checks import require_kind
 from jaxstab.core.units import (
     FORCE,
@@ -22,7 +25,6 @@ from jaxstab.core.units import (
     readable_unit,
 )
 from jaxstab.loads import Load
-from jaxstab.paths import States
 
 # Okabe & Ito's palette is distinct for all kinds of colour vision; their yellow is too pale.
 BLUE = "#0072B2"

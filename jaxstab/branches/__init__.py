@@ -1,0 +1,22 @@
+"""Branches of equilibria, stable or not: the curve, its folds and active-set changes, its ends."""
+
+from jaxstab.branches.barrier_law import BarrierLaw
+from jaxstab.branches.branch import Branch, Turn
+from jaxstab.branches.continuation import continuation
+from jaxstab.branches.critical_load import critical_load
+from jaxstab.branches.differentiable_limit import CriticalLoad
+from jaxstab.branches.kinds import KINDS
+from jaxstab.branches.states import PathInterrupted, PathState, States
+
+__all__ = [
+    "KINDS",
+    "BarrierLaw",
+    "Branch",
+    "CriticalLoad",
+    "PathInterrupted",
+    "PathState",
+    "States",
+    "Turn",
+    "continuation",
+    "critical_load",
+]

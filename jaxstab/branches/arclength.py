@@ -1,0 +1,520 @@
+"""An arclength step along the curve of equilibria that cannot cross to another one unseen.
+
+Pseudo-arclength (Keller 1977): the next point lies on the plane across the tangent at a distance
+ahead, or at the active-set change ahead if that is nearer. With the free points held, the curve
+between is smooth. A step is accepted only if
+
+- Newton's method converges fast, to near the prediction, and the tangents at both ends agree;
+- the cubics through both ends, gap by gap and reaction by reaction, stay positive between them, and
+  the cubic of the load turns no more often than the rates at the ends say;
+- the number of negative eigenvalues changes as the events in the step say: by one at a fold, by one
+  at an active-set change where the load turns, by none elsewhere, except where another branch
+  crosses: there modes change sign that have no part in this one.
+
+On large grids a step may pass several active-set changes at once, where the curve hardly bends.
+"""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from jaxstab.branches.corrector import (
+    AT_STATES,
+    CLOSE,
+    Condition,
+    Correction,
+    Found,
+    at_change,
+    correct,
+    on_plane,
+)
+from jaxstab.branches.curve import ContinuationProblem, Place, Point
+from jaxstab.branches.events import ActiveSetChanges, beyond_change, changes_ahead, fold_between
+from jaxstab.branches.interpolation import (
+    Cubics,
+    changes_as_predicted,
+    most_changes,
+    stays_positive,
+    turns_as_predicted,
+)
+from jaxstab.branches.kinds import KINDS
+from jaxstab.branches.morse_index import MOST, UNKNOWN, DrivenIndex, driven_index_of, index_of
+from jaxstab.contact.hessian import Block
+from jaxstab.core.checks import array
+from jaxstab.core.compile import program
+from jaxstab.core.control_flow import choose, cond
+from jaxstab.core.grid import total
+from jaxstab.core.types import Field, Flag, Scalar
+
+# The least cosine between the tangents at both ends of a step, and that from which steps grow.
+_LEAST_COSINE = 0.95
+_STRAIGHT = 0.99
+_GROWTH = 1.5
+_CUT = 0.4
+_TO_TURN = 0.9
+# How far from its prediction a state may be, over the step: on a smooth piece, and over several.
+_FARTHEST = 0.1
+_FARTHEST_LEAP = 0.3
+# Steps of Newton's method from which steps grow no more, and that a step may take at most.
+_EASY = 4
+_HARD = 8
+# Steps shorter than this part of the longest may pass a bifurcation.
+_ACROSS = 1e-3
+# Active-set changes within this part of a step to the last load before its end are passed with it.
+_AT_END = 1e-6
+# Active-set changes nearer to each other than this part of the longest step are one.
+_NEAREST = {"float64": 1e-8, "float32": 1e-5}
+
+
+class ArclengthStep(eqx.Module):
+    """The outcome of a step, and the next one to try.
+
+    Attributes:
+        here: the last state.
+        length: of the step that is tried next [length].
+        index: the number of negative eigenvalues there.
+        expected: the number with which the branch goes on, `UNKNOWN` where it may be any.
+        modes: the lowest modes there.
+        turn: the turning point or bifurcation passed on the way to it, if there is one.
+        kind: its kind.
+        turn_mode: the direction of the branch there, or of another one that crosses it.
+        turns: whether there is one.
+        lands: whether the next step is one to the last load.
+        is_there: whether this one was.
+        is_new: whether it is a new state; otherwise the step was cut.
+        is_found: whether a state was found at all, of this branch or not.
+    """
+
+    here: Place
+    length: Scalar
+    index: Int[Array, ""]
+    expected: Int[Array, ""]
+    modes: Block
+    turn: Point
+    kind: KINDS
+    turn_mode: Field
+    turns: Flag
+    lands: Flag
+    is_there: Flag
+    is_new: Flag
+    is_found: Flag
+
+
+class _Target(eqx.Module):
+    """The target of a step, and the problem of its corrector.
+
+    Attributes:
+        changes: the active-set changes ahead.
+        reach: how far ahead it leads [length].
+        is_change: whether to the first active-set change ahead.
+        opens: whether a contact point is released there.
+        follows: whether the free points may change on the way.
+        predicted: the point on the tangent.
+        start: the point where the corrector starts.
+        row: the gradient of the distance along the tangent.
+        condition: the condition that the corrector meets.
+        close: the residual that it is to reach.
+    """
+
+    changes: ActiveSetChanges
+    reach: Scalar
+    is_change: Flag
+    opens: Flag
+    follows: Flag
+    predicted: Point
+    start: Point
+    row: Point
+    condition: Condition
+    close: Scalar
+
+
+class _Candidate(eqx.Module):
+    """The point that the corrector has found, judged by the two ends of the step.
+
+    Attributes:
+        place: the point with the free points that it was found with.
+        is_found: whether it is one of some curve.
+        is_sound: whether it is one of this curve, as far as the ends of the step tell.
+        is_taken: whether it is the next state, if the events in the step explain it.
+        lands: whether the next step is one to the last load.
+        turns: whether the load turns in the step.
+        folds: whether it turns while the same points are free.
+        is_clear: whether the step has no turn beside a change of the free points.
+        share: the part of the step to try next if this one is not taken.
+        is_easy: whether the next step may be longer.
+    """
+
+    place: Place
+    is_found: Flag
+    is_sound: Flag
+    is_taken: Flag
+    lands: Flag
+    turns: Flag
+    folds: Flag
+    is_clear: Flag
+    share: Scalar
+    is_easy: Flag
+
+
+class _Events(eqx.Module):
+    """The events in a step.
+
+    Attributes:
+        turn: the point where the load turns at a fold.
+        is_flat: whether the rate of the load vanishes there.
+        new: the place beyond the step.
+        goes_on: whether the branch goes on from there.
+        index: the number of negative eigenvalues there.
+        modes: the lowest modes there.
+    """
+
+    turn: Point
+    is_flat: Flag
+    new: Place
+    goes_on: Flag
+    index: Int[Array, ""]
+    modes: Block
+
+
+def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthStep:
+    """Return the state after the next step, or the same with a shorter one to try.
+
+    1. Aim at a distance ahead, at an active-set change before it, or at the last load.
+    2. Correct the point on the tangent, and judge it by the two ends of the step.
+    3. If it is sound, locate the events in the step and count the negative eigenvalues beyond.
+    4. Take it if the events explain this number, and choose the length of the next step.
+    """
+    curve = problem.curve
+    old = step.here
+    target = _target_of(problem, step)
+    correction = Correction(curve, target.condition, old.is_free, target.follows)
+    found = correct(correction, target.start, target.row, old.tangent, target.close)
+    candidate = _candidate_of(problem, step, target, found)
+
+    def accepted() -> ArclengthStep:
+        events = _events_in(problem, step, target, candidate)
+        agrees, is_open = _explanation(problem, step, target, candidate, events)
+        crossing = cond(
+            is_open,
+            lambda: _crossing(problem, step, target, candidate, events),
+            lambda: _Crossing(agrees, array(False), events.turn, events.new.tangent.gap),
+        )
+        return _taken(problem, step, target, candidate, events, crossing)
+
+    taken = cond(candidate.is_taken, accepted, lambda: step)
+    return _with_next_length(problem, step, target, candidate, taken)
+
+
+@program
+def _target_of(problem: ContinuationProblem, step: ArclengthStep) -> _Target:
+    """Return the target of the next step: a distance, or the first active-set change before it.
+
+    A step to the last load has no active-set change there as its target: it would be cut there
+    without end.
+    """
+    curve = problem.curve
+    old = step.here
+    length = step.length
+    dtype = step.length.dtype
+    changes = changes_ahead(curve, old, _NEAREST[dtype.name] * problem.max_step)
+    most = most_changes(changes.net.size)
+    number = jnp.sum(changes.distances <= jnp.where(step.lands, 1 - _AT_END, 1) * length)
+    follows = (number > jnp.sum(changes.tied)) & (most > 1)
+    if most > 1:
+        length = jnp.minimum(length, jnp.sort(changes.distances.ravel())[most])
+    is_change = (number > 0) & ~follows
+    opens = jnp.any(changes.point & ~old.is_free)
+    reach = jnp.where(is_change, changes.first, length)
+
+    row = curve.gradient_of(old.tangent)
+    scale = jnp.maximum(reach, 1e-5 * problem.max_step)
+    ahead = on_plane(row, row.times(old.at) + reach, scale)
+    span = jnp.abs(problem.last - problem.first)
+    end = on_plane(curve.load_gradient, problem.last - curve.load_offset, span)
+    event = at_change(curve, changes.point, opens, problem.max_step)
+    condition = choose(is_change, event, choose(step.lands, end, ahead))
+
+    predicted = old.at.plus(old.tangent, reach)
+    least = jnp.where(curve.contact.has_core, old.at.gap / 5, -jnp.inf)
+    least = jnp.where(follows, jnp.maximum(least, 0), least)
+    start = Point(jnp.maximum(predicted.gap, least), predicted.pressure)
+    close = jnp.where(is_change, *jnp.array([CLOSE[dtype.name], AT_STATES[dtype.name]], dtype))
+    return _Target(
+        changes, reach, is_change, opens, follows, predicted, start, row, condition, close
+    )
+
+
+@program
+def _candidate_of(
+    problem: ContinuationProblem, step: ArclengthStep, target: _Target, found: Found
+) -> _Candidate:
+    """Return the point that the corrector has found, and whether it lies on the same curve."""
+    curve = problem.curve
+    old = step.here
+    changes = target.changes
+    reach = target.reach
+    place = found.place
+    tangent = found.place.tangent
+    length = target.row.times(place.at.minus(old.at))
+    cosine = curve.cosine(tangent, old.tangent)
+    farthest = jnp.where(target.follows, _FARTHEST_LEAP, _FARTHEST)
+    is_near = curve.length(place.at.minus(target.predicted)) <= farthest * reach
+    is_straight = (length > 0) & (cosine > _LEAST_COSINE) & (found.num_steps <= _HARD)
+    cubics = Cubics(old, place, length, cosine)
+    forces = found.forces
+    after = forces.net, curve.net_rate(forces.curvature, tangent)
+    leaps = changes_as_predicted(cubics, changes, after)
+    smooth, share = stays_positive(curve, cubics, changes, target.is_change, after, forces.scale)
+    # Where gaps or reactions alone are at fault, up to where they are positive.
+    is_over = found.is_found & is_near & is_straight & ~target.follows & (share < 1)
+    share = jnp.where(is_over, jnp.maximum(0.9 * share, 0.1), _CUT)
+    is_smooth = jnp.where(target.follows, leaps, smooth & turns_as_predicted(curve, cubics))
+    is_easy = (found.num_steps <= _EASY) & (cosine > _STRAIGHT)
+
+    turns = curve.rate(old.tangent) * curve.rate(tangent) < 0
+    beyond = problem.is_beyond(place.at) & ~(step.lands & ~target.is_change)
+    is_sound = found.is_found & is_near & is_straight & is_smooth
+    is_sound &= ~(turns & (target.is_change | step.lands | beyond))
+    gap = jnp.where(place.is_free, jnp.maximum(place.at.gap, 0), 0)
+    gap = jnp.where(target.is_change & changes.point, 0, gap)
+    is_taken = is_sound & ~beyond
+    gap = jnp.where(is_taken, gap, place.at.gap)
+    is_clear = ~(turns & jnp.any(place.is_free != old.is_free))
+    return _Candidate(
+        place=replace(place, at=Point(gap, place.at.pressure)),
+        is_found=found.is_found,
+        is_sound=is_sound,
+        is_taken=is_taken,
+        lands=is_sound & beyond,
+        turns=turns,
+        folds=turns & is_clear,
+        is_clear=is_clear,
+        share=share,
+        is_easy=is_easy,
+    )
+
+
+def _events_in(
+    problem: ContinuationProblem, step: ArclengthStep, target: _Target, candidate: _Candidate
+) -> _Events:
+    """Return the fold in a step, the place beyond it, and its number of negative eigenvalues."""
+    curve = problem.curve
+    old = step.here
+    reached = candidate.place
+    turn, is_flat = cond(
+        candidate.folds,
+        lambda: fold_between(curve, old, reached),
+        lambda: (reached.at, array(True)),
+    )
+    new, goes_on = cond(
+        target.is_change,
+        lambda: beyond_change(curve, reached, target.changes, target.opens),
+        lambda: (reached, candidate.is_clear),
+    )
+    index, modes = index_of(
+        curve.contact, curve.load, new.at.gap, step.modes, counts_all=not problem.to_limit
+    )
+    return _Events(turn, is_flat, new, goes_on, index, modes)
+
+
+class _Turning(eqx.Module):
+    """How the load turns back at an active-set change, and the change of the index there."""
+
+    back: Flag
+    touches: Flag
+    change: Int[Array, ""]
+    flips: Int[Array, ""]
+
+    @classmethod
+    def at(
+        cls, problem: ContinuationProblem, target: _Target, candidate: _Candidate, new: Place
+    ) -> "_Turning":
+        curve = problem.curve
+        reached = candidate.place
+        back = curve.rate(reached.tangent) * curve.rate(new.tangent) < 0
+        # At a release the released point has no part in the index yet.
+        touches = target.is_change & ~target.opens
+        change = jnp.where(candidate.turns, 1, jnp.where(touches & back, -1, 0))
+        return cls(back, touches, change, jnp.sum(new.is_free != reached.is_free))
+
+    def explains(self, turns: Flag, before: Int[Array, ""], after: Int[Array, ""]) -> Flag:
+        """Return whether it explains the number of negative eigenvalues after the step."""
+        is_known = (before >= 0) & (after >= 0) & (after < MOST)
+        found = jnp.where(turns, jnp.abs(after - before), after - before)
+        return ~is_known | (found == self.change)
+
+
+@program
+def _explanation(
+    problem: ContinuationProblem,
+    step: ArclengthStep,
+    target: _Target,
+    candidate: _Candidate,
+    events: _Events,
+) -> tuple[Flag, Flag]:
+    """Return whether the events in a step explain the Morse index behind it, or modes might.
+
+    Modes that have no part in the branch, since they break a symmetry, may change sign as they
+    like: there other branches cross it.
+    """
+    turning = _Turning.at(problem, target, candidate, events.new)
+    agrees = turning.explains(candidate.turns, step.expected, events.index)
+    # Points that tie, by symmetry, take modes with them that break it.
+    agrees |= turning.flips > 1
+    if problem.to_limit:
+        # A bifurcation is a limit, however long the step.
+        bifurcates = (step.index == 0) & (events.index > 0) & ~candidate.turns
+        return agrees | bifurcates, jnp.array(False)
+    # The farther from a bifurcation, the smaller the part of the mode that does belong to it.
+    return agrees, ~agrees & (step.length <= _ACROSS * problem.max_step)
+
+
+class _Crossing(eqx.Module):
+    """Whether events explain the Morse index behind a step, and another branch that crosses in it.
+
+    Attributes:
+        agrees: whether they do, but for modes that have no part in the branch.
+        is_one: whether such a mode changes its sign: then another branch crosses.
+        at: where its eigenvalue vanishes.
+        mode: the mode.
+    """
+
+    agrees: Flag
+    is_one: Flag
+    at: Point
+    mode: Field
+
+
+def _crossing(
+    problem: ContinuationProblem,
+    step: ArclengthStep,
+    target: _Target,
+    candidate: _Candidate,
+    events: _Events,
+) -> _Crossing:
+    """Return whether events explain the signs of the modes that have a part in the branch.
+
+    And where another one changes its sign, to second order in the length of the step.
+    """
+    crossing, start, condition, row = _crossed(problem, step, target, candidate, events)
+    old = step.here
+    dtype = step.length.dtype.name
+    correction = Correction(problem.curve, condition, old.is_free)
+    found = correct(correction, start, row, old.tangent, CLOSE[dtype])
+    return _corrected(crossing, found)
+
+
+@program
+def _crossed(
+    problem: ContinuationProblem,
+    step: ArclengthStep,
+    target: _Target,
+    candidate: _Candidate,
+    events: _Events,
+) -> tuple[_Crossing, Point, Condition, Point]:
+    """Return the crossing in a step, and what corrects the point on the chord."""
+    curve = problem.curve
+    old = step.here
+    reached = candidate.place
+    turning = _Turning.at(problem, target, candidate, events.new)
+
+    def driven(place: Place) -> DrivenIndex:
+        gap = place.at.gap
+        tangent = place.tangent.gap
+        return driven_index_of(curve.contact, curve.load, gap, place.is_free, tangent)
+
+    is_free = reached.is_free & (~turning.touches | (reached.at.gap > 0))
+    ends = old, replace(reached, is_free=is_free)
+    both = jax.lax.map(driven, jax.tree.map(lambda *pair: jnp.stack(pair), *ends))
+    before, after = both.index
+    agrees = (before >= 0) & (after >= 0) & turning.explains(candidate.turns, before, after)
+    # Of the eigenvalues in order, the lowest one that has changed its sign.
+    numbers = jnp.sum(both.eigenvalues < 0, axis=1)
+    first = jnp.minimum(jnp.min(numbers), both.eigenvalues.shape[1] - 1)
+    low, high = both.eigenvalues[:, first]
+    share = jnp.where(low * high < 0, low / jnp.where(low == high, 1, low - high), 1)
+    change = reached.at.minus(old.at)
+    start = old.at.plus(change, share)
+    condition = on_plane(target.row, target.row.times(start), target.reach)
+    is_one = agrees & ~candidate.turns & ~turning.back
+    here, there = both.modes[:, first]
+    there *= jnp.where(total(here * there) < 0, -1, 1)
+    mode = here + share * (there - here)
+    return _Crossing(agrees, is_one, start, mode), start, condition, target.row
+
+
+@program
+def _corrected(crossing: _Crossing, found: Found) -> _Crossing:
+    return replace(crossing, at=choose(found.is_found, found.place.at, crossing.at))
+
+
+@program
+def _taken(
+    problem: ContinuationProblem,
+    step: ArclengthStep,
+    target: _Target,
+    candidate: _Candidate,
+    events: _Events,
+    crossing: _Crossing,
+) -> ArclengthStep:
+    """Return the state that a step has led to, if the events in it explain the changes."""
+    turning = _Turning.at(problem, target, candidate, events.new)
+    index = events.index
+    expected = index + (target.is_change & target.opens & turning.back)
+    is_unknown = (turning.flips > 1) | (index >= MOST) | (index < 0)
+    kind = KINDS.where(target.opens, KINDS.release, KINDS.touch)
+    kind = KINDS.where(target.is_change, kind, KINDS.fold)
+    is_good = events.goes_on & events.is_flat & crossing.agrees
+    is_good &= ~(candidate.turns & problem.is_beyond(events.turn))
+    taken = replace(
+        step,
+        here=events.new,
+        index=index,
+        expected=jnp.where(is_unknown, UNKNOWN, expected).astype(int),
+        modes=events.modes,
+        turn=choose(crossing.is_one, crossing.at, events.turn),
+        kind=KINDS.where(crossing.is_one, KINDS.bifurcation, kind),
+        turn_mode=jnp.where(crossing.is_one, crossing.mode, events.new.tangent.gap),
+        turns=candidate.turns | turning.back | crossing.is_one,
+        is_new=jnp.array(True),
+    )
+    return choose(is_good, taken, replace(step, is_new=jnp.array(False)))
+
+
+@program
+def _with_next_length(
+    problem: ContinuationProblem,
+    step: ArclengthStep,
+    target: _Target,
+    candidate: _Candidate,
+    taken: ArclengthStep,
+) -> ArclengthStep:
+    """Return a step, taken or not, with the length of the next."""
+    curve = problem.curve
+    old = step.here
+    new = candidate.place
+    is_new = candidate.is_taken & taken.is_new
+    longer = jnp.where(candidate.is_easy & ~target.is_change, _GROWTH * target.reach, step.length)
+    longer = jnp.minimum(jnp.maximum(longer, step.length), problem.max_step)
+    # It ends at the load, or it is cut to where all gaps and reactions are positive, or cut.
+    before = curve.value(old.at)
+    after = curve.value(new.at)
+    part = (problem.last - before) / jnp.where(after == before, 1, after - before)
+    # Where the load has turned in a step that may not, up to about where it turns.
+    before = curve.rate(old.tangent)
+    after = curve.rate(new.tangent)
+    to_turn = before / jnp.where(candidate.turns, before - after, 1)
+    to_turn = jnp.clip(_TO_TURN * to_turn, _CUT, _TO_TURN)
+    share = jnp.where(candidate.turns, to_turn, candidate.share)
+    shorter = target.reach * jnp.where(candidate.lands, part, share)
+    return replace(
+        taken,
+        length=jnp.where(is_new, longer, shorter),
+        lands=candidate.lands,
+        is_there=is_new & step.lands & ~target.is_change,
+        is_new=is_new,
+        is_found=candidate.is_found,
+    )

@@ -1,0 +1,83 @@
+"""A branch of equilibria, stable or not, and where its load turns."""
+
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Array, Int
+
+from jaxstab.branches.kinds import KINDS
+from jaxstab.branches.states import StateSequence
+from jaxstab.branches.tables import load_column, state_columns
+from jaxstab.core import display
+from jaxstab.core.display import Outcome, column, several
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field
+from jaxstab.core.units import (
+    NUMBER,
+)
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.loads import Load
+
+
+class Turn(Outcome):
+    """Where the load turns back along a branch, or another branch crosses it.
+
+    Attributes:
+        load: the load there.
+        kind: a member of `KINDS`: a fold, a release, a touch, or a bifurcation, where the load
+            does not turn back.
+        equilibrium: the state.
+        mode: the unit vector along which the branch goes on there, at a bifurcation the other one.
+        state: the number of the state after it, among the states of the branch.
+    """
+
+    load: Load
+    kind: KINDS
+    equilibrium: Equilibrium
+    mode: Annotated[Field, NUMBER]
+    state: Int[Array, ""]
+
+
+class Branch(StateSequence):
+    """Equilibria along a branch, stable or not, where its load turns, and where others cross.
+
+    `branch[3]` is a state, `len(branch)` their number.
+
+    Attributes:
+        load: the loads of the states, in the order of the branch.
+        equilibrium: the states. A branch is reversible: nothing is lost, and the work is the change
+            of energy.
+        index: the Morse index of each: the number of negative eigenvalues of A among perturbations
+            of its free points that the load allows. Zero means a minimum, 19 that number or more,
+            -1 that it was not found.
+        turns: where the load turns back, and where another branch crosses at a bifurcation, in
+            order.
+        end: a member of `KINDS`: why the branch ends there.
+        result: how the search ended.
+    """
+
+    index: Int[Array, " states"]
+    turns: Turn
+    end: KINDS
+    result: RESULTS
+
+    @display.readable
+    def __repr__(self) -> str:
+        index = np.asarray(self.index)
+        unknown = f"{np.sum(index < 0)} of unknown index, " if np.any(index < 0) else ""
+        lines = [
+            f"Branch: {self._extent}, {np.sum(index > 0)} of them unstable, {unknown}"
+            f"{several(len(self.turns), 'turn')}; "
+            f"ends {str(KINDS[self.end]).split(': ', 1)[1]}; {self.result.name}"
+        ]
+        table = [display.table(_turns(self.turns))] if len(self.turns) else []
+        return "\n".join([*lines, *table])
+
+
+def _turns(turns: Turn) -> dict[str, list[str]]:
+    state = turns.equilibrium
+    return {
+        **load_column(turns.load, state.units, ".8g"),
+        "kind": column(turns.kind.name, str),
+        **state_columns(state),
+    }

@@ -1,0 +1,275 @@
+"""Arclength steps along a branch of equilibria: its first state, its next one, and its end."""
+
+from dataclasses import replace
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from jaxstab.branches.arclength import ArclengthStep, take_step
+from jaxstab.branches.branch import Turn
+from jaxstab.branches.corrector import (
+    CLOSE,
+    Condition,
+    Correction,
+    correct,
+    direction_at,
+    on_plane,
+)
+from jaxstab.branches.curve import ContinuationProblem, Curve, Place, Point
+from jaxstab.branches.kinds import KINDS
+from jaxstab.branches.morse_index import UNKNOWN, index_of, some_modes
+from jaxstab.branches.point import PathPoint, point_of
+from jaxstab.contact import Contact
+from jaxstab.contact.hessian import Block
+from jaxstab.core.checks import cast, concrete, require, require_finite
+from jaxstab.core.compile import program
+from jaxstab.core.control_flow import cond
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.equilibrium import state_at
+from jaxstab.loads import Load, require_loads, require_same_machine
+
+# The longest step over the distance between the loads; the first and the shortest over the longest.
+_LONGEST = 0.1
+_FIRST = 0.2
+SHORTEST = {"float64": 1e-7, "float32": 1e-4}
+# How nearly a turn is one that was passed before, over the size of its state.
+_SAME = {"float64": 1e-7, "float32": 1e-3}
+
+
+class BranchState(eqx.Module):
+    """A branch as far as it has been followed.
+
+    Attributes:
+        step: the last step.
+        start: where the branch began.
+        count: the number of its states.
+        end: why it is followed no more, `KINDS.states` while it is.
+        result: the result of the first equilibrium.
+    """
+
+    step: ArclengthStep
+    start: Place
+    count: Int[Array, ""]
+    end: KINDS
+    result: RESULTS
+
+    @property
+    def is_on(self) -> Flag:
+        """Whether it goes on."""
+        return (self.end == KINDS.states) & (self.result == RESULTS.successful)
+
+
+class Entry(eqx.Module):
+    """A state of a branch."""
+
+    point: PathPoint
+    index: Int[Array, ""]
+
+
+def two_loads(loads: Load, contact: Contact, takes: str, cure: str) -> Load:
+    """Return two loads in the precision of a contact, checked."""
+    require_loads(loads, (2,), takes, cure)
+    loads = cast(loads, contact.heights.dtype)
+    require_finite("The load", loads.value)
+    ends = concrete(loads.value)
+    require("The load", ends, ends[0] != ends[1], f"give two loads that differ, in {ends.dtype}.")
+    require_same_machine(loads)
+    return loads
+
+
+def begin(
+    contact: Contact,
+    loads: Load,
+    found: Equilibrium,
+    max_step: Scalar | None = None,
+    min_step: Scalar | None = None,
+    *,
+    to_limit: bool = False,
+) -> tuple[ContinuationProblem, BranchState]:
+    """Return the problem between two loads, and a branch at its first state, an equilibrium."""
+    start = _start(contact, loads, found)
+    curve = start.curve
+    at = start.at
+    dtype = found.gap.dtype
+    near = start.nothing
+    tangent = direction_at(curve, start.condition, at, start.is_free, start.ahead, near)
+    here = Place(at, start.is_free, tangent)
+    if dtype == jnp.float32:
+        # A solver may stop as far from the curve as a short step may from its prediction.
+        correction = Correction(curve, start.condition, start.is_free, follows=True)
+        closer = correct(correction, at, start.ahead, tangent, CLOSE[dtype.name])
+        here = cond(closer.is_found, lambda: closer.place, lambda: here)
+    modes = start.modes
+    load = curve.load
+    index, modes = index_of(contact, load, here.at.gap, modes, counts_all=not to_limit)
+    problem, length = _problem(to_limit, curve, loads, here, max_step, min_step)
+    return problem, branch_from(here, length, index, modes, found.result)
+
+
+class _Start(eqx.Module):
+    """The first point of a branch, but for its direction.
+
+    Attributes:
+        curve: the curve.
+        at: the point.
+        is_free: its free points.
+        ahead: the gradient of the load, with the sign of its change along the branch.
+        condition: that the load has its first value.
+        nothing: no direction.
+        modes: random modes.
+    """
+
+    curve: Curve
+    at: Point
+    is_free: Mask
+    ahead: Point
+    condition: Condition
+    nothing: Point
+    modes: Block
+
+
+@program
+def _start(contact: Contact, loads: Load, found: Equilibrium) -> _Start:
+    gap = found.gap
+    load = loads[0]
+    at = Point(gap, pressure_of(contact, load, gap))
+    curve = Curve.of(contact, load)
+    row = curve.load_gradient
+    first, last = loads.value.astype(gap.dtype)
+    span = last - first
+    ahead = Point(jnp.sign(span) * row.gap, jnp.sign(span) * row.pressure)
+    condition = on_plane(row, first - curve.load_offset, jnp.abs(span))
+    nothing = jax.tree.map(jnp.zeros_like, at)
+    return _Start(curve, at, gap > 0, ahead, condition, nothing, some_modes(gap))
+
+
+@partial(program, static_argnums=0)
+def _problem(
+    to_limit: bool,
+    curve: Curve,
+    loads: Load,
+    here: Place,
+    max_step: Scalar | None,
+    min_step: Scalar | None,
+) -> tuple[ContinuationProblem, Scalar]:
+    """Return the problem of a branch from its first place, and the length of its first step."""
+    dtype = here.at.gap.dtype
+    first, last = loads.value.astype(dtype)
+    speed = jnp.abs(curve.rate(here.tangent))
+    size = curve.length(here.at)
+    longest = _LONGEST * jnp.abs(last - first) / jnp.where(speed > 0, speed, 1)
+    longest = jnp.where(size > 0, jnp.minimum(longest, size), longest)
+    longest = longest if max_step is None else max_step.astype(dtype)
+    shortest = SHORTEST[dtype.name] * longest if min_step is None else min_step.astype(dtype)
+    problem = ContinuationProblem(curve, first, last, longest, shortest, to_limit)
+    return problem, _FIRST * longest
+
+
+@program
+def branch_from(
+    here: Place, length: Scalar, index: Int[Array, ""], modes: Block, result: RESULTS
+) -> BranchState:
+    """Return a branch that begins at a place with a step of a length."""
+    yes = jnp.array(True)
+    no = jnp.array(False)
+    expected = jnp.where(index >= 0, index, UNKNOWN).astype(int)
+    step = ArclengthStep(
+        here,
+        length,
+        index,
+        expected,
+        modes,
+        here.at,
+        KINDS.fold,
+        here.tangent.gap,
+        no,
+        no,
+        no,
+        yes,
+        yes,
+    )
+    return BranchState(step, here, jnp.array(1), KINDS.states, result)
+
+
+def pressure_of(contact: Contact, load: Load, gap: Field) -> Scalar:
+    """Return p0 of an equilibrium, of the grid that it is solved on."""
+    gradient = contact.gradient(gap)
+    return jnp.mean(contact.control(load).net_pressure(gradient, gap) - gradient)
+
+
+def next_state(problem: ContinuationProblem, branch: BranchState) -> BranchState:
+    """Return a branch after a step, which may have been cut."""
+    return _after(problem, branch, take_step(problem, branch.step))
+
+
+@program
+def _after(problem: ContinuationProblem, branch: BranchState, step: ArclengthStep) -> BranchState:
+    # No step is long enough if the loads are equal or not finite, which under JAX nothing refuses.
+    no_more = ~(step.length > problem.min_step)
+    unclear = KINDS.where(step.is_found, KINDS.uncertain, KINDS.lost)
+    end = KINDS.where(no_more & ~step.is_new & ~step.lands, unclear, KINDS.states)
+    # In full contact a load that holds the gap stays where it is, whatever the pressure.
+    is_stuck = ~jnp.any(step.here.is_free) & (problem.curve.load_gradient.pressure == 0)
+    end = KINDS.where(is_stuck, KINDS.full_contact, end)
+    end = KINDS.where(_goes_apart(problem, step), KINDS.separated, end)
+    is_loop = step.is_new & _closes(problem.curve, branch, step.here.at)
+    end = KINDS.where(is_loop, KINDS.loop, end)
+    end = KINDS.where(step.is_there, KINDS.load, end)
+    return replace(branch, step=step, count=branch.count + step.is_new, end=end)
+
+
+def _goes_apart(problem: ContinuationProblem, step: ArclengthStep) -> Flag:
+    """Return whether surfaces go apart without end, towards zero pressure.
+
+    That is so unless the last load comes before.
+    """
+    here = step.here
+    value = problem.curve.value(step.here.at)
+    is_far = jnp.all(here.at.gap > problem.curve.farthest) & (jnp.mean(here.tangent.gap) > 0)
+    return step.is_new & is_far & ((problem.last - value) * problem.last >= 0)
+
+
+def _closes(curve: Curve, branch: BranchState, at: Point) -> Flag:
+    """Return whether the last step has come back to where the branch began."""
+    row = curve.gradient_of(branch.start.tangent)
+    before = row.times(branch.step.here.at.minus(branch.start.at))
+    after = row.times(at.minus(branch.start.at))
+    step = curve.length(at.minus(branch.step.here.at))
+    is_near = curve.length(at.minus(branch.start.at)) <= step
+    return (branch.count > 3) & (before < 0) & (after >= 0) & is_near
+
+
+@program
+def entry_of(problem: ContinuationProblem, branch: BranchState) -> tuple[Entry, Turn]:
+    """Return the last state of a branch, and the turn before it."""
+    contact = problem.curve.contact
+    load = problem.curve.load
+    step = branch.step
+
+    def state(at: Point) -> Equilibrium:
+        return state_at(contact, load.at(problem.curve.value(at)), at.gap)
+
+    here = step.here
+    equilibrium = state(step.turn)
+    entry = Entry(point_of(contact, state(here.at), problem.curve.value(here.at)), step.index)
+    size = jnp.sqrt(jnp.sum(step.turn_mode**2))
+    mode = step.turn_mode / jnp.where(size > 0, size, 1)
+    return entry, Turn(equilibrium.load, step.kind, equilibrium, mode, branch.count - 1)
+
+
+@program
+def is_same(problem: ContinuationProblem, one: Turn, other: Turn) -> Flag:
+    """Return whether a turn is one of others: then the branch comes back to where it has been."""
+    gap = one.equilibrium.gap
+    gaps = other.equilibrium.gap
+    grid = tuple(range(-gap.ndim, 0))
+    close = _SAME[gap.dtype.name]
+    span = jnp.abs(problem.last - problem.first)
+    is_near = jnp.max(jnp.abs(gap - gaps), axis=grid) <= close * jnp.max(gap)
+    is_near &= jnp.abs(one.load.value - other.load.value) <= close * span
+    return jnp.any(is_near & (one.kind.code == other.kind.code))

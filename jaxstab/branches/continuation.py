@@ -1,0 +1,242 @@
+"""The branch of equilibria from one load to another, around its folds and active-set changes."""
+
+import math
+from dataclasses import replace
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxstab.branches.branch import Branch, Turn
+from jaxstab.branches.branch_steps import (
+    BranchState,
+    Entry,
+    begin,
+    entry_of,
+    is_same,
+    next_state,
+    two_loads,
+)
+from jaxstab.branches.curve import ContinuationProblem
+from jaxstab.branches.kinds import KINDS
+from jaxstab.branches.point import states_along
+from jaxstab.branches.states import PathInterrupted
+from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.entry import answer
+from jaxstab.contact.resolution import FOR_JUMPS
+from jaxstab.core.checks import (
+    concrete,
+    integer,
+    is_traced,
+    require,
+    require_positive,
+    scalar_parameter,
+)
+from jaxstab.core.control_flow import by_entries, while_loop
+from jaxstab.core.display import several
+from jaxstab.core.interrupts import early_ends, interrupts_held
+from jaxstab.core.progress import advance_if_known
+from jaxstab.core.results import RESULTS
+from jaxstab.core.stack import stacked
+from jaxstab.core.table import Table
+from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
+from jaxstab.core.warn import warn
+from jaxstab.equilibrium import PreconditionedConjugateGradient, SaddleNewton
+from jaxstab.equilibrium.equilibrate import find, posed
+from jaxstab.equilibrium.equilibrium import State
+from jaxstab.loads import Load
+
+# Turns that there is room for under JAX transformations.
+_MAX_TURNS = 16
+# A branch at its first state, and its turn as if it had one.
+Begun = tuple[ContinuationProblem, BranchState, Entry, Turn]
+
+
+def continuation(
+    contact: Contact,
+    load: Load,
+    *,
+    initial: ArrayLike | State | None = None,
+    fields: bool = False,
+    progress: bool | None = None,
+    max_states: int = 512,
+    max_step: ArrayLike | None = None,
+    min_step: ArrayLike | None = None,
+    throw: bool = True,
+) -> Branch:
+    """Return the branch of equilibria that begins at one load and leads on towards another.
+
+    It goes on around folds, where an eigenvalue vanishes, and active-set changes, where a point is
+    released or touches, through unstable states, over which `follow` jumps. Equilibria
+    are curves in the gap and the mean pressure, which pseudo-arclength follows (Keller 1977). They
+    are smooth between active-set changes, which are located one by one; on grids of 128 points or
+    more, one point in 64 may change sides in a step. A step that the events in it do not explain is
+    cut: where Newton's method is slow, where tangents turn, gaps or reactions do not stay positive,
+    or the number of negative eigenvalues changes otherwise than at these events. So a branch does
+    not cross to another one unseen. It goes straight on through a bifurcation, where by symmetry
+    another branch crosses, and records it among its turns. Pairs of turns
+    closer than `min_step` may be passed over.
+
+    Lengths of steps are the rms change of the gap, together with the change of p0 over the
+    stiffness of the solid's softest wave.
+
+    Arguments:
+        contact: the contact problem.
+        load: two loads: where the branch begins, and where it is to end.
+        initial: an equilibrium at the first load, stable or not, or a gap to start from.
+        fields: whether to keep the gap of every state.
+        progress: show a progress bar; by default after two seconds, in a terminal or notebook.
+        max_states: the number of states after which to stop.
+        max_step: the longest step [length]; by default a tenth of the way from load to load, as the
+            branch begins.
+        min_step: the shortest step [length]; by default 1e-7 of the longest, in float32 1e-4.
+        throw: raise where the branch cannot be followed on; otherwise look at `result` and `end`.
+
+    Returns:
+        The branch; `end` says why it ends. Under JAX transformations it has `max_states` states and
+        room for 16 turns, NaN where there is none; once these are full, it ends as "store_full". It
+        cannot be differentiated, and says so; its turns are ends of stable branches whose loads
+        `critical_load` differentiates.
+
+    Raises:
+        ValueError: for other than two finite loads that differ, or machines that do; for steps that
+            are not positive, and a shortest one that exceeds the longest.
+        SolverError: if `throw`, where there is no equilibrium at the first load, or the branch ends
+            as "uncertain" or "lost".
+    """
+    require_contact(contact)
+    cure = "give the load where the branch begins and the load where it ends."
+    load = two_loads(load, contact, "continuation takes two loads", cure)
+    number = integer("max_states", max_states)
+    require("max_states", number, number >= 2, "a branch has two states at least.")
+    given = {"max_step": max_step, "min_step": min_step}
+    steps = [None if step is None else scalar_parameter(step, x) for x, step in given.items()]
+    for name, step in zip(given, steps, strict=True):
+        if step is not None:
+            require_positive(name, step)
+    longest, shortest = steps
+    if longest is not None and shortest is not None:
+        require("min_step", shortest, shortest <= longest, "give at most `max_step`.")
+    is_state = isinstance(initial, eqx.Module)
+    padded, start = posed(contact, load[0], initial, FOR_JUMPS)
+    return answer(
+        partial(_search, number, fields, is_state),
+        padded,
+        load,
+        start,
+        steps,
+        bar=(number, "states", progress),
+        describe=partial(_describe, load),
+        throw=throw,
+    )
+
+
+def _search(
+    number: int,
+    fields: bool,
+    is_state: bool,
+    contact: Contact,
+    load: Load,
+    start: Field | None,
+    steps: list[Scalar | None],
+) -> Branch:
+    inputs = contact, load, start, steps
+    if is_traced(inputs):
+        traced = by_entries(lambda *inputs: _traced(number, fields, _begun(is_state, *inputs)))
+        return traced(*inputs)
+    return _eager(number, fields, _begun(is_state, *inputs))
+
+
+def _begun(
+    is_state: bool, contact: Contact, load: Load, start: Field | None, steps: list[Scalar | None]
+) -> Begun:
+    solver = SaddleNewton() if is_state else PreconditionedConjugateGradient()
+    problem, branch = begin(contact, load, find(contact, load[0], solver, start), *steps)
+    return problem, branch, *entry_of(problem, branch)
+
+
+def _gone_on(problem: ContinuationProblem, branch: BranchState) -> tuple[BranchState, Entry, Turn]:
+    """Return a branch after the next new state, which it also returns, or at its end."""
+    fresh = replace(branch, step=replace(branch.step, is_new=np.array(False)))
+    ended = while_loop(
+        lambda branch: branch.is_on & ~concrete(branch.step.is_new),
+        partial(next_state, problem),
+        fresh,
+    )
+    return ended, *entry_of(problem, ended)
+
+
+def _eager(number: int, fields: bool, begun: Begun) -> Branch:
+    """Return a branch to its end, or until interrupted, state by state."""
+    problem, branch, entry, like = begun
+    entries = [_kept(entry, fields)]
+    turns = []
+    try:
+        while branch.is_on and len(entries) < number:
+            gone_on = jax.block_until_ready(_gone_on(problem, branch))
+            # A step is kept with its state, its turn and how it ended, or not at all.
+            with interrupts_held() as held:
+                branch, entry, turn = gone_on
+                if branch.step.is_new:
+                    entries.append(_kept(entry, fields))
+                    advance_if_known(entry)
+                    if branch.step.turns:
+                        if any(is_same(problem, turn, other) for other in turns):
+                            branch = replace(branch, end=KINDS.loop)
+                        turns.append(turn)
+            if held:
+                raise KeyboardInterrupt
+    except early_ends():
+        warn(f"The branch was interrupted after {several(len(entries), 'state')}.", PathInterrupted)
+        branch = replace(branch, result=RESULTS.interrupted)
+    with interrupts_held():
+        return _branch(problem, branch, stacked(entries, entry), stacked(turns, like))
+
+
+def _kept(entry: Entry, fields: bool) -> Entry:
+    return entry if fields else replace(entry, point=replace(entry.point, gap=jnp.zeros((0,))))
+
+
+def _traced(number: int, fields: bool, begun: Begun) -> Branch:
+    """Return a branch in room for a number of states, within a program."""
+    problem, branch, entry, turn = begun
+    states = Table.like(entry, number, fields).with_entry(entry, jnp.array(True))
+
+    def further(state: tuple[BranchState, Table, Table]) -> tuple[BranchState, Table, Table]:
+        branch, states, turns = state
+        branch, entry, turn = _gone_on(problem, branch)
+        is_turn = branch.step.is_new & branch.step.turns
+        is_loop = is_turn & is_same(problem, turn, turns.rows)
+        branch = replace(branch, end=KINDS.where(is_loop, KINDS.loop, branch.end))
+        states = states.with_entry(entry, branch.step.is_new)
+        return branch, states, turns.with_entry(turn, is_turn)
+
+    def goes_on(state: tuple[BranchState, Table, Table]) -> Flag:
+        return state[0].is_on & ~state[1].is_full & ~state[2].is_full
+
+    start = branch, states, Table.like(turn, _MAX_TURNS)
+    branch, states, turns = jax.lax.while_loop(goes_on, further, start)
+    is_cut = branch.is_on & turns.is_full & ~states.is_full
+    branch = replace(branch, result=RESULTS.where(is_cut, RESULTS.store_full, branch.result))
+    return _branch(problem, branch, states.rows, turns.rows)
+
+
+def _branch(
+    problem: ContinuationProblem, branch: BranchState, entries: Entry, turns: Turn
+) -> Branch:
+    is_unclear = (branch.end == KINDS.lost) | (branch.end == KINDS.uncertain)
+    result = RESULTS.where(is_unclear, RESULTS.lost_branch, branch.result)
+    load, states = states_along(problem.curve.contact, problem.curve.load, entries.point)
+    return Branch(load, states, entries.index, turns, branch.end, result)
+
+
+def _describe(load: Load, branch: Branch) -> str:
+    number = several(len(branch), "state")
+    last = float(branch.load.value[-1])
+    # Without a first state there is no load, nor an end.
+    last = float(load.value[0]) if math.isnan(last) else last
+    where = f"{type(load).__name__}({last:.6g}) after {number}"
+    is_end = branch.end != KINDS.states
+    return f"The branch ended at {where}" + (f", {KINDS[branch.end]}" if is_end else "")

@@ -1,0 +1,277 @@
+"""The curve of a contact's equilibria, stable or not, in the gap and the mean pressure.
+
+Whatever the load, its equilibria obey K u + p0 + f'(g) = 0 on the free points. With p0 as an
+unknown these are curves, which no load is a part of: a load only says where on them it is. They are
+smooth where the free points stay the same, and have kinks where one touches or is released.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxstab.branches.gmres import gmres
+from jaxstab.contact import Contact
+from jaxstab.contact.hessian import Hessian
+from jaxstab.core.grid import mean, total
+from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.loads import Load
+from jaxstab.potentials import derivatives
+
+# How well a tangent is solved for, and by how many restarts of GMRES at most.
+TANGENT_ACCURACY = {"float64": 1e-5, "float32": 1e-4}
+_MAX_RESTARTS = 10
+# Over the rms elastic pressure of full contact.
+_LEAST_SCALE = 1e-2
+# This part of the largest attraction is taken for none.
+HARDLY_ANY = 1e-3
+
+
+class Point(eqx.Module):
+    """A gap and a mean pressure, or a change of both."""
+
+    gap: Field
+    pressure: Scalar
+
+    def plus(self, change: "Point", length: Scalar | float = 1.0) -> "Point":
+        """Return the point after so much of a change."""
+        return Point(self.gap + length * change.gap, self.pressure + length * change.pressure)
+
+    def minus(self, other: "Point") -> "Point":
+        """Return the change from another point."""
+        return Point(self.gap - other.gap, self.pressure - other.pressure)
+
+    def times(self, other: "Point") -> Scalar:
+        """Return the sum of products of two changes, or of a gradient and a change."""
+        return total(self.gap * other.gap) + self.pressure * other.pressure
+
+
+class Forces(eqx.Module):
+    """The pressures at a point.
+
+    Attributes:
+        net: K u + p0 + f'(g) [pressure].
+        curvature: f''(g) [pressure/length].
+        scale: the size of the pressures that balance each other [pressure].
+    """
+
+    net: Field
+    curvature: Field
+    scale: Scalar
+
+
+class Curve(eqx.Module):
+    """The equilibria of a contact, and where a load is on them.
+
+    Attributes:
+        contact: the contact, in its characteristic units.
+        load: the load, at any value.
+        least_scale: the pressure below which an imbalance counts for less.
+        load_offset: the value of the load at no gap and no pressure.
+        load_gradient: the gradient of its value, which is the same anywhere.
+        farthest: the gap beyond which there is hardly any attraction, under a load that does not
+            hold the gap [length]; infinite under others.
+    """
+
+    contact: Contact
+    load: Load
+    least_scale: Scalar
+    load_offset: Scalar
+    load_gradient: Point
+    farthest: Scalar
+
+    @classmethod
+    def of(cls, contact: Contact, load: Load) -> "Curve":
+        """Return the curve of a contact under a load."""
+        offset, gradient = _value_of(contact, load)
+        profile = contact.profile
+        conforming = contact.conforming_pressure
+        # Over a flat surface nothing but the load balances the attraction.
+        least = _LEAST_SCALE * jnp.where(conforming > 0, conforming, profile.max_attraction)
+        outermost = profile.outermost_gap(HARDLY_ANY * profile.max_attraction)
+        farthest = jnp.where(jnp.any(gradient.gap != 0), jnp.inf, outermost)
+        return cls(contact, load, least, offset, gradient, farthest.astype(least.dtype))
+
+    @property
+    def stiffness(self) -> Scalar:
+        """The pressure that counts as much as a unit of length [pressure/length]."""
+        return self.contact.solid.min_stiffness
+
+    def gradient_of(self, change: Point) -> Point:
+        """Return the gradient of the product of a change with another one [1/length].
+
+        It is the mean product of the changes of gap, and the product of the changes of pressure
+        over the stiffness squared.
+        """
+        size = change.gap.size
+        return Point(change.gap / size, change.pressure / self.stiffness**2)
+
+    def cosine(self, one: Point, other: Point) -> Scalar:
+        """Return the cosine between two changes."""
+        lengths = self.length(one) * self.length(other)
+        return self.gradient_of(one).times(other) / jnp.where(lengths > 0, lengths, 1)
+
+    def length(self, change: Point) -> Scalar:
+        """Return the size of a change [length]."""
+        return jnp.sqrt(self.gradient_of(change).times(change))
+
+    def value(self, at: Point) -> Scalar:
+        """Return the value of the load at a point."""
+        return self.load_offset + self.load_gradient.times(at)
+
+    def rate(self, tangent: Point) -> Scalar:
+        """Return how the value of the load changes along a tangent."""
+        return self.load_gradient.times(tangent)
+
+    def forces(self, at: Point, is_free: Mask) -> Forces:
+        """Return the pressures at a point with these free points."""
+        contact = self.contact
+        gap = at.gap
+        elastic = contact.solid.with_uniform_stiffness(0).apply(gap + contact.heights)
+        _, attraction, curvature = derivatives(contact.potential, gap)
+        net = elastic + attraction + at.pressure
+        resisting = jnp.where(is_free, attraction + at.pressure, 0)
+        scale = jnp.sqrt(total(elastic**2 + resisting**2) / gap.size)
+        return Forces(net, curvature, jnp.maximum(scale, self.least_scale))
+
+    def net_rate(self, curvature: Field, change: Point) -> Field:
+        """Return how the net pressure follows a change where f'' is this, A dg + dp0."""
+        return Hessian(self.contact.solid, curvature)(change.gap) + change.pressure
+
+    def scaled(self, change: Point, is_free: Mask, ahead: Point) -> Point:
+        """Return a change of the free points along which a linear function grows by one.
+
+        It is zero if the function falls along it.
+        """
+        change = Point(jnp.where(is_free, change.gap, 0), change.pressure)
+        rate = ahead.times(change)
+        scale = jnp.where(rate > 0, 1 / jnp.where(rate > 0, rate, 1), 0)
+        return Point(scale * change.gap, scale * change.pressure)
+
+    def residual_of(self, direction: Point, curvature: Field, ahead: Point) -> Point:
+        """Return how far a change is from one along the curve by which a function grows by one."""
+        return Point(-self.net_rate(curvature, direction), 1 - ahead.times(direction))
+
+    def unit(self, change: Point) -> Point:
+        """Return a change of unit length."""
+        length = self.length(change)
+        return Point(change.gap / length, change.pressure / length)
+
+    def solution(
+        self,
+        curvature: Field,
+        is_free: Mask,
+        row: Point,
+        right: Point,
+        accuracy: Scalar | float,
+        size: Scalar | float,
+    ) -> Point:
+        """Return the change with A dg + dp0 = r on the free points and a gradient's product s.
+
+        Solved by GMRES, since A need not be positive, in numbers without a unit: pressures are over
+        the stiffness c of the softest wave, and the gradient over its size. The preconditioner is
+        the inverse of K + c + mean |f''| on changes without a mean. The mean and the pressure are
+        solved for together, by themselves.
+
+        Arguments:
+            curvature: f''(g).
+            is_free: the points that move.
+            row: the gradient.
+            right: r and s.
+            accuracy: of the solution, as a part of the right-hand side, or of the size.
+            size: of the vector that the solution is added to [length].
+        """
+        soft = self.stiffness
+        number = row.gap.size
+        hessian = Hessian(self.contact.solid, curvature, None, is_free)
+        inverse = hessian.inverse(soft + total(jnp.abs(hessian.curvature)) / number)
+
+        def inside(field: Field) -> Field:
+            return jnp.where(is_free, field, 0)
+
+        # Of all numbers the pressure and the product count as much as the gaps together.
+        weight = number**0.5
+        row = Point(inside(row.gap), row.pressure * soft / weight)
+        norm = jnp.sqrt(row.times(row))
+        row = jax.tree.map(lambda part: part / jnp.where(norm > 0, norm, 1), row)
+        uniform = inside(jnp.ones_like(row.gap)) / weight
+        # The mean has a stiffness of its own, often negative, that K + c does not know.
+        share = total(uniform**2)
+        is_open = share > 0
+        share = jnp.where(is_open, share, 1)
+        stiffness = total(uniform * hessian(uniform)) / (soft * share)
+        along = total(row.gap * uniform)
+        other = row.pressure * stiffness
+        # A small difference would blow up the rest of the right-hand side.
+        least = (jnp.abs(along) + jnp.abs(other)) / 2
+        along = along - other
+        along = jnp.where(jnp.abs(along) < least, jnp.where(along < 0, -2, 2) * least, along)
+        along = jnp.where(along == 0, 1, along)
+        by_pressure = jnp.where(is_open | (row.pressure == 0), 1, row.pressure)
+
+        def bordered(change: Point) -> Point:
+            moved = inside(change.gap)
+            pressure = inside(hessian(moved)) / soft + change.pressure * uniform
+            # Points that do not move are left to the identity.
+            return Point(pressure + change.gap - moved, row.times(Point(moved, change.pressure)))
+
+        def precondition(right: Point) -> Point:
+            level = total(uniform * right.gap) / share
+            rest = soft * inside(inverse(inside(right.gap - level * uniform)))
+            rest = rest - total(uniform * rest) / share * uniform
+            residual = right.pressure - total(row.gap * rest) - row.pressure * level
+            shift = residual / along
+            # In full contact there is the pressure alone.
+            pressure = jnp.where(is_open, level - stiffness * shift, residual / by_pressure)
+            return Point(rest + shift * uniform, pressure)
+
+        wanted = Point(inside(right.gap) / soft, right.pressure / jnp.where(norm > 0, norm, 1))
+        wanted = precondition(wanted)
+        residual = accuracy * jnp.maximum(jnp.sqrt(wanted.times(wanted)), weight * size)
+        solution = gmres(
+            lambda change: precondition(bordered(change)), wanted, residual, _MAX_RESTARTS
+        )
+        return Point(inside(solution.gap), solution.pressure * soft / weight)
+
+
+class Place(eqx.Module):
+    """A point of the curve, its free points, and the direction in which the branch goes on."""
+
+    at: Point
+    is_free: Mask
+    tangent: Point
+
+
+class ContinuationProblem(eqx.Module):
+    """A curve, the values of the load that begin and end a branch, and the limits of steps on it.
+
+    One to a limit ends with its first unstable state: of negative eigenvalues only few are counted.
+    """
+
+    curve: Curve
+    first: Scalar
+    last: Scalar
+    max_step: Scalar
+    min_step: Scalar
+    to_limit: bool = eqx.field(static=True)
+
+    def is_beyond(self, at: Point) -> Flag:
+        """Return whether a point has reached the last load."""
+        return (self.curve.value(at) - self.last) * (self.first - self.last) <= 0
+
+
+def _value_of(contact: Contact, load: Load) -> tuple[Scalar, Point]:
+    """Return the value of a load at no gap and no pressure, and its gradient, the same anywhere."""
+    gap = jnp.ones_like(contact.heights)
+    nothing = jnp.zeros((), gap.dtype)
+    fixes_mean = contact.control(load).fixes_mean
+
+    def error(value: Scalar, level: Scalar) -> Scalar:
+        control = contact.control(load.at(value))
+        if fixes_mean:
+            return level - mean(control.restore(gap))
+        return mean(control.net_pressure(0 * gap, level * gap))
+
+    by_value, by_mean = jax.grad(error, (0, 1))(nothing, nothing)
+    by_pressure = 0 * by_value if fixes_mean else -jnp.ones_like(by_value)
+    row = Point(-by_mean / by_value * gap / gap.size, -by_pressure / by_value)
+    return -error(nothing, nothing) / by_value, row

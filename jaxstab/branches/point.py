@@ -1,0 +1,81 @@
+"""A state on a curve or a load path, with the quantities that follow from its load and gap."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxstab.branches.energy import rounding_of, supply_of
+from jaxstab.branches.states import States
+from jaxstab.contact import Contact
+from jaxstab.core.grid import mean
+from jaxstab.core.types import Field, Scalar
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.loads import Load
+
+
+class PathPoint(eqx.Module):
+    """A state on a path: its load and gap, and the quantities that follow from them.
+
+    Attributes:
+        value: of the load.
+        gap: g [length].
+        mean_gap: mean(g) [length].
+        mean_pressure: p0 [pressure].
+        contact_area: the number of contact points over the number of all points.
+        energy: E, of the surface [energy].
+        stored: E and the energy of the machine [energy].
+        potential: E + W [energy].
+        force: F, how the potential follows the load on a branch [energy over unit of the load].
+        dissipation: lost in the jumps up to there [energy].
+    """
+
+    value: Scalar
+    gap: Field
+    mean_gap: Scalar
+    mean_pressure: Scalar
+    contact_area: Scalar
+    energy: Scalar
+    stored: Scalar
+    potential: Scalar
+    force: Scalar
+    dissipation: Scalar
+
+    def rounding(self, area: Scalar) -> Scalar:
+        """Return the part of a loss near this state that may be rounding [energy]."""
+        return rounding_of(self.potential, area * self.mean_pressure * self.mean_gap)
+
+
+def point_of(contact: Contact, found: Equilibrium, value: Scalar) -> PathPoint:
+    """Return an equilibrium as a point of a path without jumps, at the value of the load."""
+    load = found.load.at(value)
+    mean_gap = mean(found.gap)
+    held, force = supply_of(contact, load, mean_gap, found.mean_pressure)
+    return PathPoint(
+        value,
+        found.gap,
+        mean_gap,
+        found.mean_pressure,
+        found.contact_area,
+        found.energy,
+        found.energy + (held if contact.control(load).stores_energy else 0),
+        found.energy + held,
+        force,
+        jnp.zeros_like(held),
+    )
+
+
+def states_along(contact: Contact, one: Load, points: PathPoint) -> tuple[Load, States]:
+    """Return the loads and the states of points along a path, given the load at any value."""
+    loads = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, points.value.shape), one)
+    return loads.at(points.value), States(
+        points.mean_gap,
+        points.mean_pressure,
+        points.contact_area,
+        jnp.broadcast_to(contact.area, points.energy.shape),
+        points.energy,
+        points.stored - points.stored[0] + points.dissipation,
+        points.dissipation,
+        points.gap if points.gap.size else None,
+        contact.units,
+        contact.solid.is_window,
+    )

@@ -1,0 +1,111 @@
+"""Recorded states in order, along a branch or a load path."""
+
+from collections.abc import Iterator
+from typing import Annotated, Any, Self
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxstab.core.display import Outcome, several
+from jaxstab.core.units import (
+    AREA,
+    ENERGY,
+    LENGTH,
+    NO_UNITS,
+    NUMBER,
+    PRESSURE,
+    Dimensioned,
+    Units,
+    measured,
+)
+from jaxstab.loads import Load
+
+
+class PathInterrupted(UserWarning):
+    """A path was interrupted; it holds the states so far."""
+
+
+class States(Outcome):
+    """The recorded states of a path, in order.
+
+    Attributes:
+        mean_gap: mean(g) [length].
+        mean_pressure: p0, positive in compression [pressure].
+        contact_area: the number of contact points over the number of all points.
+        area: the area of the cell [length^2]; on a line its length [length].
+        energy: elastic and adhesive energy of the surface [energy].
+        work: done up to here on surface and spring by the load: the change of their energy and the
+            loss in the jumps [energy].
+        dissipation: energy lost in the jumps up to here [energy].
+        gap: g, None without `fields` [length].
+        units: the units of length and of pressure, None where unknown.
+        is_window: whether the surface is a window, pressed by a force, and not repeated.
+    """
+
+    mean_gap: Annotated[Float[Array, "*states"], LENGTH]
+    mean_pressure: Annotated[Float[Array, "*states"], PRESSURE]
+    contact_area: Annotated[Float[Array, "*states"], NUMBER]
+    area: Annotated[Float[Array, "*states"], AREA]
+    energy: Annotated[Float[Array, "*states"], ENERGY]
+    work: Annotated[Float[Array, "*states"], ENERGY]
+    dissipation: Annotated[Float[Array, "*states"], ENERGY]
+    gap: Annotated[Float[Array, " *states_and_grid"], LENGTH] | None
+    units: Units = eqx.field(static=True, default=NO_UNITS, repr=False)
+    is_window: bool = eqx.field(static=True, default=False, repr=False)
+
+    @property
+    def force(self) -> Float[Array, "*states"]:
+        """The mean pressure times the area of the cell, positive in compression.
+
+        [force]; on a line it is a force per length across it [force/length].
+        """
+        return self.mean_pressure * self.area
+
+
+class PathState(Outcome):
+    """A recorded state of a path, or several: `path[-1]`, `path[3:5]`.
+
+    A state with a gap can start further equilibria and paths, as `initial=`.
+
+    Attributes:
+        load: its load.
+        equilibrium: the state.
+    """
+
+    load: Load
+    equilibrium: States
+
+
+class StateSequence(Dimensioned):
+    """States in order: `path[3]` is one of them, `path[3:5]` are several, `len(path)` all.
+
+    In a batch, as after `jax.vmap`, `batch[3]` is the fourth path.
+
+    Attributes:
+        load: the loads of the recorded states.
+        equilibrium: these states.
+    """
+
+    load: Load
+    equilibrium: States
+
+    def __len__(self) -> int:
+        return len(self.load)
+
+    def __getitem__(self, index: Any) -> PathState | Self:
+        if self.load.value.ndim > 1:
+            entry = np.arange(len(self))[index]
+            return jax.tree.map(lambda leaf: leaf[entry], self)
+        return PathState(self.load[index], self.equilibrium[index])
+
+    def __iter__(self) -> Iterator[PathState | Self]:
+        return (self[i] for i in range(len(self)))
+
+    @property
+    def _extent(self) -> str:
+        """The first and the last load and the number of states, in words."""
+        loads, units = np.asarray(self.load.value), self.equilibrium.units
+        first, last = (measured(units, loads[i], self.load.unit, digits=6) for i in (0, -1))
+        return f"{type(self.load).__name__} {first} to {last} in {several(loads.size, 'state')}"

@@ -1,0 +1,217 @@
+"""The history of a viscoelastic contact, and one state of it."""
+
+from dataclasses import replace
+from typing import Annotated, Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from jaxstab.branches.states import States
+from jaxstab.branches.tables import load_column, measured_columns, state_columns
+from jaxstab.contact import Contact, require_contact
+from jaxstab.core import display
+from jaxstab.core.checks import require_kind
+from jaxstab.core.display import column
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Scalar
+from jaxstab.core.units import ENERGY, FORCE, LENGTH, NUMBER, PRESSURE, TIME
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.equilibrium.equilibrium import state_at
+from jaxstab.loads import Load, MeanDisplacement, MeanGap
+from jaxstab.solids.viscoelastic import Viscoelastic
+
+Tree = TypeVar("Tree")
+
+
+class Internal(eqx.Module):
+    """The memory of a viscoelastic contact, on the grid that it is solved on.
+
+    Attributes:
+        gap: g [length].
+        strains: v_k of each spring, first w, the displacement relative to the far side [length].
+    """
+
+    gap: Annotated[Field, LENGTH]
+    strains: Annotated[Float[Array, " springs_and_grid"], LENGTH]
+
+
+class Totals(eqx.Module):
+    """The scalars of a viscoelastic contact at a time, or at several.
+
+    Attributes:
+        mean_gap: mean(g) [length].
+        mean_pressure: p0, positive in compression [pressure].
+        contact_area: the number of contact points over the number of all points.
+        stored: elastic energy of all branches, adhesive energy and the energy of a spring, less
+            their sum at the start [energy].
+        work: done by the load since the start [energy].
+        dissipated: in the solid, since the start [energy].
+        lost: in jumps, since the start [energy].
+    """
+
+    mean_gap: Annotated[Float[Array, "..."], LENGTH]
+    mean_pressure: Annotated[Float[Array, "..."], PRESSURE]
+    contact_area: Annotated[Float[Array, "..."], NUMBER]
+    stored: Annotated[Float[Array, "..."], ENERGY]
+    work: Annotated[Float[Array, "..."], ENERGY]
+    dissipated: Annotated[Float[Array, "..."], ENERGY]
+    lost: Annotated[Float[Array, "..."], ENERGY]
+
+
+class Evolution(Totals):
+    """A viscoelastic contact at given times; arrays have a leading axis of times.
+
+    `evolution[3]` is one state, without that axis. Its memory, and so its verdicts, need
+    `fields=True`, except for the last state. In a batch, as after `jax.vmap`, it is the
+    fourth evolution.
+
+    Attributes:
+        contact: the contact, of a `Viscoelastic` solid.
+        load: the load at each time.
+        times: the times [time].
+        force: the mean pressure times the area of the cell, positive in compression [force].
+        fields: gap and memory at each time; None without `fields`.
+        last: gap and memory of the last state that was found.
+        reached: the time of the last state that was found [time].
+        jump_times: when the contact jumped; under JAX transformations the end of each step [time].
+        dissipation: the energy lost in each jump; under JAX transformations in each step [energy].
+        num_steps: the number of steps that led to each state from the one before.
+        result: a member of `RESULTS`: how each state was reached.
+    """
+
+    contact: Contact
+    load: Load
+    times: Annotated[Float[Array, "..."], TIME]
+    force: Annotated[Float[Array, "..."], FORCE]
+    fields: Internal | None = eqx.field(repr=False)
+    last: Internal | None = eqx.field(repr=False)
+    reached: Annotated[Scalar, TIME]
+    jump_times: Annotated[Float[Array, " jumps"], TIME]
+    dissipation: Annotated[Float[Array, " jumps"], ENERGY]
+    num_steps: Int[Array, "..."]
+    result: RESULTS
+
+    def __len__(self) -> int:
+        if self.times.ndim == 0:
+            raise TypeError("This is a single state of an evolution, without entries to choose.")
+        return len(self.times)
+
+    def __bool__(self) -> bool:
+        return self.times.ndim == 0 or len(self) > 0
+
+    def __getitem__(self, index: Any) -> "Evolution":
+        places = np.arange(len(self))[index]
+        if self.is_batch:
+            return jax.tree.map(lambda leaf: leaf[places], self)
+        names = "contact", "last", "reached", "jump_times", "dissipation"
+        of_all = {name: getattr(self, name) for name in names}
+        if places.size == 0:
+            of_all["last"] = None
+        elif (end := np.ravel(places)[-1]) < len(self) - 1:
+            of_all["last"] = jax.tree.map(lambda leaf: leaf[end], self.fields)
+            of_all["reached"] = jnp.minimum(self.reached, self.times[end])
+        picked = replace(self, **dict.fromkeys(names))
+        return replace(jax.tree.map(lambda leaf: leaf[places], picked), **of_all)
+
+    @property
+    def is_batch(self) -> bool:
+        """Whether these are several evolutions, or states of several."""
+        return self.reached.ndim > 0
+
+    @property
+    def internal(self) -> Internal:
+        """Gap and memory of a single state, or of the last one.
+
+        Raises:
+            ValueError: where they were not kept, and for several evolutions.
+        """
+        if self.is_batch:
+            raise ValueError(f"These are {len(self)} evolutions: choose one, as batch[0].")
+        if self.last is None:
+            raise ValueError(
+                "The gap and the memory of this state were not kept: call evolve with fields=True."
+            )
+        return self.last
+
+    @property
+    def equilibrium(self) -> States:
+        """The states as a path has them: energies above the start, losses in jumps."""
+        contact = self.contact
+        kept = self.fields
+        return States(
+            self.mean_gap,
+            self.mean_pressure,
+            self.contact_area,
+            area=jnp.broadcast_to(contact.area, self.mean_gap.shape),
+            energy=self.stored,
+            work=self.work,
+            dissipation=self.lost,
+            gap=None if kept is None else contact.solid.padded.surface(kept.gap),
+            units=contact.units,
+            is_window=contact.solid.is_window,
+        )
+
+    @property
+    def gap(self) -> Field:
+        """The gap of a single state, or of the last one [length]."""
+        return self.contact.solid.padded.surface(self.internal.gap)
+
+    @property
+    def instant(self) -> tuple[Contact, Equilibrium]:
+        """The contact of a single state, or the last, as it answers at once; its equilibrium.
+
+        The solid is the glassy one, on a surface moved by the memory; on a window both are on the
+        larger grid that it is solved on. After a failure the gap is NaN.
+        """
+        padded = self.contact.padded
+        memory = self.internal
+        load = self.load
+        result = self.result
+        if load.value.ndim > 0:
+            load = load[-1]
+            result = result[-1]
+        contact = moved_contact(padded, memory, jnp.zeros((), memory.gap.dtype))
+        return contact, state_at(contact, on_gap(padded, load), or_nan(memory.gap, result))
+
+    @display.readable
+    def __repr__(self) -> str:
+        units = self.contact.units
+        columns = {"time": column(self.times, "{:.6g}".format)}
+        columns |= load_column(self.load, units, ".6g") | state_columns(self.equilibrium)
+        balance = {name: getattr(self, name) for name in ("work", "stored", "dissipated", "lost")}
+        columns |= measured_columns(balance, units, ENERGY)
+        columns["steps"] = column(self.num_steps, str)
+        return display.table(columns | {"result": column(self.result.name, str)})
+
+
+def or_nan(tree: Tree, result: RESULTS) -> Tree:
+    """Return the leaves of a state, or NaN if it was not found."""
+    is_found = result == RESULTS.successful
+    return jax.tree.map(lambda leaf: jnp.where(is_found, leaf, jnp.nan), tree)
+
+
+def relaxed_contact(contact: Contact) -> Contact:
+    """Return the contact of the relaxed solid; raise `TypeError` if it is not viscoelastic."""
+    require_contact(contact)
+    solid: Any = contact.solid
+    cure = "give the contact a Viscoelastic(solid, ratios, times)."
+    require_kind(solid, Viscoelastic, f"no solid with relaxation times: {cure}")
+    return eqx.tree_at(lambda contact: contact.solid, contact, solid.relaxed)
+
+
+def moved_contact(contact: Contact, memory: Internal, dt: Scalar) -> Contact:
+    """Return the elastic contact of a step from a state: K_step on h + m."""
+    solid: Any = contact.solid
+    ratios, times = solid.springs
+    kept = jnp.tensordot(ratios * jnp.exp(-dt / times), memory.strains, 1) / solid.stiffening(dt)
+    moved = solid.step(dt), contact.heights + kept - memory.strains[0]
+    return eqx.tree_at(lambda contact: (contact.solid, contact.heights), contact, moved)
+
+
+def on_gap(contact: Contact, load: Load) -> Load:
+    """Return a mean displacement as the mean gap, which no memory moves, and other loads."""
+    control: Any = contact.control(load)
+    return MeanGap(control.mean_gap) if isinstance(load, MeanDisplacement) else load

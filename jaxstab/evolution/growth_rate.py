@@ -1,0 +1,136 @@
+"""The growth rate of the least stable perturbation of a viscoelastic contact."""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jaxstab.contact import Contact
+from jaxstab.contact.hessian import Hessian
+from jaxstab.core.checks import require_kind
+from jaxstab.core.compile import own_conventions, program
+from jaxstab.core.grid import total
+from jaxstab.core.implicit import attach, finite, pushed, undefined
+from jaxstab.core.types import Field, Flag, Mask, Scalar
+from jaxstab.evolution.evolution import Evolution
+from jaxstab.loads import Load
+from jaxstab.stability.cones import Subspace
+from jaxstab.stability.lowest_pair import on_space
+from jaxstab.stability.solvers.base import BLOCK_SIZE, noise
+from jaxstab.stability.solvers.davidson import Davidson
+
+_MAX_STEPS = 30
+_TOLERANCE = 1e-10
+_MOST_DOUBLINGS = 128
+
+
+@own_conventions()
+def growth_rate(evolution: Evolution) -> Scalar:
+    """Return the rate s at which the least stable perturbation of a state grows [1/time].
+
+    A perturbation x exp(s t) meets the stiffness K(s) = K (1 + sum r_k s t_k / (1 + s t_k)). At
+    the rate of growth K(s) + D is singular on the linear space of the critical cone, where the
+    points that press stay in contact. The smallest eigenvalue grows with the stiffness; its root is
+    found by Newton's method.
+
+    Arguments:
+        evolution: one state of an `Evolution` with `fields`, or the last one.
+
+    Returns:
+        s; zero where the relaxed solid is stable, infinite where the glassy one is not. For the
+        last state it has first derivatives, as `evolve` has; otherwise they are NaN.
+
+    Raises:
+        TypeError: for something that is no evolution.
+        ValueError: if the gap of the state was not kept.
+    """
+    require_kind(evolution, Evolution, "no evolution: give a state of a result of jaxstab.evolve.")
+    contact, equilibrium = evolution.instant
+    solid: Any = evolution.contact.solid
+    unit = contact.characteristic_pressure
+    contact = contact.in_units_of(unit)
+    equilibrium = equilibrium.in_units_of(unit)
+    glassy = solid.stiffening(0.0)
+    inputs = glassy, contact, equilibrium.load, equilibrium.gap
+    is_moving = ~(equilibrium.in_contact & (equilibrium.reaction > 0))
+    stiffening, mode = _singular_stiffening(is_moving, *jax.lax.stop_gradient(inputs))
+    stiffening = attach(_changes_of_stiffening, stiffening, mode, inputs)
+    is_between = (stiffening > 1) & (stiffening <= glassy)
+    rate = _rate(jnp.where(is_between, stiffening, 1), solid.ratios, solid.times)
+    rate = jnp.where(stiffening <= 1, 0, jnp.where(jnp.isnan(stiffening), jnp.nan, rate))
+    return jnp.where(stiffening > glassy, jnp.inf, rate)
+
+
+@program
+def _singular_stiffening(
+    is_moving: Mask, glassy: Scalar, contact: Contact, load: Load, gap: Field
+) -> tuple[Scalar, Field]:
+    """Return the c >= 1 at which c K + D is singular, above `glassy` if that is unstable.
+
+    And the mode on the moving points that has no stiffness there.
+    """
+    space = Subspace(is_moving, contact.control(load).fixes_mean)
+    solver = Davidson()
+
+    def goes_on(state: tuple) -> Flag:
+        c, before, *_, number = state
+        return (jnp.abs(c - before) > _TOLERANCE * c) & (number < _MAX_STEPS)
+
+    def step(state: tuple) -> tuple:
+        c, _, starts, _, number = state
+        found = on_space(solver, _stiffened(c, glassy, contact, load, gap), space, starts)
+        mode = found.pair.mode
+        # x.A(c) x lies above the smallest eigenvalue, and touches it: no root is passed over.
+        slope = _slope(mode, c, glassy, contact, load, gap)
+        new = jnp.clip(c - found.pair.eigenvalue / slope, 1, 2 * glassy)
+        return new, c, found.modes, mode, number + 1
+
+    starts = contact.grid.device_put(noise(jax.random.key(0), BLOCK_SIZE, gap))
+    state = glassy, jnp.full_like(glassy, jnp.inf), starts, jnp.zeros_like(gap), jnp.array(0)
+    c, _, _, mode, number = jax.lax.while_loop(goes_on, step, state)
+    c = jnp.where(space.is_trivial, 1, jnp.where(number < _MAX_STEPS, c, jnp.nan))
+    return c, mode
+
+
+def _stiffened(c: Scalar, glassy: Scalar, contact: Contact, load: Load, gap: Field) -> Hessian:
+    """Return c K + D, with the load's part; the solid of the contact is the glassy one."""
+    solid = contact.solid.scaled(c / glassy)
+    control = load.control(solid, contact.heights)
+    return Hessian(solid, contact.curvature(gap), control.stiffness)
+
+
+def _quotient(mode: Field, c: Scalar, *inputs: Any) -> Scalar:
+    return total(mode * _stiffened(c, *inputs)(mode))
+
+
+def _slope(mode: Field, c: Scalar, *inputs: Any) -> Scalar:
+    return jax.jvp(lambda c: _quotient(mode, c, *inputs), (c,), (jnp.ones_like(c),))[1]
+
+
+def _changes_of_stiffening(
+    c: Scalar, mode: Field, inputs: tuple, changes: tuple
+) -> tuple[Scalar, Flag]:
+    """Return dc = -x.dA x / (x.dA/dc x), since the eigenvalue stays zero: a rule."""
+    inputs = finite(jnp.isfinite(c), inputs)
+    is_found = jnp.isfinite(c)
+    # In second derivatives the mode moves.
+    mode = attach(undefined, mode, None, inputs)
+    work = pushed(partial(_quotient, mode, c), inputs, changes)
+    slope = _slope(mode, c, *inputs)
+    return -work / jnp.where(slope > 0, slope, 1), ~is_found
+
+
+def _rate(stiffening: Scalar, ratios: Array, times: Array) -> Scalar:
+    """Return s of K(s) / K = 1 + sum r_k s t_k / (1 + s t_k), by Newton's method from zero.
+
+    The sum is concave, so no step passes the root but by rounding; the slowest ones double s.
+    """
+
+    def step(_: int, s: Scalar) -> Scalar:
+        turns = 1 + s * times
+        missing = stiffening - 1 - jnp.sum(ratios * s * times / turns)
+        return s + jnp.maximum(missing, 0) / jnp.sum(ratios * times / turns**2)
+
+    return jax.lax.fori_loop(0, _MOST_DOUBLINGS, step, jnp.zeros_like(stiffening))

@@ -1,0 +1,118 @@
+"""The lifetime of a viscoelastic contact under a held load."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxstab.contact import Contact
+from jaxstab.contact.resolution import FOR_JUMPS, warned_once
+from jaxstab.core.checks import require_kind, require_known, require_positive, scalar_parameter
+from jaxstab.core.results import RESULTS, SolverError
+from jaxstab.core.types import ArrayLike
+from jaxstab.equilibrium import Equilibrium, equilibrate
+from jaxstab.evolution.evolution import Evolution, relaxed_contact
+from jaxstab.evolution.evolve import evolve
+from jaxstab.evolution.step import RTOL
+from jaxstab.loads import Load, MeanPressure, require_loads
+
+# When to look first, over the shortest relaxation time; until when, over the longest.
+_FIRST = 1e-4
+_LAST = 1e3
+_PER_DECADE = 4
+_PER_LEG = 8
+
+
+def lifetime(
+    contact: Contact,
+    load: Load,
+    *,
+    initial: Equilibrium | Evolution | None = None,
+    until: ArrayLike | None = None,
+    rtol: float | None = None,
+) -> float:
+    """Return the time to detachment under a load that is applied at once and then held.
+
+    The contact has detached once a dead load has pulled the surfaces apart, or once no point is in
+    contact. A law with a core keeps every gap open, so that there only the first counts.
+
+    Arguments:
+        contact: the contact, of a `Viscoelastic` solid.
+        load: the load, a single value.
+        initial: a state in contact before, as in `evolve`; by default relaxed, without a load.
+        until: how long to follow the contact [time]; by default a thousand times the longest
+            relaxation time.
+        rtol: the error of a step, as in `evolve`, and of a time where points lose contact smoothly.
+
+    Returns:
+        The time [time]: zero if it detaches at once, infinite if the relaxed solid has an
+        equilibrium in contact where the contact has come to rest.
+
+    Raises:
+        TypeError: for a solid that is not viscoelastic, a start that is no state, and under JAX
+            transformations.
+        ValueError: for an array of loads, and an initial state without contact.
+        SolverError: where an equilibrium is not found for another reason than detachment, and for a
+            contact that has not come to rest.
+    """
+    relaxed = relaxed_contact(contact)
+    rtol = RTOL[contact.heights.dtype.name] if rtol is None else rtol
+    require_known((contact, load, initial, until), "lifetime")
+    require_loads(load, (), "lifetime takes one load", "use a loop.")
+    with warned_once(contact, FOR_JUMPS):
+        return _lifetime(contact, relaxed, load, initial, until, rtol)
+
+
+def _lifetime(
+    contact: Contact, relaxed: Contact, load: Load, initial: Any, until: Any, rtol: Any
+) -> float:
+    solid: Any = contact.solid
+    start = equilibrate(relaxed, MeanPressure(0.0)) if initial is None else initial
+    require_kind(start, Equilibrium | Evolution, "no state: give one of equilibrate or evolve.")
+    # Where a core keeps every gap open, a dead load alone detaches the surfaces.
+    has_core = bool(contact.has_core)
+    if not (has_core or np.asarray(start.contact_area).flat[-1] > 0):
+        raise ValueError(
+            "The initial state has no point in contact, so that nothing can detach: give "
+            "`initial`, a state in contact."
+        )
+    end = _LAST * solid.times[-1] if until is None else scalar_parameter(until, "until")
+    require_positive("until", end)
+    first = jnp.minimum(_FIRST * solid.times[0], end / 2)
+    count = int(_PER_DECADE * np.log10(float(end / first))) + 2
+    times = jnp.concatenate([jnp.zeros(1), jnp.geomspace(first, end, count)])
+    after = np.inf
+    while True:
+        held = jax.tree.map(lambda leaf, times=times: jnp.broadcast_to(leaf, times.shape), load)
+        found = evolve(contact, held, times, initial=start, rtol=rtol, fields=True, throw=False)
+        if len(found) < times.size:
+            raise KeyboardInterrupt
+        result = found.result[-1]
+        area = np.asarray(found.contact_area)
+        is_apart = bool(result == RESULTS.pulled_off)
+        if not (is_apart or result == RESULTS.successful):
+            raise SolverError(f"The contact could not be followed: {RESULTS[result]}.", found)
+        # Once apart there are no numbers.
+        touches = has_core | np.isnan(area) | (area > 0)
+        if touches.all() and is_apart:
+            return float(found.reached)
+        if touches.all():
+            break
+        place = int(np.argmin(touches))
+        before, after = (float(found.times[i]) for i in (max(place - 1, 0), place))
+        if after - before <= rtol * after:
+            break
+        times = jnp.linspace(before, after, _PER_LEG + 1)
+        start = found[place - 1]
+    if after < np.inf:
+        # Where shorter steps hold the contact for longer, it is lost at their end.
+        return after
+    rest = equilibrate(relaxed, load, initial=found.gap, throw=False)
+    if rest.result == RESULTS.successful and (has_core or rest.contact_area > 0):
+        return np.inf
+    raise SolverError(
+        f"The contact still holds at {float(end):.6g}, where the relaxed solid has no "
+        "equilibrium: raise `until`.",
+        found,
+    )

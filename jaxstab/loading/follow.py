@@ -1,0 +1,205 @@
+"""The path of a contact along a load path, through its jumps."""
+
+from dataclasses import replace
+from functools import partial
+
+import equinox as eqx
+import jax
+from jaxtyping import Array
+
+from jaxstab.branches.differentiable_limit import differentiable_value
+from jaxstab.branches.states import PathInterrupted
+from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.entry import answer
+from jaxstab.contact.resolution import FOR_JUMPS, warn_if_coarse
+from jaxstab.core.checks import (
+    cast,
+    concrete,
+    integer,
+    is_traced,
+    parameter,
+    require,
+    require_finite,
+    require_positive,
+    scalar_parameter,
+)
+from jaxstab.core.display import several
+from jaxstab.core.implicit import attach, undefined
+from jaxstab.core.interrupts import early_ends, interrupts_held
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import ArrayLike, Field, Scalar
+from jaxstab.core.warn import warn
+from jaxstab.equilibrium.equilibrate import first_gap
+from jaxstab.equilibrium.equilibrium import State
+from jaxstab.equilibrium.window import padded_start
+from jaxstab.loading.load_path import DISTURBANCE, LoadPath, load_path_of
+from jaxstab.loading.load_stepping import fraction_done, step_to_end
+from jaxstab.loading.path import Jump, Path
+from jaxstab.loading.record import Room
+from jaxstab.loading.recorded_path import Recording, path_of, path_with_room
+from jaxstab.loads import Load, require_load, require_same_machine
+
+# Jumps are located by default from this loss: over the problem's characteristic energy, and over
+# the earlier losses.
+_SMALLEST_JUMP = 2e-7
+_SMALLEST_SHARE = 3e-3
+
+
+def follow(
+    contact: Contact,
+    load: Load,
+    *,
+    initial: ArrayLike | State | None = None,
+    smallest_jump: ArrayLike | None = None,
+    disturbance: ArrayLike = DISTURBANCE,
+    fields: bool = False,
+    progress: bool | None = None,
+    max_states: int = 1024,
+    max_jumps: int = 64,
+    throw: bool = True,
+) -> Path:
+    """Return the equilibria through which a contact goes as its load goes from value to value.
+
+    A step is predicted from the two states before, and corrected by conjugate gradients. Where a
+    branch ends, the load goes on by 1e-6 of its range, and conjugate gradients lower the energy
+    from the last state to an equilibrium. An overdamped relaxation, g' = -(K u + p0 + f'), reached
+    the same contact points in all of 120 jumps of rough surfaces (benchmarks/results/jumps.md).
+    Between jumps a branch is reversible. So the loss of the path is the sum over its jumps of the
+    differences of two potentials at one load. `unlocated` estimates the loss in smaller jumps.
+    Surfaces that a tension has pulled apart stay so until there is a pressure.
+
+    Ctrl-C ends a path after the current steps, in about a second, and returns the states so far.
+
+    Arguments:
+        contact: the contact problem.
+        load: the turning points of the load path, in order: two or more.
+        initial: where the first equilibrium starts, as in `equilibrate`.
+        smallest_jump: the loss from which a jump is located, over the problem's characteristic
+            energy: the elastic energy of full contact and the deepest adhesion. By default 2e-7, or
+            0.3 % of the earlier losses of the path if that is more: jumps of 1 % of a loop's loss
+            are located.
+        disturbance: the size of a random field over the rms height; zero for none. The field is the
+            same at every step, and is added to the start of each equilibrium. On a surface flatter
+            than the range of the law and the spacing of the grid, the size is relative to the
+            smaller of these. So the path leaves branches that are stable only by symmetry.
+        fields: whether to keep the gap of every recorded state.
+        progress: show a progress bar; by default after two seconds, in a terminal or notebook.
+        max_states: how many states there is room for under JAX transformations. Elsewhere a path
+            has as many as it needs.
+        max_jumps: how many jumps, likewise; eleven fields of memory for each.
+        throw: raise an error if the path does not reach its end; otherwise look at `result`.
+
+    Returns:
+        The path. Under JAX transformations arrays have `max_states` and `max_jumps` entries, NaN
+        where there is none; otherwise as many as there are. The loads of its jumps can be
+        differentiated with respect to the contact, as `critical_load` can. The derivatives of
+        anything else are NaN.
+
+    Raises:
+        ValueError: for a load without two finite values or more in one dimension, or with a value
+            that repeats the one before. For machines that differ, and for too little room.
+        SolverError: if `throw`, where an equilibrium is not found, or there is no room left.
+    """
+    require_contact(contact)
+    require_load(load)
+    if load.value.ndim != 1 or load.value.size < 2:
+        raise ValueError(
+            f"follow takes the turning points of a load, two or more in one dimension, but "
+            f"{type(load).__name__} holds an array of shape {load.value.shape}."
+        )
+    # Turning points may be given in a higher precision than the contact has.
+    load = cast(load, contact.heights.dtype)
+    require_finite("The load", load.value)
+    turns = concrete(load.value)
+    cure = "a turning point repeats the one before: leave it out."
+    require("The load", turns, (turns[1:] != turns[:-1]).all(), cure)
+    require_same_machine(load)
+    least = _SMALLEST_JUMP if smallest_jump is None else smallest_jump
+    least = scalar_parameter(least, "smallest_jump")
+    share = parameter(_SMALLEST_SHARE if smallest_jump is None else 0.0)
+    noise = scalar_parameter(disturbance, "The disturbance")
+    require_positive("smallest_jump", least)
+    require("The disturbance", noise, concrete(noise) >= 0, "it must not be negative.")
+    sizes = integer("max_states", max_states), integer("max_jumps", max_jumps)
+    require("max_states", sizes[0], sizes[0] >= 2, "a path has two states at least.")
+    require("max_jumps", sizes[1], sizes[1] >= 1, "leave room for one.")
+    warn_if_coarse(contact, FOR_JUMPS)
+    padded, start = padded_start(contact, load[0], first_gap(contact, load[0], initial))
+    return answer(
+        partial(_search, fields, sizes),
+        padded,
+        load,
+        start,
+        least,
+        share,
+        noise,
+        bar=(100, "%", progress),
+        differentiable=partial(_with_derivatives, (start, least, noise)),
+        describe=partial(_describe, load),
+        throw=throw,
+    )
+
+
+def _search(
+    fields: bool,
+    sizes: tuple[int, int],
+    contact: Contact,
+    load: Load,
+    start: Field | None,
+    least: Scalar,
+    share: Scalar,
+    noise: Scalar,
+) -> Path:
+    load_path = load_path_of(contact, load, least, noise, share, finds_all=True)
+    if is_traced((load_path, start)):
+        return path_with_room(Room(*sizes, fields), load_path, start)
+    return _known_path(fields, load_path, start)
+
+
+def _with_derivatives(
+    others: tuple[Array | None, ...], contact: Contact, load: Load, path: Path
+) -> Path:
+    """Return a path with derivatives of the loads of its jumps; all others are NaN."""
+    if not is_traced((contact, load)):
+        return path
+
+    def value(jump: Jump) -> Scalar:
+        shared = load[0].at(jump.load.value)
+        ahead = jump.after.load.value - jump.load.value
+        return differentiable_value(shared, jump.before.gap, ahead, contact)
+
+    values = jax.lax.map(value, path.jumps)
+    numbers, rest = eqx.partition(path, eqx.is_inexact_array)
+    path = eqx.combine(attach(undefined, numbers, None, (contact, load, others)), rest)
+    return replace(path, jumps=replace(path.jumps, load=path.jumps.load.at(values)))
+
+
+def _known_path(fields: bool, load_path: LoadPath, start: Field | None) -> Path:
+    """Return the path to the end, or until interrupted."""
+    load = load_path.load
+    recording = Recording(load_path, fields)
+    was_interrupted = False
+    try:
+        step_to_end(load_path, start, lambda _: recording)
+    except early_ends():
+        if recording.last is None:
+            raise
+        was_interrupted = True
+    is_cut = not recording.is_complete
+    # The last end of a branch may not be located yet, which takes seconds.
+    with interrupts_held() as held:
+        path = path_of(recording, RESULTS.interrupted if is_cut else recording.last.result)
+    if is_cut:
+        part = 100 * fraction_done(load, recording.last)
+        warn(f"The path was interrupted at {part:.0f} %.", PathInterrupted)
+    elif was_interrupted or held:
+        warn("The path was interrupted after its last step; it is complete.", PathInterrupted)
+    return path
+
+
+def _describe(load: Load, path: Path) -> str:
+    last = float(path.load.value[-1]) if len(path.load.value) else float(load.value[0])
+    return (
+        f"The path ended at {type(load).__name__}({last:.6g}) after "
+        f"{several(len(path.load.value), 'state')} and {several(len(path.jumps.state), 'jump')}"
+    )

@@ -1,0 +1,291 @@
+"""A step along a load path: its target, its meaning, and the state after it.
+
+A step is one of the load, from a prediction by the two states before. On a branch the potential
+E + W, with W the energy of the load, changes by the work of the load: dE + dW = F dl. A step whose
+potential falls by more has left the branch. So has one over which F does not go on as before. The
+errors of a jump in energy and force cannot both vanish by chance. Steps shrink until both are next
+to nothing, or are as short as jumps are located. So the loss of a jump is the difference of the
+potentials of two states at one load.
+"""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from jaxstab.branches.point import PathPoint, point_of
+from jaxstab.core.checks import concrete
+from jaxstab.core.control_flow import choose
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.loading.load_path import LoadPath, Start
+from jaxstab.loading.record import Event, Record
+from jaxstab.loads import Load
+
+# A state is sought further on by this factor where the solver fails beyond the end of a branch.
+_FURTHER = 8
+# How much of the smallest loss the curvature of F may take from the work on a step.
+_MAX_CURVATURE = 4
+# The errors on a branch that may add up in a predicted potential, and for steps once one has
+# failed: to reject these too early costs less.
+_LEEWAY = 20
+_LEEWAY_IN_SEARCH = 5
+# A step that ends before a turning point by less than this part of itself leads there.
+_STRETCH = 1e-6
+# The part of the errors allowed that a step aims at.
+_AIM = 0.7
+
+
+class Bisection(eqx.Module):
+    """The knowledge of a load ahead that a step has failed to reach.
+
+    Attributes:
+        distance: how far ahead the nearest such load lies; infinite if there is none.
+        error: the error of a step there, over the tolerance, as far as it is known.
+        nearness: how near the end of the branch is to be located.
+    """
+
+    distance: Scalar
+    error: Scalar
+    nearness: Scalar
+
+    @property
+    def is_on(self) -> Flag:
+        """Whether there is such a load."""
+        return jnp.isfinite(self.distance)
+
+
+class Progress(eqx.Module):
+    """How far load stepping has come.
+
+    Attributes:
+        here: the last state accepted.
+        last: the state before.
+        next_length: the length of the next step.
+        bisection: for the end of the branch.
+        part: the number of the monotone part of the load path.
+        is_apart: whether the load has pulled the surfaces apart.
+        gap: of the last state recorded.
+        num_states: of states recorded.
+        result: how it went so far.
+    """
+
+    here: PathPoint
+    last: PathPoint
+    next_length: Scalar
+    bisection: Bisection
+    part: Int[Array, ""]
+    is_apart: Flag
+    gap: Field
+    num_states: Int[Array, ""]
+    result: RESULTS
+
+    def is_open(self, load: Load) -> Flag:
+        """Return whether there is a step to take along a load path."""
+        # NumPy compiles nothing.
+        is_before_end = concrete(self.part) < load.value.size - 1
+        return is_before_end & concrete(self.result == RESULTS.successful)
+
+
+class TrialStep(eqx.Module):
+    """A step to be tried.
+
+    Attributes:
+        value: the load it leads to.
+        length: its length.
+        start: where the equilibrium there is sought from.
+        is_end: whether it leads to the end of this part of the load path.
+        is_final: whether a jump is located there, if there is one.
+    """
+
+    value: Scalar
+    length: Scalar
+    start: Start
+    is_end: Flag
+    is_final: Flag
+
+
+class StepOutcome(eqx.Module):
+    """A step that was tried, and its meaning.
+
+    Attributes:
+        dissipation: the loss of its jump, the difference of two potentials at the load of its start
+            [energy].
+        error: of loss and force, over the tolerance on a branch; infinite if it has no end.
+        is_smooth: whether it stayed on the branch.
+        is_jump: whether it left the branch, at its end.
+        is_pulled: whether the surfaces fell apart in that jump.
+        is_apart: whether surfaces that were apart stayed so.
+        is_touch: whether surfaces that were apart came together, as near as that is located.
+        is_lost: whether no equilibrium was found where the branch has ended.
+    """
+
+    dissipation: Scalar
+    error: Scalar
+    is_smooth: Flag
+    is_jump: Flag
+    is_pulled: Flag
+    is_apart: Flag
+    is_touch: Flag
+    is_lost: Flag
+
+    @property
+    def is_event(self) -> Flag:
+        """Whether it has located a jump or a touch."""
+        return self.is_jump | self.is_touch
+
+    @property
+    def is_accepted(self) -> Flag:
+        """Whether the path goes on from where it led to."""
+        return self.is_smooth | self.is_event | self.is_apart
+
+
+def next_step(load_path: LoadPath, progress: Progress) -> TrialStep:
+    """Return the next step to try."""
+    here = progress.here
+    bisection = progress.bisection
+    target = load_path.load.value[progress.part + 1]
+    left = jnp.abs(target - here.value)
+    # Where it failed by its length alone, the rest of the step is right.
+    tries_whole = (bisection.distance <= bisection.nearness) | (bisection.error <= 1)
+    within = jnp.where(tries_whole, bisection.distance, bisection.distance / 2)
+    length = jnp.minimum(jnp.where(bisection.is_on, within, progress.next_length), left)
+    # No step is left over that is as short as rounding.
+    is_end = left <= (1 + _STRETCH) * length
+    length = jnp.where(is_end, left, length)
+    # The last step to a load that failed is a jump, if it fails again.
+    is_near = (length if load_path.finds_all else bisection.distance) <= bisection.nearness
+    is_final = bisection.is_on & is_near
+    change = jnp.sign(target - here.value) * length
+    value = jnp.where(is_end, target, here.value + change)
+    rate = (here.gap - progress.last.gap) / _nonzero(here.value - progress.last.value)
+    # At the end of a branch the energy is lowered from its last state.
+    stays = is_final if load_path.finds_all else bisection.is_on
+    gap = here.gap + jnp.where(stays, 0, change * rate)
+    gap = jnp.where(progress.is_apart, load_path.apart(), gap)
+    moves = here.value != progress.last.value
+    is_predicted = ~progress.is_apart & ~is_final & moves & load_path.finds_all
+    least = jnp.where(is_predicted, _least_potential(load_path, progress, change), -jnp.inf)
+    start = load_path.start_at(value, gap, least, is_final)
+    return TrialStep(value, length, start, is_end, is_final)
+
+
+def _least_potential(load_path: LoadPath, progress: Progress, change: Scalar) -> Scalar:
+    """Return the potential below which a state ahead of the last lies on another branch."""
+    here = progress.here
+    last = progress.last
+    slope = (here.force - last.force) / _nonzero(here.value - last.value)
+    predicted = here.potential + change * (here.force + change * slope / 2)
+    leeway = jnp.where(progress.bisection.is_on, _LEEWAY_IN_SEARCH, _LEEWAY)
+    return predicted - leeway * load_path.smallest_loss(here)
+
+
+def _outcome_of(
+    load_path: LoadPath, progress: Progress, trial: TrialStep, new: PathPoint, result: RESULTS
+) -> StepOutcome:
+    here = progress.here
+    last = progress.last
+    value = trial.value
+    is_found = result == RESULTS.successful
+    change = value - here.value
+    before = here.value - last.value
+    slope = (new.force - here.force) / _nonzero(change)
+    turn = (slope - (here.force - last.force) / _nonzero(before)) / _nonzero(change + before)
+    # The error of the trapezoid, where F is a parabola through three states.
+    is_known = (change * before > 0) & load_path.finds_all
+    curved = jnp.where(is_known, turn * change**3 / 6, 0)
+    loss = here.potential + change * (here.force + new.force) / 2 - curved - new.potential
+    least = load_path.smallest_loss(here)
+    error = jnp.maximum(jnp.abs(loss), jnp.abs(curved) / _MAX_CURVATURE) / least
+    is_together = is_found & ~progress.is_apart
+    is_smooth = is_together & ((error <= 1) | (trial.is_final & (loss <= least)))
+    is_pulled = (result == RESULTS.pulled_off) & ~progress.is_apart
+    is_jump = ~is_smooth & trial.is_final & (is_together | is_pulled)
+    control = load_path.contact.control(load_path.at(value))
+    touches = progress.is_apart & is_found & control.presses
+    return StepOutcome(
+        dissipation=here.potential + change * new.force - new.potential,
+        error=jnp.where(is_together, error, jnp.inf),
+        is_smooth=is_smooth,
+        is_jump=is_jump,
+        is_pulled=is_jump & is_pulled,
+        is_apart=progress.is_apart & ~touches,
+        is_touch=touches & trial.is_final,
+        is_lost=~is_found & ~is_pulled & trial.is_final & ~progress.is_apart,
+    )
+
+
+def apply_step(
+    load_path: LoadPath, progress: Progress, trial: TrialStep, equilibrium: Equilibrium
+) -> tuple[Progress, Record]:
+    """Return the progress after a step, from the equilibrium found, and what it has recorded."""
+    found = point_of(load_path.contact, equilibrium, trial.value)
+    result = equilibrium.result
+    outcome = _outcome_of(load_path, progress, trial, found, result)
+    is_event = outcome.is_event
+    accepts = outcome.is_accepted
+    is_apart = (progress.is_apart & ~outcome.is_touch) | outcome.is_pulled
+    # The loss is unknown where surfaces fall apart, and states of separated ones are not recorded.
+    lost = jnp.where(outcome.is_pulled | outcome.is_touch, jnp.nan, outcome.dissipation)
+    new = replace(found, dissipation=progress.here.dissipation + jnp.where(is_event, lost, 0))
+    here = choose(accepts, new, progress.here)
+    last = choose(accepts, progress.here, progress.last)
+    event = Event(progress.here, here, lost, progress.num_states - 1, outcome.is_touch)
+    is_state = accepts & ~is_apart
+    # The solver may find its way from further on, but not from anywhere.
+    has_failed = outcome.is_lost & (trial.is_end | (trial.length > load_path.max_step / _FURTHER))
+    bisection = _bisected(load_path, progress.bisection, trial, outcome)
+    next_length = _next_length(load_path, progress, trial, outcome)
+    after = Progress(
+        here=here,
+        last=choose(is_event, here, last),
+        next_length=jnp.where(accepts & ~bisection.is_on, next_length, progress.next_length),
+        bisection=bisection,
+        part=progress.part + (accepts & trial.is_end),
+        is_apart=is_apart,
+        gap=jnp.where(is_state, here.gap, progress.gap),
+        num_states=progress.num_states + is_state,
+        result=RESULTS.where(has_failed, result, progress.result),
+    )
+    return after, Record(here, is_state, event, is_event, after.part, after.result)
+
+
+def _bisected(
+    load_path: LoadPath, bisection: Bisection, trial: TrialStep, outcome: StepOutcome
+) -> Bisection:
+    """Return the knowledge of a load ahead after a step."""
+    accepts = outcome.is_accepted
+    distance = jnp.where(accepts, bisection.distance - trial.length, trial.length)
+    is_over = outcome.is_event | (distance <= 0) | (accepts & trial.is_end)
+    # An error of quadrature falls with the cube of the length, the loss of a jump does not.
+    error = jnp.where(accepts, bisection.error / 8, outcome.error)
+    # Where the solver is lost right beyond the end, it may find its way from further on.
+    distance = jnp.where(outcome.is_lost, _FURTHER * distance, distance)
+    nearness = jnp.where(outcome.is_lost, distance, bisection.nearness)
+    return Bisection(
+        jnp.where(is_over, jnp.inf, distance),
+        error,
+        jnp.where(is_over, load_path.resolution, nearness),
+    )
+
+
+def _next_length(
+    load_path: LoadPath, progress: Progress, trial: TrialStep, outcome: StepOutcome
+) -> Scalar:
+    """Return the length of the next step where none has failed, after a step."""
+    growth = jnp.cbrt(_AIM / jnp.maximum(outcome.error, jnp.finfo(outcome.error.dtype).tiny))
+    next_length = jnp.minimum(trial.length * jnp.clip(growth, 0.5, 2), load_path.max_step)
+    # A load that was only too far away is passed by steps that grow again.
+    next_length = jnp.where(progress.bisection.is_on, 2 * trial.length, next_length)
+    # A step cut short by the end of a part, to no length even, says nothing against a long one.
+    next_length = jnp.where(
+        trial.is_end, jnp.maximum(next_length, progress.next_length), next_length
+    )
+    next_length = jnp.where(outcome.is_event, load_path.max_step / 8, next_length)
+    return jnp.where(outcome.is_apart | outcome.is_pulled, load_path.max_step, next_length)
+
+
+def _nonzero(value: Scalar) -> Scalar:
+    return jnp.where(value == 0, 1, value)

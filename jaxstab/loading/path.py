@@ -1,0 +1,146 @@
+"""The path of a contact along a load path, and its jumps."""
+
+from dataclasses import replace
+from typing import Annotated, Any, Self
+
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from jaxstab.branches.barrier_law import BarrierLaw
+from jaxstab.branches.kinds import KINDS
+from jaxstab.branches.states import PathState, StateSequence
+from jaxstab.branches.tables import load_column, measured_columns, percent_column, state_columns
+from jaxstab.core import display
+from jaxstab.core.display import Outcome, column, several
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Scalar
+from jaxstab.core.units import (
+    ENERGY,
+    LENGTH,
+    NUMBER,
+    readable_unit,
+    shown_unit,
+)
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.loads import Load, Spring
+
+
+class Jump(Outcome):
+    """Where a branch ends, and where the contact goes from there.
+
+    Attributes:
+        load: the load [as in the path], the only differentiable function of the contact in a
+            path.
+        kind: a member of `KINDS`: why the branch ends.
+        before: the last equilibrium of the branch; NaN, with no contact area, before a touch.
+        after: the equilibrium to which the contact jumps, at the next load; NaN, with no contact
+            area, where it is pulled off.
+        mode: the unit vector along which the state loses its stability; NaN at a touch.
+        dissipation: the energy lost, the difference of two potentials at one load [energy]; NaN
+            where surfaces are pulled off or come together.
+        state: the number of the state before, among those recorded.
+        barrier_law: how the barrier that holds the state before grows with the distance from the
+            load of the jump, and up to which distance. The energy is of second order in the mode's
+            amplitude at a release, of third at a fold.
+    """
+
+    load: Load
+    kind: KINDS
+    before: Equilibrium
+    after: Equilibrium
+    mode: Annotated[Float[Array, " *jumps_and_grid"], NUMBER]
+    dissipation: Annotated[Float[Array, "*jumps"], ENERGY]
+    state: Int[Array, "*jumps"]
+    barrier_law: BarrierLaw
+
+
+class Path(StateSequence):
+    """The equilibria through which a contact goes along a load path.
+
+    `path[3]` is a recorded state, `len(path)` their number. The last state, `path[-1]`, always has
+    its gap. So `follow(contact, rest, initial=path[-1])` goes on with a path that was interrupted.
+    In a batch, as after `jax.vmap`, `batch[3]` is the fourth path.
+
+    Attributes:
+        load: the loads of the recorded states.
+        equilibrium: these states.
+        jumps: the jumps between them, in order.
+        work: of the whole path, done on surface and spring by the load: the change of their energy
+            and the loss in the jumps [energy]. NaN where a dead load has pulled the surfaces apart,
+            which it does without end; `equilibrium.work` is known up to there.
+        dissipation: the loss in all jumps [energy]; NaN as the work is.
+        result: how the path ended. It has failed, as `unbalanced_work`, if steps between jumps have
+            gained energy, so that `unlocated` is below zero by more than its error.
+        unlocated: the loss that steps between jumps may hide: the work by quadrature minus the
+            change of energy [energy].
+        unlocated_error: the error of that quadrature, and no less than the smallest jump that is
+            located; a smaller loss is not significant [energy].
+        last_gap: g of the last recorded state [length].
+    """
+
+    jumps: Jump
+    work: Annotated[Scalar, ENERGY]
+    dissipation: Annotated[Scalar, ENERGY]
+    result: RESULTS
+    unlocated: Annotated[Scalar, ENERGY]
+    unlocated_error: Annotated[Scalar, ENERGY]
+    last_gap: Annotated[Field, LENGTH]
+
+    def __getitem__(self, index: Any) -> PathState | Self:
+        state = super().__getitem__(index)
+        is_last = isinstance(index, int | np.integer) and index % len(self) == len(self) - 1
+        if is_last and isinstance(state, PathState) and self.equilibrium.gap is None:
+            last = replace(state.equilibrium, gap=self.last_gap)
+            return replace(state, equilibrium=last)
+        return state
+
+    @display.readable
+    def __repr__(self) -> str:
+        lines = [
+            f"Path: {self._extent}, {several(len(self.jumps), 'jump')}; {self.result.name}",
+            *_energies(self),
+        ]
+        table = [display.table(_jumps(self.jumps))] if len(self.jumps) else []
+        return "\n".join([*lines, *table])
+
+
+def _energies(path: Path) -> list[str]:
+    work, losses = np.asarray(path.equilibrium.work), np.asarray(path.jumps.dissipation)
+    is_known = np.isfinite(path.work)
+    number = len(losses) if is_known else np.isfinite(np.cumsum(losses)).sum()
+    done = float(path.work if is_known else work[np.isfinite(work)][-1])
+    lost = float(losses[:number].sum())
+    # One unit for all, as they are compared.
+    divisor, unit = readable_unit(path.equilibrium.units, ENERGY, max(abs(done), lost))
+    energies = [f"{value / divisor:.6g} {shown_unit(unit)}".rstrip() for value in (done, lost)]
+    jumps = several(number, "jump")
+    if isinstance(path.load, Spring):
+        jumps += ", by contact and spring together"
+    if is_known:
+        lines = [f"  work  {energies[0]}", f"  lost in {jumps}  {energies[1]}"]
+    else:
+        lines = [
+            f"  work until the surfaces fall apart  {energies[0]}",
+            f"  lost in {jumps} before  {energies[1]}",
+            "  after that neither is known: a dead load pulls surfaces apart without end",
+        ]
+    if abs(path.unlocated) > path.unlocated_error:
+        amount, error = float(path.unlocated) / divisor, float(path.unlocated_error) / divisor
+        name = "lost in jumps not located" if amount > 0 else "lost between jumps, which cannot be:"
+        lines.append(f"  {name}  {amount:.2g} ± {error:.1g} {shown_unit(unit)}".rstrip())
+    broken = int(np.sum(np.asarray(path.jumps.kind == KINDS.bifurcation)))
+    if broken:
+        place = "a bifurcation" if broken == 1 else f"{broken} bifurcations"
+        lines.append(f"  a symmetry was broken at {place}: another disturbance may lead elsewhere")
+    return lines
+
+
+def _jumps(jumps: Jump) -> dict[str, list[str]]:
+    units = jumps.before.units
+    return {
+        **load_column(jumps.load, units, ".8g"),
+        "kind": column(jumps.kind.name, str),
+        **measured_columns({"dissipation": jumps.dissipation}, units, ENERGY, ".4e"),
+        **state_columns(jumps.before),
+        "after": percent_column(jumps.after.contact_area),
+    }

@@ -1,0 +1,235 @@
+"""The path that load stepping has recorded, its jumps explained and its work accounted for."""
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool
+
+from jaxstab.branches.barrier_law import BarrierLaw, barrier_law
+from jaxstab.branches.kinds import KINDS
+from jaxstab.branches.limit import Limit, limit_ahead
+from jaxstab.branches.point import PathPoint, states_along
+from jaxstab.contact import Contact
+from jaxstab.core.checks import concrete
+from jaxstab.core.compile import in_pieces, program
+from jaxstab.core.control_flow import by_entries, cond
+from jaxstab.core.interrupts import interrupts_held
+from jaxstab.core.results import RESULTS
+from jaxstab.core.stack import first_entries, stacked
+from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.loading.load_path import LoadPath
+from jaxstab.loading.load_stepping import step_to_end
+from jaxstab.loading.path import Jump, Path
+from jaxstab.loading.record import Event, Record, Room
+from jaxstab.loads import Load
+
+# Loads closer than this are one, in units of the precision.
+_ROUNDING = 4
+# Tables of states have multiples of this size, so that one program serves many lengths.
+_ROOM = 1024
+
+
+class Recording:
+    """All states and jumps of load stepping outside of a trace, appended step by step.
+
+    Attributes:
+        load_path: the load path.
+        fields: whether to keep the gaps of all states.
+        points: the states.
+        gap: of the last of them.
+        events: the jumps, as they were detected.
+        jumps: the jumps with the ends of their branches, as far as these are located.
+        last: the last record; None before the first state.
+    """
+
+    def __init__(self, load_path: LoadPath, fields: bool) -> None:
+        self.load_path = load_path
+        self.fields = fields
+        self.points: list[PathPoint] = []
+        self.gap: Any = None
+        self.events: list[Event] = []
+        self.jumps: list[Jump] = []
+        self.last: Any = None
+
+    @property
+    def is_full(self) -> bool:
+        """Whether there is no room: there always is."""
+        return False
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether load stepping has come to its end."""
+        is_over = int(self.last.part) == self.load_path.load.value.size - 1
+        return is_over or bool(self.last.result != RESULTS.successful)
+
+    def append(self, record: Record) -> "Recording":
+        """Append what a step has recorded, all of it or, where it is interrupted, nothing."""
+        point, is_state, is_event = record.point, bool(record.is_state), bool(record.is_event)
+        # Gaps of all states have their place in the memory of the host, unless they are sharded.
+        gap = concrete(point.gap) if self.fields else np.zeros(0, point.gap.dtype)
+        kept = replace(point, gap=gap)
+        with interrupts_held() as held:
+            if is_state:
+                self.points.append(kept)
+                self.gap = point.gap
+            if is_event:
+                self.events.append(record.event)
+            self.last = record
+        if held:
+            raise KeyboardInterrupt
+        self.locate_ends()
+        return self
+
+    def locate_ends(self) -> None:
+        """Locate the ends of the branches at the jumps since the last time."""
+        for event in self.events[len(self.jumps) :]:
+            jump = _jump(self.load_path.contact, self.load_path.load, event)
+            self.jumps.append(jax.block_until_ready(jump))
+
+
+@program
+@by_entries
+def path_with_room(room: Room, load_path: LoadPath, start: Field | None) -> Path:
+    """Return the path of a contact along a load path, within a program.
+
+    Only the first entries are of states, and of jumps, as many as it has recorded.
+    """
+    contact, load = load_path.contact, load_path.load
+    ended, tables = step_to_end(load_path, start, room)
+    is_short = ended.is_open(load)
+    result = RESULTS.where(is_short, RESULTS.store_full, ended.result)
+    path = _path(load_path, ended.here, ended.gap, result, tables.states.rows)
+    return replace(path, jumps=jax.lax.map(partial(_jump, contact, load), tables.jumps.rows))
+
+
+def path_of(record: Recording, result: RESULTS) -> Path:
+    """Return the path of a recording, and how it ended."""
+    contact, load = record.load_path.contact, record.load_path.load
+    number = len(record.points)
+    record.locate_ends()
+    jumps, last = record.jumps, record.last
+    like = jumps[0] if jumps else jax.eval_shape(_jump, contact, load, last.event)
+    points = stacked(record.points, record.points[0])
+    room = _ROOM * max(-(-number // _ROOM), 1)
+
+    def padded(rows: Array) -> np.ndarray:
+        # Fields, if there are any, are not needed.
+        known = concrete(rows) if rows.ndim == 1 else np.zeros((number, 0))
+        rest = np.full((room - number, *known.shape[1:]), np.nan, known.dtype)
+        return np.concatenate([known, rest])
+
+    along = jax.tree.map(padded, points)
+    path = _path(record.load_path, last.point, record.gap, result, along)
+    load, states = (first_entries(part, number) for part in (path.load, path.equilibrium))
+    states = replace(states, gap=points.gap if record.fields else None)
+    return replace(path, load=load, equilibrium=states, jumps=stacked(jumps, like))
+
+
+@in_pieces
+def _jump(contact: Contact, loads: Load, event: Event) -> Jump:
+    """Return a jump with the end of the branch that it leaves."""
+    load, ahead, is_end = _before(loads, event)
+
+    def explained() -> tuple[KINDS, Field, BarrierLaw]:
+        return _explained(contact, limit_ahead(contact, load, event.before.gap, ahead))
+
+    kind, mode, law = cond(is_end, explained, lambda: _unexplained(load, event))
+    return _jump_of(contact, load, event, kind, mode, law)
+
+
+@program
+def _before(loads: Load, event: Event) -> tuple[Load, Scalar, Flag]:
+    """Return the load before a jump, how far ahead it jumps, and whether it leaves a branch."""
+    value = event.before.value
+    return loads[0].at(value), event.ahead, jnp.isfinite(value) & ~event.is_touch
+
+
+@program
+def _explained(contact: Contact, limit: Limit) -> tuple[KINDS, Field, BarrierLaw]:
+    where = limit.load, limit.gap, limit.kind, limit.mode, limit.point
+    return limit.kind, limit.mode, barrier_law(contact, *where)
+
+
+@program
+def _unexplained(load: Load, event: Event) -> tuple[KINDS, Field, BarrierLaw]:
+    gap = event.before.gap
+    nan = jnp.full((), jnp.nan, gap.dtype)
+    return KINDS.fold, jnp.full_like(gap, nan), BarrierLaw(nan, nan, nan, load.unit)
+
+
+@program
+def _jump_of(
+    contact: Contact, load: Load, event: Event, kind: KINDS, mode: Field, law: BarrierLaw
+) -> Jump:
+    return Jump(
+        load=load,
+        kind=KINDS.where(event.is_touch, KINDS.touch, kind),
+        before=event.state_before(contact, load),
+        after=event.state_after(contact, load),
+        mode=mode,
+        dissipation=event.dissipation,
+        state=event.state,
+        barrier_law=law,
+    )
+
+
+@program
+def _path(
+    load_path: LoadPath, here: PathPoint, gap: Field, result: RESULTS, points: PathPoint
+) -> Path:
+    """Return the path through points to its last state, without its jumps."""
+    contact = load_path.contact
+    is_branch = (jnp.diff(points.dissipation) == 0) & jnp.isfinite(points.value[1:])
+    unlocated, error = _unlocated_loss(points, is_branch)
+    # Steps are taken whose work is no better known. Where F has a kink, as where a soft machine
+    # comes into contact, parabolas do not tell.
+    tolerance = load_path.smallest_loss(here)
+    error = jnp.where(jnp.isnan(tolerance), error, jnp.maximum(error, tolerance))
+    # The sum of many terms, each as large as the energies, is rounded.
+    rounding = jnp.sum(jnp.where(is_branch, points.rounding(contact.area)[1:], 0))
+    gains = (result == RESULTS.successful) & (unlocated < -error - rounding)
+    loads, states = states_along(contact, load_path.load[0], points)
+    none: Any = None
+    return Path(
+        load=loads,
+        equilibrium=states,
+        jumps=none,
+        work=here.stored - points.stored[0] + here.dissipation,
+        dissipation=here.dissipation,
+        result=RESULTS.where(gains, RESULTS.unbalanced_work, result),
+        unlocated=unlocated,
+        unlocated_error=error,
+        last_gap=gap,
+    )
+
+
+def _unlocated_loss(points: PathPoint, is_branch: Bool[Array, " steps"]) -> tuple[Scalar, Scalar]:
+    """Return the loss of steps along branches, and the error of the quadrature of their work.
+
+    On each step F is the mean of the two parabolas through its ends and the state before, or the
+    one after. Half of the difference of their integrals is the error; where there is only one of
+    them, all that it takes from the trapezoid.
+    """
+    step, force = jnp.diff(points.value), points.force
+    pair = step[1:] + step[:-1]
+    # Through three states, where these lie on one branch, in the order of their loads, and apart.
+    rounding = _ROUNDING * jnp.finfo(step.dtype).eps * jnp.nanmax(jnp.abs(points.value))
+    is_long = jnp.abs(step) > rounding
+    is_known = is_branch[1:] & is_branch[:-1] & (step[1:] * step[:-1] > 0)
+    is_known &= is_long[1:] & is_long[:-1]
+    slope = jnp.where(is_long, jnp.diff(force) / jnp.where(step == 0, 1, step), 0)
+    turn = jnp.where(is_known, jnp.diff(slope) / jnp.where(pair == 0, 1, pair), 0)
+    before, after = jnp.pad(turn, (1, 0)), jnp.pad(turn, (0, 1))
+    number = jnp.pad(is_known, (1, 0)).astype(int) + jnp.pad(is_known, (0, 1))
+    cubes = step**3 / 6
+    work = step * (force[1:] + force[:-1]) / 2 - cubes * (before + after) / jnp.maximum(number, 1)
+    error = jnp.where(number == 2, (before - after) / 2, before + after)
+    error = jnp.where(number == 0, slope * step**2 / 2, cubes * error)
+    lost = jnp.sum(jnp.where(is_branch, work - jnp.diff(points.potential), 0))
+    # NaN of a path without a state.
+    begun = points.dissipation[0]
+    return begun + lost, begun + jnp.sum(jnp.where(is_branch, jnp.abs(error), 0))

@@ -1,0 +1,293 @@
+"""Equilibrium and stability at many loads: each from the same start, or from the one before."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import PRNGKeyArray
+
+from jaxstab.branches.tables import load_column, measured_columns, state_columns
+from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.resolution import FOR_STATES, warned_once
+from jaxstab.core import display
+from jaxstab.core.checks import is_transformed, require_key, require_one_of
+from jaxstab.core.compile import program
+from jaxstab.core.display import column
+from jaxstab.core.equality import Comparable
+from jaxstab.core.interrupts import early_ends
+from jaxstab.core.loop import solver_or_default
+from jaxstab.core.progress import progress_bar
+from jaxstab.core.results import RESULTS, throw_failure
+from jaxstab.core.stack import Stackable, first_entries, stacked
+from jaxstab.core.types import ArrayLike, Field, Flag
+from jaxstab.core.units import STIFFNESS
+from jaxstab.core.warn import warn
+from jaxstab.equilibrium import (
+    Equilibrium,
+    EquilibriumSolver,
+    PreconditionedConjugateGradient,
+    equilibrate,
+)
+from jaxstab.equilibrium.equilibrate import first_gap, initial_gap
+from jaxstab.loads import Load, require_load
+from jaxstab.stability import ConeSolver, ProjectedLOBPCG, Stability, assess_stability
+
+Order = Literal["independent", "continuation"]
+_Start = Field | None
+
+
+class SweepInterrupted(UserWarning):
+    """A sweep was interrupted; it holds the loads done so far."""
+
+
+class Sweep(Stackable, Comparable):
+    """Equilibria at many loads and their stability; every field has a leading axis of loads.
+
+    `sweep[3]` is one state, without that axis; `len(sweep)`, slices and loops work as in a list.
+
+    Attributes:
+        load: the loads.
+        equilibrium: the equilibrium at each load.
+        stability: the stability of each, or None where the sweep left it out.
+    """
+
+    load: Load
+    equilibrium: Equilibrium
+    stability: Stability | None
+
+    @display.readable
+    def __repr__(self) -> str:
+        return display.table(_columns(self))
+
+
+def sweep(
+    contact: Contact,
+    load: Load,
+    *,
+    order: Order = "independent",
+    equilibrium_solver: EquilibriumSolver | None = None,
+    stability: bool = True,
+    stability_solver: ConeSolver | None = None,
+    initial: ArrayLike | Equilibrium | None = None,
+    key: PRNGKeyArray | None = None,
+    progress: bool | None = None,
+    throw: bool = False,
+) -> Sweep:
+    """Return the equilibrium and its stability at each of many loads.
+
+    `equilibrate` and `assess_stability` return the same for each load, by the same compiled
+    programs. Only inside `jax.jit`, `jax.vmap` and `jax.grad`, and for independent loads on an
+    accelerator, are all loads one program, which can neither be interrupted nor show progress.
+
+    Ctrl-C ends a sweep after the load that is being solved, and returns the loads done so far.
+
+    Arguments:
+        contact: the contact problem.
+        load: a load that holds a one-dimensional array of values.
+        order: "independent" solves each load from the same start; "continuation" each from the
+            last equilibrium found (Rey & Bleyer, section 4.2.3). Surfaces that a tension has
+            pulled apart stay so, `pulled_off`, until there is a pressure.
+        equilibrium_solver: the algorithm for equilibria, by default the one of `equilibrate`.
+        stability: whether to assess the equilibria too.
+        stability_solver: the algorithm for the cone, as in `assess_stability`.
+        initial: where to start, as in `equilibrate`.
+        key: the random key of the eigensolvers' starts, as in `assess_stability`.
+        progress: show a progress bar; by default after two seconds, in a terminal or notebook.
+        throw: raise if any load fails; otherwise each load carries its own `result`, and one that
+            fails leaves the others as they would have been.
+
+    Returns:
+        The results, stacked along a leading axis of loads.
+
+    Raises:
+        ValueError: for a single load or none, an order that does not exist, or an initial gap that
+            is invalid in `equilibrate`.
+        TypeError: for something that is not a load, or not a solver of its kind.
+        SolverError: if `throw` and a load failed.
+        KeyboardInterrupt: if interrupted before the first load was done.
+    """
+    require_contact(contact)
+    require_load(load)
+    if load.value.ndim != 1 or load.value.size == 0:
+        raise ValueError(
+            f"sweep takes a one-dimensional array of loads, but {type(load).__name__} holds one "
+            f"of shape {load.value.shape}: use jaxstab.equilibrate for a single load, "
+            "and jax.vmap for several sweeps."
+        )
+    require_one_of("order", order, Order.__args__)
+    equilibrium_solver = solver_or_default(
+        equilibrium_solver, EquilibriumSolver, PreconditionedConjugateGradient
+    )
+    stability_solver = solver_or_default(stability_solver, ConeSolver, ProjectedLOBPCG)
+    start = (
+        initial_gap(contact, load, initial)
+        if order == "independent"
+        else first_gap(contact, load[0], initial)
+    )
+    if key is not None:
+        require_key(key)
+    problem = _Problem(contact, equilibrium_solver, stability_solver, key, stability)
+    if is_transformed((problem, load, start)):
+        solve = _solve_together if order == "independent" else _solve_in_turn
+        with warned_once(contact, FOR_STATES):
+            return solve(problem, load, start, throw)
+    # A result that was not found is NaN. Other settings of JAX would compile programs anew.
+    with (
+        jax.debug_nans(False),
+        jax.debug_infs(False),
+        warned_once(contact, FOR_STATES),
+        progress_bar(load.value.size, "load", shown=progress) as bar,
+    ):
+        if order == "independent" and jax.default_backend() != "cpu":
+            found = _solve_padded(problem, load, start)
+            bar.update(len(found))
+        else:
+            found = _solve_one_by_one(problem, load, start, order, bar.update)
+        return _without_failures(found) if throw else found
+
+
+class _Problem(eqx.Module):
+    """The data that all loads of a sweep share."""
+
+    contact: Contact
+    equilibrium_solver: EquilibriumSolver
+    stability_solver: ConeSolver
+    key: PRNGKeyArray | None
+    assesses: bool = eqx.field(static=True)
+
+    def solve(self, load: Load, start: _Start, throw: bool = False) -> Sweep:
+        """Return the equilibrium and the stability at one load."""
+        equilibrium = equilibrate(
+            self.contact, load, self.equilibrium_solver, initial=start, throw=throw
+        )
+        if not self.assesses:
+            return Sweep(load, equilibrium, None)
+        stability = assess_stability(
+            self.contact, equilibrium, self.stability_solver, key=self.key, throw=throw
+        )
+        return Sweep(load, equilibrium, stability)
+
+
+def _solve_one_by_one(
+    problem: _Problem, load: Load, start: _Start, order: Order, report: Callable[[], object]
+) -> Sweep:
+    states = []
+    is_apart = False
+    try:
+        for i in range(load.value.size):
+            apart = _apart(problem.contact, load[i]) if is_apart else start
+            state = problem.solve(load[i], apart)
+            states.append(state)
+            # While it waits, an interrupt stays pending.
+            jax.block_until_ready(state)
+            found = state.equilibrium
+            if order == "continuation":
+                is_apart = bool(found.result == RESULTS.pulled_off)
+                start = found.gap if found.result == RESULTS.successful else start
+            report()
+    except early_ends():
+        if not states:
+            raise
+        message = f"The sweep was interrupted: {len(states)} of {load.value.size} loads are done."
+        warn(message, SweepInterrupted)
+    return stacked(states, states[0])
+
+
+def _solve_padded(problem: _Problem, load: Load, start: _Start) -> Sweep:
+    """Solve all loads together, and copies of the last up to a number that has a program."""
+    number = load.value.size
+    # NumPy compiles nothing.
+    copies = np.minimum(np.arange(_padded(number)), number - 1)
+    padded = jax.tree.map(lambda leaf: np.asarray(leaf)[copies], load)
+    return first_entries(_solve_together(problem, padded, start), number)
+
+
+def _padded(number: int) -> int:
+    """Return the least of 1, 2, 3, 4, 6, 8, 12, 16, 24, ... that holds `number`."""
+    power = 1 << (number - 1).bit_length()
+    return 3 * power // 4 if number <= 3 * power // 4 else power
+
+
+@partial(program, static_argnames="throw")
+def _solve_together(problem: _Problem, load: Load, start: _Start, throw: bool = False) -> Sweep:
+    return jax.vmap(lambda load: problem.solve(load, start, throw))(load)
+
+
+@partial(program, static_argnames="throw")
+def _solve_in_turn(problem: _Problem, load: Load, start: _Start, throw: bool) -> Sweep:
+    Carry = tuple[Field, Flag, Flag]
+    contact = problem.contact
+    no = jnp.array(False)
+
+    def solve(carry: Carry, load: Load) -> tuple[Carry, Sweep]:
+        last, has_last, is_apart = carry
+        start = jnp.where(has_last, last, contact.control(load).starting_gap(contact.heights))
+        start = jnp.where(is_apart, _apart(contact, load), start)
+        state = problem.solve(load, start, throw)
+        result = state.equilibrium.result
+        gap = state.equilibrium.gap
+        is_found = result == RESULTS.successful
+        last = jnp.where(is_found, gap, last)
+        return (last, has_last | is_found, result == RESULTS.pulled_off), state
+
+    last = jnp.zeros_like(contact.heights) if start is None else start.astype(contact.heights.dtype)
+    return jax.lax.scan(solve, (last, jnp.array(start is not None), no), load)[1]
+
+
+@program
+def _apart(contact: Contact, load: Load) -> Field:
+    """Return a gap of surfaces that were pulled apart: far away, or about to touch if pressed."""
+    control = contact.control(load)
+    # Nothing holds surfaces beyond the gaps at which the law is looked at.
+    distance = jnp.where(control.presses, 0, 2 * contact.profile.gaps[0])
+    return jnp.max(contact.heights) - contact.heights + distance
+
+
+def _without_failures(found: Sweep) -> Sweep:
+    failed = [state for state in found if _result(state) != RESULTS.successful]
+    if not failed:
+        return found
+    load = failed[0].load
+    return throw_failure(
+        _result(failed[0]),
+        found,
+        lambda: (
+            f"{len(failed)} of {len(found)} loads failed, the first at "
+            f"{type(load).__name__}({float(load.value):.6g})"
+        ),
+    )
+
+
+def _result(state: Sweep) -> RESULTS:
+    equilibrium = state.equilibrium
+    stability = state.stability
+    if stability is None:
+        return equilibrium.result
+    is_found = equilibrium.result == RESULTS.successful
+    return RESULTS.where(is_found, stability.result, equilibrium.result)
+
+
+def _columns(sweep: Sweep) -> dict[str, list[str]]:
+    equilibrium = sweep.equilibrium
+    stability = sweep.stability
+    pairs = {} if stability is None else stability.pairs
+    columns = {
+        **load_column(sweep.load, equilibrium.units, ".6g"),
+        **state_columns(equilibrium),
+    }
+    for name, pair in pairs.items():
+        values = {name.replace("_", " "): pair.eigenvalue}
+        columns |= measured_columns(values, equilibrium.units, STIFFNESS)
+    solvers = column(equilibrium.result.name, str)
+    if stability is not None:
+        is_local = np.atleast_1d(stability.is_local)
+        names = zip(column(stability.verdict.name, str), is_local, strict=True)
+        columns["verdict"] = [f"{name}, locally" if local else name for name, local in names]
+        judged = column(stability.result.name, str)
+        solvers = [x if x != "successful" else y for x, y in zip(solvers, judged, strict=True)]
+    steps = [column(x.num_steps, str) for x in (equilibrium, *pairs.values())]
+    return columns | {"steps": list(map(" + ".join, zip(*steps, strict=True))), "solvers": solvers}

@@ -1,1 +1,0 @@
-"""Minimum-energy paths between equilibria at one load, and the saddle points (passes) on them."""

@@ -1,1 +1,0 @@
-"""Contacts of viscoelastic solids in time."""

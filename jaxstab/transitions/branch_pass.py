@@ -1,0 +1,203 @@
+"""The pass from a state to detached surfaces, under a dead load that pulls.
+
+Detached surfaces have no equilibrium then: their energy falls without end. But the branch of the
+state leads around its pull-off and back to the same load, where it is unstable. It may come back
+several times, through further minima. Each saddle on it joins the states on its two sides, which
+are minima or detached surfaces. The pass is the lowest saddle such that it and those below it join
+the state with detached surfaces.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from operator import itemgetter
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxstab.branches.branch_steps import BranchState, begin, next_state
+from jaxstab.branches.curve import ContinuationProblem
+from jaxstab.branches.kinds import KINDS
+from jaxstab.contact import Contact
+from jaxstab.core.checks import array
+from jaxstab.core.compile import program
+from jaxstab.core.progress import advance_if_known
+from jaxstab.core.results import RESULTS
+from jaxstab.core.types import Field, Flag, Scalar
+from jaxstab.equilibrium import Equilibrium
+from jaxstab.loading.pull_off import dead_load
+from jaxstab.loads import Load
+from jaxstab.transitions.saddle import (
+    Saddle,
+    are_apart,
+    minima_beside,
+    no_saddle,
+    saddle_near,
+)
+from jaxstab.transitions.string import Landscape
+
+# After so many steps a branch is followed no more.
+MAX_STEPS = 20_000
+# Sides of saddles: detached surfaces, the start, and one that is not known; minima follow them.
+_DETACHED = 0
+_START = 1
+_UNKNOWN = -1
+
+
+class Image(eqx.Module):
+    """A state of the branch: its gap [length], and the energy of it and the load [energy]."""
+
+    gap: Field
+    energy: Scalar
+
+
+class BranchPass(NamedTuple):
+    """A saddle on the branch of a state.
+
+    Attributes:
+        saddle: the saddle.
+        minima: the states on its two sides, the one nearer to the start first.
+        images: some states of the branch, from the start to the saddle.
+    """
+
+    saddle: Saddle
+    minima: Equilibrium
+    images: list[Image]
+
+
+def pass_on_branch(
+    contact: Contact, load: Load, start: Equilibrium, number: int
+) -> tuple[BranchPass, RESULTS]:
+    """Return the pass from an equilibrium to detached surfaces, and how the search ended.
+
+    The branch is followed until the saddles on it join both. Of its states less than twice the
+    number are kept. The function does not run under JAX transformations.
+    """
+    images = [_image(contact, load, start.gap)]
+    stride = 1
+    result = start.result
+    ways = _Ways(start)
+    branches = _branch(contact, load, start) if result == RESULTS.successful else ()
+    for count, (branch, is_at_load) in enumerate(branches, 1):
+        gap = branch.step.here.at.gap
+        if is_at_load and branch.step.index == 1:
+            saddle = saddle_near(contact, load, gap, array(-np.inf, gap.dtype))
+            minima = minima_beside(contact, load, saddle, start.gap)
+            images_there = [*images, _image(contact, load, gap)]
+            found = ways.pass_with(BranchPass(saddle, minima, images_there))
+            if found is not None:
+                return found, RESULTS.successful
+        if count % stride == 0:
+            images.append(_image(contact, load, gap))
+        if len(images) >= 2 * number:
+            images = images[::2]
+            stride = 2 * stride
+        is_unclear = branch.end == KINDS.lost or branch.end == KINDS.uncertain
+        result = RESULTS.lost_branch if is_unclear else RESULTS.no_detachment
+    saddle = no_saddle(start.gap)
+    minima = minima_beside(contact, load, saddle, start.gap)
+    return BranchPass(saddle, minima, images), result
+
+
+def _branch(contact: Contact, load: Load, start: Equilibrium) -> Iterator[tuple[BranchState, bool]]:
+    """Yield a branch after each of its states and at its end, and whether it is at the load.
+
+    From the load it goes to either side, and then comes back.
+    """
+    problem, branch = begin(contact, dead_load(contact, load.value), start)
+    leaves = True
+    for _ in range(MAX_STEPS):
+        new = next_state(problem, branch)
+        if leaves and new.step.is_new and not _has_left(problem, new):
+            # The load turns back within this step.
+            branch = _with_shorter_step(problem, branch)
+        elif leaves and new.step.is_new:
+            problem, branch = _coming_back(problem, new)
+            leaves = False
+        else:
+            branch = new
+        is_at_load = not leaves and bool(branch.end == KINDS.load)
+        if branch.step.is_new or not branch.is_on:
+            advance_if_known(branch)
+            yield branch, is_at_load
+        if is_at_load:
+            problem, branch = _leaving(problem, branch)
+            leaves = True
+        if not branch.is_on:
+            return
+
+
+@program
+def _image(contact: Contact, load: Load, gap: Field) -> Image:
+    return Image(gap, Landscape(contact, contact.control(load)).energy(gap))
+
+
+@program
+def _has_left(problem: ContinuationProblem, branch: BranchState) -> Flag:
+    """Return whether a branch is between the first load and the last one."""
+    value = problem.curve.value(branch.step.here.at)
+    return (value - problem.first) * (problem.last - problem.first) > 0
+
+
+@program
+def _with_shorter_step(problem: ContinuationProblem, branch: BranchState) -> BranchState:
+    """Return a branch with a shorter step to try, or at its end where it would be too short."""
+    length = branch.step.length / 4
+    end = KINDS.where(length > problem.min_step, KINDS.states, KINDS.uncertain)
+    step = replace(branch.step, length=length, is_new=jnp.array(False))
+    return replace(branch, step=step, end=end)
+
+
+@program
+def _coming_back(
+    problem: ContinuationProblem, branch: BranchState
+) -> tuple[ContinuationProblem, BranchState]:
+    """Return the problem of a branch that is to come back to its first load."""
+    end = KINDS.where(branch.end == KINDS.load, KINDS.states, branch.end)
+    return replace(problem, first=problem.last, last=problem.first), replace(branch, end=end)
+
+
+@program
+def _leaving(
+    problem: ContinuationProblem, branch: BranchState
+) -> tuple[ContinuationProblem, BranchState]:
+    """Return the problem of a branch that goes on from its last load."""
+    ahead = jnp.sign(problem.curve.rate(branch.step.here.tangent))
+    last = problem.last + ahead * jnp.abs(problem.last - problem.first)
+    return replace(problem, first=problem.last, last=last), replace(branch, end=KINDS.states)
+
+
+class _Ways:
+    """The ways that saddles make from a start to detached surfaces."""
+
+    def __init__(self, start: Equilibrium):
+        self._minima = {_START: start}
+        self._passes: list[tuple[float, BranchPass, list[int]]] = []
+
+    def pass_with(self, one: BranchPass) -> BranchPass | None:
+        """Return the highest saddle on the lowest way, with one saddle more, if there is a way."""
+        sides = [self._number_of(minimum) for minimum in one.minima]
+        if _UNKNOWN not in sides:
+            self._passes.append((float(one.saddle.energy), one, sides))
+        # States that are joined have the same label.
+        labels = {number: number for number in (_DETACHED, *self._minima)}
+        for _, lowest, (here, there) in sorted(self._passes, key=itemgetter(0)):
+            old = labels[here]
+            new = labels[there]
+            labels = {number: new if x == old else x for number, x in labels.items()}
+            if labels[_START] == labels[_DETACHED]:
+                return lowest
+        return None
+
+    def _number_of(self, side: Equilibrium) -> int:
+        """Return the number of a state beside a saddle."""
+        if side.result == RESULTS.pulled_off:
+            return _DETACHED
+        if side.result != RESULTS.successful:
+            return _UNKNOWN
+        for number, minimum in self._minima.items():
+            if not are_apart(side, minimum):
+                return number
+        self._minima[_START + len(self._minima)] = side
+        return len(self._minima)

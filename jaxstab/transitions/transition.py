@@ -1,0 +1,343 @@
+"""The pass between two equilibria at one load: the saddle point and the heights of the barrier."""
+
+from dataclasses import replace
+from functools import partial
+from typing import Annotated, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxstab.contact import Contact, require_contact
+from jaxstab.contact.entry import answer
+from jaxstab.contact.resolution import FOR_JUMPS
+from jaxstab.core.checks import (
+    concrete,
+    integer,
+    is_traced,
+    parameter,
+    require,
+    require_known,
+    require_positive,
+)
+from jaxstab.core.compile import program
+from jaxstab.core.control_flow import by_entries
+from jaxstab.core.display import Outcome
+from jaxstab.core.grid import total
+from jaxstab.core.implicit import attach, finite, pushed, undefined
+from jaxstab.core.results import RESULTS
+from jaxstab.core.stack import stacked
+from jaxstab.core.types import ArrayLike, Field, Flag, Scalar
+from jaxstab.core.units import ENERGY, LENGTH, NUMBER
+from jaxstab.equilibrium import Equilibrium, PreconditionedConjugateGradient
+from jaxstab.equilibrium.equilibrate import find, posed
+from jaxstab.equilibrium.equilibrium import State, detached_where, state_at
+from jaxstab.loads import Load, MeanPressure, require_loads
+from jaxstab.transitions.branch_pass import MAX_STEPS, Image, pass_on_branch
+from jaxstab.transitions.saddle import Saddle, minima_beside, no_saddle, saddle_near
+from jaxstab.transitions.string import Landscape, String, StringMethod
+
+Start = Field | None
+# The string is drawn anew around its highest image so often at most.
+_MAX_ZOOMS = 5
+# A string that is drawn anew takes so few steps: with more its images slide down its sides.
+_FEW_STEPS = 8
+# States that differ by less are one, over the size of their gaps.
+_SAME = {"float64": 1e-6, "float32": 1e-3}
+
+# There and back; of the saddle, the start and the end. Detached surfaces are no end to come back
+# from.
+Barriers = tuple[Scalar, ...]
+Gaps = tuple[Field, ...]
+
+
+class BarrierHeights(NamedTuple):
+    """The energy of the pass above the state that is left, and above that which is reached."""
+
+    there: Scalar
+    back: Scalar
+
+
+class Transition(Outcome):
+    """The pass between two equilibria at one load.
+
+    Attributes:
+        there: energy of the saddle minus the energy of the start, at one load [energy].
+        back: energy of the saddle minus the energy of the end [energy]; infinite from detached
+            surfaces, whose energy falls without end under a dead load that pulls.
+        start: the equilibrium that is left.
+        end: the equilibrium that is reached; NaN, with no contact area, for detached surfaces.
+        saddle: the equilibrium on the pass.
+        mode: the unit vector along which its energy falls to both sides.
+        minima: the two states to which a small push to either side leads, the one nearer to
+            the start first. Where they are not start and end, there are minima between. NaN, with
+            the result `pulled_off`, on the side on which the surfaces detach under a dead load.
+        images: the gap along the string from start to end [length]; with detached surfaces as the
+            end, of states along the branch from the start to the saddle.
+        energies: of the images and of the load, minus the energy of the start [energy].
+        result: how the search ended.
+    """
+
+    there: Annotated[Scalar, ENERGY]
+    back: Annotated[Scalar, ENERGY]
+    start: Equilibrium
+    end: Equilibrium
+    saddle: Equilibrium
+    mode: Annotated[Field, NUMBER]
+    minima: Equilibrium
+    images: Annotated[Float[Array, " images *grid"], LENGTH]
+    energies: Annotated[Float[Array, " images"], ENERGY]
+    result: RESULTS
+
+    @property
+    def barrier(self) -> BarrierHeights:
+        """The energies of the saddle above start and end: there and back [energy]."""
+        return BarrierHeights(self.there, self.back)
+
+    def rate(self, thermal_energy: ArrayLike, attempt_rate: ArrayLike) -> Scalar:
+        """Return how often thermal motion leads over the pass: nu exp(-barrier / kT) [1/time].
+
+        Arguments:
+            thermal_energy: kT [energy].
+            attempt_rate: nu, how often the state tries [1/time].
+
+        Raises:
+            ValueError: for numbers that are not positive.
+        """
+        energy = parameter(thermal_energy)
+        attempts = parameter(attempt_rate)
+        require_positive("The thermal energy", energy)
+        require_positive("The attempt rate", attempts)
+        return attempts * jnp.exp(-self.there / energy)
+
+
+def transition(
+    contact: Contact,
+    load: Load,
+    start: ArrayLike | State,
+    end: ArrayLike | State | None,
+    *,
+    num_images: int = 16,
+    throw: bool = True,
+) -> Transition:
+    """Return the pass between two equilibria at one load, on a path of least energy.
+
+    A string of states between the two descends in energy, with gaps that are nowhere negative. Its
+    highest state climbs, and Newton's method leads from there to the saddle: an equilibrium
+    with exactly one negative eigenvalue on the critical space, above both ends. This is the pass to
+    which the straight line between the two states leads; there may be others, and lower ones.
+
+    Under a dead load that pulls, detached surfaces have no equilibrium, and None is the end. The
+    branch of equilibria is followed from the start around its pull-off and back to the load. A
+    state there with one negative eigenvalue is a saddle. It joins the states on its two sides:
+    minima, or detached surfaces. If the first saddle leads straight from the start to detached
+    surfaces, it is the pass. Otherwise the branch is followed on, through further minima, until its
+    saddles join both, and the pass is the highest saddle on the lowest way between them. Passes
+    off the branch are not found. With None the function runs neither under `jax.jit` nor under
+    `jax.vmap`.
+
+    The barriers have first derivatives with respect to the contact and the load: at states of
+    equilibrium the energy follows them at a fixed gap. Second derivatives are NaN.
+
+    Arguments:
+        contact: the contact problem.
+        load: a single value, at which both states are.
+        start: the equilibrium that is left, or a gap that relaxes to it.
+        end: the equilibrium that is reached, for instance the other side of a jump, or a gap; None
+            for detached surfaces, under a `MeanPressure` below zero.
+        num_images: the number of states on the string, including its ends; with None the largest
+            number of states of the branch that are returned.
+        throw: raise where no saddle is found; otherwise look at `result`.
+
+    Raises:
+        ValueError: for an array of loads, states on another grid, fewer than three images, or None
+            under another load than one that pulls.
+        TypeError: with None, under `jax.jit` or `jax.vmap`.
+        SolverError: if `throw`, where the two relax to the same state, no saddle is found, or with
+            None the branch ends before (`lost_branch`) or without a pass (`no_detachment`).
+    """
+    require_contact(contact)
+    require_loads(load, (), "transition takes one load", "use jax.vmap.")
+    number = integer("num_images", num_images)
+    require("num_images", number, number >= 3, "a string has a state between its ends.")
+    padded, first = posed(contact, load, start, FOR_JUMPS)
+    if end is None:
+        _require_pull(load)
+        return answer(
+            partial(_search_detached, number),
+            padded,
+            load,
+            first,
+            bar=(MAX_STEPS, "states", None),
+            differentiable=partial(_with_barriers, ("there",)),
+            describe=lambda _: f"No pass to detached surfaces was found at {load!r}",
+            throw=throw,
+        )
+    _, last = posed(contact, load, end, FOR_JUMPS)
+    return answer(
+        partial(_search, number),
+        padded,
+        load,
+        first,
+        last,
+        differentiable=partial(_with_barriers, ("there", "back")),
+        describe=lambda _: f"No pass was found between the two states at {load!r}",
+        throw=throw,
+    )
+
+
+def pulls(load: Load) -> bool:
+    """Return whether a load, of known value, is a dead one that pulls."""
+    return isinstance(load, MeanPressure) and bool(concrete(load.value) < 0)
+
+
+def _require_pull(load: Load) -> None:
+    """Raise `ValueError` unless a load is a dead one that pulls."""
+    known = jax.lax.stop_gradient(load)
+    if not is_traced(known) and not pulls(known):
+        raise ValueError(
+            f"The end is None, for detached surfaces without an equilibrium, and the load {known!r}"
+            " does not pull them apart for good, as MeanPressure below zero does: give the "
+            "separated equilibrium at this load as the end, or a gap that relaxes to it."
+        )
+
+
+def _with_barriers(
+    names: tuple[str, ...], contact: Contact, load: Load, found: Transition
+) -> Transition:
+    """Return a pass whose finite barriers are functions of contact and load."""
+    if not is_traced((contact, load)):
+        return found
+    gaps = found.saddle.gap, found.start.gap, found.end.gap
+    is_found = found.result == RESULTS.successful
+    barriers = tuple(getattr(found, name) for name in names)
+    known = gaps[: 1 + len(names)], is_found
+    moved = attach(_changes_of_barriers, barriers, known, (contact, load))
+    return replace(found, **dict(zip(names, moved, strict=True)))
+
+
+def _changes_of_barriers(
+    barriers: Barriers, known: tuple[Gaps, Flag], inputs: tuple, changes: tuple
+) -> tuple[Barriers, Flag]:
+    """Return how barriers change, at constant gaps, which are in equilibrium: a rule."""
+    gaps, is_found = known
+    gaps, inputs = finite(is_found, (gaps, inputs))
+    # In second derivatives they count.
+    gaps = attach(undefined, gaps, None, inputs)
+    return pushed(partial(_barriers, gaps), inputs, changes), ~is_found
+
+
+def _barriers(gaps: Gaps, contact: Contact, load: Load) -> Barriers:
+    """Return how far the energy of the first gap is above the energies of the others."""
+    landscape = Landscape(contact, contact.control(load))
+    top, *ends = (landscape.energy(landscape.control.restore(gap)) for gap in gaps)
+    return tuple(top - end for end in ends)
+
+
+class _Climb(eqx.Module):
+    """A string around the pass, the saddle found from it, and how often it was drawn anew."""
+
+    string: String
+    saddle: Saddle
+    count: Array
+
+
+@partial(program, static_argnums=0)
+def _search(number: int, contact: Contact, load: Load, first: Start, last: Start) -> Transition:
+    return by_entries(partial(_find, number))(contact, load, first, last)
+
+
+def _find(number: int, contact: Contact, load: Load, first: Start, last: Start) -> Transition:
+    """Return the transition between the minima near two gaps."""
+    solver = PreconditionedConjugateGradient()
+    start, end = (find(contact, load, solver, gap) for gap in (first, last))
+    are_found = (start.result == RESULTS.successful) & (end.result == RESULTS.successful)
+    landscape = Landscape(contact, contact.control(load))
+    string = StringMethod().run(landscape, landscape.through((start.gap, end.gap), number)).state
+    climb = _Climb(string, no_saddle(string.summit), jnp.array(0))
+    climb = jax.lax.while_loop(
+        lambda climb: ~climb.saddle.is_found & (climb.count <= _MAX_ZOOMS) & are_found,
+        partial(_climbed, landscape, load, (start, end)),
+        climb,
+    )
+    close = _SAME[start.gap.dtype.name]
+    is_one = total((start.gap - end.gap) ** 2) <= close**2 * total(start.gap**2)
+    result = RESULTS.where(climb.saddle.is_found, RESULTS.successful, RESULTS.no_pass)
+    result = RESULTS.where(is_one, RESULTS.same_state, result)
+    result = RESULTS.where(end.result == RESULTS.successful, result, end.result)
+    result = RESULTS.where(start.result == RESULTS.successful, result, start.result)
+    saddle = state_at(contact, load, jnp.where(climb.saddle.is_found, climb.saddle.gap, jnp.nan))
+    there, back = _barriers((saddle.gap, start.gap, end.gap), contact, load)
+    is_found = result == RESULTS.successful
+    return Transition(
+        jnp.where(is_found, there, jnp.nan),
+        jnp.where(is_found, back, jnp.nan),
+        start,
+        end,
+        replace(saddle, result=result),
+        climb.saddle.mode,
+        minima_beside(contact, load, climb.saddle, start.gap),
+        string.images,
+        string.energies - string.energies[0],
+        result,
+    )
+
+
+def _climbed(
+    landscape: Landscape, load: Load, ends: tuple[Equilibrium, Equilibrium], climb: _Climb
+) -> _Climb:
+    """Return the saddle near to the summit of a string, and the string drawn anew around it."""
+    string = climb.string
+    lowest = jnp.maximum(*(landscape.energy(end.gap) for end in ends))
+    saddle = saddle_near(landscape.contact, load, string.summit, lowest)
+    zoomed = partial(_zoomed, landscape, string)
+    further = jax.lax.cond(saddle.is_found, lambda: string, zoomed)
+    return _Climb(further, saddle, climb.count + 1)
+
+
+def _zoomed(landscape: Landscape, string: String) -> String:
+    """Return a string between the neighbours of the highest image, relaxed."""
+    corners = [string.images[string.highest + k] for k in (-1, 0, 1)]
+    start = landscape.through(corners, len(string.images))
+    return StringMethod(max_steps=_FEW_STEPS).run(landscape, start).state
+
+
+def _search_detached(number: int, contact: Contact, load: Load, first: Start) -> Transition:
+    """Return the transition to detached surfaces from the minimum near a gap."""
+    require_known((contact, load, first), "A transition to detached surfaces")
+    start = find(contact, load, PreconditionedConjugateGradient(), first)
+    found, result = pass_on_branch(contact, load, start, number)
+    places = np.linspace(0, len(found.images) - 1, min(number, len(found.images)))
+    chosen = [found.images[i] for i in places.round().astype(int)]
+    images = stacked(chosen, chosen[0])
+    return _to_detached(contact, load, start, found.saddle, found.minima, images, result)
+
+
+@program
+def _to_detached(
+    contact: Contact,
+    load: Load,
+    start: Equilibrium,
+    saddle: Saddle,
+    minima: Equilibrium,
+    images: Image,
+    result: RESULTS,
+) -> Transition:
+    """Return the transition from a state to detached surfaces."""
+    is_found = result == RESULTS.successful
+    top = state_at(contact, load, jnp.where(is_found, saddle.gap, jnp.nan))
+    (there,) = _barriers((top.gap, start.gap), contact, load)
+    return Transition(
+        jnp.where(is_found, there, jnp.nan),
+        jnp.where(is_found, jnp.full_like(there, jnp.inf), jnp.nan),
+        start,
+        detached_where(jnp.array(True), state_at(contact, load, start.gap)),
+        replace(top, result=result),
+        saddle.mode,
+        minima,
+        images.gap,
+        images.energy - images.energy[0],
+        result,
+    )
