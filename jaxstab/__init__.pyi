@@ -14,7 +14,7 @@ from .branches.differentiable_limit import CriticalLoad
 from .calibration import Calibration, FitWarning, calibrate
 from .citations import cite
 from .contact import Contact
-from .contact.resolution import ResolutionWarning
+from .contact.resolution import ResolutionWarning, resolved_range
 from .core.grid import Grid
 from .core.history import History
 from .core.results import RESULTS, SolverError
@@ -187,6 +187,7 @@ __all__ = [
     "pull_off",
     "references",
     "release",
+    "resolved_range",
     "save",
     "study",
     "surfaces",

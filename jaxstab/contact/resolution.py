@@ -1,4 +1,4 @@
-"""The warning that a grid is too coarse for the adhesion on it."""
+"""How long a range a grid resolves, and the warning that it is too coarse for the adhesion."""
 
 import math
 from collections.abc import Iterator
@@ -7,13 +7,14 @@ from contextvars import ContextVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from jaxstab.contact.contact import Contact
-from jaxstab.core.checks import concrete, is_traced
+from jaxstab.contact.contact import Contact, require_contact
+from jaxstab.core.checks import concrete, is_traced, positive_scalar
 from jaxstab.core.compile import program
 from jaxstab.core.display import times
-from jaxstab.core.types import Scalar
+from jaxstab.core.types import ArrayLike, Scalar
 from jaxstab.core.warn import warn
 from jaxstab.solids.solid import Solid
 
@@ -67,6 +68,36 @@ def warn_if_coarse(contact: Contact, needed: float = FOR_STATES) -> None:
         f"{effect}. {_cure(contact, resolution / needed)}{_longer(resolution / needed)}"
     )
     warn(message, ResolutionWarning)
+
+
+def resolved_range(contact: Contact, resolution: ArrayLike = FOR_JUMPS) -> Scalar:
+    """Return the shortest range of the law that the grid resolves, with its work of adhesion.
+
+    The largest |f''| is as 1 / range^2 if the work is the same, so that the range is that of the
+    contact's law times sqrt(resolution / contact.resolution) [length]. A law with this `length`
+    has the resolution that is asked for.
+
+    Arguments:
+        contact: the contact problem, whose law has a `length`, as the ones of
+            `jaxstab.potentials` with a range.
+        resolution: the `contact.resolution` to reach: by default 4, which pull-offs and jumps need;
+            an equilibrium needs 1.
+
+    Raises:
+        TypeError: for a law without one number that is its range; the message has the factor.
+        ValueError: if the resolution is not positive.
+    """
+    require_contact(contact)
+    needed = positive_scalar(resolution, "The resolution")
+    factor = jnp.sqrt(needed / contact.resolution)
+    length = getattr(contact.potential, "length", None)
+    if not isinstance(length, jax.Array) or length.ndim > 0:
+        by = "" if is_traced(factor) else f" by {float(factor):.4g}"
+        raise TypeError(
+            f"The law is {contact.potential!r}, without one range in its field `length`: multiply "
+            f"the lengths of your law{by}, at the same work of adhesion."
+        )
+    return factor * length
 
 
 @program

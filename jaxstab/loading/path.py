@@ -3,6 +3,8 @@
 from dataclasses import replace
 from typing import Annotated, Any, Self
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -11,6 +13,7 @@ from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.states import PathState, StateSequence
 from jaxstab.branches.tables import load_column, measured_columns, percent_column, state_columns
 from jaxstab.core import display
+from jaxstab.core.compile import program
 from jaxstab.core.display import Outcome, column, several
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
@@ -23,6 +26,9 @@ from jaxstab.core.units import (
 )
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load, Spring
+
+# The tension over the largest one below which surfaces count as apart.
+_ALMOST_APART = 0.05
 
 
 class Jump(Outcome):
@@ -94,6 +100,28 @@ class Path(StateSequence):
             return replace(state, equilibrium=last)
         return state
 
+    @property
+    def work_of_separation(self) -> Scalar:
+        """The work per area that the last retraction takes from zero load until detachment.
+
+        -int p0 dl over the tensile part of the retraction, losses in jumps included: the effective
+        work of separation of a rough surface, to be compared with the work of adhesion w. It is the
+        difference of `equilibrium.work` between the two states, and needs no quadrature; between
+        the two recorded states around zero load p0 is taken as linear [energy/area].
+
+        The retraction is what the load rises through at the end of the path. If all of it is under
+        tension, it counts from its first state. NaN for a path that ends approaching or in contact,
+        or at a tension above 5 % of the largest, as detachment lies beyond it; and for a load that
+        is a pressure, which works without end once it has pulled the surfaces apart. On a window
+        the area is that of the window.
+        """
+        if self.load.unit != LENGTH:
+            return jax.device_put(np.full(self.work.shape, np.nan, self.work.dtype))
+        states = self.equilibrium
+        return _work_of_separation(
+            self.load.value, states.mean_pressure, states.work, states.contact_area, states.area
+        )
+
     @display.readable
     def __repr__(self) -> str:
         lines = [
@@ -102,6 +130,41 @@ class Path(StateSequence):
         ]
         table = [display.table(_jumps(self.jumps))] if len(self.jumps) else []
         return "\n".join([*lines, *table])
+
+
+@program
+def _work_of_separation(
+    load: Array, pressure: Array, work: Array, contact_area: Array, area: Array
+) -> Array:
+    """Return `Path.work_of_separation` from the fields of the states, along the last axis."""
+    number, is_state = jnp.arange(load.shape[-1]), jnp.isfinite(load)
+
+    def at(field: Array, place: Array) -> Array:
+        return jnp.take_along_axis(field, place[..., None], -1)[..., 0]
+
+    def last(condition: Array) -> Array:
+        return jnp.max(jnp.where(condition, number, -1), axis=-1)
+
+    end = last(is_state)
+    has_fallen = jnp.diff(load, axis=-1, prepend=jnp.inf) <= 0
+    first = last(has_fallen & is_state)
+    retracts = (number >= first[..., None]) & is_state
+    tension = jnp.where(retracts, -pressure, -jnp.inf)
+    strongest = jnp.argmax(tension, axis=-1)
+    before = last(retracts & (pressure >= 0) & (number < strongest[..., None]))
+    start = jnp.where(before < 0, first, before)
+    pressed, pulled = at(pressure, start), at(pressure, start + 1)
+    step = at(load, start + 1) - at(load, start)
+    # The area under a line from the last pressure to zero.
+    until_zero = jnp.where(before < 0, 0, -pressed * (pressed / (pressed - pulled)) * step / 2)
+    separation = (at(work, end) - at(work, start)) / area[..., 0] - until_zero
+    largest = at(tension, strongest)
+    # Surfaces without adhesion are apart where their pressure has gone.
+    highest = jnp.max(jnp.where(retracts, pressure, 0), axis=-1)
+    scale = jnp.where(largest > 0, largest, highest)
+    is_apart = (at(contact_area, end) == 0) & (abs(at(pressure, end)) <= _ALMOST_APART * scale)
+    is_known = is_apart & (first < end)
+    return jnp.where(is_known, jnp.where(largest > 0, separation, 0), jnp.nan)
 
 
 def _energies(path: Path) -> list[str]:

@@ -1,6 +1,7 @@
 import re
 import warnings
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -97,3 +98,54 @@ def test_a_sweep_warns_once():
     with pytest.warns(js.ResolutionWarning) as told:
         js.sweep(coarse, js.MeanGap(jnp.array([0.3, 0.2])), throw=False)
     assert len([warning for warning in told if warning.category is js.ResolutionWarning]) == 1
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        js.potentials.Exponential(0.02, 0.01),
+        js.potentials.Gaussian(0.02, 0.01),
+        js.potentials.Dugdale(0.02, 0.01),
+        js.potentials.LennardJones(0.02, 0.01),
+    ],
+)
+@pytest.mark.parametrize("resolution", [4, 1.0])
+def test_a_law_with_the_resolved_range_has_the_resolution(law, resolution):
+    grid = js.Grid((32,), (1.0,))
+    contact = js.Contact(js.Layer(grid, 1.0, 0.3, 0.1), jnp.zeros(32), law)
+    length = js.resolved_range(contact, resolution)
+    assert length > law.length
+    resolved = eqx.tree_at(lambda law: law.length, law, length)
+    longer = js.Contact(contact.solid, contact.heights, resolved)
+    # The largest curvature is known at gaps of 64 an octave.
+    assert longer.resolution == pytest.approx(float(resolution), rel=1e-3)
+
+
+def test_the_resolved_range_of_an_exponential_law_is_known_and_has_derivatives():
+    grid = js.Grid((32,), (1.0,))
+
+    def shortest(work):
+        law = js.potentials.Exponential(work, 0.01)
+        return js.resolved_range(js.Contact(js.HalfSpace(grid, 1.0), jnp.zeros(32), law))
+
+    # K = pi E* / (2 dx), |f''| = w / rho^2.
+    expected = np.sqrt(4 * 0.02 / (np.pi / (2 / 32)))
+    value, slope = jax.jit(jax.value_and_grad(shortest))(0.02)
+    assert value == pytest.approx(expected) and slope == pytest.approx(expected / 0.04)
+
+
+def test_a_law_without_one_range_is_told_the_factor():
+    grid = js.Grid((32,), (1.0,))
+    solid, exponential = js.HalfSpace(grid, 1.0), js.potentials.Exponential(0.02, 0.01)
+    varying = js.potentials.Varying(
+        eqx.tree_at(lambda x: x.length, exponential, jnp.full(32, 0.01))
+    )
+    for law in (lambda gap: -0.02 * jnp.exp(-100 * gap), varying, exponential + exponential):
+        contact = js.Contact(solid, jnp.zeros(32), law)
+        factor = float(jnp.sqrt(4 / contact.resolution))
+        with pytest.raises(TypeError, match=rf"multiply the lengths of your law by {factor:.4g}"):
+            js.resolved_range(contact)
+    with pytest.raises(ValueError, match=r"resolution is -1"):
+        js.resolved_range(js.Contact(solid, jnp.zeros(32), exponential), -1)
+    with pytest.raises(TypeError, match="HalfSpace"):
+        js.resolved_range(solid)
