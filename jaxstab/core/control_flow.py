@@ -87,14 +87,6 @@ def cond(condition: ArrayLike, one: Callable[[], Out], other: Callable[[], Out])
     return one() if condition else other()
 
 
-def if_needed(is_needed: ArrayLike, compute: Callable[[], Out], otherwise: Out) -> Out:
-    """Return `compute()` if it is needed, else `otherwise`.
-
-    If `is_needed` is concrete, a computation that is not needed is neither traced nor compiled.
-    """
-    return cond(is_needed, compute, lambda: otherwise)
-
-
 def choose(condition: ArrayLike, one: Out, other: Out) -> Out:
     """Return one of two trees of arrays; both are computed."""
     return jax.tree.map(partial(jnp.where, condition), one, other)

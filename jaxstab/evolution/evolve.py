@@ -141,8 +141,13 @@ def evolve(
         # Time by time, so that it can be watched, and interrupted: one program, whatever is kept.
         for interval in map(Interval, *intervals) if is_alone else [intervals]:
             try:
-                state, row = jax.block_until_ready(_march(*given, keeps, state, interval))
-                rows.append(row if fields else (row[0], None, *row[2:]))
+                after, row = jax.block_until_ready(_march(*given, keeps, state, interval))
+                # The state and its row belong together.
+                with interrupts_held() as was_interrupted:
+                    state = after
+                    rows.append(row if fields else (row[0], None, *row[2:]))
+                if was_interrupted:
+                    raise KeyboardInterrupt
                 bar.update()
             except early_ends():
                 if not rows:

@@ -13,7 +13,7 @@ from jaxtyping import Array, Int, PRNGKeyArray
 from jaxstab.contact.hessian import Block, Hessian
 from jaxstab.core.checks import concrete
 from jaxstab.core.compile import program
-from jaxstab.core.control_flow import cond, if_needed
+from jaxstab.core.control_flow import cond
 from jaxstab.core.progress import advance_if_known
 from jaxstab.core.types import ArrayLike
 from jaxstab.stability.certificate import certified
@@ -60,9 +60,7 @@ def smallest_eigenpairs(
     # The critical cone: a linear space, unless some point touches without pressing.
     is_open = touches & ~is_proved
     cone = problems.critical_cone
-    hull = if_needed(
-        is_open, lambda: _lowest_on_hull(spaces, hessian, cone, key), around.known_before()
-    )
+    hull = cond(is_open, lambda: _lowest_on_hull(spaces, hessian, cone, key), around.known_before)
     is_weak = is_open & concrete(problems.is_weak)
     critical = _lowest_on_cone(fast, spaces, hessian, cone, hull, key, is_weak)
     advance_if_known(critical)
@@ -77,13 +75,14 @@ def smallest_eigenpairs(
     # A proof, if the eigenvalue on the cone is positive and none is known.
     lacks_proof = (concrete(lowest.sign) > 0) & (concrete(around.sign) <= 0)
     lacks_proof &= ~concrete(lowest.pair.proved) & ~is_doubtful
-    lowest = if_needed(
-        is_open & lacks_proof, lambda: certified(spaces, hessian, cone, lowest, around), lowest
+    is_needed = is_open & lacks_proof
+    proved = cond(
+        is_needed, lambda: certified(spaces, hessian, cone, lowest, around), lambda: lowest
     )
-    advance_if_known(lowest)
+    advance_if_known(proved)
 
-    found = Found(around.pair, lowest.pair, critical.pair, hull.pair, is_proved, is_decided)
-    return if_needed(is_doubtful, lambda: covering_doubt(problems, found), found)
+    found = Found(around.pair, proved.pair, critical.pair, hull.pair, is_proved, is_decided)
+    return cond(is_doubtful, lambda: covering_doubt(problems, found), lambda: found)
 
 
 def _lowest_on_hull(
