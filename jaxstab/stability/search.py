@@ -60,7 +60,9 @@ def smallest_eigenpairs(
     # The critical cone: a linear space, unless some point touches without pressing.
     is_open = touches & ~is_proved
     cone = problems.critical_cone
-    hull = cond(is_open, lambda: _lowest_on_hull(spaces, hessian, cone, key), around.known_before)
+    hull = cond(
+        is_open, lambda: _lowest_on_hull(spaces, hessian, cone, key), lambda: around.known_before()
+    )
     is_weak = is_open & concrete(problems.is_weak)
     critical = _lowest_on_cone(fast, spaces, hessian, cone, hull, key, is_weak)
     advance_if_known(critical)
