@@ -36,7 +36,7 @@ from jaxstab.core.checks import (
 )
 from jaxstab.core.control_flow import by_entries, while_loop
 from jaxstab.core.display import several
-from jaxstab.core.interrupts import early_ends, interrupts_held
+from jaxstab.core.interrupts import early_ends, interrupts_after, interrupts_held
 from jaxstab.core.progress import advance_if_known
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import stacked
@@ -177,7 +177,7 @@ def _eager(number: int, fields: bool, begun: Begun) -> Branch:
         while branch.is_on and len(entries) < number:
             gone_on = jax.block_until_ready(_gone_on(problem, branch))
             # A step is kept with its state, its turn and how it ended, or not at all.
-            with interrupts_held() as held:
+            with interrupts_after():
                 branch, entry, turn = gone_on
                 if branch.step.is_new:
                     entries.append(_kept(entry, fields))
@@ -186,8 +186,6 @@ def _eager(number: int, fields: bool, begun: Begun) -> Branch:
                         if any(is_same(problem, turn, other) for other in turns):
                             branch = replace(branch, end=KINDS.loop)
                         turns.append(turn)
-            if held:
-                raise KeyboardInterrupt
     except early_ends():
         warn(f"The branch was interrupted after {several(len(entries), 'state')}.", PathInterrupted)
         branch = replace(branch, result=RESULTS.interrupted)

@@ -38,3 +38,12 @@ def interrupts_held() -> Iterator[list[int]]:
         yield held
     finally:
         signal.signal(signal.SIGINT, own)
+
+
+@contextmanager
+def interrupts_after() -> Iterator[None]:
+    """Let a Ctrl-C act after the block, which is done whole or not at all."""
+    with interrupts_held() as held:
+        yield
+    if held:
+        raise KeyboardInterrupt

@@ -25,7 +25,7 @@ from jaxstab.core.checks import (
 from jaxstab.core.compile import own_conventions, program
 from jaxstab.core.control_flow import by_entries, entry_of
 from jaxstab.core.implicit import attach, nan_if, pushed, undefined
-from jaxstab.core.interrupts import early_ends, interrupts_held
+from jaxstab.core.interrupts import early_ends, interrupts_after, interrupts_held
 from jaxstab.core.progress import progress_bar
 from jaxstab.core.results import RESULTS, throw_failure
 from jaxstab.core.stack import stacked
@@ -37,16 +37,7 @@ from jaxstab.equilibrium.equilibrate import initial_gap
 from jaxstab.equilibrium.window import padded_start
 from jaxstab.evolution.evolution import Evolution, Internal, Totals, relaxed_contact
 from jaxstab.evolution.jump_time import time_of_jump
-from jaxstab.evolution.step import (
-    RTOL,
-    Interval,
-    Moment,
-    Step,
-    along,
-    first_moment,
-    march,
-    stepped,
-)
+from jaxstab.evolution.step import RTOL, Interval, Moment, Step, along, first_moment, march, stepped
 from jaxstab.loads import Load, require_load, require_same_machine
 
 
@@ -143,11 +134,9 @@ def evolve(
             try:
                 after, row = jax.block_until_ready(_march(*given, keeps, state, interval))
                 # The state and its row belong together.
-                with interrupts_held() as was_interrupted:
+                with interrupts_after():
                     state = after
                     rows.append(row if fields else (row[0], None, *row[2:]))
-                if was_interrupted:
-                    raise KeyboardInterrupt
                 bar.update()
             except early_ends():
                 if not rows:

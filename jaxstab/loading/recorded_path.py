@@ -17,7 +17,7 @@ from jaxstab.contact import Contact
 from jaxstab.core.checks import concrete
 from jaxstab.core.compile import in_pieces, program
 from jaxstab.core.control_flow import by_entries, cond
-from jaxstab.core.interrupts import interrupts_held
+from jaxstab.core.interrupts import interrupts_after
 from jaxstab.core.results import RESULTS
 from jaxstab.core.stack import first_entries, stacked
 from jaxstab.core.types import Field, Flag, Scalar
@@ -68,19 +68,19 @@ class Recording:
 
     def append(self, record: Record) -> "Recording":
         """Append what a step has recorded, all of it or, where it is interrupted, nothing."""
-        point, is_state, is_event = record.point, bool(record.is_state), bool(record.is_event)
+        point = record.point
+        is_state = bool(record.is_state)
+        is_event = bool(record.is_event)
         # Gaps of all states have their place in the memory of the host, unless they are sharded.
         gap = concrete(point.gap) if self.fields else np.zeros(0, point.gap.dtype)
         kept = replace(point, gap=gap)
-        with interrupts_held() as held:
+        with interrupts_after():
             if is_state:
                 self.points.append(kept)
                 self.gap = point.gap
             if is_event:
                 self.events.append(record.event)
             self.last = record
-        if held:
-            raise KeyboardInterrupt
         self.locate_ends()
         return self
 
@@ -98,7 +98,8 @@ def path_with_room(room: Room, load_path: LoadPath, start: Field | None) -> Path
 
     Only the first entries are of states, and of jumps, as many as it has recorded.
     """
-    contact, load = load_path.contact, load_path.load
+    contact = load_path.contact
+    load = load_path.load
     ended, tables = step_to_end(load_path, start, room)
     is_short = ended.is_open(load)
     result = RESULTS.where(is_short, RESULTS.store_full, ended.result)
@@ -108,10 +109,12 @@ def path_with_room(room: Room, load_path: LoadPath, start: Field | None) -> Path
 
 def path_of(record: Recording, result: RESULTS) -> Path:
     """Return the path of a recording, and how it ended."""
-    contact, load = record.load_path.contact, record.load_path.load
+    contact = record.load_path.contact
+    load = record.load_path.load
     number = len(record.points)
     record.locate_ends()
-    jumps, last = record.jumps, record.last
+    jumps = record.jumps
+    last = record.last
     like = jumps[0] if jumps else jax.eval_shape(_jump, contact, load, last.event)
     points = stacked(record.points, record.points[0])
     room = _ROOM * max(-(-number // _ROOM), 1)
@@ -214,7 +217,8 @@ def _unlocated_loss(points: PathPoint, is_branch: Bool[Array, " steps"]) -> tupl
     one after. Half of the difference of their integrals is the error; where there is only one of
     them, all that it takes from the trapezoid.
     """
-    step, force = jnp.diff(points.value), points.force
+    step = jnp.diff(points.value)
+    force = points.force
     pair = step[1:] + step[:-1]
     # Through three states, where these lie on one branch, in the order of their loads, and apart.
     rounding = _ROUNDING * jnp.finfo(step.dtype).eps * jnp.nanmax(jnp.abs(points.value))
@@ -223,7 +227,8 @@ def _unlocated_loss(points: PathPoint, is_branch: Bool[Array, " steps"]) -> tupl
     is_known &= is_long[1:] & is_long[:-1]
     slope = jnp.where(is_long, jnp.diff(force) / jnp.where(step == 0, 1, step), 0)
     turn = jnp.where(is_known, jnp.diff(slope) / jnp.where(pair == 0, 1, pair), 0)
-    before, after = jnp.pad(turn, (1, 0)), jnp.pad(turn, (0, 1))
+    before = jnp.pad(turn, (1, 0))
+    after = jnp.pad(turn, (0, 1))
     number = jnp.pad(is_known, (1, 0)).astype(int) + jnp.pad(is_known, (0, 1))
     cubes = step**3 / 6
     work = step * (force[1:] + force[:-1]) / 2 - cubes * (before + after) / jnp.maximum(number, 1)

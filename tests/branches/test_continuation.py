@@ -65,14 +65,14 @@ def test_an_interrupt_before_the_last_state_is_kept_leaves_no_end_of_it(hertz, m
     load = js.MeanDisplacement(jnp.array([1.6, 1.55]))
     whole = js.continuation(hertz, load, max_states=24)
     assert whole.end == "load"
-    steps, held = itertools.count(1), module.interrupts_held
+    steps, after = itertools.count(1), module.interrupts_after
 
     def interrupted():
         if next(steps) == len(whole) - 1:
             signal.raise_signal(signal.SIGINT)
-        return held()
+        return after()
 
-    monkeypatch.setattr(module, "interrupts_held", interrupted)
+    monkeypatch.setattr(module, "interrupts_after", interrupted)
     with pytest.warns(js.PathInterrupted, match=f"after {len(whole) - 1} states"):
         found = js.continuation(hertz, load, max_states=24)
     assert found.result == "interrupted" and found.end == "states"
