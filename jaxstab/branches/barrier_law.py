@@ -24,7 +24,8 @@ from jaxstab.equilibrium.derivatives import free_system, third_derivative
 from jaxstab.loads import Load
 
 # The error of the law at the end of its range, and its next term there: further ones add to it.
-_ERROR, _NEXT_TERM = 0.2, 0.15
+_ERROR = 0.2
+_NEXT_TERM = 0.15
 
 
 class BarrierLaw(Outcome):
@@ -96,7 +97,8 @@ def barrier_law(
     net, gap_rate, net_rate = response(contact, load, gap)
     control = contact.control(load)
     hessian = contact.hessian(gap, control)
-    is_free, is_release = gap > 0, kind == KINDS.release
+    is_free = gap > 0
+    is_release = kind == KINDS.release
     # A law may be singular at zero gap, where the points that stay closed do not feel it.
     third, fourth, fifth = (
         jnp.where(is_free | point, x, 0) for x in _higher_derivatives(contact, gap)
@@ -117,7 +119,8 @@ def barrier_law(
 
     # A mode has relaxed already.
     changes, relief = jax.lax.map(followed, forces.at[0].multiply(is_release))
-    move, rate = move + changes[0], gap_rate + changes[1]
+    move = move + changes[0]
+    rate = gap_rate + changes[1]
     # A load that holds the mean balances any uniform pressure.
     pulled, pushed = (rest - mean_over(is_free, rest) for rest in forces + relief)
     drive = move * net_rate
@@ -125,7 +128,8 @@ def barrier_law(
 
     def at_release() -> _Expansion:
         bend = total(move * pulled)
-        side, lead = jnp.sign(slope), jnp.abs(slope / bend)
+        side = jnp.sign(slope)
+        lead = jnp.abs(slope / bend)
         size = slope**2 / jnp.where(bend < 0, -2 * bend, jnp.nan)
         here = side * rate
         term = total(third * ((here + lead * move) ** 3 - here**3)) / 6 / size
@@ -134,9 +138,11 @@ def barrier_law(
     def at_fold() -> _Expansion:
         # The slope of the energy at the amplitude b sqrt(s) along the mode is (b^2 - w^2) s k / 2.
         # Its next parts are odd and even in b: in second and in first order they add to the term.
-        side, square = -jnp.sign(slope * cubic), 2 * jnp.abs(slope / cubic)
+        side = -jnp.sign(slope * cubic)
+        square = 2 * jnp.abs(slope / cubic)
         size = 2 / 3 * jnp.abs(cubic) * square**1.5
-        here, along = side * rate, square * move**2
+        here = side * rate
+        along = square * move**2
         odd = total(move**2 * (third * here + along * fourth / 6))
         bent = along * (fourth * here + along * fifth / 20) / 6
         even = total(move * (third * here**2 / 2 + bent))
@@ -148,12 +154,14 @@ def barrier_law(
     law = jax.lax.cond(is_release, at_release, at_fold)
     # Gaps of free points, and reactions of the others, and how these move.
     left = jnp.where(is_free, gap, net)
-    apart, along = jnp.where(is_free, move, pulled), jnp.where(is_free, rate, pushed)
+    apart = jnp.where(is_free, move, pulled)
+    along = jnp.where(is_free, rate, pushed)
     # A gap that closes, instead of falling below zero by d, costs at most K_ii d^2 / 2, where K_ii
     # is about half of the largest stiffness: at a release it counts once that is the error.
     delay = jnp.sqrt(4 * _ERROR * law.size / contact.solid.max_stiffness)
     along = law.side * along + jnp.where(is_free & is_release, delay, 0)
-    half, whole = law.spread * apart, law.lead * apart
+    half = law.spread * apart
+    whole = law.lead * apart
     zeros = _zero(left, jnp.stack([-half, half]), jnp.stack([along, along + whole]))
     first = jnp.min(jnp.where(point, jnp.inf, zeros))
     reach = jnp.minimum(_NEXT_TERM / jnp.abs(law.next_term), first)

@@ -12,9 +12,7 @@ from jaxstab.core import display
 from jaxstab.core.display import Outcome, column, several
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field
-from jaxstab.core.units import (
-    NUMBER,
-)
+from jaxstab.core.units import NUMBER
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load
 

@@ -106,6 +106,7 @@ class StateSequence(Dimensioned):
     @property
     def _extent(self) -> str:
         """The first and the last load and the number of states, in words."""
-        loads, units = np.asarray(self.load.value), self.equilibrium.units
+        loads = np.asarray(self.load.value)
+        units = self.equilibrium.units
         first, last = (measured(units, loads[i], self.load.unit, digits=6) for i in (0, -1))
         return f"{type(self.load).__name__} {first} to {last} in {several(loads.size, 'state')}"

@@ -9,24 +9,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxstab import plots
-from jaxstab.branches import (
-    Branch,
-)
+from jaxstab.branches import Branch
 from jaxstab.cli.problem import loaded
 from jaxstab.contact import Contact
 from jaxstab.equilibrium import Equilibrium
-from jaxstab.evolution import (
-    Evolution,
-)
-from jaxstab.loading import (
-    Path as Followed,
-)
+from jaxstab.evolution import Evolution
+from jaxstab.loading import Path as Followed
 from jaxstab.loading.observe import Observed
 from jaxstab.loading.sweep import Sweep
 from jaxstab.stability import Stability
-from jaxstab.transitions import (
-    Transition,
-)
+from jaxstab.transitions import Transition
 
 # The figures of results along a path, by the class of the result.
 _OF_STATES = {

@@ -28,7 +28,8 @@ class ResolutionWarning(UserWarning):
 
 
 # The resolution that a state needs, and a jump, where pinning shows in full.
-FOR_STATES, FOR_JUMPS = 1.0, 4.0
+FOR_STATES = 1.0
+FOR_JUMPS = 4.0
 # The error of a pull-off times the square of the resolution, measured on Johnson's wave.
 _PINNING = 0.2
 
@@ -114,7 +115,8 @@ def _longer(share: np.floating) -> str:
 
 def _cure(contact: Contact, share: np.floating) -> str:
     """Return a grid that is stiff enough, from the present share of the stiffness needed."""
-    solid, refinement = contact.solid, 1
+    solid = contact.solid
+    refinement = 1
     stiffest = solid.max_stiffness
     # A stored number does not follow the grid.
     if any(leaf is stiffest for leaf in jax.tree.leaves(solid)):

@@ -11,9 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from jaxstab.branches import (
-    Branch,
-)
+from jaxstab.branches import Branch
 from jaxstab.contact import Contact, require_contact, require_same_contact
 from jaxstab.core.checks import is_traced, require_shape
 from jaxstab.core.display import text
@@ -22,21 +20,15 @@ from jaxstab.core.results import RESULTS
 from jaxstab.core.units import LENGTH, unit_symbol
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.equilibrium.verify import recognised
-from jaxstab.evolution import (
-    Evolution,
-)
+from jaxstab.evolution import Evolution
 from jaxstab.files.records import NamedArray, Recorder, Structure
 from jaxstab.files.tabulated_law import law_variables
-from jaxstab.loading import (
-    Path,
-)
+from jaxstab.loading import Path
 from jaxstab.loading.observe import Observed
 from jaxstab.loading.sweep import Sweep
 from jaxstab.loads import Load
 from jaxstab.stability import Stability
-from jaxstab.transitions import (
-    Transition,
-)
+from jaxstab.transitions import Transition
 
 # Xarray is imported where it is used, since its import is slow.
 if TYPE_CHECKING:

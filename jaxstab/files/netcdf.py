@@ -17,9 +17,7 @@ from jaxstab.contact import Contact
 from jaxstab.core.checks import require_kind
 from jaxstab.core.optional_packages import NETCDF, require_packages
 from jaxstab.core.warn import warn
-from jaxstab.evolution import (
-    Evolution,
-)
+from jaxstab.evolution import Evolution
 from jaxstab.files.dataset import FORMAT, Result, to_dataset
 from jaxstab.files.records import LostFunction, Structure, functions_of, lost_classes, restored
 from jaxstab.files.tabulated_law import require_same_law

@@ -17,13 +17,7 @@ from jaxstab.core.compile import program
 from jaxstab.core.display import Outcome, column, several
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Scalar
-from jaxstab.core.units import (
-    ENERGY,
-    LENGTH,
-    NUMBER,
-    readable_unit,
-    shown_unit,
-)
+from jaxstab.core.units import ENERGY, LENGTH, NUMBER, readable_unit, shown_unit
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loads import Load, Spring
 
@@ -137,7 +131,8 @@ def _work_of_separation(
     load: Array, pressure: Array, work: Array, contact_area: Array, area: Array
 ) -> Array:
     """Return `Path.work_of_separation` from the fields of the states, along the last axis."""
-    number, is_state = jnp.arange(load.shape[-1]), jnp.isfinite(load)
+    number = jnp.arange(load.shape[-1])
+    is_state = jnp.isfinite(load)
 
     def at(field: Array, place: Array) -> Array:
         return jnp.take_along_axis(field, place[..., None], -1)[..., 0]
@@ -153,7 +148,8 @@ def _work_of_separation(
     strongest = jnp.argmax(tension, axis=-1)
     before = last(retracts & (pressure >= 0) & (number < strongest[..., None]))
     start = jnp.where(before < 0, first, before)
-    pressed, pulled = at(pressure, start), at(pressure, start + 1)
+    pressed = at(pressure, start)
+    pulled = at(pressure, start + 1)
     step = at(load, start + 1) - at(load, start)
     # The area under a line from the last pressure to zero.
     until_zero = jnp.where(before < 0, 0, -pressed * (pressed / (pressed - pulled)) * step / 2)
@@ -168,7 +164,8 @@ def _work_of_separation(
 
 
 def _energies(path: Path) -> list[str]:
-    work, losses = np.asarray(path.equilibrium.work), np.asarray(path.jumps.dissipation)
+    work = np.asarray(path.equilibrium.work)
+    losses = np.asarray(path.jumps.dissipation)
     is_known = np.isfinite(path.work)
     number = len(losses) if is_known else np.isfinite(np.cumsum(losses)).sum()
     done = float(path.work if is_known else work[np.isfinite(work)][-1])
@@ -188,7 +185,8 @@ def _energies(path: Path) -> list[str]:
             "  after that neither is known: a dead load pulls surfaces apart without end",
         ]
     if abs(path.unlocated) > path.unlocated_error:
-        amount, error = float(path.unlocated) / divisor, float(path.unlocated_error) / divisor
+        amount = float(path.unlocated) / divisor
+        error = float(path.unlocated_error) / divisor
         name = "lost in jumps not located" if amount > 0 else "lost between jumps, which cannot be:"
         lines.append(f"  {name}  {amount:.2g} ± {error:.1g} {shown_unit(unit)}".rstrip())
     broken = int(np.sum(np.asarray(path.jumps.kind == KINDS.bifurcation)))

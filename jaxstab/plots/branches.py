@@ -5,9 +5,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxstab.branches import (
-    Branch,
-)
+from jaxstab.branches import Branch
 from jaxstab.contact import Contact, require_contact
 from jaxstab.core.checks import require_kind
 from jaxstab.core.stack import require_single
@@ -26,9 +24,7 @@ from jaxstab.plots.style import (
     grey,
     label_axes,
 )
-from jaxstab.transitions import (
-    Transition,
-)
+from jaxstab.transitions import Transition
 
 _STABLE: Style = {"color": BLUE, "label": "stable"}
 _UNSTABLE: Style = {"color": VERMILION, "linestyle": (0, (3, 1.5)), "label": "unstable"}

@@ -7,9 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from jaxstab.core.checks import require_kind, require_one_of
-from jaxstab.evolution import (
-    Evolution,
-)
+from jaxstab.evolution import Evolution
 from jaxstab.plots.style import (
     add_legend,
     axes_or_new,

@@ -8,16 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
 
-from jaxstab.branches import (
-    Branch,
-    Turn,
-)
+from jaxstab.branches import Branch, Turn
 from jaxstab.core.checks import require_kind, require_one_of
 from jaxstab.core.units import LENGTH, measured
-from jaxstab.loading import (
-    Observed,
-    Path,
-)
+from jaxstab.loading import Observed, Path
 from jaxstab.loading.sweep import Sweep
 from jaxstab.plots.style import (
     PALETTE,

@@ -10,9 +10,7 @@ from matplotlib.axis import Axis, XAxis, YAxis
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.ticker import Formatter, LogFormatterSciNotation, ScalarFormatter
 
-from jaxstab.branches import (
-    States,
-)
+from jaxstab.branches import States
 from jaxstab.core.checks import require_kind
 from jaxstab.core.units import (
     FORCE,

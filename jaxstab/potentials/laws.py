@@ -337,7 +337,8 @@ class CutOff(Law):
         # A class of laws is callable too.
         if not callable(law) or isinstance(law, type):
             raise ValueError(f"The law is {law!r}: give a function of the gap.")
-        self.law, self.radius = law, positive_parameter(radius, "The radius of the cut-off")
+        self.law = law
+        self.radius = positive_parameter(radius, "The radius of the cut-off")
 
     def __call__(self, gap: Scalar) -> Scalar:
         """Return the energy per area at a gap [length]."""

@@ -151,12 +151,14 @@ def held(
     unit = units(*sphere)
     number = np.asarray(displacement) / unit.displacement
     # d in units of d0, where root = A^(1/2); it is least at A^(3/2) = 6^(1/2) / 6.
-    lowest, first = np.cbrt(_SQRT_6 / 6), np.cbrt(2 * _SQRT_6 / 3)
+    lowest = np.cbrt(_SQRT_6 / 6)
+    first = np.cbrt(2 * _SQRT_6 / 3)
 
     def short(root: Array) -> Array:
         return root**4 - 2 * _SQRT_6 / 3 * root - number
 
-    large, small = bisect(short, lowest, first), bisect(short, lowest, 0)
+    large = bisect(short, lowest, first)
+    small = bisect(short, lowest, 0)
     is_between = (short(np.asarray(lowest)) <= 0) & (number <= 0)
     states = []
     for root in (large, small):
@@ -267,7 +269,8 @@ def loop_loss(
     stiffness = np.asarray(stiffness)
     require("The stiffness", stiffness, stiffness > 0, "give a positive number.")
     sphere = radius, contact_modulus, work_of_adhesion
-    leaving, entering = pull_off(*sphere, stiffness), jump_in(*sphere, stiffness)
+    leaving = pull_off(*sphere, stiffness)
+    entering = jump_in(*sphere, stiffness)
     contact = energy(leaving.contact_radius, *sphere) - energy(entering.contact_radius, *sphere)
     return contact + (leaving.force**2 - entering.force**2) / (2 * stiffness)
 

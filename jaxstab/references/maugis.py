@@ -199,8 +199,10 @@ def _radii(width: Array, parameter: Array) -> tuple[Array, Array]:
 
 def _slope(ratio: Array, n: Array, parameter: Array, dead: Array, held: Array) -> Array:
     """Return d(dead F + held d)/dA along the branch, without a positive factor."""
-    c, t = np.hypot(ratio, n), np.arctan2(n, ratio)
-    sine, cosine = n / c, ratio / c
+    c = np.hypot(ratio, n)
+    t = np.arctan2(n, ratio)
+    sine = n / c
+    cosine = ratio / c
     # The gap at c is the same all along: its derivatives give dN / dA = -by_contact / by_width.
     by_contact = parameter * ratio * (sine * cosine - t)
     by_contact = by_contact - 4 / 3 * parameter**2 * sine**2 * cosine / (1 + cosine)
@@ -213,7 +215,8 @@ def _slope(ratio: Array, n: Array, parameter: Array, dead: Array, held: Array) -
 
 def _in_contact(ratio: Array, n: Array, parameter: Array) -> DugdaleState:
     """Return the state of given A and N, in units."""
-    c, t = np.hypot(ratio, n), np.arctan2(n, ratio)
+    c = np.hypot(ratio, n)
+    t = np.arctan2(n, ratio)
     force = ratio**3 - parameter * (ratio * n + c**2 * t)
     return DugdaleState(force, ratio**2 - 4 / 3 * parameter * n, ratio, c)
 

@@ -53,7 +53,8 @@ def work(speed: ArrayLike, ratios: ArrayLike, times: ArrayLike, tip_radius: Arra
         ValueError: for ratios and times of different numbers, a negative or infinite ratio, and
             another argument that is not positive and finite.
     """
-    (speed,), (times,) = positive(speed=speed), positive(relaxation_time=times)
+    (speed,) = positive(speed=speed)
+    (times,) = positive(relaxation_time=times)
     (radius,) = positive(tip_radius=tip_radius)
     ratios, times = np.atleast_1d(not_negative("ratio", ratios), times)
     require("A ratio", ratios, np.isfinite(ratios), "give a finite number.")

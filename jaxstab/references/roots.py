@@ -13,10 +13,12 @@ def bisect(function: Callable[[Array], Array], negative: ArrayLike, positive: Ar
     The function acts entry by entry. For an entry without a change of sign the result is the end
     that its sign points to.
     """
-    below, above = np.asarray(negative, np.float64), np.asarray(positive, np.float64)
+    below = np.asarray(negative, np.float64)
+    above = np.asarray(positive, np.float64)
     # A hundred halvings reach rounding from any interval.
     for _ in range(100):
         middle = (below + above) / 2
         is_negative = function(middle) < 0
-        below, above = np.where(is_negative, middle, below), np.where(is_negative, above, middle)
+        below = np.where(is_negative, middle, below)
+        above = np.where(is_negative, above, middle)
     return (below + above) / 2

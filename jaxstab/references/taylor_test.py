@@ -28,9 +28,11 @@ _WINDOW = 4
 # Where too few count, the remainders of a linear function are this part of its differences.
 _LINEAR = 1e-4
 # The rates of second differences below which these are noise, and the rates of a kink.
-_FLAT, _SMOOTH = 0.5, 1.7
+_FLAT = 0.5
+_SMOOTH = 1.7
 # A rounding unit above this is not of double precision; a smaller error has another cause.
-_DOUBLE, _SMALL_ERROR = 1e-12, 0.005
+_DOUBLE = 1e-12
+_SMALL_ERROR = 0.005
 
 _NONFINITE_VALUE = (
     "The function is NaN or infinite at the point or near it: choose a point inside of its domain, "
@@ -154,7 +156,8 @@ def check_derivative(
 
 def _random_direction(point: PyTree) -> PyTree:
     leaves, structure = jax.tree.flatten_with_path(point)
-    keys, moves = jax.random.split(jax.random.key(0), len(leaves)), []
+    keys = jax.random.split(jax.random.key(0), len(leaves))
+    moves = []
     for key, (path, leaf) in zip(keys, leaves, strict=True):
         scale = jnp.sqrt(jnp.mean(leaf**2))
         if scale == 0:

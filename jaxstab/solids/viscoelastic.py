@@ -71,7 +71,8 @@ class Viscoelastic(Solid):
                 f"The ratios have shape {self.ratios.shape}, the relaxation times "
                 f"{self.times.shape}: give one ratio for each of one or more times."
             )
-        given, order = concrete(self.ratios), concrete(self.times)
+        given = concrete(self.ratios)
+        order = concrete(self.times)
         is_ratio = (given >= 0) & (given < np.inf)
         require("A ratio of moduli", given, is_ratio, "it must be finite and not negative.")
         require_positive("A relaxation time", self.times)
@@ -172,7 +173,8 @@ class Viscoelastic(Solid):
         for frequency, count in zip(distinct[repeated], counts[repeated], strict=True):
             raise ValueError(f"The frequency {frequency} is given {count} times: {cure}")
 
-        slowest, fastest = distinct[0], distinct[-1]
+        slowest = distinct[0]
+        fastest = distinct[-1]
         number = 1 + round(_TIMES_PER_DECADE * np.log10(fastest / slowest))
         times = np.geomspace(1 / fastest, 1 / slowest, number)
         turns = 1j * w[:, None] * times
@@ -234,7 +236,8 @@ class Viscoelastic(Solid):
         Returns:
             The solid, and the largest error of E(t) / E_glassy over the range.
         """
-        ratio, n = scalar_parameter(ratio, "The ratio"), scalar_parameter(exponent, "The exponent")
+        ratio = scalar_parameter(ratio, "The ratio")
+        n = scalar_parameter(exponent, "The exponent")
         t_0 = scalar_parameter(time, "The time")
         require_positive("The exponent", n)
         require_positive("The time", t_0)

@@ -28,13 +28,7 @@ from jaxstab.core.types import Field, Flag, Scalar
 from jaxstab.equilibrium import Equilibrium
 from jaxstab.loading.pull_off import dead_load
 from jaxstab.loads import Load
-from jaxstab.transitions.saddle import (
-    Saddle,
-    are_apart,
-    minima_beside,
-    no_saddle,
-    saddle_near,
-)
+from jaxstab.transitions.saddle import Saddle, are_apart, minima_beside, no_saddle, saddle_near
 from jaxstab.transitions.string import Landscape
 
 # After so many steps a branch is followed no more.

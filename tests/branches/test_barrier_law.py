@@ -8,9 +8,7 @@ from brute_force import periodic_stiffness
 from dense_curve import DenseCurve, exponential
 
 import jaxstab as js
-from jaxstab.branches import (
-    BarrierLaw,
-)
+from jaxstab.branches import BarrierLaw
 
 
 def line(n, law, height, *others, phase=0):

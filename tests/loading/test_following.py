@@ -14,9 +14,7 @@ import pytest
 import jaxstab as js
 from jaxstab.branches.point import PathPoint
 from jaxstab.core.interrupts import interrupts_held
-from jaxstab.loading import (
-    recorded_path,
-)
+from jaxstab.loading import recorded_path
 from jaxstab.loading.recorded_path import Recording
 
 
