@@ -1,4 +1,4 @@
-from . import files, plots, potentials, references, surfaces
+from . import files, force_curves, plots, potentials, references, surfaces
 from .branches import (
     KINDS,
     BarrierLaw,
@@ -175,6 +175,7 @@ __all__ = [
     "evolve",
     "files",
     "follow",
+    "force_curves",
     "growth_rate",
     "leakage",
     "lifetime",

@@ -41,7 +41,7 @@ _SPELLINGS = {"um": "µm", "\u03bcm": "µm", "A": "Å", "\u212b": "Å"}
 _PREFIXES = dict(
     zip(range(-18, 13, 3), ["a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"], strict=True)
 )
-_FORCES = {f"{prefix}N": power for power, prefix in _PREFIXES.items()}
+FORCES = {f"{prefix}N": power for power, prefix in _PREFIXES.items()}
 _ENERGIES = {f"{prefix}J": power for power, prefix in _PREFIXES.items()}
 # SI units, with the powers of pressure and length that they are products of.
 _SI = {
@@ -98,7 +98,7 @@ class Units(NamedTuple):
         return cls(
             unit,
             pressure,
-            force=_derived("force", force, _FORCES, unit, pressure),
+            force=_derived("force", force, FORCES, unit, pressure),
             energy=_derived("energy", energy, _ENERGIES, unit, pressure),
         )
 
@@ -248,15 +248,25 @@ def _derived(
     """Return the usual symbol of a unit of force or energy that a user has chosen."""
     if given is None:
         return None
-    # Micro is written as u, or as a Greek letter.
-    symbol = re.sub("^(u|\u03bc)", "µ", str(given))
-    require_one_of(f"the unit of {name}", symbol, known)
+    symbol = symbol_of(name, given, known)
     if length is None or pressure is None:
         unknown = "length" if length is None else "pressure"
         raise ValueError(
             f"The unit of {name} is {given!r}, but that of {unknown} is unknown: give both, as in "
             'unit="nm", pressure_unit="GPa".'
         )
+    return symbol
+
+
+def symbol_of(name: str, given: object, known: Collection[str]) -> str:
+    """Return the usual symbol of a derived unit, one of those known.
+
+    Raises:
+        ValueError: for any other text.
+    """
+    # Micro is written as u, or as a Greek letter.
+    symbol = re.sub("^(u|\u03bc)", "µ", str(given))
+    require_one_of(f"the unit of {name}", symbol, known)
     return symbol
 
 
@@ -311,7 +321,7 @@ def chosen_unit(units: Units, dimension: str) -> tuple[float, str]:
 def _chosen(units: Units, dimension: str) -> int | None:
     """Return the power of ten of a unit of force or energy that the user chose, if any."""
     if dimension == FORCE and units.force is not None:
-        return _FORCES[units.force]
+        return FORCES[units.force]
     if dimension == ENERGY and units.energy is not None:
         return _ENERGIES[units.energy]
     return None

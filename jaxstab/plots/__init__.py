@@ -10,6 +10,7 @@ from jaxstab.plots.branches import branch, transition
 from jaxstab.plots.curves import convergence, force, potential, spectrum, stability_curve
 from jaxstab.plots.evolutions import evolution
 from jaxstab.plots.fields import contact_map, gap, mode, mode_cut, pressure, surface
+from jaxstab.plots.force_curves import force_curve
 from jaxstab.plots.observables import distribution, flow, observed, patches
 from jaxstab.plots.paths import path
 from jaxstab.plots.saving import save
@@ -25,6 +26,7 @@ __all__ = [
     "evolution",
     "flow",
     "force",
+    "force_curve",
     "gap",
     "mode",
     "mode_cut",

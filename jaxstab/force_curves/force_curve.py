@@ -1,0 +1,295 @@
+"""A measured force curve: approach and retraction, with the cantilever that measured them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxstab.core.optional_packages import require_packages
+from jaxstab.core.units import FORCES, LENGTHS, symbol_of, typeset, unit_of
+
+# Xarray is imported where it is used, since its import is slow.
+if TYPE_CHECKING:
+    import xarray
+
+# The parts of a curve that is far from the sample, and deepest in it.
+_FAR = 0.25
+_DEEP = 0.02
+# A force at the deepest points is one if it exceeds the noise so many times.
+_ABOVE_NOISE = 6.0
+_NO_SPRING = (
+    "The tip position is unknown, since the curve has no spring constant: give it in N/m, as in "
+    "js.force_curves.read(path, spring_constant=0.2)."
+)
+
+
+class ForceCurveWarning(UserWarning):
+    """A force curve looks wrong: its forces have the opposite sign."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Segment:
+    """A part of a force curve in the order of the measurement, NaN where points are missing.
+
+    Attributes:
+        force: positive in compression [force].
+        height: of the far end of the cantilever, growing away from the sample [length].
+        tip: the position of the tip, None if the spring constant is unknown [length].
+        time: [s], None if the file holds none.
+        stated_speed: the speed according to the file [length/s].
+    """
+
+    force: np.ndarray
+    height: np.ndarray
+    tip: np.ndarray | None = None
+    time: np.ndarray | None = None
+    stated_speed: float | None = None
+
+    @property
+    def tip_position(self) -> np.ndarray:
+        """The height of the tip, height + force / spring constant [length].
+
+        Raises:
+            ValueError: if the spring constant is unknown.
+        """
+        if self.tip is None:
+            raise ValueError(_NO_SPRING)
+        return self.tip
+
+    @property
+    def speed(self) -> float | None:
+        """The mean speed of the far end, or the speed that the file states [length/s]."""
+        if self.time is None or not np.ptp(self.time) > 0:
+            return self.stated_speed
+        return float(abs(self.height[-1] - self.height[0]) / np.ptp(self.time))
+
+    @property
+    def is_present(self) -> np.ndarray:
+        """The mask of points that are not missing."""
+        return np.isfinite(self.force) & np.isfinite(self.height)
+
+    @property
+    def num_missing(self) -> int:
+        """The number of missing points."""
+        return int(np.sum(~self.is_present))
+
+    def __len__(self) -> int:
+        return len(self.force)
+
+    def scaled(self, length: float, force: float) -> "Segment":
+        """Return the segment in other units, given factors."""
+        return Segment(
+            force=self.force * force,
+            height=self.height * length,
+            tip=None if self.tip is None else self.tip * length,
+            time=self.time,
+            stated_speed=None if self.stated_speed is None else self.stated_speed * length,
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ForceCurve:
+    """A measured force curve. Its methods return new ones; `print` shows what it holds and lacks.
+
+    `-curve` reverses the sign of the forces.
+
+    Attributes:
+        approach: the part in which the tip approaches the sample, or None.
+        retraction: the part in which it retracts, or None.
+        pauses: other parts, as between approach and retraction, in their order.
+        spring_constant: of the cantilever [force/length], N/m in the files of instruments.
+        sensitivity: its deflection over the voltage of the detector [length/V].
+        position: where on the sample it was measured, x and y [length].
+        pixel: its column and row on a map.
+        unit: the unit of lengths.
+        force_unit: the unit of forces.
+        source: the file, and the number of the curve in it.
+        instrument: the name of the instrument.
+        remarks: the choices of the reader.
+    """
+
+    approach: Segment | None
+    retraction: Segment | None
+    pauses: tuple[Segment, ...] = ()
+    spring_constant: float | None = None
+    sensitivity: float | None = None
+    position: tuple[float, float] | None = None
+    pixel: tuple[int, int] | None = None
+    unit: str = "m"
+    force_unit: str = "N"
+    source: str = ""
+    instrument: str = ""
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def speed(self) -> float | None:
+        """The speed of the approach, or without one of the retraction [length/s]."""
+        segments = [self.approach, self.retraction]
+        return next((segment.speed for segment in segments if segment is not None), None)
+
+    @property
+    def segments(self) -> dict[str, Segment]:
+        """Approach, pauses and retraction by name, those that the curve has."""
+        named = {f"pause {i}": pause for i, pause in enumerate(self.pauses, 1)}
+        ends = {"approach": self.approach, "retraction": self.retraction}
+        return {name: part for name, part in (ends | named).items() if part is not None}
+
+    @property
+    def suspicions(self) -> list[str]:
+        """A sentence for each property of the curve that looks wrong."""
+        return [
+            f"the forces of the {name} fall where it is deepest: attraction seems to be positive. "
+            "Reverse the forces by `-curve`."
+            for name, segment in self._ends()
+            if _is_reversed(segment)
+        ]
+
+    def in_units(self, unit: str, force_unit: str) -> "ForceCurve":
+        """Return the curve in other units, as in `curve.in_units("nm", "nN")`.
+
+        Arguments:
+            unit: of lengths, from pm to km.
+            force_unit: of forces, N with any prefix.
+
+        Raises:
+            ValueError: for other units.
+        """
+        unit = unit_of(unit)
+        force_unit = symbol_of("force", force_unit, FORCES)
+        length = 10.0 ** (LENGTHS[self.unit] - LENGTHS[unit])
+        force = 10.0 ** (FORCES[self.force_unit] - FORCES[force_unit])
+        curve = self._each(lambda segment: segment.scaled(length, force))
+        return replace(
+            curve,
+            unit=unit,
+            force_unit=force_unit,
+            spring_constant=_times(self.spring_constant, force / length),
+            sensitivity=_times(self.sensitivity, length),
+            position=None if self.position is None else _scaled_pair(self.position, length),
+        )
+
+    def __neg__(self) -> "ForceCurve":
+        """Reverse the sign of the forces."""
+        constant = self.spring_constant
+
+        def reverse(segment: Segment) -> Segment:
+            tip = None if constant is None else segment.height - segment.force / constant
+            return replace(segment, force=-segment.force, tip=tip)
+
+        return replace(self._each(reverse), remarks=(*self.remarks, "forces reversed"))
+
+    def to_dataset(self) -> "xarray.Dataset":
+        """Return a data set of xarray, with a dimension for each segment, and units.
+
+        Raises:
+            ImportError: without xarray.
+        """
+        require_packages("Labelled data sets", "data", "xarray")
+        import xarray
+
+        units = {"height": self.unit, "tip_position": self.unit, "force": self.force_unit}
+        variables = {}
+        for name, segment in self.segments.items():
+            prefix = name.replace(" ", "_")
+            columns = {
+                "force": segment.force,
+                "height": segment.height,
+                "tip_position": segment.tip,
+                "time": segment.time,
+            }
+            for column, values in columns.items():
+                if values is not None:
+                    attributes = {
+                        "long_name": f"{column.replace('_', ' ')}, {name}",
+                        "units": units.get(column, "s"),
+                    }
+                    variables[f"{prefix}_{column}"] = (f"{prefix}_point", values, attributes)
+        lengths = f"{self.force_unit}/{self.unit}", f"{self.unit}/V", self.unit, self.unit
+        x, y = self.position or (None, None)
+        numbers = {
+            "spring_constant": self.spring_constant,
+            "sensitivity": self.sensitivity,
+            "x": x,
+            "y": y,
+        }
+        for (name, value), unit in zip(numbers.items(), lengths, strict=True):
+            if value is not None:
+                variables[name] = ((), value, {"long_name": name.replace("_", " "), "units": unit})
+        attributes: dict[str, Any] = {"title": "Force curve", "source": self.source}
+        attributes |= {"instrument": self.instrument} if self.instrument else {}
+        attributes |= {"remarks": "; ".join(self.remarks)} if self.remarks else {}
+        return xarray.Dataset(variables, attrs=attributes)
+
+    def __repr__(self) -> str:
+        return "\n".join([type(self).__name__, *(f"  {k:<15}  {v}" for k, v in self._rows())])
+
+    def _rows(self) -> Iterator[tuple[str, str]]:
+        yield "source", self.source or "not from a file"
+        if self.instrument:
+            yield "instrument", self.instrument
+        for name, segment in {"approach": None, "retraction": None, **self.segments}.items():
+            yield name, "missing" if segment is None else self._described(segment)
+        constant = self.spring_constant
+        unit = "N/m" if constant is not None else ""
+        if constant is not None:
+            per_si = 10.0 ** (FORCES[self.force_unit] - LENGTHS[self.unit])
+            constant = f"{constant * per_si:.6g}"
+        yield "spring constant", f"{constant} {unit}" if unit else "missing: no tip position"
+        if self.sensitivity is not None:
+            yield "sensitivity", f"{self.sensitivity:.6g} {self.unit}/V"
+        if self.position is not None:
+            x, y = self.position
+            yield "position", f"x = {x:.6g} {self.unit}, y = {y:.6g} {self.unit}"
+        if self.pixel is not None:
+            yield "pixel", f"column {self.pixel[0]}, row {self.pixel[1]}"
+        yield from (("done", remark) for remark in self.remarks)
+        yield from (("looks wrong", sentence) for sentence in self.suspicions)
+
+    def _described(self, segment: Segment) -> str:
+        missing = f", {segment.num_missing} missing" if segment.num_missing else ""
+        ranges = [
+            f"{name} {np.nanmin(values):.4g} to {np.nanmax(values):.4g} {typeset(unit)}"
+            for name, values, unit in [
+                ("height", segment.height, self.unit),
+                ("force", segment.force, self.force_unit),
+            ]
+        ]
+        speed = "" if segment.speed is None else f", {segment.speed:.4g} {self.unit}/s"
+        return f"{len(segment)} points{missing}, {', '.join(ranges)}{speed}"
+
+    def _ends(self) -> list[tuple[str, Segment]]:
+        ends = [("approach", self.approach), ("retraction", self.retraction)]
+        return [(name, segment) for name, segment in ends if segment is not None]
+
+    def _each(self, change: Any) -> "ForceCurve":
+        """Return the curve with each segment changed."""
+        return replace(
+            self,
+            approach=None if self.approach is None else change(self.approach),
+            retraction=None if self.retraction is None else change(self.retraction),
+            pauses=tuple(map(change, self.pauses)),
+        )
+
+
+def _is_reversed(segment: Segment) -> bool:
+    """Whether the deepest points pull, and more than any others push."""
+    force = segment.force[segment.is_present]
+    height = segment.height[segment.is_present]
+    if force.size < 1 / _DEEP:
+        return False
+    order = np.argsort(height)
+    count = force.size
+    far = force[order[count - int(_FAR * count) :]]
+    zero = np.median(far)
+    noise = 1.4826 * np.median(np.abs(far - zero))
+    deep = np.median(force[order[: max(int(_DEEP * count), 1)]]) - zero
+    return bool(deep < -_ABOVE_NOISE * noise and -deep > force.max() - zero)
+
+
+def _times(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor
+
+
+def _scaled_pair(pair: tuple[float, float], factor: float) -> tuple[float, float]:
+    return pair[0] * factor, pair[1] * factor

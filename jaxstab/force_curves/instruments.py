@@ -1,0 +1,152 @@
+"""Files of instruments, read by the package afmformats."""
+
+import logging
+import warnings
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxstab.core.optional_packages import require_packages
+from jaxstab.force_curves.named_columns import agreed
+from jaxstab.force_curves.recording import Recording
+
+_UNITS = {"spring constant": "N/m", "sensitivity": "m/V"}
+# Without a handler its logger writes tracebacks of errors that are reported here.
+logging.getLogger("afmformats").addHandler(logging.NullHandler())
+
+
+def read_instrument(
+    path: Path, spring_constant: float | None, sensitivity: float | None
+) -> tuple[list[Recording], tuple[int, int] | None]:
+    """Return the curves of a file, and the columns and rows of the map that they are pixels of.
+
+    Raises:
+        ImportError: without afmformats.
+        ValueError: for files that it cannot read, or that lack what the user must state.
+    """
+    require_packages("Force curves of instruments", "afm", "afmformats")
+    given = {"spring constant": spring_constant, "sensitivity": sensitivity}
+    curves, remarks = _loaded(path, {k: x for k, x in given.items() if x is not None})
+    if not curves:
+        raise ValueError("it holds no force curve.")
+    try:
+        recordings = [
+            _recording(curve, given, _source(path, number, len(curves)), remarks)
+            for number, curve in enumerate(curves)
+        ]
+        shapes = {_pair(curve.metadata, "grid shape {}") for curve in curves}
+    except (*_errors(), LookupError, TypeError, OSError) as error:
+        raise ValueError(f"afmformats: the file is damaged ({_said(error)}).") from None
+    shape = shapes.pop() if len(shapes) == 1 else None
+    return recordings, None if shape is None else (int(shape[0]), int(shape[1]))
+
+
+def _errors() -> tuple[type[BaseException], ...]:
+    """Return the errors of afmformats, some of which are no `Exception`."""
+    from afmformats import errors, meta
+
+    return errors.AFMFileFormatError, errors.MissingMetaDataError, meta.MetaDataMissingError
+
+
+def _loaded(path: Path, given: dict[str, float]) -> tuple[list[Any], tuple[str, ...]]:
+    """Return what afmformats finds in a file, and its warnings."""
+    import afmformats
+    from afmformats.errors import MissingMetaDataError
+
+    # A file with values of its own keeps them: `agreed` compares.
+    for override in ({}, given):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                curves = afmformats.load_data(path, meta_override=dict(override))
+                return curves, tuple(f"afmformats: {_said(w.message)}" for w in caught)
+            except MissingMetaDataError as error:
+                missing = [name for name in _UNITS if name in str(error)] or [*_UNITS]
+                if override is given or not {*missing} <= {*given}:
+                    raise ValueError(_without(missing, given)) from None
+            except (Exception, *_errors()) as error:
+                raise ValueError(_reason(path, error)) from None
+    raise AssertionError("Unreachable.")
+
+
+def _without(missing: list[str], given: dict[str, float]) -> str:
+    names = [name for name in missing if name not in given] or missing
+    example = {"spring constant": "spring_constant=0.2", "sensitivity": "sensitivity=50e-9"}
+    said = " and ".join(f"the {name} [{_UNITS[name]}]" for name in names)
+    call = ", ".join(example[name] for name in missing)
+    return f"it lacks {said}, without which its voltages are no forces: give read(path, {call})."
+
+
+def _reason(path: Path, error: BaseException) -> str:
+    import afmformats
+
+    known = ", ".join(afmformats.formats.supported_extensions)
+    if path.suffix not in afmformats.formats.supported_extensions:
+        return (
+            f"its suffix {path.suffix!r} is none that afmformats knows, which are {known}. Text "
+            "needs a line that names columns with units, as `height [nm],force [nN]`."
+        )
+    if zipfile.is_zipfile(path) and path.suffix == ".zip":
+        names = zipfile.ZipFile(path).namelist()
+        if not all(name.endswith(".csv") for name in names):
+            return f"it is an archive of {', '.join(names[:3])}: unpack it, and read what it holds."
+    return f"afmformats cannot read it: {_said(error)}"
+
+
+def _said(error: object) -> str:
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) < 200 else f"{text[:200]}..."
+
+
+def _recording(
+    curve: Any, given: dict[str, float | None], source: str, remarks: tuple[str, ...]
+) -> Recording:
+    data = {name: np.asarray(curve[name]).astype(float) for name in curve.columns}
+    if "force" not in data:
+        raise ValueError(f"it has no force, but only {', '.join(data)}.")
+    heights = {name: data[name] for name in ("height (measured)", "height (piezo)") if name in data}
+    if not heights:
+        raise ValueError(f"it has no height, but only {', '.join(data)}.")
+    metadata = curve.metadata
+    stated = {name: metadata.get(name) for name in _UNITS}
+    known = {name: agreed(name, given[name], stated[name], _UNITS[name]) for name in _UNITS}
+    constant = known["spring constant"]
+    tip = data.get("tip position")
+    name = next(iter(heights))
+    if tip is not None and constant is not None:
+        # Some instruments call the indentation a height.
+        expected = tip - data["force"] / constant
+        name = min(heights, key=lambda name: np.nanstd(heights[name] - expected))
+    if len(heights) > 1:
+        remarks = (*remarks, f"{name} taken as the height")
+    return Recording(
+        force=data["force"],
+        height=heights[name],
+        tip=tip,
+        time=data.get("time"),
+        labels=data.get("segment"),
+        speeds=(metadata.get("speed approach"), metadata.get("speed retract")),
+        spring_constant=constant,
+        sensitivity=known["sensitivity"],
+        position=_pair(metadata, "position {}"),
+        pixel=_pixel(metadata),
+        source=source,
+        instrument=str(metadata.get("instrument", "")),
+        remarks=remarks,
+    )
+
+
+def _pair(metadata: Any, name: str) -> tuple[float, float] | None:
+    pair = [metadata.get(name.format(axis)) for axis in "xy"]
+    return None if None in pair else (pair[0], pair[1])
+
+
+def _pixel(metadata: Any) -> tuple[int, int] | None:
+    pair = _pair(metadata, "grid index {}")
+    return None if pair is None else (int(pair[0]), int(pair[1]))
+
+
+def _source(path: Path, number: int, count: int) -> str:
+    return path.name if count == 1 else f"{path.name}, curve {number}"

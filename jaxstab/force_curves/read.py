@@ -1,0 +1,102 @@
+"""Force curves from files."""
+
+from pathlib import Path
+
+from jaxstab.core.warn import warn
+from jaxstab.force_curves.curves import ForceCurves
+from jaxstab.force_curves.force_curve import ForceCurve, ForceCurveWarning
+from jaxstab.force_curves.instruments import read_instrument
+from jaxstab.force_curves.named_columns import is_named_table, read_named_columns
+
+# A file of AFM Workshop, which is no table of named columns.
+_WORKSHOP = "Force-Distance Curve"
+_TABLES = (".csv", ".tsv", ".dat")
+
+
+def read(
+    path: str | Path,
+    *,
+    spring_constant: float | None = None,
+    sensitivity: float | None = None,
+) -> ForceCurve | ForceCurves:
+    """Read the force curves in a file of an instrument, or in text with named columns.
+
+    Files of instruments (JPK, Asylum, NT-MDT, AFM Workshop, Optics11; HDF5 and tab of afmformats)
+    are read by the package afmformats, from the extra `afm`.
+
+    Text has a line that names its columns with units, as `height [nm],force [nN]`, and a line for
+    each point. It needs `force`, or `deflection` in a unit of length or voltage, and `height`,
+    `extension` (a height that grows towards the sample) or `tip position`. It may have `time`,
+    `segment` (names or numbers), `curve` (names or numbers) and `x`, `y`. Comments state
+    `# spring constant: 0.2 N/m` and `# sensitivity: 50 nm/V`. Empty cells and nan are missing
+    points.
+
+    Arguments:
+        path: the file.
+        spring_constant: of the cantilever, where the file states none [N/m].
+        sensitivity: its deflection over the voltage of the detector, likewise [m/V];
+            m/A for NT-MDT, whose detector measures a current.
+
+    Returns:
+        The curve, or for a file with several, or with pixels of a map, all of them in a sequence,
+        in metres and newtons. `print` says what they lack.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ImportError: if the format needs afmformats, which is not installed.
+        ValueError: if the file holds no force curve, is damaged, or lacks what forces need; for a
+            column without unit, repeated or lacking; if the arguments contradict the file.
+
+    Warns:
+        ForceCurveWarning: for forces whose sign seems to be wrong.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path} does not exist.")
+    try:
+        curves = _curves(path, spring_constant, sensitivity)
+    except (ImportError, ValueError) as error:
+        kind = ImportError if isinstance(error, ImportError) else ValueError
+        raise kind(f"{path}: {error}") from None
+    for curve in curves:
+        for sentence in curve.suspicions:
+            warn(f"{curve.source}: {sentence}", ForceCurveWarning)
+    return curves if len(curves) > 1 or curves.shape is not None else curves[0]
+
+
+def _curves(path: Path, spring_constant: float | None, sensitivity: float | None) -> ForceCurves:
+    if not path.is_file():
+        raise ValueError("this is no file.")
+    content = path.read_bytes()
+    if not content:
+        raise ValueError("the file is empty.")
+    text = _text(content)
+    shape = None
+    if text is not None and _is_table(path, text):
+        recordings = read_named_columns(text, path.name, spring_constant, sensitivity)
+    else:
+        recordings, shape = read_instrument(path, spring_constant, sensitivity)
+    curves = []
+    for recording in recordings:
+        try:
+            curves.append(recording.curve())
+        except ValueError as error:
+            raise ValueError(f"{recording.source}: {error}") from None
+    return ForceCurves(tuple(curves), shape)
+
+
+def _is_table(path: Path, text: str) -> bool:
+    if _WORKSHOP in text[:200]:
+        return False
+    return path.suffix.lower() in _TABLES or is_named_table(text)
+
+
+def _text(content: bytes) -> str | None:
+    """Return the text of a file, None for binary content."""
+    if b"\0" in content[:4096]:
+        return None
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        # Older programs write units in Latin-1.
+        return content.decode("latin-1")

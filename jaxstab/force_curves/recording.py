@@ -1,0 +1,128 @@
+"""The content of a file for one curve, and the curve made of it."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from jaxstab.force_curves.force_curve import ForceCurve, Segment
+
+# A segment moves the cantilever by at least this part of the range of heights.
+_MOVE = 0.05
+# The names of segments in files.
+APPROACH = {"approach", "extend", "extension", "trace", "load", "loading", "forward"}
+RETRACTION = {"retraction", "retract", "withdraw", "retrace", "unload", "unloading", "backward"}
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The columns of one curve in SI units, in the order of the measurement.
+
+    Attributes:
+        force: positive in compression, NaN where missing.
+        height: growing away from the sample, NaN where missing.
+        tip: the position of the tip, if the file holds it.
+        time: if the file holds it.
+        labels: a number or a name of the segment at each point, if the file holds them.
+        speeds: the speeds of approach and retraction that the file states.
+    """
+
+    force: np.ndarray
+    height: np.ndarray
+    tip: np.ndarray | None = None
+    time: np.ndarray | None = None
+    labels: np.ndarray | None = None
+    speeds: tuple[float | None, float | None] = (None, None)
+    spring_constant: float | None = None
+    sensitivity: float | None = None
+    position: tuple[float, float] | None = None
+    pixel: tuple[int, int] | None = None
+    source: str = ""
+    instrument: str = ""
+    remarks: tuple[str, ...] = ()
+
+    def curve(self) -> ForceCurve:
+        """Return the curve, with its segments told apart.
+
+        The approach is the segment with the longest way down, the retraction the one with the
+        longest way up. Without labels the curve is divided where its height is least.
+
+        Raises:
+            ValueError: if there are too few points, or if heights grow towards the sample.
+        """
+        is_known = np.isfinite(self.height) & np.isfinite(self.force)
+        if is_known.sum() < 3:
+            raise ValueError(f"only {is_known.sum()} of its points have a force and a height.")
+        extent = np.ptp(self.height[is_known])
+        if extent == 0:
+            raise ValueError("its height is the same at all points.")
+        runs, remarks = self._runs(extent)
+        ways = [self._way(run) for run in runs]
+        down = int(np.argmin(ways)) if min(ways) < -_MOVE * extent else None
+        up = int(np.argmax(ways)) if max(ways) > _MOVE * extent else None
+        self._require_direction(runs, down, up)
+        tip = self.tip
+        if tip is None and self.spring_constant is not None:
+            tip = self.height + self.force / self.spring_constant
+        segments = [
+            Segment(
+                force=self.force[run],
+                height=self.height[run],
+                tip=None if tip is None else tip[run],
+                time=None if self.time is None else self.time[run],
+            )
+            for run in runs
+        ]
+        approach, retraction = (
+            None if number is None else replace(segments[number], stated_speed=speed)
+            for number, speed in zip((down, up), self.speeds, strict=True)
+        )
+        return ForceCurve(
+            approach=approach,
+            retraction=retraction,
+            pauses=tuple(part for i, part in enumerate(segments) if i not in (down, up)),
+            spring_constant=self.spring_constant,
+            sensitivity=self.sensitivity,
+            position=self.position,
+            pixel=self.pixel,
+            source=self.source,
+            instrument=self.instrument,
+            remarks=(*self.remarks, *remarks),
+        )
+
+    def _runs(self, extent: float) -> tuple[list[slice], tuple[str, ...]]:
+        """Return the slices of the segments, and a remark if the file does not tell them apart."""
+        count = len(self.force)
+        if self.labels is not None and np.any(self.labels[1:] != self.labels[:-1]):
+            cuts = np.flatnonzero(self.labels[1:] != self.labels[:-1]) + 1
+            ends = [0, *cuts.tolist(), count]
+            return [slice(*pair) for pair in pairwise(ends)], ()
+        height = np.where(np.isfinite(self.height), self.height, np.nan)
+        first, last = height[np.isfinite(height)][[0, -1]]
+        lowest, highest = int(np.nanargmin(height)), int(np.nanargmax(height))
+        if min(first, last) - height[lowest] > _MOVE * extent:
+            remark = "approach and retraction divided where the height is least"
+            return [slice(0, lowest + 1), slice(lowest + 1, count)], (remark,)
+        if height[highest] - max(first, last) > _MOVE * extent:
+            return [slice(0, highest + 1), slice(highest + 1, count)], ()
+        return [slice(0, count)], ()
+
+    def _way(self, run: slice) -> float:
+        """Return the change of the height from the first to the last point that is known."""
+        height = self.height[run]
+        known = height[np.isfinite(height)]
+        return float(known[-1] - known[0]) if known.size else 0.0
+
+    def _require_direction(self, runs: list[slice], down: int | None, up: int | None) -> None:
+        """Raise `ValueError` if the height grows in the approach, or falls in the retraction."""
+        is_first_up = down is not None and up is not None and up < down
+        if self.labels is not None and self.labels.dtype.kind in "US":
+            names = [str(self.labels[run][0]).strip().lower() for run in runs]
+            is_first_up = (up is not None and names[up] in APPROACH) or (
+                down is not None and names[down] in RETRACTION
+            )
+        if is_first_up:
+            raise ValueError(
+                "its height grows during the approach: heights grow away from the sample. Name a "
+                "column that grows towards it `extension`."
+            )

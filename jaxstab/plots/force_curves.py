@@ -1,0 +1,50 @@
+"""Measured force curves."""
+
+from typing import Literal
+
+from matplotlib.axes import Axes
+
+from jaxstab.core.checks import require_kind, require_one_of
+from jaxstab.core.units import in_brackets
+from jaxstab.force_curves import ForceCurve
+from jaxstab.plots.style import BLUE, PURPLE, VERMILION, add_legend, axes_or_new, draw_zero
+
+_COLOURS = {"approach": BLUE, "retraction": VERMILION}
+_ABSCISSAE = {"height": "height", "tip_position": "tip position", "time": "time"}
+
+
+def force_curve(
+    curve: ForceCurve,
+    abscissa: Literal["height", "tip_position", "time"] | None = None,
+    *,
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw a measured force curve: its segments over tip position, height or time.
+
+    Arguments:
+        curve: a result of `jaxstab.force_curves.read`.
+        abscissa: by default the tip position, or the height if the spring constant is unknown.
+        axes: the axes to draw on; new ones by default.
+
+    Raises:
+        TypeError: for anything but a curve, such as several.
+        ValueError: for another abscissa, and one that the curve lacks.
+    """
+    require_kind(curve, ForceCurve, "no force curve: give a result of jaxstab.force_curves.read.")
+    if abscissa is None:
+        abscissa = "height" if curve.spring_constant is None else "tip_position"
+    require_one_of("abscissa", abscissa, _ABSCISSAE)
+    axes = axes_or_new(axes)
+    for name, segment in curve.segments.items():
+        x = getattr(segment, abscissa)
+        if x is None:
+            raise ValueError(f"The {name} has no {_ABSCISSAE[abscissa]}: its file holds none.")
+        axes.plot(x, segment.force, color=_COLOURS.get(name, PURPLE), linewidth=1, label=name)
+    draw_zero(axes)
+    unit = "s" if abscissa == "time" else curve.unit
+    axes.set(
+        xlabel=f"{_ABSCISSAE[abscissa]} {in_brackets(unit)}",
+        ylabel=f"force {in_brackets(curve.force_unit)}",
+    )
+    add_legend(axes)
+    return axes

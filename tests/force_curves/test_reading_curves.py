@@ -1,0 +1,321 @@
+"""Force curves from files of an instrument and from text, complete and with gaps."""
+
+import warnings
+import zipfile
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import jaxstab as js
+
+# A curve of a JPK instrument, from the tests of afmformats (MIT License, P. Müller and others).
+JPK = Path(__file__).parent / "spot3-0192.jpk-force"
+
+HEIGHT = np.concatenate([np.linspace(100, -20, 61), np.linspace(-20, 100, 41)])
+FORCE = np.where(HEIGHT < 0, -HEIGHT / 4, 0) - 0.5
+TITLES = "height [nm],force [nN]"
+
+
+def table(titles=TITLES, *columns, comments="# spring constant: 0.5 N/m\n"):
+    columns = columns or (HEIGHT, FORCE)
+    rows = "\n".join(",".join(map(str, row)) for row in zip(*columns, strict=True))
+    return f"{comments}{titles}\n{rows}\n"
+
+
+def read(folder, text, name="curve.csv", **options):
+    path = folder / name
+    path.write_text(text)
+    return js.force_curves.read(path, **options)
+
+
+def test_named_columns_become_a_curve_in_si_units(tmp_path):
+    curve = read(tmp_path, table())
+    assert len(curve.approach) == 61
+    assert len(curve.retraction) == 41
+    np.testing.assert_allclose(curve.approach.height, 1e-9 * HEIGHT[:61], rtol=1e-14)
+    np.testing.assert_allclose(curve.retraction.force, 1e-9 * FORCE[61:], rtol=1e-14)
+    tip = 1e-9 * (HEIGHT + FORCE / 0.5)
+    np.testing.assert_allclose(curve.retraction.tip_position, tip[61:], rtol=1e-14)
+    assert curve.spring_constant == 0.5
+    assert curve.approach.time is None
+    assert curve.speed is None
+
+
+@pytest.mark.parametrize(
+    ("titles", "columns", "comments", "options"),
+    [
+        ("Z (um);Force_(pN)", (HEIGHT / 1e3, FORCE * 1e3), "# Spring constant: 500 mN/m\n", {}),
+        ("extension [Å],force [pN]", (-10 * HEIGHT, FORCE * 1e3), "", {"spring_constant": 0.5}),
+        ("tip [nm],load [nN]", (HEIGHT + FORCE / 0.5, FORCE), "% spring constant: 0.5 nN/nm\n", {}),
+        (
+            "height [nm],deflection [V]",
+            (HEIGHT, FORCE / 25),
+            "# sensitivity: 50 nm/V\n",
+            {"spring_constant": 0.5},
+        ),
+        ("height [nm],deflection [nm]", (HEIGHT, FORCE * 2), "# spring constant: 0.5 N/m\n", {}),
+    ],
+)
+def test_one_curve_reads_alike_in_other_columns_and_units(
+    tmp_path, titles, columns, comments, options
+):
+    text = table(titles.replace(";", ","), *columns, comments=comments)
+    if ";" in titles:
+        text = text.replace(",", ";").replace(".", ",")
+    curve = read(tmp_path, text, "curve.txt", **options)
+    expected = read(tmp_path, table())
+    for name, segment in expected.segments.items():
+        other = curve.segments[name]
+        for field in ("height", "force", "tip_position"):
+            one, two = getattr(segment, field), getattr(other, field)
+            np.testing.assert_allclose(one, two, rtol=1e-12, atol=1e-22)
+    assert np.isclose(curve.spring_constant, 0.5)
+
+
+def test_units_are_converted_and_back(tmp_path):
+    path = tmp_path / "curve.csv"
+    columns = (HEIGHT, FORCE, np.arange(102.0), np.full(102, 3.0), np.full(102, 4.0))
+    comments = "# spring constant: 0.5 N/m\n# sensitivity: 50 nm/V\n"
+    path.write_text(table(f"{TITLES},time [ms],x [um],y [um]", *columns, comments=comments))
+    curve = js.force_curves.read(path)
+    assert np.isclose(curve.speed, 120e-9 / 60e-3)
+    changed = curve.in_units("nm", "pN")
+    np.testing.assert_allclose(changed.approach.force, 1e3 * FORCE[:61], rtol=1e-12)
+    np.testing.assert_allclose(changed.approach.height, HEIGHT[:61], rtol=1e-12)
+    assert np.isclose(changed.spring_constant, 500)
+    assert np.isclose(changed.sensitivity, 50)
+    np.testing.assert_allclose(changed.position, [3e3, 4e3])
+    np.testing.assert_allclose(changed.speed, 2e3)
+    np.testing.assert_allclose(changed.approach.time, curve.approach.time)
+    back = changed.in_units("m", "N")
+    np.testing.assert_allclose(back.approach.tip_position, curve.approach.tip_position, rtol=1e-12)
+    assert "0.5 N/m" in repr(changed)
+    with pytest.raises(ValueError, match="unit of force is 'dyn'"):
+        curve.in_units("nm", "dyn")
+
+
+def test_segments_of_any_number_keep_all_points(tmp_path):
+    pause = np.full(20, -20.0)
+    height = np.concatenate([HEIGHT[:61], pause, HEIGHT[61:]])
+    force = np.concatenate([FORCE[:61], np.linspace(4.5, 3, 20), FORCE[61:]])
+    labels = ["extend"] * 61 + ["pause"] * 20 + ["retract"] * 41
+    curve = read(tmp_path, table(f"{TITLES},segment", height, force, labels))
+    assert [len(part) for part in curve.segments.values()] == [61, 41, 20]
+    np.testing.assert_allclose(curve.pauses[0].force, 1e-9 * np.linspace(4.5, 3, 20))
+
+
+def test_a_curve_that_lacks_parts_names_them(tmp_path):
+    approach = read(tmp_path, table(TITLES, HEIGHT[:61], FORCE[:61], comments=""))
+    assert approach.retraction is None
+    assert "retraction       missing" in repr(approach)
+    assert "spring constant  missing" in repr(approach)
+    with pytest.raises(ValueError, match=r"read\(path, spring_constant=0.2\)"):
+        approach.approach.tip_position  # noqa: B018
+    holed = FORCE.copy()
+    holed[[3, 70, 71]] = np.nan
+    curve = read(tmp_path, table(TITLES, HEIGHT, holed))
+    assert [part.num_missing for part in curve.segments.values()] == [1, 2]
+    assert "41 points, 2 missing" in repr(curve)
+    np.testing.assert_array_equal(np.isnan(curve.approach.force), np.arange(61) == 3)
+
+
+def test_several_curves_are_a_sequence(tmp_path):
+    twice = [np.tile(column, 2) for column in (HEIGHT, FORCE)]
+    numbers = np.repeat(["a", "b"], 102)
+    places = [np.repeat(pair, 102) for pair in ((1.0, 2.0), (0.0, 0.0))]
+    titles = f"{TITLES},curve,x [um],y [um],note"
+    notes = ["-"] * 204
+    curves = read(tmp_path, table(titles, *twice, numbers, *places, notes))
+    assert len(curves) == 2
+    assert [curve.position for curve in curves] == [(1e-6, 0.0), (2e-6, 0.0)]
+    assert curves[1].remarks[0] == "column 'note' not read"
+    assert len(curves[:1]) == 1
+    np.testing.assert_allclose(
+        curves.in_units("nm", "nN")[1].approach.force, FORCE[:61], rtol=1e-12
+    )
+    with pytest.raises(ValueError, match="of no map"):
+        curves.numbers  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("titles", "message"),
+    [
+        ("height,force", "its column 'height' has no unit"),
+        ("height [nm],force [V]", r"its column 'force \[V\]' has the unit 'V'"),
+        ("height [nm],z [nm]", "both the height: keep one"),
+        ("time [s],force [nN]", "no column height or extension or tip"),
+        ("height [nm],flow [nN]", "no column force or deflection"),
+        ("tip [nm],force [nN]", "a tip position and no height"),
+        ("height [nm],deflection [V]", "its sensitivity is unknown"),
+        ("height [nm],deflection [nm]", "its spring constant is unknown"),
+        ("extension [nm],force [nN]", "grows during the approach"),
+    ],
+)
+def test_columns_that_do_not_suffice_are_named(tmp_path, titles, message):
+    with pytest.raises(ValueError, match=message):
+        read(tmp_path, table(titles, comments=""))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "the file is empty"),
+        ("# only this\n", "no line but comments"),
+        (TITLES, "names of columns, and no values"),
+        (f"{TITLES}\n1,2\n3\n", "line 3 has 1 values for 2 columns"),
+        (f"{TITLES}\n1,2\n3,high\n", "'high' on line 3"),
+        (f"{TITLES}\n1,nan\n3,4\n5,\n", "only 1 of its points"),
+        (f"{TITLES}\n1,2\n1,4\n1,5\n", "the same at all points"),
+        (table(comments="# spring constant: 3\n"), "states no spring constant"),
+        (table(comments="# spring constant: 0.5 N\n"), "states no spring constant"),
+        (table(comments="# spring constant: -1 N/m\n"), "must be positive"),
+    ],
+)
+def test_damaged_text_is_refused(tmp_path, text, message):
+    with pytest.raises(ValueError, match=message):
+        read(tmp_path, text)
+
+
+def test_a_contradicted_spring_constant_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"is 0.5 N/m, the given one 0.4 N/m"):
+        read(tmp_path, table(), spring_constant=0.4)
+
+
+def test_forces_with_the_wrong_sign_are_noticed_and_reversed(tmp_path):
+    with pytest.warns(js.force_curves.ForceCurveWarning, match="attraction seems to be positive"):
+        curve = read(tmp_path, table(TITLES, HEIGHT, -FORCE))
+    assert "looks wrong" in repr(curve)
+    expected = read(tmp_path, table())
+    reversed_ = -curve
+    assert not reversed_.suspicions
+    for field in ("force", "tip_position"):
+        one, two = (getattr(c.retraction, field) for c in (reversed_, expected))
+        np.testing.assert_allclose(one, two, rtol=1e-12)
+
+
+def test_a_file_of_an_instrument_is_read():
+    pytest.importorskip("afmformats")
+    curve = js.force_curves.read(JPK)
+    assert (len(curve.approach), len(curve.retraction)) == (2000, 2000)
+    # As the header of the file states them.
+    assert np.isclose(curve.spring_constant, 0.043493666407368466)
+    assert np.isclose(curve.sensitivity, 7.000143623002982e-08)
+    np.testing.assert_allclose(curve.speed, 5e-6, rtol=1e-3)
+    np.testing.assert_allclose(curve.position, -5e-5 / 3)
+    np.testing.assert_allclose(curve.approach.force[[0, -1]], [-5.14557919e-10, 3.48e-9], rtol=1e-3)
+    np.testing.assert_allclose(curve.retraction.time[[0, -1]], [1, 1.9995])
+    deflection = (curve.approach.tip_position - curve.approach.height) * curve.spring_constant
+    np.testing.assert_allclose(deflection, curve.approach.force, rtol=1e-6)
+    assert "A0042-CellHesion" in repr(curve)
+
+
+def test_formats_of_afmformats_read_alike(tmp_path):
+    afmformats = pytest.importorskip("afmformats")
+    expected = js.force_curves.read(JPK)
+    (data,) = afmformats.load_data(JPK)
+    for kind, name in {"tab": "curve.tab", "hdf5": "curve.h5"}.items():
+        metadata = ["spring constant", "enum", "imaging mode"]
+        data.export_data(tmp_path / name, fmt=kind, metadata=metadata)
+        curve = js.force_curves.read(tmp_path / name)
+        np.testing.assert_allclose(
+            curve.retraction.tip_position, expected.retraction.tip_position, rtol=1e-6
+        )
+        assert curve.sensitivity is None
+
+
+WORKSHOP = """Force-Distance Curve
+Date:\tWednesday, August 1, 2018
+Time:\t1:07:47 PM
+Mode:\tMapping
+Point:\t{point}
+X, um:\t{x}
+Y, um:\t{y}
+
+Extend Z-Sense(nm),Extend T-B(V),Retract Z-Sense(nm),Retract T-B(V)
+"""
+
+
+def workshop_map(path, pixels):
+    rows = "\n".join(
+        f"{-a},{fa},{-b},{fb}"
+        for a, fa, b, fb in zip(HEIGHT[:41], FORCE[:41], HEIGHT[61:], FORCE[61:], strict=True)
+    )
+    with zipfile.ZipFile(path, "w") as archive:
+        for point, (x, y) in enumerate(pixels, 1):
+            head = WORKSHOP.format(point=point, x=x, y=y)
+            archive.writestr(f"{point:02}.csv", head + rows)
+
+
+def test_a_map_with_holes_keeps_its_pixels(tmp_path):
+    pytest.importorskip("afmformats")
+    path = tmp_path / "map.zip"
+    pixels = [(0, 0), (1, 0), (2, 0), (0, 1), (2, 1)]
+    workshop_map(path, pixels)
+    with pytest.raises(ValueError, match=r"lacks the spring constant \[N/m\] and the sensitivity"):
+        js.force_curves.read(path)
+    curves = js.force_curves.read(path, spring_constant=0.5, sensitivity=20e-9)
+    np.testing.assert_array_equal(curves.numbers, [[0, 3], [1, -1], [2, 4]])
+    np.testing.assert_array_equal(curves.on_map(np.arange(5.0))[1], [1, np.nan])
+    np.testing.assert_allclose(curves[2].approach.force, 10e-9 * FORCE[:41], rtol=1e-12)
+    assert "3 x 2 pixels, 1 of 6 pixels missing" in repr(curves)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("curve.spm", b"\0\1\2", "its suffix '.spm' is none"),
+        ("curve.jpk-force", b"PK\3\4 damaged", "afmformats cannot read it"),
+        ("curve.ibw", b"\0" * 100, "afmformats cannot read it"),
+    ],
+)
+def test_unknown_and_damaged_files_are_refused(tmp_path, name, content, message, capfd):
+    pytest.importorskip("afmformats")
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ValueError, match=message):
+        js.force_curves.read(tmp_path / name)
+    assert capfd.readouterr().err == ""
+    with pytest.raises(FileNotFoundError):
+        js.force_curves.read(tmp_path / "nothing.csv")
+
+
+def test_without_afmformats_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "afmformats", None)
+    with pytest.raises(ImportError, match=r"jaxstab\[afm\]"):
+        js.force_curves.read(JPK)
+    assert len(read(tmp_path, table()).approach) == 61
+
+
+def test_a_data_set_holds_every_number(tmp_path):
+    curve = read(tmp_path, table(f"{TITLES},time [s]", HEIGHT, FORCE, np.arange(102)))
+    dataset = curve.in_units("nm", "nN").to_dataset()
+    np.testing.assert_allclose(dataset.approach_force, FORCE[:61], rtol=1e-12)
+    assert dataset.retraction_tip_position.attrs["units"] == "nm"
+    assert dataset.spring_constant.attrs["units"] == "nN/nm"
+    numbers = np.repeat([1, 2], [102, 61])
+    columns = [np.append(column, column[:61]) for column in (HEIGHT, FORCE)]
+    curves = read(tmp_path, table(f"{TITLES},curve", *columns, numbers))
+    joined = curves.to_dataset()
+    assert dict(joined.sizes) == {"curve": 2, "approach_point": 61, "retraction_point": 41}
+    np.testing.assert_allclose(joined.approach_force[1], 1e-9 * FORCE[:61], rtol=1e-12)
+    assert np.isnan(joined.retraction_force[1]).all()
+
+
+def test_a_figure_shows_every_segment(tmp_path):
+    curve = read(tmp_path, table()).in_units("nm", "nN")
+    axes = js.plots.force_curve(curve)
+    assert [line.get_label() for line in axes.lines[:2]] == ["approach", "retraction"]
+    np.testing.assert_allclose(axes.lines[0].get_xdata(), curve.approach.tip_position)
+    np.testing.assert_allclose(axes.lines[1].get_ydata(), curve.retraction.force)
+    assert axes.get_xlabel() == "tip position [nm]"
+    assert axes.get_ylabel() == "force [nN]"
+    with pytest.raises(ValueError, match="has no time"):
+        js.plots.force_curve(curve, "time")
+    plt.close("all")
+
+
+def test_reading_is_silent(tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read(tmp_path, table())
