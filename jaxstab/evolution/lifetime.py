@@ -14,7 +14,7 @@ from jaxstab.core.types import ArrayLike
 from jaxstab.equilibrium import Equilibrium, equilibrate
 from jaxstab.evolution.evolution import Evolution, relaxed_contact
 from jaxstab.evolution.evolve import evolve
-from jaxstab.evolution.step import RTOL
+from jaxstab.evolution.legs import RTOL
 from jaxstab.loads import Load, MeanPressure, require_loads
 
 # When to look first, over the shortest relaxation time; until when, over the longest.

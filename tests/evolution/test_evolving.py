@@ -26,7 +26,7 @@ def test_an_interrupted_evolution_keeps_its_states_and_goes_on(monkeypatch):
     load = js.MeanDisplacement(values)
     whole = js.evolve(contact, load, times, rtol=ANY)
     module = importlib.import_module("jaxstab.evolution.evolve")
-    found, calls = module._march, []
+    found, calls = module.follow_leg, []
 
     def interrupted(*inputs):
         calls.append(1)
@@ -34,7 +34,7 @@ def test_an_interrupted_evolution_keeps_its_states_and_goes_on(monkeypatch):
             raise KeyboardInterrupt
         return found(*inputs)
 
-    monkeypatch.setattr(module, "_march", interrupted)
+    monkeypatch.setattr(module, "follow_leg", interrupted)
     with pytest.warns(js.PathInterrupted, match="3 of 8 times"):
         first = js.evolve(contact, load, times, rtol=ANY)
     monkeypatch.undo()
@@ -48,13 +48,13 @@ def test_an_interrupt_after_the_last_time_loses_nothing(monkeypatch):
     contact, (times, values) = viscoelastic(), cycle(9)
     whole = js.evolve(contact, js.MeanDisplacement(values), times, rtol=ANY)
     module = importlib.import_module("jaxstab.evolution.evolve")
-    along = module.along
+    stacked = module.stacked
 
     def interrupted(*inputs):
         signal.raise_signal(signal.SIGINT)
-        return along(*inputs)
+        return stacked(*inputs)
 
-    monkeypatch.setattr(module, "along", interrupted)
+    monkeypatch.setattr(module, "stacked", interrupted)
     with pytest.warns(js.PathInterrupted, match="after its last time; it is complete"):
         found = js.evolve(contact, js.MeanDisplacement(values), times, rtol=ANY)
     np.testing.assert_array_equal(found.work, whole.work)
