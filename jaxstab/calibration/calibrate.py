@@ -320,8 +320,8 @@ def _result(inputs: _Inputs, found: Search) -> tuple[Calibration, Hints]:
         num_minima=found.num_minima,
         profile=profile_of(found, problem),
         result=result,
-        losses=found.losses[: found.num_starts],
-        results=found.results[: found.num_starts],
+        losses=found.starts.losses,
+        results=found.starts.results,
         names=(*inputs.where.names, *zeros),
         dimensions=(*inputs.where.dimensions, *zeros.values()),
     )

@@ -112,11 +112,11 @@ class Calibration(eqx.Module):
 
 def profile_of(found: Search, problem: FitProblem) -> LossProfile:
     """Return the profile, with the best fit among its values."""
-    free = jnp.concatenate([found.free[found.along], found.best.point.free[None]])
+    free = jnp.concatenate([found.profile.free, found.best.point.free[None]])
     at = jax.vmap(problem.values)(free)[:, found.weakest]
-    losses = jnp.append(found.losses[found.along], found.best.point.loss)
+    losses = jnp.append(found.profile.losses, found.best.point.loss)
     order = jnp.argsort(at)
-    has_any = found.results.code[found.along][0] != RESULTS.not_computed.code
+    has_any = found.profile.results.code[0] != RESULTS.not_computed.code
     return LossProfile(found.weakest, jnp.where(has_any, at[order], jnp.nan), losses[order])
 
 

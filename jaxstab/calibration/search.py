@@ -1,7 +1,8 @@
 """The search for the least misfit: several starts, and a profile along the weakest parameter."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -20,7 +21,7 @@ from jaxstab.calibration.least_squares import (
 )
 from jaxstab.core.control_flow import choose, zeros_of
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import ArrayLike, Scalar
+from jaxstab.core.types import ArrayLike, Flag, Scalar
 
 MOST = 8
 # Logarithms: a factor of two around the first start, and nearer to the best fit so far.
@@ -33,7 +34,8 @@ _AGREEMENT = 0.25
 # standard errors away, since points that detach one by one make minima beside each other.
 _DISTANCES = np.array([0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4])
 _IN_ERRORS = np.array([1, 2.5, *[np.inf] * 7])
-_SIGNS = np.repeat([-1, 1], len(_DISTANCES))
+_ON_A_SIDE = len(_DISTANCES)
+_IN_PROFILE = 2 * _ON_A_SIDE
 # A few steps are enough for the other parameters, which start from the profile's value before.
 _PROFILE_STEPS = 4
 # All parameters are fitted from a minimum of the profile below so many times the least loss.
@@ -45,6 +47,31 @@ _APART = 0.05
 _MOST_ERRORS = 5.0
 
 
+class Fits(eqx.Module):
+    """The ends of several fits.
+
+    Attributes:
+        free: the variables at the end of each.
+        losses: the loss of each, infinite if there is none.
+        results: how each ended.
+    """
+
+    free: Float[Array, "fits parameters"]
+    losses: Float[Array, " fits"]
+    results: RESULTS
+
+    def __getitem__(self, index: slice) -> "Fits":
+        return Fits(self.free[index], self.losses[index], self.results[index])
+
+    def with_end(self, number: Array, end: Values, loss: Scalar, result: RESULTS) -> "Fits":
+        """Return the fits with the end of one."""
+        return Fits(
+            self.free.at[number].set(end),
+            self.losses.at[number].set(loss),
+            RESULTS(jnp.asarray(self.results.code).at[number].set(result.code)),
+        )
+
+
 class Search(eqx.Module):
     """The fits so far: from starts, along the profile, and from minima of the profile.
 
@@ -54,9 +81,7 @@ class Search(eqx.Module):
         centre: the best of the starts, the centre of the profile.
         weakest: the index of the parameter with the largest relative error there.
         error: this error.
-        free: the end of each fit.
-        losses: the loss of each fit, infinite if there is none.
-        results: how each fit ended.
+        fits: all fits, whether they were needed or not.
         num_steps: the steps of all fits.
     """
 
@@ -65,26 +90,33 @@ class Search(eqx.Module):
     centre: Values
     weakest: Int[Array, ""]
     error: Scalar
-    free: Float[Array, "fits parameters"]
-    losses: Float[Array, " fits"]
-    results: RESULTS
+    fits: Fits
     num_steps: Int[Array, ""]
 
     @property
     def num_starts(self) -> int:
         """The number of starts, whether they were needed or not."""
-        return len(self.losses) - 2 * len(_SIGNS)
+        return len(self.fits.losses) - 2 * _IN_PROFILE
 
     @property
-    def along(self) -> slice:
-        """The slice of the fits along the profile."""
-        return slice(self.num_starts, self.num_starts + len(_SIGNS))
+    def starts(self) -> Fits:
+        """The fits from starts."""
+        return self.fits[: self.num_starts]
 
     @property
-    def is_apart(self) -> np.ndarray:
-        """The mask of fits of all variables that do not start near the best fit so far."""
-        numbers = np.arange(len(self.losses))
-        return (numbers < _num_far(self.num_starts)) | (numbers >= self.along.stop)
+    def profile(self) -> Fits:
+        """The fits along the profile, on each side from the centre outwards."""
+        return self.fits[self.num_starts : -_IN_PROFILE]
+
+    @property
+    def refits(self) -> Fits:
+        """The fits of all variables from minima of the profile, one for each of its fits."""
+        return self.fits[-_IN_PROFILE:]
+
+    @property
+    def has_ended(self) -> Flag:
+        """Whether the best fit cannot be improved by more steps."""
+        return _has_ended(self.best.result)
 
     @property
     def result(self) -> RESULTS:
@@ -93,16 +125,20 @@ class Search(eqx.Module):
         The least misfit of a curve with jumps may lie at a jump, where no method converges. It is
         accepted if two fits agree on it, and neither started at the other's end.
         """
-        agreeing = self.is_apart & (self.losses <= (1 + _AGREEMENT) * self.best.point.loss)
-        is_confirmed = (self.best.result == RESULTS.stagnated) & (jnp.sum(agreeing) > 1)
+        far = self.starts[: _num_far(self.num_starts)]
+        losses = jnp.concatenate([far.losses, self.refits.losses])
+        num_agreeing = jnp.sum(losses <= (1 + _AGREEMENT) * self.best.point.loss)
+        is_confirmed = (self.best.result == RESULTS.stagnated) & (num_agreeing > 1)
         return RESULTS.where(is_confirmed, RESULTS.successful, self.best.result)
 
     @property
     def num_minima(self) -> Int[Array, ""]:
         """The number of minima of the misfit, distinct in the weakest parameter."""
-        has_ended = (self.results == RESULTS.successful) | (self.results == RESULTS.stagnated)
-        has_ended = has_ended.at[self.along].set(False)
-        at = jnp.sort(jnp.where(has_ended, self.free[:, self.weakest], jnp.inf))
+
+        def ends(fits: Fits) -> Array:
+            return jnp.where(_has_ended(fits.results), fits.free[:, self.weakest], jnp.inf)
+
+        at = jnp.sort(jnp.concatenate([ends(self.starts), ends(self.refits)]))
         is_apart = at[1:] - at[:-1] > jnp.clip(self.error, _SAME, _APART)
         return jnp.sum(is_apart & jnp.isfinite(at[1:])) + jnp.isfinite(at[0])
 
@@ -112,20 +148,30 @@ class Search(eqx.Module):
         A parabola's error is the distance over the root of twice the rise, in variances.
         """
         variance = problem.variance(self.best.point, held)
-        rise = jnp.maximum(2 * (self.losses[self.along] - self.best.point.loss) / variance, 1)
-        values = jax.vmap(problem.values)(self.free[self.along])
+        rise = jnp.maximum(2 * (self.profile.losses - self.best.point.loss) / variance, 1)
+        values = jax.vmap(problem.values)(self.profile.free)
         away = jnp.abs(values - problem.values(self.best.point.free)) / jnp.sqrt(rise)[:, None]
         away = jnp.where((rise < _MOST_ERRORS**2)[:, None], away, 0)
         return jnp.maximum(errors, jnp.max(away, axis=0))
 
 
+class Trial(NamedTuple):
+    """A fit to make: where it starts, which variables it holds, its steps, and if it is needed."""
+
+    start: Values
+    held: Chosen
+    max_steps: ArrayLike
+    is_needed: Flag
+
+
 @dataclass(frozen=True)
 class Plan:
-    """The fits to make: from several starts, then along the weakest parameter for lower minima.
+    """The fits to make, for the least misfit.
 
-    Half of the starts lie around zero, the others around the best fit so far; by default starts are
-    added until one converges, up to `MOST`. The profile holds the weakest parameter at values
-    around its fit, and fits the others. From each of its minima, all are fitted again.
+    1. Fit from several starts, half of them around zero, the others around the best fit so far; by
+       default starts are added until one converges, up to `MOST`.
+    2. Along a profile, hold the weakest parameter at values around its fit, and fit the others.
+    3. From each minimum of the profile, fit all parameters again.
 
     Attributes:
         problem: the misfit.
@@ -152,65 +198,82 @@ class Plan:
             centre=zero,
             weakest=jnp.zeros((), int),
             error=jnp.zeros(()),
-            free=jnp.zeros((number, zero.size)),
-            losses=jnp.full(number, jnp.inf),
-            results=RESULTS(jnp.full(number, RESULTS.not_computed.code)),
+            fits=Fits(
+                free=jnp.zeros((number, zero.size)),
+                losses=jnp.full(number, jnp.inf),
+                results=RESULTS(jnp.full(number, RESULTS.not_computed.code)),
+            ),
             num_steps=jnp.array(0),
         )
 
     def attempt(self, number: Array | int, so_far: Search) -> Search:
         """Return the search after the fit of a number, which may not be needed."""
-        problem = self.problem
-        limit = so_far.num_starts
+        phases = [self._from_start, self._along_profile, self._from_minimum]
+        firsts = np.array([0, so_far.num_starts, so_far.num_starts + _IN_PROFILE])
         number = jnp.asarray(number)
-        is_start = number < limit
-        is_refit = number >= so_far.along.stop
-        is_along = ~is_start & ~is_refit
-        place = jnp.clip(number - limit, 0) % len(_SIGNS)
-        is_first = place % len(_DISTANCES) == 0
-        near = jnp.where(number < _num_far(limit), 0, so_far.best.point.free)
-        moves = _moves(limit, self.held.size) * (problem.is_log & ~self.held)
-        begin = moves[jnp.minimum(number, limit - 1)] + near
-        before = jnp.where(is_first, so_far.centre, so_far.free[number - 1])
-        error = jnp.maximum(so_far.error, _SAME)
-        reach = jnp.minimum(_DISTANCES, error * _IN_ERRORS)
-        moved = so_far.centre[so_far.weakest] + (_SIGNS * jnp.tile(reach, 2))[place]
-        before = before.at[so_far.weakest].set(moved)
-        start = jnp.where(is_start, begin, before)
-        start = jnp.where(is_refit, so_far.free[limit + place], start)
-        ended = so_far.best.result
-        has_ended = (ended == RESULTS.successful) | (ended == RESULTS.stagnated)
-        needs_start = (number == 0) | (ended == RESULTS.stagnated) | (ended == RESULTS.nonfinite)
-        needs_start |= self.starts is not None
-        is_needed = jnp.where(is_start, needs_start, jnp.any(self.is_profiled) & has_ended)
-        is_needed &= ~is_refit | _minima(so_far)[place]
-        is_held = self.held | (is_along & (jnp.arange(self.held.size) == so_far.weakest))
-        steps = jnp.where(is_along, jnp.minimum(self.max_steps, _PROFILE_STEPS), self.max_steps)
-        end = minimise(problem, start, is_held, jnp.where(is_needed, steps, -1))
+        phase = jnp.sum(number >= firsts) - 1
+        place = number - jnp.asarray(firsts)[phase]
+        trial = jax.lax.switch(phase, phases, place, so_far)
+        steps = jnp.where(trial.is_needed, trial.max_steps, -1)
+        end = minimise(self.problem, trial.start, trial.held, steps)
+
         loss = jnp.where(jnp.isfinite(end.point.loss), end.point.loss, jnp.inf)
-        # A finite loss is lower than NaN.
-        is_lower = (loss < jnp.inf) & ~(loss >= so_far.best.point.loss)
-        is_better = (number == 0) | (~is_along & is_lower)
-        best = choose(is_better, end, so_far.best)
-        errors = jnp.sqrt(jnp.diag(directions(problem, best.point, self.held).covariance))
-        weakest = jnp.argmax(jnp.where(self.is_profiled, errors, -1))
-        result = RESULTS.where(is_needed, end.result, RESULTS.not_computed)
-        return Search(
+        result = RESULTS.where(trial.is_needed, end.result, RESULTS.not_computed)
+        so_far = replace(
+            so_far,
             guess=jnp.where(number == 0, end.first, so_far.guess),
-            best=best,
-            centre=jnp.where(is_start, best.point.free, so_far.centre),
-            weakest=jnp.where(is_start, weakest, so_far.weakest),
-            error=jnp.where(is_start, errors[weakest], so_far.error),
-            free=so_far.free.at[number].set(end.point.free),
-            losses=so_far.losses.at[number].set(loss),
-            results=RESULTS(jnp.asarray(so_far.results.code).at[number].set(result.code)),
+            fits=so_far.fits.with_end(number, end.point.free, loss, result),
             num_steps=so_far.num_steps + jnp.maximum(end.num_steps, 0),
         )
+        # A finite loss is lower than NaN.
+        is_lower = (loss < jnp.inf) & ~(loss >= so_far.best.point.loss)
+        fits_all = phase != phases.index(self._along_profile)
+        best = choose((number == 0) | (fits_all & is_lower), end, so_far.best)
+        so_far = replace(so_far, best=best)
+        is_start = phase == phases.index(self._from_start)
+        return choose(is_start, self._centred(so_far), so_far)
+
+    def _from_start(self, place: Array, so_far: Search) -> Trial:
+        """Return a fit from a start: around zero, or around the best fit so far."""
+        count = so_far.num_starts
+        moves = _moves(count, self.held.size) * (self.problem.is_log & ~self.held)
+        near = jnp.where(place < _num_far(count), 0, so_far.best.point.free)
+        ended = so_far.best.result
+        is_needed = (place == 0) | (ended == RESULTS.stagnated) | (ended == RESULTS.nonfinite)
+        is_needed |= self.starts is not None
+        return Trial(moves[place] + near, self.held, self.max_steps, is_needed)
+
+    def _along_profile(self, place: Array, so_far: Search) -> Trial:
+        """Return a fit of the other variables, from the fit beside it, nearer to the centre."""
+        reach = jnp.minimum(_DISTANCES, jnp.maximum(so_far.error, _SAME) * _IN_ERRORS)
+        offset = jnp.concatenate([-reach, reach])[place]
+        is_nearest = (place == 0) | (place == _ON_A_SIDE)
+        start = jnp.where(is_nearest, so_far.centre, so_far.profile.free[place - 1])
+        start = start.at[so_far.weakest].set(so_far.centre[so_far.weakest] + offset)
+        held = self.held | (jnp.arange(self.held.size) == so_far.weakest)
+        steps = jnp.minimum(self.max_steps, _PROFILE_STEPS)
+        return Trial(start, held, steps, jnp.any(self.is_profiled) & so_far.has_ended)
+
+    def _from_minimum(self, place: Array, so_far: Search) -> Trial:
+        """Return a fit from a place of the profile, needed if that is a minimum."""
+        is_needed = jnp.any(self.is_profiled) & so_far.has_ended & _minima(so_far)[place]
+        return Trial(so_far.profile.free[place], self.held, self.max_steps, is_needed)
+
+    def _centred(self, so_far: Search) -> Search:
+        """Return the search with the profile around the best fit."""
+        point = so_far.best.point
+        errors = jnp.sqrt(jnp.diag(directions(self.problem, point, self.held).covariance))
+        weakest = jnp.argmax(jnp.where(self.is_profiled, errors, -1))
+        return replace(so_far, centre=point.free, weakest=weakest, error=errors[weakest])
 
 
 def num_fits(starts: int | None) -> int:
     """Return the number of fits of a search, needed or not."""
-    return (MOST if starts is None else starts) + 2 * len(_SIGNS)
+    return (starts or MOST) + 2 * _IN_PROFILE
+
+
+def _has_ended(result: RESULTS) -> Flag:
+    return (result == RESULTS.successful) | (result == RESULTS.stagnated)
 
 
 def _moves(limit: int, count: int) -> Float[Array, "starts parameters"]:
@@ -222,14 +285,14 @@ def _moves(limit: int, count: int) -> Float[Array, "starts parameters"]:
 
 def _minima(so_far: Search) -> Array:
     """Return the mask of minima of the profile with a low enough loss."""
-    order = np.argsort(np.append(_SIGNS * np.tile(_DISTANCES, 2), 0))
-    losses = so_far.losses[so_far.along]
-    at_centre = jnp.min(so_far.losses[: so_far.num_starts])
-    sorted_ = jnp.append(losses, at_centre)[order]
-    outer = jnp.concatenate([jnp.array([jnp.inf]), sorted_, jnp.array([jnp.inf])])
-    is_low = (sorted_ <= outer[:-2]) & (sorted_ <= outer[2:])
-    is_low &= sorted_ < _WORTH * so_far.best.point.loss
-    return is_low[np.argsort(order)][:-1]
+    left, right = so_far.profile.losses.reshape(2, _ON_A_SIDE)
+    centre = jnp.min(so_far.starts.losses)
+    infinite = jnp.array([jnp.inf])
+    losses = jnp.concatenate([infinite, left[::-1], centre[None], right, infinite])
+    inner = losses[1:-1]
+    is_low = (inner <= losses[:-2]) & (inner <= losses[2:])
+    is_low &= inner < _WORTH * so_far.best.point.loss
+    return jnp.concatenate([is_low[:_ON_A_SIDE][::-1], is_low[_ON_A_SIDE + 1 :]])
 
 
 def _num_far(number: int) -> int:
