@@ -43,7 +43,7 @@ from jaxstab.branches.interpolation import (
 from jaxstab.branches.kinds import KINDS
 from jaxstab.branches.morse_index import MOST, UNKNOWN, DrivenIndex, driven_index_of, index_of
 from jaxstab.contact.hessian import Block
-from jaxstab.core.checks import array
+from jaxstab.core.checks import array, concrete
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, cond
 from jaxstab.core.grid import total
@@ -131,15 +131,14 @@ class _Target(eqx.Module):
     close: Scalar
 
 
-class _Candidate(eqx.Module):
+class _Judgement(eqx.Module):
     """The point that the corrector has found, judged by the two ends of the step.
 
     Attributes:
-        place: the point with the free points that it was found with.
-        is_found: whether it is one of some curve.
-        is_sound: whether it is one of this curve, as far as the ends of the step tell.
+        gap: its gap, without the corrector's error where it is taken [length].
+        is_found: whether it is a point of some curve.
         is_taken: whether it is the next state, if the events in the step explain it.
-        lands: whether the next step is one to the last load.
+        lands: whether it lies on this curve, but beyond the last load: the next step leads there.
         turns: whether the load turns in the step.
         folds: whether it turns while the same points are free.
         is_clear: whether the step has no turn beside a change of the free points.
@@ -147,9 +146,8 @@ class _Candidate(eqx.Module):
         is_easy: whether the next step may be longer.
     """
 
-    place: Place
+    gap: Field
     is_found: Flag
-    is_sound: Flag
     is_taken: Flag
     lands: Flag
     turns: Flag
@@ -163,7 +161,7 @@ class _Events(eqx.Module):
     """The events in a step.
 
     Attributes:
-        turn: the point where the load turns at a fold.
+        fold: the point where the load turns at a fold.
         is_flat: whether the rate of the load vanishes there.
         new: the place beyond the step.
         goes_on: whether the branch goes on from there.
@@ -171,7 +169,7 @@ class _Events(eqx.Module):
         modes: the lowest modes there.
     """
 
-    turn: Point
+    fold: Point
     is_flat: Flag
     new: Place
     goes_on: Flag
@@ -179,33 +177,99 @@ class _Events(eqx.Module):
     modes: Block
 
 
+class _Account(eqx.Module):
+    """The account that the events in a step give of the Morse index behind it.
+
+    Attributes:
+        is_sound: whether the branch goes on behind them, and has not reached the last load before.
+        agrees: whether they explain the index.
+        is_open: whether they do not, but another branch that crosses may.
+        expected: the index with which the branch goes on, `UNKNOWN` where it may be any.
+        turns: whether the load turns at one of them.
+        kind: which kind of turn that is.
+    """
+
+    is_sound: Flag
+    agrees: Flag
+    is_open: Flag
+    expected: Int[Array, ""]
+    turns: Flag
+    kind: KINDS
+
+
+class _Turn(eqx.Module):
+    """A turning point or a bifurcation in a step.
+
+    Attributes:
+        is_there: whether there is one.
+        agrees: whether with it the Morse index behind the step is explained.
+        at: the point.
+        kind: its kind.
+        mode: the direction of the branch there, or of another one that crosses it.
+    """
+
+    is_there: Flag
+    agrees: Flag
+    at: Point
+    kind: KINDS
+    mode: Field
+
+
 def take_step(problem: ContinuationProblem, step: ArclengthStep) -> ArclengthStep:
     """Return the state after the next step, or the same with a shorter one to try.
 
     1. Aim at a distance ahead, at an active-set change before it, or at the last load.
     2. Correct the point on the tangent, and judge it by the two ends of the step.
-    3. If it is sound, locate the events in the step and count the negative eigenvalues beyond.
-    4. Take it if the events explain this number, and choose the length of the next step.
+    3. If it is sound, locate the events in the step: the fold, the place beyond the active-set
+       change, and the number of negative eigenvalues there.
+    4. Take the step if the events explain that number, or if not, in a short step, if a mode does
+       that has no part in the branch: there another branch crosses.
+    5. Choose the length of the next step.
     """
-    curve = problem.curve
     old = step.here
     target = _target_of(problem, step)
-    correction = Correction(curve, target.condition, old.is_free, target.follows)
+    correction = Correction(problem.curve, target.condition, old.is_free, target.follows)
     found = correct(correction, target.start, target.row, old.tangent, target.close)
-    candidate = _candidate_of(problem, step, target, found)
+    judgement = _judged(problem, step, target, found)
+    reached = replace(found.place, at=replace(found.place.at, gap=judgement.gap))
+    refused = replace(step, is_new=array(False))
 
-    def accepted() -> ArclengthStep:
-        events = _events_in(problem, step, target, candidate)
-        agrees, is_open = _explanation(problem, step, target, candidate, events)
-        crossing = cond(
-            is_open,
-            lambda: _crossing(problem, step, target, candidate, events),
-            lambda: _Crossing(agrees, array(False), events.turn, events.new.tangent.gap),
+    def explained() -> ArclengthStep:
+        events = _events_in(problem, step, target, judgement, reached)
+        account = _account_of(problem, step, target, judgement, reached, events)
+        direction = events.new.tangent.gap
+        turn = _Turn(account.turns, account.agrees, events.fold, account.kind, direction)
+        # To a limit no branch leads across another one: a bifurcation is a limit.
+        if not problem.to_limit:
+            turn = cond(
+                account.is_open,
+                lambda: _crossing(problem, step, target, judgement, reached, events, turn),
+                lambda: turn,
+            )
+        taken = replace(
+            step,
+            here=events.new,
+            index=events.index,
+            expected=account.expected,
+            modes=events.modes,
+            turn=turn.at,
+            kind=turn.kind,
+            turn_mode=turn.mode,
+            turns=turn.is_there,
+            is_new=array(True),
         )
-        return _taken(problem, step, target, candidate, events, crossing)
+        is_explained = concrete(account.is_sound) & concrete(turn.agrees)
+        return cond(is_explained, lambda: taken, lambda: refused)
 
-    taken = cond(candidate.is_taken, accepted, lambda: step)
-    return _with_next_length(problem, step, target, candidate, taken)
+    after = cond(judgement.is_taken, explained, lambda: refused)
+    length, is_there = _next_length(problem, step, target, judgement, reached, after.is_new)
+    return replace(
+        after,
+        length=length,
+        lands=judgement.lands,
+        is_there=is_there,
+        is_found=judgement.is_found,
+    )
 
 
 @program
@@ -248,10 +312,10 @@ def _target_of(problem: ContinuationProblem, step: ArclengthStep) -> _Target:
 
 
 @program
-def _candidate_of(
+def _judged(
     problem: ContinuationProblem, step: ArclengthStep, target: _Target, found: Found
-) -> _Candidate:
-    """Return the point that the corrector has found, and whether it lies on the same curve."""
+) -> _Judgement:
+    """Return whether the point that the corrector has found lies on the same curve."""
     curve = problem.curve
     old = step.here
     changes = target.changes
@@ -283,10 +347,9 @@ def _candidate_of(
     is_taken = is_sound & ~beyond
     gap = jnp.where(is_taken, gap, place.at.gap)
     is_clear = ~(turns & jnp.any(place.is_free != old.is_free))
-    return _Candidate(
-        place=replace(place, at=Point(gap, place.at.pressure)),
+    return _Judgement(
+        gap=gap,
         is_found=found.is_found,
-        is_sound=is_sound,
         is_taken=is_taken,
         lands=is_sound & beyond,
         turns=turns,
@@ -298,47 +361,60 @@ def _candidate_of(
 
 
 def _events_in(
-    problem: ContinuationProblem, step: ArclengthStep, target: _Target, candidate: _Candidate
+    problem: ContinuationProblem,
+    step: ArclengthStep,
+    target: _Target,
+    judgement: _Judgement,
+    reached: Place,
 ) -> _Events:
     """Return the fold in a step, the place beyond it, and its number of negative eigenvalues."""
     curve = problem.curve
-    old = step.here
-    reached = candidate.place
-    turn, is_flat = cond(
-        candidate.folds,
-        lambda: fold_between(curve, old, reached),
+    fold, is_flat = cond(
+        judgement.folds,
+        lambda: fold_between(curve, step.here, reached),
         lambda: (reached.at, array(True)),
     )
     new, goes_on = cond(
         target.is_change,
         lambda: beyond_change(curve, reached, target.changes, target.opens),
-        lambda: (reached, candidate.is_clear),
+        lambda: (reached, judgement.is_clear),
     )
     index, modes = index_of(
         curve.contact, curve.load, new.at.gap, step.modes, counts_all=not problem.to_limit
     )
-    return _Events(turn, is_flat, new, goes_on, index, modes)
+    return _Events(fold, is_flat, new, goes_on, index, modes)
 
 
 class _Turning(eqx.Module):
-    """How the load turns back at an active-set change, and the change of the index there."""
+    """How the load turns in a step, and how that changes the Morse index.
+
+    Attributes:
+        back: whether the load turns back at the active-set change.
+        touches: whether a point touches there.
+        flips: how many points change sides there.
+        change: the change of the index, without a sign where the load turns at a fold.
+    """
 
     back: Flag
     touches: Flag
-    change: Int[Array, ""]
     flips: Int[Array, ""]
+    change: Int[Array, ""]
 
     @classmethod
     def at(
-        cls, problem: ContinuationProblem, target: _Target, candidate: _Candidate, new: Place
+        cls,
+        problem: ContinuationProblem,
+        target: _Target,
+        judgement: _Judgement,
+        reached: Place,
+        new: Place,
     ) -> "_Turning":
         curve = problem.curve
-        reached = candidate.place
         back = curve.rate(reached.tangent) * curve.rate(new.tangent) < 0
         # At a release the released point has no part in the index yet.
         touches = target.is_change & ~target.opens
-        change = jnp.where(candidate.turns, 1, jnp.where(touches & back, -1, 0))
-        return cls(back, touches, change, jnp.sum(new.is_free != reached.is_free))
+        change = jnp.where(judgement.turns, 1, jnp.where(touches & back, -1, 0))
+        return cls(back, touches, jnp.sum(new.is_free != reached.is_free), change)
 
     def explains(self, turns: Flag, before: Int[Array, ""], after: Int[Array, ""]) -> Flag:
         """Return whether it explains the number of negative eigenvalues after the step."""
@@ -348,43 +424,57 @@ class _Turning(eqx.Module):
 
 
 @program
-def _explanation(
+def _account_of(
     problem: ContinuationProblem,
     step: ArclengthStep,
     target: _Target,
-    candidate: _Candidate,
+    judgement: _Judgement,
+    reached: Place,
     events: _Events,
-) -> tuple[Flag, Flag]:
+) -> _Account:
     """Return whether the events in a step explain the Morse index behind it, or modes might.
 
     Modes that have no part in the branch, since they break a symmetry, may change sign as they
     like: there other branches cross it.
     """
-    turning = _Turning.at(problem, target, candidate, events.new)
-    agrees = turning.explains(candidate.turns, step.expected, events.index)
+    turning = _Turning.at(problem, target, judgement, reached, events.new)
+    index = events.index
     # Points that tie, by symmetry, take modes with them that break it.
-    agrees |= turning.flips > 1
+    is_tied = turning.flips > 1
+    agrees = turning.explains(judgement.turns, step.expected, index) | is_tied
     if problem.to_limit:
         # A bifurcation is a limit, however long the step.
-        bifurcates = (step.index == 0) & (events.index > 0) & ~candidate.turns
-        return agrees | bifurcates, jnp.array(False)
-    # The farther from a bifurcation, the smaller the part of the mode that does belong to it.
-    return agrees, ~agrees & (step.length <= _ACROSS * problem.max_step)
+        agrees |= (step.index == 0) & (index > 0) & ~judgement.turns
+    is_beyond = judgement.turns & problem.is_beyond(events.fold)
+    expected = index + (target.is_change & target.opens & turning.back)
+    is_unknown = is_tied | (index >= MOST) | (index < 0)
+    kind = KINDS.where(target.opens, KINDS.release, KINDS.touch)
+    return _Account(
+        is_sound=events.goes_on & events.is_flat & ~is_beyond,
+        agrees=agrees,
+        # The farther from a bifurcation, the smaller the part of the mode that does belong to it.
+        is_open=~agrees & (step.length <= _ACROSS * problem.max_step),
+        expected=jnp.where(is_unknown, UNKNOWN, expected).astype(int),
+        turns=judgement.turns | turning.back,
+        kind=KINDS.where(target.is_change, kind, KINDS.fold),
+    )
 
 
 class _Crossing(eqx.Module):
-    """Whether events explain the Morse index behind a step, and another branch that crosses in it.
+    """Another branch that crosses in a step.
 
     Attributes:
-        agrees: whether they do, but for modes that have no part in the branch.
-        is_one: whether such a mode changes its sign: then another branch crosses.
-        at: where its eigenvalue vanishes.
+        is_there: whether one does: a mode changes its sign that has no part in this branch.
+        agrees: whether events explain the signs of the modes that have a part.
+        start: where the eigenvalue of the mode vanishes, on the chord.
+        condition: the condition of that point on the curve.
         mode: the mode.
     """
 
+    is_there: Flag
     agrees: Flag
-    is_one: Flag
-    at: Point
+    start: Point
+    condition: Condition
     mode: Field
 
 
@@ -392,19 +482,22 @@ def _crossing(
     problem: ContinuationProblem,
     step: ArclengthStep,
     target: _Target,
-    candidate: _Candidate,
+    judgement: _Judgement,
+    reached: Place,
     events: _Events,
-) -> _Crossing:
-    """Return whether events explain the signs of the modes that have a part in the branch.
+    turn: _Turn,
+) -> _Turn:
+    """Return the bifurcation in a step, or the turn otherwise, and whether it is explained.
 
-    And where another one changes its sign, to second order in the length of the step.
+    The signs of the modes that have a part in the branch are explained by events. Where another one
+    changes its sign is found to second order in the length of the step.
     """
-    crossing, start, condition, row = _crossed(problem, step, target, candidate, events)
     old = step.here
-    dtype = step.length.dtype.name
-    correction = Correction(problem.curve, condition, old.is_free)
-    found = correct(correction, start, row, old.tangent, CLOSE[dtype])
-    return _corrected(crossing, found)
+    crossing = _crossed(problem, step, target, judgement, reached, events)
+    correction = Correction(problem.curve, crossing.condition, old.is_free)
+    close = CLOSE[step.length.dtype.name]
+    found = correct(correction, crossing.start, target.row, old.tangent, close)
+    return _with_crossing(turn, crossing, found)
 
 
 @program
@@ -412,14 +505,14 @@ def _crossed(
     problem: ContinuationProblem,
     step: ArclengthStep,
     target: _Target,
-    candidate: _Candidate,
+    judgement: _Judgement,
+    reached: Place,
     events: _Events,
-) -> tuple[_Crossing, Point, Condition, Point]:
-    """Return the crossing in a step, and what corrects the point on the chord."""
+) -> _Crossing:
+    """Return the branch that crosses in a step, to first order."""
     curve = problem.curve
     old = step.here
-    reached = candidate.place
-    turning = _Turning.at(problem, target, candidate, events.new)
+    turning = _Turning.at(problem, target, judgement, reached, events.new)
 
     def driven(place: Place) -> DrivenIndex:
         gap = place.at.gap
@@ -430,91 +523,66 @@ def _crossed(
     ends = old, replace(reached, is_free=is_free)
     both = jax.lax.map(driven, jax.tree.map(lambda *pair: jnp.stack(pair), *ends))
     before, after = both.index
-    agrees = (before >= 0) & (after >= 0) & turning.explains(candidate.turns, before, after)
+    agrees = (before >= 0) & (after >= 0) & turning.explains(judgement.turns, before, after)
     # Of the eigenvalues in order, the lowest one that has changed its sign.
     numbers = jnp.sum(both.eigenvalues < 0, axis=1)
     first = jnp.minimum(jnp.min(numbers), both.eigenvalues.shape[1] - 1)
     low, high = both.eigenvalues[:, first]
     share = jnp.where(low * high < 0, low / jnp.where(low == high, 1, low - high), 1)
-    change = reached.at.minus(old.at)
-    start = old.at.plus(change, share)
-    condition = on_plane(target.row, target.row.times(start), target.reach)
-    is_one = agrees & ~candidate.turns & ~turning.back
+    start = old.at.plus(reached.at.minus(old.at), share)
     here, there = both.modes[:, first]
     there *= jnp.where(total(here * there) < 0, -1, 1)
-    mode = here + share * (there - here)
-    return _Crossing(agrees, is_one, start, mode), start, condition, target.row
-
-
-@program
-def _corrected(crossing: _Crossing, found: Found) -> _Crossing:
-    return replace(crossing, at=choose(found.is_found, found.place.at, crossing.at))
-
-
-@program
-def _taken(
-    problem: ContinuationProblem,
-    step: ArclengthStep,
-    target: _Target,
-    candidate: _Candidate,
-    events: _Events,
-    crossing: _Crossing,
-) -> ArclengthStep:
-    """Return the state that a step has led to, if the events in it explain the changes."""
-    turning = _Turning.at(problem, target, candidate, events.new)
-    index = events.index
-    expected = index + (target.is_change & target.opens & turning.back)
-    is_unknown = (turning.flips > 1) | (index >= MOST) | (index < 0)
-    kind = KINDS.where(target.opens, KINDS.release, KINDS.touch)
-    kind = KINDS.where(target.is_change, kind, KINDS.fold)
-    is_good = events.goes_on & events.is_flat & crossing.agrees
-    is_good &= ~(candidate.turns & problem.is_beyond(events.turn))
-    taken = replace(
-        step,
-        here=events.new,
-        index=index,
-        expected=jnp.where(is_unknown, UNKNOWN, expected).astype(int),
-        modes=events.modes,
-        turn=choose(crossing.is_one, crossing.at, events.turn),
-        kind=KINDS.where(crossing.is_one, KINDS.bifurcation, kind),
-        turn_mode=jnp.where(crossing.is_one, crossing.mode, events.new.tangent.gap),
-        turns=candidate.turns | turning.back | crossing.is_one,
-        is_new=jnp.array(True),
+    return _Crossing(
+        is_there=agrees & ~judgement.turns & ~turning.back,
+        agrees=agrees,
+        start=start,
+        condition=on_plane(target.row, target.row.times(start), target.reach),
+        mode=here + share * (there - here),
     )
-    return choose(is_good, taken, replace(step, is_new=jnp.array(False)))
 
 
 @program
-def _with_next_length(
+def _with_crossing(turn: _Turn, crossing: _Crossing, found: Found) -> _Turn:
+    is_there = crossing.is_there
+    at = choose(found.is_found, found.place.at, crossing.start)
+    return _Turn(
+        is_there=turn.is_there | is_there,
+        agrees=crossing.agrees,
+        at=choose(is_there, at, turn.at),
+        kind=KINDS.where(is_there, KINDS.bifurcation, turn.kind),
+        mode=jnp.where(is_there, crossing.mode, turn.mode),
+    )
+
+
+@program
+def _next_length(
     problem: ContinuationProblem,
     step: ArclengthStep,
     target: _Target,
-    candidate: _Candidate,
-    taken: ArclengthStep,
-) -> ArclengthStep:
-    """Return a step, taken or not, with the length of the next."""
+    judgement: _Judgement,
+    reached: Place,
+    is_new: Flag,
+) -> tuple[Scalar, Flag]:
+    """Return the length of the step after one, taken or not, and whether this is at the last load.
+
+    1. After an easy step it is longer, after another one as long.
+    2. If the step leads beyond the last load, it ends about there.
+    3. If the load turns in a step that may not, it ends about where it turns.
+    4. Otherwise the step is cut, to where all gaps and reactions are positive, or by a factor.
+    """
     curve = problem.curve
     old = step.here
-    new = candidate.place
-    is_new = candidate.is_taken & taken.is_new
-    longer = jnp.where(candidate.is_easy & ~target.is_change, _GROWTH * target.reach, step.length)
+    is_easy = judgement.is_easy & ~target.is_change
+    longer = jnp.where(is_easy, _GROWTH * target.reach, step.length)
     longer = jnp.minimum(jnp.maximum(longer, step.length), problem.max_step)
-    # It ends at the load, or it is cut to where all gaps and reactions are positive, or cut.
     before = curve.value(old.at)
-    after = curve.value(new.at)
-    part = (problem.last - before) / jnp.where(after == before, 1, after - before)
-    # Where the load has turned in a step that may not, up to about where it turns.
+    after = curve.value(reached.at)
+    to_load = (problem.last - before) / jnp.where(after == before, 1, after - before)
     before = curve.rate(old.tangent)
-    after = curve.rate(new.tangent)
-    to_turn = before / jnp.where(candidate.turns, before - after, 1)
+    after = curve.rate(reached.tangent)
+    to_turn = before / jnp.where(judgement.turns, before - after, 1)
     to_turn = jnp.clip(_TO_TURN * to_turn, _CUT, _TO_TURN)
-    share = jnp.where(candidate.turns, to_turn, candidate.share)
-    shorter = target.reach * jnp.where(candidate.lands, part, share)
-    return replace(
-        taken,
-        length=jnp.where(is_new, longer, shorter),
-        lands=candidate.lands,
-        is_there=is_new & step.lands & ~target.is_change,
-        is_new=is_new,
-        is_found=candidate.is_found,
-    )
+    share = jnp.where(judgement.turns, to_turn, judgement.share)
+    share = jnp.where(judgement.lands, to_load, share)
+    length = jnp.where(is_new, longer, share * target.reach)
+    return length, is_new & step.lands & ~target.is_change

@@ -20,11 +20,11 @@ from jaxstab.branches.corrector import (
 )
 from jaxstab.branches.curve import ContinuationProblem, Curve, Place, Point
 from jaxstab.branches.kinds import KINDS
-from jaxstab.branches.morse_index import UNKNOWN, index_of, some_modes
+from jaxstab.branches.morse_index import index_of, no_modes
 from jaxstab.branches.point import PathPoint, point_of
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
-from jaxstab.core.checks import cast, concrete, require, require_finite
+from jaxstab.core.checks import array, cast, concrete, require, require_finite
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import cond
 from jaxstab.core.results import RESULTS
@@ -121,7 +121,7 @@ class _Start(eqx.Module):
         ahead: the gradient of the load, with the sign of its change along the branch.
         condition: that the load has its first value.
         nothing: no direction.
-        modes: random modes.
+        modes: none that are known.
     """
 
     curve: Curve
@@ -145,7 +145,7 @@ def _start(contact: Contact, loads: Load, found: Equilibrium) -> _Start:
     ahead = Point(jnp.sign(span) * row.gap, jnp.sign(span) * row.pressure)
     condition = on_plane(row, first - curve.load_offset, jnp.abs(span))
     nothing = jax.tree.map(jnp.zeros_like, at)
-    return _Start(curve, at, gap > 0, ahead, condition, nothing, some_modes(gap))
+    return _Start(curve, at, gap > 0, ahead, condition, nothing, no_modes(gap))
 
 
 @partial(program, static_argnums=0)
@@ -170,30 +170,26 @@ def _problem(
     return problem, _FIRST * longest
 
 
-@program
 def branch_from(
     here: Place, length: Scalar, index: Int[Array, ""], modes: Block, result: RESULTS
 ) -> BranchState:
     """Return a branch that begins at a place with a step of a length."""
-    yes = jnp.array(True)
-    no = jnp.array(False)
-    expected = jnp.where(index >= 0, index, UNKNOWN).astype(int)
     step = ArclengthStep(
-        here,
-        length,
-        index,
-        expected,
-        modes,
-        here.at,
-        KINDS.fold,
-        here.tangent.gap,
-        no,
-        no,
-        no,
-        yes,
-        yes,
+        here=here,
+        length=length,
+        index=index,
+        expected=index,
+        modes=modes,
+        turn=here.at,
+        kind=KINDS.fold,
+        turn_mode=here.tangent.gap,
+        turns=array(False),
+        lands=array(False),
+        is_there=array(False),
+        is_new=array(True),
+        is_found=array(True),
     )
-    return BranchState(step, here, jnp.array(1), KINDS.states, result)
+    return BranchState(step, here, array(1), KINDS.states, result)
 
 
 def pressure_of(contact: Contact, load: Load, gap: Field) -> Scalar:
@@ -204,11 +200,16 @@ def pressure_of(contact: Contact, load: Load, gap: Field) -> Scalar:
 
 def next_state(problem: ContinuationProblem, branch: BranchState) -> BranchState:
     """Return a branch after a step, which may have been cut."""
-    return _after(problem, branch, take_step(problem, branch.step))
+    step = take_step(problem, branch.step)
+    count, end = _after(problem, branch, step)
+    return replace(branch, step=step, count=count, end=end)
 
 
 @program
-def _after(problem: ContinuationProblem, branch: BranchState, step: ArclengthStep) -> BranchState:
+def _after(
+    problem: ContinuationProblem, branch: BranchState, step: ArclengthStep
+) -> tuple[Int[Array, ""], KINDS]:
+    """Return the number of states of a branch after a step, and why it goes on no more."""
     # No step is long enough if the loads are equal or not finite, which under JAX nothing refuses.
     no_more = ~(step.length > problem.min_step)
     unclear = KINDS.where(step.is_found, KINDS.uncertain, KINDS.lost)
@@ -220,7 +221,7 @@ def _after(problem: ContinuationProblem, branch: BranchState, step: ArclengthSte
     is_loop = step.is_new & _closes(problem.curve, branch, step.here.at)
     end = KINDS.where(is_loop, KINDS.loop, end)
     end = KINDS.where(step.is_there, KINDS.load, end)
-    return replace(branch, step=step, count=branch.count + step.is_new, end=end)
+    return branch.count + step.is_new, end
 
 
 def _goes_apart(problem: ContinuationProblem, step: ArclengthStep) -> Flag:

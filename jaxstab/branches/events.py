@@ -21,9 +21,10 @@ from jaxstab.branches.corrector import (
     on_plane,
 )
 from jaxstab.branches.curve import Curve, Place, Point
+from jaxstab.core.checks import array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import choose, first_good, while_loop
-from jaxstab.core.types import ArrayLike, Field, Flag, Mask, Scalar
+from jaxstab.core.types import Field, Flag, Mask, Scalar
 
 # Points tie that change sides within this part of the distance to the first of them.
 _TIE = 1e-6
@@ -105,17 +106,17 @@ def beyond_change(
     All points whose gap or reaction vanishes there change sides, or the first alone.
     """
 
-    def beyond(number: ArrayLike) -> tuple[Place, Flag]:
-        new = _flipped(curve, place, changes, opens, number)
+    def beyond(with_tied: Flag) -> tuple[Place, Flag]:
+        new = _flipped(curve, place, changes, opens, with_tied)
         tangent = direction_at(curve, new.condition, new.at, new.is_free, new.ahead, place.tangent)
         return Place(new.at, new.is_free, tangent), _goes_on(curve, new, tangent)
 
-    return first_good(beyond, lambda found: found[1], 2)
+    return first_good(beyond, lambda found: found[1], [array(True), array(False)])
 
 
 @program
 def _flipped(
-    curve: Curve, place: Place, changes: ActiveSetChanges, opens: Flag, number: ArrayLike
+    curve: Curve, place: Place, changes: ActiveSetChanges, opens: Flag, with_tied: Flag
 ) -> _Beyond:
     # The first has a gap that grows, or a reaction.
     unit = at_change(curve, changes.point, ~opens, jnp.ones_like(place.at.pressure))
@@ -124,7 +125,7 @@ def _flipped(
     # Others are near to it. Opened with a reaction left, a point would leave the curve.
     left = jnp.where(place.is_free, curve.contact.solid.max_stiffness * place.at.gap, forces.net)
     vanishes = left <= _VANISHING[left.dtype.name] * forces.scale
-    flips = changes.point | (changes.tied & vanishes & (number == 0))
+    flips = changes.point | (changes.tied & vanishes & with_tied)
     point = Point(jnp.where(flips, 0, place.at.gap), place.at.pressure)
     condition = at_change(curve, changes.point, opens, jnp.ones_like(place.at.pressure))
     return _Beyond(point, place.is_free ^ flips, flips, ahead, condition)

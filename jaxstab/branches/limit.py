@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxstab.branches.arclength import ArclengthStep
 from jaxstab.branches.branch_steps import (
     SHORTEST,
     BranchState,
@@ -31,20 +30,18 @@ from jaxstab.branches.corrector import (
 )
 from jaxstab.branches.curve import ContinuationProblem, Curve, Point
 from jaxstab.branches.kinds import KINDS
-from jaxstab.branches.morse_index import UNKNOWN, refreshed, some_modes
+from jaxstab.branches.morse_index import UNKNOWN, lowest_pair, no_modes
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
+from jaxstab.core.checks import array, concrete
 from jaxstab.core.compile import program
-from jaxstab.core.control_flow import choose, first_good, while_loop, zeros_of
+from jaxstab.core.control_flow import choose, cond, first_good, while_loop, zeros_of
 from jaxstab.core.grid import mean, total
 from jaxstab.core.results import RESULTS
 from jaxstab.core.types import Field, Flag, Mask, Scalar
 from jaxstab.equilibrium import PreconditionedConjugateGradient
 from jaxstab.loads import Load
-from jaxstab.stability.cones import Subspace
 from jaxstab.stability.eigenpair import Eigenpair
-from jaxstab.stability.lowest_pair import on_space
-from jaxstab.stability.solvers.davidson import Davidson
 
 # How closely the mode of the limit is found.
 _MODE = {"float64": 1e-9, "float32": 1e-5}
@@ -58,17 +55,13 @@ _ALONG = 0.5
 # How far from where it was seen to lie a limit may be found, over how near that is known: what is
 # missing on the whole may be missing at one point, and disturbed starts leave a branch early.
 _LEEWAY = {"float64": 1000, "float32": 100}
-# From a state nearby: its longest step over its size, the first one over that, and how far back it
-# begins, that too, to which side of the event whatever the state lies on. In single precision a
-# state may lie farther past the event.
+# Of a search from a state nearby: its longest step over the size of the state, its first one over
+# that, and how far back it begins, that too. In single precision a state may lie farther past the
+# limit.
 _SHARE = 0.1
 _FIRST = 1e-3
 _BACK = {"float64": 1e-5, "float32": 1e-3}
 _BACKS = 1.0, 1e-2, 10.0, 100.0
-
-
-# Of one of several searches.
-Number = Int[Array, ""] | int
 
 
 class Limit(eqx.Module):
@@ -108,38 +101,6 @@ class Limit(eqx.Module):
         return mode * jnp.where(mean(jnp.where(self.gap == 0, mode, 0)) < 0, -1, 1)
 
 
-class _LimitSearch(eqx.Module):
-    """A branch before and after its last step, and how closely a bifurcation is bracketed.
-
-    Attributes:
-        is_open: whether the limit lies ahead, or is to be bracketed more closely.
-    """
-
-    before: BranchState
-    after: BranchState
-    width: Scalar
-    count: Int[Array, ""]
-    is_open: Flag
-
-    @property
-    def is_past(self) -> Flag:
-        """Whether the last step has led past the limit."""
-        old = self.before.step
-        new = self.after.step
-        return new.is_new & (new.turns | ((old.index == 0) & (new.index > 0)))
-
-    def looked_at(self, problem: ContinuationProblem) -> "_LimitSearch":
-        """Return the search with a flag that tells whether it goes on."""
-        is_wide = self.width > _closest(problem)
-        is_wide &= ~(self.is_past & self.after.step.turns)
-        return replace(self, is_open=self.after.is_on & is_wide & (self.count < _MAX_STEPS))
-
-
-def _closest(problem: ContinuationProblem) -> Scalar:
-    """Return how closely a bifurcation is bracketed [length]."""
-    return _BRACKET[problem.max_step.dtype.name] * problem.max_step
-
-
 class _Ahead(eqx.Module):
     """The problem of a limit ahead of a state.
 
@@ -148,7 +109,7 @@ class _Ahead(eqx.Module):
         at: the state.
         row: the gradient of the load, with the sign of its change.
         nothing: no direction.
-        modes: random modes.
+        modes: none that are known.
     """
 
     problem: ContinuationProblem
@@ -158,29 +119,56 @@ class _Ahead(eqx.Module):
     modes: Block
 
 
+class _Start(eqx.Module):
+    """A start of the search for the limit ahead of a state.
+
+    Attributes:
+        back: how far behind the state it lies, over a usual distance.
+        closes: whether the least open points of the state are closed before.
+    """
+
+    back: Scalar
+    closes: Flag
+
+
 def limit_ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> Limit:
     """Return the limit of a branch from a state close to it.
 
     A load that is so far ahead, with its sign, has no state of this branch. The state itself may
-    lie past the limit, by no more than its residual; then the released point is the one that is
-    least open. So the search begins a little further back, anew until it finds an event. If it
-    finds none, the limit is the state itself: a bifurcation if an eigenvalue is negative already,
-    since it was passed where a symmetry held the state; otherwise uncertain.
+    lie past the limit, by no more than its residual.
+
+    1. Take the state, or if its limit is a release that it lies past, the state with its least open
+       points closed.
+    2. Go a little way back along the curve, so that the limit lies ahead.
+    3. Follow the curve from there to its limit.
+    4. If there is none, repeat from 1 by another of these starts, until all are used.
+    5. Without a limit, return the state itself: as a bifurcation if an eigenvalue is negative,
+       since it was passed where a symmetry held the state; otherwise as uncertain.
     """
+    dtype = gap.dtype
     search = _ahead(contact, load, gap, ahead)
     curve = search.problem.curve
-    close = TOLERANCE[gap.dtype.name]
 
-    def from_back(number: Number) -> tuple[Limit, Flag]:
-        start, is_free, condition = _start(search, number)
-        tangent = direction_at(curve, condition, start, is_free, search.row, search.nothing)
-        plane, ahead = _plane_behind(search, start, tangent, number)
-        found = correct(Correction(curve, plane, is_free), start, ahead, tangent, close)
-        branch, is_found = _branch_behind(search, found)
-        return limit_of(search.problem, branch), is_found
+    def from_start(start: _Start) -> tuple[Limit, Flag]:
+        at, is_free, condition = _state_of(search, start)
+        tangent = direction_at(curve, condition, at, is_free, search.row, search.nothing)
+        plane, row = _plane_behind(search, start, at, tangent)
+        behind = correct(Correction(curve, plane, is_free), at, row, tangent, TOLERANCE[dtype.name])
+        is_on_curve, length = _is_on_curve(search, behind)
+        result = RESULTS.where(is_on_curve, RESULTS.successful, RESULTS.lost_branch)
+        branch = branch_from(behind.place, length, array(UNKNOWN), search.modes, result)
+        return limit_of(search.problem, branch), is_on_curve
 
-    limit, is_found = first_good(from_back, lambda found: found[0].is_found, 2 * len(_BACKS))
-    return _limit_or_state(contact, load, gap, limit, is_found)
+    starts = [
+        _Start(array(back, dtype), array(closes)) for back in _BACKS for closes in (False, True)
+    ]
+    limit, is_on_curve = first_good(from_start, lambda found: found[0].is_found, starts)
+    return cond(
+        # Ahead of a state past a bifurcation, a turn of the load is none of a stable branch.
+        concrete(limit.is_found) & concrete(limit.kind != KINDS.uncertain),
+        lambda: limit,
+        lambda: _state_as_limit(contact, load, gap, limit, is_on_curve),
+    )
 
 
 @program
@@ -195,58 +183,55 @@ def _ahead(contact: Contact, load: Load, gap: Field, ahead: Scalar) -> _Ahead:
     problem = ContinuationProblem(
         curve, load.value, end, longest, SHORTEST[dtype.name] * longest, to_limit=True
     )
-    return _Ahead(problem, at, row, jax.tree.map(jnp.zeros_like, at), some_modes(gap))
+    return _Ahead(problem, at, row, jax.tree.map(jnp.zeros_like, at), no_modes(gap))
 
 
 @program
-def _start(search: _Ahead, number: Number) -> tuple[Point, Mask, Condition]:
-    """Return where one of the searches begins, its free points, and a condition."""
+def _state_of(search: _Ahead, start: _Start) -> tuple[Point, Mask, Condition]:
+    """Return the state of a start, its free points, and the condition that it has its load."""
     gap = search.at.gap
-    closes = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
-    is_free = (gap > 0) & ~(closes & (number % 2 == 1))
-    start = Point(jnp.where(is_free, gap, 0), search.at.pressure)
+    least_open = gap == jnp.min(jnp.where(gap > 0, gap, jnp.inf))
+    is_free = (gap > 0) & ~(least_open & start.closes)
+    at = Point(jnp.where(is_free, gap, 0), search.at.pressure)
     longest = search.problem.max_step
-    return start, is_free, on_plane(search.row, search.row.times(start), longest)
+    return at, is_free, on_plane(search.row, search.row.times(at), longest)
 
 
 @program
 def _plane_behind(
-    search: _Ahead, start: Point, tangent: Point, number: Number
+    search: _Ahead, start: _Start, at: Point, tangent: Point
 ) -> tuple[Condition, Point]:
-    """Return the plane behind the start of one of the searches, and the gradient across it."""
+    """Return the plane behind the state of a start, and the gradient across it."""
     longest = search.problem.max_step
-    dtype = start.gap.dtype
-    length = _BACK[dtype.name] * longest * jnp.array(_BACKS, dtype)[number // 2]
-    ahead = search.problem.curve.gradient_of(tangent)
-    return on_plane(ahead, ahead.times(start) - length, longest), ahead
+    back = _BACK[at.gap.dtype.name] * longest * start.back
+    row = search.problem.curve.gradient_of(tangent)
+    return on_plane(row, row.times(at) - back, longest), row
 
 
 @program
-def _branch_behind(search: _Ahead, found: Found) -> tuple[BranchState, Flag]:
-    """Return a branch from the point found behind a state, and whether it is one."""
+def _is_on_curve(search: _Ahead, found: Found) -> tuple[Flag, Scalar]:
+    """Return whether a branch goes on from the point found behind a state, and its first step."""
     place = found.place
     signs = jnp.where(place.is_free, place.at.gap, found.forces.net) > 0
-    is_found = found.is_found & jnp.all(signs)
-    result = RESULTS.where(is_found, RESULTS.successful, RESULTS.lost_branch)
-    first = _FIRST * search.problem.max_step
-    return branch_from(place, first, jnp.array(UNKNOWN, int), search.modes, result), is_found
+    return found.is_found & jnp.all(signs), _FIRST * search.problem.max_step
 
 
 @program
-def _limit_or_state(
-    contact: Contact, load: Load, gap: Field, limit: Limit, is_found: Flag
+def _state_as_limit(
+    contact: Contact, load: Load, gap: Field, limit: Limit, is_on_curve: Flag
 ) -> Limit:
-    """Return the limit that was found ahead of a state, or the state itself.
-
-    Ahead of a state past a bifurcation, a turn of the load is none of a stable branch.
-    """
+    """Return a state as a limit, if none was found ahead of it but this one that is uncertain."""
     residual = contact.balance(contact.control(load))(gap).residual
-    result = RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite)
-    state = replace(limit, load=load, gap=gap, residual=residual, result=result)
-    is_unstable = is_found & (limit.critical.eigenvalue < -limit.critical.error)
-    kind = KINDS.where(is_unstable, KINDS.bifurcation, KINDS.uncertain)
-    state = replace(state, kind=kind, point=jnp.zeros_like(limit.point))
-    return choose(limit.is_found & (limit.kind != KINDS.uncertain), limit, state)
+    is_unstable = is_on_curve & (limit.critical.eigenvalue < -limit.critical.error)
+    return replace(
+        limit,
+        load=load,
+        gap=gap,
+        kind=KINDS.where(is_unstable, KINDS.bifurcation, KINDS.uncertain),
+        point=jnp.zeros_like(limit.point),
+        residual=residual,
+        result=RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite),
+    )
 
 
 def _horizon(load: Load, gap: Field, ahead: Scalar) -> Scalar:
@@ -260,66 +245,153 @@ def _horizon(load: Load, gap: Field, ahead: Scalar) -> Scalar:
     return jnp.sign(ahead) * jnp.maximum(jnp.abs(ahead), tolerance * size)
 
 
+class _Bracket(eqx.Module):
+    """How closely a bifurcation is bracketed.
+
+    Attributes:
+        is_past: whether the last step has led past the limit.
+        width: how far behind the last stable state a bifurcation lies at most [length]; infinite
+            before one was passed.
+        length: of the next step [length].
+        count: of the steps.
+        is_open: whether the limit lies ahead, or is to be bracketed more closely.
+    """
+
+    is_past: Flag
+    width: Scalar
+    length: Scalar
+    count: Int[Array, ""]
+    is_open: Flag
+
+
+class _LimitSearch(eqx.Module):
+    """A branch before and after its last step, and how closely a bifurcation is bracketed."""
+
+    before: BranchState
+    after: BranchState
+    bracket: _Bracket
+
+
 def limit_of(problem: ContinuationProblem, branch: BranchState) -> Limit:
     """Return the limit of a branch that begins so.
 
-    A step that has led past a bifurcation is taken again, half as long, until the bifurcation is
-    bracketed closely. At a fold or a release the load turns back, and steps locate it.
+    1. Step along the curve until a step has led past the limit: the load turns, or an eigenvalue
+       has become negative.
+    2. If the load turns, at a fold or a release, the step has located where.
+    3. If it does not, at a bifurcation, return to the state before and halve the step, until the
+       states before and after the bifurcation are close to each other.
+    4. There find the lowest eigenpair, and tell by its eigenvalue or the reaction of the released
+       point whether it is a limit, and of which kind.
+    """
+    dtype = problem.max_step.dtype
+    first = _Bracket(
+        is_past=array(False),
+        width=array(jnp.inf, dtype),
+        length=branch.step.length,
+        count=array(0),
+        is_open=branch.is_on,
+    )
+
+    def step(search: _LimitSearch) -> _LimitSearch:
+        bracket = search.bracket
+        old = cond(bracket.is_past, lambda: search.before, lambda: search.after)
+        old = replace(old, step=replace(old.step, length=bracket.length, turns=array(False)))
+        new = next_state(problem, old)
+        return _LimitSearch(old, new, _narrowed(problem, bracket, old, new))
+
+    search = _LimitSearch(branch, branch, first)
+    search = while_loop(lambda search: search.bracket.is_open, step, search)
+    seen = _seen(problem, search)
+    modes = search.after.step.modes
+    contact = problem.curve.contact
+    pair = lowest_pair(contact, seen.load, seen.gap, seen.opened, modes, _MODE[dtype.name])
+    return _limit(problem, branch.result, search, seen, pair)
+
+
+@program
+def _narrowed(
+    problem: ContinuationProblem, bracket: _Bracket, old: BranchState, new: BranchState
+) -> _Bracket:
+    """Return the bracket after a step from an old to a new state."""
+    taken = problem.curve.length(new.step.here.at.minus(old.step.here.at))
+    is_past = new.step.is_new & (new.step.turns | ((old.step.index == 0) & (new.step.index > 0)))
+    width = jnp.where(is_past, taken, bracket.width - taken)
+    width = jnp.where(new.step.is_new, width, bracket.width)
+    count = bracket.count + 1
+    next_length = jnp.where(is_past, old.step.length, new.step.length)
+    is_wide = (width > _closest(problem)) & ~(is_past & new.step.turns)
+    return _Bracket(
+        is_past=is_past,
+        width=width,
+        length=jnp.minimum(next_length, width / 2),
+        count=count,
+        is_open=new.is_on & is_wide & (count < _MAX_STEPS),
+    )
+
+
+def _closest(problem: ContinuationProblem) -> Scalar:
+    """Return how closely a bifurcation is bracketed [length]."""
+    return _BRACKET[problem.max_step.dtype.name] * problem.max_step
+
+
+class _Seen(eqx.Module):
+    """The limit between two states of a branch, but for its mode.
+
+    Attributes:
+        at: the point of the curve.
+        load: the load there.
+        gap: the gap there, not negative.
+        is_free: the points that are free before and after.
+        is_release: whether it is a release; from the far side that is a touch.
+        point: the point that is released, if there is one.
+        is_tied: whether others are released with it.
+        opened: positive on the points that are free or released.
     """
 
-    def further(search: _LimitSearch) -> _LimitSearch:
-        old = _last_state(search)
-        return _bracketed(problem, search, old, next_state(problem, old))
-
-    search = while_loop(lambda search: search.is_open, further, _begun(problem, branch))
-    return _located(problem, branch.result, search)
-
-
-@program
-def _begun(problem: ContinuationProblem, branch: BranchState) -> _LimitSearch:
-    infinite = jnp.full_like(problem.max_step, jnp.inf)
-    search = _LimitSearch(branch, branch, infinite, jnp.array(0), jnp.array(True))
-    return search.looked_at(problem)
+    at: Point
+    load: Load
+    gap: Field
+    is_free: Mask
+    is_release: Flag
+    point: Mask
+    is_tied: Flag
+    opened: Field
 
 
 @program
-def _last_state(search: _LimitSearch) -> BranchState:
-    """Return the last state before the limit, from which the next step begins."""
-    old = choose(search.is_past, search.before, search.after)
-    length = jnp.minimum(old.step.length, search.width / 2)
-    return replace(old, step=replace(old.step, length=length, turns=jnp.array(False)))
+def _seen(problem: ContinuationProblem, search: _LimitSearch) -> _Seen:
+    """Return where the limit lies between the states before and after the last step."""
+    curve = problem.curve
+    old = search.before.step
+    new = search.after.step
+    is_free = old.here.is_free & new.here.is_free
+    is_release = new.turns & (new.kind != KINDS.fold)
+    released = (old.here.is_free ^ new.here.is_free) & is_release
+    first = jnp.arange(released.size).reshape(released.shape) == jnp.argmax(released)
+    at = choose(new.turns, new.turn, new.here.at)
+    gap = jnp.where(is_free, jnp.maximum(at.gap, 0), 0)
+    at = Point(gap, at.pressure)
+    return _Seen(
+        at=at,
+        load=curve.load.at(curve.value(at)),
+        gap=gap,
+        is_free=is_free,
+        is_release=is_release,
+        point=released & first,
+        is_tied=jnp.sum(released) > 1,
+        opened=(is_free | released).astype(gap.dtype),
+    )
 
 
 @program
-def _bracketed(
-    problem: ContinuationProblem, search: _LimitSearch, old: BranchState, new: BranchState
-) -> _LimitSearch:
-    """Return the search after a step from an old to a new state."""
-    taken = problem.curve.length(new.step.here.at.minus(old.step.here.at))
-    after = _LimitSearch(old, new, search.width, search.count + 1, search.is_open)
-    width = jnp.where(after.is_past, taken, search.width - taken)
-    width = jnp.where(new.step.is_new, width, search.width)
-    return replace(after, width=width).looked_at(problem)
-
-
-@program
-def _located(problem: ContinuationProblem, begun: RESULTS, search: _LimitSearch) -> Limit:
-    """Return the limit that a search has come to, and how, given the result of its first state."""
-    ended = search.after.end
-    is_unclear = (ended == KINDS.uncertain) | (ended == KINDS.lost) | search.after.is_on
-    result = RESULTS.where(is_unclear, RESULTS.lost_branch, RESULTS.no_fold)
-    result = RESULTS.where(begun == RESULTS.successful, result, begun)
-    limit = _between(problem, search.before.step, search.after.step, search.count)
-    # Between two states as near as steps can tell, a bifurcation is known by its eigenvalue.
-    is_between = jnp.isfinite(search.width) & (limit.kind != KINDS.uncertain)
-    is_found = search.is_past | (search.width <= _closest(problem)) | is_between
-    return replace(limit, result=RESULTS.where(is_found, limit.result, result))
-
-
-def _between(
-    problem: ContinuationProblem, old: ArclengthStep, new: ArclengthStep, count: Int[Array, ""]
+def _limit(
+    problem: ContinuationProblem,
+    begun: RESULTS,
+    search: _LimitSearch,
+    seen: _Seen,
+    pair: Eigenpair,
 ) -> Limit:
-    """Return the limit between two states of a branch.
+    """Return the limit that a search has come to, given the result of its first state.
 
     It is a bifurcation where an eigenvalue changes its sign, but the load does not turn. It is
     uncertain if the test function of its kind is not zero: at a release the reaction, and the
@@ -327,65 +399,59 @@ def _between(
     """
     curve = problem.curve
     contact = curve.contact
-    dtype = new.length.dtype
-    is_free = old.here.is_free & new.here.is_free
-    changes = old.here.is_free ^ new.here.is_free
-    # From the far side a release is a touch.
-    is_release = new.turns & (new.kind != KINDS.fold)
-    opens = changes & is_release
-    point = opens & (jnp.arange(opens.size).reshape(opens.shape) == jnp.argmax(opens))
-    seen = choose(new.turns, new.turn, new.here.at)
-    gap = jnp.where(is_free, jnp.maximum(seen.gap, 0), 0)
-    at = Point(gap, seen.pressure)
-    correction = Correction(
-        curve, at_change(curve, point, jnp.array(True), problem.max_step), is_free
-    )
-    imbalance, reaction = correction.residual(at, correction.forces(at))
+    dtype = seen.gap.dtype.name
+    new = search.after.step
+    is_release = seen.is_release
+    condition = at_change(curve, seen.point, jnp.array(True), problem.max_step)
+    correction = Correction(curve, condition, seen.is_free)
+    imbalance, reaction = correction.residual(seen.at, correction.forces(seen.at))
     residual = jnp.maximum(imbalance, jnp.where(is_release, jnp.abs(reaction), 0))
-    load = curve.load.at(curve.value(at))
-    pair = _lowest_pair(contact, load, gap, is_free | opens, new.modes)
-    is_met = residual <= TOLERANCE[dtype.name]
-    is_flat = jnp.abs(pair.eigenvalue) <= ZERO[dtype.name] * contact.solid.min_stiffness
+    is_met = residual <= TOLERANCE[dtype]
+    is_flat = jnp.abs(pair.eigenvalue) <= ZERO[dtype] * contact.solid.min_stiffness
     is_event = is_met & jnp.where(is_release, pair.eigenvalue < pair.error, is_flat)
     # The branch runs along the mode of a fold, but across that of a bifurcation.
     tangent = new.here.tangent.gap
     mode = pair.mode
-    part = jnp.abs(total(tangent * mode))
-    crosses = ~new.turns & (part < _ALONG * jnp.sqrt(total(tangent**2) * total(mode**2)))
+    along = jnp.abs(total(tangent * mode))
+    crosses = ~new.turns & (along < _ALONG * jnp.sqrt(total(tangent**2) * total(mode**2)))
     kind = KINDS.where(is_release, KINDS.release, KINDS.fold)
     kind = KINDS.where(crosses, KINDS.bifurcation, kind)
+    kind = KINDS.where(is_event, kind, KINDS.uncertain)
+    # Between two states as near as steps can tell, a bifurcation is known by its eigenvalue.
+    is_between = jnp.isfinite(search.bracket.width) & (kind != KINDS.uncertain)
+    is_found = search.bracket.is_past | (search.bracket.width <= _closest(problem)) | is_between
+    ended = search.after.end
+    is_unclear = (ended == KINDS.uncertain) | (ended == KINDS.lost) | search.after.is_on
+    failure = RESULTS.where(is_unclear, RESULTS.lost_branch, RESULTS.no_fold)
+    failure = RESULTS.where(begun == RESULTS.successful, failure, begun)
+    result = RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite)
     return Limit(
-        load=load,
-        gap=gap,
-        kind=KINDS.where(is_event, kind, KINDS.uncertain),
-        point=point,
-        is_tied=jnp.sum(opens) > 1,
+        load=seen.load,
+        gap=seen.gap,
+        kind=kind,
+        point=seen.point,
+        is_tied=seen.is_tied,
         critical=pair,
         residual=residual,
-        num_steps=count,
-        result=RESULTS.where(jnp.isfinite(residual), RESULTS.successful, RESULTS.nonfinite),
+        num_steps=search.bracket.count,
+        result=RESULTS.where(is_found, result, failure),
     )
-
-
-def _lowest_pair(
-    contact: Contact, load: Load, gap: Field, is_moving: Mask, modes: Block
-) -> Eigenpair:
-    control = contact.control(load)
-    space = Subspace(is_moving, control.fixes_mean)
-    solver = Davidson(_MODE[gap.dtype.name])
-    return on_space(solver, contact.hessian(gap, control), space, refreshed(modes)).pair
 
 
 def no_limit(contact: Contact, load: Load, gap: Field) -> Limit:
     """Return that no limit is known yet, at a load and a gap from which to go on."""
+
+    def pair() -> Eigenpair:
+        return lowest_pair(contact, load, gap, gap, no_modes(gap), _MODE[gap.dtype.name])
+
     return Limit(
         load=load,
         gap=gap,
         kind=KINDS.uncertain,
         point=jnp.zeros_like(gap, bool),
         is_tied=jnp.array(False),
-        critical=zeros_of(_lowest_pair, contact, load, gap, gap > 0, some_modes(gap)),
+        critical=zeros_of(pair),
         residual=jnp.zeros((), gap.dtype),
-        num_steps=jnp.array(0),
+        num_steps=jnp.zeros((), int),
         result=RESULTS.no_fold,
     )

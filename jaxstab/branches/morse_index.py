@@ -1,6 +1,5 @@
 """The Morse index of an equilibrium: the number of negative eigenvalues on its free points."""
 
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -10,17 +9,20 @@ from jaxtyping import Array, Float, Int
 
 from jaxstab.contact import Contact
 from jaxstab.contact.hessian import Block
+from jaxstab.core.checks import array
 from jaxstab.core.compile import program
 from jaxstab.core.control_flow import cond
+from jaxstab.core.loop import integer_parameter
 from jaxstab.core.results import RESULTS
-from jaxstab.core.types import ArrayLike, Field, Flag, Mask
+from jaxstab.core.types import Field, Flag, Mask
 from jaxstab.loads import Load
 from jaxstab.stability.cones import Subspace
+from jaxstab.stability.eigenpair import Eigenpair, measured
 from jaxstab.stability.ritz import norms
 from jaxstab.stability.solvers.base import ModesProblem, noise
 from jaxstab.stability.solvers.davidson import Davidson
 
-# Of eigenvalues, where the modes are used.
+# Of the modes that are used, and of signs at zero.
 _TOLERANCE = {"float64": 1e-5, "float32": 1e-4}
 # A residual below which a positive Ritz value is one of an eigenvalue that is positive: over that
 # value, or where this is larger, over the scale of A.
@@ -37,30 +39,52 @@ MOST = _MANY - 1
 UNKNOWN = -1
 
 
-class _Signs(Davidson):
-    """Davidson's method until the signs of the lowest eigenvalues are known.
+class _LowestModes(Davidson):
+    """Davidson's method until the lowest modes, or only the signs of their eigenvalues, are known.
 
-    There are at least as many negative eigenvalues as there are negative Ritz values. So those that
-    are positive decide; one of them belongs to a new vector, since modes from nearby may lack it.
+    There are at least as many negative eigenvalues as there are negative Ritz values. So for the
+    signs those decide that are positive; one of them belongs to a new vector, since modes from
+    nearby may lack it.
+
+    Arguments:
+        number: how many of the lowest modes are to converge.
+        signs_only: whether the signs of all eigenvalues are sought instead.
     """
 
+    number: Int[Array, ""] = eqx.field(converter=integer_parameter, default=1)
+    signs_only: Flag = eqx.field(converter=array, default=False)
+
     def doubts(self, problem: ModesProblem, state: Any) -> Float[Array, " count"]:
-        """Return the residuals of positive Ritz values, over those which are certain."""
+        """Return the residuals that decide, for signs less where a Ritz value is large."""
+        residuals = state.residuals
         values = state.eigenvalues[: problem.count] / problem.operator.scale
-        certain = jnp.maximum(_CERTAIN * values, _TOLERANCE[values.dtype.name])
-        return jnp.where(values >= 0, state.residuals / certain, 0)
+        tolerance = self.tolerance_in(values.dtype)
+        certain = jnp.maximum(_CERTAIN * values / tolerance, 1)
+        signs = jnp.where(values >= 0, residuals / certain, 0)
+        lowest = jnp.where(jnp.arange(problem.count) < self.number, residuals, 0)
+        return jnp.where(self.signs_only, signs, lowest)
 
 
-def some_modes(gap: Field) -> Block:
-    """Return modes to begin with."""
-    return noise(jax.random.key(0), _FEW, gap)
+class LowestModes(eqx.Module):
+    """The lowest modes of an equilibrium.
+
+    Attributes:
+        pair: the lowest eigenpair.
+        modes: the modes, of which the last converges late, and does not count.
+        index: the number of negative eigenvalues among the others, or `UNKNOWN`.
+        is_all: whether there are no more.
+    """
+
+    pair: Eigenpair
+    modes: Block
+    index: Int[Array, ""]
+    is_all: Flag
 
 
-def refreshed(modes: Block, is_new: ArrayLike = False) -> Block:
-    """Return modes with new vectors for those that a smaller space did not have, and others."""
-    is_new = is_new | (norms(modes) == 0)
-    fresh = noise(jax.random.key(2), len(modes), modes[0])
-    return jnp.where(is_new.reshape(-1, *[1] * (modes.ndim - 1)), fresh, modes)
+@program
+def no_modes(gap: Field) -> Block:
+    """Return that no modes are known: searches begin with random ones."""
+    return jnp.zeros((_FEW, *gap.shape), gap.dtype)
 
 
 def index_of(
@@ -80,42 +104,42 @@ def index_of(
     are negative, or not known. More than `MOST` count as so many; `UNKNOWN` says that the search
     failed. Where not all are to be counted, three may stand for more.
     """
-    # The last of the modes converges slowly, and only its sign is of use.
-    solver, spare = (Davidson(_TOLERANCE[gap.dtype.name]), 1) if precise else (_Signs(1.0), 0)
-    few = _count(spare, contact, load, gap, modes, solver)
+    tolerance = _TOLERANCE[gap.dtype.name]
+
+    def count(modes: Block) -> LowestModes:
+        # The last of the modes converges slowly, and only its sign is of use.
+        solver = _LowestModes(tolerance, number=len(modes) - 1, signs_only=not precise)
+        return _lowest_modes(contact, load, gap, gap, modes, solver.in_precision(gap.dtype))
+
+    few = count(modes)
     if not counts_all:
         return few.index, few.modes
-
-    def look_on() -> Int[Array, ""]:
-        return _count(spare, contact, load, gap, _many(gap), solver).index
-
-    return cond(few.is_all, lambda: few.index, look_on), few.modes
+    return cond(few.is_all, lambda: few.index, lambda: count(_many(gap)).index), few.modes
 
 
-class _Count(eqx.Module):
-    """The number of negative eigenvalues among the lowest, or `UNKNOWN`; modes; whether it is all
-    that there are.
-    """
-
-    index: Int[Array, ""]
-    modes: Block
-    is_all: Flag
+def lowest_pair(
+    contact: Contact, load: Load, gap: Field, opened: Field, modes: Block, tolerance: float
+) -> Eigenpair:
+    """Return the lowest eigenpair on the points of positive opened gap, from modes nearby."""
+    solver = _LowestModes(tolerance).in_precision(gap.dtype)
+    return _lowest_modes(contact, load, gap, opened, modes, solver).pair
 
 
-@partial(program, static_argnums=0)
-def _count(
-    spare: int, contact: Contact, load: Load, gap: Field, modes: Block, solver: Davidson
-) -> _Count:
-    values, is_known, modes = _lowest(contact, load, gap, gap > 0, modes, solver, spare)
-    index = jnp.sum(values < 0)
+@program
+def _lowest_modes(
+    contact: Contact, load: Load, gap: Field, opened: Field, modes: Block, solver: _LowestModes
+) -> LowestModes:
+    pair, eigenvalues, modes = _lowest(contact, load, gap, opened > 0, modes, solver)
+    is_known = pair.result == RESULTS.successful
+    index = jnp.sum(eigenvalues < 0)
     # Of one type, as everywhere: programs would be compiled twice.
     known = jnp.where(is_known, index, UNKNOWN).astype(int)
-    return _Count(known, modes, is_known & (index < _FEW - 1))
+    return LowestModes(pair, modes, known, is_known & (index < len(eigenvalues)))
 
 
 @program
 def _many(gap: Field) -> Block:
-    return noise(jax.random.key(1), _MANY, gap)
+    return jnp.zeros((_MANY, *gap.shape), gap.dtype)
 
 
 class DrivenIndex(eqx.Module):
@@ -139,13 +163,13 @@ def driven_index_of(
 
     Modes that break a symmetry of the contact have none. Ten are counted; more are `UNKNOWN`.
     """
-    solver = Davidson(_EXACT[gap.dtype.name])
-    some = noise(jax.random.key(3), _SOME, gap)
-    values, is_known, modes = _lowest(contact, load, gap, is_free, some, solver, 1)
+    solver = _LowestModes(_EXACT[gap.dtype.name], number=_SOME - 1)
+    none = jnp.zeros((_SOME, *gap.shape), gap.dtype)
+    pair, values, modes = _lowest(contact, load, gap, is_free, none, solver)
     is_negative = values < 0
     part = jnp.stack([jnp.abs(jnp.sum(mode * change)) for mode in modes[:-1]])
     has_part = part > _LEAST_PART[gap.dtype.name] * jnp.sqrt(jnp.sum(change**2))
-    is_all = is_known & ~jnp.all(is_negative)
+    is_all = (pair.result == RESULTS.successful) & ~jnp.all(is_negative)
     index = jnp.where(is_all, jnp.sum(is_negative & has_part), UNKNOWN)
     return DrivenIndex(index, values, modes[:-1])
 
@@ -154,22 +178,25 @@ def _lowest(
     contact: Contact,
     load: Load,
     gap: Field,
-    is_free: Mask,
+    is_moving: Mask,
     modes: Block,
-    solver: Davidson,
-    spare: int,
-) -> tuple[Float[Array, " modes"], Flag, Block]:
-    """Return the lowest eigenvalues, whether their signs are known, and modes.
+    solver: _LowestModes,
+) -> tuple[Eigenpair, Float[Array, " modes-1"], Block]:
+    """Return the lowest eigenpair, the lowest eigenvalues, and modes, from modes of a state nearby.
 
-    Those beyond the dimension of the space are infinite.
+    Eigenvalues beyond the dimension of the space are infinite. The search begins with a new vector
+    in place of the last mode, and of those that a smaller space did not have.
     """
     control = contact.control(load)
-    space = Subspace(is_free, control.fixes_mean)
-    modes = refreshed(modes, jnp.arange(len(modes)) == len(modes) - 1)
+    space = Subspace(is_moving, control.fixes_mean)
     hessian = contact.hessian(gap, control).restricted(space.is_moving)
-    minimum = solver.solve(hessian, space, modes, len(modes) - spare)
-    found = minimum.vector
+    is_new = (norms(modes) == 0) | (jnp.arange(len(modes)) == len(modes) - 1)
+    fresh = noise(jax.random.key(2), len(modes), gap)
+    starts = jnp.where(is_new.reshape(-1, *[1] * gap.ndim), fresh, modes)
+    minimum = solver.solve(hessian, space, starts, len(modes))
+    pair = measured(hessian, space, minimum, minimum.vector[0]).with_proof(True)
     # The Ritz values, of vectors of unit norm or none.
-    values = jax.lax.map(lambda mode: jnp.sum(mode * hessian(mode)), found[:-1])
-    values = jnp.where(norms(found[:-1]) > 0, values, jnp.inf)
-    return values, minimum.result == RESULTS.successful, found
+    others = minimum.vector[1:-1]
+    values = jax.lax.map(lambda mode: jnp.sum(mode * hessian(mode)), others)
+    values = jnp.where(norms(others) > 0, values, jnp.inf)
+    return pair, jnp.append(pair.eigenvalue, values), minimum.vector

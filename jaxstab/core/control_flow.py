@@ -8,7 +8,7 @@ A CPU gains nothing from wide arrays: there the entries of a batch run one after
 for the slowest, and each gives the same result as alone, bit for bit.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import chain
 from typing import TypeVar
@@ -109,28 +109,32 @@ def either(
     return on_platform(partial(jax.lax.cond, is_first, first, second), both, *args)
 
 
-def first_good(compute: Callable[..., Out], is_good: Callable[[Out], Array], number: int) -> Out:
-    """Return the first good result of `compute(0)` to `compute(number - 1)`, else the first one.
+def first_good(
+    compute: Callable[[Tree], Out], is_good: Callable[[Out], Flag], choices: Sequence[Tree]
+) -> Out:
+    """Return the first good result of a function of several choices, else that of the first one.
 
-    In a trace `compute` is traced once; outside of a trace, no more are computed than needed.
+    In a trace the function is traced once; outside of a trace, no more is computed than needed.
     """
     if not is_transformed(()):
-        first = compute(0)
-        others = map(compute, range(1, number))
+        first = compute(choices[0])
+        others = map(compute, choices[1:])
         return next(filter(is_good, chain([first], others)), first)
+
+    table = jax.tree.map(lambda *leaves: jnp.stack(leaves), *choices)
 
     def goes_on(state: tuple[Array, Out]) -> Array:
         count, found = state
-        return (count == 0) | ((count < number) & ~is_good(found))
+        return (count == 0) | ((count < len(choices)) & ~is_good(found))
 
     def try_next(state: tuple[Array, Out]) -> tuple[Array, Out]:
         count, first = state
-        found = compute(count)
+        found = compute(entry_of(table, count))
         is_kept = (count == 0) | is_good(found)
         return count + 1, choose(is_kept, found, first)
 
-    zero = jnp.array(0)
-    return jax.lax.while_loop(goes_on, try_next, (zero, zeros_of(compute, zero)))[1]
+    start = jnp.array(0), zeros_of(compute, choices[0])
+    return jax.lax.while_loop(goes_on, try_next, start)[1]
 
 
 def zeros_of(function: Callable[..., Out], *args: PyTree) -> Out:

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxstab.branches.morse_index import index_of, some_modes
+from jaxstab.branches.morse_index import index_of, no_modes
 from jaxstab.contact import Contact
 from jaxstab.core.compile import program
 from jaxstab.core.grid import total
@@ -64,8 +64,8 @@ def saddle_near(contact: Contact, load: Load, summit: Field, lowest: Scalar) -> 
     is_close = (energy > lowest) & (energy - lowest <= _HIGHEST * (seen - lowest))
     index, modes = jax.lax.cond(
         (iteration.result == RESULTS.successful) & is_close,
-        lambda: index_of(contact, load, gap, some_modes(gap), precise=True),
-        lambda: (jnp.array(-1), some_modes(gap)),
+        lambda: index_of(contact, load, gap, no_modes(gap), precise=True),
+        lambda: (jnp.array(-1), no_modes(gap)),
     )
     return Saddle(gap, modes[0], energy, index == 1)
 
